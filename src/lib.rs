@@ -1,0 +1,2 @@
+//! zwidth
+#![no_std]
