@@ -1,2 +1,64 @@
-//! zwidth
+//! The control core of a one-degree-of-freedom haptic device: from encoder counts to the force
+//! command of a spring-damper wall, in fixed point, without heap, floats or panics.
+//!
+//! ```text
+//! count -> Position -> Velocity -> Force -> Command      (SI settings enter from the side, once)
+//! ```
+//!
+//! The firmware and the simulator compile this very code. Both call two functions:
+//! [`Sampler::sample`] for every encoder sample (10 kHz) and [`Control::render`] for every output
+//! (1 kHz). What a person sets is [`Settings`] in SI units; [`Settings::build`] checks it and folds
+//! all units into the integer coefficients of a [`Control`]; what samples change is the
+//! [`Sampler`]'s state. The formats stand in one table, in [`units`].
+//!
+//! ```
+//! use zwidth::{CounterWidth, Design, Output, Sampler, Settings, VelocitySettings, WallSettings};
+//! use zwidth::units::Force;
+//!
+//! let design = Design {
+//!     rate_hz: 10_000.0,
+//!     resolution_m: 1e-6,
+//!     full_scale_n: 5.906,
+//!     period: 10,
+//!     output: Output::Continuous,
+//! };
+//! let settings = Settings {
+//!     velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+//!     wall: WallSettings {
+//!         position_m: 0.07,
+//!         stiffness_n_per_m: 20_000.0,
+//!         damping_n_s_per_m: 50.0,
+//!         push_only: true,
+//!     },
+//! };
+//! let control = settings.build(&design)?;
+//! let mut sampler = Sampler::new(0, CounterWidth::Bits32);
+//! let motion = sampler.sample(&control, 0);
+//! if motion.due {
+//!     let drive = control.render(motion, Force::ZERO);
+//!     assert_eq!(drive.force, Force::ZERO);
+//! }
+//! # Ok::<(), zwidth::SettingsError>(())
+//! ```
 #![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod actuator;
+mod control;
+pub mod encoder;
+pub mod experiment;
+mod gain;
+mod settings;
+pub mod units;
+pub mod velocity;
+pub mod wall;
+
+pub use actuator::Output;
+pub use control::{Control, Drive, Motion, Sampler};
+pub use encoder::CounterWidth;
+pub use gain::Gain;
+pub use settings::{Design, HitSettings, Settings, SettingsError, WallSettings, limits};
+pub use velocity::VelocitySettings;

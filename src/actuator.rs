@@ -1,0 +1,159 @@
+//! Force to DAC or PWM code: the last stage, run for every output, and the only clamp to the
+//! hardware's range.
+
+#![deny(clippy::float_arithmetic)]
+
+use core::ops::RangeInclusive;
+
+use crate::{
+    settings::{SettingsError, widen, within},
+    units::{Command, Force},
+};
+
+/// How the hardware takes its command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// No quantisation: the simulator's ideal output. The code is the force in LSB of 2^-30.
+    Continuous,
+    /// A DAC with offset binary codes `0 ..= 2^bits - 1`: zero force at `2^(bits-1)`, full scale
+    /// `2^(bits-1) - 1` codes away from it on both sides.
+    Dac {
+        /// Resolution, 2 to 24 bits.
+        bits: u32,
+    },
+    /// Sign-magnitude PWM: codes `-steps ..= steps`, the sign on the direction pin.
+    Pwm {
+        /// Timer ticks per PWM period, 2 to 2^24.
+        steps: u32,
+    },
+}
+
+/// Turns forces into codes; made by [`Settings::build`](crate::Settings::build).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Actuator {
+    zero: i32,
+    per_full_scale: i32,
+    shift: u32,
+}
+
+impl Actuator {
+    /// Allowed `bits` of a DAC.
+    pub const DAC_BITS: RangeInclusive<u32> = 2..=24;
+    /// Allowed `steps` of a PWM.
+    pub const PWM_STEPS: RangeInclusive<u32> = 2..=1 << 24;
+
+    /// The actuator of that output.
+    ///
+    /// # Errors
+    /// `bits` or `steps` is out of range.
+    pub fn new(output: Output) -> Result<Self, SettingsError> {
+        let shift = Force::FRACTION_BITS;
+        Ok(match output {
+            Output::Continuous => Self {
+                zero: 0,
+                per_full_scale: 1,
+                shift: 0,
+            },
+            Output::Dac { bits } => {
+                within("bits", f64::from(bits), widen(&Self::DAC_BITS))?;
+                let zero = 1 << (bits - 1);
+                Self {
+                    zero,
+                    per_full_scale: zero - 1,
+                    shift,
+                }
+            }
+            Output::Pwm { steps } => {
+                within("steps", f64::from(steps), widen(&Self::PWM_STEPS))?;
+                Self {
+                    zero: 0,
+                    per_full_scale: steps.cast_signed(),
+                    shift,
+                }
+            }
+        })
+    }
+
+    /// The nearest code; a force beyond full scale gets full scale's.
+    #[inline]
+    pub fn command(&self, force: Force) -> Command {
+        let scaled = i64::from(force.saturate().bits()) * i64::from(self.per_full_scale);
+        let half = (1i64 << self.shift) >> 1;
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "at most per_full_scale, an i32"
+        )]
+        Command(self.zero + ((scaled + half) >> self.shift) as i32)
+    }
+
+    /// The code that asks for no force.
+    pub fn zero(&self) -> Command {
+        Command(self.zero)
+    }
+
+    /// Codes from zero force to full scale.
+    pub fn codes_per_full_scale(&self) -> u32 {
+        self.per_full_scale.unsigned_abs() << (Force::FRACTION_BITS - self.shift)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn code(output: Output, force: Force) -> i32 {
+        Actuator::new(output).unwrap().command(force).code()
+    }
+
+    #[test]
+    fn a_12_bit_dac_is_symmetric_about_its_zero_code() {
+        let dac = Output::Dac { bits: 12 };
+        let minus = Force::ZERO.saturating_sub(Force::FULL_SCALE);
+        assert_eq!(code(dac, Force::ZERO), 2048);
+        assert_eq!(code(dac, Force::FULL_SCALE), 4095);
+        assert_eq!(code(dac, minus), 1);
+        assert_eq!(code(dac, Force::from_bits(i32::MIN)), 1);
+        assert_eq!(Actuator::new(dac).unwrap().codes_per_full_scale(), 2047);
+    }
+
+    #[test]
+    fn pwm_is_sign_magnitude_and_rounds_to_nearest() {
+        let pwm = Output::Pwm { steps: 4500 };
+        assert_eq!(code(pwm, Force::FULL_SCALE), 4500);
+        assert_eq!(code(pwm, Force::from_bits(i32::MIN)), -4500);
+        let one = (1 << 30) / 4500;
+        assert_eq!(code(pwm, Force::from_bits(one / 2 - 1)), 0);
+        assert_eq!(code(pwm, Force::from_bits(one / 2 + 1)), 1);
+    }
+
+    #[test]
+    fn a_continuous_output_passes_the_saturated_force_on() {
+        assert_eq!(code(Output::Continuous, Force::from_bits(12_345)), 12_345);
+        assert_eq!(
+            code(Output::Continuous, Force::from_bits(i32::MAX)),
+            1 << 30
+        );
+        assert_eq!(
+            Actuator::new(Output::Continuous)
+                .unwrap()
+                .codes_per_full_scale(),
+            1 << 30
+        );
+    }
+
+    #[test]
+    fn impossible_resolutions_are_refused() {
+        assert_eq!(
+            Actuator::new(Output::Dac { bits: 1 })
+                .unwrap_err()
+                .parameter,
+            "bits"
+        );
+        assert_eq!(
+            Actuator::new(Output::Pwm { steps: 0 })
+                .unwrap_err()
+                .parameter,
+            "steps"
+        );
+    }
+}

@@ -1,0 +1,110 @@
+//! The pipeline: what runs for every sample and for every output.
+
+#![deny(clippy::float_arithmetic)]
+
+use crate::{
+    CounterWidth,
+    actuator::Actuator,
+    encoder::Encoder,
+    units::{Command, Force, Position, Velocity},
+    velocity::{self, Estimator},
+    wall::Wall,
+};
+
+/// Everything that a sample needs to know, in integers. Immutable: a change is a new `Control`,
+/// swapped whole between two samples. Made by [`Settings::build`](crate::Settings::build).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Control {
+    /// Velocity estimator.
+    pub estimator: Estimator,
+    /// Virtual wall.
+    pub wall: Wall,
+    /// Force to code.
+    pub actuator: Actuator,
+    /// Samples per output.
+    pub period: u32,
+}
+
+/// One sample: where the handle is and how fast it moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Number of this sample, from 0.
+    pub sample: u64,
+    /// Position.
+    pub position: Position,
+    /// Velocity.
+    pub velocity: Velocity,
+    /// An output is due with this very sample.
+    pub due: bool,
+}
+
+/// One output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drive {
+    /// What the actuator is asked for: push minus wall, saturated.
+    pub force: Force,
+    /// The same as a DAC or PWM code.
+    pub command: Command,
+    /// The handle is inside the wall.
+    pub contact: bool,
+    /// The actuator could not give all that was asked for.
+    pub saturated: bool,
+}
+
+/// The half that runs for every sample, and its state.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampler {
+    encoder: Encoder,
+    velocity: velocity::State,
+    sample: u64,
+    /// Samples until the next output; 0 means with the next sample.
+    until_due: u32,
+}
+
+impl Sampler {
+    /// A handle at rest whose encoder counter reads `counter`.
+    pub fn new(counter: u32, width: CounterWidth) -> Self {
+        let encoder = Encoder::new(counter, width);
+        let velocity = velocity::State::at_rest(encoder.position());
+        Self {
+            encoder,
+            velocity,
+            sample: 0,
+            until_due: 0,
+        }
+    }
+
+    /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
+    #[inline]
+    pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {
+        let position = self.encoder.track(counter);
+        let velocity = control.estimator.update(&mut self.velocity, position);
+        let sample = self.sample;
+        self.sample = sample.wrapping_add(1);
+        let due = self.until_due == 0;
+        self.until_due = if due { control.period } else { self.until_due }.saturating_sub(1);
+        Motion {
+            sample,
+            position,
+            velocity,
+            due,
+        }
+    }
+}
+
+impl Control {
+    /// The output that answers `motion`: `push` (into the wall) minus what the wall gives back.
+    /// Both share the actuator's range.
+    #[inline]
+    pub fn render(&self, motion: Motion, push: Force) -> Drive {
+        let wall = self.wall.force(motion.position, motion.velocity);
+        let wanted = push.saturating_sub(wall);
+        let force = wanted.saturate();
+        Drive {
+            force,
+            command: self.actuator.command(force),
+            contact: self.wall.penetration(motion.position) > 0,
+            saturated: force != wanted,
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! The wall hit (paper, 2.2.3): a constant push drives the handle against the wall; after a settle
+//! time the RMS of the count about its mean, over a window, decides.
+
+#![deny(clippy::float_arithmetic)]
+
+use super::{RmsLimit, Scatter};
+use crate::units::{Force, Position};
+
+/// A wall hit in samples, counts and fractions of full scale; made by
+/// [`HitSettings::build`](crate::HitSettings::build).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitPlan {
+    /// Constant push into the wall.
+    pub push: Force,
+    /// Samples before the window.
+    pub settle: u32,
+    /// Samples in the window.
+    pub window: u32,
+    /// `stable` is an RMS below this.
+    pub limit: RmsLimit,
+}
+
+/// What a hit showed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// In contact, and the RMS stayed below the limit.
+    Stable,
+    /// In contact, and the RMS reached the limit.
+    Unstable,
+    /// No sample of the window was in contact: the hit says nothing about the wall.
+    NoContact,
+}
+
+/// A hit in progress. Feed it every sample; it answers once, with the last sample of its window.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    plan: HitPlan,
+    samples: u32,
+    contact_samples: u32,
+    scatter: Scatter,
+}
+
+impl Hit {
+    /// A hit whose first sample is still to come.
+    pub fn new(plan: HitPlan) -> Self {
+        Self {
+            plan,
+            samples: 0,
+            contact_samples: 0,
+            scatter: Scatter::default(),
+        }
+    }
+
+    /// The push to render with, from the first sample to the last.
+    pub fn push(&self) -> Force {
+        self.plan.push
+    }
+
+    /// Takes one sample: the position, and whether it is inside the wall.
+    #[inline]
+    pub fn sample(&mut self, position: Position, contact: bool) -> Option<Verdict> {
+        if self.samples < self.plan.settle {
+            self.samples += 1;
+            return None;
+        }
+        if self.is_over() {
+            return Some(self.verdict());
+        }
+        self.scatter.push(position);
+        self.contact_samples += u32::from(contact);
+        self.is_over().then(|| self.verdict())
+    }
+
+    /// A verdict before the end, if it is certain to equal the one at the end.
+    pub fn certain_verdict(&self) -> Option<Verdict> {
+        let unstable =
+            self.contact_samples > 0 && self.scatter.must_reach(self.plan.limit, self.plan.window);
+        unstable.then_some(Verdict::Unstable)
+    }
+
+    /// Whether the window is full.
+    pub fn is_over(&self) -> bool {
+        self.scatter.samples() >= self.plan.window
+    }
+
+    /// The window so far.
+    pub fn scatter(&self) -> &Scatter {
+        &self.scatter
+    }
+
+    /// Samples of the window that were in contact.
+    pub fn contact_samples(&self) -> u32 {
+        self.contact_samples
+    }
+
+    fn verdict(&self) -> Verdict {
+        if self.contact_samples == 0 {
+            Verdict::NoContact
+        } else if self.scatter.is_below(self.plan.limit) {
+            Verdict::Stable
+        } else {
+            Verdict::Unstable
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAN: HitPlan = HitPlan {
+        push: Force::ZERO,
+        settle: 4,
+        window: 6,
+        limit: RmsLimit::ONE_COUNT,
+    };
+
+    impl RmsLimit {
+        const ONE_COUNT: Self = Self::from_bits(1 << 16);
+    }
+
+    /// Runs a hit and returns the verdict and the number of samples that it took.
+    fn run(mut sample: impl FnMut(usize) -> (i32, bool)) -> (Verdict, usize) {
+        let mut hit = Hit::new(PLAN);
+        for n in 0.. {
+            let (counts, contact) = sample(n);
+            if let Some(verdict) = hit.sample(Position::from_counts(counts), contact) {
+                return (verdict, n + 1);
+            }
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn only_the_window_counts() {
+        let wild_settling = |n: usize| (if n < 4 { 1000 * n as i32 } else { 7 }, n == 9);
+        assert_eq!(run(wild_settling), (Verdict::Stable, 10));
+        let late = |n: usize| (if n == 9 { 5 } else { 0 }, true);
+        assert_eq!(run(late), (Verdict::Unstable, 10));
+    }
+
+    #[test]
+    fn contact_before_the_window_is_no_contact() {
+        assert_eq!(run(|n| (0, n < 4)).0, Verdict::NoContact);
+        assert_eq!(run(|n| (100 * n as i32, false)).0, Verdict::NoContact);
+    }
+
+    #[test]
+    fn an_early_verdict_needs_contact_and_certainty() {
+        let mut hit = Hit::new(PLAN);
+        for n in 0..4 {
+            hit.sample(Position::from_counts(n), true);
+            assert_eq!(hit.certain_verdict(), None);
+        }
+        hit.sample(Position::from_counts(0), false);
+        hit.sample(Position::from_counts(40), false);
+        assert_eq!(hit.certain_verdict(), None, "still without contact");
+        hit.sample(Position::from_counts(40), true);
+        assert_eq!(hit.certain_verdict(), Some(Verdict::Unstable));
+    }
+
+    #[test]
+    fn a_finished_hit_keeps_its_verdict() {
+        let mut hit = Hit::new(PLAN);
+        let verdicts = (0..20).map(|_| hit.sample(Position::from_counts(0), true));
+        assert_eq!(
+            verdicts.flatten().filter(|v| *v == Verdict::Stable).count(),
+            11
+        );
+    }
+}

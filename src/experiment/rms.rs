@@ -1,0 +1,169 @@
+//! Population RMS of counts about their mean, exact in integers.
+
+#![deny(clippy::float_arithmetic)]
+
+use crate::units::Position;
+
+/// Limit of the RMS, in counts with 16 fractional bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RmsLimit(u32);
+
+impl RmsLimit {
+    const FRACTION_BITS: u32 = 16;
+
+    /// The nearest limit to `counts`, within 0 .. 65536 counts.
+    #[expect(clippy::float_arithmetic, reason = "design time: settings to integers")]
+    pub fn from_counts(counts: f64) -> Self {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a float-to-integer cast saturates, which is what is documented"
+        )]
+        Self(libm::round(counts * f64::from(1u32 << Self::FRACTION_BITS)) as u32)
+    }
+
+    /// A limit of that many 2^-16 counts.
+    pub const fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    /// Smallest `n * sum(d^2) - sum(d)^2` over `n` samples (up to 2^24) that reaches the limit.
+    fn scatter_limit(self, samples: u32) -> u128 {
+        let product = u128::from(samples) * u128::from(self.0);
+        (product * product).div_ceil(1 << (2 * Self::FRACTION_BITS))
+    }
+}
+
+/// Sums that give mean and RMS of positions without rounding. Up to 2^24 of them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scatter {
+    samples: u32,
+    /// The first position: differences from it stay small.
+    origin: Position,
+    sum: i64,
+    sum_of_squares: u128,
+}
+
+impl Scatter {
+    /// Takes one position.
+    #[inline]
+    pub fn push(&mut self, position: Position) {
+        if self.samples == 0 {
+            self.origin = position;
+        }
+        let difference = i64::from(position.counts()) - i64::from(self.origin.counts());
+        self.samples += 1;
+        self.sum += difference;
+        let magnitude = difference.unsigned_abs(); // below 2^32
+        self.sum_of_squares += u128::from(magnitude * magnitude);
+    }
+
+    /// Positions taken.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Whether the RMS of all positions is below `limit`. Without a position it is.
+    pub fn is_below(&self, limit: RmsLimit) -> bool {
+        self.samples == 0 || self.scatter() < limit.scatter_limit(self.samples)
+    }
+
+    /// Whether the RMS is certain to reach `limit` once `total` positions are in, whatever comes:
+    /// the sum of squares about the mean never falls.
+    pub fn must_reach(&self, limit: RmsLimit, total: u32) -> bool {
+        if self.samples == 0 {
+            return false;
+        }
+        let spread = self.scatter() / u128::from(self.samples);
+        spread >= limit.scatter_limit(total).div_ceil(u128::from(total))
+    }
+
+    /// `n * sum(d^2) - sum(d)^2`, which is n^2 times the variance.
+    fn scatter(&self) -> u128 {
+        let sum = u128::from(self.sum.unsigned_abs());
+        u128::from(self.samples) * self.sum_of_squares - sum * sum
+    }
+
+    /// Mean, in counts.
+    #[expect(clippy::float_arithmetic, reason = "for reports")]
+    pub fn mean_counts(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "for reports")]
+        let mean = self.sum as f64 / f64::from(self.samples.max(1));
+        f64::from(self.origin.counts()) + mean
+    }
+
+    /// Population RMS about the mean, in counts.
+    #[expect(clippy::float_arithmetic, reason = "for reports")]
+    pub fn rms_counts(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "for reports")]
+        let scatter = self.scatter() as f64;
+        libm::sqrt(scatter) / f64::from(self.samples.max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn scatter(counts: &[i32]) -> Scatter {
+        let mut scatter = Scatter::default();
+        counts
+            .iter()
+            .for_each(|&c| scatter.push(Position::from_counts(c)));
+        scatter
+    }
+
+    #[test]
+    fn the_verdict_turns_exactly_at_the_limit() {
+        // +-15 about the mean: RMS is 15 exactly, and `stable` is strictly below the limit
+        let square: Vec<i32> = (0..20_000)
+            .map(|n| 70_000 + if n % 2 == 0 { 15 } else { -15 })
+            .collect();
+        let at = scatter(&square);
+        assert_eq!(at.rms_counts(), 15.0);
+        assert!(!at.is_below(RmsLimit::from_counts(1.5e-5 / 1e-6)));
+        assert!(at.is_below(RmsLimit::from_counts(15.0 + 1.0 / 65_536.0)));
+        assert_eq!(at.mean_counts(), 70_000.0);
+    }
+
+    #[test]
+    fn the_ends_of_the_range_do_not_overflow() {
+        let wide: Vec<i32> = (0..1000)
+            .map(|n| if n % 2 == 0 { i32::MIN } else { i32::MAX })
+            .collect();
+        let scatter = scatter(&wide);
+        assert!(!scatter.is_below(RmsLimit::from_counts(65_535.0)));
+        assert!((scatter.rms_counts() / 2f64.powi(31) - 1.0).abs() < 1e-9);
+        let most = Scatter {
+            samples: 1 << 24,
+            sum: 0,
+            sum_of_squares: (1u128 << 64) << 24,
+            ..Scatter::default()
+        };
+        assert!(!most.is_below(RmsLimit::from_counts(65_535.0)));
+        assert!(most.must_reach(RmsLimit::from_counts(65_535.0), 1 << 24));
+    }
+
+    proptest! {
+        #[test]
+        fn it_agrees_with_floats_and_an_early_verdict_agrees_with_the_late_one(
+            counts in prop::collection::vec(-100i32..100, 1..300), limit in 0.5..60.0f64
+        ) {
+            let all = scatter(&counts);
+            let n = counts.len() as f64;
+            let mean = counts.iter().map(|&c| f64::from(c)).sum::<f64>() / n;
+            let var = counts.iter().map(|&c| (f64::from(c) - mean).powi(2)).sum::<f64>() / n;
+            prop_assert!((all.rms_counts() - var.sqrt()).abs() < 1e-9);
+            prop_assert!((all.mean_counts() - mean).abs() < 1e-9);
+            let limit = RmsLimit::from_counts(limit);
+            let total = u32::try_from(counts.len()).unwrap();
+            for taken in 1..=counts.len() {
+                if scatter(&counts[..taken]).must_reach(limit, total) {
+                    prop_assert!(!all.is_below(limit));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! A positive factor with a mantissa and a shift: precise over the whole range of wall gains.
+
+#![deny(clippy::float_arithmetic)]
+
+/// A factor >= 0, `mantissa * 2^-shift`, normalised when it is made: 2^30 <= mantissa < 2^31,
+/// or 0. A negative shift is a left shift: a coarse encoder and a weak motor make one count of
+/// penetration worth many full scales.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Gain {
+    mantissa: i32,
+    shift: i8,
+}
+
+impl Gain {
+    /// Largest magnitude of [`apply`](Self::apply). Two of them add up without overflow.
+    pub const PRODUCT_LIMIT: i64 = 1 << 61;
+    /// A right shift by more than this would lose the mantissa's normalisation.
+    const SHIFT_MAX: i32 = 62;
+    /// A left shift by more than this leaves no room for a mantissa.
+    const SHIFT_MIN: i32 = -23;
+
+    /// The nearest gain to `value` (relative error at most 2^-31), or `None` if `value` is
+    /// negative, not finite or outside 2^-32 .. 2^54. Zero is exact.
+    #[expect(
+        clippy::float_arithmetic,
+        reason = "design time: settings to coefficients"
+    )]
+    pub fn from_f64(value: f64) -> Option<Self> {
+        if value == 0.0 {
+            return Some(Self::default());
+        }
+        if !value.is_finite() || value < 0.0 {
+            return None;
+        }
+        // libm: value = fraction * 2^exponent with 0.5 <= fraction < 1
+        let (fraction, exponent) = libm::frexp(value);
+        let rounded = libm::round(libm::scalbn(fraction, 31));
+        let (mantissa, exponent) = if rounded >= libm::scalbn(1.0, 31) {
+            (rounded / 2.0, exponent + 1)
+        } else {
+            (rounded, exponent)
+        };
+        let shift = 31 - exponent;
+        if !(Self::SHIFT_MIN..=Self::SHIFT_MAX).contains(&shift) {
+            return None;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "in range by the checks above"
+        )]
+        Some(Self {
+            mantissa: mantissa as i32,
+            shift: shift as i8,
+        })
+    }
+
+    /// The factor as a float, exact.
+    #[expect(clippy::float_arithmetic, reason = "for reports and references")]
+    pub fn as_f64(self) -> f64 {
+        libm::scalbn(f64::from(self.mantissa), -i32::from(self.shift))
+    }
+
+    /// `value` times the gain, rounded to nearest, saturating at +-[`PRODUCT_LIMIT`](Self::PRODUCT_LIMIT).
+    #[inline]
+    pub fn apply(self, value: i32) -> i64 {
+        let product = i64::from(self.mantissa) * i64::from(value); // at most 2^62
+        if self.shift > 0 {
+            let half = 1i64 << (self.shift - 1);
+            let rounded = (product + half) >> self.shift; // at most 2^62 + 2^61 before the shift
+            rounded.clamp(-Self::PRODUCT_LIMIT, Self::PRODUCT_LIMIT)
+        } else {
+            let bound = Self::PRODUCT_LIMIT >> self.shift.unsigned_abs();
+            product.clamp(-bound, bound) << self.shift.unsigned_abs()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// DESIGN: 2^-20; the format gives far more.
+    const RELATIVE_ERROR_MAX: f64 = 1.0 / (1u64 << 31) as f64;
+
+    #[test]
+    fn ends_of_the_range_are_exact_or_refused() {
+        for exponent in -31..=53 {
+            let value = libm::scalbn(1.0, exponent);
+            assert_eq!(
+                Gain::from_f64(value).unwrap().as_f64(),
+                value,
+                "2^{exponent}"
+            );
+        }
+        for bad in [
+            libm::scalbn(1.0, 54),
+            libm::scalbn(1.0, -33),
+            -1.0,
+            f64::NAN,
+            f64::INFINITY,
+        ] {
+            assert_eq!(Gain::from_f64(bad), None, "{bad}");
+        }
+        assert_eq!(Gain::from_f64(0.0).unwrap().apply(i32::MAX), 0);
+    }
+
+    #[test]
+    fn rounding_up_to_the_next_power_of_two_keeps_the_mantissa_normalised() {
+        let value = 2.0 - f64::EPSILON;
+        assert_eq!(
+            Gain::from_f64(value).unwrap(),
+            Gain {
+                mantissa: 1 << 30,
+                shift: 29
+            }
+        );
+    }
+
+    #[test]
+    fn products_round_to_nearest_and_saturate() {
+        let half = Gain::from_f64(0.5).unwrap();
+        assert_eq!((half.apply(3), half.apply(-3), half.apply(4)), (2, -1, 2));
+        let huge = Gain::from_f64(libm::scalbn(1.0, 53)).unwrap();
+        assert_eq!(huge.apply(1), 1 << 53);
+        assert_eq!(huge.apply(i32::MAX), Gain::PRODUCT_LIMIT);
+        assert_eq!(huge.apply(i32::MIN), -Gain::PRODUCT_LIMIT);
+    }
+
+    proptest! {
+        #[test]
+        fn products_are_within_half_an_lsb_or_saturated(
+            exponent in -31.0..53.0f64, value in any::<i32>()
+        ) {
+            let factor = exponent.exp2();
+            let gain = Gain::from_f64(factor).unwrap();
+            prop_assert!((gain.as_f64() / factor - 1.0).abs() <= RELATIVE_ERROR_MAX);
+            let limit = Gain::PRODUCT_LIMIT as f64;
+            let exact = (gain.as_f64() * f64::from(value)).clamp(-limit, limit);
+            let error = gain.apply(value) as f64 - exact;
+            // above 2^53 the reference itself rounds
+            prop_assert!(error.abs() <= 0.5 + exact.abs() * f64::EPSILON, "{error}");
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! The quantities between encoder and command, each with its format in its type.
+//!
+//! | quantity     | unit                     | format  | LSB          | range                 | made by |
+//! |--------------|--------------------------|---------|--------------|-----------------------|---------|
+//! | [`Position`] | counts                   | `i32`   | 1 count      | +-2^30, then a fault  | [`Encoder::track`](crate::encoder::Encoder::track) |
+//! | [`Velocity`] | counts per sample        | `Q16`   | 2^-16        | +-32767, saturating   | [`Estimator::update`](crate::velocity::Estimator::update) |
+//! | [`Force`]    | fraction of full scale   | `Q30`   | 2^-30        | +-1 after `saturate`, +-2 before | [`Wall::force`](crate::wall::Wall::force), [`Force::saturate`] |
+//! | [`Command`]  | DAC or PWM code          | `i32`   | 1 code       | of the output         | [`Actuator::command`](crate::actuator::Actuator::command) |
+//! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
+//! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
+//!
+//! A format is changed here or nowhere; the test below holds the table against the types.
+//!
+//! The quantum is coarse: one count per sample at 1 um and 10 kHz is already 10 mm/s. The 16
+//! fractional bits are there for what the filter makes of it.
+
+#![deny(clippy::float_arithmetic)]
+
+use dsp_fixedpoint::Q32;
+
+/// Position in encoder counts, unwrapped from the hardware counter. Into the wall is positive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Position(i32);
+
+impl Position {
+    /// Largest magnitude that the control accepts, in counts; beyond it is a fault.
+    pub const LIMIT: i32 = 1 << 30;
+
+    /// A position of that many counts.
+    pub const fn from_counts(counts: i32) -> Self {
+        Self(counts)
+    }
+
+    /// Counts.
+    pub const fn counts(self) -> i32 {
+        self.0
+    }
+
+    /// Whether the position lies within +-[`LIMIT`](Self::LIMIT).
+    pub const fn in_range(self) -> bool {
+        self.0 >= -Self::LIMIT && self.0 <= Self::LIMIT
+    }
+
+    /// Moves by `counts`, wrapping at the ends of `i32`, so that differences stay exact.
+    pub(crate) const fn wrapping_add(self, counts: i32) -> Self {
+        Self(self.0.wrapping_add(counts))
+    }
+
+    /// Counts from `earlier` to `self`, exact across any wrap.
+    pub(crate) const fn wrapping_since(self, earlier: Self) -> i32 {
+        self.0.wrapping_sub(earlier.0)
+    }
+
+    /// Counts from `origin` to `self`, saturating at the ends of `i32`.
+    pub(crate) const fn saturating_since(self, origin: Self) -> i32 {
+        self.0.saturating_sub(origin.0)
+    }
+}
+
+/// Velocity in counts per sample, 16 fractional bits, saturating at +-32767.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
+pub struct Velocity(Q32<16>);
+
+impl Velocity {
+    /// Fractional bits.
+    pub const FRACTION_BITS: u32 = 16;
+    /// Largest magnitude, in whole counts per sample.
+    pub const LIMIT: i32 = 32_767;
+    /// Standstill.
+    pub const ZERO: Self = Self(Q32::from_bits(0));
+    /// Largest magnitude, in bits.
+    pub(crate) const LIMIT_BITS: i32 = Self::LIMIT << Self::FRACTION_BITS;
+
+    /// The nearest velocity to that many counts per sample.
+    pub fn saturating_from_counts(counts: i32) -> Self {
+        Self::saturating_from_bits(counts.clamp(-Self::LIMIT, Self::LIMIT) << Self::FRACTION_BITS)
+    }
+
+    /// The nearest velocity to that many LSB of 2^-16 counts per sample.
+    pub fn saturating_from_bits(bits: i32) -> Self {
+        Self(Q32::from_bits(
+            bits.clamp(-Self::LIMIT_BITS, Self::LIMIT_BITS),
+        ))
+    }
+
+    /// LSB of 2^-16 counts per sample.
+    pub fn bits(self) -> i32 {
+        self.0.into_bits()
+    }
+}
+
+/// Force as a fraction of the actuator's full scale, 30 fractional bits. Into the wall is positive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
+pub struct Force(Q32<30>);
+
+impl Force {
+    /// Fractional bits.
+    pub const FRACTION_BITS: u32 = 30;
+    /// No force.
+    pub const ZERO: Self = Self(Q32::from_bits(0));
+    /// All that the actuator can give.
+    pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
+
+    /// A force of that many LSB of 2^-30 of full scale.
+    pub const fn from_bits(bits: i32) -> Self {
+        Self(Q32::from_bits(bits))
+    }
+
+    /// The nearest force to that many LSB: within +-2 full scales.
+    pub fn saturating_from_bits(bits: i64) -> Self {
+        let narrow = bits.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
+        #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
+        Self::from_bits(narrow as i32)
+    }
+
+    /// LSB of 2^-30 of full scale.
+    pub fn bits(self) -> i32 {
+        self.0.into_bits()
+    }
+
+    /// `self - other`, saturating at +-2 full scales.
+    #[must_use]
+    pub fn saturating_sub(self, other: Self) -> Self {
+        Self::from_bits(self.bits().saturating_sub(other.bits()))
+    }
+
+    /// The nearest force that the actuator can give: within +-1 full scale.
+    #[must_use]
+    pub fn saturate(self) -> Self {
+        let limit = Self::FULL_SCALE.bits();
+        Self::from_bits(self.bits().clamp(-limit, limit))
+    }
+}
+
+/// What the output hardware is given: a DAC code, or a signed PWM compare value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Command(pub(crate) i32);
+
+impl Command {
+    /// The code.
+    pub const fn code(self) -> i32 {
+        self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{format, string::String};
+
+    /// The row of the table at the head of this file that documents `quantity`.
+    fn row(quantity: &str) -> String {
+        let wanted = format!("//! | {quantity} ");
+        include_str!("units.rs")
+            .lines()
+            .find(|line| line.starts_with(&wanted))
+            .map(String::from)
+            .unwrap_or_else(|| panic!("the table has no row {quantity}"))
+    }
+
+    #[test]
+    fn the_table_states_the_formats_of_the_types() {
+        let velocity = row("[`Velocity`]");
+        assert!(velocity.contains(&format!("`Q{}`", Velocity::FRACTION_BITS)));
+        assert!(velocity.contains(&format!("2^-{}", Velocity::FRACTION_BITS)));
+        assert!(velocity.contains(&format!("+-{}", Velocity::LIMIT)));
+        assert_eq!(f64::from(Q32::<16>::DELTA), 2f64.powi(-16));
+        let force = row("[`Force`]");
+        assert!(force.contains(&format!("`Q{}`", Force::FRACTION_BITS)));
+        assert!(force.contains(&format!("2^-{}", Force::FRACTION_BITS)));
+        assert_eq!(f64::from(Q32::<30>::DELTA), 2f64.powi(-30));
+        assert_eq!(Position::LIMIT, 1 << 30);
+        assert!(row("[`Position`]").contains("+-2^30"));
+        let coefficient = row("filter coefficient");
+        assert!(coefficient.contains(&format!("`Q{}`", crate::velocity::Biquad::FRACTION_BITS)));
+        assert!(row("[`Gain`](crate::Gain)").contains("0, 2^-32 .. 2^54"));
+    }
+
+    #[test]
+    fn velocity_saturates_at_its_documented_limit() {
+        assert_eq!(
+            Velocity::saturating_from_counts(i32::MAX).bits(),
+            32_767 << 16
+        );
+        assert_eq!(
+            Velocity::saturating_from_counts(i32::MIN).bits(),
+            -(32_767 << 16)
+        );
+        assert_eq!(Velocity::saturating_from_counts(-3).bits(), -3 << 16);
+        assert_eq!(
+            Velocity::saturating_from_bits(i32::MIN).bits(),
+            -(32_767 << 16)
+        );
+    }
+
+    #[test]
+    fn force_saturates_to_full_scale_and_is_idempotent() {
+        for bits in [
+            i32::MIN,
+            -(1 << 30) - 1,
+            -(1 << 30),
+            -1,
+            0,
+            1,
+            (1 << 30) + 1,
+            i32::MAX,
+        ] {
+            let once = Force::from_bits(bits).saturate();
+            assert_eq!(once.saturate(), once);
+            assert!(once.bits().abs() <= 1 << 30);
+        }
+        assert_eq!(
+            Force::FULL_SCALE
+                .saturating_sub(Force::from_bits(i32::MIN))
+                .bits(),
+            i32::MAX
+        );
+        assert_eq!(Force::saturating_from_bits(i64::MIN).bits(), i32::MIN);
+    }
+
+    #[test]
+    fn positions_report_leaving_their_range() {
+        assert!(Position::from_counts(1 << 30).in_range());
+        assert!(!Position::from_counts((1 << 30) + 1).in_range());
+        assert!(Position::from_counts(-(1 << 30)).in_range());
+        assert!(!Position::from_counts(i32::MIN).in_range());
+    }
+}

@@ -1,0 +1,158 @@
+//! Design of the second-order Butterworth low-pass: the paper's equation (2), with the exact
+//! `2 sqrt(2)` where it prints 2.8, and its quantisation.
+//!
+//! ```text
+//! H(s) = wc^2 / (s^2 + sqrt(2) wc s + wc^2),   s = (2/T) (z - 1)/(z + 1)      bilinear
+//! w  = wc T (not pre-warped)  or  2 tan(wc T / 2) (pre-warped)
+//! a0 = 4 + 2 sqrt(2) w + w^2
+//! b0 = b2 = w^2 / a0,  b1 = 2 b0,  a1 = (2 w^2 - 8) / a0,  a2 = (4 - 2 sqrt(2) w + w^2) / a0
+//! ```
+//!
+//! **Which cutoffs are accepted.** From [`CUTOFF_MIN`] to [`CUTOFF_MAX`] of the sample rate:
+//!
+//! | rate   | lowest cutoff | highest |
+//! |--------|---------------|---------|
+//! | 1 kHz  | 0.025 Hz      | 499 Hz  |
+//! | 10 kHz | 0.25 Hz       | 4990 Hz |
+//! | 50 kHz | 1.25 Hz       | 24950 Hz |
+//!
+//! The lower end is where quantisation may move the -3 dB frequency by 1 %: that frequency follows
+//! the DC sum `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` and rounded to an integer, so its
+//! relative error is at most `1 / (4 S)`; with `S >= 26` that is below 1 %. Pre-warping reaches
+//! half the rate only in the limit of coefficients that add up to 8, where the accumulator would
+//! overflow; pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
+
+use dsp_fixedpoint::Q32;
+
+use super::biquad::{Biquad, Coefficient};
+use crate::settings::{SettingsError, within};
+
+/// Lowest accepted cutoff, as a fraction of the sample rate.
+pub const CUTOFF_MIN: f64 = 2.5e-5;
+/// Highest accepted cutoff without pre-warping, as a fraction of the sample rate.
+pub const CUTOFF_MAX: f64 = 0.499;
+/// Highest accepted cutoff with pre-warping, as a fraction of the sample rate.
+pub const PREWARPED_MAX: f64 = 0.38;
+/// Above this fraction of the sample rate the first order of error feedback is the quieter one.
+/// There both leave 0.37 LSB RMS; found by summing the squared impulse responses of
+/// `(1 - z^-1)^k / A(z)`.
+const SECOND_ORDER_BELOW: f64 = 0.064;
+
+/// Frequency at which the unquantised digital filter is at -3 dB, in Hz.
+///
+/// The bilinear transform maps the analog cutoff `fc` to `atan(pi fc T) / (pi T)`; with
+/// pre-warping it is `fc` itself.
+pub fn true_cutoff_hz(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> f64 {
+    if prewarp {
+        cutoff_hz
+    } else {
+        let pi = core::f64::consts::PI;
+        rate_hz / pi * libm::atan(pi * cutoff_hz / rate_hz)
+    }
+}
+
+/// Coefficients in floating point, normalised to `a0 = 1`; `b1 = 2 b0`, `b2 = b0`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Design {
+    /// Gain of the numerator `b0 (1 + z^-1)^2`.
+    pub b0: f64,
+    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    pub a1: f64,
+    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    pub a2: f64,
+    cutoff_per_rate: f64,
+}
+
+impl Design {
+    /// The filter of equation (2) for that cutoff and sample rate, both in Hz.
+    ///
+    /// # Errors
+    /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
+    pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
+        let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };
+        within(
+            "cutoff_hz",
+            cutoff_hz,
+            CUTOFF_MIN * rate_hz..=highest * rate_hz,
+        )?;
+        let angle = 2.0 * core::f64::consts::PI * cutoff_hz / rate_hz;
+        let w = if prewarp {
+            2.0 * libm::tan(angle / 2.0)
+        } else {
+            angle
+        };
+        let damping = 2.0 * core::f64::consts::SQRT_2 * w;
+        let a0 = 4.0 + damping + w * w;
+        Ok(Self {
+            b0: w * w / a0,
+            a1: (2.0 * w * w - 8.0) / a0,
+            a2: (4.0 - damping + w * w) / a0,
+            cutoff_per_rate: cutoff_hz / rate_hz,
+        })
+    }
+
+    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
+    ///
+    /// `a2` is rounded, the DC sum `S` is rounded from `4 b0` (where nothing cancels), `a1` is what
+    /// then remains, and the numerator is split so that it adds up to `S`: `a2` is within half an
+    /// LSB, `a1` and `b0` within one, `b1` within two.
+    pub fn quantise(&self) -> Biquad {
+        const ONE: i32 = 1 << Biquad::FRACTION_BITS;
+        let scale = f64::from(ONE);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "|coefficient| < 2, so below 2^31"
+        )]
+        let to_bits = |value: f64| libm::round(value * scale) as i32;
+        let a2 = to_bits(self.a2);
+        let b0 = to_bits(self.b0);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "4 b0 < 4 - |a1| - |a2| < 2"
+        )]
+        let dc_sum = libm::round(4.0 * self.b0 * scale) as i64;
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "both are below 2 in magnitude"
+        )]
+        let (a1, b1) = (
+            (dc_sum - i64::from(ONE) - i64::from(a2)) as i32,
+            (dc_sum - 2 * i64::from(b0)) as i32,
+        );
+        Biquad {
+            b: [b0, b1, b0].map(Coefficient::from_bits),
+            a: [a1, a2].map(Coefficient::from_bits),
+            second: i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
+        }
+    }
+}
+
+impl Biquad {
+    /// Frequency at which the filter, with the coefficients as quantised, is at -3 dB, in Hz.
+    ///
+    /// With `s = sin^2(w/2)` both magnitudes are polynomials in `s` whose coefficients are exact
+    /// integers, so nothing cancels at low cutoffs:
+    /// `|N|^2 = (S - 4 b0 s)^2`, `|D|^2 = S^2 - 4 P s + 16 Q s^2`,
+    /// `P = a1 (1 + a2) + 4 a2`, `Q = a2`; `2 |N|^2 = |D|^2` is a quadratic.
+    pub fn cutoff_hz(&self, rate_hz: f64) -> f64 {
+        let [b0, b1, b2, a1, a2] = self.bits().map(i128::from);
+        let one = 1i128 << Biquad::FRACTION_BITS;
+        let dc_sum = b0 + b1 + b2;
+        let p = a1 * (one + a2) + 4 * one * a2;
+        let quadratic = to_f64(32 * b0 * b0 - 16 * one * a2);
+        let linear = to_f64(4 * p - 16 * dc_sum * b0);
+        let constant = to_f64(dc_sum * dc_sum);
+        // The smaller positive root, in the form that does not cancel (linear < 0 < constant).
+        let root = libm::sqrt((linear * linear - 4.0 * quadratic * constant).max(0.0));
+        let s = 2.0 * constant / (root - linear);
+        rate_hz / core::f64::consts::PI * libm::asin(libm::sqrt(s.clamp(0.0, 1.0)))
+    }
+}
+
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "the relative error of 2^-53 is what is wanted"
+)]
+fn to_f64(value: i128) -> f64 {
+    value as f64
+}

@@ -1,0 +1,110 @@
+//! The virtual wall: a spring and a damper behind a surface, the third stage, run for every output.
+
+#![deny(clippy::float_arithmetic)]
+
+use crate::{
+    Gain,
+    units::{Force, Position, Velocity},
+};
+
+/// A spring-damper wall in integer units; made by [`Settings::build`](crate::Settings::build).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wall {
+    pub(crate) surface: Position,
+    /// Force LSB per count of penetration.
+    pub(crate) stiffness: Gain,
+    /// Force LSB per LSB of velocity.
+    pub(crate) damping: Gain,
+    pub(crate) push_only: bool,
+}
+
+impl Wall {
+    /// Counts of `position` behind the surface; contact is where this is positive.
+    #[inline]
+    pub fn penetration(&self, position: Position) -> i32 {
+        position.saturating_since(self.surface)
+    }
+
+    /// `K * penetration + B * velocity` while in contact, else zero; with `push_only` never
+    /// negative. Saturates at +-2 full scales, so that a push of up to one full scale still
+    /// subtracts exactly.
+    #[inline]
+    pub fn force(&self, position: Position, velocity: Velocity) -> Force {
+        let penetration = self.penetration(position);
+        if penetration <= 0 {
+            return Force::ZERO;
+        }
+        let spring = self.stiffness.apply(penetration);
+        let damper = self.damping.apply(velocity.bits());
+        let total = spring + damper; // each within +-2^61, see Gain::PRODUCT_LIMIT
+        Force::saturating_from_bits(if self.push_only { total.max(0) } else { total })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn wall(push_only: bool) -> Wall {
+        Wall {
+            surface: Position::from_counts(100),
+            stiffness: Gain::from_f64(1000.0).unwrap(),
+            damping: Gain::from_f64(10.0).unwrap(),
+            push_only,
+        }
+    }
+
+    fn at(counts: i32) -> Position {
+        Position::from_counts(counts)
+    }
+
+    #[test]
+    fn the_surface_itself_is_not_in_contact() {
+        assert_eq!(
+            wall(false).force(at(100), Velocity::saturating_from_bits(50)),
+            Force::ZERO
+        );
+        assert_eq!(wall(false).force(at(101), Velocity::ZERO).bits(), 1000);
+    }
+
+    #[test]
+    fn spring_and_damper_add_and_only_a_bilateral_wall_pulls() {
+        let out = Velocity::saturating_from_bits(-500);
+        assert_eq!(wall(false).force(at(102), out).bits(), 2000 - 5000);
+        assert_eq!(wall(true).force(at(102), out), Force::ZERO);
+    }
+
+    #[test]
+    fn far_positions_and_high_speeds_saturate() {
+        let strong = Wall {
+            stiffness: Gain::from_f64(2f64.powi(53)).unwrap(),
+            ..wall(false)
+        };
+        assert_eq!(strong.force(at(i32::MAX), Velocity::ZERO).bits(), i32::MAX);
+        let low = Wall {
+            surface: at(-(1 << 30)),
+            ..strong
+        };
+        assert_eq!(low.penetration(at(i32::MAX)), i32::MAX);
+        let fast = Velocity::saturating_from_bits(i32::MIN);
+        let viscous = Wall {
+            damping: Gain::from_f64(2f64.powi(50)).unwrap(),
+            ..wall(false)
+        };
+        assert_eq!(viscous.force(at(101), fast).bits(), i32::MIN);
+    }
+
+    proptest! {
+        #[test]
+        fn a_push_only_wall_never_pulls_and_grows_with_depth(
+            a in any::<i32>(), b in any::<i32>(), velocity in any::<i32>()
+        ) {
+            let wall = wall(true);
+            let velocity = Velocity::saturating_from_bits(velocity);
+            let (shallow, deep) = (a.min(b), a.max(b));
+            let (f1, f2) = (wall.force(at(shallow), velocity), wall.force(at(deep), velocity));
+            prop_assert!(f1 >= Force::ZERO && f2 >= f1);
+        }
+    }
+}
