@@ -55,7 +55,6 @@ impl Gain {
     }
 
     /// The factor as a float, exact.
-    #[expect(clippy::float_arithmetic, reason = "for reports and references")]
     pub fn as_f64(self) -> f64 {
         libm::scalbn(f64::from(self.mantissa), -i32::from(self.shift))
     }

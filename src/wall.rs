@@ -19,6 +19,11 @@ pub struct Wall {
 }
 
 impl Wall {
+    /// The surface.
+    pub fn surface(&self) -> Position {
+        self.surface
+    }
+
     /// Counts of `position` behind the surface; contact is where this is positive.
     #[inline]
     pub fn penetration(&self, position: Position) -> i32 {

@@ -22,8 +22,6 @@
 //! half the rate only in the limit of coefficients that add up to 8, where the accumulator would
 //! overflow; pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
 
-use dsp_fixedpoint::Q32;
-
 use super::biquad::{Biquad, Coefficient};
 use crate::settings::{SettingsError, within};
 
