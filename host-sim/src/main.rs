@@ -1,2 +1,7 @@
-//! cli
-fn main() {}
+//! The simulator's command line, see [`host_sim::cli`].
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    ExitCode::from(host_sim::cli::run())
+}

@@ -1,0 +1,137 @@
+//! `hit`: one wall hit.
+
+use std::{fmt::Write as _, path::PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Common, SCHEMA_VERSION, check_wall, print_json, print_text};
+use crate::{
+    error::Error,
+    output,
+    rig::{HitReport, Rig, WallHit, verdict_name},
+    scene::NamedScene,
+    trace::Trace,
+};
+
+/// Hits one wall and says whether it is stable.
+#[derive(Debug, Args)]
+pub struct HitArgs {
+    /// Built-in scene or scene file.
+    scene: String,
+    /// Nominal cutoff of the velocity filter, Hz.
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    cutoff: f64,
+    /// Stiffness of the wall, N/m.
+    #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+    stiffness: f64,
+    /// Damping of the wall, N s/m.
+    #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
+    damping: f64,
+    /// Write every sample as CSV.
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Draw the position over time; .svg or .png.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Json<'a> {
+    schema_version: u32,
+    command: &'static str,
+    scene: &'a str,
+    numeric: &'static str,
+    cutoff_hz: f64,
+    true_cutoff_hz: f64,
+    stiffness_n_per_m: f64,
+    damping_n_s_per_m: f64,
+    verdict: &'static str,
+    stable: bool,
+    rms_m: f64,
+    mean_m: f64,
+    peak_penetration_m: f64,
+    saturated_fraction: f64,
+    contact_fraction: f64,
+}
+
+pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
+    let scene = NamedScene::load(&args.scene)?;
+    let hit = WallHit {
+        cutoff_hz: args.cutoff,
+        stiffness_n_per_m: args.stiffness,
+        damping_n_s_per_m: args.damping,
+        start_offset_counts: 0.0,
+    };
+    check_wall(&scene, &hit)?;
+    for path in [&args.trace, &args.plot].into_iter().flatten() {
+        output::refuse_existing(path, common.force)?;
+    }
+    let rig = Rig::new(&scene.scene)?;
+    let mut trace = Trace::new(&rig, &hit)?;
+    let keep = args.trace.is_some() || args.plot.is_some();
+    let report = rig.hit(common.numeric.into(), &hit, |sample, velocity| {
+        if keep {
+            trace.push(sample, velocity);
+        }
+    })?;
+    if let Some(path) = &args.trace {
+        output::write_file(path, trace.csv().as_bytes(), common.force)?;
+    }
+    if let Some(path) = &args.plot {
+        let figure = trace.figure(&scene, &hit, &report)?;
+        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
+    }
+    print(&scene, &hit, &report, common)
+}
+
+fn print(
+    scene: &NamedScene,
+    hit: &WallHit,
+    report: &HitReport,
+    common: &Common,
+) -> Result<(), Error> {
+    let json = Json {
+        schema_version: SCHEMA_VERSION,
+        command: "hit",
+        scene: &scene.name,
+        numeric: common.numeric.name(),
+        cutoff_hz: hit.cutoff_hz,
+        true_cutoff_hz: scene.scene.true_cutoff_hz(hit.cutoff_hz),
+        stiffness_n_per_m: hit.stiffness_n_per_m,
+        damping_n_s_per_m: hit.damping_n_s_per_m,
+        verdict: verdict_name(report.verdict),
+        stable: report.is_stable(),
+        rms_m: report.rms_m,
+        mean_m: report.mean_m,
+        peak_penetration_m: report.peak_penetration_m,
+        saturated_fraction: report.saturated_fraction,
+        contact_fraction: report.contact_fraction,
+    };
+    if common.json {
+        return print_json(&json);
+    }
+    let mut text = String::new();
+    let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
+    let _ = writeln!(
+        text,
+        "{}: {}, RMS {:.3} um (limit {limit_um} um)",
+        scene.name,
+        json.verdict,
+        json.rms_m * 1e6
+    );
+    let _ = writeln!(
+        text,
+        "cutoff {} Hz nominal (-3 dB at {:.1} Hz), K = {} N/m, B = {} N s/m",
+        json.cutoff_hz, json.true_cutoff_hz, json.stiffness_n_per_m, json.damping_n_s_per_m
+    );
+    let _ = write!(
+        text,
+        "mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %",
+        json.mean_m,
+        json.peak_penetration_m * 1e6,
+        json.saturated_fraction * 100.0,
+        json.contact_fraction * 100.0
+    );
+    print_text(&text)
+}

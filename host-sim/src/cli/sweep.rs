@@ -1,0 +1,254 @@
+//! `sweep`: the study over cutoffs.
+
+use std::{collections::BTreeSet, fmt::Write as _, path::PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{
+    Common, SCHEMA_VERSION, STOP, check_wall,
+    list::{self, List},
+    print_json, print_text, progress,
+};
+use crate::{
+    error::Error,
+    output::Staging,
+    rig::{Rig, WallHit},
+    scene::{BUILT_IN, NamedScene},
+    sensitivity::{Variant, variants},
+    study::{self, Study, Summary, VariantResult},
+    sweep::{Plan, SweepResult, ascending, sweep},
+};
+
+/// Compares cutoffs: Z-width, its area with its spread, the ideal cutoff and its range.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// Built-in scenes or scene files [default: both paper scenes].
+    scenes: Vec<String>,
+    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: the scene's].
+    #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
+    cutoffs: Option<List>,
+    /// Walks per cutoff, their starts spread over one count.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeat: u32,
+    /// Show how the ideal cutoff moves with RMS limit, push-only, latency, output rate and impact speed.
+    #[arg(long)]
+    sensitivity: bool,
+}
+
+#[derive(Serialize)]
+struct Json {
+    schema_version: u32,
+    command: &'static str,
+    scenes: Vec<Summary>,
+}
+
+/// One scene with what it needs before the walks begin.
+struct Job {
+    scene: NamedScene,
+    rig: Rig,
+    cutoffs_hz: Vec<f64>,
+    variants: Vec<Variant>,
+    staging: Staging,
+    folder: PathBuf,
+}
+
+pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
+    let jobs = prepare(args, common)?;
+    let mut plans = vec![];
+    for job in &jobs {
+        let variants = job.variants.iter().map(|variant| &variant.rig);
+        for rig in std::iter::once(&job.rig).chain(variants) {
+            plans.push(Plan {
+                rig,
+                cutoffs_hz: &job.cutoffs_hz,
+            });
+        }
+    }
+    let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
+    let bar = progress::bar(walks as u64 * u64::from(args.repeat));
+    let numeric = common.numeric.into();
+    let results = sweep(&plans, numeric, args.repeat, &STOP, |_| bar.inc(1))?;
+    bar.finish_and_clear();
+    let mut results = results.into_iter();
+    let mut summaries = vec![];
+    for job in jobs {
+        let Job {
+            scene,
+            rig,
+            cutoffs_hz,
+            variants,
+            staging,
+            folder,
+        } = job;
+        let Some(result) = results.next() else {
+            return Err(Error::Internal("a scene has no result".into()));
+        };
+        let variants = variants.into_iter().zip(results.by_ref());
+        let variants = variants.map(|(Variant { name, change, .. }, result)| VariantResult {
+            name,
+            change,
+            result,
+        });
+        let study = Study {
+            numeric,
+            numeric_name: common.numeric.name(),
+            repeats: args.repeat,
+            variants: variants.collect(),
+            command: command_line(args, common, &scene, &cutoffs_hz),
+            scene,
+            rig,
+            result,
+        };
+        study.write(staging)?;
+        if common.json {
+            summaries.push(study.summary());
+        } else {
+            print_text(&table(&study, &folder.display().to_string()))?;
+        }
+    }
+    if common.json {
+        print_json(&Json {
+            schema_version: SCHEMA_VERSION,
+            command: "sweep",
+            scenes: summaries,
+        })?;
+    }
+    Ok(())
+}
+
+/// Everything that can be refused is refused here, before the first walk.
+fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
+    let names: Vec<String> = if args.scenes.is_empty() {
+        BUILT_IN.map(|(name, _)| name.to_owned()).to_vec()
+    } else {
+        args.scenes.clone()
+    };
+    let scenes = names
+        .iter()
+        .map(|name| NamedScene::load(name))
+        .collect::<Result<Vec<_>, _>>()?;
+    let distinct: BTreeSet<&str> = scenes.iter().map(|scene| scene.name.as_str()).collect();
+    if distinct.len() < scenes.len() {
+        return Err(Error::input(
+            "two scenes have the same name; their results would collide",
+        ));
+    }
+    let mut files = study::FILES.to_vec();
+    if args.sensitivity {
+        files.push(study::SENSITIVITY);
+    }
+    let many = scenes.len() > 1;
+    let mut jobs = vec![];
+    for scene in scenes {
+        let asked = args
+            .cutoffs
+            .as_ref()
+            .map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
+        let cutoffs_hz = ascending(asked);
+        for &cutoff_hz in &cutoffs_hz {
+            let (stiffness_n_per_m, damping_n_s_per_m, start_offset_counts) = (0.0, 0.0, 0.0);
+            let wall = WallHit {
+                cutoff_hz,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+                start_offset_counts,
+            };
+            check_wall(&scene, &wall)?;
+        }
+        let folder = match &common.out {
+            None => PathBuf::from("zwidth-out").join(&scene.name),
+            Some(out) if many => out.join(&scene.name),
+            Some(out) => out.clone(),
+        };
+        let variants = if args.sensitivity {
+            variants(&scene.scene)?
+        } else {
+            vec![]
+        };
+        let rig = Rig::new(&scene.scene)?;
+        let staging = Staging::new(&folder, &files, common.force)?;
+        jobs.push(Job {
+            scene,
+            rig,
+            cutoffs_hz,
+            variants,
+            staging,
+            folder,
+        });
+    }
+    Ok(jobs)
+}
+
+fn command_line(
+    args: &SweepArgs,
+    common: &Common,
+    scene: &NamedScene,
+    cutoffs_hz: &[f64],
+) -> String {
+    let list: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
+    let sensitivity = if args.sensitivity {
+        " --sensitivity"
+    } else {
+        ""
+    };
+    format!(
+        "sweep {} --cutoffs {} --repeat {}{sensitivity} --numeric {}",
+        scene.name,
+        list.join(","),
+        args.repeat,
+        common.numeric.name()
+    )
+}
+
+/// The range first, then one line per cutoff.
+fn table(study: &Study, folder: &str) -> String {
+    let SweepResult { cutoffs, ideal } = &study.result;
+    let mut text = String::new();
+    let name = &study.scene.name;
+    match ideal {
+        None => {
+            let _ = writeln!(text, "{name}: no stable wall at any cutoff");
+        }
+        Some(ideal) => {
+            let [low, high] = ideal.range_hz;
+            let true_hz = study.scene.scene.true_cutoff_hz(ideal.cutoff_hz);
+            let _ = writeln!(
+                text,
+                "{name}: ideal cutoff range {low} to {high} Hz, ideal cutoff {} Hz nominal (-3 dB at {true_hz:.1} Hz)",
+                ideal.cutoff_hz
+            );
+        }
+    }
+    let _ = writeln!(
+        text,
+        "  {:>9} {:>9} {:>11} {:>11} {:>11} {:>9} {:>9}",
+        "cutoff", "-3 dB", "area", "low", "high", "peak K", "max B"
+    );
+    let _ = writeln!(
+        text,
+        "  {:>9} {:>9} {:>11} {:>11} {:>11} {:>9} {:>9}",
+        "Hz", "Hz", "N^2 s/m^2", "", "", "N/m", "N s/m"
+    );
+    for result in cutoffs {
+        let _ = writeln!(
+            text,
+            "  {:>9} {:>9.1} {:>11.4e} {:>11.4e} {:>11.4e} {:>9} {:>9}",
+            result.cutoff_hz,
+            result.true_cutoff_hz,
+            result.area(),
+            result.area_low(),
+            result.area_high(),
+            result.stiffness_peak_n_per_m(),
+            result.damping_max_n_s_per_m()
+        );
+    }
+    for variant in &study.variants {
+        let _ = writeln!(text, "  {}", variant.sentence());
+    }
+    for note in study.result.notes() {
+        let _ = writeln!(text, "  note: {note}");
+    }
+    let _ = write!(text, "  report: {folder}/report.html");
+    text
+}

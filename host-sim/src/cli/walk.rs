@@ -1,0 +1,106 @@
+//! `walk`: one boundary.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Common, SCHEMA_VERSION, STOP, check_wall, print_json, print_text};
+use crate::{
+    error::Error,
+    output,
+    rig::{Rig, WallHit},
+    scene::NamedScene,
+    walk::{Boundary, walk},
+};
+
+/// Follows the boundary of the stable walls at one cutoff, without repeats.
+#[derive(Debug, Args)]
+pub struct WalkArgs {
+    /// Built-in scene or scene file.
+    scene: String,
+    /// Nominal cutoff of the velocity filter, Hz.
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    cutoff: f64,
+    /// Write the boundary as CSV.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Json<'a> {
+    schema_version: u32,
+    command: &'static str,
+    scene: &'a str,
+    numeric: &'static str,
+    cutoff_hz: f64,
+    true_cutoff_hz: f64,
+    area: f64,
+    stiffness_peak_n_per_m: f64,
+    damping_max_n_s_per_m: f64,
+    hits: u64,
+    ended_by: &'static str,
+}
+
+pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
+    let scene = NamedScene::load(&args.scene)?;
+    let first = WallHit {
+        cutoff_hz: args.cutoff,
+        stiffness_n_per_m: scene.scene.walk.stiffness_start_n_per_m,
+        damping_n_s_per_m: scene.scene.walk.damping_start_n_s_per_m,
+        start_offset_counts: 0.0,
+    };
+    check_wall(&scene, &first)?;
+    if let Some(path) = &args.csv {
+        output::refuse_existing(path, common.force)?;
+    }
+    let rig = Rig::new(&scene.scene)?;
+    let boundary = walk(&rig, common.numeric.into(), args.cutoff, 0.0, &STOP)?;
+    let Some(ended) = boundary.ended else {
+        return Err(Error::Input(format!(
+            "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable at {} Hz; \
+             lower walk.stiffness_start_n_per_m or change the cutoff",
+            args.scene, first.stiffness_n_per_m, first.damping_n_s_per_m, args.cutoff
+        )));
+    };
+    if let Some(path) = &args.csv {
+        output::write_file(path, csv(args.cutoff, &boundary).as_bytes(), common.force)?;
+    }
+    let json = Json {
+        schema_version: SCHEMA_VERSION,
+        command: "walk",
+        scene: &scene.name,
+        numeric: common.numeric.name(),
+        cutoff_hz: args.cutoff,
+        true_cutoff_hz: scene.scene.true_cutoff_hz(args.cutoff),
+        area: boundary.area,
+        stiffness_peak_n_per_m: boundary.stiffness_peak_n_per_m(),
+        damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
+        hits: boundary.hits,
+        ended_by: ended.name(),
+    };
+    if common.json {
+        return print_json(&json);
+    }
+    print_text(&format!(
+        "{}: area {:.4e} N^2 s/m^2 at {} Hz nominal (-3 dB at {:.1} Hz)\n\
+         peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
+        scene.name,
+        json.area,
+        json.cutoff_hz,
+        json.true_cutoff_hz,
+        json.stiffness_peak_n_per_m,
+        json.damping_max_n_s_per_m,
+        json.hits,
+        json.ended_by
+    ))
+}
+
+fn csv(cutoff_hz: f64, boundary: &Boundary) -> String {
+    let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n");
+    for point in &boundary.points {
+        let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
+        text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
+    }
+    text
+}

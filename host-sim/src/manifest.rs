@@ -1,0 +1,58 @@
+//! What a result was made from, so that it can be made again.
+
+use serde::Serialize;
+
+use crate::scene::NamedScene;
+
+/// Provenance of a result.
+#[derive(Clone, Debug, Serialize)]
+pub struct Manifest {
+    schema_version: u32,
+    /// The simulator's version.
+    pub version: &'static str,
+    /// Commit that it was built from, or `unknown`.
+    pub git_commit: &'static str,
+    /// Whether tracked files differed from that commit: `true`, `false` or `unknown`.
+    pub git_dirty: &'static str,
+    /// Compiler.
+    pub toolchain: &'static str,
+    /// Platform.
+    pub target: &'static str,
+    /// The command's arguments that shape the result.
+    pub command: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// The scene file, to the letter.
+    pub scene_text: String,
+}
+
+impl Manifest {
+    /// The manifest of a result of `command` on `scene`.
+    pub fn new(schema_version: u32, command: String, scene: &NamedScene) -> Self {
+        Self {
+            schema_version,
+            version: env!("CARGO_PKG_VERSION"),
+            git_commit: env!("ZWIDTH_COMMIT"),
+            git_dirty: env!("ZWIDTH_DIRTY"),
+            toolchain: env!("ZWIDTH_TOOLCHAIN"),
+            target: env!("ZWIDTH_TARGET"),
+            command,
+            scene: scene.name.clone(),
+            scene_text: scene.text.clone(),
+        }
+    }
+
+    /// Name and value, for a reader.
+    pub fn facts(&self) -> Vec<(String, String)> {
+        [
+            ("command", self.command.as_str()),
+            ("version", self.version),
+            ("commit", self.git_commit),
+            ("uncommitted changes", self.git_dirty),
+            ("toolchain", self.toolchain),
+            ("target", self.target),
+        ]
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .to_vec()
+    }
+}

@@ -1,0 +1,298 @@
+//! A scene made ready to run wall hits: everything that does not change from hit to hit.
+
+use zwidth::{
+    Design, SettingsError,
+    experiment::{Hit, HitPlan, Verdict},
+    units::{Force, Position},
+};
+
+use crate::{
+    controller::{Controller, Fixed},
+    error::Error,
+    plant::PlantStep,
+    scene::Scene,
+    simulation::{Parts, Sample, Simulation},
+    twin::{self, Twin},
+};
+
+/// Which arithmetic the controller uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Numeric {
+    /// The fixed-point core.
+    Fixed,
+    /// Its `f64` twin.
+    F64,
+    /// The `f64` twin with the velocity rounded to the fixed-point LSB.
+    F64Rounded,
+}
+
+/// One wall, hit from one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallHit {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Start, counts beyond the scene's start position.
+    pub start_offset_counts: f64,
+}
+
+/// What a hit showed, in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitReport {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Population RMS of the measured position about its mean over the window, m.
+    pub rms_m: f64,
+    /// Mean of the measured position over the window, m.
+    pub mean_m: f64,
+    /// Deepest position behind the surface during the whole hit, m; 0 if it was never reached.
+    pub peak_penetration_m: f64,
+    /// Outputs that saturated, as a fraction of all outputs of the whole hit.
+    pub saturated_fraction: f64,
+    /// Samples in contact, as a fraction of the window.
+    pub contact_fraction: f64,
+}
+
+impl HitReport {
+    /// In contact, and the RMS stayed below the limit.
+    pub fn is_stable(&self) -> bool {
+        self.verdict == Verdict::Stable
+    }
+}
+
+/// Name of a verdict in reports.
+pub fn verdict_name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Stable => "stable",
+        Verdict::Unstable => "unstable",
+        Verdict::NoContact => "no_contact",
+    }
+}
+
+/// Why a hit has no verdict.
+#[derive(Clone, Debug, PartialEq)]
+pub enum HitError {
+    /// A setting is out of range.
+    Settings(SettingsError),
+    /// The handle left the +-2^30 counts that the core accepts, at this sample.
+    OutOfRange(u64),
+}
+
+impl From<SettingsError> for HitError {
+    fn from(error: SettingsError) -> Self {
+        Self::Settings(error)
+    }
+}
+
+impl std::fmt::Display for HitError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Settings(error) => error.fmt(f),
+            Self::OutOfRange(sample) => write!(
+                f,
+                "out of range: the handle left +-{} counts at sample {sample}",
+                Position::LIMIT
+            ),
+        }
+    }
+}
+
+impl std::error::Error for HitError {}
+
+impl From<HitError> for Error {
+    fn from(error: HitError) -> Self {
+        Self::input(error)
+    }
+}
+
+/// A scene made ready.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    scene: Scene,
+    design: Design,
+    plan: HitPlan,
+    parts: Parts,
+}
+
+/// How many samples of the window pass between two looks for an early verdict.
+const EARLY_CHECK_SAMPLES: u32 = 256;
+
+impl Rig {
+    /// Prepares a scene.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a value is out of range.
+    pub fn new(scene: &Scene) -> Result<Self, Error> {
+        scene.check().map_err(Error::Input)?;
+        let design = scene.design();
+        let plan = scene.hit_settings().build(&design).map_err(Error::input)?;
+        let latency = scene.actuator.latency;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the check above"
+        )]
+        let whole = latency.floor() as u64;
+        let parts = Parts {
+            plant: PlantStep::new(&scene.device, 1.0 / design.rate_hz, latency.fract()),
+            resolution_m: design.resolution_m,
+            rounding: scene.encoder.rounding,
+            full_scale_n: design.full_scale_n,
+            latency: whole,
+        };
+        Ok(Self {
+            scene: scene.clone(),
+            design,
+            plan,
+            parts,
+        })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The core's design.
+    pub fn design(&self) -> &Design {
+        &self.design
+    }
+
+    /// The hit in samples.
+    pub fn plan(&self) -> &HitPlan {
+        &self.plan
+    }
+
+    /// The loop around the core, ready for sample 0 of a hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range.
+    pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
+        let start_m = self.start_m(hit);
+        let count = self.parts.count(start_m);
+        let settings = self.settings(hit);
+        let core = Fixed::new(&settings, &self.design, self.plan.push, count)?;
+        Ok(Simulation::new(self.parts, core, start_m))
+    }
+
+    /// The loop around the `f64` twin, ready for sample 0 of a hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range.
+    pub fn twin(
+        &self,
+        hit: &WallHit,
+        rounding: twin::Rounding,
+    ) -> Result<Simulation<Twin>, SettingsError> {
+        let start_m = self.start_m(hit);
+        let count = self.parts.count(start_m);
+        let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
+        let twin = Twin::new(&self.settings(hit), &self.design, rounding, push, count)?;
+        Ok(Simulation::new(self.parts, twin, start_m))
+    }
+
+    /// Runs a whole hit; `observe` sees every sample, with the controller's velocity in counts per
+    /// sample.
+    ///
+    /// # Errors
+    /// A setting is out of range, or the handle leaves the core's range.
+    pub fn hit(
+        &self,
+        numeric: Numeric,
+        hit: &WallHit,
+        observe: impl FnMut(&Sample, f64),
+    ) -> Result<HitReport, HitError> {
+        match numeric {
+            Numeric::Fixed => self.whole_hit(self.fixed(hit)?, observe),
+            Numeric::F64 => self.whole_hit(self.twin(hit, twin::Rounding::Exact)?, observe),
+            Numeric::F64Rounded => {
+                self.whole_hit(self.twin(hit, twin::Rounding::VelocityLsb)?, observe)
+            }
+        }
+    }
+
+    /// The verdict of a hit, found as early as it is certain.
+    ///
+    /// # Errors
+    /// A setting is out of range, or the handle leaves the core's range.
+    pub fn verdict(&self, numeric: Numeric, hit: &WallHit) -> Result<Verdict, HitError> {
+        match numeric {
+            Numeric::Fixed => self.early_verdict(self.fixed(hit)?),
+            Numeric::F64 => self.early_verdict(self.twin(hit, twin::Rounding::Exact)?),
+            Numeric::F64Rounded => self.early_verdict(self.twin(hit, twin::Rounding::VelocityLsb)?),
+        }
+    }
+
+    fn whole_hit<C: Controller>(
+        &self,
+        mut simulation: Simulation<C>,
+        mut observe: impl FnMut(&Sample, f64),
+    ) -> Result<HitReport, HitError> {
+        let surface = simulation.controller().surface();
+        let surface_m = f64::from(surface) * self.parts.resolution_m;
+        let mut hit = Hit::new(self.plan);
+        let (mut outputs, mut saturated) = (0u32, 0u32);
+        let mut peak_penetration_m = 0f64;
+        loop {
+            let sample = simulation.step();
+            observe(&sample, simulation.controller().velocity());
+            if let Some(rendered) = sample.rendered {
+                outputs += 1;
+                saturated += u32::from(rendered.saturated);
+            }
+            peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
+            if let Some(verdict) = judge(&mut hit, &sample, surface)? {
+                let scatter = hit.scatter();
+                return Ok(HitReport {
+                    verdict,
+                    rms_m: scatter.rms_counts() * self.parts.resolution_m,
+                    mean_m: scatter.mean_counts() * self.parts.resolution_m,
+                    peak_penetration_m,
+                    saturated_fraction: f64::from(saturated) / f64::from(outputs),
+                    contact_fraction: f64::from(hit.contact_samples())
+                        / f64::from(scatter.samples()),
+                });
+            }
+        }
+    }
+
+    fn early_verdict<C: Controller>(
+        &self,
+        mut simulation: Simulation<C>,
+    ) -> Result<Verdict, HitError> {
+        let surface = simulation.controller().surface();
+        let mut hit = Hit::new(self.plan);
+        loop {
+            let sample = simulation.step();
+            if let Some(verdict) = judge(&mut hit, &sample, surface)? {
+                return Ok(verdict);
+            }
+            if hit.scatter().samples() % EARLY_CHECK_SAMPLES == EARLY_CHECK_SAMPLES - 1 {
+                if let Some(verdict) = hit.certain_verdict() {
+                    return Ok(verdict);
+                }
+            }
+        }
+    }
+
+    fn start_m(&self, hit: &WallHit) -> f64 {
+        self.scene.device.start_position_m + hit.start_offset_counts * self.design.resolution_m
+    }
+
+    fn settings(&self, hit: &WallHit) -> zwidth::Settings {
+        self.scene
+            .settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
+    }
+}
+
+#[inline]
+fn judge(hit: &mut Hit, sample: &Sample, surface: i32) -> Result<Option<Verdict>, HitError> {
+    let position = Position::from_counts(sample.count);
+    if !position.in_range() {
+        return Err(HitError::OutOfRange(sample.index));
+    }
+    Ok(hit.sample(position, sample.count > surface))
+}

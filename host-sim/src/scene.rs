@@ -1,0 +1,471 @@
+//! Scene files: one device, one controller, one study, in TOML with units in the names.
+//!
+//! Unknown keys are refused, and so is every value outside its range. Each physical element is a
+//! table; an element that is absent is not modelled and costs nothing. A rotary device is described
+//! at its handle through the capstan radius r: mass = J / r^2, damping = c / r^2,
+//! resolution = r * angle per count, gain = k_t k_amp / r.
+
+use std::{fs, ops::RangeInclusive, path::Path};
+
+use serde::{Deserialize, Serialize};
+use zwidth::{
+    Design, HitSettings, Output, Settings, SettingsError, VelocitySettings, WallSettings,
+    experiment::WalkPlan, limits,
+};
+
+use crate::error::Error;
+
+/// Accepted ranges of what only the simulator knows.
+pub mod ranges {
+    use std::ops::RangeInclusive;
+
+    /// Mass at the handle, kg.
+    pub const MASS_KG: RangeInclusive<f64> = 1e-3..=100.0;
+    /// Viscous damping of the device, N s/m.
+    pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
+    /// Stiffness of the device, N/m.
+    pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e9;
+    /// Positions on the device, m.
+    pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
+    /// Force per volt, N/V.
+    pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
+    /// Largest command, V.
+    pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
+    /// Delay from encoder reading to force, in samples.
+    pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
+    /// Most points that one walk may have along either axis.
+    pub const WALK_STEPS: f64 = 1e6;
+}
+
+/// The built-in scenes: name and text.
+pub const BUILT_IN: [(&str, &str); 2] = [
+    ("paper-1um", include_str!("../../scenes/paper-1um.toml")),
+    ("paper-2um", include_str!("../../scenes/paper-2um.toml")),
+];
+
+/// A scene as read, with its name and text.
+#[derive(Clone, Debug)]
+pub struct NamedScene {
+    /// Built-in name, or the file's name without its ending.
+    pub name: String,
+    /// The text it was read from.
+    pub text: String,
+    /// Its content.
+    pub scene: Scene,
+}
+
+/// Device, controller and study.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// The mechanical device.
+    pub device: Device,
+    /// Position sensor.
+    pub encoder: Encoder,
+    /// Amplifier and motor.
+    pub actuator: Actuator,
+    /// Sampling.
+    pub control: Sampling,
+    /// Velocity estimator.
+    pub velocity: Velocity,
+    /// The virtual wall.
+    pub wall: Wall,
+    /// The wall-hit experiment.
+    pub wall_hit: WallHit,
+    /// The boundary walk.
+    pub walk: Walk,
+    /// The study over cutoffs.
+    pub sweep: Sweep,
+    /// Optional element: quantisation of the command by a DAC or PWM timer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output: Option<Quantisation>,
+}
+
+/// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Device {
+    /// m, kg.
+    pub mass_kg: f64,
+    /// b, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// k, N/m.
+    pub stiffness_n_per_m: f64,
+    /// x0, m.
+    pub rest_position_m: f64,
+    /// Where the handle rests before a hit, m.
+    pub start_position_m: f64,
+}
+
+/// Position sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Encoder {
+    /// m per count.
+    pub resolution_m: f64,
+    /// How a position becomes a count.
+    pub rounding: Rounding,
+}
+
+/// How a position becomes a count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rounding {
+    /// `floor(x / resolution)`, as an incremental encoder does.
+    Floor,
+    /// `floor(x / resolution + 1/2)`.
+    Round,
+}
+
+/// Amplifier and motor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Actuator {
+    /// Force per volt of command, N/V.
+    pub gain_n_per_v: f64,
+    /// Largest command, V.
+    pub limit_v: f64,
+    /// Samples per output.
+    pub period: u32,
+    /// Samples from the encoder reading to the force on the handle; need not be whole.
+    pub latency: f64,
+}
+
+/// Sampling.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sampling {
+    /// Encoder samples per second, Hz.
+    pub rate_hz: f64,
+}
+
+/// Velocity estimator; its cutoff comes from the command line or from `[sweep]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "estimator", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Velocity {
+    /// Finite difference and second-order Butterworth.
+    Butterworth {
+        /// Pre-warp the cutoff.
+        #[serde(default)]
+        prewarp: bool,
+    },
+}
+
+/// The virtual wall.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wall {
+    /// Surface, m.
+    pub position_m: f64,
+    /// The wall never pulls.
+    pub push_only: bool,
+}
+
+/// The wall-hit experiment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WallHit {
+    /// Constant push, N.
+    pub push_n: f64,
+    /// Time before the window, s.
+    pub settle_s: f64,
+    /// Window, s.
+    pub window_s: f64,
+    /// `stable` is an RMS below this, m.
+    pub rms_limit_m: f64,
+}
+
+/// The boundary walk's grid and caps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Walk {
+    /// First K, N/m.
+    pub stiffness_start_n_per_m: f64,
+    /// Step of K, N/m.
+    pub stiffness_step_n_per_m: f64,
+    /// Largest K, N/m.
+    pub stiffness_max_n_per_m: f64,
+    /// First B, N s/m.
+    pub damping_start_n_s_per_m: f64,
+    /// Step of B, N s/m.
+    pub damping_step_n_s_per_m: f64,
+    /// Largest B, N s/m.
+    pub damping_max_n_s_per_m: f64,
+}
+
+/// The study over cutoffs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// Cutoffs, Hz.
+    pub cutoffs_hz: Vec<f64>,
+}
+
+/// Quantisation of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Quantisation {
+    /// A DAC with offset binary codes.
+    Dac {
+        /// Resolution.
+        bits: u32,
+    },
+    /// Sign-magnitude PWM.
+    Pwm {
+        /// Timer ticks per PWM period.
+        steps: u32,
+    },
+}
+
+impl NamedScene {
+    /// The built-in scene of that name, or the scene file at that path.
+    ///
+    /// # Errors
+    /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range.
+    pub fn load(name_or_path: &str) -> Result<Self, Error> {
+        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
+            return Self::parse((*name).into(), (*text).into(), name);
+        }
+        let path = Path::new(name_or_path);
+        let text = fs::read_to_string(path).map_err(|error| {
+            let names = BUILT_IN.map(|(name, _)| name).join(", ");
+            Error::Input(format!(
+                "{name_or_path}: {error} (built-in scenes: {names})"
+            ))
+        })?;
+        let stem = path.file_stem().unwrap_or(path.as_os_str());
+        Self::parse(stem.to_string_lossy().into_owned(), text, name_or_path)
+    }
+
+    /// Reads `text`; `origin` is what errors call it.
+    ///
+    /// # Errors
+    /// [`Error::Input`], see [`load`](Self::load).
+    pub fn parse(name: String, text: String, origin: &str) -> Result<Self, Error> {
+        let scene: Scene = toml::from_str(&text).map_err(|error| {
+            let start = error.span().map_or(0, |span| span.start);
+            let line = text[..start.min(text.len())].matches('\n').count() + 1;
+            let message = error.message().replace('\n', " ");
+            Error::Input(format!(
+                "{origin}:{line}: {}: {message}",
+                line_of(&text, line)
+            ))
+        })?;
+        scene
+            .check()
+            .map_err(|error| Error::Input(format!("{origin}: {error}")))?;
+        Ok(Self { name, text, scene })
+    }
+}
+
+/// The line that an error is about, shortened.
+fn line_of(text: &str, line: usize) -> String {
+    let line = text.lines().nth(line - 1).unwrap_or_default().trim();
+    format!("`{}`", line.chars().take(60).collect::<String>())
+}
+
+impl Scene {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// One line: key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        let Self {
+            device,
+            actuator,
+            wall,
+            ..
+        } = self;
+        within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;
+        within(
+            "device.damping_n_s_per_m",
+            device.damping_n_s_per_m,
+            ranges::DAMPING_N_S_PER_M,
+        )?;
+        within(
+            "device.stiffness_n_per_m",
+            device.stiffness_n_per_m,
+            ranges::STIFFNESS_N_PER_M,
+        )?;
+        within(
+            "device.rest_position_m",
+            device.rest_position_m,
+            ranges::POSITION_M,
+        )?;
+        within(
+            "device.start_position_m",
+            device.start_position_m,
+            ranges::POSITION_M,
+        )?;
+        within("wall.position_m", wall.position_m, ranges::POSITION_M)?;
+        within(
+            "actuator.gain_n_per_v",
+            actuator.gain_n_per_v,
+            ranges::GAIN_N_PER_V,
+        )?;
+        within("actuator.limit_v", actuator.limit_v, ranges::LIMIT_V)?;
+        within("actuator.latency", actuator.latency, ranges::LATENCY)?;
+        let keyed = |error: SettingsError| in_scene(&error);
+        self.design().check().map_err(keyed)?;
+        self.hit_settings().build(&self.design()).map_err(keyed)?;
+        self.check_walk()?;
+        if self.sweep.cutoffs_hz.is_empty() {
+            return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
+        }
+        for &cutoff_hz in &self.sweep.cutoffs_hz {
+            self.settings(cutoff_hz, 0.0, 0.0)
+                .build(&self.design())
+                .map_err(keyed)?;
+        }
+        Ok(())
+    }
+
+    fn check_walk(&self) -> Result<(), String> {
+        let walk = &self.walk;
+        let axes = [
+            (
+                [
+                    "walk.stiffness_start_n_per_m",
+                    "walk.stiffness_step_n_per_m",
+                    "walk.stiffness_max_n_per_m",
+                ],
+                [
+                    walk.stiffness_start_n_per_m,
+                    walk.stiffness_step_n_per_m,
+                    walk.stiffness_max_n_per_m,
+                ],
+                limits::STIFFNESS_N_PER_M,
+            ),
+            (
+                [
+                    "walk.damping_start_n_s_per_m",
+                    "walk.damping_step_n_s_per_m",
+                    "walk.damping_max_n_s_per_m",
+                ],
+                [
+                    walk.damping_start_n_s_per_m,
+                    walk.damping_step_n_s_per_m,
+                    walk.damping_max_n_s_per_m,
+                ],
+                limits::DAMPING_N_S_PER_M,
+            ),
+        ];
+        for ([start_key, step_key, max_key], [start, step, max], range) in axes {
+            within(max_key, max, range)?;
+            within(start_key, start, 0.0..=max)?;
+            within(
+                step_key,
+                step,
+                (max / ranges::WALK_STEPS).max(f64::MIN_POSITIVE)..=max,
+            )?;
+        }
+        let smallest = f64::MIN_POSITIVE..=walk.stiffness_max_n_per_m;
+        within(
+            "walk.stiffness_start_n_per_m",
+            walk.stiffness_start_n_per_m,
+            smallest,
+        )
+    }
+
+    /// Force at full command, N.
+    pub fn full_scale_n(&self) -> f64 {
+        self.actuator.gain_n_per_v * self.actuator.limit_v
+    }
+
+    /// The core's fixed design.
+    pub fn design(&self) -> Design {
+        Design {
+            rate_hz: self.control.rate_hz,
+            resolution_m: self.encoder.resolution_m,
+            full_scale_n: self.full_scale_n(),
+            period: self.actuator.period,
+            output: match self.output {
+                None => Output::Continuous,
+                Some(Quantisation::Dac { bits }) => Output::Dac { bits },
+                Some(Quantisation::Pwm { steps }) => Output::Pwm { steps },
+            },
+        }
+    }
+
+    /// The core's settings for one wall.
+    pub fn settings(
+        &self,
+        cutoff_hz: f64,
+        stiffness_n_per_m: f64,
+        damping_n_s_per_m: f64,
+    ) -> Settings {
+        let Velocity::Butterworth { prewarp } = self.velocity;
+        Settings {
+            velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp },
+            wall: WallSettings {
+                position_m: self.wall.position_m,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+                push_only: self.wall.push_only,
+            },
+        }
+    }
+
+    /// The core's wall-hit experiment.
+    pub fn hit_settings(&self) -> HitSettings {
+        let hit = &self.wall_hit;
+        HitSettings {
+            push_n: hit.push_n,
+            settle_s: hit.settle_s,
+            window_s: hit.window_s,
+            rms_limit_m: hit.rms_limit_m,
+        }
+    }
+
+    /// The core's boundary walk.
+    pub fn walk_plan(&self) -> WalkPlan {
+        let walk = &self.walk;
+        WalkPlan {
+            stiffness_start_n_per_m: walk.stiffness_start_n_per_m,
+            stiffness_step_n_per_m: walk.stiffness_step_n_per_m,
+            stiffness_max_n_per_m: walk.stiffness_max_n_per_m,
+            damping_start_n_s_per_m: walk.damping_start_n_s_per_m,
+            damping_step_n_s_per_m: walk.damping_step_n_s_per_m,
+            damping_max_n_s_per_m: walk.damping_max_n_s_per_m,
+        }
+    }
+
+    /// Frequency at which the filter of that nominal cutoff is at -3 dB, Hz.
+    pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
+        let Velocity::Butterworth { prewarp } = self.velocity;
+        zwidth::velocity::true_cutoff_hz(cutoff_hz, self.control.rate_hz, prewarp)
+    }
+}
+
+/// The core's error with the scene's key in place of the core's name.
+fn in_scene(error: &SettingsError) -> String {
+    let key = match error.parameter {
+        "rate_hz" => "control.rate_hz",
+        "resolution_m" => "encoder.resolution_m",
+        "full_scale_n" => "actuator.gain_n_per_v * actuator.limit_v",
+        "period" => "actuator.period",
+        "bits" => "output.bits",
+        "steps" => "output.steps",
+        "position_m" => "wall.position_m",
+        "push_n" => "wall_hit.push_n",
+        "settle_s" => "wall_hit.settle_s",
+        "window_s" => "wall_hit.window_s",
+        "rms_limit_m" => "wall_hit.rms_limit_m",
+        "cutoff_hz" => "sweep.cutoffs_hz",
+        other => other,
+    };
+    let (low, high) = (error.range.start(), error.range.end());
+    format!("{key} is {}, allowed {low} to {high}", error.value)
+}
+
+fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
+    if range.contains(&value) {
+        Ok(())
+    } else {
+        Err(format!(
+            "{key} is {value}, allowed {} to {}",
+            range.start(),
+            range.end()
+        ))
+    }
+}
