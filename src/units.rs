@@ -27,31 +27,37 @@ impl Position {
     pub const LIMIT: i32 = 1 << 30;
 
     /// A position of that many counts.
+    #[inline]
     pub const fn from_counts(counts: i32) -> Self {
         Self(counts)
     }
 
     /// Counts.
+    #[inline]
     pub const fn counts(self) -> i32 {
         self.0
     }
 
     /// Whether the position lies within +-[`LIMIT`](Self::LIMIT).
+    #[inline]
     pub const fn in_range(self) -> bool {
         self.0 >= -Self::LIMIT && self.0 <= Self::LIMIT
     }
 
     /// Moves by `counts`, wrapping at the ends of `i32`, so that differences stay exact.
+    #[inline]
     pub(crate) const fn wrapping_add(self, counts: i32) -> Self {
         Self(self.0.wrapping_add(counts))
     }
 
     /// Counts from `earlier` to `self`, exact across any wrap.
+    #[inline]
     pub(crate) const fn wrapping_since(self, earlier: Self) -> i32 {
         self.0.wrapping_sub(earlier.0)
     }
 
     /// Counts from `origin` to `self`, saturating at the ends of `i32`.
+    #[inline]
     pub(crate) const fn saturating_since(self, origin: Self) -> i32 {
         self.0.saturating_sub(origin.0)
     }
@@ -72,11 +78,13 @@ impl Velocity {
     pub(crate) const LIMIT_BITS: i32 = Self::LIMIT << Self::FRACTION_BITS;
 
     /// The nearest velocity to that many counts per sample.
+    #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
         Self::saturating_from_bits(counts.clamp(-Self::LIMIT, Self::LIMIT) << Self::FRACTION_BITS)
     }
 
     /// The nearest velocity to that many LSB of 2^-16 counts per sample.
+    #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
         Self(Q32::from_bits(
             bits.clamp(-Self::LIMIT_BITS, Self::LIMIT_BITS),
@@ -84,6 +92,7 @@ impl Velocity {
     }
 
     /// LSB of 2^-16 counts per sample.
+    #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
     }
@@ -102,11 +111,13 @@ impl Force {
     pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
 
     /// A force of that many LSB of 2^-30 of full scale.
+    #[inline]
     pub const fn from_bits(bits: i32) -> Self {
         Self(Q32::from_bits(bits))
     }
 
     /// The nearest force to that many LSB: within +-2 full scales.
+    #[inline]
     pub fn saturating_from_bits(bits: i64) -> Self {
         let narrow = bits.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
         #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
@@ -114,17 +125,20 @@ impl Force {
     }
 
     /// LSB of 2^-30 of full scale.
+    #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
     }
 
     /// `self - other`, saturating at +-2 full scales.
+    #[inline]
     #[must_use]
     pub fn saturating_sub(self, other: Self) -> Self {
         Self::from_bits(self.bits().saturating_sub(other.bits()))
     }
 
     /// The nearest force that the actuator can give: within +-1 full scale.
+    #[inline]
     #[must_use]
     pub fn saturate(self) -> Self {
         let limit = Self::FULL_SCALE.bits();
@@ -138,6 +152,7 @@ pub struct Command(pub(crate) i32);
 
 impl Command {
     /// The code.
+    #[inline]
     pub const fn code(self) -> i32 {
         self.0
     }

@@ -20,6 +20,7 @@ pub struct Wall {
 
 impl Wall {
     /// The surface.
+    #[inline]
     pub fn surface(&self) -> Position {
         self.surface
     }

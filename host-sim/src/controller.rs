@@ -29,7 +29,7 @@ pub trait Controller {
 }
 
 /// The fixed-point core: the code that the firmware runs.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Fixed {
     control: Control,
     sampler: Sampler,
@@ -53,7 +53,7 @@ impl Fixed {
     ) -> Result<Self, SettingsError> {
         let control = settings.build(design)?;
         let sampler = Sampler::new(count.cast_unsigned(), CounterWidth::Bits32);
-        let motion = sampler.clone().sample(&control, count.cast_unsigned());
+        let motion = { sampler }.sample(&control, count.cast_unsigned());
         Ok(Self {
             control,
             sampler,
@@ -78,7 +78,7 @@ impl Controller for Fixed {
         self.motion.due
     }
 
-    #[inline]
+    #[inline(always)] // called, it would keep the state of the loop in memory
     fn render(&mut self) -> Rendered {
         let Drive {
             force,
@@ -93,6 +93,7 @@ impl Controller for Fixed {
         }
     }
 
+    #[inline]
     fn velocity(&self) -> f64 {
         f64::from(self.motion.velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
     }

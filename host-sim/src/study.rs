@@ -283,7 +283,7 @@ impl Study {
         let mut trace = Trace::new(&self.rig, &hit)?;
         let report = self
             .rig
-            .hit(self.numeric, &hit, |sample, v| trace.push(sample, v))?;
+            .hit(self.numeric, &hit, |sample| trace.push(sample))?;
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
                        over time, and the window that decides."
             .into();

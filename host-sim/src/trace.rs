@@ -54,8 +54,8 @@ impl Trace {
         })
     }
 
-    /// Takes one sample; `velocity` in counts per sample.
-    pub fn push(&mut self, sample: &Sample, velocity: f64) {
+    /// Takes one sample.
+    pub fn push(&mut self, sample: &Sample) {
         let (held_n, held_flag) = self
             .rows
             .last()
@@ -70,7 +70,7 @@ impl Trace {
         self.rows.push(Row {
             position_m: sample.position_m,
             count: sample.count,
-            velocity_m_per_s: velocity * self.velocity_lsb_m_per_s,
+            velocity_m_per_s: sample.velocity * self.velocity_lsb_m_per_s,
             force_n,
             output_n: sample.output_n,
             flags: flags

@@ -17,7 +17,7 @@ pub enum Rounding {
 }
 
 /// The controller in `f64`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Twin {
     filter: velocity::Design,
     rounding: Rounding,
@@ -108,7 +108,7 @@ impl Controller for Twin {
         due
     }
 
-    #[inline]
+    #[inline(always)] // called, it would keep the state of the loop in memory
     fn render(&mut self) -> Rendered {
         let penetration = i64::from(self.count) - i64::from(self.surface);
         let mut wall = 0.0;
@@ -133,6 +133,7 @@ impl Controller for Twin {
         }
     }
 
+    #[inline]
     fn velocity(&self) -> f64 {
         self.velocity
     }

@@ -52,6 +52,7 @@ impl Hit {
     }
 
     /// The push to render with, from the first sample to the last.
+    #[inline]
     pub fn push(&self) -> Force {
         self.plan.push
     }
@@ -79,21 +80,25 @@ impl Hit {
     }
 
     /// Whether the window is full.
+    #[inline]
     pub fn is_over(&self) -> bool {
         self.scatter.samples() >= self.plan.window
     }
 
     /// The window so far.
+    #[inline]
     pub fn scatter(&self) -> &Scatter {
         &self.scatter
     }
 
     /// Samples of the window that were in contact.
+    #[inline]
     pub fn contact_samples(&self) -> u32 {
         self.contact_samples
     }
 
-    fn verdict(&self) -> Verdict {
+    /// The verdict of the window so far.
+    pub fn verdict(&self) -> Verdict {
         if self.contact_samples == 0 {
             Verdict::NoContact
         } else if self.scatter.is_below(self.plan.limit) {

@@ -59,6 +59,7 @@ impl Scatter {
     }
 
     /// Positions taken.
+    #[inline]
     pub fn samples(&self) -> u32 {
         self.samples
     }

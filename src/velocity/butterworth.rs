@@ -120,7 +120,7 @@ impl Design {
         Biquad {
             b: [b0, b1, b0].map(Coefficient::from_bits),
             a: [a1, a2].map(Coefficient::from_bits),
-            second: i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
+            second: -i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
         }
     }
 }
