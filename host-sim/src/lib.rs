@@ -1,1 +1,3 @@
 //! host-sim
+
+pub mod exact;
