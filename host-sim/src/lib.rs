@@ -1,3 +1,4 @@
 //! host-sim
 
 pub mod exact;
+pub mod linear;
