@@ -1,4 +1,4 @@
-//! The printed values of the field survey (FIELD.md, part C).
+//! The printed values of the field survey (FIELD.md, part C), and the corners of the accepted range.
 
 use super::*;
 
@@ -297,5 +297,172 @@ fn passivity_as_printed() {
     let b = Device::PAPER.damping_n_s_per_m;
     for (rate, printed) in [(1e3, 11_039.0), (1e4, 110_390.0)] {
         assert_printed(at(printed, 0.0, rate, &plain), b, "2 b / T");
+    }
+}
+
+#[test]
+fn extremes_give_numbers() {
+    let devices = [
+        Device::PAPER,
+        Device {
+            mass_kg: 1.0,
+            damping_n_s_per_m: 0.0,
+            stiffness_n_per_m: 0.0,
+        },
+        Device {
+            mass_kg: 1e-3,
+            damping_n_s_per_m: 0.0,
+            stiffness_n_per_m: 1e9,
+        },
+        Device {
+            mass_kg: 100.0,
+            damping_n_s_per_m: 0.0,
+            stiffness_n_per_m: 1e-3,
+        },
+        Device {
+            mass_kg: 1e-3,
+            damping_n_s_per_m: 1e6,
+            stiffness_n_per_m: 0.0,
+        },
+        Device {
+            mass_kg: 1e-3,
+            damping_n_s_per_m: 1e6,
+            stiffness_n_per_m: 1e9,
+        },
+        Device {
+            mass_kg: 100.0,
+            damping_n_s_per_m: 1e-9,
+            stiffness_n_per_m: 0.0,
+        },
+    ];
+    for device in devices {
+        for rate_hz in [1e3, 5e4] {
+            for cutoff in [None, Some(2.43e-5), Some(0.1), Some(0.49)] {
+                for (period, latency_samples) in
+                    [(1, 0.0), (1, 0.5), (1, 100.0), (10, 10.0), (7, 3.3)]
+                {
+                    let plain = TransferFunction::finite_difference(rate_hz);
+                    let estimator =
+                        cutoff.map_or(plain, |c| TransferFunction::paper(rate_hz, c * rate_hz));
+                    let of = Loop {
+                        device,
+                        rate_hz,
+                        period,
+                        latency_samples,
+                        estimator,
+                    };
+                    let boundary = Boundary::new(&of).unwrap();
+                    for damping in [0.0, -1.0, 1e-6, 1.0, 1e4, 1e12] {
+                        let limit = boundary.at(damping).unwrap();
+                        assert!(limit.stiffness_max >= 0.0, "{of:?} B {damping}: {limit:?}");
+                        assert!(
+                            limit
+                                .phase_crossings
+                                .iter()
+                                .all(|c| c.stiffness_n_per_m.is_finite())
+                        );
+                        // Filtered far below the spring's own frequency even this much damping can be stable.
+                        if damping == 1e12 && cutoff.is_none() {
+                            assert_eq!(limit.stiffness_max, 0.0, "{of:?}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn undamped_device_needs_virtual_damping() {
+    let device = Device {
+        mass_kg: 0.4,
+        damping_n_s_per_m: 0.0,
+        stiffness_n_per_m: 0.0,
+    };
+    for stiffness_n_per_m in [0.0, 10.0, 1e5] {
+        let device = Device {
+            stiffness_n_per_m,
+            ..device
+        };
+        let of = Loop::single_rate(device, 1e4, TransferFunction::finite_difference(1e4));
+        let boundary = Boundary::new(&of).unwrap();
+        let without = boundary.at(0.0).unwrap();
+        assert!(
+            without.stiffness_max == 0.0 && without.unstable_at_zero,
+            "{without:?}"
+        );
+        // Damping carries B / (T/2) and then some of it away.
+        let with = boundary.at(10.0).unwrap().stiffness_max;
+        assert!(
+            (with / 2e5 - 1.0).abs() < 0.02,
+            "k {stiffness_n_per_m}: {with}"
+        );
+        assert_eq!(boundary.at(-1.0).unwrap().stiffness_max, 0.0);
+    }
+}
+
+#[test]
+fn refuses_what_is_no_number() {
+    let good = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::finite_difference(1e4));
+    let boundary = Boundary::new(&good).unwrap();
+    assert!(boundary.at(f64::NAN).is_err() && boundary.at(f64::INFINITY).is_err());
+    let bad = [
+        Loop {
+            rate_hz: 0.0,
+            ..good.clone()
+        },
+        Loop {
+            rate_hz: f64::NAN,
+            ..good.clone()
+        },
+        Loop {
+            period: 0,
+            ..good.clone()
+        },
+        Loop {
+            latency_samples: -1.0,
+            ..good.clone()
+        },
+        Loop {
+            device: Device {
+                mass_kg: 0.0,
+                ..Device::PAPER
+            },
+            ..good.clone()
+        },
+        Loop {
+            device: Device {
+                damping_n_s_per_m: -1.0,
+                ..Device::PAPER
+            },
+            ..good.clone()
+        },
+        Loop {
+            estimator: TransferFunction {
+                num: vec![1.0],
+                den: vec![],
+            },
+            ..good.clone()
+        },
+        Loop {
+            estimator: TransferFunction {
+                num: vec![f64::NAN],
+                den: vec![1.0],
+            },
+            ..good.clone()
+        },
+        Loop {
+            estimator: TransferFunction {
+                num: vec![1.0],
+                den: vec![0.0, 1.0],
+            },
+            ..good.clone()
+        },
+    ];
+    for of in bad {
+        assert!(
+            Boundary::new(&of).is_err() && Monodromy::new(&of).is_err(),
+            "{of:?}"
+        );
     }
 }

@@ -295,173 +295,6 @@ fn powers_of_two_of_force_scale_the_limit_exactly() {
 }
 
 #[test]
-fn extremes_give_numbers() {
-    let devices = [
-        Device::PAPER,
-        Device {
-            mass_kg: 1.0,
-            damping_n_s_per_m: 0.0,
-            stiffness_n_per_m: 0.0,
-        },
-        Device {
-            mass_kg: 1e-3,
-            damping_n_s_per_m: 0.0,
-            stiffness_n_per_m: 1e9,
-        },
-        Device {
-            mass_kg: 100.0,
-            damping_n_s_per_m: 0.0,
-            stiffness_n_per_m: 1e-3,
-        },
-        Device {
-            mass_kg: 1e-3,
-            damping_n_s_per_m: 1e6,
-            stiffness_n_per_m: 0.0,
-        },
-        Device {
-            mass_kg: 1e-3,
-            damping_n_s_per_m: 1e6,
-            stiffness_n_per_m: 1e9,
-        },
-        Device {
-            mass_kg: 100.0,
-            damping_n_s_per_m: 1e-9,
-            stiffness_n_per_m: 0.0,
-        },
-    ];
-    for device in devices {
-        for rate_hz in [1e3, 5e4] {
-            for cutoff in [None, Some(2.43e-5), Some(0.1), Some(0.49)] {
-                for (period, latency_samples) in
-                    [(1, 0.0), (1, 0.5), (1, 100.0), (10, 10.0), (7, 3.3)]
-                {
-                    let plain = TransferFunction::finite_difference(rate_hz);
-                    let estimator =
-                        cutoff.map_or(plain, |c| TransferFunction::paper(rate_hz, c * rate_hz));
-                    let of = Loop {
-                        device,
-                        rate_hz,
-                        period,
-                        latency_samples,
-                        estimator,
-                    };
-                    let boundary = Boundary::new(&of).unwrap();
-                    for damping in [0.0, -1.0, 1e-6, 1.0, 1e4, 1e12] {
-                        let limit = boundary.at(damping).unwrap();
-                        assert!(limit.stiffness_max >= 0.0, "{of:?} B {damping}: {limit:?}");
-                        assert!(
-                            limit
-                                .phase_crossings
-                                .iter()
-                                .all(|c| c.stiffness_n_per_m.is_finite())
-                        );
-                        // Filtered far below the spring's own frequency even this much damping can be stable.
-                        if damping == 1e12 && cutoff.is_none() {
-                            assert_eq!(limit.stiffness_max, 0.0, "{of:?}");
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
-#[test]
-fn undamped_device_needs_virtual_damping() {
-    let device = Device {
-        mass_kg: 0.4,
-        damping_n_s_per_m: 0.0,
-        stiffness_n_per_m: 0.0,
-    };
-    for stiffness_n_per_m in [0.0, 10.0, 1e5] {
-        let device = Device {
-            stiffness_n_per_m,
-            ..device
-        };
-        let of = Loop::single_rate(device, 1e4, TransferFunction::finite_difference(1e4));
-        let boundary = Boundary::new(&of).unwrap();
-        let without = boundary.at(0.0).unwrap();
-        assert!(
-            without.stiffness_max == 0.0 && without.unstable_at_zero,
-            "{without:?}"
-        );
-        // Damping carries B / (T/2) and then some of it away.
-        let with = boundary.at(10.0).unwrap().stiffness_max;
-        assert!(
-            (with / 2e5 - 1.0).abs() < 0.02,
-            "k {stiffness_n_per_m}: {with}"
-        );
-        assert_eq!(boundary.at(-1.0).unwrap().stiffness_max, 0.0);
-    }
-}
-
-#[test]
-fn refuses_what_is_no_number() {
-    let good = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::finite_difference(1e4));
-    let boundary = Boundary::new(&good).unwrap();
-    assert!(boundary.at(f64::NAN).is_err() && boundary.at(f64::INFINITY).is_err());
-    let bad = [
-        Loop {
-            rate_hz: 0.0,
-            ..good.clone()
-        },
-        Loop {
-            rate_hz: f64::NAN,
-            ..good.clone()
-        },
-        Loop {
-            period: 0,
-            ..good.clone()
-        },
-        Loop {
-            latency_samples: -1.0,
-            ..good.clone()
-        },
-        Loop {
-            device: Device {
-                mass_kg: 0.0,
-                ..Device::PAPER
-            },
-            ..good.clone()
-        },
-        Loop {
-            device: Device {
-                damping_n_s_per_m: -1.0,
-                ..Device::PAPER
-            },
-            ..good.clone()
-        },
-        Loop {
-            estimator: TransferFunction {
-                num: vec![1.0],
-                den: vec![],
-            },
-            ..good.clone()
-        },
-        Loop {
-            estimator: TransferFunction {
-                num: vec![f64::NAN],
-                den: vec![1.0],
-            },
-            ..good.clone()
-        },
-        Loop {
-            estimator: TransferFunction {
-                num: vec![1.0],
-                den: vec![0.0, 1.0],
-            },
-            ..good.clone()
-        },
-    ];
-    for of in bad {
-        assert!(
-            Boundary::new(&of).is_err() && Monodromy::new(&of).is_err(),
-            "{of:?}"
-        );
-    }
-}
-
-#[test]
 fn crossings_and_winding_number_count_alike_for_long_latency() {
     for latency_samples in [30.0, 200.5, 1000.0] {
         let device = Device {
@@ -493,4 +326,44 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
             }
         }
     }
+}
+
+#[test]
+fn stable_interval_is_followed_until_it_closes() {
+    // A filter far slower than a sprung device: with growing damping the loop becomes unstable at K = 0 first, a stable
+    // interval remains above, and shrinks to a point, where two crossings meet between search points.
+    let device = Device {
+        mass_kg: 0.4,
+        damping_n_s_per_m: 5.0,
+        stiffness_n_per_m: 1e4,
+    };
+    let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
+    let boundary = Boundary::new(&of).unwrap();
+    let interval = |damping: f64| {
+        let limit = boundary.at(damping).unwrap();
+        if limit.stiffness_max > 0.0 {
+            Some((0.0, limit.stiffness_max))
+        } else {
+            limit.further_stable.first().copied()
+        }
+    };
+    let (mut open, mut closed) = (25.0, 32.0);
+    assert!(interval(open).is_some() && interval(closed).is_none());
+    for _ in 0..45 {
+        let middle = 0.5 * (open + closed);
+        if interval(middle).is_some() {
+            open = middle
+        } else {
+            closed = middle
+        }
+    }
+    let (low, high) = interval(open).unwrap();
+    println!("closes at B {open} with K {low} to {high}");
+    assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
+    // The width falls as the root of the distance, here 1e-12 of B.
+    assert!((high - low) / low < 1e-4, "{low} {high}");
+    let wider = interval(open - 0.1).unwrap();
+    let k = 0.5 * (wider.0 + wider.1);
+    assert!(Monodromy::new(&of).unwrap().spectral_radius(k, open - 0.1) < 1.0);
+    assert!(Monodromy::new(&of).unwrap().spectral_radius(k, open + 0.1) > 1.0);
 }
