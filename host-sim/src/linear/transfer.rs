@@ -18,7 +18,7 @@ pub enum Order {
 pub struct TransferFunction {
     /// Numerator, ascending powers of z^-1.
     pub num: Vec<f64>,
-    /// Denominator, ascending powers of z^-1; den[0] is not 0.
+    /// Denominator, ascending powers of z^-1; `den[0]` is not 0.
     pub den: Vec<f64>,
 }
 
