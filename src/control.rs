@@ -66,12 +66,7 @@ impl Sampler {
     pub fn new(counter: u32, width: CounterWidth) -> Self {
         let encoder = Encoder::new(counter, width);
         let velocity = velocity::State::at_rest(encoder.position());
-        Self {
-            encoder,
-            velocity,
-            sample: 0,
-            until_due: 0,
-        }
+        Self { encoder, velocity, sample: 0, until_due: 0 }
     }
 
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
@@ -83,12 +78,7 @@ impl Sampler {
         self.sample = sample.wrapping_add(1);
         let due = self.until_due == 0;
         self.until_due = if due { control.period } else { self.until_due }.saturating_sub(1);
-        Motion {
-            sample,
-            position,
-            velocity,
-            due,
-        }
+        Motion { sample, position, velocity, due }
     }
 }
 

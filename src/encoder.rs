@@ -30,11 +30,7 @@ impl Encoder {
             CounterWidth::Bits32 => 0,
         };
         let position = Position::from_counts(sign_extend(counter, unused_bits));
-        Self {
-            unused_bits,
-            last: counter,
-            position,
-        }
+        Self { unused_bits, last: counter, position }
     }
 
     /// Takes the counter's present reading and returns the position, in counts.

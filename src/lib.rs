@@ -60,5 +60,5 @@ pub use actuator::Output;
 pub use control::{Control, Drive, Motion, Sampler};
 pub use encoder::CounterWidth;
 pub use gain::Gain;
-pub use settings::{Design, HitSettings, Settings, SettingsError, WallSettings, limits};
+pub use settings::{Design, HitSettings, Settings, SettingsError, WallSettings, limits, shorten};
 pub use velocity::VelocitySettings;

@@ -86,9 +86,7 @@ impl Velocity {
     /// The nearest velocity to that many LSB of 2^-16 counts per sample.
     #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
-        Self(Q32::from_bits(
-            bits.clamp(-Self::LIMIT_BITS, Self::LIMIT_BITS),
-        ))
+        Self(Q32::from_bits(bits.clamp(-Self::LIMIT_BITS, Self::LIMIT_BITS)))
     }
 
     /// LSB of 2^-16 counts per sample.
@@ -193,43 +191,20 @@ mod tests {
 
     #[test]
     fn velocity_saturates_at_its_documented_limit() {
-        assert_eq!(
-            Velocity::saturating_from_counts(i32::MAX).bits(),
-            32_767 << 16
-        );
-        assert_eq!(
-            Velocity::saturating_from_counts(i32::MIN).bits(),
-            -(32_767 << 16)
-        );
+        assert_eq!(Velocity::saturating_from_counts(i32::MAX).bits(), 32_767 << 16);
+        assert_eq!(Velocity::saturating_from_counts(i32::MIN).bits(), -(32_767 << 16));
         assert_eq!(Velocity::saturating_from_counts(-3).bits(), -3 << 16);
-        assert_eq!(
-            Velocity::saturating_from_bits(i32::MIN).bits(),
-            -(32_767 << 16)
-        );
+        assert_eq!(Velocity::saturating_from_bits(i32::MIN).bits(), -(32_767 << 16));
     }
 
     #[test]
     fn force_saturates_to_full_scale_and_is_idempotent() {
-        for bits in [
-            i32::MIN,
-            -(1 << 30) - 1,
-            -(1 << 30),
-            -1,
-            0,
-            1,
-            (1 << 30) + 1,
-            i32::MAX,
-        ] {
+        for bits in [i32::MIN, -(1 << 30) - 1, -(1 << 30), -1, 0, 1, (1 << 30) + 1, i32::MAX] {
             let once = Force::from_bits(bits).saturate();
             assert_eq!(once.saturate(), once);
             assert!(once.bits().abs() <= 1 << 30);
         }
-        assert_eq!(
-            Force::FULL_SCALE
-                .saturating_sub(Force::from_bits(i32::MIN))
-                .bits(),
-            i32::MAX
-        );
+        assert_eq!(Force::FULL_SCALE.saturating_sub(Force::from_bits(i32::MIN)).bits(), i32::MAX);
         assert_eq!(Force::saturating_from_bits(i64::MIN).bits(), i32::MIN);
     }
 

@@ -67,10 +67,7 @@ mod tests {
 
     #[test]
     fn the_surface_itself_is_not_in_contact() {
-        assert_eq!(
-            wall(false).force(at(100), Velocity::saturating_from_bits(50)),
-            Force::ZERO
-        );
+        assert_eq!(wall(false).force(at(100), Velocity::saturating_from_bits(50)), Force::ZERO);
         assert_eq!(wall(false).force(at(101), Velocity::ZERO).bits(), 1000);
     }
 
@@ -83,21 +80,12 @@ mod tests {
 
     #[test]
     fn far_positions_and_high_speeds_saturate() {
-        let strong = Wall {
-            stiffness: Gain::from_f64(2f64.powi(53)).unwrap(),
-            ..wall(false)
-        };
+        let strong = Wall { stiffness: Gain::from_f64(2f64.powi(53)).unwrap(), ..wall(false) };
         assert_eq!(strong.force(at(i32::MAX), Velocity::ZERO).bits(), i32::MAX);
-        let low = Wall {
-            surface: at(-(1 << 30)),
-            ..strong
-        };
+        let low = Wall { surface: at(-(1 << 30)), ..strong };
         assert_eq!(low.penetration(at(i32::MAX)), i32::MAX);
         let fast = Velocity::saturating_from_bits(i32::MIN);
-        let viscous = Wall {
-            damping: Gain::from_f64(2f64.powi(50)).unwrap(),
-            ..wall(false)
-        };
+        let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
         assert_eq!(viscous.force(at(101), fast).bits(), i32::MIN);
     }
 

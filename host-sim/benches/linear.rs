@@ -6,9 +6,7 @@ use std::hint::black_box;
 
 /// Stiffness limits of every cutoff and damping, added up.
 fn figure(period: u32) -> f64 {
-    let cutoffs = [
-        20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0,
-    ];
+    let cutoffs = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0];
     let mut sum = 0.0;
     for cutoff in cutoffs {
         let of = Loop {
@@ -25,9 +23,8 @@ fn figure(period: u32) -> f64 {
 }
 
 fn boundaries(criterion: &mut Criterion) {
-    criterion.bench_function("boundary, 10 cutoffs x 200 dampings", |b| {
-        b.iter(|| figure(black_box(1)))
-    });
+    criterion
+        .bench_function("boundary, 10 cutoffs x 200 dampings", |b| b.iter(|| figure(black_box(1))));
     criterion.bench_function("multirate boundary, 10 cutoffs x 200 dampings", |b| {
         b.iter(|| figure(black_box(10)))
     });

@@ -80,12 +80,7 @@ impl Controller for Fixed {
 
     #[inline(always)] // called, it would keep the state of the loop in memory
     fn render(&mut self) -> Rendered {
-        let Drive {
-            force,
-            command,
-            saturated,
-            ..
-        } = self.control.render(self.motion, self.push);
+        let Drive { force, command, saturated, .. } = self.control.render(self.motion, self.push);
         Rendered {
             force: f64::from(force.bits()) * self.per_force_bit,
             output: f64::from(command.code() - self.zero_code) * self.per_code,

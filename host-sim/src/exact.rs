@@ -54,10 +54,7 @@ pub fn oscillator_step(
 /// As [`oscillator_step`], with `phi - 1` instead of phi.
 pub fn oscillator_increment(stiffness_per_mass: f64, damping_per_mass: f64, dt: f64) -> Increment {
     let (_, gamma, phi_minus_one) = solve(stiffness_per_mass, damping_per_mass, dt);
-    Increment {
-        phi_minus_one,
-        gamma,
-    }
+    Increment { phi_minus_one, gamma }
 }
 
 /// phi, gamma, phi - 1. With poles l1, l2 and E(l) = exp(l dt):
@@ -206,11 +203,7 @@ fn product<const N: usize>(
     left: &SMatrix<f64, N, N>,
     right: &SMatrix<f64, N, N>,
 ) -> SMatrix<f64, N, N> {
-    SMatrix::from_fn(|row, column| {
-        (0..N)
-            .map(|via| left[(row, via)] * right[(via, column)])
-            .sum()
-    })
+    SMatrix::from_fn(|row, column| (0..N).map(|via| left[(row, via)] * right[(via, column)]).sum())
 }
 
 #[cfg(test)]

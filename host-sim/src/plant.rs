@@ -52,10 +52,7 @@ impl PlantStep {
 
     /// The state of a handle at rest at `position_m`.
     pub fn at_rest(&self, position_m: f64) -> PlantState {
-        PlantState {
-            offset_m: position_m - self.rest_position_m,
-            speed_m_per_s: 0.0,
-        }
+        PlantState { offset_m: position_m - self.rest_position_m, speed_m_per_s: 0.0 }
     }
 
     /// Position, m.
@@ -73,22 +70,14 @@ impl PlantStep {
     /// The state one sample later, with `before_n` acting until the split and `after_n` from it on.
     #[inline]
     pub fn advance_split(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
-        self.free(state)
-            .plus(&self.before, before_n)
-            .plus(&self.after, after_n)
+        self.free(state).plus(&self.before, before_n).plus(&self.after, after_n)
     }
 
     #[inline]
     fn free(&self, state: &PlantState) -> PlantState {
-        let PlantState {
-            offset_m: x,
-            speed_m_per_s: v,
-        } = *state;
+        let PlantState { offset_m: x, speed_m_per_s: v } = *state;
         let [[xx, xv], [vx, vv]] = self.phi;
-        PlantState {
-            offset_m: xx * x + xv * v,
-            speed_m_per_s: vx * x + vv * v,
-        }
+        PlantState { offset_m: xx * x + xv * v, speed_m_per_s: vx * x + vv * v }
     }
 }
 

@@ -146,12 +146,7 @@ impl Rig {
             latency: whole,
             period: design.period,
         };
-        Ok(Self {
-            scene: scene.clone(),
-            design,
-            plan,
-            parts,
-        })
+        Ok(Self { scene: scene.clone(), design, plan, parts })
     }
 
     /// The scene.
@@ -292,8 +287,7 @@ impl Rig {
     }
 
     fn settings(&self, hit: &WallHit) -> zwidth::Settings {
-        self.scene
-            .settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
+        self.scene.settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
     }
 }
 

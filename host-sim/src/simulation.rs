@@ -121,10 +121,7 @@ fn floor(value: f64) -> i32 {
     const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
     let value = value.clamp(f64::from(i32::MIN), f64::from(i32::MAX));
     let sum = value + INTEGER;
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "the low 32 bits are the integer"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are the integer")]
     let nearest = (sum.to_bits() as u32).cast_signed();
     nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
 }
@@ -142,29 +139,19 @@ impl<C: Controller + Copy> Moving<C> {
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {
-            self.on_the_way
-                .send(forces_n, rendered.output * parts.full_scale_n);
+            self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
         }
         // 4. a command that takes effect within this sample, and 5. the plant
         match self.on_the_way.arriving(forces_n, index) {
             None => self.state = parts.plant.advance(&self.state, self.output_n),
             Some(force_n) => {
-                self.state = parts
-                    .plant
-                    .advance_split(&self.state, self.output_n, force_n);
+                self.state = parts.plant.advance_split(&self.state, self.output_n, force_n);
                 self.output_n = force_n;
             }
         }
         self.index = index + 1;
         let velocity = self.controller.velocity();
-        Sample {
-            index,
-            position_m,
-            count,
-            velocity,
-            rendered,
-            output_n: self.output_n,
-        }
+        Sample { index, position_m, count, velocity, rendered, output_n: self.output_n }
     }
 }
 
@@ -179,19 +166,9 @@ impl<C: Controller + Copy> Simulation<C> {
             period: parts.period.into(),
         };
         let state = parts.plant.at_rest(start_m);
-        let moving = Moving {
-            controller,
-            state,
-            index: 0,
-            output_n: 0.0,
-            on_the_way,
-        };
+        let moving = Moving { controller, state, index: 0, output_n: 0.0, on_the_way };
         let room = (parts.latency / parts.period + 1) as usize;
-        Self {
-            parts,
-            moving,
-            forces_n: vec![0.0; room].into(),
-        }
+        Self { parts, moving, forces_n: vec![0.0; room].into() }
     }
 
     /// One sample, and the motion up to the next one.
@@ -240,12 +217,7 @@ mod tests {
         let ends = [f64::from(i32::MIN), f64::from(i32::MAX)];
         let mut values = vec![0.0, -0.0, 0.5, -0.5, 1e-300, -1e-300, 1e300, -1e300];
         for whole in [-7.0, -1.0, 1.0, 2.0, 70_000.0].into_iter().chain(ends) {
-            values.extend([
-                whole,
-                f64::next_down(whole),
-                f64::next_up(whole),
-                whole + 0.5,
-            ]);
+            values.extend([whole, f64::next_down(whole), f64::next_up(whole), whole + 0.5]);
         }
         values.extend([f64::INFINITY, f64::NEG_INFINITY]);
         for value in values {

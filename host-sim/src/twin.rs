@@ -100,11 +100,7 @@ impl Controller for Twin {
             Rounding::VelocityLsb => (output + ROUND_TO_LSB) - ROUND_TO_LSB,
         };
         let due = self.until_due == 0;
-        self.until_due = if due {
-            self.period - 1
-        } else {
-            self.until_due - 1
-        };
+        self.until_due = if due { self.period - 1 } else { self.until_due - 1 };
         due
     }
 
@@ -126,11 +122,7 @@ impl Controller for Twin {
             None => force,
             Some(codes) => (force * codes + 0.5).floor() / codes,
         };
-        Rendered {
-            force,
-            output,
-            saturated: force != wanted,
-        }
+        Rendered { force, output, saturated: force != wanted }
     }
 
     #[inline]

@@ -62,15 +62,12 @@ impl Biquad {
 
     /// Order of the error feedback.
     pub fn shaping(&self) -> Shaping {
-        if self.second == 0 {
-            Shaping::First
-        } else {
-            Shaping::Second
-        }
+        if self.second == 0 { Shaping::First } else { Shaping::Second }
     }
 
-    /// Filters one sample. Saturates at the limits of [`Velocity`], before the feedback, so that
-    /// an overload ends with the input.
+    /// Filters one sample. Saturates before the feedback, so that an overload ends with its input.
+    /// The state saturates one count per sample beyond [`Velocity`]: the error feedback of a speed
+    /// at the limit needs that room, or the clipping would pull the mean down.
     #[inline]
     pub fn update(&self, state: &mut BiquadState, input: Velocity) -> Velocity {
         let x0 = input.bits();
@@ -82,14 +79,11 @@ impl Biquad {
             self.b[0] * x0 + self.b[1] * x1 + self.b[2] * x2 - self.a[0] * y1 - self.a[1] * y2;
         let carried = e1 + (self.second & (e1 - e2));
         let total = sum.into_bits() + i64::from(carried) + HALF;
-        let limit = i64::from(Velocity::LIMIT_BITS);
-        let rounded = (total >> Self::FRACTION_BITS).clamp(-limit, limit);
+        let rounded = total >> Self::FRACTION_BITS;
+        let rounded = rounded.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
         // What rounding dropped, -2^29 .. 2^29. What saturation cuts off is not carried.
         let residue = (total & (2 * HALF - 1)) - HALF;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "within 30 bits by the lines above"
-        )]
+        #[expect(clippy::cast_possible_truncation, reason = "within 30 bits by the lines above")]
         let (y0, e0) = (rounded as i32, residue as i32);
         state.x = [x0, x1];
         state.y = [y0, y1];

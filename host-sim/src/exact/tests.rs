@@ -27,14 +27,7 @@ fn golden() -> Vec<Row> {
             let (mass, phi) = (v[0], [[v[4], v[5]], [v[6], v[7]]]);
             // The table is per force, the step per acceleration.
             let gamma = [v[8] * mass, v[9] * mass];
-            Row {
-                mass,
-                damping: v[1],
-                stiffness: v[2],
-                dt: v[3],
-                phi,
-                gamma,
-            }
+            Row { mass, damping: v[1], stiffness: v[2], dt: v[3], phi, gamma }
         })
         .collect();
     assert!(rows.len() >= 40);
@@ -61,15 +54,8 @@ fn error(row: &Row, phi: [[f64; 2]; 2], gamma: [f64; 2]) -> f64 {
 }
 
 fn general(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2]) {
-    let (phi, gamma) = discretise(
-        &Matrix2::new(0.0, 1.0, -w2, -d),
-        &Vector2::new(0.0, 1.0),
-        dt,
-    );
-    (
-        [[phi[(0, 0)], phi[(0, 1)]], [phi[(1, 0)], phi[(1, 1)]]],
-        [gamma[0], gamma[1]],
-    )
+    let (phi, gamma) = discretise(&Matrix2::new(0.0, 1.0, -w2, -d), &Vector2::new(0.0, 1.0), dt);
+    ([[phi[(0, 0)], phi[(0, 1)]], [phi[(1, 0)], phi[(1, 1)]]], [gamma[0], gamma[1]])
 }
 
 #[test]
@@ -120,11 +106,8 @@ fn short_steps_keep_every_entry_to_relative_precision() {
     {
         let (phi, gamma) =
             oscillator_step(row.stiffness / row.mass, row.damping / row.mass, row.dt);
-        for (ours, exact) in phi
-            .iter()
-            .flatten()
-            .chain(&gamma)
-            .zip(row.phi.iter().flatten().chain(&row.gamma))
+        for (ours, exact) in
+            phi.iter().flatten().chain(&gamma).zip(row.phi.iter().flatten().chain(&row.gamma))
         {
             assert!(
                 (ours - exact).abs() <= CLOSED_FORM_TOLERANCE * exact.abs(),
@@ -141,12 +124,8 @@ fn increment_agrees_with_phi() {
         let (phi, gamma) = oscillator_step(w2, d, row.dt);
         let increment = oscillator_increment(w2, d, row.dt);
         assert_eq!(gamma, increment.gamma);
-        for (index, (less, whole)) in increment
-            .phi_minus_one
-            .iter()
-            .flatten()
-            .zip(phi.iter().flatten())
-            .enumerate()
+        for (index, (less, whole)) in
+            increment.phi_minus_one.iter().flatten().zip(phi.iter().flatten()).enumerate()
         {
             let identity = if index % 3 == 0 { 1.0 } else { 0.0 };
             assert!(
@@ -159,22 +138,11 @@ fn increment_agrees_with_phi() {
 #[test]
 fn forms_join_without_a_step() {
     // Across each border of the regimes the two formulas differ by rounding only.
-    for (w2, d) in [
-        (1.0, 0.5),
-        (1.0, 1.0),
-        (1e-9, 1.0),
-        (0.2, 1.0),
-        (1.0, 1e-9),
-        (0.24, 1.0),
-    ] {
+    for (w2, d) in [(1.0, 0.5), (1.0, 1.0), (1e-9, 1.0), (0.2, 1.0), (1.0, 1e-9), (0.24, 1.0)] {
         let below = oscillator_step(w2, d, 1.0);
         let above = oscillator_step(w2, d, 1.0 + f64::EPSILON * 4.0);
-        for (p, q) in below
-            .0
-            .iter()
-            .flatten()
-            .chain(&below.1)
-            .zip(above.0.iter().flatten().chain(&above.1))
+        for (p, q) in
+            below.0.iter().flatten().chain(&below.1).zip(above.0.iter().flatten().chain(&above.1))
         {
             assert!((p - q).abs() <= CLOSED_FORM_TOLERANCE, "{p} {q}");
         }
@@ -214,10 +182,7 @@ fn steps_compose() {
 
 /// Mass, spring, damper and an amplifier pole: (x, v, force).
 fn amplified(w2: f64, d: f64, pole: f64) -> (Matrix3<f64>, Vector3<f64>) {
-    (
-        Matrix3::new(0.0, 1.0, 0.0, -w2, -d, 1.0, 0.0, 0.0, -pole),
-        Vector3::new(0.0, 0.0, pole),
-    )
+    (Matrix3::new(0.0, 1.0, 0.0, -w2, -d, 1.0, 0.0, 0.0, -pole), Vector3::new(0.0, 0.0, pole))
 }
 
 #[test]
@@ -231,10 +196,7 @@ fn general_step_converges_to_euler_at_second_order() {
         let e = (phi - euler).norm();
         if halving > 0 {
             let ratio = last / e;
-            assert!(
-                (ratio - 4.0).abs() < 0.3,
-                "Euler's error falls by {ratio} and not by 4"
-            );
+            assert!((ratio - 4.0).abs() < 0.3, "Euler's error falls by {ratio} and not by 4");
         }
         last = e;
     }
@@ -263,11 +225,7 @@ fn fast_amplifier_tends_to_the_plain_oscillator() {
         plain[1] - discretise(&a, &b, 1e-4).1[1]
     });
     for pair in deficit.windows(2) {
-        assert!(
-            (pair[0] / pair[1] - 2.0).abs() < 0.01,
-            "{}",
-            pair[0] / pair[1]
-        );
+        assert!((pair[0] / pair[1] - 2.0).abs() < 0.01, "{}", pair[0] / pair[1]);
     }
 }
 
@@ -292,12 +250,7 @@ fn powers_of_two_scale_exactly() {
     let (phi, gamma) = oscillator_step(26.6, 13.3, 1e-4);
     let (other, g) = oscillator_step(26.6 * 16.0, 13.3 * 4.0, 1e-4 / 4.0);
     assert_eq!(
-        (
-            other[0][0],
-            other[1][1],
-            other[0][1] * 4.0,
-            other[1][0] / 4.0
-        ),
+        (other[0][0], other[1][1], other[0][1] * 4.0, other[1][0] / 4.0),
         (phi[0][0], phi[1][1], phi[0][1], phi[1][0])
     );
     assert_eq!((g[0] * 16.0, g[1] * 4.0), (gamma[0], gamma[1]));
@@ -306,10 +259,7 @@ fn powers_of_two_scale_exactly() {
 #[test]
 fn nothing_happens_in_no_time() {
     for (w2, d) in [(0.0, 0.0), (1e12, 0.0), (0.0, 1e9), (1e12, 1e9)] {
-        assert_eq!(
-            oscillator_step(w2, d, 0.0),
-            ([[1.0, 0.0], [-0.0, 1.0]], [0.0, 0.0])
-        );
+        assert_eq!(oscillator_step(w2, d, 0.0), ([[1.0, 0.0], [-0.0, 1.0]], [0.0, 0.0]));
         assert_eq!(general(w2, d, 0.0), ([[1.0, 0.0], [0.0, 1.0]], [0.0, 0.0]));
     }
 }

@@ -69,9 +69,7 @@ impl StiffnessLimit {
     /// it infinite.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {
-        self.phase_crossings
-            .first()
-            .map(|crossing| crossing.stiffness_n_per_m)
+        self.phase_crossings.first().map(|crossing| crossing.stiffness_n_per_m)
     }
 
     /// Whether eq. (5) answers correctly: stable from 0 up to the gain margin, and nowhere above.
@@ -102,11 +100,7 @@ impl Boundary {
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         let response = Response::new(of)?;
         let states = 3 + of.estimator.order() + response.late;
-        let monodromy = if states <= EIGENVALUE_STATES {
-            Some(Monodromy::new(of)?)
-        } else {
-            None
-        };
+        let monodromy = if states <= EIGENVALUE_STATES { Some(Monodromy::new(of)?) } else { None };
         let output_hz = of.rate_hz / f64::from(of.period);
         let device = of.device;
         let own_stiffness = device.stiffness_n_per_m
@@ -114,14 +108,7 @@ impl Boundary {
             + device.mass_kg * output_hz * output_hz;
         let estimator_poles = of.estimator.poles_beyond(1.0);
         let points = grid(&response, 1);
-        Ok(Self {
-            response,
-            monodromy,
-            points,
-            estimator_poles,
-            output_hz,
-            own_stiffness,
-        })
+        Ok(Self { response, monodromy, points, estimator_poles, output_hz, own_stiffness })
     }
 
     /// The stable stiffnesses at virtual damping B, N s/m (any sign).
@@ -150,16 +137,12 @@ impl Boundary {
     /// Unstable roots at a stiffness and damping.
     #[must_use]
     pub fn unstable_roots(&self, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> u32 {
-        self.count(&self.points, stiffness_n_per_m, damping_n_s_per_m)
-            .0
+        self.count(&self.points, stiffness_n_per_m, damping_n_s_per_m).0
     }
 
     /// Unstable roots, and how far the nearest lies from the circle.
     fn count(&self, points: &[Point], stiffness: f64, damping: f64) -> (u32, f64) {
-        let eigenvalues = self
-            .monodromy
-            .as_ref()
-            .and_then(|m| m.eigenvalues(stiffness, damping));
+        let eigenvalues = self.monodromy.as_ref().and_then(|m| m.eigenvalues(stiffness, damping));
         let Some(eigenvalues) = eigenvalues else {
             return (self.winding(points, stiffness, damping), f64::INFINITY);
         };
@@ -220,26 +203,14 @@ impl Boundary {
             })
             .collect();
         // A winding number costs a sweep: then only the two lowest intervals are counted.
-        let few = if self.monodromy.is_some() {
-            inside.len()
-        } else {
-            inside.len().min(2)
-        };
-        let counted: Vec<(u32, f64)> = inside[..few]
-            .iter()
-            .map(|k| self.count(points, *k, damping))
-            .collect();
+        let few = if self.monodromy.is_some() { inside.len() } else { inside.len().min(2) };
+        let counted: Vec<(u32, f64)> =
+            inside[..few].iter().map(|k| self.count(points, *k, damping)).collect();
         // Trust the count where all roots are farthest from the circle, and walk from there.
-        let anchor = (0..few)
-            .rev()
-            .max_by(|a, b| counted[*a].1.total_cmp(&counted[*b].1))
-            .unwrap_or(0);
+        let anchor =
+            (0..few).rev().max_by(|a, b| counted[*a].1.total_cmp(&counted[*b].1)).unwrap_or(0);
         let change = |c: &Crossing| {
-            if c.outward {
-                i64::from(c.roots)
-            } else {
-                -i64::from(c.roots)
-            }
+            if c.outward { i64::from(c.roots) } else { -i64::from(c.roots) }
         };
         let mut unstable = vec![i64::from(counted[anchor].0); inside.len()];
         for i in anchor..crossings.len() {
@@ -258,11 +229,7 @@ impl Boundary {
                 *walked = i64::from(*count);
             }
         }
-        Intervals {
-            crossings,
-            unstable,
-            consistent,
-        }
+        Intervals { crossings, unstable, consistent }
     }
 
     /// All K > 0 where Im K = 0.
@@ -323,12 +290,7 @@ impl Boundary {
             (point.velocity * damping).norm_sqr().sqrt() + self.own_stiffness * 4.0 * half * half;
         if stiffness > ZERO_STIFFNESS * terms && stiffness < self.far(damping) {
             let frequency_hz = omega / (2.0 * PI) * self.output_hz;
-            found.push(Crossing {
-                frequency_hz,
-                stiffness_n_per_m: stiffness,
-                outward,
-                roots,
-            });
+            found.push(Crossing { frequency_hz, stiffness_n_per_m: stiffness, outward, roots });
         }
     }
 }
@@ -344,16 +306,9 @@ impl Intervals {
     fn limit(self) -> StiffnessLimit {
         let ends: Vec<f64> = self.crossings.iter().map(|c| c.stiffness_n_per_m).collect();
         let end = |i: usize| ends.get(i).copied().unwrap_or(f64::INFINITY);
-        let first_unstable = self
-            .unstable
-            .iter()
-            .position(|u| *u > 0)
-            .unwrap_or(self.unstable.len());
-        let stiffness_max = if first_unstable == 0 {
-            0.0
-        } else {
-            end(first_unstable - 1)
-        };
+        let first_unstable =
+            self.unstable.iter().position(|u| *u > 0).unwrap_or(self.unstable.len());
+        let stiffness_max = if first_unstable == 0 { 0.0 } else { end(first_unstable - 1) };
         let mut further_stable: Vec<(f64, f64)> = Vec::new();
         for i in first_unstable.max(1)..self.unstable.len() {
             if self.unstable[i] <= 0 {
@@ -385,12 +340,7 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
         omega = (omega * ratio).min(omega + step);
     }
     // Towards pi the sampling zero may lie close: the same from the other end, to 1e-6.
-    let below: Vec<f64> = omegas
-        .iter()
-        .rev()
-        .filter(|w| **w > 1e-6)
-        .map(|w| PI - w)
-        .collect();
+    let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
     omegas.into_iter().map(|omega| response.at(omega)).collect()

@@ -52,11 +52,8 @@ pub struct Device {
 
 impl Device {
     /// The paper's device, section 2.2.2 (identified).
-    pub const PAPER: Self = Self {
-        mass_kg: 0.4160,
-        damping_n_s_per_m: 5.5195,
-        stiffness_n_per_m: 11.0626,
-    };
+    pub const PAPER: Self =
+        Self { mass_kg: 0.4160, damping_n_s_per_m: 5.5195, stiffness_n_per_m: 11.0626 };
 }
 
 /// The sampled loop around a device, without its wall.
@@ -78,13 +75,7 @@ impl Loop {
     /// The paper's section 2.1: a force with every sample and at once.
     #[must_use]
     pub fn single_rate(device: Device, rate_hz: f64, estimator: TransferFunction) -> Self {
-        Self {
-            device,
-            rate_hz,
-            period: 1,
-            latency_samples: 0.0,
-            estimator,
-        }
+        Self { device, rate_hz, period: 1, latency_samples: 0.0, estimator }
     }
 
     /// Says whether the analysis can take this loop.
@@ -92,22 +83,13 @@ impl Loop {
     /// # Errors
     /// Names the first quantity that is not a number or out of its range.
     pub fn check(&self) -> Result<(), LinearError> {
-        let Device {
-            mass_kg,
-            damping_n_s_per_m,
-            stiffness_n_per_m,
-        } = self.device;
+        let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
         let numbers = [
             ("mass_kg", mass_kg, f64::MIN_POSITIVE, f64::MAX),
             ("damping_n_s_per_m", damping_n_s_per_m, 0.0, f64::MAX),
             ("stiffness_n_per_m", stiffness_n_per_m, 0.0, f64::MAX),
             ("rate_hz", self.rate_hz, f64::MIN_POSITIVE, f64::MAX),
-            (
-                "latency_samples",
-                self.latency_samples,
-                0.0,
-                LATENCY_MAX_SAMPLES,
-            ),
+            ("latency_samples", self.latency_samples, 0.0, LATENCY_MAX_SAMPLES),
             ("period", f64::from(self.period), 1.0, f64::from(PERIOD_MAX)),
         ];
         for (name, value, low, high) in numbers {

@@ -24,11 +24,7 @@ impl Monodromy {
         let fixed = stepper.matrix(0.0, 0.0);
         let stiff = stepper.matrix(1.0, 0.0) - &fixed;
         let damped = stepper.matrix(0.0, 1.0) - &fixed;
-        Ok(Self {
-            fixed,
-            stiff,
-            damped,
-        })
+        Ok(Self { fixed, stiff, damped })
     }
 
     /// Number of states.
@@ -54,10 +50,9 @@ impl Monodromy {
     /// computed.
     #[must_use]
     pub fn spectral_radius(&self, stiffness: f64, damping: f64) -> f64 {
-        self.eigenvalues(stiffness, damping)
-            .map_or(f64::INFINITY, |all| {
-                all.iter().map(|z| z.norm_sqr()).fold(0.0, f64::max).sqrt()
-            })
+        self.eigenvalues(stiffness, damping).map_or(f64::INFINITY, |all| {
+            all.iter().map(|z| z.norm_sqr()).fold(0.0, f64::max).sqrt()
+        })
     }
 }
 
@@ -83,20 +78,14 @@ struct Stepper {
 impl Stepper {
     fn new(of: &Loop) -> Self {
         let mass = of.device.mass_kg;
-        let (w2, d) = (
-            of.device.stiffness_n_per_m / mass,
-            of.device.damping_n_s_per_m / mass,
-        );
+        let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
         let step = |samples: f64| oscillator_step(w2, d, samples * of.sample_s());
         let (late, rest) = of.split_latency();
         let (change, fraction) = (rest.floor(), rest.fract());
         let order = of.estimator.order();
         let lead = of.estimator.den[0];
-        let padded = |c: &[f64]| {
-            (0..=order)
-                .map(|i| c.get(i).copied().unwrap_or(0.0) / lead)
-                .collect()
-        };
+        let padded =
+            |c: &[f64]| (0..=order).map(|i| c.get(i).copied().unwrap_or(0.0) / lead).collect();
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -138,11 +127,7 @@ impl Stepper {
         commands.extend_from_slice(queue);
         // The oldest command acts first; with a latency of whole periods it is also the one that acts on.
         let before = commands[self.queue];
-        let now = if self.splits {
-            commands[self.queue - 1]
-        } else {
-            before
-        };
+        let now = if self.splits { commands[self.queue - 1] } else { before };
         for sample in 0..self.period {
             self.remember(memory, z[0]);
             match sample.cmp(&self.change) {

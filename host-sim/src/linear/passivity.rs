@@ -46,16 +46,11 @@ pub fn demand(
     rate_hz: f64,
     estimator: &TransferFunction,
 ) -> Result<Demand, LinearError> {
-    for (name, value) in [
-        ("virtual stiffness", stiffness_n_per_m),
-        ("virtual damping", damping_n_s_per_m),
-    ] {
+    for (name, value) in
+        [("virtual stiffness", stiffness_n_per_m), ("virtual damping", damping_n_s_per_m)]
+    {
         if !value.is_finite() {
-            return Err(LinearError::OutOfRange {
-                name,
-                low: f64::MIN,
-                high: f64::MAX,
-            });
+            return Err(LinearError::OutOfRange { name, low: f64::MIN, high: f64::MAX });
         }
     }
     if !(rate_hz >= f64::MIN_POSITIVE && rate_hz.is_finite()) {
@@ -67,10 +62,7 @@ pub fn demand(
     }
     estimator.check()?;
     if estimator.poles_beyond(STABLE_RADIUS) > 0 {
-        return Ok(Demand {
-            damping_n_s_per_m: f64::INFINITY,
-            frequency_hz: 0.0,
-        });
+        return Ok(Demand { damping_n_s_per_m: f64::INFINITY, frequency_hz: 0.0 });
     }
     let sample_s = 1.0 / rate_hz;
     let one = Complex::new(1.0, 0.0);
@@ -100,10 +92,7 @@ pub fn demand(
         }
     }
     let spring = 0.5 * sample_s * (stiffness_n_per_m + damping_n_s_per_m * dc);
-    Ok(Demand {
-        damping_n_s_per_m: spring + worst,
-        frequency_hz: at / (2.0 * PI) * rate_hz,
-    })
+    Ok(Demand { damping_n_s_per_m: spring + worst, frequency_hz: at / (2.0 * PI) * rate_hz })
 }
 
 /// Numerator of W in `V = dc + (1 - z^-1) W`, over the same denominator: running sums divide by `1 - z^-1`.
@@ -166,16 +155,12 @@ mod tests {
             num: vec![gain, -gain],
             den: vec![1.0, -2.0 * radius * angle.cos(), radius * radius],
         };
-        for estimator in [
-            resonant,
-            TransferFunction::paper(1e3, 50.0),
-            TransferFunction::paper(1e3, 300.0),
-        ] {
+        for estimator in
+            [resonant, TransferFunction::paper(1e3, 50.0), TransferFunction::paper(1e3, 300.0)]
+        {
             for b in [-3.0, 5.0] {
-                let (ours, sweep) = (
-                    damping(1000.0, b, 1e3, &estimator),
-                    swept(1000.0, b, 1e3, &estimator),
-                );
+                let (ours, sweep) =
+                    (damping(1000.0, b, 1e3, &estimator), swept(1000.0, b, 1e3, &estimator));
                 // The published quotient itself cancels to 1e-16 / w^2 next to w = 0.
                 assert!(
                     ours >= sweep * (1.0 - 1e-6) && ours <= sweep * (1.0 + 1e-3),
@@ -203,10 +188,7 @@ mod tests {
 
     #[test]
     fn a_constant_is_a_spring() {
-        let constant = TransferFunction {
-            num: vec![30.0],
-            den: vec![1.0],
-        };
+        let constant = TransferFunction { num: vec![30.0], den: vec![1.0] };
         assert!((damping(1000.0, 2.0, 1e3, &constant) - 0.53).abs() < PEAK_TOLERANCE);
     }
 
@@ -223,10 +205,7 @@ mod tests {
             }
         }
         // 1 / (1 - z^-1) V: a pole on the circle.
-        let integrator = TransferFunction {
-            num: vec![1.0],
-            den: vec![1.0, 1.0],
-        };
+        let integrator = TransferFunction { num: vec![1.0], den: vec![1.0, 1.0] };
         assert_eq!(damping(0.0, -1.0, 1e3, &integrator), f64::INFINITY);
         let plain = TransferFunction::finite_difference(1e3);
         assert!(

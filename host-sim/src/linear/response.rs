@@ -70,10 +70,7 @@ impl Response {
     pub(super) fn new(of: &Loop) -> Result<Self, LinearError> {
         of.check()?;
         let mass = of.device.mass_kg;
-        let (w2, d) = (
-            of.device.stiffness_n_per_m / mass,
-            of.device.damping_n_s_per_m / mass,
-        );
+        let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
         let step = |samples: f64| oscillator_increment(w2, d, samples * of.sample_s());
         let (late, rest) = of.split_latency();
         let period = f64::from(of.period);
@@ -92,24 +89,11 @@ impl Response {
                 let i = f64::from(i);
                 let [[less, v], _] = step(i).phi_minus_one;
                 let (now, before) = forces(i);
-                Sample {
-                    x: 1.0 + less,
-                    v,
-                    now: now[0],
-                    before: before[0],
-                }
+                Sample { x: 1.0 + less, v, now: now[0], before: before[0] }
             })
             .collect();
         let less = step(period).phi_minus_one;
-        Ok(Self {
-            less,
-            now,
-            before,
-            mass,
-            late,
-            samples,
-            estimator: of.estimator.clone(),
-        })
+        Ok(Self { less, now, before, mass, late, samples, estimator: of.estimator.clone() })
     }
 
     /// At z = exp(j omega).
@@ -136,11 +120,7 @@ impl Response {
         } else {
             self.lifted(omega, outside, z_inverse, [x, v], determinant) / x
         };
-        Point {
-            omega,
-            inverse,
-            velocity,
-        }
+        Point { omega, inverse, velocity }
     }
 
     /// Estimated velocity at the output instants for the state `start`, all times `determinant`.
@@ -165,10 +145,8 @@ impl Response {
             #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
             let angle = (omega + TAU * alias as f64) / period;
             let back = Complex::new(libm::cos(angle), -libm::sin(angle)) * shrink;
-            let share = positions
-                .iter()
-                .rev()
-                .fold(Complex::new(0.0, 0.0), |sum, x| sum * back + x);
+            let share =
+                positions.iter().rev().fold(Complex::new(0.0, 0.0), |sum, x| sum * back + x);
             velocity += share * self.estimator.at(back);
         }
         velocity / period

@@ -26,10 +26,7 @@ impl TransferFunction {
     /// The difference of two samples over the time between them: `(1 - z^-1) rate`.
     #[must_use]
     pub fn finite_difference(rate_hz: f64) -> Self {
-        Self {
-            num: vec![rate_hz, -rate_hz],
-            den: vec![1.0],
-        }
+        Self { num: vec![rate_hz, -rate_hz], den: vec![1.0] }
     }
 
     /// Butterworth low-pass by the bilinear transform, DC gain 1. Without `prewarp` it is the paper's eq. (2) (with
@@ -45,10 +42,7 @@ impl TransferFunction {
         match order {
             Order::First => {
                 let a0 = 2.0 + w;
-                Self {
-                    num: vec![w / a0, w / a0],
-                    den: vec![1.0, (w - 2.0) / a0],
-                }
+                Self { num: vec![w / a0, w / a0], den: vec![1.0, (w - 2.0) / a0] }
             }
             Order::Second => {
                 let a0 = 4.0 + 2.0 * SQRT_2 * w + w * w;
@@ -76,10 +70,7 @@ impl TransferFunction {
     /// This one followed by another.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
-        Self {
-            num: multiply(&self.num, &next.num),
-            den: multiply(&self.den, &next.den),
-        }
+        Self { num: multiply(&self.num, &next.num), den: multiply(&self.den, &next.den) }
     }
 
     /// Number of past samples it depends on (states of a realisation).
@@ -140,10 +131,7 @@ pub fn true_cutoff_hz(rate_hz: f64, cutoff_hz: f64) -> f64 {
 
 /// Polynomial with ascending coefficients, by Horner.
 pub(super) fn polynomial(coefficients: &[f64], x: Complex<f64>) -> Complex<f64> {
-    coefficients
-        .iter()
-        .rev()
-        .fold(Complex::new(0.0, 0.0), |sum, c| sum * x + c)
+    coefficients.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * x + c)
 }
 
 fn multiply(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -185,11 +173,7 @@ mod tests {
                 let filter = TransferFunction::butterworth(rate, cutoff, Order::Second, prewarp);
                 // tan near half the rate amplifies the rounding of its argument.
                 let tolerance = COEFFICIENT_TOLERANCE
-                    * if prewarp && cutoff > 0.4 * rate {
-                        100.0
-                    } else {
-                        1.0
-                    };
+                    * if prewarp && cutoff > 0.4 * rate { 100.0 } else { 1.0 };
                 for (ours, exact) in filter.num.iter().chain(&filter.den[1..]).zip(&row[2..7]) {
                     assert!(
                         (ours - exact).abs() <= tolerance * exact.abs().max(filter.num[0]),

@@ -11,10 +11,8 @@ struct Dice(u64);
 
 impl Dice {
     fn roll(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         f64::from(u32::try_from(self.0 >> 32).unwrap()) / 4_294_967_296.0
     }
 
@@ -51,23 +49,13 @@ impl Dice {
             1 => f64::from(self.below(12)),
             _ => 12.0 * self.roll(),
         };
-        Loop {
-            device,
-            rate_hz,
-            period,
-            latency_samples,
-            estimator,
-        }
+        Loop { device, rate_hz, period, latency_samples, estimator }
     }
 
     /// A damping between far too little and far too much.
     fn damping(&mut self, of: &Loop) -> f64 {
         let scale = of.device.mass_kg * of.rate_hz / f64::from(of.period);
-        if self.below(5) == 0 {
-            0.0
-        } else {
-            scale * self.logarithmic(1e-4, 3.0)
-        }
+        if self.below(5) == 0 { 0.0 } else { scale * self.logarithmic(1e-4, 3.0) }
     }
 }
 
@@ -87,20 +75,12 @@ fn eigenvalues_agree_on_both_sides_of_every_crossing() {
             let nearest = |k: f64| {
                 let on_circle = |z: &nalgebra::Complex<f64>| (z.norm_sqr() - 1.0).abs();
                 let all = monodromy.eigenvalues(k, damping).unwrap();
-                all.into_iter()
-                    .min_by(|a, b| on_circle(a).total_cmp(&on_circle(b)))
-                    .unwrap()
+                all.into_iter().min_by(|a, b| on_circle(a).total_cmp(&on_circle(b))).unwrap()
             };
             let z = nearest(k);
-            assert!(
-                (z.norm_sqr() - 1.0).abs() < 1e-6,
-                "{of:?} B {damping} {c:?}: {z}"
-            );
+            assert!((z.norm_sqr() - 1.0).abs() < 1e-6, "{of:?} B {damping} {c:?}: {z}");
             let w = c.frequency_hz * 2.0 * PI * f64::from(of.period) / of.rate_hz;
-            assert!(
-                (z.re - w.cos()).abs() < 1e-5,
-                "{of:?} B {damping} {c:?}: {z}"
-            );
+            assert!((z.re - w.cos()).abs() < 1e-5, "{of:?} B {damping} {c:?}: {z}");
             crossings += 1;
         }
         if limit.unstable_at_zero {
@@ -185,22 +165,12 @@ fn winding_number_counts_as_eigenvalues_do() {
 fn long_latency_follows_gils_rule() {
     // K < b / (T/2 + latency) for low damping (Gil et al. 2009): within 2 % here, at 200 and 1000 samples.
     for latency_samples in [50.0, 200.5, 1000.0] {
-        let device = Device {
-            mass_kg: 10.0,
-            damping_n_s_per_m: 1.0,
-            stiffness_n_per_m: 0.0,
-        };
+        let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
-        let of = Loop {
-            latency_samples,
-            ..Loop::single_rate(device, 1e4, estimator)
-        };
+        let of = Loop { latency_samples, ..Loop::single_rate(device, 1e4, estimator) };
         let k = Boundary::new(&of).unwrap().at(0.0).unwrap().stiffness_max;
         let rule = 1.0 / ((0.5 + latency_samples) * 1e-4);
-        assert!(
-            (k / rule - 1.0).abs() < 0.02,
-            "{latency_samples}: {k} against {rule}"
-        );
+        assert!((k / rule - 1.0).abs() < 0.02, "{latency_samples}: {k} against {rule}");
     }
 }
 
@@ -234,15 +204,8 @@ fn lower_cutoff_never_helps_from_100_hz_up() {
         for step in 0..60 {
             let cutoff = 100.0 * 40.0_f64.powf(f64::from(step) / 59.0);
             let of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, cutoff));
-            let k = Boundary::new(&of)
-                .unwrap()
-                .at(damping)
-                .unwrap()
-                .stiffness_max;
-            assert!(
-                k >= last,
-                "B {damping}: {k} at {cutoff} Hz, {last} below it"
-            );
+            let k = Boundary::new(&of).unwrap().at(damping).unwrap().stiffness_max;
+            assert!(k >= last, "B {damping}: {k} at {cutoff} Hz, {last} below it");
             last = k;
         }
     }
@@ -250,19 +213,12 @@ fn lower_cutoff_never_helps_from_100_hz_up() {
 
 #[test]
 fn gain_margin_fails_where_damping_alone_is_unstable() {
-    let boundary = Boundary::new(&Loop::single_rate(
-        Device::PAPER,
-        1e4,
-        TransferFunction::paper(1e4, 20.0),
-    ))
-    .unwrap();
+    let boundary =
+        Boundary::new(&Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 20.0)))
+            .unwrap();
     let fails = boundary.at(100.0).unwrap();
     assert!(fails.unstable_at_zero && !fails.gain_margin_holds());
-    assert_eq!(
-        fails.gain_margin(),
-        None,
-        "it would have called every stiffness stable"
-    );
+    assert_eq!(fails.gain_margin(), None, "it would have called every stiffness stable");
     let holds = boundary.at(10.0).unwrap();
     assert!(holds.gain_margin_holds() && holds.gain_margin() == Some(holds.stiffness_max));
 }
@@ -279,15 +235,8 @@ fn powers_of_two_of_force_scale_the_limit_exactly() {
         for period in [1, 10] {
             let limit = |device: Device, damping: f64| {
                 let estimator = TransferFunction::paper(1e4, 500.0);
-                let of = Loop {
-                    period,
-                    ..Loop::single_rate(device, 1e4, estimator)
-                };
-                Boundary::new(&of)
-                    .unwrap()
-                    .at(damping)
-                    .unwrap()
-                    .stiffness_max
+                let of = Loop { period, ..Loop::single_rate(device, 1e4, estimator) };
+                Boundary::new(&of).unwrap().at(damping).unwrap().stiffness_max
             };
             assert_eq!(limit(scaled, 50.0 * scale), limit(d, 50.0) * scale);
         }
@@ -297,20 +246,10 @@ fn powers_of_two_of_force_scale_the_limit_exactly() {
 #[test]
 fn crossings_and_winding_number_count_alike_for_long_latency() {
     for latency_samples in [30.0, 200.5, 1000.0] {
-        let device = Device {
-            mass_kg: 10.0,
-            damping_n_s_per_m: 1.0,
-            stiffness_n_per_m: 0.0,
-        };
+        let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
-        let of = Loop {
-            latency_samples,
-            ..Loop::single_rate(device, 1e4, estimator)
-        };
-        let boundary = Boundary {
-            monodromy: None,
-            ..Boundary::new(&of).unwrap()
-        };
+        let of = Loop { latency_samples, ..Loop::single_rate(device, 1e4, estimator) };
+        let boundary = Boundary { monodromy: None, ..Boundary::new(&of).unwrap() };
         for damping in [0.0, 1.0] {
             let found = boundary.intervals(&boundary.points, damping);
             assert!(found.consistent && found.crossings.len() > 10);
@@ -332,11 +271,7 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 fn stable_interval_is_followed_until_it_closes() {
     // A filter far slower than a sprung device: with growing damping the loop becomes unstable at K = 0 first, a stable
     // interval remains above, and shrinks to a point, where two crossings meet between search points.
-    let device = Device {
-        mass_kg: 0.4,
-        damping_n_s_per_m: 5.0,
-        stiffness_n_per_m: 1e4,
-    };
+    let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
     let boundary = Boundary::new(&of).unwrap();
     let interval = |damping: f64| {
@@ -351,11 +286,7 @@ fn stable_interval_is_followed_until_it_closes() {
     assert!(interval(open).is_some() && interval(closed).is_none());
     for _ in 0..45 {
         let middle = 0.5 * (open + closed);
-        if interval(middle).is_some() {
-            open = middle
-        } else {
-            closed = middle
-        }
+        if interval(middle).is_some() { open = middle } else { closed = middle }
     }
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
