@@ -121,7 +121,9 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     }
     let many = scenes.len() > 1;
     let mut jobs = vec![];
-    for scene in scenes {
+    // From the last to the first: the folders they share are then created by the last one, which
+    // is also the last to tidy up when nothing comes of it.
+    for scene in scenes.into_iter().rev() {
         let asked = args.cutoffs.as_ref().map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
         let cutoffs_hz = ascending(asked);
         for &cutoff_hz in &cutoffs_hz {
@@ -140,6 +142,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
         let staging = Staging::new(&folder, &files, common.force)?;
         jobs.push(Job { scene, rig, cutoffs_hz, variants, staging, folder });
     }
+    jobs.reverse();
     Ok(jobs)
 }
 
