@@ -87,14 +87,13 @@ impl Control {
     /// Both share the actuator's range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
-        let wall = self.wall.force(motion.position, motion.velocity);
-        let wanted = push.saturating_sub(wall);
-        let force = wanted.saturate();
+        let wall = self.wall.demand(motion.position, motion.velocity);
+        let (force, saturated) = wall.against(push).saturate();
         Drive {
             force,
             command: self.actuator.command(force),
             contact: self.wall.penetration(motion.position) > 0,
-            saturated: force != wanted,
+            saturated,
         }
     }
 }

@@ -164,7 +164,7 @@ impl Design {
         within(parameter, newtons, -self.full_scale_n..=self.full_scale_n)?;
         let full = f64::from(Force::FULL_SCALE.bits());
         #[expect(clippy::cast_possible_truncation, reason = "at most 2^30 by the check above")]
-        Ok(Force::from_bits(libm::round(newtons / self.full_scale_n * full) as i32))
+        Ok(Force::saturating_from_bits(libm::round(newtons / self.full_scale_n * full) as i32))
     }
 
     /// `seconds` in samples, rounded to the nearest.
