@@ -76,3 +76,38 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
     let settings = reachable(&graph, "zwidth_build");
     assert!(settings.iter().any(|name| name.contains("__aeabi_d")), "{settings:?}");
 }
+
+/// Thumb-2 instructions of a function, without the literals behind its code.
+fn instructions(archive: &[u8], function: &str) -> usize {
+    for member in ArchiveFile::parse(archive).unwrap().members() {
+        let Ok(file) = object::File::parse(member.unwrap().data(archive).unwrap()) else {
+            continue;
+        };
+        let Some(symbol) = file.symbol_by_name(function) else { continue };
+        let Some(index) = symbol.section_index() else { continue };
+        let code = file.section_by_index(index).unwrap().data().unwrap();
+        let start = (symbol.address() & !1) as usize;
+        let code = &code[start..start + symbol.size() as usize];
+        let (mut at, mut count) = (0, 0);
+        while at + 1 < code.len() {
+            let half = u16::from_le_bytes([code[at], code[at + 1]]);
+            at += if half >= 0xE800 { 4 } else { 2 }; // Armv7-M manual, A5.1: 11101, 11110, 11111
+            count += 1;
+        }
+        return count;
+    }
+    panic!("{function} is not in the object files");
+}
+
+#[test]
+fn the_filter_costs_little_more_than_the_peers_that_do_less() {
+    common::cargo(&["build", "--profile", "firmware", "--package", "control-path"]);
+    let built = common::target_folder().join(common::TARGET).join("firmware/libcontrol_path.a");
+    let archive = fs::read(built).unwrap();
+    let names = ["zwidth_filter", "idsp_dither", "idsp_wide", "zwidth_sample", "zwidth_render"];
+    for name in names {
+        println!("{name}: {} instructions", instructions(&archive, name));
+    }
+    // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
+    assert!(instructions(&archive, "zwidth_sample") <= 130);
+}

@@ -3,10 +3,13 @@
 //! not (it uses floats), to show that the look finds something.
 #![cfg_attr(target_os = "none", no_std)]
 
+use dsp_fixedpoint::Q32;
+use dsp_process::SplitProcess;
 use zwidth::{
     Control, Drive, Motion, Sampler, Settings,
     experiment::{Hit, Verdict},
-    units::{Force, Position},
+    units::{Force, Position, Velocity},
+    velocity::{Biquad, BiquadState},
 };
 
 /// Every sample.
@@ -40,6 +43,36 @@ pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) 
         Some(Verdict::Unstable) => 2,
         Some(Verdict::NoContact) => 3,
     }
+}
+
+/// The velocity filter alone, to be counted against idsp's.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_filter(
+    filter: &Biquad,
+    state: &mut BiquadState,
+    input: Velocity,
+) -> Velocity {
+    filter.update(state, input)
+}
+
+/// idsp's biquad with first-order error feedback.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn idsp_dither(
+    filter: &idsp::iir::Biquad<Q32<30>>,
+    state: &mut idsp::iir::DirectForm1Dither,
+    input: i32,
+) -> i32 {
+    filter.process(state, input)
+}
+
+/// idsp's biquad with a 64-bit output state.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn idsp_wide(
+    filter: &idsp::iir::Biquad<Q32<30>>,
+    state: &mut idsp::iir::DirectForm1Wide,
+    input: i32,
+) -> i32 {
+    filter.process(state, input)
 }
 
 /// Not part of the control path: settings to integers, in floats.
