@@ -270,10 +270,10 @@ impl Rig {
             if let Some(verdict) = judge(&mut hit, &sample, surface)? {
                 return Ok(verdict);
             }
-            if hit.scatter().samples() % EARLY_CHECK_SAMPLES == EARLY_CHECK_SAMPLES - 1 {
-                if let Some(verdict) = hit.certain_verdict() {
-                    return Ok(verdict);
-                }
+            if hit.scatter().samples() % EARLY_CHECK_SAMPLES == EARLY_CHECK_SAMPLES - 1
+                && let Some(verdict) = hit.certain_verdict()
+            {
+                return Ok(verdict);
             }
         }
     }

@@ -105,11 +105,11 @@ impl<C: Controller> Simulation<C> {
         }
         // 4. a command that takes effect within this sample
         let before_n = self.output_n;
-        if let Some(&(effective, force_n)) = self.queue.front() {
-            if effective == index {
-                self.queue.pop_front();
-                self.output_n = force_n;
-            }
+        if let Some(&(effective, force_n)) = self.queue.front()
+            && effective == index
+        {
+            self.queue.pop_front();
+            self.output_n = force_n;
         }
         // 5. the plant
         self.state = plant.advance(&self.state, before_n, self.output_n);
