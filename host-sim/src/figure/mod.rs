@@ -6,7 +6,7 @@
 //! TracePlot  -> hit_trace ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
-//! one grid of [`GRID`] steps per unit, since its coordinates are integers; the font is bundled, so
+//! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
 //! nothing is taken from the system.
 //! Colours: viridis for cutoffs, which are ordered, and vermilion for the ideal one.
 //!
@@ -17,6 +17,7 @@
 mod area;
 mod axis;
 mod colour;
+mod cutoffs;
 mod panel;
 mod render;
 mod text;

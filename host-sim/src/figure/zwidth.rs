@@ -14,6 +14,8 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
+/// Keeps the highest peak, and the halo of the ideal curve, off the frame.
+const HEADROOM: f64 = 1.02;
 /// Below this the axis counts in N/m.
 const KILO_FROM_N_PER_M: f64 = 2000.0;
 
@@ -92,7 +94,7 @@ pub(super) fn draw<DB: DrawingBackend>(
         bottom: BOTTOM,
     };
     let mut x = Ticks::around(0.0, largest_damping, MOST_TICKS);
-    let mut y = Ticks::around(0.0, largest_stiffness / factor, MOST_TICKS);
+    let mut y = Ticks::around(0.0, HEADROOM * largest_stiffness / factor, MOST_TICKS);
     let empty = plot.curves.iter().all(|curve| curve.points.is_empty());
     if empty {
         (x, y) = (x.bare(), y.bare());
