@@ -1,5 +1,12 @@
 //! The compiled control path holds no panic, no formatting and no soft-float call: every function
 //! that the three entry points can reach is followed through the relocations of the object files.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 mod common;
 

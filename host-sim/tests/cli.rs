@@ -1,4 +1,11 @@
 //! The command line as a user meets it: bad input, output files, interruption.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use std::{
     fs,

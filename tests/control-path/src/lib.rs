@@ -47,12 +47,8 @@ pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) 
 
 /// The velocity filter alone, to be counted against idsp's.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-pub extern "C" fn zwidth_filter(
-    filter: &Biquad,
-    state: &mut BiquadState,
-    input: Velocity,
-) -> Velocity {
-    filter.update(state, input)
+pub extern "C" fn zwidth_filter(filter: &Biquad, state: &mut BiquadState, input: &Velocity) -> i32 {
+    filter.update(state, *input).bits()
 }
 
 /// idsp's biquad with first-order error feedback.
