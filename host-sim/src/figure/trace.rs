@@ -250,11 +250,7 @@ fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
 /// A length in micrometres to about three digits.
 fn micrometres(length_m: f64) -> String {
     let length_um = length_m * UM_PER_M;
-    let decimals = match length_um {
-        v if v >= 100.0 => 0,
-        v if v >= 10.0 => 1,
-        _ => 2,
-    };
+    let decimals = if length_um >= 100.0 { 0 } else { 2 };
     let text = number(length_um, decimals);
     match text.split_once('.') {
         Some((whole, fraction)) if fraction.bytes().all(|b| b == b'0') => whole.to_owned(),
