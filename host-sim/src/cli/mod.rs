@@ -1,6 +1,7 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
 mod hit;
+mod linear;
 mod list;
 mod progress;
 mod sweep;
@@ -42,6 +43,7 @@ enum Command {
     Hit(hit::HitArgs),
     Walk(walk::WalkArgs),
     Sweep(sweep::SweepArgs),
+    Linear(linear::LinearArgs),
 }
 
 /// Options of every command.
@@ -142,6 +144,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Hit(args) => hit::run(&args, &common),
         Command::Walk(args) => walk::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
+        Command::Linear(args) => linear::run(&args, &common),
     })
 }
 

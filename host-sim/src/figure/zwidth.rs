@@ -16,8 +16,10 @@ const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
 /// Keeps the highest peak, and the halo of the ideal curve, off the frame.
 const HEADROOM: f64 = 1.02;
-/// Below this the axis counts in N/m.
-const KILO_FROM_N_PER_M: f64 = 2000.0;
+/// From here on the axis counts in kN/m.
+const KILO_FROM_N_PER_M: f64 = 2e3;
+/// From here on the axis counts in MN/m.
+const MEGA_FROM_N_PER_M: f64 = 2e6;
 
 const CURVE_WIDTH: f64 = 1.4;
 const IDEAL_WIDTH: f64 = 2.4;
@@ -80,8 +82,11 @@ pub(super) fn draw<DB: DrawingBackend>(
     page: &Page<DB>,
 ) -> Result<(), FigureError> {
     let [largest_damping, largest_stiffness] = largest(plot)?;
-    let (unit, factor) =
-        if largest_stiffness < KILO_FROM_N_PER_M { ("N/m", 1.0) } else { ("kN/m", 1000.0) };
+    let (unit, factor) = match largest_stiffness {
+        k if k < KILO_FROM_N_PER_M => ("N/m", 1.0),
+        k if k < MEGA_FROM_N_PER_M => ("kN/m", 1e3),
+        _ => ("MN/m", 1e6),
+    };
     panel::heading(page, &plot.title, &plot.subtitle)?;
     let legend = Legend::of(plot);
     let panel =
