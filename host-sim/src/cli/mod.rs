@@ -5,6 +5,7 @@ mod linear;
 mod list;
 mod progress;
 mod sweep;
+mod telemetry;
 mod walk;
 
 use std::{
@@ -44,6 +45,7 @@ enum Command {
     Walk(walk::WalkArgs),
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
+    Telemetry(telemetry::TelemetryArgs),
 }
 
 /// Options of every command.
@@ -145,6 +147,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Walk(args) => walk::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
+        Command::Telemetry(args) => telemetry::run(&args, &common),
     })
 }
 

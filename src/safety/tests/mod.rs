@@ -72,6 +72,7 @@ impl Bench {
 
     /// One sample; returns what the guard said.
     fn sample(&mut self) -> Up {
+        #[expect(clippy::cast_possible_truncation, reason = "a few metres at most")]
         let count = (self.position_m / 1e-6).floor() as i32;
         let counter = if self.dead { self.offset } else { self.offset.wrapping_add_signed(count) };
         let up = self.sampler.sample(&self.control, counter, &self.down);
