@@ -96,7 +96,11 @@ impl GuardedSampler {
         let present = self.present(motion, down);
         self.last = motion.position;
         self.stalled = down.stall;
-        self.note(present, motion.sample, down.acknowledged);
+        // Nearly always there is nothing to note.
+        let noted = self.guard.present.union(self.guard.causes);
+        if !present.union(noted).is_empty() {
+            self.note(present, motion.sample, down.acknowledged);
+        }
         Up {
             motion,
             guard: self.guard,
@@ -125,7 +129,7 @@ impl GuardedSampler {
             .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS)
     }
 
-    #[inline]
+    #[cold]
     fn note(&mut self, present: FaultSet, sample: u64, acknowledged: u32) {
         let guard = &mut self.guard;
         if guard.events == acknowledged {

@@ -3,6 +3,8 @@
 //! not (it uses floats), to show that the look finds something.
 #![cfg_attr(target_os = "none", no_std)]
 
+mod board;
+
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
 use zwidth::{
