@@ -7,6 +7,7 @@ use zwidth::experiment::Ended;
 
 use crate::{
     cli::SCHEMA_VERSION,
+    envelope::Envelope,
     error::Error,
     figure::{self, AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot},
     manifest::Manifest,
@@ -63,6 +64,8 @@ pub struct Study {
     pub repeats: u32,
     /// The walks.
     pub result: SweepResult,
+    /// Walls that the firmware may render, per cutoff.
+    pub envelopes: Vec<Envelope>,
     /// The sensitivity study; empty if none was asked for.
     pub variants: Vec<VariantResult>,
     /// The command that made it.
@@ -307,7 +310,7 @@ impl Study {
         text
     }
 
-    /// For the firmware: the smallest boundary of all repeats, at every B that each of them reached.
+    /// For the firmware, see [`crate::envelope`].
     fn envelope_csv(&self) -> String {
         let mut text = String::from(
             "device,estimator,cutoff_hz,latency_samples,damping_n_s_per_m,stiffness_n_per_m\n",
@@ -315,25 +318,11 @@ impl Study {
         let scene = &self.scene.scene;
         let crate::scene::Velocity::Butterworth { prewarp } = scene.velocity;
         let estimator = if prewarp { "butterworth-prewarped" } else { "butterworth" };
-        for result in &self.result.cutoffs {
-            let shortest = result.boundaries.iter().min_by_key(|boundary| boundary.points.len());
-            let reached = shortest.map_or(0, |boundary| boundary.points.len());
-            for n in 0..reached {
-                // Every walk has one point per B, from the same first B on.
-                let points = result.boundaries.iter().filter_map(|boundary| boundary.points.get(n));
-                let lowest =
-                    points.min_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m));
-                if let Some(point) = lowest {
-                    let _ = writeln!(
-                        text,
-                        "{},{estimator},{},{},{},{}",
-                        self.scene.name,
-                        result.cutoff_hz,
-                        scene.actuator.latency,
-                        point.damping_n_s_per_m,
-                        point.stiffness_n_per_m
-                    );
-                }
+        let (device, latency) = (&self.scene.name, scene.actuator.latency);
+        for Envelope { cutoff_hz, points } in &self.envelopes {
+            for point in points {
+                let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
+                let _ = writeln!(text, "{device},{estimator},{cutoff_hz},{latency},{b},{k}");
             }
         }
         text
@@ -390,10 +379,14 @@ impl VariantResult {
             None => format!("{}: no stable wall at any cutoff", self.change),
             Some(ideal) => {
                 let [low, high] = ideal.range_hz;
-                let cutoff_hz = ideal.cutoff_hz;
+                let (change, cutoff_hz) = (&self.change, ideal.cutoff_hz);
+                let edge = if self.result.ends_at_edge() {
+                    " (an end of the cutoffs that were tried; it may go on beyond)"
+                } else {
+                    ""
+                };
                 format!(
-                    "{}: ideal range {low} to {high} Hz, ideal cutoff {cutoff_hz} Hz",
-                    self.change
+                    "{change}: ideal range {low} to {high} Hz{edge}, ideal cutoff {cutoff_hz} Hz"
                 )
             }
         }

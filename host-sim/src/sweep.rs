@@ -8,6 +8,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF as _, StudentsT};
 use zwidth::experiment::Ended;
 
 use crate::{
@@ -44,7 +45,7 @@ pub struct SweepResult {
 pub struct Ideal {
     /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest of the cutoffs that cannot be told from it, Hz.
+    /// Lowest and highest of the cutoffs that the repeats cannot tell from one that is as good, Hz.
     pub range_hz: [f64; 2],
     /// What the range rests on.
     pub basis: RangeBasis,
@@ -53,18 +54,21 @@ pub struct Ideal {
 /// What the range of the ideal cutoff rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
-    /// The areas of the repeats overlap with those of the ideal cutoff. With four repeats each,
-    /// two equal cutoffs have areas that do not overlap in 3 of 100 cases.
+    /// Welch's t-test, one-sided at [`LEVEL`], does not show the mean area to be below 98 % of the
+    /// largest. More repeats make the range narrower, down to the cutoffs that really are as good.
     Repeats,
-    /// There are no repeats: the mean area is at least 98 % of the largest.
+    /// There are no repeats: the area is at least 98 % of the largest.
     WithinTwoPercent,
 }
+
+/// Chance that the test drops a cutoff that is just as good as it must be.
+pub const LEVEL: f64 = 0.05;
 
 impl RangeBasis {
     /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Repeats => "repeats_overlap",
+            Self::Repeats => "welch_t_5_percent",
             Self::WithinTwoPercent => "within_two_percent",
         }
     }
@@ -77,9 +81,20 @@ impl CutoffResult {
 
     /// Mean area over the repeats, N^2 s/m^2.
     pub fn area(&self) -> f64 {
+        self.areas().sum::<f64>() / self.walks()
+    }
+
+    fn walks(&self) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "a handful of repeats")]
-        let repeats = self.boundaries.len().max(1) as f64;
-        self.areas().sum::<f64>() / repeats
+        let walks = self.boundaries.len().max(1) as f64;
+        walks
+    }
+
+    /// Square of the standard error of the mean area; 0 with a single walk.
+    fn squared_error(&self) -> f64 {
+        let (mean, walks) = (self.area(), self.walks());
+        let squares: f64 = self.areas().map(|area| (area - mean).powi(2)).sum();
+        squares / (walks - 1.0).max(1.0) / walks
     }
 
     /// Smallest area of the repeats, N^2 s/m^2.
@@ -177,25 +192,47 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
 }
 
 fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
-    let largest = cutoffs.iter().map(CutoffResult::area).fold(0.0, f64::max);
-    let good = |result: &&CutoffResult| result.area() >= AS_GOOD_AS_BEST * largest;
-    let ideal = cutoffs.iter().find(good).filter(|_| largest > 0.0)?;
+    let best = cutoffs.iter().max_by(|a, b| a.area().total_cmp(&b.area()))?;
+    let enough = AS_GOOD_AS_BEST * best.area();
+    let ideal = cutoffs.iter().find(|result| result.area() >= enough).filter(|_| enough > 0.0)?;
     let basis =
         if ideal.boundaries.len() > 1 { RangeBasis::Repeats } else { RangeBasis::WithinTwoPercent };
-    let alike = |other: &&CutoffResult| match basis {
-        RangeBasis::Repeats => {
-            other.area_low() <= ideal.area_high() && ideal.area_low() <= other.area_high()
-        }
-        RangeBasis::WithinTwoPercent => good(other),
-    };
-    let alike = cutoffs.iter().filter(alike).map(|result| result.cutoff_hz);
-    let range_hz = alike.fold([ideal.cutoff_hz; 2], |[low, high], cutoff_hz| {
-        [low.min(cutoff_hz), high.max(cutoff_hz)]
+    let alike = cutoffs.iter().filter(|result| !is_worse(result, best));
+    let range_hz = alike.fold([ideal.cutoff_hz; 2], |[low, high], result| {
+        [low.min(result.cutoff_hz), high.max(result.cutoff_hz)]
     });
     Some(Ideal { cutoff_hz: ideal.cutoff_hz, range_hz, basis })
 }
 
+/// Whether the walks show `result` to be below 98 % of `best`: Welch's unequal variances t-test
+/// (Biometrika 34, 1947), one-sided. Without spread it is a plain comparison.
+fn is_worse(result: &CutoffResult, best: &CutoffResult) -> bool {
+    let lacking = AS_GOOD_AS_BEST * best.area() - result.area();
+    let errors = [result.squared_error(), AS_GOOD_AS_BEST.powi(2) * best.squared_error()];
+    let squared_error = errors[0] + errors[1];
+    if lacking <= 0.0 || squared_error == 0.0 {
+        return lacking > 0.0;
+    }
+    let weight = |walks: f64, error: f64| error * error / (walks - 1.0).max(1.0);
+    let weights = weight(result.walks(), errors[0]) + weight(best.walks(), errors[1]);
+    let freedom = squared_error * squared_error / weights;
+    match StudentsT::new(0.0, 1.0, freedom) {
+        Ok(distribution) => lacking > distribution.inverse_cdf(1.0 - LEVEL) * squared_error.sqrt(),
+        Err(_) => true, // the freedom is at least 1 by its definition
+    }
+}
+
 impl SweepResult {
+    /// The ideal range touches the first or the last cutoff, so it may go on beyond.
+    pub fn ends_at_edge(&self) -> bool {
+        let (Some(ideal), Some(first), Some(last)) =
+            (self.ideal, self.cutoffs.first(), self.cutoffs.last())
+        else {
+            return false;
+        };
+        ideal.range_hz[0] == first.cutoff_hz || ideal.range_hz[1] == last.cutoff_hz
+    }
+
     /// What a reader must know beside the numbers, one sentence each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![];
@@ -219,17 +256,63 @@ impl SweepResult {
                 }
             }
         }
-        if let (Some(ideal), Some(first), Some(last)) =
-            (self.ideal, self.cutoffs.first(), self.cutoffs.last())
-        {
-            let [low, high] = ideal.range_hz;
-            if self.cutoffs.len() > 1 && (low == first.cutoff_hz || high == last.cutoff_hz) {
-                notes.push(
-                    "the ideal range touches an end of the cutoffs that were tried; it may go on beyond"
-                        .into(),
-                );
-            }
+        if self.cutoffs.len() == 1 {
+            notes.push("only one cutoff was tried; there is nothing to compare it with".into());
+        } else if self.ends_at_edge() {
+            notes.push(
+                "the ideal range touches an end of the cutoffs that were tried; it may go on beyond"
+                    .into(),
+            );
         }
         notes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cutoff(cutoff_hz: f64, areas: &[f64]) -> CutoffResult {
+        let boundary = |&area: &f64| Boundary { points: vec![], area, hits: 1, ended: None };
+        let boundaries = areas.iter().map(boundary).collect();
+        CutoffResult { cutoff_hz, true_cutoff_hz: cutoff_hz, boundaries }
+    }
+
+    /// Areas of that mean, spread evenly over +-1 %.
+    fn spread(mean: f64, repeats: u32) -> Vec<f64> {
+        let place = |n: u32| f64::from(2 * n + 1) / f64::from(repeats) - 1.0;
+        (0..repeats).map(|n| mean * (1.0 + 0.01 * place(n))).collect()
+    }
+
+    #[test]
+    fn the_ideal_cutoff_is_the_smallest_within_two_percent_of_the_best() {
+        let results = [
+            cutoff(500.0, &[90.0]),
+            cutoff(1000.0, &[98.0]),
+            cutoff(2000.0, &[100.0]),
+            cutoff(3000.0, &[99.0]),
+            cutoff(4000.0, &[97.0]),
+        ];
+        let ideal = ideal(&results).unwrap();
+        assert_eq!((ideal.cutoff_hz, ideal.range_hz), (1000.0, [1000.0, 3000.0]));
+        assert_eq!(ideal.basis, RangeBasis::WithinTwoPercent);
+        assert_eq!(super::ideal(&[cutoff(1000.0, &[0.0, 0.0])]), None);
+    }
+
+    #[test]
+    fn repeats_make_the_range_narrower_and_never_drop_what_is_as_good() {
+        let width = |repeats: u32| {
+            let means =
+                [(800.0, 90.0), (1000.0, 97.2), (1200.0, 98.5), (1500.0, 100.0), (2000.0, 97.8)];
+            let results = means.map(|(hz, mean)| cutoff(hz, &spread(mean, repeats)));
+            let ideal = ideal(&results).unwrap();
+            assert_eq!(ideal.cutoff_hz, 1200.0);
+            assert!(ideal.range_hz[0] <= 1200.0 && ideal.range_hz[1] >= 1500.0);
+            assert!(ideal.range_hz[0] > 800.0, "10 % less is seen with two walks already");
+            ideal.range_hz[1] - ideal.range_hz[0]
+        };
+        let widths = [2, 3, 4, 8, 16, 64, 256].map(width);
+        assert!(widths.is_sorted_by(|a, b| a >= b), "{widths:?}");
+        assert_eq!((widths[0], widths[6]), (1000.0, 300.0));
     }
 }

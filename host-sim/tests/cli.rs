@@ -213,6 +213,12 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert!(line.contains("t.csv is there already; --force replaces it"), "{line}");
     let forced: Vec<&str> = args.iter().copied().chain(["--force"]).collect();
     assert!(sim(folder.path(), &forced).status.success());
+    let same = hit("paper-1um", &["--trace", "x.png", "--plot", "x.png"]);
+    let same: Vec<&str> = same.iter().map(String::as_str).collect();
+    assert!(refused(folder.path(), &same).contains("same file"));
+    let far = hit("paper-1um", &["--start-offset", "nan"]);
+    let far: Vec<&str> = far.iter().map(String::as_str).collect();
+    assert!(refused(folder.path(), &far).contains("--start-offset is NaN"));
     let odd = hit("paper-1um", &["--plot", "t.gif"]);
     let odd: Vec<&str> = odd.iter().map(String::as_str).collect();
     assert!(refused(folder.path(), &odd).contains(".svg and .png"));
@@ -250,6 +256,18 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
         assert!(!bytes("one").is_empty());
     }
     assert_eq!(fs::read_dir(folder.path().join("one")).unwrap().count(), names.len());
+    // every wall of the envelope is stable, and so is every softer one on the grid of the hits
+    let envelope = fs::read_to_string(folder.path().join("one/envelope.csv")).unwrap();
+    let row = envelope.lines().find(|line| line.starts_with("paper-2um,butterworth,200,10,60,"));
+    let highest: f64 = row.unwrap().rsplit(',').next().unwrap().parse().unwrap();
+    assert!(highest >= 12_000.0, "{highest}");
+    for stiffness in ["2000", "12000", &highest.to_string()] {
+        let hit =
+            ["hit", "paper-2um", "--cutoff", "200", "--damping", "60", "--stiffness", stiffness];
+        let output = sim(folder.path(), &[&hit[..], &["--json"]].concat());
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(json["stable"], true, "{stiffness}");
+    }
     let again = ["sweep", "paper-2um", "--cutoffs", "100", "--out", "one"];
     assert!(refused(folder.path(), &again).contains("--force"));
     assert!(sweep("one", "1", &["--force"]).status.success());
@@ -276,7 +294,14 @@ fn a_folder_that_cannot_be_written_is_refused_before_the_first_walk() {
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_in_a_sweep_leaves_nothing_half_written() {
+fn an_interrupted_sweep_leaves_nothing_half_written() {
+    for signal in ["-INT", "-TERM"] {
+        interrupt(signal);
+    }
+}
+
+#[cfg(unix)]
+fn interrupt(signal: &str) {
     let folder = TempDir::new().unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_host-sim"))
         .current_dir(folder.path())
@@ -292,7 +317,7 @@ fn ctrl_c_in_a_sweep_leaves_nothing_half_written() {
     }
     std::thread::sleep(Duration::from_millis(200));
     let pid = child.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    assert!(Command::new("kill").args([signal, &pid]).status().unwrap().success());
     let status = child.wait().unwrap();
     assert_eq!(status.code(), Some(130));
     assert_eq!(listing(folder.path()), Vec::<String>::new());

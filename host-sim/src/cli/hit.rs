@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, SCHEMA_VERSION, check_wall, print_json, print_text};
+use super::{Common, SCHEMA_VERSION, check_wall, print_json, print_text, start_offset};
 use crate::{
     error::Error,
     output,
@@ -28,6 +28,9 @@ pub struct HitArgs {
     /// Damping of the wall, N s/m.
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: f64,
+    /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
+    #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
+    start_offset: f64,
     /// Write every sample as CSV.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
@@ -61,11 +64,14 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         cutoff_hz: args.cutoff,
         stiffness_n_per_m: args.stiffness,
         damping_n_s_per_m: args.damping,
-        start_offset_counts: 0.0,
+        start_offset_counts: start_offset(args.start_offset)?,
     };
     check_wall(&scene, &hit)?;
     for path in [&args.trace, &args.plot].into_iter().flatten() {
         output::refuse_existing(path, common.force)?;
+    }
+    if args.trace.is_some() && args.trace == args.plot {
+        return Err(Error::input("--trace and --plot name the same file"));
     }
     let rig = Rig::new(&scene.scene)?;
     let mut trace = Trace::new(&rig, &hit)?;

@@ -169,6 +169,16 @@ fn check_wall(scene: &NamedScene, wall: &rig::WallHit) -> Result<(), Error> {
         })
 }
 
+/// Counts of `--start-offset`.
+fn start_offset(counts: f64) -> Result<f64, Error> {
+    const ALLOWED: std::ops::RangeInclusive<f64> = -1e6..=1e6;
+    if ALLOWED.contains(&counts) {
+        Ok(counts)
+    } else {
+        Err(Error::Input(refused("--start-offset", counts, &ALLOWED)))
+    }
+}
+
 /// Prints `value` as the one JSON object of this command.
 fn print_json(value: &impl Serialize) -> Result<(), Error> {
     let text = serde_json::to_string_pretty(value)

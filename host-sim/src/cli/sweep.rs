@@ -11,6 +11,7 @@ use super::{
     print_json, print_text, progress,
 };
 use crate::{
+    envelope::envelopes,
     error::Error,
     output::Staging,
     rig::{Rig, WallHit},
@@ -80,9 +81,12 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             change,
             result,
         });
+        let numeric_name = common.numeric.name();
+        let envelopes = envelopes(&rig, numeric, &result, &STOP)?;
         let study = Study {
+            envelopes,
             numeric,
-            numeric_name: common.numeric.name(),
+            numeric_name,
             repeats: args.repeat,
             variants: variants.collect(),
             command: command_line(args, common, &scene, &cutoffs_hz),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, SCHEMA_VERSION, STOP, check_wall, print_json, print_text};
+use super::{Common, SCHEMA_VERSION, STOP, check_wall, print_json, print_text, start_offset};
 use crate::{
     error::Error,
     output,
@@ -22,6 +22,9 @@ pub struct WalkArgs {
     /// Nominal cutoff of the velocity filter, Hz.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     cutoff: f64,
+    /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
+    #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
+    start_offset: f64,
     /// Write the boundary as CSV.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -48,14 +51,15 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         cutoff_hz: args.cutoff,
         stiffness_n_per_m: scene.scene.walk.stiffness_start_n_per_m,
         damping_n_s_per_m: scene.scene.walk.damping_start_n_s_per_m,
-        start_offset_counts: 0.0,
+        start_offset_counts: start_offset(args.start_offset)?,
     };
     check_wall(&scene, &first)?;
     if let Some(path) = &args.csv {
         output::refuse_existing(path, common.force)?;
     }
     let rig = Rig::new(&scene.scene)?;
-    let boundary = walk(&rig, common.numeric.into(), args.cutoff, 0.0, &STOP)?;
+    let boundary =
+        walk(&rig, common.numeric.into(), args.cutoff, first.start_offset_counts, &STOP)?;
     let Some(ended) = boundary.ended else {
         return Err(Error::Input(format!(
             "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable at {} Hz; \
