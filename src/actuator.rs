@@ -62,13 +62,15 @@ impl Actuator {
         })
     }
 
-    /// The nearest code.
+    /// The nearest code; halves round away from zero force, the same on both sides.
     #[inline]
     pub fn command(&self, force: Force) -> Command {
-        let scaled = i64::from(force.bits()) * i64::from(self.per_full_scale);
+        let bits = i64::from(force.bits());
+        let scaled = bits.abs() * i64::from(self.per_full_scale);
         let half = (1i64 << self.shift) >> 1;
         #[expect(clippy::cast_possible_truncation, reason = "at most per_full_scale, an i32")]
-        Command(self.zero + ((scaled + half) >> self.shift) as i32)
+        let codes = ((scaled + half) >> self.shift) as i32;
+        Command(self.zero + if bits < 0 { -codes } else { codes })
     }
 
     /// The code that asks for no force.
@@ -108,6 +110,10 @@ mod tests {
         let one = (1 << 30) / 4500;
         assert_eq!(code(pwm, Force::saturating_from_bits(one / 2 - 1)), 0);
         assert_eq!(code(pwm, Force::saturating_from_bits(one / 2 + 1)), 1);
+        let coarse = Output::Pwm { steps: 3 };
+        let half = 1 << 29; // 1.5 codes
+        assert_eq!(code(coarse, Force::saturating_from_bits(half)), 2);
+        assert_eq!(code(coarse, Force::saturating_from_bits(-half)), -2);
     }
 
     #[test]

@@ -124,39 +124,51 @@ impl Force {
 }
 
 /// A force that is asked for, in the unit of [`Force`] but far beyond full scale.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
-pub struct Demand(i64);
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Demand {
+    bits: i64,
+    /// Even this range was too small.
+    clipped: bool,
+}
 
 impl Demand {
     /// Nothing is asked for.
-    pub const ZERO: Self = Self(0);
+    pub const ZERO: Self = Self::from_bits(0);
+
     /// A demand of that many LSB of 2^-30 of full scale.
     #[inline]
     pub const fn from_bits(bits: i64) -> Self {
-        Self(bits)
+        Self { bits, clipped: false }
+    }
+
+    /// The same demand, marked as less than was asked for if `clipped`.
+    #[inline]
+    #[must_use]
+    pub const fn clipped_if(self, clipped: bool) -> Self {
+        Self { clipped: self.clipped || clipped, ..self }
     }
 
     /// LSB of 2^-30 of full scale.
     #[inline]
     pub const fn bits(self) -> i64 {
-        self.0
+        self.bits
     }
 
     /// What is left of `push` against this demand.
     #[inline]
     #[must_use]
     pub fn against(self, push: Force) -> Self {
-        Self(i64::from(push.bits()).saturating_sub(self.0))
+        Self { bits: i64::from(push.bits()).saturating_sub(self.bits), ..self }
     }
 
     /// The nearest force that the actuator can give, and whether that is less than was asked for.
     #[inline]
     pub fn saturate(self) -> (Force, bool) {
         let limit = 1i64 << Force::FRACTION_BITS;
-        let given = self.0.clamp(-limit, limit);
+        let given = self.bits.clamp(-limit, limit);
         #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
         let force = Force(Q32::from_bits(given as i32));
-        (force, given != self.0)
+        (force, self.clipped || given != self.bits)
     }
 }
 

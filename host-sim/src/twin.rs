@@ -120,7 +120,7 @@ impl Controller for Twin {
         let force = wanted.clamp(-1.0, 1.0);
         let output = match self.codes_per_full_scale {
             None => force,
-            Some(codes) => (force * codes + 0.5).floor() / codes,
+            Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
         };
         Rendered { force, output, saturated: force != wanted }
     }

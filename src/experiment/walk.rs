@@ -46,14 +46,23 @@ impl WalkPlan {
         self.damping_start_n_s_per_m + f64::from(cell.damping) * self.damping_step_n_s_per_m
     }
 
-    fn is_beyond_stiffness(&self, cell: Cell) -> bool {
-        self.stiffness_n_per_m(cell) > self.stiffness_max_n_per_m
+    /// Whether K of this cell is on the walk: above 0, and not beyond its cap by more than rounding.
+    fn has_stiffness(&self, cell: Cell) -> bool {
+        let slack = ROUNDING * self.stiffness_step_n_per_m;
+        let k = self.stiffness_n_per_m(cell);
+        k > slack && k <= self.stiffness_max_n_per_m + slack
     }
 
-    fn is_beyond_damping(&self, cell: Cell) -> bool {
-        self.damping_n_s_per_m(cell) > self.damping_max_n_s_per_m
+    /// Whether B of this cell is not beyond its cap by more than rounding.
+    fn has_damping(&self, cell: Cell) -> bool {
+        let slack = ROUNDING * self.damping_step_n_s_per_m;
+        self.damping_n_s_per_m(cell) <= self.damping_max_n_s_per_m + slack
     }
 }
+
+/// Fraction of a step by which a sum of decimal steps may miss the value that was meant:
+/// 0.1 + 2 * 0.1 is not 0.3. A million steps add up to some 1e-10 of one.
+const ROUNDING: f64 = 1e-6;
 
 /// Why a walk ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,7 +128,8 @@ enum Phase {
     Across,
     /// K goes down.
     Down,
-    Over,
+    /// Every further report gets the same answer.
+    Over(Result<Ended, WalkError>),
 }
 
 /// A walk in progress.
@@ -142,7 +152,7 @@ impl Walk {
         &self.plan
     }
 
-    /// The cell to hit next.
+    /// The cell to hit next. Once the walk is over it stays within the caps.
     pub fn cell(&self) -> Cell {
         self.cell
     }
@@ -153,19 +163,14 @@ impl Walk {
     /// The start is unstable, or a hit had no contact; the walk is then over.
     pub fn report(&mut self, verdict: Verdict) -> Result<Step, WalkError> {
         let here = self.cell;
-        let stable = match verdict {
-            Verdict::Stable => true,
-            Verdict::Unstable => false,
-            Verdict::NoContact => {
-                self.phase = Phase::Over;
-                return Err(WalkError::NoContact(here));
-            }
-        };
+        let stable = verdict == Verdict::Stable;
         let step = match (self.phase, stable) {
-            (Phase::First, false) => {
-                self.phase = Phase::Over;
-                return Err(WalkError::FirstUnstable);
+            (Phase::Over(Ok(ended)), _) => Step { boundary: None, ended: Some(ended) },
+            (Phase::Over(Err(error)), _) => return Err(error),
+            _ if verdict == Verdict::NoContact => {
+                return Err(self.fail(WalkError::NoContact(here)));
             }
+            (Phase::First, false) => return Err(self.fail(WalkError::FirstUnstable)),
             (Phase::First | Phase::Up | Phase::Across, true) => self.go_up(here),
             (Phase::Up, false) => {
                 let below = Cell { stiffness: here.stiffness - 1, ..here };
@@ -173,7 +178,6 @@ impl Walk {
             }
             (Phase::Across | Phase::Down, false) => self.go_down(here),
             (Phase::Down, true) => self.go_across(here),
-            (Phase::Over, _) => Step { boundary: None, ended: Some(self.ended(Ended::Closed)) },
         };
         Ok(step)
     }
@@ -181,7 +185,7 @@ impl Walk {
     /// `stable` is stable: try the next K.
     fn go_up(&mut self, stable: Cell) -> Step {
         let above = Cell { stiffness: stable.stiffness.saturating_add(1), ..stable };
-        if self.plan.is_beyond_stiffness(above) {
+        if !self.plan.has_stiffness(above) {
             self.stiffness_capped = true;
             return self.go_across(stable);
         }
@@ -193,31 +197,41 @@ impl Walk {
     /// `boundary` is the last stable K at its B: try the next B.
     fn go_across(&mut self, boundary: Cell) -> Step {
         let next = Cell { damping: boundary.damping.saturating_add(1), ..boundary };
-        let ended = self.plan.is_beyond_damping(next).then(|| self.ended(Ended::DampingMax));
-        self.phase = if ended.is_some() { Phase::Over } else { Phase::Across };
-        self.cell = next;
-        Step { boundary: Some(boundary), ended }
+        if self.plan.has_damping(next) {
+            self.phase = Phase::Across;
+            self.cell = next;
+            return Step { boundary: Some(boundary), ended: None };
+        }
+        Step { boundary: Some(boundary), ended: Some(self.end(boundary, Ended::DampingMax)) }
     }
 
     /// `unstable` is unstable and so was what lay above it: try the K below, while it is positive.
     fn go_down(&mut self, unstable: Cell) -> Step {
         let below = Cell { stiffness: unstable.stiffness.saturating_sub(1), ..unstable };
-        if self.plan.stiffness_n_per_m(below) > 0.0 {
+        if self.plan.has_stiffness(below) {
             self.phase = Phase::Down;
             self.cell = below;
             Step { boundary: None, ended: None }
         } else {
-            self.phase = Phase::Over;
-            Step { boundary: None, ended: Some(self.ended(Ended::Closed)) }
+            Step { boundary: None, ended: Some(self.end(unstable, Ended::Closed)) }
         }
     }
 
-    fn ended(&self, reason: Ended) -> Ended {
-        match (reason, self.stiffness_capped) {
+    /// Stays at `last`, a cell within the caps.
+    fn end(&mut self, last: Cell, reason: Ended) -> Ended {
+        let ended = match (reason, self.stiffness_capped) {
             (Ended::Closed, true) => Ended::StiffnessMax,
             (Ended::DampingMax, true) => Ended::BothMax,
             (reason, _) => reason,
-        }
+        };
+        self.cell = last;
+        self.phase = Phase::Over(Ok(ended));
+        ended
+    }
+
+    fn fail(&mut self, error: WalkError) -> WalkError {
+        self.phase = Phase::Over(Err(error));
+        error
     }
 }
 
@@ -288,12 +302,45 @@ mod tests {
     }
 
     #[test]
-    fn a_walk_that_cannot_begin_says_why() {
+    fn decimal_grids_reach_their_caps_and_never_k_zero() {
+        let plan = WalkPlan {
+            stiffness_start_n_per_m: 0.1,
+            stiffness_step_n_per_m: 0.1,
+            stiffness_max_n_per_m: 0.3,
+            damping_start_n_s_per_m: 0.1,
+            damping_step_n_s_per_m: 0.1,
+            damping_max_n_s_per_m: 0.3,
+        };
+        let (points, _, ended) = walk(plan, |_| 1.0);
+        assert_eq!((points.len(), ended), (3, Ended::BothMax));
+        assert!(points.iter().all(|&(_, k)| (k - 0.3).abs() < 1e-12));
+        // 1401.4 - 14 * 100.1 is not 0 but 2e-13
+        let plan =
+            WalkPlan { stiffness_start_n_per_m: 1401.4, stiffness_step_n_per_m: 100.1, ..PLAN };
+        let (_, hits, ended) = walk(plan, |b| if b < 15.0 { 1401.4 } else { -1.0 });
+        // up once, across, then 13 cells down to 100.1
+        assert_eq!((hits, ended), (2 + 1 + 13, Ended::Closed));
+    }
+
+    #[test]
+    fn a_walk_that_is_over_stays_within_its_caps_and_repeats_its_answer() {
+        let mut over = Walk::new(WalkPlan { damping_max_n_s_per_m: 10.0, ..PLAN });
+        over.report(Verdict::Stable).unwrap();
+        assert_eq!(over.report(Verdict::Unstable).unwrap().ended, Some(Ended::DampingMax));
+        for verdict in [Verdict::Stable, Verdict::Unstable, Verdict::NoContact] {
+            assert_eq!(over.report(verdict).unwrap().ended, Some(Ended::DampingMax));
+            assert!(PLAN.damping_n_s_per_m(over.cell()) <= 10.0);
+        }
+    }
+
+    #[test]
+    fn a_walk_that_cannot_go_on_says_why_and_keeps_saying_it() {
         assert_eq!(Walk::new(PLAN).report(Verdict::Unstable), Err(WalkError::FirstUnstable));
         let mut walk = Walk::new(PLAN);
         walk.report(Verdict::Stable).unwrap();
         let cell = walk.cell();
-        assert_eq!(walk.report(Verdict::NoContact), Err(WalkError::NoContact(cell)));
-        assert!(walk.report(Verdict::Stable).unwrap().ended.is_some());
+        for verdict in [Verdict::NoContact, Verdict::Stable] {
+            assert_eq!(walk.report(verdict), Err(WalkError::NoContact(cell)));
+        }
     }
 }
