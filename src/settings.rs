@@ -252,3 +252,58 @@ impl HitSettings {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DESIGN: Design = Design {
+        rate_hz: 1e4,
+        resolution_m: 1e-6,
+        full_scale_n: 5.906,
+        period: 10,
+        output: Output::Continuous,
+    };
+
+    fn surface(position_m: f64) -> i32 {
+        let wall = WallSettings {
+            position_m,
+            stiffness_n_per_m: 1000.0,
+            damping_n_s_per_m: 1.0,
+            push_only: true,
+        };
+        let velocity = VelocitySettings::Butterworth { cutoff_hz: 500.0, prewarp: false };
+        Settings { velocity, wall }.build(&DESIGN).unwrap().wall.surface().counts()
+    }
+
+    #[test]
+    fn the_surface_is_the_nearest_count() {
+        for (position_m, counts) in
+            [(0.0, 0), (2.4e-6, 2), (2.6e-6, 3), (-0.4e-6, 0), (-0.6e-6, -1), (0.07, 70_000)]
+        {
+            assert_eq!(surface(position_m), counts, "{position_m}");
+        }
+    }
+
+    #[test]
+    fn a_hit_in_samples_counts_and_fractions() {
+        let hit = HitSettings { push_n: 2.953, settle_s: 4.0, window_s: 2.0, rms_limit_m: 1.5e-5 };
+        let plan = hit.build(&DESIGN).unwrap();
+        assert_eq!((plan.settle, plan.window), (40_000, 20_000));
+        assert_eq!(plan.push.bits(), 1 << 29);
+        assert_eq!(plan.limit, RmsLimit::from_bits(15 << 16));
+        let late = HitSettings { settle_s: f64::NAN, ..hit };
+        assert_eq!(late.build(&DESIGN).unwrap_err().parameter, "settle_s");
+        let strong = HitSettings { push_n: -6.0, ..hit };
+        assert_eq!(strong.build(&DESIGN).unwrap_err().parameter, "push_n");
+    }
+
+    #[test]
+    fn limits_print_without_the_digits_of_their_arithmetic() {
+        assert_eq!(shorten(3.5e-5 * 1000.0), 0.035);
+        assert_eq!(shorten(-1_234.567_891_234), -1_234.567_89);
+        assert_eq!(shorten(0.0), 0.0);
+        assert_eq!(shorten(1e300 * 1.000_000_000_01), 1e300);
+        assert!(shorten(f64::NAN).is_nan());
+    }
+}

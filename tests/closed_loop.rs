@@ -220,3 +220,35 @@ fn quantised_outputs_come_near_the_ideal_one_as_their_resolution_grows() {
         assert!(off_m < code_m + 1e-7, "{output:?}: {off_m:e} m, one code is {code_m:e} m");
     }
 }
+
+#[test]
+fn core_and_twin_agree_on_every_force_while_they_see_the_same_counts() {
+    // Rounding of the velocity to 2^-16 counts per sample times B, in fractions of full scale, and
+    // a few times as much for the filter's own shaped error.
+    let tolerance = |damping: f64| damping * 1e-6 * 1e4 / 5.906 * 4.0 / 65_536.0 + 1e-8;
+    for output in [None, Some(host_sim::scene::Quantisation::Dac { bits: 16 })] {
+        for damping in [0.0, 20.0, 200.0] {
+            let mut scene = paper();
+            scene.output = output;
+            scene.wall.push_only = false;
+            let rig = Rig::new(&scene).unwrap();
+            let wall = hit(1500.0, 8000.0, damping);
+            let mut core = rig.fixed(&wall).unwrap();
+            let mut twin = rig.twin(&wall, twin::Rounding::Exact).unwrap();
+            let code = output.map_or(0.0, |_| 1.0 / 32_767.0);
+            let mut compared = 0;
+            for _ in 0..60_000 {
+                let (a, b) = (core.step(), twin.step());
+                if a.count != b.count {
+                    break; // from here on the two loops go their own ways
+                }
+                if let (Some(a), Some(b)) = (a.rendered, b.rendered) {
+                    assert!((a.force - b.force).abs() <= tolerance(damping), "{a:?} {b:?}");
+                    assert!((a.output - b.output).abs() <= tolerance(damping) + code);
+                    compared += 1;
+                }
+            }
+            assert!(compared > 180, "{compared} outputs before the counts part");
+        }
+    }
+}

@@ -285,3 +285,27 @@ fn retuning_while_moving_makes_no_kick() {
         assert!(off.abs() <= 1, "{off} LSB at sample {n}");
     }
 }
+
+/// Output error of the filter for a white rounding error of one LSB, RMS, by its impulse response.
+fn shaped_noise_lsb(biquad: &Biquad, order: usize) -> f64 {
+    let [_, _, _, a1, a2] = biquad.bits().map(|bits| f64::from(bits) * COEFFICIENT_LSB);
+    let numerator: &[f64] = if order == 1 { &[1.0, -1.0] } else { &[1.0, -2.0, 1.0] };
+    let (mut y1, mut y2, mut sum) = (0.0, 0.0, 0.0);
+    for n in 0..2_000_000 {
+        let y = numerator.get(n).copied().unwrap_or(0.0) - a1 * y1 - a2 * y2;
+        (y2, y1) = (y1, y);
+        sum += y * y;
+    }
+    (sum / 12.0).sqrt()
+}
+
+#[test]
+fn the_quieter_order_of_error_feedback_is_chosen() {
+    use zwidth::velocity::Shaping;
+    for cutoff in [1e-3, 0.01, 0.03, 0.055, 0.07, 0.1, 0.2, 0.4, 0.49] {
+        let biquad = filter(cutoff * 1e4, 1e4, false);
+        let [first, second] = [1, 2].map(|order| shaped_noise_lsb(&biquad, order));
+        let quieter = if first < second { Shaping::First } else { Shaping::Second };
+        assert_eq!(biquad.shaping(), quieter, "{cutoff} of the rate: {first} {second} LSB");
+    }
+}

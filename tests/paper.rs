@@ -37,8 +37,11 @@ fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
     };
     cell.get_or_init(|| {
         let rigs = SCENES.map(rig);
-        let plans = [0, 1]
-            .map(|n: usize| Plan { rig: &rigs[n], cutoffs_hz: &rigs[n].scene().sweep.cutoffs_hz });
+        let plans = [0, 1].map(|n: usize| Plan {
+            name: SCENES[n],
+            rig: &rigs[n],
+            cutoffs_hz: &rigs[n].scene().sweep.cutoffs_hz,
+        });
         sweep(&plans, numeric, REPEATS, &AtomicBool::new(false), |_| ()).unwrap()
     })
 }
@@ -199,7 +202,7 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     let rig = rig("paper-2um");
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let plan = [Plan { rig: &rig, cutoffs_hz: &[50.0, 200.0, 100.0] }];
+        let plan = [Plan { name: "paper-2um", rig: &rig, cutoffs_hz: &[50.0, 200.0, 100.0] }];
         pool.install(|| sweep(&plan, Numeric::Fixed, 2, &AtomicBool::new(false), |_| ()).unwrap())
     };
     let one = run(1);

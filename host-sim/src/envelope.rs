@@ -16,7 +16,7 @@ use zwidth::experiment::{Cell, Verdict};
 
 use crate::{
     error::Error,
-    rig::{Numeric, Rig, WallHit},
+    rig::{HitError, Numeric, Rig, WallHit},
     sweep::{CutoffResult, SweepResult},
     walk::BoundaryPoint,
 };
@@ -100,8 +100,10 @@ fn column(
             damping_n_s_per_m,
             start_offset_counts: 0.0,
         };
-        if rig.verdict(numeric, &hit)? != Verdict::Stable {
-            break;
+        match rig.verdict(numeric, &hit) {
+            Ok(Verdict::Stable) => {}
+            Ok(_) | Err(HitError::OutOfRange(_)) => break,
+            Err(error) => return Err(error.into()),
         }
         stable_n_per_m = next;
         if next >= boundary_n_per_m {

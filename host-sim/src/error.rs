@@ -33,6 +33,15 @@ impl Error {
         move |source| Self::File { path, source }
     }
 
+    /// The same error, with the name of what it is about in front of bad input.
+    #[must_use]
+    pub fn of(self, name: &str) -> Self {
+        match self {
+            Self::Input(text) => Self::Input(format!("{name}: {text}")),
+            other => other,
+        }
+    }
+
     /// The process' exit code.
     pub fn exit_code(&self) -> u8 {
         match self {

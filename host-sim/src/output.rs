@@ -14,24 +14,28 @@ use crate::{error::Error, figure::Figure};
 /// Name of the file that is written last: where it is, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
-/// Refuses to replace `path` without `force`.
+/// Refuses a `path` that is no plain file, or is one already without `force`.
 ///
 /// # Errors
-/// [`Error::Input`] if it exists.
+/// [`Error::Input`].
 pub fn refuse_existing(path: &Path, force: bool) -> Result<(), Error> {
-    if !force && path.exists() {
-        return Err(Error::Input(format!(
-            "{} is there already; --force replaces it",
+    match fs::symlink_metadata(path) {
+        Err(_) => Ok(()), // nothing there; other troubles show when it is written
+        Ok(found) if !found.is_file() => Err(Error::Input(format!(
+            "{} is there already and is no plain file; it is not replaced",
             path.display()
-        )));
+        ))),
+        Ok(_) if !force => {
+            Err(Error::Input(format!("{} is there already; --force replaces it", path.display())))
+        }
+        Ok(_) => Ok(()),
     }
-    Ok(())
 }
 
 /// Writes one file, whole or not at all.
 ///
 /// # Errors
-/// [`Error::Input`] if its folder cannot be written or it exists and `force` is not given,
+/// [`Error::Input`] if its folder cannot be written or [`refuse_existing`] refuses,
 /// [`Error::File`] if writing fails half-way.
 pub fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
     refuse_existing(path, force)?;
@@ -40,22 +44,53 @@ pub fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
         _ => Path::new("."),
     };
     fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
-    let mut file = NamedTempFile::new_in(folder).map_err(|error| unwritable(folder, &error))?;
+    let mut file = temporary_file(folder).map_err(|error| unwritable(folder, &error))?;
     file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(Error::file(path))?;
-    open_to_all(file.path());
-    file.persist(path).map_err(|error| Error::File { path: path.into(), source: error.error })?;
+    let placed = if force { file.persist(path) } else { file.persist_noclobber(path) };
+    placed.map_err(|error| Error::File { path: path.into(), source: error.error })?;
+    sync_folder(folder);
     Ok(())
+}
+
+/// A temporary file as readable as any other that the user makes.
+fn temporary_file(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(fs::Permissions::from_mode(0o666)); // less the umask
+    }
+    builder.tempfile_in(folder)
+}
+
+/// Makes renames last through a power cut, where the system can.
+fn sync_folder(folder: &Path) {
+    if let Ok(folder) = fs::File::open(folder) {
+        let _ = folder.sync_all(); // not every file system takes it
+    }
+}
+
+/// Refuses a `path` that ends neither in `.svg` nor in `.png`.
+///
+/// # Errors
+/// [`Error::Input`].
+pub fn refuse_ending(path: &Path) -> Result<(), Error> {
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("svg" | "png") => Ok(()),
+        _ => Err(Error::Input(format!("{}: allowed endings are .svg and .png", path.display()))),
+    }
 }
 
 /// A figure in the format that `path` asks for.
 ///
 /// # Errors
-/// [`Error::Input`] if it ends neither in `.svg` nor in `.png`.
+/// See [`refuse_ending`].
 pub fn figure_bytes(path: &Path, figure: &Figure) -> Result<Vec<u8>, Error> {
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("svg") => Ok(figure.svg().as_bytes().to_vec()),
-        Some("png") => png(figure),
-        _ => Err(Error::Input(format!("{}: allowed endings are .svg and .png", path.display()))),
+    refuse_ending(path)?;
+    if path.extension().is_some_and(|extension| extension == "svg") {
+        Ok(figure.svg().as_bytes().to_vec())
+    } else {
+        png(figure)
     }
 }
 
@@ -75,25 +110,35 @@ pub struct Staging {
     created: Vec<PathBuf>,
     /// `None` once committed.
     files: Option<TempDir>,
+    /// Every file that a result may have.
+    possible: Vec<&'static str>,
+    /// The files that this one has.
     names: Vec<&'static str>,
 }
 
 impl Staging {
-    /// Prepares `folder`; nothing in it changes before [`commit`](Self::commit).
+    /// Prepares `folder` for a result that may have the files `possible`; nothing in it changes
+    /// before [`commit`](Self::commit).
     ///
     /// # Errors
-    /// [`Error::Input`] if it cannot be written, or holds one of the files `names` and `force` is
-    /// not given.
-    pub fn new(folder: &Path, names: &[&str], force: bool) -> Result<Self, Error> {
-        if let Some(name) = names.iter().find(|name| !force && folder.join(name).exists()) {
-            return Err(Error::Input(format!(
-                "{} holds a result already ({name}); --force replaces it, --out writes elsewhere",
-                folder.display()
-            )));
+    /// [`Error::Input`] if it cannot be written, or holds one of those files and `force` is not
+    /// given, or holds something of that name that is no plain file.
+    pub fn new(folder: &Path, possible: &[&'static str], force: bool) -> Result<Self, Error> {
+        for name in possible {
+            let place = folder.join(name);
+            if !force && fs::symlink_metadata(&place).is_ok() {
+                return Err(Error::Input(format!(
+                    "{} holds a result already ({name}); --force replaces it, --out writes elsewhere",
+                    folder.display()
+                )));
+            }
+            refuse_existing(&place, force)?;
         }
         let is_new = |path: &&Path| *path != Path::new("") && !path.exists();
         let created = folder.ancestors().take_while(is_new).map(Path::to_path_buf).collect();
-        let mut staging = Self { folder: folder.into(), created, files: None, names: vec![] };
+        let possible = possible.to_vec();
+        let mut staging =
+            Self { folder: folder.into(), created, files: None, possible, names: vec![] };
         fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
         let files = tempfile::Builder::new().prefix(".partial-").tempdir_in(folder);
         staging.files = Some(files.map_err(|error| unwritable(folder, &error))?);
@@ -116,29 +161,44 @@ impl Staging {
         Ok(())
     }
 
-    /// Moves all files into their place. An older manifest goes first and the new one comes last,
-    /// so that a folder with a manifest is complete at any time.
+    /// Moves all files into their place. An older manifest goes first, the files of the older result
+    /// that this one does not have go with it, and the new manifest comes last: a folder with a
+    /// manifest is complete and of one piece at any time.
     ///
     /// # Errors
-    /// [`Error::File`] if the folder changed under our hands.
+    /// [`Error::File`] if the folder changed under our hands; [`Error::Input`] before anything
+    /// is touched if a place is taken by something that is no plain file.
     pub fn commit(mut self) -> Result<(), Error> {
-        let Some(files) = self.files.take() else {
-            return Ok(());
-        };
-        let manifest = self.folder.join(MANIFEST);
-        match fs::remove_file(&manifest) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                return Err(Error::File { path: manifest, source: error });
-            }
-            _ => {}
+        for name in &self.possible {
+            refuse_existing(&self.folder.join(name), true)?;
+        }
+        let Some(files) = self.files.take() else { return Ok(()) };
+        remove(&self.folder.join(MANIFEST))?;
+        sync_folder(&self.folder);
+        for stale in self.possible.iter().filter(|name| !self.names.contains(name)) {
+            remove(&self.folder.join(stale))?;
         }
         self.names.sort_by_key(|name| *name == MANIFEST);
         for name in &self.names {
+            if *name == MANIFEST {
+                sync_folder(&self.folder);
+            }
             let place = self.folder.join(name);
             fs::rename(files.path().join(name), &place).map_err(Error::file(place))?;
         }
+        sync_folder(&self.folder);
         self.created.clear();
         Ok(())
+    }
+}
+
+/// Removes a file if it is there.
+fn remove(path: &Path) -> Result<(), Error> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(Error::File { path: path.into(), source: error })
+        }
+        _ => Ok(()),
     }
 }
 
@@ -155,16 +215,6 @@ impl Drop for Staging {
 fn unwritable(folder: &Path, error: &io::Error) -> Error {
     Error::Input(format!("{}: cannot write there: {error}", folder.display()))
 }
-
-/// Temporary files are private; results are as readable as any file.
-#[cfg(unix)]
-fn open_to_all(path: &Path) {
-    use std::os::unix::fs::PermissionsExt as _;
-    let _ = fs::set_permissions(path, fs::Permissions::from_mode(0o644));
-}
-
-#[cfg(not(unix))]
-fn open_to_all(_: &Path) {}
 
 #[cfg(test)]
 mod tests {
@@ -198,6 +248,47 @@ mod tests {
         write(b"3", true).unwrap();
         assert_eq!(fs::read(root.path().join(MANIFEST)).unwrap(), b"3");
         assert_eq!(fs::read_dir(root.path()).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn a_new_result_leaves_nothing_of_the_old_one() {
+        let root = tempfile::tempdir().unwrap();
+        let names = ["x.csv", "y.csv", MANIFEST];
+        let write = |files: &[&'static str], force| {
+            let mut staging = Staging::new(root.path(), &names, force)?;
+            for name in files {
+                staging.write(name, b"")?;
+            }
+            staging.commit()
+        };
+        write(&names, false).unwrap();
+        write(&["x.csv", MANIFEST], true).unwrap();
+        assert!(!root.path().join("y.csv").exists());
+    }
+
+    #[test]
+    fn what_is_no_plain_file_is_refused_before_anything_is_touched() {
+        let root = tempfile::tempdir().unwrap();
+        let names = ["x.csv", MANIFEST];
+        fs::write(root.path().join(MANIFEST), "old").unwrap();
+        let mut staging = Staging::new(root.path(), &names, true).unwrap();
+        staging.write("x.csv", b"new").unwrap();
+        staging.write(MANIFEST, b"new").unwrap();
+        fs::create_dir(root.path().join("x.csv")).unwrap();
+        assert_eq!(staging.commit().unwrap_err().exit_code(), 2);
+        assert_eq!(fs::read(root.path().join(MANIFEST)).unwrap(), b"old");
+        assert!(Staging::new(root.path(), &names, true).is_err());
+        assert!(write_file(&root.path().join("x.csv"), b"", true).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_not_replaced() {
+        let root = tempfile::tempdir().unwrap();
+        let link = root.path().join("link.csv");
+        std::os::unix::fs::symlink("nowhere", &link).unwrap();
+        assert!(write_file(&link, b"", true).is_err());
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
     }
 
     #[test]

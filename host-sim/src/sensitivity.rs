@@ -17,7 +17,8 @@ pub struct Variant {
     pub rig: Rig,
 }
 
-/// The variants of a scene. One that cannot be (a latency that is zero already) is left out.
+/// The variants of a scene. One that changes nothing (half a latency of zero) or leaves the accepted
+/// ranges (twice a latency of 600 samples) is left out.
 ///
 /// # Errors
 /// A variant's value is out of range.
@@ -26,9 +27,10 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
     let mut add = |name, change: String, edit: &dyn Fn(&mut Scene)| {
         let mut changed = scene.clone();
         edit(&mut changed);
-        if changed != *scene {
-            variants.push(Variant { name, change, rig: Rig::new(&changed)? });
+        if changed == *scene || changed.check().is_err() {
+            return Ok(());
         }
+        variants.push(Variant { name, change, rig: Rig::new(&changed)? });
         Ok::<(), Error>(())
     };
     let limit_m = scene.wall_hit.rms_limit_m;
@@ -55,4 +57,29 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
     let change = format!("slower impact: start at {closer_m} m instead of {start_m} m");
     add("slower_impact", change, &|scene| scene.device.start_position_m = closer_m)?;
     Ok(variants)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    #[test]
+    fn each_variant_changes_one_thing_and_impossible_ones_are_left_out() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        let names =
+            |scene: &Scene| variants(scene).unwrap().iter().map(|v| v.name).collect::<Vec<_>>();
+        assert_eq!(names(&scene).len(), 7);
+        let all = variants(&scene).unwrap();
+        let find = |name| all.iter().find(|v| v.name == name).unwrap().rig.scene().clone();
+        assert!((find("rms_limit_third").wall_hit.rms_limit_m - 5e-6).abs() < 1e-18);
+        assert_eq!(find("latency_half").actuator.latency, 5.0);
+        assert_eq!(find("output_rate_double").actuator.period, 5);
+        assert_eq!(find("slower_impact").device.start_position_m, 0.035);
+        assert!(!find("push_only_flipped").wall.push_only);
+        scene.actuator.latency = 600.0;
+        assert!(!names(&scene).contains(&"latency_double"));
+        scene.actuator.latency = 0.0;
+        assert_eq!(names(&scene).iter().filter(|name| name.starts_with("latency")).count(), 0);
+    }
 }

@@ -226,4 +226,23 @@ mod tests {
             assert_eq!(floor(value), expected, "{value:e}");
         }
     }
+
+    #[test]
+    fn the_encoder_floors_or_rounds() {
+        let device = crate::scene::NamedScene::load("paper-1um").unwrap().scene.device;
+        let parts = |rounding| Parts {
+            plant: PlantStep::new(&device, 1e-4, 0.0),
+            resolution_m: 1e-6,
+            rounding,
+            full_scale_n: 1.0,
+            latency: 0,
+            period: 1,
+        };
+        for (position_m, floor, round) in
+            [(2.4e-6, 2, 2), (2.6e-6, 2, 3), (-0.4e-6, -1, 0), (-0.6e-6, -1, -1), (0.0, 0, 0)]
+        {
+            assert_eq!(parts(Rounding::Floor).count(position_m), floor, "{position_m}");
+            assert_eq!(parts(Rounding::Round).count(position_m), round, "{position_m}");
+        }
+    }
 }

@@ -15,12 +15,12 @@ use crate::{
     report::{self, AreaRow, Report, ReportFigure},
     rig::{Numeric, Rig, WallHit},
     scene::NamedScene,
-    sweep::{CutoffResult, SweepResult},
+    sweep::{CutoffResult, SweepResult, start_offset_counts},
     trace::Trace,
 };
 
-/// The files of a study, besides `sensitivity.csv`.
-pub const FILES: [&str; 12] = [
+/// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
+pub const FILES: [&str; 13] = [
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -32,11 +32,11 @@ pub const FILES: [&str; 12] = [
     "hit.svg",
     "hit.png",
     "report.html",
+    SENSITIVITY,
     MANIFEST,
 ];
 
-/// File of the sensitivity study.
-pub const SENSITIVITY: &str = "sensitivity.csv";
+const SENSITIVITY: &str = "sensitivity.csv";
 
 /// The result of one variant of a scene.
 #[derive(Clone, Debug)]
@@ -280,7 +280,7 @@ impl Study {
         );
         for result in &self.result.cutoffs {
             for (repeat, boundary) in (0u32..).zip(&result.boundaries) {
-                let offset = f64::from(repeat) / f64::from(self.repeats);
+                let offset = start_offset_counts(repeat, self.repeats);
                 for point in &boundary.points {
                     let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
                     let _ = writeln!(text, "{},{repeat},{offset},{b},{k}", result.cutoff_hz);

@@ -126,6 +126,8 @@ impl CutoffResult {
 /// Which walks a study makes.
 #[derive(Clone, Debug)]
 pub struct Plan<'a> {
+    /// What errors call it.
+    pub name: &'a str,
     /// The prepared scene.
     pub rig: &'a Rig,
     /// Nominal cutoffs, Hz, in any order.
@@ -150,7 +152,7 @@ pub fn sweep(
     for (plan, cutoffs_hz) in plans.iter().zip(&sorted) {
         for &cutoff_hz in cutoffs_hz {
             for repeat in 0..repeats {
-                jobs.push((plan.rig, cutoff_hz, f64::from(repeat) / f64::from(repeats)));
+                jobs.push((plan, cutoff_hz, start_offset_counts(repeat, repeats)));
             }
         }
     }
@@ -159,8 +161,9 @@ pub fn sweep(
     let walks: Vec<Result<Boundary, Error>> = jobs
         .into_par_iter()
         .with_max_len(1)
-        .map(|(rig, cutoff_hz, start_offset_counts)| {
-            let boundary = walk(rig, numeric, cutoff_hz, start_offset_counts, stop)?;
+        .map(|(plan, cutoff_hz, start_offset_counts)| {
+            let boundary = walk(plan.rig, numeric, cutoff_hz, start_offset_counts, stop)
+                .map_err(|error| error.of(plan.name))?;
             done(&boundary);
             Ok(boundary)
         })
@@ -181,6 +184,11 @@ pub fn sweep(
         results.push(SweepResult { cutoffs, ideal });
     }
     Ok(results)
+}
+
+/// Where a repeat starts: `repeat / repeats` of a count beyond the scene's start.
+pub fn start_offset_counts(repeat: u32, repeats: u32) -> f64 {
+    f64::from(repeat) / f64::from(repeats)
 }
 
 /// Each cutoff once, from low to high.
@@ -297,6 +305,12 @@ mod tests {
         assert_eq!((ideal.cutoff_hz, ideal.range_hz), (1000.0, [1000.0, 3000.0]));
         assert_eq!(ideal.basis, RangeBasis::WithinTwoPercent);
         assert_eq!(super::ideal(&[cutoff(1000.0, &[0.0, 0.0])]), None);
+    }
+
+    #[test]
+    fn four_repeats_start_at_quarters_of_a_count() {
+        let starts = [0, 1, 2, 3].map(|repeat| start_offset_counts(repeat, 4));
+        assert_eq!(starts, [0.0, 0.25, 0.5, 0.75]);
     }
 
     #[test]

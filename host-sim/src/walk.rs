@@ -2,11 +2,11 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use zwidth::experiment::{Ended, Walk, WalkError};
+use zwidth::experiment::{Ended, Verdict, Walk, WalkError};
 
 use crate::{
     error::Error,
-    rig::{Numeric, Rig, WallHit},
+    rig::{HitError, Numeric, Rig, WallHit},
 };
 
 /// A wall on the boundary: the largest K that was stable at this B.
@@ -43,7 +43,8 @@ impl Boundary {
     }
 }
 
-/// Follows the boundary at `cutoff_hz`. A first point that is unstable gives an empty boundary.
+/// Follows the boundary at `cutoff_hz`. A first point that is unstable gives an empty boundary; a
+/// hit that leaves the core's range counts as unstable.
 /// `stop` is looked at between two hits.
 ///
 /// # Errors
@@ -70,7 +71,12 @@ pub fn walk(
             start_offset_counts,
         };
         boundary.hits += 1;
-        let step = match walk.report(rig.verdict(numeric, &hit)?) {
+        let verdict = match rig.verdict(numeric, &hit) {
+            // an early verdict may end the hit before the handle leaves; both are unstable
+            Err(HitError::OutOfRange(_)) => Verdict::Unstable,
+            verdict => verdict?,
+        };
+        let step = match walk.report(verdict) {
             Ok(step) => step,
             Err(WalkError::FirstUnstable) => return Ok(boundary),
             Err(error @ WalkError::NoContact(_)) => {

@@ -132,7 +132,7 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     );
     assert!(refused(&["sweep", "--cutoffs", ""]).contains("empty"));
     assert!(refused(&["sweep", "--cutoffs", "nan"]).contains("not finite"));
-    assert!(refused(&["sweep", "--cutoffs", "500,6000"]).contains("--cutoff is 6000"));
+    assert!(refused(&["sweep", "--cutoffs", "500,6000"]).contains("--cutoffs is 6000"));
     assert!(refused(&["sweep", "--repeat", "0"]).contains("--repeat"));
     assert!(refused(&["sweep", "--threads", "0"]).contains("--threads"));
     assert!(refused(&["sweep", "paper-1um", "paper-1um"]).contains("same name"));
@@ -208,6 +208,13 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert_eq!(lines.next(), Some(header));
     assert_eq!(lines.clone().count(), 60_000);
     assert!(lines.next().unwrap().starts_with("0,0,0,0,2.8"));
+    // flags: 2 with every tenth sample; 1 exactly where the count is beyond the wall's
+    for (n, line) in trace.lines().skip(1).enumerate() {
+        let fields: Vec<&str> = line.split(',').collect();
+        let (count, flags): (i32, u8) = (fields[2].parse().unwrap(), fields[6].parse().unwrap());
+        assert_eq!(flags & 2 != 0, n % 10 == 0, "{line}");
+        assert_eq!(flags & 1 != 0, count > 70_000, "{line}");
+    }
     // a file that is there is not replaced unasked
     let line = refused(folder.path(), &args);
     assert!(line.contains("t.csv is there already; --force replaces it"), "{line}");
@@ -345,5 +352,5 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(line.contains("--dampings"), "{line}");
     let line =
         refused(folder.path(), &["linear", "paper-1um", "--cutoffs", "9e9", "--dampings", "1"]);
-    assert!(line.contains("--cutoff is 9000000000, allowed 0.35 to 4990"), "{line}");
+    assert!(line.contains("--cutoffs is 9000000000, allowed 0.35 to 4990"), "{line}");
 }

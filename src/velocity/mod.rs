@@ -6,7 +6,7 @@
 mod biquad;
 mod butterworth;
 
-pub use biquad::{Biquad, BiquadState};
+pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, PREWARPED_MAX, true_cutoff_hz};
 
 use crate::{

@@ -66,9 +66,12 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         damping_n_s_per_m: args.damping,
         start_offset_counts: start_offset(args.start_offset)?,
     };
-    check_wall(&scene, &hit)?;
+    check_wall(&scene, &hit, "--cutoff")?;
     for path in [&args.trace, &args.plot].into_iter().flatten() {
         output::refuse_existing(path, common.force)?;
+    }
+    if let Some(path) = &args.plot {
+        output::refuse_ending(path)?;
     }
     if args.trace.is_some() && args.trace == args.plot {
         return Err(Error::input("--trace and --plot name the same file"));

@@ -75,12 +75,15 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     for path in [&args.csv, &args.plot].into_iter().flatten() {
         output::refuse_existing(path, common.force)?;
     }
+    if let Some(path) = &args.plot {
+        output::refuse_ending(path)?;
+    }
     for &cutoff_hz in &args.cutoffs.0 {
         for &damping_n_s_per_m in &args.dampings.0 {
             let (stiffness_n_per_m, start_offset_counts) = (0.0, 0.0);
             let wall =
                 WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            check_wall(&scene, &wall)?;
+            check_wall(&scene, &wall, "--cutoffs")?;
         }
     }
     let boundaries: Result<Vec<Vec<Row>>, Error> = args

@@ -151,8 +151,9 @@ fn execute(cli: Cli) -> Result<(), Error> {
     })
 }
 
-/// A cutoff, K or B of the command line, checked by building the core's settings.
-fn check_wall(scene: &NamedScene, wall: &rig::WallHit) -> Result<(), Error> {
+/// A cutoff, K or B of the command line, checked by building the core's settings; `cutoff` is the
+/// option that the cutoff came from.
+fn check_wall(scene: &NamedScene, wall: &rig::WallHit, cutoff: &str) -> Result<(), Error> {
     scene
         .scene
         .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
@@ -160,7 +161,7 @@ fn check_wall(scene: &NamedScene, wall: &rig::WallHit) -> Result<(), Error> {
         .map(|_| ())
         .map_err(|error| {
             let option = match error.parameter {
-                "cutoff_hz" => "--cutoff",
+                "cutoff_hz" => cutoff,
                 "stiffness_n_per_m" => "--stiffness",
                 "damping_n_s_per_m" => "--damping",
                 other => other,

@@ -60,7 +60,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     for job in &jobs {
         let variants = job.variants.iter().map(|variant| &variant.rig);
         for rig in std::iter::once(&job.rig).chain(variants) {
-            plans.push(Plan { rig, cutoffs_hz: &job.cutoffs_hz });
+            plans.push(Plan { name: &job.scene.name, rig, cutoffs_hz: &job.cutoffs_hz });
         }
     }
     let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
@@ -119,10 +119,6 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     if distinct.len() < scenes.len() {
         return Err(Error::input("two scenes have the same name; their results would collide"));
     }
-    let mut files = study::FILES.to_vec();
-    if args.sensitivity {
-        files.push(study::SENSITIVITY);
-    }
     let many = scenes.len() > 1;
     let mut jobs = vec![];
     // From the last to the first: the folders they share are then created by the last one, which
@@ -134,7 +130,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
             let (stiffness_n_per_m, damping_n_s_per_m, start_offset_counts) = (0.0, 0.0, 0.0);
             let wall =
                 WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            check_wall(&scene, &wall)?;
+            check_wall(&scene, &wall, "--cutoffs")?;
         }
         let folder = match &common.out {
             None => PathBuf::from("zwidth-out").join(&scene.name),
@@ -143,7 +139,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
         let rig = Rig::new(&scene.scene)?;
-        let staging = Staging::new(&folder, &files, common.force)?;
+        let staging = Staging::new(&folder, &study::FILES, common.force)?;
         jobs.push(Job { scene, rig, cutoffs_hz, variants, staging, folder });
     }
     jobs.reverse();

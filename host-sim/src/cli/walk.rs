@@ -53,13 +53,13 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         damping_n_s_per_m: scene.scene.walk.damping_start_n_s_per_m,
         start_offset_counts: start_offset(args.start_offset)?,
     };
-    check_wall(&scene, &first)?;
+    check_wall(&scene, &first, "--cutoff")?;
     if let Some(path) = &args.csv {
         output::refuse_existing(path, common.force)?;
     }
     let rig = Rig::new(&scene.scene)?;
-    let boundary =
-        walk(&rig, common.numeric.into(), args.cutoff, first.start_offset_counts, &STOP)?;
+    let boundary = walk(&rig, common.numeric.into(), args.cutoff, first.start_offset_counts, &STOP)
+        .map_err(|error| error.of(&scene.name))?;
     let Some(ended) = boundary.ended else {
         return Err(Error::Input(format!(
             "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable at {} Hz; \
