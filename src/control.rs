@@ -69,6 +69,17 @@ impl Sampler {
         Self { encoder, velocity, sample: 0, until_due: 0 }
     }
 
+    /// Position of the last sample.
+    pub fn position(&self) -> Position {
+        self.encoder.position()
+    }
+
+    /// Makes the place of the last sample position 0. The velocity goes on as if nothing happened.
+    pub fn zero(&mut self) {
+        self.encoder.zero();
+        self.velocity.rebase(self.encoder.position());
+    }
+
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {

@@ -42,6 +42,11 @@ impl Encoder {
         self.position
     }
 
+    /// Makes the place of the last reading position 0.
+    pub fn zero(&mut self) {
+        self.position = Position::default();
+    }
+
     /// The position of the last reading.
     pub fn position(&self) -> Position {
         self.position

@@ -48,10 +48,13 @@ extern crate std;
 
 pub mod actuator;
 mod control;
+mod crc;
 pub mod encoder;
 pub mod experiment;
 mod gain;
+pub mod safety;
 mod settings;
+pub mod telemetry;
 pub mod units;
 pub mod velocity;
 pub mod wall;

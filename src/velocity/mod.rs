@@ -74,6 +74,11 @@ impl State {
     pub fn at_rest(position: Position) -> Self {
         Self { previous: position, filter: BiquadState::default() }
     }
+
+    /// The position of the last sample is called `position` from now on; the velocity stays.
+    pub(crate) fn rebase(&mut self, position: Position) {
+        self.previous = position;
+    }
 }
 
 #[cfg(test)]
