@@ -54,6 +54,7 @@ pub mod experiment;
 mod gain;
 pub mod safety;
 mod settings;
+pub mod store;
 pub mod telemetry;
 pub mod units;
 pub mod velocity;
