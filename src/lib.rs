@@ -50,6 +50,7 @@ pub mod actuator;
 mod control;
 mod crc;
 pub mod encoder;
+pub mod envelope;
 pub mod experiment;
 mod gain;
 pub mod safety;
