@@ -53,6 +53,7 @@ pub mod encoder;
 pub mod envelope;
 pub mod experiment;
 mod gain;
+pub mod link;
 pub mod safety;
 mod settings;
 pub mod store;
