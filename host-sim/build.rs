@@ -10,21 +10,11 @@ fn main() {
     };
     println!("cargo::rustc-env=ZWIDTH_COMMIT={commit}");
     println!("cargo::rustc-env=ZWIDTH_DIRTY={dirty}");
-    println!(
-        "cargo::rustc-env=ZWIDTH_TARGET={}",
-        env::var("TARGET").unwrap_or_default()
-    );
+    println!("cargo::rustc-env=ZWIDTH_TARGET={}", env::var("TARGET").unwrap_or_default());
     let rustc = env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
     let toolchain = run(&rustc, &["--version"]).unwrap_or_else(|| "unknown".into());
     println!("cargo::rustc-env=ZWIDTH_TOOLCHAIN={toolchain}");
-    for path in [
-        "../src",
-        "../scenes",
-        "../Cargo.lock",
-        "src",
-        "build.rs",
-        "Cargo.toml",
-    ] {
+    for path in ["../src", "../scenes", "../Cargo.lock", "src", "build.rs", "Cargo.toml"] {
         println!("cargo::rerun-if-changed={path}");
     }
     if let Some(git_dir) = git(&["rev-parse", "--absolute-git-dir"]) {

@@ -49,40 +49,25 @@ impl Actuator {
     pub fn new(output: Output) -> Result<Self, SettingsError> {
         let shift = Force::FRACTION_BITS;
         Ok(match output {
-            Output::Continuous => Self {
-                zero: 0,
-                per_full_scale: 1,
-                shift: 0,
-            },
+            Output::Continuous => Self { zero: 0, per_full_scale: 1, shift: 0 },
             Output::Dac { bits } => {
                 within("bits", f64::from(bits), widen(&Self::DAC_BITS))?;
                 let zero = 1 << (bits - 1);
-                Self {
-                    zero,
-                    per_full_scale: zero - 1,
-                    shift,
-                }
+                Self { zero, per_full_scale: zero - 1, shift }
             }
             Output::Pwm { steps } => {
                 within("steps", f64::from(steps), widen(&Self::PWM_STEPS))?;
-                Self {
-                    zero: 0,
-                    per_full_scale: steps.cast_signed(),
-                    shift,
-                }
+                Self { zero: 0, per_full_scale: steps.cast_signed(), shift }
             }
         })
     }
 
-    /// The nearest code; a force beyond full scale gets full scale's.
+    /// The nearest code.
     #[inline]
     pub fn command(&self, force: Force) -> Command {
-        let scaled = i64::from(force.saturate().bits()) * i64::from(self.per_full_scale);
+        let scaled = i64::from(force.bits()) * i64::from(self.per_full_scale);
         let half = (1i64 << self.shift) >> 1;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "at most per_full_scale, an i32"
-        )]
+        #[expect(clippy::cast_possible_truncation, reason = "at most per_full_scale, an i32")]
         Command(self.zero + ((scaled + half) >> self.shift) as i32)
     }
 
@@ -108,11 +93,10 @@ mod tests {
     #[test]
     fn a_12_bit_dac_is_symmetric_about_its_zero_code() {
         let dac = Output::Dac { bits: 12 };
-        let minus = Force::ZERO.saturating_sub(Force::FULL_SCALE);
         assert_eq!(code(dac, Force::ZERO), 2048);
         assert_eq!(code(dac, Force::FULL_SCALE), 4095);
-        assert_eq!(code(dac, minus), 1);
-        assert_eq!(code(dac, Force::from_bits(i32::MIN)), 1);
+        assert_eq!(code(dac, Force::saturating_from_bits(-(1 << 30))), 1);
+        assert_eq!(code(dac, Force::saturating_from_bits(i32::MIN)), 1);
         assert_eq!(Actuator::new(dac).unwrap().codes_per_full_scale(), 2047);
     }
 
@@ -120,40 +104,22 @@ mod tests {
     fn pwm_is_sign_magnitude_and_rounds_to_nearest() {
         let pwm = Output::Pwm { steps: 4500 };
         assert_eq!(code(pwm, Force::FULL_SCALE), 4500);
-        assert_eq!(code(pwm, Force::from_bits(i32::MIN)), -4500);
+        assert_eq!(code(pwm, Force::saturating_from_bits(i32::MIN)), -4500);
         let one = (1 << 30) / 4500;
-        assert_eq!(code(pwm, Force::from_bits(one / 2 - 1)), 0);
-        assert_eq!(code(pwm, Force::from_bits(one / 2 + 1)), 1);
+        assert_eq!(code(pwm, Force::saturating_from_bits(one / 2 - 1)), 0);
+        assert_eq!(code(pwm, Force::saturating_from_bits(one / 2 + 1)), 1);
     }
 
     #[test]
     fn a_continuous_output_passes_the_saturated_force_on() {
-        assert_eq!(code(Output::Continuous, Force::from_bits(12_345)), 12_345);
-        assert_eq!(
-            code(Output::Continuous, Force::from_bits(i32::MAX)),
-            1 << 30
-        );
-        assert_eq!(
-            Actuator::new(Output::Continuous)
-                .unwrap()
-                .codes_per_full_scale(),
-            1 << 30
-        );
+        assert_eq!(code(Output::Continuous, Force::saturating_from_bits(12_345)), 12_345);
+        assert_eq!(code(Output::Continuous, Force::saturating_from_bits(i32::MAX)), 1 << 30);
+        assert_eq!(Actuator::new(Output::Continuous).unwrap().codes_per_full_scale(), 1 << 30);
     }
 
     #[test]
     fn impossible_resolutions_are_refused() {
-        assert_eq!(
-            Actuator::new(Output::Dac { bits: 1 })
-                .unwrap_err()
-                .parameter,
-            "bits"
-        );
-        assert_eq!(
-            Actuator::new(Output::Pwm { steps: 0 })
-                .unwrap_err()
-                .parameter,
-            "steps"
-        );
+        assert_eq!(Actuator::new(Output::Dac { bits: 1 }).unwrap_err().parameter, "bits");
+        assert_eq!(Actuator::new(Output::Pwm { steps: 0 }).unwrap_err().parameter, "steps");
     }
 }

@@ -66,12 +66,18 @@ impl Sampler {
     pub fn new(counter: u32, width: CounterWidth) -> Self {
         let encoder = Encoder::new(counter, width);
         let velocity = velocity::State::at_rest(encoder.position());
-        Self {
-            encoder,
-            velocity,
-            sample: 0,
-            until_due: 0,
-        }
+        Self { encoder, velocity, sample: 0, until_due: 0 }
+    }
+
+    /// Position of the last sample.
+    pub fn position(&self) -> Position {
+        self.encoder.position()
+    }
+
+    /// Makes the place of the last sample position 0. The velocity goes on as if nothing happened.
+    pub fn zero(&mut self) {
+        self.encoder.zero();
+        self.velocity.rebase(self.encoder.position());
     }
 
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
@@ -83,12 +89,7 @@ impl Sampler {
         self.sample = sample.wrapping_add(1);
         let due = self.until_due == 0;
         self.until_due = if due { control.period } else { self.until_due }.saturating_sub(1);
-        Motion {
-            sample,
-            position,
-            velocity,
-            due,
-        }
+        Motion { sample, position, velocity, due }
     }
 }
 
@@ -97,14 +98,13 @@ impl Control {
     /// Both share the actuator's range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
-        let wall = self.wall.force(motion.position, motion.velocity);
-        let wanted = push.saturating_sub(wall);
-        let force = wanted.saturate();
+        let wall = self.wall.demand(motion.position, motion.velocity);
+        let (force, saturated) = wall.against(push).saturate();
         Drive {
             force,
             command: self.actuator.command(force),
             contact: self.wall.penetration(motion.position) > 0,
-            saturated: force != wanted,
+            saturated,
         }
     }
 }

@@ -16,7 +16,7 @@ pub enum CounterWidth {
 /// Unwraps a counter that wraps around into positions whose differences are exact.
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder {
-    /// 32 - width: the counter is moved to the top of the word, so that differences wrap by themselves.
+    /// 32 - width.
     unused_bits: u8,
     last: u32,
     position: Position,
@@ -29,29 +29,34 @@ impl Encoder {
             CounterWidth::Bits16 => 16,
             CounterWidth::Bits32 => 0,
         };
-        let last = counter << unused_bits;
-        let position = Position::from_counts(last.cast_signed() >> unused_bits);
-        Self {
-            unused_bits,
-            last,
-            position,
-        }
+        let position = Position::from_counts(sign_extend(counter, unused_bits));
+        Self { unused_bits, last: counter, position }
     }
 
     /// Takes the counter's present reading and returns the position, in counts.
     #[inline]
     pub fn track(&mut self, counter: u32) -> Position {
-        let now = counter << self.unused_bits;
-        let moved = now.wrapping_sub(self.last).cast_signed() >> self.unused_bits;
-        self.last = now;
+        let moved = sign_extend(counter.wrapping_sub(self.last), self.unused_bits);
+        self.last = counter;
         self.position = self.position.wrapping_add(moved);
         self.position
+    }
+
+    /// Makes the place of the last reading position 0.
+    pub fn zero(&mut self) {
+        self.position = Position::default();
     }
 
     /// The position of the last reading.
     pub fn position(&self) -> Position {
         self.position
     }
+}
+
+/// The value of the lower `32 - unused_bits` bits, as signed.
+#[inline]
+fn sign_extend(value: u32, unused_bits: u8) -> i32 {
+    (value << unused_bits).cast_signed() >> unused_bits
 }
 
 #[cfg(test)]

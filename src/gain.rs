@@ -21,10 +21,7 @@ impl Gain {
 
     /// The nearest gain to `value` (relative error at most 2^-31), or `None` if `value` is
     /// negative, not finite or outside 2^-32 .. 2^54. Zero is exact.
-    #[expect(
-        clippy::float_arithmetic,
-        reason = "design time: settings to coefficients"
-    )]
+    #[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
     pub fn from_f64(value: f64) -> Option<Self> {
         if value == 0.0 {
             return Some(Self::default());
@@ -44,14 +41,8 @@ impl Gain {
         if !(Self::SHIFT_MIN..=Self::SHIFT_MAX).contains(&shift) {
             return None;
         }
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "in range by the checks above"
-        )]
-        Some(Self {
-            mantissa: mantissa as i32,
-            shift: shift as i8,
-        })
+        #[expect(clippy::cast_possible_truncation, reason = "in range by the checks above")]
+        Some(Self { mantissa: mantissa as i32, shift: shift as i8 })
     }
 
     /// The factor as a float, exact.
@@ -86,19 +77,9 @@ mod tests {
     fn ends_of_the_range_are_exact_or_refused() {
         for exponent in -31..=53 {
             let value = libm::scalbn(1.0, exponent);
-            assert_eq!(
-                Gain::from_f64(value).unwrap().as_f64(),
-                value,
-                "2^{exponent}"
-            );
+            assert_eq!(Gain::from_f64(value).unwrap().as_f64(), value, "2^{exponent}");
         }
-        for bad in [
-            libm::scalbn(1.0, 54),
-            libm::scalbn(1.0, -33),
-            -1.0,
-            f64::NAN,
-            f64::INFINITY,
-        ] {
+        for bad in [libm::scalbn(1.0, 54), libm::scalbn(1.0, -33), -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(Gain::from_f64(bad), None, "{bad}");
         }
         assert_eq!(Gain::from_f64(0.0).unwrap().apply(i32::MAX), 0);
@@ -107,13 +88,7 @@ mod tests {
     #[test]
     fn rounding_up_to_the_next_power_of_two_keeps_the_mantissa_normalised() {
         let value = 2.0 - f64::EPSILON;
-        assert_eq!(
-            Gain::from_f64(value).unwrap(),
-            Gain {
-                mantissa: 1 << 30,
-                shift: 29
-            }
-        );
+        assert_eq!(Gain::from_f64(value).unwrap(), Gain { mantissa: 1 << 30, shift: 29 });
     }
 
     #[test]

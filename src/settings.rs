@@ -99,12 +99,24 @@ pub struct SettingsError {
 
 impl fmt::Display for SettingsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (low, high) = (self.range.start(), self.range.end());
-        write!(
-            f,
-            "{} is {}, allowed {low} to {high}",
-            self.parameter, self.value
-        )
+        let (low, high) = (shorten(*self.range.start()), shorten(*self.range.end()));
+        write!(f, "{} is {}, allowed {low} to {high}", self.parameter, self.value)
+    }
+}
+
+/// `value` to nine digits, so that a product like 3.5e-5 * 1000 prints as 0.035.
+pub fn shorten(value: f64) -> f64 {
+    const DIGITS: f64 = 9.0;
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let exponent = DIGITS - 1.0 - libm::floor(libm::log10(libm::fabs(value)));
+    if exponent >= 0.0 {
+        let scale = libm::exp10(exponent);
+        libm::round(value * scale) / scale
+    } else {
+        let scale = libm::exp10(-exponent);
+        libm::round(value / scale) * scale
     }
 }
 
@@ -119,15 +131,7 @@ pub fn within(
     value: f64,
     range: RangeInclusive<f64>,
 ) -> Result<f64, SettingsError> {
-    if range.contains(&value) {
-        Ok(value)
-    } else {
-        Err(SettingsError {
-            parameter,
-            value,
-            range,
-        })
-    }
+    if range.contains(&value) { Ok(value) } else { Err(SettingsError { parameter, value, range }) }
 }
 
 impl Design {
@@ -151,26 +155,16 @@ impl Design {
     fn position(&self, parameter: &'static str, metres: f64) -> Result<Position, SettingsError> {
         let reach = f64::from(Position::LIMIT) * self.resolution_m;
         within(parameter, metres, -reach..=reach)?;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "at most 2^30 by the check above"
-        )]
-        Ok(Position::from_counts(
-            libm::round(metres / self.resolution_m) as i32,
-        ))
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^30 by the check above")]
+        Ok(Position::from_counts(libm::round(metres / self.resolution_m) as i32))
     }
 
     /// `newtons` as a fraction of full scale, within +-1.
     fn force(&self, parameter: &'static str, newtons: f64) -> Result<Force, SettingsError> {
         within(parameter, newtons, -self.full_scale_n..=self.full_scale_n)?;
         let full = f64::from(Force::FULL_SCALE.bits());
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "at most 2^30 by the check above"
-        )]
-        Ok(Force::from_bits(
-            libm::round(newtons / self.full_scale_n * full) as i32,
-        ))
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^30 by the check above")]
+        Ok(Force::saturating_from_bits(libm::round(newtons / self.full_scale_n * full) as i32))
     }
 
     /// `seconds` in samples, rounded to the nearest.
@@ -201,16 +195,8 @@ impl Settings {
     pub fn build(&self, design: &Design) -> Result<Control, SettingsError> {
         design.check()?;
         let wall = &self.wall;
-        within(
-            "stiffness_n_per_m",
-            wall.stiffness_n_per_m,
-            limits::STIFFNESS_N_PER_M,
-        )?;
-        within(
-            "damping_n_s_per_m",
-            wall.damping_n_s_per_m,
-            limits::DAMPING_N_S_PER_M,
-        )?;
+        within("stiffness_n_per_m", wall.stiffness_n_per_m, limits::STIFFNESS_N_PER_M)?;
+        within("damping_n_s_per_m", wall.damping_n_s_per_m, limits::DAMPING_N_S_PER_M)?;
         let force_lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n;
         // One count of penetration, and one LSB of velocity, in SI units.
         let velocity_lsb =
@@ -244,11 +230,7 @@ impl Settings {
 fn gain(parameter: &'static str, value: f64, lsb: f64) -> Result<Gain, SettingsError> {
     let smallest = libm::scalbn(1.0, -32) / lsb;
     let largest = libm::scalbn(1.0, 53) / lsb;
-    Gain::from_f64(value * lsb).ok_or(SettingsError {
-        parameter,
-        value,
-        range: smallest..=largest,
-    })
+    Gain::from_f64(value * lsb).ok_or(SettingsError { parameter, value, range: smallest..=largest })
 }
 
 impl HitSettings {

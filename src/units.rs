@@ -4,7 +4,8 @@
 //! |--------------|--------------------------|---------|--------------|-----------------------|---------|
 //! | [`Position`] | counts                   | `i32`   | 1 count      | +-2^30, then a fault  | [`Encoder::track`](crate::encoder::Encoder::track) |
 //! | [`Velocity`] | counts per sample        | `Q16`   | 2^-16        | +-32767, saturating   | [`Estimator::update`](crate::velocity::Estimator::update) |
-//! | [`Force`]    | fraction of full scale   | `Q30`   | 2^-30        | +-1 after `saturate`, +-2 before | [`Wall::force`](crate::wall::Wall::force), [`Force::saturate`] |
+//! | [`Demand`]   | fraction of full scale   | `Q30` in `i64` | 2^-30 | +-2^32                | [`Wall::demand`](crate::wall::Wall::demand) |
+//! | [`Force`]    | fraction of full scale   | `Q30`   | 2^-30        | +-1, saturating       | [`Demand::saturate`] |
 //! | [`Command`]  | DAC or PWM code          | `i32`   | 1 code       | of the output         | [`Actuator::command`](crate::actuator::Actuator::command) |
 //! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
 //! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
@@ -27,31 +28,37 @@ impl Position {
     pub const LIMIT: i32 = 1 << 30;
 
     /// A position of that many counts.
+    #[inline]
     pub const fn from_counts(counts: i32) -> Self {
         Self(counts)
     }
 
     /// Counts.
+    #[inline]
     pub const fn counts(self) -> i32 {
         self.0
     }
 
     /// Whether the position lies within +-[`LIMIT`](Self::LIMIT).
+    #[inline]
     pub const fn in_range(self) -> bool {
         self.0 >= -Self::LIMIT && self.0 <= Self::LIMIT
     }
 
     /// Moves by `counts`, wrapping at the ends of `i32`, so that differences stay exact.
+    #[inline]
     pub(crate) const fn wrapping_add(self, counts: i32) -> Self {
         Self(self.0.wrapping_add(counts))
     }
 
     /// Counts from `earlier` to `self`, exact across any wrap.
+    #[inline]
     pub(crate) const fn wrapping_since(self, earlier: Self) -> i32 {
         self.0.wrapping_sub(earlier.0)
     }
 
     /// Counts from `origin` to `self`, saturating at the ends of `i32`.
+    #[inline]
     pub(crate) const fn saturating_since(self, origin: Self) -> i32 {
         self.0.saturating_sub(origin.0)
     }
@@ -72,18 +79,19 @@ impl Velocity {
     pub(crate) const LIMIT_BITS: i32 = Self::LIMIT << Self::FRACTION_BITS;
 
     /// The nearest velocity to that many counts per sample.
+    #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
         Self::saturating_from_bits(counts.clamp(-Self::LIMIT, Self::LIMIT) << Self::FRACTION_BITS)
     }
 
     /// The nearest velocity to that many LSB of 2^-16 counts per sample.
+    #[inline]
     pub fn saturating_from_bits(bits: i32) -> Self {
-        Self(Q32::from_bits(
-            bits.clamp(-Self::LIMIT_BITS, Self::LIMIT_BITS),
-        ))
+        Self(Q32::from_bits(bits.clamp(-Self::LIMIT_BITS, Self::LIMIT_BITS)))
     }
 
     /// LSB of 2^-16 counts per sample.
+    #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
     }
@@ -101,34 +109,54 @@ impl Force {
     /// All that the actuator can give.
     pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
 
-    /// A force of that many LSB of 2^-30 of full scale.
-    pub const fn from_bits(bits: i32) -> Self {
-        Self(Q32::from_bits(bits))
-    }
-
-    /// The nearest force to that many LSB: within +-2 full scales.
-    pub fn saturating_from_bits(bits: i64) -> Self {
-        let narrow = bits.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
-        #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
-        Self::from_bits(narrow as i32)
+    /// The nearest force to that many LSB of 2^-30 of full scale: within +-1 full scale.
+    #[inline]
+    pub fn saturating_from_bits(bits: i32) -> Self {
+        let limit = 1 << Self::FRACTION_BITS;
+        Self(Q32::from_bits(bits.clamp(-limit, limit)))
     }
 
     /// LSB of 2^-30 of full scale.
+    #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
     }
+}
 
-    /// `self - other`, saturating at +-2 full scales.
-    #[must_use]
-    pub fn saturating_sub(self, other: Self) -> Self {
-        Self::from_bits(self.bits().saturating_sub(other.bits()))
+/// A force that is asked for, in the unit of [`Force`] but far beyond full scale.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
+pub struct Demand(i64);
+
+impl Demand {
+    /// Nothing is asked for.
+    pub const ZERO: Self = Self(0);
+    /// A demand of that many LSB of 2^-30 of full scale.
+    #[inline]
+    pub const fn from_bits(bits: i64) -> Self {
+        Self(bits)
     }
 
-    /// The nearest force that the actuator can give: within +-1 full scale.
+    /// LSB of 2^-30 of full scale.
+    #[inline]
+    pub const fn bits(self) -> i64 {
+        self.0
+    }
+
+    /// What is left of `push` against this demand.
+    #[inline]
     #[must_use]
-    pub fn saturate(self) -> Self {
-        let limit = Self::FULL_SCALE.bits();
-        Self::from_bits(self.bits().clamp(-limit, limit))
+    pub fn against(self, push: Force) -> Self {
+        Self(i64::from(push.bits()).saturating_sub(self.0))
+    }
+
+    /// The nearest force that the actuator can give, and whether that is less than was asked for.
+    #[inline]
+    pub fn saturate(self) -> (Force, bool) {
+        let limit = 1i64 << Force::FRACTION_BITS;
+        let given = self.0.clamp(-limit, limit);
+        #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
+        let force = Force(Q32::from_bits(given as i32));
+        (force, given != self.0)
     }
 }
 
@@ -138,6 +166,7 @@ pub struct Command(pub(crate) i32);
 
 impl Command {
     /// The code.
+    #[inline]
     pub const fn code(self) -> i32 {
         self.0
     }
@@ -178,44 +207,31 @@ mod tests {
 
     #[test]
     fn velocity_saturates_at_its_documented_limit() {
-        assert_eq!(
-            Velocity::saturating_from_counts(i32::MAX).bits(),
-            32_767 << 16
-        );
-        assert_eq!(
-            Velocity::saturating_from_counts(i32::MIN).bits(),
-            -(32_767 << 16)
-        );
+        assert_eq!(Velocity::saturating_from_counts(i32::MAX).bits(), 32_767 << 16);
+        assert_eq!(Velocity::saturating_from_counts(i32::MIN).bits(), -(32_767 << 16));
         assert_eq!(Velocity::saturating_from_counts(-3).bits(), -3 << 16);
-        assert_eq!(
-            Velocity::saturating_from_bits(i32::MIN).bits(),
-            -(32_767 << 16)
-        );
+        assert_eq!(Velocity::saturating_from_bits(i32::MIN).bits(), -(32_767 << 16));
     }
 
     #[test]
-    fn force_saturates_to_full_scale_and_is_idempotent() {
-        for bits in [
-            i32::MIN,
-            -(1 << 30) - 1,
-            -(1 << 30),
-            -1,
-            0,
-            1,
-            (1 << 30) + 1,
-            i32::MAX,
+    fn a_demand_saturates_to_full_scale_and_says_so() {
+        let full = 1i64 << 30;
+        for (bits, given, saturated) in [
+            (i64::MIN, -full, true),
+            (-full - 1, -full, true),
+            (-full, -full, false),
+            (0, 0, false),
+            (full, full, false),
+            (full + 1, full, true),
+            (i64::MAX, full, true),
         ] {
-            let once = Force::from_bits(bits).saturate();
-            assert_eq!(once.saturate(), once);
-            assert!(once.bits().abs() <= 1 << 30);
+            let (force, less) = Demand::from_bits(bits).saturate();
+            assert_eq!((i64::from(force.bits()), less), (given, saturated));
+            assert_eq!(Demand::from_bits(given).saturate(), (force, false), "idempotent");
         }
-        assert_eq!(
-            Force::FULL_SCALE
-                .saturating_sub(Force::from_bits(i32::MIN))
-                .bits(),
-            i32::MAX
-        );
-        assert_eq!(Force::saturating_from_bits(i64::MIN).bits(), i32::MIN);
+        assert_eq!(Demand::from_bits(full + 5).against(Force::FULL_SCALE).bits(), -5);
+        assert_eq!(Demand::from_bits(i64::MIN).against(Force::FULL_SCALE).bits(), i64::MAX);
+        assert_eq!(Force::saturating_from_bits(i32::MIN).bits(), -(1 << 30));
     }
 
     #[test]

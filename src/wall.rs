@@ -4,7 +4,7 @@
 
 use crate::{
     Gain,
-    units::{Force, Position, Velocity},
+    units::{Demand, Position, Velocity},
 };
 
 /// A spring-damper wall in integer units; made by [`Settings::build`](crate::Settings::build).
@@ -20,6 +20,7 @@ pub struct Wall {
 
 impl Wall {
     /// The surface.
+    #[inline]
     pub fn surface(&self) -> Position {
         self.surface
     }
@@ -31,18 +32,15 @@ impl Wall {
     }
 
     /// `K * penetration + B * velocity` while in contact, else zero; with `push_only` never
-    /// negative. Saturates at +-2 full scales, so that a push of up to one full scale still
-    /// subtracts exactly.
+    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
     #[inline]
-    pub fn force(&self, position: Position, velocity: Velocity) -> Force {
+    pub fn demand(&self, position: Position, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);
         if penetration <= 0 {
-            return Force::ZERO;
+            return Demand::ZERO;
         }
-        let spring = self.stiffness.apply(penetration);
-        let damper = self.damping.apply(velocity.bits());
-        let total = spring + damper; // each within +-2^61, see Gain::PRODUCT_LIMIT
-        Force::saturating_from_bits(if self.push_only { total.max(0) } else { total })
+        let total = self.stiffness.apply(penetration) + self.damping.apply(velocity.bits());
+        Demand::from_bits(if self.push_only { total.max(0) } else { total })
     }
 }
 
@@ -66,38 +64,26 @@ mod tests {
 
     #[test]
     fn the_surface_itself_is_not_in_contact() {
-        assert_eq!(
-            wall(false).force(at(100), Velocity::saturating_from_bits(50)),
-            Force::ZERO
-        );
-        assert_eq!(wall(false).force(at(101), Velocity::ZERO).bits(), 1000);
+        assert_eq!(wall(false).demand(at(100), Velocity::saturating_from_bits(50)), Demand::ZERO);
+        assert_eq!(wall(false).demand(at(101), Velocity::ZERO).bits(), 1000);
     }
 
     #[test]
     fn spring_and_damper_add_and_only_a_bilateral_wall_pulls() {
         let out = Velocity::saturating_from_bits(-500);
-        assert_eq!(wall(false).force(at(102), out).bits(), 2000 - 5000);
-        assert_eq!(wall(true).force(at(102), out), Force::ZERO);
+        assert_eq!(wall(false).demand(at(102), out).bits(), 2000 - 5000);
+        assert_eq!(wall(true).demand(at(102), out), Demand::ZERO);
     }
 
     #[test]
     fn far_positions_and_high_speeds_saturate() {
-        let strong = Wall {
-            stiffness: Gain::from_f64(2f64.powi(53)).unwrap(),
-            ..wall(false)
-        };
-        assert_eq!(strong.force(at(i32::MAX), Velocity::ZERO).bits(), i32::MAX);
-        let low = Wall {
-            surface: at(-(1 << 30)),
-            ..strong
-        };
+        let strong = Wall { stiffness: Gain::from_f64(2f64.powi(53)).unwrap(), ..wall(false) };
+        assert_eq!(strong.demand(at(i32::MAX), Velocity::ZERO).bits(), Gain::PRODUCT_LIMIT);
+        let low = Wall { surface: at(-(1 << 30)), ..strong };
         assert_eq!(low.penetration(at(i32::MAX)), i32::MAX);
         let fast = Velocity::saturating_from_bits(i32::MIN);
-        let viscous = Wall {
-            damping: Gain::from_f64(2f64.powi(50)).unwrap(),
-            ..wall(false)
-        };
-        assert_eq!(viscous.force(at(101), fast).bits(), i32::MIN);
+        let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
+        assert_eq!(viscous.demand(at(101), fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
     }
 
     proptest! {
@@ -108,8 +94,8 @@ mod tests {
             let wall = wall(true);
             let velocity = Velocity::saturating_from_bits(velocity);
             let (shallow, deep) = (a.min(b), a.max(b));
-            let (f1, f2) = (wall.force(at(shallow), velocity), wall.force(at(deep), velocity));
-            prop_assert!(f1 >= Force::ZERO && f2 >= f1);
+            let (f1, f2) = (wall.demand(at(shallow), velocity), wall.demand(at(deep), velocity));
+            prop_assert!(f1 >= Demand::ZERO && f2 >= f1);
         }
     }
 }

@@ -29,7 +29,7 @@ pub trait Controller {
 }
 
 /// The fixed-point core: the code that the firmware runs.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Fixed {
     control: Control,
     sampler: Sampler,
@@ -53,7 +53,7 @@ impl Fixed {
     ) -> Result<Self, SettingsError> {
         let control = settings.build(design)?;
         let sampler = Sampler::new(count.cast_unsigned(), CounterWidth::Bits32);
-        let motion = sampler.clone().sample(&control, count.cast_unsigned());
+        let motion = { sampler }.sample(&control, count.cast_unsigned());
         Ok(Self {
             control,
             sampler,
@@ -78,14 +78,9 @@ impl Controller for Fixed {
         self.motion.due
     }
 
-    #[inline]
+    #[inline(always)] // called, it would keep the state of the loop in memory
     fn render(&mut self) -> Rendered {
-        let Drive {
-            force,
-            command,
-            saturated,
-            ..
-        } = self.control.render(self.motion, self.push);
+        let Drive { force, command, saturated, .. } = self.control.render(self.motion, self.push);
         Rendered {
             force: f64::from(force.bits()) * self.per_force_bit,
             output: f64::from(command.code() - self.zero_code) * self.per_code,
@@ -93,6 +88,7 @@ impl Controller for Fixed {
         }
     }
 
+    #[inline]
     fn velocity(&self) -> f64 {
         f64::from(self.motion.velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
     }

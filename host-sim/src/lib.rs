@@ -13,6 +13,7 @@ pub mod controller;
 pub mod error;
 pub mod exact;
 pub mod figure;
+pub mod linear;
 pub mod manifest;
 pub mod output;
 pub mod plant;

@@ -41,14 +41,9 @@ pub fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
     };
     fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
     let mut file = NamedTempFile::new_in(folder).map_err(|error| unwritable(folder, &error))?;
-    file.write_all(bytes)
-        .and_then(|()| file.as_file().sync_all())
-        .map_err(Error::file(path))?;
+    file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(Error::file(path))?;
     open_to_all(file.path());
-    file.persist(path).map_err(|error| Error::File {
-        path: path.into(),
-        source: error.error,
-    })?;
+    file.persist(path).map_err(|error| Error::File { path: path.into(), source: error.error })?;
     Ok(())
 }
 
@@ -60,10 +55,7 @@ pub fn figure_bytes(path: &Path, figure: &Figure) -> Result<Vec<u8>, Error> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("svg") => Ok(figure.svg().as_bytes().to_vec()),
         Some("png") => png(figure),
-        _ => Err(Error::Input(format!(
-            "{}: allowed endings are .svg and .png",
-            path.display()
-        ))),
+        _ => Err(Error::Input(format!("{}: allowed endings are .svg and .png", path.display()))),
     }
 }
 
@@ -72,9 +64,7 @@ pub fn figure_bytes(path: &Path, figure: &Figure) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// It cannot be drawn.
 pub fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
-    figure
-        .png()
-        .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
+    figure.png().map_err(|error| Error::Internal(format!("cannot draw: {error}")))
 }
 
 /// A result folder in the making: its files appear together, the manifest last.
@@ -95,31 +85,17 @@ impl Staging {
     /// [`Error::Input`] if it cannot be written, or holds one of the files `names` and `force` is
     /// not given.
     pub fn new(folder: &Path, names: &[&str], force: bool) -> Result<Self, Error> {
-        if let Some(name) = names
-            .iter()
-            .find(|name| !force && folder.join(name).exists())
-        {
+        if let Some(name) = names.iter().find(|name| !force && folder.join(name).exists()) {
             return Err(Error::Input(format!(
                 "{} holds a result already ({name}); --force replaces it, --out writes elsewhere",
                 folder.display()
             )));
         }
         let is_new = |path: &&Path| *path != Path::new("") && !path.exists();
-        let created = folder
-            .ancestors()
-            .take_while(is_new)
-            .map(Path::to_path_buf)
-            .collect();
-        let mut staging = Self {
-            folder: folder.into(),
-            created,
-            files: None,
-            names: vec![],
-        };
+        let created = folder.ancestors().take_while(is_new).map(Path::to_path_buf).collect();
+        let mut staging = Self { folder: folder.into(), created, files: None, names: vec![] };
         fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
-        let files = tempfile::Builder::new()
-            .prefix(".partial-")
-            .tempdir_in(folder);
+        let files = tempfile::Builder::new().prefix(".partial-").tempdir_in(folder);
         staging.files = Some(files.map_err(|error| unwritable(folder, &error))?);
         Ok(staging)
     }
@@ -152,10 +128,7 @@ impl Staging {
         let manifest = self.folder.join(MANIFEST);
         match fs::remove_file(&manifest) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                return Err(Error::File {
-                    path: manifest,
-                    source: error,
-                });
+                return Err(Error::File { path: manifest, source: error });
             }
             _ => {}
         }
@@ -243,17 +216,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let file = root.path().join("file");
         fs::write(&file, "").unwrap();
-        assert_eq!(
-            Staging::new(&file.join("x"), &[], true)
-                .unwrap_err()
-                .exit_code(),
-            2
-        );
-        assert_eq!(
-            write_file(&file.join("x"), b"", true)
-                .unwrap_err()
-                .exit_code(),
-            2
-        );
+        assert_eq!(Staging::new(&file.join("x"), &[], true).unwrap_err().exit_code(), 2);
+        assert_eq!(write_file(&file.join("x"), b"", true).unwrap_err().exit_code(), 2);
     }
 }

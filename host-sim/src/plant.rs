@@ -1,10 +1,11 @@
 //! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F` with a force that is constant, or
 //! steps once, within a sample.
 //!
-//! The state is `(x - x0, x')`; a step is `s' = phi s + before F1 + after F2`, where F1 acts until
-//! `fraction` of the sample has passed and F2 from there on: `after = gamma((1 - fraction) T)`,
-//! `before = phi((1 - fraction) T) gamma(fraction T)`. Nothing is approximated but by rounding.
-//! Forces or lengths scaled by a power of two give a run that is bit-identical up to that scale.
+//! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. Where the
+//! force steps from F1 to F2 at `fraction` of the sample it is `s' = phi s + before F1 + after F2`,
+//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. Nothing is
+//! approximated but by rounding. Forces or lengths scaled by a power of two give a run that is
+//! bit-identical up to that scale.
 
 use crate::{exact::oscillator_step, scene::Device};
 
@@ -12,8 +13,10 @@ use crate::{exact::oscillator_step, scene::Device};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantStep {
     phi: [[f64; 2]; 2],
-    /// Effect of the force that acts until the split; `None` if the sample is not split.
-    before: Option<[f64; 2]>,
+    /// Effect of a force that acts over the whole sample.
+    gamma: [f64; 2],
+    /// Effect of the force that acts until the split.
+    before: [f64; 2],
     /// Effect of the force that acts from the split on.
     after: [f64; 2],
     rest_position_m: f64,
@@ -36,27 +39,20 @@ impl PlantStep {
         let mobility = 1.0 / device.mass_kg;
         let per_force = |gamma: [f64; 2]| gamma.map(|g| g * mobility);
         let (phi, whole) = oscillator_step(stiffness, damping, sample_s);
-        let (before, after) = if fraction > 0.0 {
-            let (late_phi, late) = oscillator_step(stiffness, damping, (1.0 - fraction) * sample_s);
-            let (_, early) = oscillator_step(stiffness, damping, fraction * sample_s);
-            (Some(per_force(times(&late_phi, &early))), per_force(late))
-        } else {
-            (None, per_force(whole))
-        };
+        let (_, early) = oscillator_step(stiffness, damping, fraction * sample_s);
+        let (late_phi, late) = oscillator_step(stiffness, damping, (1.0 - fraction) * sample_s);
         Self {
             phi,
-            before,
-            after,
+            gamma: per_force(whole),
+            before: per_force(times(&late_phi, &early)),
+            after: per_force(late),
             rest_position_m: device.rest_position_m,
         }
     }
 
     /// The state of a handle at rest at `position_m`.
     pub fn at_rest(&self, position_m: f64) -> PlantState {
-        PlantState {
-            offset_m: position_m - self.rest_position_m,
-            speed_m_per_s: 0.0,
-        }
+        PlantState { offset_m: position_m - self.rest_position_m, speed_m_per_s: 0.0 }
     }
 
     /// Position, m.
@@ -65,28 +61,35 @@ impl PlantStep {
         state.offset_m + self.rest_position_m
     }
 
+    /// The state one sample later, with `force_n` acting all the while.
+    #[inline]
+    pub fn advance(&self, state: &PlantState, force_n: f64) -> PlantState {
+        self.free(state).plus(&self.gamma, force_n)
+    }
+
     /// The state one sample later, with `before_n` acting until the split and `after_n` from it on.
     #[inline]
-    pub fn advance(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
-        let PlantState {
-            offset_m: x,
-            speed_m_per_s: v,
-        } = *state;
+    pub fn advance_split(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
+        self.free(state).plus(&self.before, before_n).plus(&self.after, after_n)
+    }
+
+    #[inline]
+    fn free(&self, state: &PlantState) -> PlantState {
+        let PlantState { offset_m: x, speed_m_per_s: v } = *state;
         let [[xx, xv], [vx, vv]] = self.phi;
-        let mut offset_m = xx * x + xv * v + self.after[0] * after_n;
-        let mut speed_m_per_s = vx * x + vv * v + self.after[1] * after_n;
-        if let Some(before) = self.before {
-            offset_m += before[0] * before_n;
-            speed_m_per_s += before[1] * before_n;
-        }
-        PlantState {
-            offset_m,
-            speed_m_per_s,
-        }
+        PlantState { offset_m: xx * x + xv * v, speed_m_per_s: vx * x + vv * v }
     }
 }
 
 impl PlantState {
+    #[inline]
+    fn plus(self, effect: &[f64; 2], force_n: f64) -> Self {
+        Self {
+            offset_m: self.offset_m + effect[0] * force_n,
+            speed_m_per_s: self.speed_m_per_s + effect[1] * force_n,
+        }
+    }
+
     /// Speed, m/s.
     pub fn speed_m_per_s(&self) -> f64 {
         self.speed_m_per_s

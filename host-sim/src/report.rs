@@ -119,9 +119,8 @@ fn answer(report: &Report) -> String {
             format!("Ideal cutoff range: {} to {} Hz", hertz(low), hertz(high))
         }
     });
-    let ideal = report
-        .ideal_cutoff_hz
-        .map(|ideal| format!("deal cutoff {} Hz (nominal)", hertz(ideal)));
+    let ideal =
+        report.ideal_cutoff_hz.map(|ideal| format!("deal cutoff {} Hz (nominal)", hertz(ideal)));
     match (range, ideal) {
         (Some(range), Some(ideal)) => format!("{range}; i{ideal}"),
         (None, Some(ideal)) => format!("I{ideal}"),
@@ -141,11 +140,7 @@ fn areas(report: &Report) -> String {
     if report.areas.is_empty() {
         return String::new();
     }
-    let largest = report
-        .areas
-        .iter()
-        .map(|row| row.area_high.max(row.area))
-        .fold(0.0, f64::max);
+    let largest = report.areas.iter().map(|row| row.area_high.max(row.area)).fold(0.0, f64::max);
     let (factor, unit) = scaled_unit(largest, "N² s/m²");
     let mut out = String::from("<div class=\"wide\">\n<table>\n<thead>\n<tr>");
     for (name, unit) in [
@@ -157,10 +152,7 @@ fn areas(report: &Report) -> String {
         ("Peak K", "N/m"),
         ("Largest B", "N s/m"),
     ] {
-        let _ = write!(
-            out,
-            "<th scope=\"col\">{name}<br><small>[{unit}]</small></th>"
-        );
+        let _ = write!(out, "<th scope=\"col\">{name}<br><small>[{unit}]</small></th>");
     }
     out.push_str("</tr>\n</thead>\n<tbody>\n");
     for row in &report.areas {
@@ -182,9 +174,8 @@ fn areas(report: &Report) -> String {
 }
 
 fn row_class(report: &Report, cutoff_hz: f64) -> &'static str {
-    let inside = report
-        .ideal_cutoff_range_hz
-        .is_some_and(|[low, high]| (low..=high).contains(&cutoff_hz));
+    let inside =
+        report.ideal_cutoff_range_hz.is_some_and(|[low, high]| (low..=high).contains(&cutoff_hz));
     match (report.ideal_cutoff_hz == Some(cutoff_hz), inside) {
         (true, true) => " class=\"range ideal\"",
         (true, false) => " class=\"ideal\"",
@@ -197,10 +188,7 @@ fn notes(notes: &[String]) -> String {
     if notes.is_empty() {
         return String::new();
     }
-    let items: String = notes
-        .iter()
-        .map(|note| format!("<li>{}</li>\n", escape(note)))
-        .collect();
+    let items: String = notes.iter().map(|note| format!("<li>{}</li>\n", escape(note))).collect();
     format!("<ul>\n{items}</ul>\n")
 }
 
@@ -219,11 +207,7 @@ fn provenance(facts: &[(String, String)]) -> String {
     let rows: String = facts
         .iter()
         .map(|(name, value)| {
-            format!(
-                "<tr><th scope=\"row\">{}</th><td>{}</td></tr>\n",
-                escape(name),
-                escape(value)
-            )
+            format!("<tr><th scope=\"row\">{}</th><td>{}</td></tr>\n", escape(name), escape(value))
         })
         .collect();
     format!("<table class=\"facts\">\n<tbody>\n{rows}</tbody>\n</table>\n")
@@ -268,10 +252,7 @@ mod tests {
             ideal_cutoff_range_hz: Some([1200.0, 1700.0]),
             figures: figures
                 .into_iter()
-                .map(|figure| ReportFigure {
-                    figure,
-                    caption: "K & B".to_owned(),
-                })
+                .map(|figure| ReportFigure { figure, caption: "K & B".to_owned() })
                 .collect(),
             areas: vec![row(500.0, 2.65e7), row(1200.0, 4.17e7), row(1700.0, 4.55e7)],
             notes: vec!["a < b".to_owned()],
@@ -305,9 +286,7 @@ mod tests {
         assert!(page.contains("name = &quot;&lt;script&gt;&quot;"));
         assert!(page.contains("<li>a &lt; b</li>"));
         assert!(page.contains("<td>0.1.0 &amp; more</td>"));
-        for element in [
-            "section", "figure", "table", "tr", "th", "td", "pre", "main",
-        ] {
+        for element in ["section", "figure", "table", "tr", "th", "td", "pre", "main"] {
             let opened = page.matches(&format!("<{element}>")).count()
                 + page.matches(&format!("<{element} ")).count();
             let closed = page.matches(&format!("</{element}>")).count();

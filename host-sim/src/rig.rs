@@ -1,5 +1,7 @@
 //! A scene made ready to run wall hits: everything that does not change from hit to hit.
 
+use std::ops::ControlFlow;
+
 use zwidth::{
     Design, SettingsError,
     experiment::{Hit, HitPlan, Verdict},
@@ -117,7 +119,7 @@ pub struct Rig {
     parts: Parts,
 }
 
-/// How many samples of the window pass between two looks for an early verdict.
+/// How many samples pass between two looks for an early verdict.
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl Rig {
@@ -135,20 +137,16 @@ impl Rig {
             clippy::cast_sign_loss,
             reason = "0 to 1000 by the check above"
         )]
-        let whole = latency.floor() as u64;
+        let whole = latency.floor() as u32;
         let parts = Parts {
             plant: PlantStep::new(&scene.device, 1.0 / design.rate_hz, latency.fract()),
             resolution_m: design.resolution_m,
             rounding: scene.encoder.rounding,
             full_scale_n: design.full_scale_n,
             latency: whole,
+            period: design.period,
         };
-        Ok(Self {
-            scene: scene.clone(),
-            design,
-            plan,
-            parts,
-        })
+        Ok(Self { scene: scene.clone(), design, plan, parts })
     }
 
     /// The scene.
@@ -194,8 +192,7 @@ impl Rig {
         Ok(Simulation::new(self.parts, twin, start_m))
     }
 
-    /// Runs a whole hit; `observe` sees every sample, with the controller's velocity in counts per
-    /// sample.
+    /// Runs a whole hit; `observe` sees every sample.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -203,7 +200,7 @@ impl Rig {
         &self,
         numeric: Numeric,
         hit: &WallHit,
-        observe: impl FnMut(&Sample, f64),
+        observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         match numeric {
             Numeric::Fixed => self.whole_hit(self.fixed(hit)?, observe),
@@ -226,56 +223,63 @@ impl Rig {
         }
     }
 
-    fn whole_hit<C: Controller>(
+    fn whole_hit<C: Controller + Copy>(
         &self,
         mut simulation: Simulation<C>,
-        mut observe: impl FnMut(&Sample, f64),
+        mut observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         let surface = simulation.controller().surface();
         let surface_m = f64::from(surface) * self.parts.resolution_m;
         let mut hit = Hit::new(self.plan);
         let (mut outputs, mut saturated) = (0u32, 0u32);
         let mut peak_penetration_m = 0f64;
-        loop {
-            let sample = simulation.step();
-            observe(&sample, simulation.controller().velocity());
+        let ended = simulation.run(self.samples(), |sample| {
+            observe(sample);
             if let Some(rendered) = sample.rendered {
                 outputs += 1;
                 saturated += u32::from(rendered.saturated);
             }
             peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
-            if let Some(verdict) = judge(&mut hit, &sample, surface)? {
-                let scatter = hit.scatter();
-                return Ok(HitReport {
-                    verdict,
-                    rms_m: scatter.rms_counts() * self.parts.resolution_m,
-                    mean_m: scatter.mean_counts() * self.parts.resolution_m,
-                    peak_penetration_m,
-                    saturated_fraction: f64::from(saturated) / f64::from(outputs),
-                    contact_fraction: f64::from(hit.contact_samples())
-                        / f64::from(scatter.samples()),
-                });
-            }
-        }
+            judge(&mut hit, sample, surface)
+        });
+        let verdict = verdict(ended, &hit)?;
+        let scatter = hit.scatter();
+        Ok(HitReport {
+            verdict,
+            rms_m: scatter.rms_counts() * self.parts.resolution_m,
+            mean_m: scatter.mean_counts() * self.parts.resolution_m,
+            peak_penetration_m,
+            saturated_fraction: f64::from(saturated) / f64::from(outputs),
+            contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
+        })
     }
 
-    fn early_verdict<C: Controller>(
+    fn early_verdict<C: Controller + Copy>(
         &self,
         mut simulation: Simulation<C>,
     ) -> Result<Verdict, HitError> {
         let surface = simulation.controller().surface();
         let mut hit = Hit::new(self.plan);
-        loop {
-            let sample = simulation.step();
-            if let Some(verdict) = judge(&mut hit, &sample, surface)? {
-                return Ok(verdict);
+        let mut left = self.samples();
+        while left > 0 {
+            let samples = left.min(EARLY_CHECK_SAMPLES);
+            left -= samples;
+            let mut here = hit; // a copy, so that it can live in registers
+            let ended = simulation.run(samples, |sample| judge(&mut here, sample, surface));
+            hit = here;
+            if ended.is_break() {
+                return verdict(ended, &hit);
             }
-            if hit.scatter().samples() % EARLY_CHECK_SAMPLES == EARLY_CHECK_SAMPLES - 1 {
-                if let Some(verdict) = hit.certain_verdict() {
-                    return Ok(verdict);
-                }
+            if let Some(certain) = hit.certain_verdict() {
+                return Ok(certain);
             }
         }
+        verdict(ControlFlow::Continue(()), &hit)
+    }
+
+    /// Samples of a whole hit.
+    fn samples(&self) -> u32 {
+        self.plan.settle + self.plan.window
     }
 
     fn start_m(&self, hit: &WallHit) -> f64 {
@@ -283,16 +287,27 @@ impl Rig {
     }
 
     fn settings(&self, hit: &WallHit) -> zwidth::Settings {
-        self.scene
-            .settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
+        self.scene.settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
     }
 }
 
+/// Feeds one sample to the hit; breaks with its verdict.
 #[inline]
-fn judge(hit: &mut Hit, sample: &Sample, surface: i32) -> Result<Option<Verdict>, HitError> {
+fn judge(hit: &mut Hit, sample: &Sample, surface: i32) -> ControlFlow<Result<Verdict, HitError>> {
     let position = Position::from_counts(sample.count);
     if !position.in_range() {
-        return Err(HitError::OutOfRange(sample.index));
+        return ControlFlow::Break(Err(HitError::OutOfRange(sample.index)));
     }
-    Ok(hit.sample(position, sample.count > surface))
+    match hit.sample(position, sample.count > surface) {
+        Some(verdict) => ControlFlow::Break(Ok(verdict)),
+        None => ControlFlow::Continue(()),
+    }
+}
+
+/// How a run ended. A run of all samples breaks with its last one.
+fn verdict(ended: ControlFlow<Result<Verdict, HitError>>, hit: &Hit) -> Result<Verdict, HitError> {
+    match ended {
+        ControlFlow::Break(verdict) => verdict,
+        ControlFlow::Continue(()) => Ok(hit.verdict()),
+    }
 }

@@ -10,7 +10,7 @@ use std::{fs, ops::RangeInclusive, path::Path};
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, VelocitySettings, WallSettings,
-    experiment::WalkPlan, limits,
+    experiment::WalkPlan, limits, shorten,
 };
 
 use crate::error::Error;
@@ -229,9 +229,7 @@ impl NamedScene {
         let path = Path::new(name_or_path);
         let text = fs::read_to_string(path).map_err(|error| {
             let names = BUILT_IN.map(|(name, _)| name).join(", ");
-            Error::Input(format!(
-                "{name_or_path}: {error} (built-in scenes: {names})"
-            ))
+            Error::Input(format!("{name_or_path}: {error} (built-in scenes: {names})"))
         })?;
         let stem = path.file_stem().unwrap_or(path.as_os_str());
         Self::parse(stem.to_string_lossy().into_owned(), text, name_or_path)
@@ -246,14 +244,9 @@ impl NamedScene {
             let start = error.span().map_or(0, |span| span.start);
             let line = text[..start.min(text.len())].matches('\n').count() + 1;
             let message = error.message().replace('\n', " ");
-            Error::Input(format!(
-                "{origin}:{line}: {}: {message}",
-                line_of(&text, line)
-            ))
+            Error::Input(format!("{origin}:{line}: {}: {message}", line_of(&text, line)))
         })?;
-        scene
-            .check()
-            .map_err(|error| Error::Input(format!("{origin}: {error}")))?;
+        scene.check().map_err(|error| Error::Input(format!("{origin}: {error}")))?;
         Ok(Self { name, text, scene })
     }
 }
@@ -270,39 +263,14 @@ impl Scene {
     /// # Errors
     /// One line: key, value, allowed range.
     pub fn check(&self) -> Result<(), String> {
-        let Self {
-            device,
-            actuator,
-            wall,
-            ..
-        } = self;
+        let Self { device, actuator, wall, .. } = self;
         within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;
-        within(
-            "device.damping_n_s_per_m",
-            device.damping_n_s_per_m,
-            ranges::DAMPING_N_S_PER_M,
-        )?;
-        within(
-            "device.stiffness_n_per_m",
-            device.stiffness_n_per_m,
-            ranges::STIFFNESS_N_PER_M,
-        )?;
-        within(
-            "device.rest_position_m",
-            device.rest_position_m,
-            ranges::POSITION_M,
-        )?;
-        within(
-            "device.start_position_m",
-            device.start_position_m,
-            ranges::POSITION_M,
-        )?;
+        within("device.damping_n_s_per_m", device.damping_n_s_per_m, ranges::DAMPING_N_S_PER_M)?;
+        within("device.stiffness_n_per_m", device.stiffness_n_per_m, ranges::STIFFNESS_N_PER_M)?;
+        within("device.rest_position_m", device.rest_position_m, ranges::POSITION_M)?;
+        within("device.start_position_m", device.start_position_m, ranges::POSITION_M)?;
         within("wall.position_m", wall.position_m, ranges::POSITION_M)?;
-        within(
-            "actuator.gain_n_per_v",
-            actuator.gain_n_per_v,
-            ranges::GAIN_N_PER_V,
-        )?;
+        within("actuator.gain_n_per_v", actuator.gain_n_per_v, ranges::GAIN_N_PER_V)?;
         within("actuator.limit_v", actuator.limit_v, ranges::LIMIT_V)?;
         within("actuator.latency", actuator.latency, ranges::LATENCY)?;
         let keyed = |error: SettingsError| in_scene(&error);
@@ -313,9 +281,7 @@ impl Scene {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
         }
         for &cutoff_hz in &self.sweep.cutoffs_hz {
-            self.settings(cutoff_hz, 0.0, 0.0)
-                .build(&self.design())
-                .map_err(keyed)?;
+            self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
         }
         Ok(())
     }
@@ -353,18 +319,10 @@ impl Scene {
         for ([start_key, step_key, max_key], [start, step, max], range) in axes {
             within(max_key, max, range)?;
             within(start_key, start, 0.0..=max)?;
-            within(
-                step_key,
-                step,
-                (max / ranges::WALK_STEPS).max(f64::MIN_POSITIVE)..=max,
-            )?;
+            within(step_key, step, (max / ranges::WALK_STEPS).max(f64::MIN_POSITIVE)..=max)?;
         }
         let smallest = f64::MIN_POSITIVE..=walk.stiffness_max_n_per_m;
-        within(
-            "walk.stiffness_start_n_per_m",
-            walk.stiffness_start_n_per_m,
-            smallest,
-        )
+        within("walk.stiffness_start_n_per_m", walk.stiffness_start_n_per_m, smallest)
     }
 
     /// Force at full command, N.
@@ -454,18 +412,15 @@ fn in_scene(error: &SettingsError) -> String {
         "cutoff_hz" => "sweep.cutoffs_hz",
         other => other,
     };
-    let (low, high) = (error.range.start(), error.range.end());
-    format!("{key} is {}, allowed {low} to {high}", error.value)
+    refused(key, error.value, &error.range)
 }
 
 fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
-    if range.contains(&value) {
-        Ok(())
-    } else {
-        Err(format!(
-            "{key} is {value}, allowed {} to {}",
-            range.start(),
-            range.end()
-        ))
-    }
+    if range.contains(&value) { Ok(()) } else { Err(refused(key, value, &range)) }
+}
+
+/// The one line that says what is wrong with a value: key, value, allowed range.
+pub fn refused(key: &str, value: f64, range: &RangeInclusive<f64>) -> String {
+    let (low, high) = (shorten(*range.start()), shorten(*range.end()));
+    format!("{key} is {value}, allowed {low} to {high}")
 }

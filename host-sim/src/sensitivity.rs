@@ -27,34 +27,19 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
         let mut changed = scene.clone();
         edit(&mut changed);
         if changed != *scene {
-            variants.push(Variant {
-                name,
-                change,
-                rig: Rig::new(&changed)?,
-            });
+            variants.push(Variant { name, change, rig: Rig::new(&changed)? });
         }
         Ok::<(), Error>(())
     };
     let limit_m = scene.wall_hit.rms_limit_m;
     for (name, factor) in [("rms_limit_third", 1.0 / 3.0), ("rms_limit_double", 2.0)] {
         let rms_limit_m = limit_m * factor;
-        let change = format!(
-            "RMS limit {:.3} um instead of {:.3} um",
-            rms_limit_m * 1e6,
-            limit_m * 1e6
-        );
-        add(name, change, &|scene| {
-            scene.wall_hit.rms_limit_m = rms_limit_m
-        })?;
+        let change =
+            format!("RMS limit {:.3} um instead of {:.3} um", rms_limit_m * 1e6, limit_m * 1e6);
+        add(name, change, &|scene| scene.wall_hit.rms_limit_m = rms_limit_m)?;
     }
-    let pulls = if scene.wall.push_only {
-        "the wall may pull"
-    } else {
-        "the wall never pulls"
-    };
-    add("push_only_flipped", pulls.into(), &|scene| {
-        scene.wall.push_only = !scene.wall.push_only
-    })?;
+    let pulls = if scene.wall.push_only { "the wall may pull" } else { "the wall never pulls" };
+    add("push_only_flipped", pulls.into(), &|scene| scene.wall.push_only = !scene.wall.push_only)?;
     let latency = scene.actuator.latency;
     for (name, factor) in [("latency_half", 0.5), ("latency_double", 2.0)] {
         let changed = latency * factor;
@@ -64,14 +49,10 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
     let period = scene.actuator.period;
     let halved = (period / 2).max(1);
     let change = format!("an output every {halved} samples instead of {period}, same latency");
-    add("output_rate_double", change, &|scene| {
-        scene.actuator.period = halved
-    })?;
+    add("output_rate_double", change, &|scene| scene.actuator.period = halved)?;
     let (start_m, wall_m) = (scene.device.start_position_m, scene.wall.position_m);
     let closer_m = wall_m - (wall_m - start_m) / 2.0;
     let change = format!("slower impact: start at {closer_m} m instead of {start_m} m");
-    add("slower_impact", change, &|scene| {
-        scene.device.start_position_m = closer_m
-    })?;
+    add("slower_impact", change, &|scene| scene.device.start_position_m = closer_m)?;
     Ok(variants)
 }

@@ -1,8 +1,6 @@
 //! The sampled loop: plant, encoder, controller, latency, in the order that the design fixes.
 
-use std::collections::VecDeque;
-
-use zwidth::units::Position;
+use std::ops::ControlFlow;
 
 use crate::{
     controller::{Controller, Rendered},
@@ -22,7 +20,9 @@ pub struct Parts {
     /// Force at full command, N.
     pub full_scale_n: f64,
     /// Whole samples from the encoder reading to the force; the fraction is in `plant`.
-    pub latency: u64,
+    pub latency: u32,
+    /// Samples per output, as the controller keeps it.
+    pub period: u32,
 }
 
 /// One sample of a run.
@@ -34,6 +34,8 @@ pub struct Sample {
     pub position_m: f64,
     /// What the encoder read.
     pub count: i32,
+    /// The controller's velocity, counts per sample.
+    pub velocity: f64,
     /// The output computed with this sample, if one was due.
     pub rendered: Option<Rendered>,
     /// Force that acts on the handle at the end of this sample, N.
@@ -44,12 +46,58 @@ pub struct Sample {
 #[derive(Clone, Debug)]
 pub struct Simulation<C> {
     parts: Parts,
+    moving: Moving<C>,
+    /// A ring with room for all commands that can be on their way to the actuator at once, N.
+    forces_n: Box<[f64]>,
+}
+
+/// What a step changes. Small and `Copy`: [`Simulation::run`] works on a copy, which the compiler
+/// can keep in registers from step to step; in memory the loop takes twice the time.
+#[derive(Clone, Copy, Debug)]
+struct Moving<C> {
     controller: C,
     state: PlantState,
     index: u64,
     output_n: f64,
-    /// Commands on their way to the actuator: sample at which each takes effect, and force in N.
-    queue: VecDeque<(u64, f64)>,
+    on_the_way: Latency,
+}
+
+/// Commands on their way to the actuator. One sets out every `period` samples, and each takes
+/// effect `latency` samples after the sample that it answers.
+#[derive(Clone, Copy, Debug)]
+struct Latency {
+    write: usize,
+    read: usize,
+    /// Sample at which the next one takes effect.
+    effective: u64,
+    period: u64,
+}
+
+impl Latency {
+    #[inline]
+    fn send(&mut self, forces_n: &mut [f64], force_n: f64) {
+        if let Some(slot) = forces_n.get_mut(self.write) {
+            *slot = force_n;
+        }
+        self.write = following(self.write, forces_n);
+    }
+
+    /// The command that takes effect within the sample `index`, if one does.
+    #[inline]
+    fn arriving(&mut self, forces_n: &[f64], index: u64) -> Option<f64> {
+        if index != self.effective {
+            return None;
+        }
+        self.effective += self.period;
+        let arriving = forces_n.get(self.read).copied();
+        self.read = following(self.read, forces_n);
+        arriving
+    }
+}
+
+#[inline]
+fn following(slot: usize, ring: &[f64]) -> usize {
+    if slot + 1 < ring.len() { slot + 1 } else { 0 }
 }
 
 impl Parts {
@@ -57,84 +105,125 @@ impl Parts {
     #[inline]
     pub fn count(&self, position_m: f64) -> i32 {
         let exact = position_m / self.resolution_m;
-        let shifted = match self.rounding {
+        floor(match self.rounding {
             Rounding::Floor => exact,
             Rounding::Round => exact + 0.5,
-        };
-        #[expect(clippy::cast_possible_truncation, reason = "saturates, as documented")]
-        let towards_zero = shifted as i32;
-        towards_zero.saturating_sub(i32::from(shifted < f64::from(towards_zero)))
+        })
     }
 }
 
-impl<C: Controller> Simulation<C> {
-    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
-    /// that the encoder reads there.
-    pub fn new(parts: Parts, controller: C, start_m: f64) -> Self {
-        let state = parts.plant.at_rest(start_m);
-        Self {
-            parts,
-            controller,
-            state,
-            index: 0,
-            output_n: 0.0,
-            queue: VecDeque::new(),
-        }
-    }
+/// The largest integer not above `value`, saturating at the ends of `i32`.
+///
+/// Adding 1.5 * 2^52 leaves the nearest integer in the low bits of the sum; a rounding up is then
+/// taken back. A third of the instructions of `value.floor() as i32`.
+#[inline]
+fn floor(value: f64) -> i32 {
+    const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
+    let value = value.clamp(f64::from(i32::MIN), f64::from(i32::MAX));
+    let sum = value + INTEGER;
+    #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are the integer")]
+    let nearest = (sum.to_bits() as u32).cast_signed();
+    nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
+}
 
+impl<C: Controller + Copy> Moving<C> {
     /// Sample `n` at `t = n T`, and the motion up to `(n + 1) T`.
-    #[inline]
-    pub fn step(&mut self) -> Sample {
-        let Parts {
-            plant,
-            full_scale_n,
-            latency,
-            ..
-        } = &self.parts;
+    #[inline(always)] // called, it would keep the state in memory
+    fn step(&mut self, parts: &Parts, forces_n: &mut [f64]) -> Sample {
         let index = self.index;
-        let position_m = plant.position_m(&self.state);
+        let position_m = parts.plant.position_m(&self.state);
         // 1. the encoder
-        let count = self.parts.count(position_m);
+        let count = parts.count(position_m);
         // 2. the velocity
         let due = self.controller.sample(count);
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {
-            self.queue
-                .push_back((index + latency, rendered.output * full_scale_n));
+            self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
         }
-        // 4. a command that takes effect within this sample
-        let before_n = self.output_n;
-        if let Some(&(effective, force_n)) = self.queue.front() {
-            if effective == index {
-                self.queue.pop_front();
+        // 4. a command that takes effect within this sample, and 5. the plant
+        match self.on_the_way.arriving(forces_n, index) {
+            None => self.state = parts.plant.advance(&self.state, self.output_n),
+            Some(force_n) => {
+                self.state = parts.plant.advance_split(&self.state, self.output_n, force_n);
                 self.output_n = force_n;
             }
         }
-        // 5. the plant
-        self.state = plant.advance(&self.state, before_n, self.output_n);
         self.index = index + 1;
-        Sample {
-            index,
-            position_m,
-            count,
-            rendered,
-            output_n: self.output_n,
+        let velocity = self.controller.velocity();
+        Sample { index, position_m, count, velocity, rendered, output_n: self.output_n }
+    }
+}
+
+impl<C: Controller + Copy> Simulation<C> {
+    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
+    /// that the encoder reads there.
+    pub fn new(parts: Parts, controller: C, start_m: f64) -> Self {
+        let on_the_way = Latency {
+            write: 0,
+            read: 0,
+            effective: parts.latency.into(),
+            period: parts.period.into(),
+        };
+        let state = parts.plant.at_rest(start_m);
+        let moving = Moving { controller, state, index: 0, output_n: 0.0, on_the_way };
+        let room = (parts.latency / parts.period + 1) as usize;
+        Self { parts, moving, forces_n: vec![0.0; room].into() }
+    }
+
+    /// One sample, and the motion up to the next one.
+    pub fn step(&mut self) -> Sample {
+        self.moving.step(&self.parts, &mut self.forces_n)
+    }
+
+    /// Up to `samples` steps; `each` sees every sample and may end the run.
+    #[inline]
+    pub fn run<B>(
+        &mut self,
+        samples: u32,
+        mut each: impl FnMut(&Sample) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let parts = self.parts;
+        let mut moving = self.moving;
+        let mut outcome = ControlFlow::Continue(());
+        for _ in 0..samples {
+            let sample = moving.step(&parts, &mut self.forces_n);
+            outcome = each(&sample);
+            if outcome.is_break() {
+                break;
+            }
         }
+        self.moving = moving;
+        outcome
     }
 
     /// The controller.
     pub fn controller(&self) -> &C {
-        &self.controller
+        &self.moving.controller
     }
 
     /// Position and speed of the handle now.
     pub fn state(&self) -> &PlantState {
-        &self.state
+        &self.moving.state
     }
+}
 
-    /// Whether the last reading lay in the core's range.
-    pub fn in_range(count: i32) -> bool {
-        Position::from_counts(count).in_range()
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn floor_is_the_floor_and_saturates() {
+        let ends = [f64::from(i32::MIN), f64::from(i32::MAX)];
+        let mut values = vec![0.0, -0.0, 0.5, -0.5, 1e-300, -1e-300, 1e300, -1e300];
+        for whole in [-7.0, -1.0, 1.0, 2.0, 70_000.0].into_iter().chain(ends) {
+            values.extend([whole, f64::next_down(whole), f64::next_up(whole), whole + 0.5]);
+        }
+        values.extend([f64::INFINITY, f64::NEG_INFINITY]);
+        for value in values {
+            #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
+            let expected = value.floor() as i32;
+            assert_eq!(floor(value), expected, "{value:e}");
+        }
     }
 }

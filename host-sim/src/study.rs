@@ -173,12 +173,7 @@ impl Study {
     pub fn write(&self, mut staging: Staging) -> Result<(), Error> {
         let manifest = Manifest::new(SCHEMA_VERSION, self.command.clone(), &self.scene);
         let mut figures = vec![
-            (
-                "zwidth.svg",
-                "zwidth.png",
-                self.zwidth()?,
-                self.zwidth_caption(),
-            ),
+            ("zwidth.svg", "zwidth.png", self.zwidth()?, self.zwidth_caption()),
             ("area.svg", "area.png", self.area()?, convention(self)),
         ];
         if let Some((figure, caption)) = self.hit()? {
@@ -208,11 +203,7 @@ impl Study {
         let curves = self.result.cutoffs.iter().map(|result| Curve {
             cutoff_hz: result.cutoff_hz,
             true_cutoff_hz: result.true_cutoff_hz,
-            points: result
-                .boundaries
-                .first()
-                .map(|first| first.points.clone())
-                .unwrap_or_default(),
+            points: result.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
         });
         figure::zwidth(&ZwidthPlot {
             title: format!("Z-width, {}", self.scene.name),
@@ -258,18 +249,10 @@ impl Study {
         let Some(ideal) = self.result.ideal else {
             return Ok(None);
         };
-        let found = self
-            .result
-            .cutoffs
-            .iter()
-            .find(|result| result.cutoff_hz == ideal.cutoff_hz);
-        let points = found
-            .and_then(|result| result.boundaries.first())
-            .map(|first| &first.points);
+        let found = self.result.cutoffs.iter().find(|result| result.cutoff_hz == ideal.cutoff_hz);
+        let points = found.and_then(|result| result.boundaries.first()).map(|first| &first.points);
         let stiffest = points.and_then(|points| {
-            points
-                .iter()
-                .max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
+            points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
         });
         let Some(wall) = stiffest else {
             return Ok(None);
@@ -281,9 +264,7 @@ impl Study {
             start_offset_counts: 0.0,
         };
         let mut trace = Trace::new(&self.rig, &hit)?;
-        let report = self
-            .rig
-            .hit(self.numeric, &hit, |sample, v| trace.push(sample, v))?;
+        let report = self.rig.hit(self.numeric, &hit, |sample| trace.push(sample))?;
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
                        over time, and the window that decides."
             .into();
@@ -333,23 +314,13 @@ impl Study {
         );
         let scene = &self.scene.scene;
         let crate::scene::Velocity::Butterworth { prewarp } = scene.velocity;
-        let estimator = if prewarp {
-            "butterworth-prewarped"
-        } else {
-            "butterworth"
-        };
+        let estimator = if prewarp { "butterworth-prewarped" } else { "butterworth" };
         for result in &self.result.cutoffs {
-            let shortest = result
-                .boundaries
-                .iter()
-                .min_by_key(|boundary| boundary.points.len());
+            let shortest = result.boundaries.iter().min_by_key(|boundary| boundary.points.len());
             let reached = shortest.map_or(0, |boundary| boundary.points.len());
             for n in 0..reached {
                 // Every walk has one point per B, from the same first B on.
-                let points = result
-                    .boundaries
-                    .iter()
-                    .filter_map(|boundary| boundary.points.get(n));
+                let points = result.boundaries.iter().filter_map(|boundary| boundary.points.get(n));
                 let lowest =
                     points.min_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m));
                 if let Some(point) = lowest {
@@ -450,11 +421,7 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
 fn variant_summary(variant: &VariantResult) -> VariantSummary {
     let ideal = variant.result.ideal;
     let at_ideal = ideal.and_then(|ideal| {
-        variant
-            .result
-            .cutoffs
-            .iter()
-            .find(|result| result.cutoff_hz == ideal.cutoff_hz)
+        variant.result.cutoffs.iter().find(|result| result.cutoff_hz == ideal.cutoff_hz)
     });
     VariantSummary {
         name: variant.name,

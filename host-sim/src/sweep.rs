@@ -94,18 +94,12 @@ impl CutoffResult {
 
     /// Largest K of any repeat, N/m.
     pub fn stiffness_peak_n_per_m(&self) -> f64 {
-        self.boundaries
-            .iter()
-            .map(Boundary::stiffness_peak_n_per_m)
-            .fold(0.0, f64::max)
+        self.boundaries.iter().map(Boundary::stiffness_peak_n_per_m).fold(0.0, f64::max)
     }
 
     /// Largest B of any repeat, N s/m.
     pub fn damping_max_n_s_per_m(&self) -> f64 {
-        self.boundaries
-            .iter()
-            .map(Boundary::damping_max_n_s_per_m)
-            .fold(0.0, f64::max)
+        self.boundaries.iter().map(Boundary::damping_max_n_s_per_m).fold(0.0, f64::max)
     }
 
     /// Hits over all repeats.
@@ -136,10 +130,7 @@ pub fn sweep(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<Vec<SweepResult>, Error> {
-    let sorted: Vec<Vec<f64>> = plans
-        .iter()
-        .map(|plan| ascending(plan.cutoffs_hz))
-        .collect();
+    let sorted: Vec<Vec<f64>> = plans.iter().map(|plan| ascending(plan.cutoffs_hz)).collect();
     let mut jobs = vec![];
     for (plan, cutoffs_hz) in plans.iter().zip(&sorted) {
         for &cutoff_hz in cutoffs_hz {
@@ -167,16 +158,9 @@ pub fn sweep(
     for (plan, cutoffs_hz) in plans.iter().zip(sorted) {
         let mut cutoffs = Vec::with_capacity(cutoffs_hz.len());
         for cutoff_hz in cutoffs_hz {
-            let boundaries = walks
-                .by_ref()
-                .take(repeats as usize)
-                .collect::<Result<_, _>>()?;
+            let boundaries = walks.by_ref().take(repeats as usize).collect::<Result<_, _>>()?;
             let true_cutoff_hz = plan.rig.scene().true_cutoff_hz(cutoff_hz);
-            cutoffs.push(CutoffResult {
-                cutoff_hz,
-                true_cutoff_hz,
-                boundaries,
-            });
+            cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries });
         }
         let ideal = ideal(&cutoffs);
         results.push(SweepResult { cutoffs, ideal });
@@ -196,11 +180,8 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
     let largest = cutoffs.iter().map(CutoffResult::area).fold(0.0, f64::max);
     let good = |result: &&CutoffResult| result.area() >= AS_GOOD_AS_BEST * largest;
     let ideal = cutoffs.iter().find(good).filter(|_| largest > 0.0)?;
-    let basis = if ideal.boundaries.len() > 1 {
-        RangeBasis::Repeats
-    } else {
-        RangeBasis::WithinTwoPercent
-    };
+    let basis =
+        if ideal.boundaries.len() > 1 { RangeBasis::Repeats } else { RangeBasis::WithinTwoPercent };
     let alike = |other: &&CutoffResult| match basis {
         RangeBasis::Repeats => {
             other.area_low() <= ideal.area_high() && ideal.area_low() <= other.area_high()
@@ -211,11 +192,7 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
     let range_hz = alike.fold([ideal.cutoff_hz; 2], |[low, high], cutoff_hz| {
         [low.min(cutoff_hz), high.max(cutoff_hz)]
     });
-    Some(Ideal {
-        cutoff_hz: ideal.cutoff_hz,
-        range_hz,
-        basis,
-    })
+    Some(Ideal { cutoff_hz: ideal.cutoff_hz, range_hz, basis })
 }
 
 impl SweepResult {
@@ -225,31 +202,16 @@ impl SweepResult {
         for result in &self.cutoffs {
             let cutoff_hz = result.cutoff_hz;
             let walks = result.boundaries.len();
-            let count = |ended| {
-                result
-                    .boundaries
-                    .iter()
-                    .filter(|b| b.ended == ended)
-                    .count()
-            };
+            let count = |ended| result.boundaries.iter().filter(|b| b.ended == ended).count();
             for (ended, what) in [
                 (None, "the first point is unstable"),
-                (
-                    Some(Ended::DampingMax),
-                    "B reached walk.damping_max_n_s_per_m",
-                ),
-                (
-                    Some(Ended::StiffnessMax),
-                    "K reached walk.stiffness_max_n_per_m",
-                ),
+                (Some(Ended::DampingMax), "B reached walk.damping_max_n_s_per_m"),
+                (Some(Ended::StiffnessMax), "K reached walk.stiffness_max_n_per_m"),
                 (Some(Ended::BothMax), "K and B reached their caps in [walk]"),
             ] {
                 let found = count(ended);
-                let effect = if ended.is_none() {
-                    "its area counts as 0"
-                } else {
-                    "the area is cut there"
-                };
+                let effect =
+                    if ended.is_none() { "its area counts as 0" } else { "the area is cut there" };
                 if found > 0 {
                     notes.push(format!(
                         "{cutoff_hz} Hz: {what} in {found} of {walks} walks; {effect}"

@@ -54,12 +54,10 @@ impl Trace {
         })
     }
 
-    /// Takes one sample; `velocity` in counts per sample.
-    pub fn push(&mut self, sample: &Sample, velocity: f64) {
-        let (held_n, held_flag) = self
-            .rows
-            .last()
-            .map_or((0.0, 0), |row| (row.force_n, row.flags & SATURATED));
+    /// Takes one sample.
+    pub fn push(&mut self, sample: &Sample) {
+        let (held_n, held_flag) =
+            self.rows.last().map_or((0.0, 0), |row| (row.force_n, row.flags & SATURATED));
         let (force_n, flags) = match sample.rendered {
             Some(rendered) => (
                 rendered.force * self.full_scale_n,
@@ -70,15 +68,10 @@ impl Trace {
         self.rows.push(Row {
             position_m: sample.position_m,
             count: sample.count,
-            velocity_m_per_s: velocity * self.velocity_lsb_m_per_s,
+            velocity_m_per_s: sample.velocity * self.velocity_lsb_m_per_s,
             force_n,
             output_n: sample.output_n,
-            flags: flags
-                | if sample.count > self.surface {
-                    CONTACT
-                } else {
-                    0
-                },
+            flags: flags | if sample.count > self.surface { CONTACT } else { 0 },
         });
     }
 
@@ -91,14 +84,7 @@ impl Trace {
         for (n, row) in self.rows.iter().enumerate() {
             #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
             let time_s = n as f64 / self.rate_hz;
-            let Row {
-                position_m,
-                count,
-                velocity_m_per_s,
-                force_n,
-                output_n,
-                flags,
-            } = row;
+            let Row { position_m, count, velocity_m_per_s, force_n, output_n, flags } = row;
             let _ = writeln!(
                 text,
                 "{time_s},{position_m},{count},{velocity_m_per_s},{force_n},{output_n},{flags}"

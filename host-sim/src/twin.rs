@@ -17,7 +17,7 @@ pub enum Rounding {
 }
 
 /// The controller in `f64`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Twin {
     filter: velocity::Design,
     rounding: Rounding,
@@ -100,15 +100,11 @@ impl Controller for Twin {
             Rounding::VelocityLsb => (output + ROUND_TO_LSB) - ROUND_TO_LSB,
         };
         let due = self.until_due == 0;
-        self.until_due = if due {
-            self.period - 1
-        } else {
-            self.until_due - 1
-        };
+        self.until_due = if due { self.period - 1 } else { self.until_due - 1 };
         due
     }
 
-    #[inline]
+    #[inline(always)] // called, it would keep the state of the loop in memory
     fn render(&mut self) -> Rendered {
         let penetration = i64::from(self.count) - i64::from(self.surface);
         let mut wall = 0.0;
@@ -126,13 +122,10 @@ impl Controller for Twin {
             None => force,
             Some(codes) => (force * codes + 0.5).floor() / codes,
         };
-        Rendered {
-            force,
-            output,
-            saturated: force != wanted,
-        }
+        Rendered { force, output, saturated: force != wanted }
     }
 
+    #[inline]
     fn velocity(&self) -> f64 {
         self.velocity
     }

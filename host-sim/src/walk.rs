@@ -34,18 +34,12 @@ pub struct Boundary {
 impl Boundary {
     /// Largest K, N/m; 0 for an empty boundary.
     pub fn stiffness_peak_n_per_m(&self) -> f64 {
-        self.points
-            .iter()
-            .map(|point| point.stiffness_n_per_m)
-            .fold(0.0, f64::max)
+        self.points.iter().map(|point| point.stiffness_n_per_m).fold(0.0, f64::max)
     }
 
     /// Largest B with a stable K, N s/m; 0 for an empty boundary.
     pub fn damping_max_n_s_per_m(&self) -> f64 {
-        self.points
-            .iter()
-            .map(|point| point.damping_n_s_per_m)
-            .fold(0.0, f64::max)
+        self.points.iter().map(|point| point.damping_n_s_per_m).fold(0.0, f64::max)
     }
 }
 
@@ -63,12 +57,7 @@ pub fn walk(
 ) -> Result<Boundary, Error> {
     let plan = rig.scene().walk_plan();
     let mut walk = Walk::new(plan);
-    let mut boundary = Boundary {
-        points: vec![],
-        area: 0.0,
-        hits: 0,
-        ended: None,
-    };
+    let mut boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
@@ -96,10 +85,7 @@ pub fn walk(
             let stiffness_n_per_m = plan.stiffness_n_per_m(cell);
             let damping_n_s_per_m = plan.damping_n_s_per_m(cell);
             boundary.area += stiffness_n_per_m * plan.damping_step_n_s_per_m;
-            boundary.points.push(BoundaryPoint {
-                damping_n_s_per_m,
-                stiffness_n_per_m,
-            });
+            boundary.points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
         }
         if step.ended.is_some() {
             boundary.ended = step.ended;

@@ -43,15 +43,11 @@ pub struct Hit {
 impl Hit {
     /// A hit whose first sample is still to come.
     pub fn new(plan: HitPlan) -> Self {
-        Self {
-            plan,
-            samples: 0,
-            contact_samples: 0,
-            scatter: Scatter::default(),
-        }
+        Self { plan, samples: 0, contact_samples: 0, scatter: Scatter::default() }
     }
 
     /// The push to render with, from the first sample to the last.
+    #[inline]
     pub fn push(&self) -> Force {
         self.plan.push
     }
@@ -79,21 +75,25 @@ impl Hit {
     }
 
     /// Whether the window is full.
+    #[inline]
     pub fn is_over(&self) -> bool {
         self.scatter.samples() >= self.plan.window
     }
 
     /// The window so far.
+    #[inline]
     pub fn scatter(&self) -> &Scatter {
         &self.scatter
     }
 
     /// Samples of the window that were in contact.
+    #[inline]
     pub fn contact_samples(&self) -> u32 {
         self.contact_samples
     }
 
-    fn verdict(&self) -> Verdict {
+    /// The verdict of the window so far.
+    pub fn verdict(&self) -> Verdict {
         if self.contact_samples == 0 {
             Verdict::NoContact
         } else if self.scatter.is_below(self.plan.limit) {
@@ -108,12 +108,8 @@ impl Hit {
 mod tests {
     use super::*;
 
-    const PLAN: HitPlan = HitPlan {
-        push: Force::ZERO,
-        settle: 4,
-        window: 6,
-        limit: RmsLimit::ONE_COUNT,
-    };
+    const PLAN: HitPlan =
+        HitPlan { push: Force::ZERO, settle: 4, window: 6, limit: RmsLimit::ONE_COUNT };
 
     impl RmsLimit {
         const ONE_COUNT: Self = Self::from_bits(1 << 16);
@@ -163,9 +159,6 @@ mod tests {
     fn a_finished_hit_keeps_its_verdict() {
         let mut hit = Hit::new(PLAN);
         let verdicts = (0..20).map(|_| hit.sample(Position::from_counts(0), true));
-        assert_eq!(
-            verdicts.flatten().filter(|v| *v == Verdict::Stable).count(),
-            11
-        );
+        assert_eq!(verdicts.flatten().filter(|v| *v == Verdict::Stable).count(), 11);
     }
 }

@@ -59,6 +59,7 @@ impl Scatter {
     }
 
     /// Positions taken.
+    #[inline]
     pub fn samples(&self) -> u32 {
         self.samples
     }
@@ -109,18 +110,15 @@ mod tests {
 
     fn scatter(counts: &[i32]) -> Scatter {
         let mut scatter = Scatter::default();
-        counts
-            .iter()
-            .for_each(|&c| scatter.push(Position::from_counts(c)));
+        counts.iter().for_each(|&c| scatter.push(Position::from_counts(c)));
         scatter
     }
 
     #[test]
     fn the_verdict_turns_exactly_at_the_limit() {
         // +-15 about the mean: RMS is 15 exactly, and `stable` is strictly below the limit
-        let square: Vec<i32> = (0..20_000)
-            .map(|n| 70_000 + if n % 2 == 0 { 15 } else { -15 })
-            .collect();
+        let square: Vec<i32> =
+            (0..20_000).map(|n| 70_000 + if n % 2 == 0 { 15 } else { -15 }).collect();
         let at = scatter(&square);
         assert_eq!(at.rms_counts(), 15.0);
         assert!(!at.is_below(RmsLimit::from_counts(1.5e-5 / 1e-6)));
@@ -130,9 +128,8 @@ mod tests {
 
     #[test]
     fn the_ends_of_the_range_do_not_overflow() {
-        let wide: Vec<i32> = (0..1000)
-            .map(|n| if n % 2 == 0 { i32::MIN } else { i32::MAX })
-            .collect();
+        let wide: Vec<i32> =
+            (0..1000).map(|n| if n % 2 == 0 { i32::MIN } else { i32::MAX }).collect();
         let scatter = scatter(&wide);
         assert!(!scatter.is_below(RmsLimit::from_counts(65_535.0)));
         assert!((scatter.rms_counts() / 2f64.powi(31) - 1.0).abs() < 1e-9);

@@ -134,12 +134,7 @@ pub struct Walk {
 impl Walk {
     /// A walk whose first hit is still to come.
     pub fn new(plan: WalkPlan) -> Self {
-        Self {
-            plan,
-            phase: Phase::First,
-            cell: Cell::default(),
-            stiffness_capped: false,
-        }
+        Self { plan, phase: Phase::First, cell: Cell::default(), stiffness_capped: false }
     }
 
     /// The grid and caps.
@@ -173,81 +168,47 @@ impl Walk {
             }
             (Phase::First | Phase::Up | Phase::Across, true) => self.go_up(here),
             (Phase::Up, false) => {
-                let below = Cell {
-                    stiffness: here.stiffness - 1,
-                    ..here
-                };
+                let below = Cell { stiffness: here.stiffness - 1, ..here };
                 self.go_across(below)
             }
             (Phase::Across | Phase::Down, false) => self.go_down(here),
             (Phase::Down, true) => self.go_across(here),
-            (Phase::Over, _) => Step {
-                boundary: None,
-                ended: Some(self.ended(Ended::Closed)),
-            },
+            (Phase::Over, _) => Step { boundary: None, ended: Some(self.ended(Ended::Closed)) },
         };
         Ok(step)
     }
 
     /// `stable` is stable: try the next K.
     fn go_up(&mut self, stable: Cell) -> Step {
-        let above = Cell {
-            stiffness: stable.stiffness.saturating_add(1),
-            ..stable
-        };
+        let above = Cell { stiffness: stable.stiffness.saturating_add(1), ..stable };
         if self.plan.is_beyond_stiffness(above) {
             self.stiffness_capped = true;
             return self.go_across(stable);
         }
         self.phase = Phase::Up;
         self.cell = above;
-        Step {
-            boundary: None,
-            ended: None,
-        }
+        Step { boundary: None, ended: None }
     }
 
     /// `boundary` is the last stable K at its B: try the next B.
     fn go_across(&mut self, boundary: Cell) -> Step {
-        let next = Cell {
-            damping: boundary.damping.saturating_add(1),
-            ..boundary
-        };
-        let ended = self
-            .plan
-            .is_beyond_damping(next)
-            .then(|| self.ended(Ended::DampingMax));
-        self.phase = if ended.is_some() {
-            Phase::Over
-        } else {
-            Phase::Across
-        };
+        let next = Cell { damping: boundary.damping.saturating_add(1), ..boundary };
+        let ended = self.plan.is_beyond_damping(next).then(|| self.ended(Ended::DampingMax));
+        self.phase = if ended.is_some() { Phase::Over } else { Phase::Across };
         self.cell = next;
-        Step {
-            boundary: Some(boundary),
-            ended,
-        }
+        Step { boundary: Some(boundary), ended }
     }
 
     /// `unstable` is unstable and so was what lay above it: try the K below, while it is positive.
     fn go_down(&mut self, unstable: Cell) -> Step {
-        let below = Cell {
-            stiffness: unstable.stiffness.saturating_sub(1),
-            ..unstable
-        };
+        let below = Cell { stiffness: unstable.stiffness.saturating_sub(1), ..unstable };
         if self.plan.stiffness_n_per_m(below) > 0.0 {
             self.phase = Phase::Down;
             self.cell = below;
-            Step {
-                boundary: None,
-                ended: None,
-            }
+            Step { boundary: None, ended: None }
         } else {
             self.phase = Phase::Over;
-            Step {
-                boundary: None,
-                ended: Some(self.ended(Ended::Closed)),
-            }
+            Step { boundary: None, ended: Some(self.ended(Ended::Closed)) }
         }
     }
 
@@ -282,15 +243,10 @@ mod tests {
             let cell = walk.cell();
             let stable = plan.stiffness_n_per_m(cell) <= k_max(plan.damping_n_s_per_m(cell));
             hits += 1;
-            let step = walk.report(if stable {
-                Verdict::Stable
-            } else {
-                Verdict::Unstable
-            });
+            let step = walk.report(if stable { Verdict::Stable } else { Verdict::Unstable });
             let step = step.unwrap();
             points.extend(
-                step.boundary
-                    .map(|c| (plan.damping_n_s_per_m(c), plan.stiffness_n_per_m(c))),
+                step.boundary.map(|c| (plan.damping_n_s_per_m(c), plan.stiffness_n_per_m(c))),
             );
             if let Some(ended) = step.ended {
                 return (points, hits, ended);
@@ -325,10 +281,7 @@ mod tests {
 
     #[test]
     fn k_goes_below_its_start_but_stays_positive() {
-        let plan = WalkPlan {
-            stiffness_start_n_per_m: 5000.0,
-            ..PLAN
-        };
+        let plan = WalkPlan { stiffness_start_n_per_m: 5000.0, ..PLAN };
         let (points, _, ended) = walk(plan, |b| if b < 15.0 { 5000.0 } else { 1500.0 });
         assert_eq!(points[..2], [(10.0, 5000.0), (20.0, 1000.0)]);
         assert_eq!(ended, Ended::DampingMax);
@@ -336,17 +289,11 @@ mod tests {
 
     #[test]
     fn a_walk_that_cannot_begin_says_why() {
-        assert_eq!(
-            Walk::new(PLAN).report(Verdict::Unstable),
-            Err(WalkError::FirstUnstable)
-        );
+        assert_eq!(Walk::new(PLAN).report(Verdict::Unstable), Err(WalkError::FirstUnstable));
         let mut walk = Walk::new(PLAN);
         walk.report(Verdict::Stable).unwrap();
         let cell = walk.cell();
-        assert_eq!(
-            walk.report(Verdict::NoContact),
-            Err(WalkError::NoContact(cell))
-        );
+        assert_eq!(walk.report(Verdict::NoContact), Err(WalkError::NoContact(cell)));
         assert!(walk.report(Verdict::Stable).unwrap().ended.is_some());
     }
 }

@@ -45,7 +45,7 @@ pub enum Shaping {
 pub struct Biquad {
     pub(super) b: [Coefficient; 3],
     pub(super) a: [Coefficient; 2],
-    /// 0 or 1: weight of the second difference of the residue.
+    /// Mask of the second difference of the residue: -1 with it, 0 without.
     pub(super) second: i32,
 }
 
@@ -62,15 +62,12 @@ impl Biquad {
 
     /// Order of the error feedback.
     pub fn shaping(&self) -> Shaping {
-        if self.second == 0 {
-            Shaping::First
-        } else {
-            Shaping::Second
-        }
+        if self.second == 0 { Shaping::First } else { Shaping::Second }
     }
 
-    /// Filters one sample. Saturates at the limits of [`Velocity`], before the feedback, so that
-    /// an overload ends with the input.
+    /// Filters one sample. Saturates before the feedback, so that an overload ends with its input.
+    /// The state saturates one count per sample beyond [`Velocity`]: the error feedback of a speed
+    /// at the limit needs that room, or the clipping would pull the mean down.
     #[inline]
     pub fn update(&self, state: &mut BiquadState, input: Velocity) -> Velocity {
         let x0 = input.bits();
@@ -80,16 +77,14 @@ impl Biquad {
         // Sum of the magnitudes below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
         let sum =
             self.b[0] * x0 + self.b[1] * x1 + self.b[2] * x2 - self.a[0] * y1 - self.a[1] * y2;
-        let carried = e1 + self.second * (e1 - e2);
+        let carried = e1 + (self.second & (e1 - e2));
         let total = sum.into_bits() + i64::from(carried) + HALF;
-        let limit = i64::from(Velocity::LIMIT_BITS);
-        let rounded = (total >> Self::FRACTION_BITS).clamp(-limit, limit);
-        #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
-        let y0 = rounded as i32;
-        // What rounding dropped, -2^29 .. 2^29; where the output saturates it is lost on purpose.
-        let residue = (total - HALF - (rounded << Self::FRACTION_BITS)).clamp(-HALF, HALF);
-        #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
-        let e0 = residue as i32;
+        let rounded = total >> Self::FRACTION_BITS;
+        let rounded = rounded.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
+        // What rounding dropped, -2^29 .. 2^29. What saturation cuts off is not carried.
+        let residue = (total & (2 * HALF - 1)) - HALF;
+        #[expect(clippy::cast_possible_truncation, reason = "within 30 bits by the lines above")]
+        let (y0, e0) = (rounded as i32, residue as i32);
         state.x = [x0, x1];
         state.y = [y0, y1];
         state.residue = [e0, e1];

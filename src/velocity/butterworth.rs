@@ -12,13 +12,14 @@
 //!
 //! | rate   | lowest cutoff | highest |
 //! |--------|---------------|---------|
-//! | 1 kHz  | 0.025 Hz      | 499 Hz  |
-//! | 10 kHz | 0.25 Hz       | 4990 Hz |
-//! | 50 kHz | 1.25 Hz       | 24950 Hz |
+//! | 1 kHz  | 0.035 Hz      | 499 Hz  |
+//! | 10 kHz | 0.35 Hz       | 4990 Hz |
+//! | 50 kHz | 1.75 Hz       | 24950 Hz |
 //!
 //! The lower end is where quantisation may move the -3 dB frequency by 1 %: that frequency follows
-//! the DC sum `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` and rounded to an integer, so its
-//! relative error is at most `1 / (4 S)`; with `S >= 26` that is below 1 %. Pre-warping reaches
+//! the DC sum `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer, in proportion
+//! (the damping stays, so the response tilts as well as shifts); with `S >= 51` the relative error
+//! `1 / (2 S)` is below 1 %. Pre-warping reaches
 //! half the rate only in the limit of coefficients that add up to 8, where the accumulator would
 //! overflow; pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
 
@@ -26,7 +27,7 @@ use super::biquad::{Biquad, Coefficient};
 use crate::settings::{SettingsError, within};
 
 /// Lowest accepted cutoff, as a fraction of the sample rate.
-pub const CUTOFF_MIN: f64 = 2.5e-5;
+pub const CUTOFF_MIN: f64 = 3.5e-5;
 /// Highest accepted cutoff without pre-warping, as a fraction of the sample rate.
 pub const CUTOFF_MAX: f64 = 0.499;
 /// Highest accepted cutoff with pre-warping, as a fraction of the sample rate.
@@ -68,17 +69,9 @@ impl Design {
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
         let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };
-        within(
-            "cutoff_hz",
-            cutoff_hz,
-            CUTOFF_MIN * rate_hz..=highest * rate_hz,
-        )?;
+        within("cutoff_hz", cutoff_hz, CUTOFF_MIN * rate_hz..=highest * rate_hz)?;
         let angle = 2.0 * core::f64::consts::PI * cutoff_hz / rate_hz;
-        let w = if prewarp {
-            2.0 * libm::tan(angle / 2.0)
-        } else {
-            angle
-        };
+        let w = if prewarp { 2.0 * libm::tan(angle / 2.0) } else { angle };
         let damping = 2.0 * core::f64::consts::SQRT_2 * w;
         let a0 = 4.0 + damping + w * w;
         Ok(Self {
@@ -97,30 +90,19 @@ impl Design {
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         let scale = f64::from(ONE);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "|coefficient| < 2, so below 2^31"
-        )]
+        #[expect(clippy::cast_possible_truncation, reason = "|coefficient| < 2, so below 2^31")]
         let to_bits = |value: f64| libm::round(value * scale) as i32;
         let a2 = to_bits(self.a2);
         let b0 = to_bits(self.b0);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "4 b0 < 4 - |a1| - |a2| < 2"
-        )]
+        #[expect(clippy::cast_possible_truncation, reason = "4 b0 < 4 - |a1| - |a2| < 2")]
         let dc_sum = libm::round(4.0 * self.b0 * scale) as i64;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "both are below 2 in magnitude"
-        )]
-        let (a1, b1) = (
-            (dc_sum - i64::from(ONE) - i64::from(a2)) as i32,
-            (dc_sum - 2 * i64::from(b0)) as i32,
-        );
+        #[expect(clippy::cast_possible_truncation, reason = "both are below 2 in magnitude")]
+        let (a1, b1) =
+            ((dc_sum - i64::from(ONE) - i64::from(a2)) as i32, (dc_sum - 2 * i64::from(b0)) as i32);
         Biquad {
             b: [b0, b1, b0].map(Coefficient::from_bits),
             a: [a1, a2].map(Coefficient::from_bits),
-            second: i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
+            second: -i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
         }
     }
 }
@@ -147,10 +129,7 @@ impl Biquad {
     }
 }
 
-#[expect(
-    clippy::cast_precision_loss,
-    reason = "the relative error of 2^-53 is what is wanted"
-)]
+#[expect(clippy::cast_precision_loss, reason = "the relative error of 2^-53 is what is wanted")]
 fn to_f64(value: i128) -> f64 {
     value as f64
 }

@@ -55,10 +55,9 @@ impl Estimator {
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
         match self {
-            Self::Butterworth(filter) => filter.update(
-                &mut state.filter,
-                Velocity::saturating_from_counts(difference),
-            ),
+            Self::Butterworth(filter) => {
+                filter.update(&mut state.filter, Velocity::saturating_from_counts(difference))
+            }
         }
     }
 }
@@ -73,10 +72,12 @@ pub struct State {
 impl State {
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
-        Self {
-            previous: position,
-            filter: BiquadState::default(),
-        }
+        Self { previous: position, filter: BiquadState::default() }
+    }
+
+    /// The position of the last sample is called `position` from now on; the velocity stays.
+    pub(crate) fn rebase(&mut self, position: Position) {
+        self.previous = position;
     }
 }
 
@@ -86,10 +87,7 @@ mod tests {
 
     #[test]
     fn the_first_sample_and_a_wrap_of_the_position_make_no_spike() {
-        let settings = VelocitySettings::Butterworth {
-            cutoff_hz: 4000.0,
-            prewarp: false,
-        };
+        let settings = VelocitySettings::Butterworth { cutoff_hz: 4000.0, prewarp: false };
         let estimator = settings.build(10_000.0).unwrap();
         let start = Position::from_counts(i32::MAX);
         let mut state = State::at_rest(start);

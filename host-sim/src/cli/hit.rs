@@ -70,9 +70,9 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let rig = Rig::new(&scene.scene)?;
     let mut trace = Trace::new(&rig, &hit)?;
     let keep = args.trace.is_some() || args.plot.is_some();
-    let report = rig.hit(common.numeric.into(), &hit, |sample, velocity| {
+    let report = rig.hit(common.numeric.into(), &hit, |sample| {
         if keep {
-            trace.push(sample, velocity);
+            trace.push(sample);
         }
     })?;
     if let Some(path) = &args.trace {

@@ -13,26 +13,15 @@ pub struct List(pub Vec<f64>);
 /// One line that says what is wrong.
 pub fn parse(text: &str) -> Result<List, String> {
     let number = |part: &str| {
-        let value: f64 = part
-            .trim()
-            .parse()
-            .map_err(|_| format!("`{part}` is not a number"))?;
-        if value.is_finite() {
-            Ok(value)
-        } else {
-            Err(format!("`{part}` is not finite"))
-        }
+        let value: f64 = part.trim().parse().map_err(|_| format!("`{part}` is not a number"))?;
+        if value.is_finite() { Ok(value) } else { Err(format!("`{part}` is not finite")) }
     };
     if text.trim().is_empty() {
         return Err("the list is empty, allowed A,B,C or FROM:STEP:TO".into());
     }
     let parts: Vec<&str> = text.split(':').collect();
     match parts[..] {
-        [list] => list
-            .split(',')
-            .map(number)
-            .collect::<Result<_, _>>()
-            .map(List),
+        [list] => list.split(',').map(number).collect::<Result<_, _>>().map(List),
         [from, step, to] => range(number(from)?, number(step)?, number(to)?),
         _ => Err(format!("`{text}` is neither A,B,C nor FROM:STEP:TO")),
     }
@@ -48,18 +37,10 @@ fn range(from: f64, step: f64, to: f64) -> Result<List, String> {
     // The end counts if it is reached but for rounding.
     let steps = ((to - from) / step * (1.0 + 4.0 * f64::EPSILON)).floor();
     if steps >= VALUES_MAX {
-        return Err(format!(
-            "the list has {} values, allowed {VALUES_MAX}",
-            steps + 1.0
-        ));
+        return Err(format!("the list has {} values, allowed {VALUES_MAX}", steps + 1.0));
     }
     let indices = std::iter::successors(Some(0.0), |n| Some(n + 1.0));
-    Ok(List(
-        indices
-            .take_while(|&n| n <= steps)
-            .map(|n| from + n * step)
-            .collect(),
-    ))
+    Ok(List(indices.take_while(|&n| n <= steps).map(|n| from + n * step).collect()))
 }
 
 #[cfg(test)]

@@ -14,7 +14,11 @@ use std::{
 use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;
 
-use crate::{error::Error, rig, scene::NamedScene};
+use crate::{
+    error::Error,
+    rig,
+    scene::{NamedScene, refused},
+};
 
 /// Version of every JSON object that the commands print or write.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -25,12 +29,7 @@ static STOP: AtomicBool = AtomicBool::new(false);
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
 /// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um) or a TOML file.
 #[derive(Debug, Parser)]
-#[command(
-    name = "host-sim",
-    bin_name = "cargo sim",
-    version,
-    max_term_width = 100
-)]
+#[command(name = "host-sim", bin_name = "cargo sim", version, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -114,10 +113,8 @@ pub fn run() -> u8 {
 
 /// Help and version as they are; everything else in one line.
 fn refuse(error: &clap::Error) -> u8 {
-    if matches!(
-        error.kind(),
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion
-    ) || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
+    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion)
+        || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
     {
         let _ = error.print(); // a closed pipe is no reason to panic
         return u8::from(error.use_stderr()) * 2;
@@ -152,11 +149,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
 fn check_wall(scene: &NamedScene, wall: &rig::WallHit) -> Result<(), Error> {
     scene
         .scene
-        .settings(
-            wall.cutoff_hz,
-            wall.stiffness_n_per_m,
-            wall.damping_n_s_per_m,
-        )
+        .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
         .build(&scene.scene.design())
         .map(|_| ())
         .map_err(|error| {
@@ -166,11 +159,7 @@ fn check_wall(scene: &NamedScene, wall: &rig::WallHit) -> Result<(), Error> {
                 "damping_n_s_per_m" => "--damping",
                 other => other,
             };
-            let (low, high) = (error.range.start(), error.range.end());
-            Error::Input(format!(
-                "{option} is {}, allowed {low} to {high}",
-                error.value
-            ))
+            Error::Input(refused(option, error.value, &error.range))
         })
 }
 

@@ -59,10 +59,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     for job in &jobs {
         let variants = job.variants.iter().map(|variant| &variant.rig);
         for rig in std::iter::once(&job.rig).chain(variants) {
-            plans.push(Plan {
-                rig,
-                cutoffs_hz: &job.cutoffs_hz,
-            });
+            plans.push(Plan { rig, cutoffs_hz: &job.cutoffs_hz });
         }
     }
     let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
@@ -73,14 +70,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let mut results = results.into_iter();
     let mut summaries = vec![];
     for job in jobs {
-        let Job {
-            scene,
-            rig,
-            cutoffs_hz,
-            variants,
-            staging,
-            folder,
-        } = job;
+        let Job { scene, rig, cutoffs_hz, variants, staging, folder } = job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -108,11 +98,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
         }
     }
     if common.json {
-        print_json(&Json {
-            schema_version: SCHEMA_VERSION,
-            command: "sweep",
-            scenes: summaries,
-        })?;
+        print_json(&Json { schema_version: SCHEMA_VERSION, command: "sweep", scenes: summaries })?;
     }
     Ok(())
 }
@@ -124,15 +110,10 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     } else {
         args.scenes.clone()
     };
-    let scenes = names
-        .iter()
-        .map(|name| NamedScene::load(name))
-        .collect::<Result<Vec<_>, _>>()?;
+    let scenes = names.iter().map(|name| NamedScene::load(name)).collect::<Result<Vec<_>, _>>()?;
     let distinct: BTreeSet<&str> = scenes.iter().map(|scene| scene.name.as_str()).collect();
     if distinct.len() < scenes.len() {
-        return Err(Error::input(
-            "two scenes have the same name; their results would collide",
-        ));
+        return Err(Error::input("two scenes have the same name; their results would collide"));
     }
     let mut files = study::FILES.to_vec();
     if args.sensitivity {
@@ -140,20 +121,15 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     }
     let many = scenes.len() > 1;
     let mut jobs = vec![];
-    for scene in scenes {
-        let asked = args
-            .cutoffs
-            .as_ref()
-            .map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
+    // From the last to the first: the folders they share are then created by the last one, which
+    // is also the last to tidy up when nothing comes of it.
+    for scene in scenes.into_iter().rev() {
+        let asked = args.cutoffs.as_ref().map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
         let cutoffs_hz = ascending(asked);
         for &cutoff_hz in &cutoffs_hz {
             let (stiffness_n_per_m, damping_n_s_per_m, start_offset_counts) = (0.0, 0.0, 0.0);
-            let wall = WallHit {
-                cutoff_hz,
-                stiffness_n_per_m,
-                damping_n_s_per_m,
-                start_offset_counts,
-            };
+            let wall =
+                WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
             check_wall(&scene, &wall)?;
         }
         let folder = match &common.out {
@@ -161,22 +137,12 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
             Some(out) if many => out.join(&scene.name),
             Some(out) => out.clone(),
         };
-        let variants = if args.sensitivity {
-            variants(&scene.scene)?
-        } else {
-            vec![]
-        };
+        let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
         let rig = Rig::new(&scene.scene)?;
         let staging = Staging::new(&folder, &files, common.force)?;
-        jobs.push(Job {
-            scene,
-            rig,
-            cutoffs_hz,
-            variants,
-            staging,
-            folder,
-        });
+        jobs.push(Job { scene, rig, cutoffs_hz, variants, staging, folder });
     }
+    jobs.reverse();
     Ok(jobs)
 }
 
@@ -187,11 +153,7 @@ fn command_line(
     cutoffs_hz: &[f64],
 ) -> String {
     let list: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
-    let sensitivity = if args.sensitivity {
-        " --sensitivity"
-    } else {
-        ""
-    };
+    let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
     format!(
         "sweep {} --cutoffs {} --repeat {}{sensitivity} --numeric {}",
         scene.name,

@@ -127,11 +127,9 @@ fn check(plot: &AreaPlot) -> Result<f64, FigureError> {
     for point in &plot.points {
         positive("cutoff_hz", point.cutoff_hz)?;
         positive("true_cutoff_hz", point.true_cutoff_hz)?;
-        for (quantity, value) in [
-            ("area", point.area),
-            ("area_low", point.area_low),
-            ("area_high", point.area_high),
-        ] {
+        for (quantity, value) in
+            [("area", point.area), ("area_low", point.area_low), ("area_high", point.area_high)]
+        {
             largest = largest.max(not_negative(quantity, value)?);
         }
     }
@@ -146,18 +144,11 @@ fn check(plot: &AreaPlot) -> Result<f64, FigureError> {
 
 fn cutoff_scale(points: &[AreaPoint]) -> Scale {
     let cutoffs = || points.iter().map(|point| point.cutoff_hz);
-    let (low, high) = (
-        cutoffs().fold(f64::INFINITY, f64::min),
-        cutoffs().fold(0.0, f64::max),
-    );
+    let (low, high) = (cutoffs().fold(f64::INFINITY, f64::min), cutoffs().fold(0.0, f64::max));
     if points.is_empty() {
         return Scale::logarithmic(1.0, 10.0);
     }
-    let pad = if low < high {
-        (high / low).powf(PAD_SHARE).max(LEAST_PAD)
-    } else {
-        LONE_PAD
-    };
+    let pad = if low < high { (high / low).powf(PAD_SHARE).max(LEAST_PAD) } else { LONE_PAD };
     Scale::logarithmic(low / pad, high * pad)
 }
 
@@ -173,26 +164,11 @@ fn shade_range(drawing: &mut Drawing, panel: &Panel, plot: &AreaPlot) {
 
 fn draw_areas(drawing: &mut Drawing, panel: &Panel, plot: &AreaPlot, factor: f64) {
     let place = |point: &AreaPoint, area: f64| panel.at(point.cutoff_hz, area / factor);
-    let highs = plot
-        .points
-        .iter()
-        .map(|point| place(point, point.area_high));
-    let lows = plot
-        .points
-        .iter()
-        .rev()
-        .map(|point| place(point, point.area_low));
+    let highs = plot.points.iter().map(|point| place(point, point.area_high));
+    let lows = plot.points.iter().rev().map(|point| place(point, point.area_low));
     drawing.area(highs.chain(lows).collect(), DATA.with_opacity(BAND_OPACITY));
-    let means: Vec<[f64; 2]> = plot
-        .points
-        .iter()
-        .map(|point| place(point, point.area))
-        .collect();
-    drawing.named_line(
-        means.clone(),
-        Stroke::solid(DATA, LINE_WIDTH),
-        "mean area".to_owned(),
-    );
+    let means: Vec<[f64; 2]> = plot.points.iter().map(|point| place(point, point.area)).collect();
+    drawing.named_line(means.clone(), Stroke::solid(DATA, LINE_WIDTH), "mean area".to_owned());
     for (point, mean) in plot.points.iter().zip(means) {
         let [x, low] = place(point, point.area_low);
         let [_, high] = place(point, point.area_high);
@@ -262,10 +238,7 @@ fn readable<'a>(panel: &Panel, plot: &'a AreaPlot) -> Vec<&'a AreaPoint> {
             0
         } else if ends.contains(&Some(point)) {
             1
-        } else if plot
-            .ideal_range_hz
-            .is_some_and(|range| range.contains(&cutoff_hz))
-        {
+        } else if plot.ideal_range_hz.is_some_and(|range| range.contains(&cutoff_hz)) {
             2
         } else {
             let digits = hertz(cutoff_hz).replace('.', "");
@@ -280,9 +253,7 @@ fn readable<'a>(panel: &Panel, plot: &'a AreaPlot) -> Vec<&'a AreaPoint> {
             .max(font::width(&rounded(point), TICK_SIZE));
         let (x, half) = (panel.x(point.cutoff_hz), (widest + LABEL_SPACE) / 2.0);
         let span = [x - half, x + half];
-        let free = taken
-            .iter()
-            .all(|other| span[1] <= other[0] || other[1] <= span[0]);
+        let free = taken.iter().all(|other| span[1] <= other[0] || other[1] <= span[0]);
         if free {
             taken.push(span);
         }
@@ -305,14 +276,8 @@ fn key(drawing: &mut Drawing, plot: &AreaPlot) {
     let bar = Stroke::solid(DATA, BAR_WIDTH);
     let band = DATA.with_opacity(BAND_OPACITY);
     drawing.rect([x, middle - 4.0], [x + KEY_SWATCH, middle + 4.0], band);
-    drawing.line(
-        vec![[x, middle], [x + KEY_SWATCH, middle]],
-        Stroke::solid(DATA, LINE_WIDTH),
-    );
-    drawing.line(
-        vec![[x + half, middle - 4.0], [x + half, middle + 4.0]],
-        bar,
-    );
+    drawing.line(vec![[x, middle], [x + KEY_SWATCH, middle]], Stroke::solid(DATA, LINE_WIDTH));
+    drawing.line(vec![[x + half, middle - 4.0], [x + half, middle + 4.0]], bar);
     drawing.dot([x + half, middle], DOT_RADIUS, DATA);
     label(drawing, &mut x, "mean, lowest to highest");
 
@@ -361,20 +326,11 @@ mod tests {
     }
 
     fn point(cutoff_hz: f64, true_cutoff_hz: f64, area: f64) -> AreaPoint {
-        AreaPoint {
-            cutoff_hz,
-            true_cutoff_hz,
-            area,
-            area_low: 0.99 * area,
-            area_high: 1.01 * area,
-        }
+        AreaPoint { cutoff_hz, true_cutoff_hz, area, area_low: 0.99 * area, area_high: 1.01 * area }
     }
 
     fn run() -> Vec<AreaPoint> {
-        AREAS
-            .iter()
-            .map(|(fc, ft, area)| point(*fc, *ft, *area))
-            .collect()
+        AREAS.iter().map(|(fc, ft, area)| point(*fc, *ft, *area)).collect()
     }
 
     #[test]
@@ -424,10 +380,7 @@ mod tests {
     #[test]
     fn one_cutoff_no_cutoff_and_no_area_have_figures() {
         look(area, &plot(vec![point(2000.0, 1785.7, 4.69e7)]));
-        for points in [
-            vec![],
-            vec![point(50.0, 50.0, 0.0), point(100.0, 99.97, 0.0)],
-        ] {
+        for points in [vec![], vec![point(50.0, 50.0, 0.0), point(100.0, 99.97, 0.0)]] {
             let figure = look(area, &plot(points));
             assert!(figure.svg().contains("no stable wall found"));
         }

@@ -23,22 +23,11 @@ pub(super) struct Scale {
 
 impl Scale {
     pub(super) fn linear(low: f64, high: f64) -> Self {
-        Self {
-            low,
-            high,
-            from: 0.0,
-            to: 1.0,
-            logarithmic: false,
-        }
+        Self { low, high, from: 0.0, to: 1.0, logarithmic: false }
     }
 
     pub(super) fn logarithmic(low: f64, high: f64) -> Self {
-        Self {
-            low: low.ln(),
-            high: high.ln(),
-            logarithmic: true,
-            ..Self::linear(low, high)
-        }
+        Self { low: low.ln(), high: high.ln(), logarithmic: true, ..Self::linear(low, high) }
     }
 
     /// The same scale over other positions.
@@ -50,11 +39,7 @@ impl Scale {
         let value = if self.logarithmic { value.ln() } else { value };
         let span = self.high - self.low;
         // Too short to be told from a point: everything is in its middle.
-        let share = if span > 0.0 {
-            (value - self.low) / span
-        } else {
-            0.5
-        };
+        let share = if span > 0.0 { (value - self.low) / span } else { 0.5 };
         self.from + share * (self.to - self.from)
     }
 }
@@ -79,21 +64,12 @@ impl Ticks {
     pub(super) fn within(low: f64, high: f64, at_most: usize) -> Self {
         let step = step(high - low, at_most);
         let inside = Self::of((low / step).ceil(), (high / step).floor(), step);
-        Self {
-            low,
-            high,
-            ..inside
-        }
+        Self { low, high, ..inside }
     }
 
     /// The axis of data that is all 0: one tick.
     pub(super) fn nothing() -> Self {
-        Self {
-            values: vec![0.0],
-            decimals: 0,
-            low: 0.0,
-            high: 1.0,
-        }
+        Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }
 
     fn of(first: f64, last: f64, step: f64) -> Self {
@@ -110,10 +86,7 @@ impl Ticks {
     }
 
     pub(super) fn labels(&self) -> Vec<String> {
-        self.values
-            .iter()
-            .map(|value| number(*value, self.decimals))
-            .collect()
+        self.values.iter().map(|value| number(*value, self.decimals)).collect()
     }
 }
 
@@ -124,9 +97,7 @@ fn step(span: f64, at_most: usize) -> f64 {
         return 1.0;
     }
     let decade = 10_f64.powf(wanted.log10().floor());
-    let factor = STEPS
-        .into_iter()
-        .find(|factor| factor * decade >= wanted * (1.0 - 1e-9));
+    let factor = STEPS.into_iter().find(|factor| factor * decade >= wanted * (1.0 - 1e-9));
     factor.unwrap_or(10.0) * decade
 }
 
@@ -240,10 +211,7 @@ mod tests {
 
     #[test]
     fn the_unit_takes_the_power_of_ten() {
-        assert_eq!(
-            scaled_unit(4.74e7, "N² s/m²"),
-            (1e7, "10⁷ N² s/m²".to_owned())
-        );
+        assert_eq!(scaled_unit(4.74e7, "N² s/m²"), (1e7, "10⁷ N² s/m²".to_owned()));
         assert_eq!(scaled_unit(9999.0, "N"), (1.0, "N".to_owned()));
         assert_eq!(scaled_unit(0.0, "N"), (1.0, "N".to_owned()));
         assert_eq!(scaled_unit(5e-4, "m").1, "10⁻⁴ m");

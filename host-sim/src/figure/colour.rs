@@ -32,11 +32,7 @@ const LAST_SHARE: f64 = 0.88;
 
 /// The colour of curve `index` of `count`.
 pub(super) fn ordered(index: usize, count: usize) -> Ink {
-    let share = if count > 1 {
-        LAST_SHARE * index as f64 / (count - 1) as f64
-    } else {
-        0.3
-    };
+    let share = if count > 1 { LAST_SHARE * index as f64 / (count - 1) as f64 } else { 0.3 };
     let mut position = share * (VIRIDIS.len() - 1) as f64;
     let mut pair = [VIRIDIS[0], VIRIDIS[1]];
     for stops in VIRIDIS.windows(2) {

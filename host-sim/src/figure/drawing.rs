@@ -17,10 +17,7 @@ pub(super) struct Ink {
 
 impl Ink {
     pub(super) const fn new(red: u8, green: u8, blue: u8) -> Self {
-        Self {
-            rgb: [red, green, blue],
-            opacity: 1.0,
-        }
+        Self { rgb: [red, green, blue], opacity: 1.0 }
     }
 
     pub(super) const fn with_opacity(self, opacity: f64) -> Self {
@@ -47,11 +44,7 @@ pub(super) struct Stroke {
 
 impl Stroke {
     pub(super) const fn solid(ink: Ink, width: f64) -> Self {
-        Self {
-            ink,
-            width,
-            dash: None,
-        }
+        Self { ink, width, dash: None }
     }
 
     fn attributes(self) -> String {
@@ -123,28 +116,17 @@ pub(super) struct Drawing {
 
 impl Drawing {
     pub(super) fn new(width: f64, height: f64) -> Self {
-        let mut drawing = Self {
-            size: [width, height],
-            shapes: Vec::new(),
-        };
+        let mut drawing = Self { size: [width, height], shapes: Vec::new() };
         drawing.rect([0.0, 0.0], [width, height], super::colour::PAPER);
         drawing
     }
 
     pub(super) fn line(&mut self, points: Vec<[f64; 2]>, stroke: Stroke) {
-        self.shapes.push(Shape::Line {
-            points,
-            stroke,
-            name: None,
-        });
+        self.shapes.push(Shape::Line { points, stroke, name: None });
     }
 
     pub(super) fn named_line(&mut self, points: Vec<[f64; 2]>, stroke: Stroke, name: String) {
-        self.shapes.push(Shape::Line {
-            points,
-            stroke,
-            name: Some(name),
-        });
+        self.shapes.push(Shape::Line { points, stroke, name: Some(name) });
     }
 
     pub(super) fn area(&mut self, points: Vec<[f64; 2]>, ink: Ink) {
@@ -192,27 +174,17 @@ impl Drawing {
 fn write_shape(out: &mut String, shape: &Shape) {
     // Writing to a String cannot fail.
     let _ = match shape {
-        Shape::Line {
-            points,
-            stroke,
-            name,
-        } => {
-            let head = format!(
-                "<polyline points=\"{}\"{}",
-                coordinates(points),
-                stroke.attributes()
-            );
+        Shape::Line { points, stroke, name } => {
+            let head =
+                format!("<polyline points=\"{}\"{}", coordinates(points), stroke.attributes());
             match name {
                 Some(name) => writeln!(out, "{head}><title>{}</title></polyline>", escape(name)),
                 None => writeln!(out, "{head}/>"),
             }
         }
-        Shape::Area { points, ink } => writeln!(
-            out,
-            "<polygon points=\"{}\"{}/>",
-            coordinates(points),
-            ink.attributes("fill")
-        ),
+        Shape::Area { points, ink } => {
+            writeln!(out, "<polygon points=\"{}\"{}/>", coordinates(points), ink.attributes("fill"))
+        }
         Shape::Dot { at, radius, ink } => writeln!(
             out,
             "<circle cx=\"{}\" cy=\"{}\" r=\"{radius}\"{}/>",
@@ -226,11 +198,7 @@ fn write_shape(out: &mut String, shape: &Shape) {
 
 fn write_text(out: &mut String, text: &Text) -> std::fmt::Result {
     let (x, y) = (coordinate(text.at[0]), coordinate(text.at[1]));
-    write!(
-        out,
-        "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\"",
-        coordinate(text.size)
-    )?;
+    write!(out, "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\"", coordinate(text.size))?;
     match text.anchor {
         Anchor::Start => {}
         Anchor::Middle => out.push_str(" text-anchor=\"middle\""),
@@ -239,19 +207,12 @@ fn write_text(out: &mut String, text: &Text) -> std::fmt::Result {
     if text.upward {
         write!(out, " transform=\"rotate(-90 {x} {y})\"")?;
     }
-    writeln!(
-        out,
-        "{}>{}</text>",
-        text.ink.attributes("fill"),
-        escape(&text.text)
-    )
+    writeln!(out, "{}>{}</text>", text.ink.attributes("fill"), escape(&text.text))
 }
 
 fn coordinates(points: &[[f64; 2]]) -> String {
-    let pairs: Vec<String> = points
-        .iter()
-        .map(|[x, y]| format!("{},{}", coordinate(*x), coordinate(*y)))
-        .collect();
+    let pairs: Vec<String> =
+        points.iter().map(|[x, y]| format!("{},{}", coordinate(*x), coordinate(*y))).collect();
     pairs.join(" ")
 }
 
@@ -259,11 +220,7 @@ fn coordinates(points: &[[f64; 2]]) -> String {
 fn coordinate(value: f64) -> String {
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" {
-        "0".to_owned()
-    } else {
-        text.to_owned()
-    }
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
 /// Text made safe for XML and HTML, in elements and in quoted attributes.

@@ -26,9 +26,7 @@ pub(super) fn advance(face: &Face<'_>, c: char) -> f64 {
 
 /// Width of a line of text, without kerning.
 pub(super) fn width(text: &str, size: f64) -> f64 {
-    face().map_or(0.0, |face| {
-        text.chars().map(|c| advance(face, c)).sum::<f64>() * size
-    })
+    face().map_or(0.0, |face| text.chars().map(|c| advance(face, c)).sum::<f64>() * size)
 }
 
 /// The text and its size so that it is at most `limit` wide: first shrunk, then cut with an ellipsis.

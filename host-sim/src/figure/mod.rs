@@ -171,10 +171,7 @@ pub(crate) mod testing {
 
         let png = figure.png().unwrap();
         assert_eq!(png[..8], PNG_SIGNATURE);
-        let [width, height] = figure
-            .drawing
-            .size
-            .map(|side| side * f64::from(raster::SCALE));
+        let [width, height] = figure.drawing.size.map(|side| side * f64::from(raster::SCALE));
         assert_eq!(f64::from(number_at(&png, 16)), width);
         assert_eq!(f64::from(number_at(&png, 20)), height);
 
@@ -186,11 +183,7 @@ pub(crate) mod testing {
         let ours = raster::paint(&figure.drawing).unwrap();
         let mut theirs = Pixmap::new(ours.width(), ours.height()).unwrap();
         let scale = f32::from(raster::SCALE);
-        resvg::render(
-            &tree,
-            usvg::Transform::from_scale(scale, scale),
-            &mut theirs.as_mut(),
-        );
+        resvg::render(&tree, usvg::Transform::from_scale(scale, scale), &mut theirs.as_mut());
         let pairs = ours.data().iter().zip(theirs.data());
         let sum: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
         let mean = sum / ours.data().len() as f64;
@@ -207,18 +200,12 @@ mod tests {
     fn numbers_that_cannot_be_plotted_are_named() {
         for value in [f64::NAN, f64::INFINITY, -1e16] {
             let error = plottable("damping", value).unwrap_err();
-            assert_eq!(
-                error.to_string(),
-                "damping is not a number between -1e15 and 1e15"
-            );
+            assert_eq!(error.to_string(), "damping is not a number between -1e15 and 1e15");
         }
         assert_eq!(
             positive("cutoff", 0.0).unwrap_err().to_string(),
             "cutoff is not greater than 0"
         );
-        assert_eq!(
-            not_negative("area", -1.0).unwrap_err().to_string(),
-            "area is less than 0"
-        );
+        assert_eq!(not_negative("area", -1.0).unwrap_err().to_string(), "area is less than 0");
     }
 }

@@ -38,14 +38,7 @@ impl Panel {
         x: Scale,
         y: Scale,
     ) -> Self {
-        Self {
-            left,
-            top,
-            right,
-            bottom,
-            x: x.across(left, right),
-            y: y.across(bottom, top),
-        }
+        Self { left, top, right, bottom, x: x.across(left, right), y: y.across(bottom, top) }
     }
 
     pub(super) fn x(&self, value: f64) -> f64 {
@@ -61,29 +54,20 @@ impl Panel {
     }
 
     pub(super) fn centre(&self) -> [f64; 2] {
-        [
-            f64::midpoint(self.left, self.right),
-            f64::midpoint(self.top, self.bottom),
-        ]
+        [f64::midpoint(self.left, self.right), f64::midpoint(self.top, self.bottom)]
     }
 
     pub(super) fn x_grid(&self, drawing: &mut Drawing, values: &[f64]) {
         for value in values {
             let x = self.x(*value);
-            drawing.line(
-                vec![[x, self.top], [x, self.bottom]],
-                Stroke::solid(GRID, GRID_WIDTH),
-            );
+            drawing.line(vec![[x, self.top], [x, self.bottom]], Stroke::solid(GRID, GRID_WIDTH));
         }
     }
 
     pub(super) fn y_grid(&self, drawing: &mut Drawing, values: &[f64]) {
         for value in values {
             let y = self.y(*value);
-            drawing.line(
-                vec![[self.left, y], [self.right, y]],
-                Stroke::solid(GRID, GRID_WIDTH),
-            );
+            drawing.line(vec![[self.left, y], [self.right, y]], Stroke::solid(GRID, GRID_WIDTH));
         }
     }
 
@@ -155,11 +139,5 @@ pub(super) fn heading(drawing: &mut Drawing, title: &str, subtitle: &str) {
     let (title, size) = font::fit(title, TITLE_SIZE, room);
     drawing.text([MARGIN, TITLE_BASELINE], size, Anchor::Start, TEXT, &title);
     let (subtitle, size) = font::fit(subtitle, SUBTITLE_SIZE, room);
-    drawing.text(
-        [MARGIN, SUBTITLE_BASELINE],
-        size,
-        Anchor::Start,
-        QUIET,
-        &subtitle,
-    );
+    drawing.text([MARGIN, SUBTITLE_BASELINE], size, Anchor::Start, QUIET, &subtitle);
 }

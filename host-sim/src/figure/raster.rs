@@ -14,9 +14,7 @@ pub(super) const SCALE: u16 = 3;
 
 /// The drawing at [`SCALE`] as PNG bytes.
 pub(super) fn png(drawing: &Drawing) -> Result<Vec<u8>, FigureError> {
-    paint(drawing)?
-        .encode_png()
-        .map_err(|_| FigureError::Encoding)
+    paint(drawing)?.encode_png().map_err(|_| FigureError::Encoding)
 }
 
 /// The drawing at [`SCALE`] as pixels.
@@ -78,11 +76,7 @@ fn outline(face: &Face<'_>, text: &Text) -> Option<Path> {
     let [x, y] = text.at;
     let scale = text.size / f64::from(face.units_per_em());
     let before = text.anchor.share_before() * font::width(&text.text, text.size);
-    let mut glyphs = Glyphs {
-        builder: PathBuilder::new(),
-        origin: [x - before, y],
-        scale,
-    };
+    let mut glyphs = Glyphs { builder: PathBuilder::new(), origin: [x - before, y], scale };
     for c in text.text.chars() {
         let glyph = face.glyph_index(c).unwrap_or_default();
         face.outline_glyph(glyph, &mut glyphs);
@@ -101,9 +95,7 @@ fn fill(pixmap: &mut Pixmap, path: &Path, ink: Ink) {
 }
 
 fn draw(pixmap: &mut Pixmap, path: &Path, stroke: Stroke) {
-    let dash = stroke
-        .dash
-        .and_then(|lengths| StrokeDash::new(lengths.map(single).to_vec(), 0.0));
+    let dash = stroke.dash.and_then(|lengths| StrokeDash::new(lengths.map(single).to_vec(), 0.0));
     let shape = tiny_skia::Stroke {
         width: single(stroke.width),
         line_join: LineJoin::Round,
@@ -115,10 +107,7 @@ fn draw(pixmap: &mut Pixmap, path: &Path, stroke: Stroke) {
 
 fn paint_of(ink: Ink) -> Paint<'static> {
     let [red, green, blue] = ink.rgb;
-    let mut paint = Paint {
-        anti_alias: true,
-        ..Paint::default()
-    };
+    let mut paint = Paint { anti_alias: true, ..Paint::default() };
     paint.set_color_rgba8(red, green, blue, byte(ink.opacity * 255.0));
     paint
 }

@@ -115,13 +115,7 @@ fn draw_hit(drawing: &mut Drawing, plot: &TracePlot) {
     );
     let phases = [
         (0.0, plot.settle_s, "settle", SETTLE, SETTLE_STRIP),
-        (
-            plot.settle_s,
-            window_end_s,
-            "measuring window",
-            WINDOW,
-            WINDOW_STRIP,
-        ),
+        (plot.settle_s, window_end_s, "measuring window", WINDOW, WINDOW_STRIP),
     ];
     for (from_s, to_s, name, ink, strip) in phases {
         let (left, right) = (panel.x(from_s), panel.x(to_s));
@@ -148,10 +142,7 @@ fn draw_hit(drawing: &mut Drawing, plot: &TracePlot) {
     let wall = panel.y(plot.wall_m * MM_PER_M);
     drawing.line(
         vec![[panel.left, wall], [panel.right, wall]],
-        Stroke {
-            dash: Some(DASH),
-            ..Stroke::solid(ACCENT, WALL_WIDTH)
-        },
+        Stroke { dash: Some(DASH), ..Stroke::solid(ACCENT, WALL_WIDTH) },
     );
     let beside = [panel.right + 6.0, wall + 4.0];
     drawing.text(beside, SUBTITLE_SIZE, Anchor::Start, ACCENT, "wall");
@@ -178,16 +169,10 @@ fn draw_window(drawing: &mut Drawing, plot: &TracePlot) {
         .collect();
     let mean_m = inside.iter().map(|(_, x)| x).sum::<f64>() / inside.len().max(1) as f64;
     let limit = plot.rms_limit_m * UM_PER_M;
-    let deviations: Vec<(f64, f64)> = inside
-        .into_iter()
-        .map(|(t, x)| (t, (x - mean_m) * UM_PER_M))
-        .collect();
-    let [low, high] = range(
-        deviations
-            .iter()
-            .map(|(_, deviation)| *deviation)
-            .chain([-limit, limit]),
-    );
+    let deviations: Vec<(f64, f64)> =
+        inside.into_iter().map(|(t, x)| (t, (x - mean_m) * UM_PER_M)).collect();
+    let [low, high] =
+        range(deviations.iter().map(|(_, deviation)| *deviation).chain([-limit, limit]));
     let x = Ticks::within(from_s, to_s, MOST_X_TICKS);
     let y = Ticks::around(low, high, MOST_Y_TICKS);
     let panel = Panel::new(
@@ -196,11 +181,7 @@ fn draw_window(drawing: &mut Drawing, plot: &TracePlot) {
         Scale::linear(from_s, to_s),
         Scale::linear(y.low, y.high),
     );
-    drawing.rect(
-        [panel.left, panel.y(limit)],
-        [panel.right, panel.y(-limit)],
-        BAND,
-    );
+    drawing.rect([panel.left, panel.y(limit)], [panel.right, panel.y(-limit)], BAND);
     panel.y_grid(drawing, &y.values);
     let beside = panel.right + 6.0;
     for (text, drop) in [("RMS", -3.0), ("limit", 11.0)] {
@@ -216,10 +197,7 @@ fn draw_window(drawing: &mut Drawing, plot: &TracePlot) {
     for level in [-limit, limit] {
         drawing.line(
             vec![[panel.left, panel.y(level)], [panel.right, panel.y(level)]],
-            Stroke {
-                dash: Some(DASH),
-                ..Stroke::solid(ACCENT, WALL_WIDTH)
-            },
+            Stroke { dash: Some(DASH), ..Stroke::solid(ACCENT, WALL_WIDTH) },
         );
     }
     panel.frame(drawing);
@@ -263,12 +241,7 @@ fn reduce(panel: &Panel, samples: impl Iterator<Item = (f64, f64)>) -> Vec<[f64;
 
 /// First, lowest, highest and last point of a column, in the order of time.
 fn flush(column: &mut Vec<[f64; 2]>, line: &mut Vec<[f64; 2]>) {
-    let heights = || {
-        column
-            .iter()
-            .enumerate()
-            .map(|(index, point)| (point[1], index))
-    };
+    let heights = || column.iter().enumerate().map(|(index, point)| (point[1], index));
     let lowest = heights().min_by(|a, b| a.0.total_cmp(&b.0));
     let highest = heights().max_by(|a, b| a.0.total_cmp(&b.0));
     if let (Some((_, lowest)), Some((_, highest))) = (lowest, highest) {

@@ -67,11 +67,8 @@ pub struct Curve {
 /// [`FigureError`] if a number is NaN, infinite or negative, or a cutoff is 0.
 pub fn zwidth(plot: &ZwidthPlot) -> Result<Figure, FigureError> {
     let [largest_damping, largest_stiffness] = largest(plot)?;
-    let (unit, factor) = if largest_stiffness < KILO_FROM_N_PER_M {
-        ("N/m", 1.0)
-    } else {
-        ("kN/m", 1000.0)
-    };
+    let (unit, factor) =
+        if largest_stiffness < KILO_FROM_N_PER_M { ("N/m", 1.0) } else { ("kN/m", 1000.0) };
     let empty = plot.curves.iter().all(|curve| curve.points.is_empty());
 
     let mut drawing = Drawing::new(WIDTH, HEIGHT);
@@ -153,11 +150,7 @@ fn styles(plot: &ZwidthPlot) -> Vec<Style> {
         let ideal = plot.ideal_cutoff_hz == Some(curve.cutoff_hz);
         let ink = if ideal { ACCENT } else { ordered(index, count) };
         let crowded = count >= CROWD;
-        Style {
-            ink,
-            ideal,
-            crowded,
-        }
+        Style { ink, ideal, crowded }
     };
     plot.curves.iter().enumerate().map(style).collect()
 }
@@ -181,11 +174,7 @@ fn draw_curve(drawing: &mut Drawing, panel: &Panel, curve: &Curve, style: Style,
         hertz(curve.cutoff_hz),
         hertz(curve.true_cutoff_hz)
     );
-    drawing.named_line(
-        points.clone(),
-        Stroke::solid(style.ink, style.width()),
-        name,
-    );
+    drawing.named_line(points.clone(), Stroke::solid(style.ink, style.width()), name);
     if dotted {
         for point in points {
             drawing.dot(point, style.radius(), style.ink);
@@ -203,11 +192,7 @@ struct Legend {
 
 impl Legend {
     fn of(plot: &ZwidthPlot) -> Self {
-        let every = plot
-            .curves
-            .len()
-            .div_ceil(LEGEND_ROWS * LEGEND_COLUMNS)
-            .max(1);
+        let every = plot.curves.len().div_ceil(LEGEND_ROWS * LEGEND_COLUMNS).max(1);
         let named = |(index, (curve, style)): (usize, (&Curve, Style))| {
             let mut text = hertz(curve.cutoff_hz);
             if curve.points.is_empty() {
@@ -217,17 +202,10 @@ impl Legend {
             }
             (style.ideal || index.is_multiple_of(every)).then_some((text, style))
         };
-        let entries: Vec<_> = plot
-            .curves
-            .iter()
-            .zip(styles(plot))
-            .enumerate()
-            .filter_map(named)
-            .collect();
-        let widest = entries
-            .iter()
-            .map(|(text, _)| font::width(text, LEGEND_SIZE))
-            .fold(0.0, f64::max);
+        let entries: Vec<_> =
+            plot.curves.iter().zip(styles(plot)).enumerate().filter_map(named).collect();
+        let widest =
+            entries.iter().map(|(text, _)| font::width(text, LEGEND_SIZE)).fold(0.0, f64::max);
         Self {
             columns: entries.len().div_ceil(LEGEND_ROWS),
             column_width: LEGEND_SWATCH + LEGEND_SWATCH_GAP + widest + LEGEND_GAP,
@@ -256,10 +234,8 @@ impl Legend {
                 );
                 drawing.dot([x + LEGEND_SWATCH / 2.0, line], style.radius(), style.ink);
             }
-            let (at, ink) = (
-                x + LEGEND_SWATCH + LEGEND_SWATCH_GAP,
-                if style.ideal { ACCENT } else { TEXT },
-            );
+            let (at, ink) =
+                (x + LEGEND_SWATCH + LEGEND_SWATCH_GAP, if style.ideal { ACCENT } else { TEXT });
             drawing.text([at, y], LEGEND_SIZE, Anchor::Start, ink, text);
         }
         if self.every > 1 {
@@ -280,11 +256,7 @@ mod tests {
             damping_n_s_per_m: 10.0 * f64::from(n),
             stiffness_n_per_m: stiffness_n_per_m * f64::from(n.min(70 - n) + 1) / 36.0,
         });
-        Curve {
-            cutoff_hz,
-            true_cutoff_hz: 0.9 * cutoff_hz,
-            points: points.collect(),
-        }
+        Curve { cutoff_hz, true_cutoff_hz: 0.9 * cutoff_hz, points: points.collect() }
     }
 
     fn plot(curves: Vec<Curve>) -> ZwidthPlot {
@@ -334,10 +306,7 @@ mod tests {
             let figure = look(zwidth, &plot(curves));
             assert!(figure.svg().contains("no stable wall found"));
         }
-        let figure = look(
-            zwidth,
-            &plot(vec![curve(50.0, 0.0, 0), curve(300.0, 9e4, 1)]),
-        );
+        let figure = look(zwidth, &plot(vec![curve(50.0, 0.0, 0), curve(300.0, 9e4, 1)]));
         assert!(figure.svg().contains("50 (none)"));
         assert!(figure.svg().contains("300 ideal"));
         assert!(!figure.svg().contains("no stable wall found"));

@@ -1,0 +1,215 @@
+//! Why the output is off: stable numeric codes, and sets of them.
+
+use core::fmt;
+
+macro_rules! faults {
+    ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
+        /// A reason to switch the output off. Codes are stable: a code is never given a new meaning.
+        ///
+        /// | group | about |
+        /// |-------|-------|
+        /// | 10..  | motion: what the encoder says cannot be, or must not go on |
+        /// | 20..  | time: something came late or not at all |
+        /// | 30..  | power and people |
+        /// | 40..  | program |
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(u8)]
+        pub enum Fault {
+            $($(#[$doc])* $name = $code,)*
+        }
+
+        impl Fault {
+            /// All of them, by rising code.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// The fault of that code, if there is one.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$name),)*
+                    _ => None,
+                }
+            }
+
+            /// A short name in plain words.
+            pub const fn text(self) -> &'static str {
+                match self {
+                    $(Self::$name => $text,)*
+                }
+            }
+        }
+    };
+}
+
+faults! {
+    /// The count changed in one sample by more than the fastest believable speed allows: a bad
+    /// contact, interference, a counter that was written to. The zero is lost.
+    CountJump = 10, "count jump";
+    /// The handle is faster than allowed.
+    OverSpeed = 11, "over-speed";
+    /// The handle is more than 2^30 counts away from zero.
+    OutOfRange = 12, "out of range";
+    /// A force outside contact moved nothing: a dead encoder, a blocked handle, an amplifier
+    /// without power.
+    PushWithoutMotion = 13, "push without motion";
+    /// The small force at `arm` moved the count the wrong way, or not at all.
+    SignTestFailed = 14, "sign test failed";
+    /// An output was not ready when the next one was due.
+    LateRender = 20, "late render";
+    /// No output was ready for ten periods.
+    StuckRender = 21, "stuck render";
+    /// The watchdog reset the processor.
+    WatchdogReset = 22, "watchdog reset";
+    /// The processor was reset while force was on.
+    ResetWhileArmed = 23, "reset while armed";
+    /// The emergency stop opened, or its wire broke, while force was on.
+    EmergencyStop = 30, "emergency stop";
+    /// The supply fell below the limit of the voltage detector.
+    BrownOut = 31, "brown-out";
+    /// A debugger halted the processor while force was on.
+    Debugger = 32, "debugger halt";
+    /// The settings in force are not valid.
+    Settings = 40, "settings";
+    /// The program stopped itself.
+    Panic = 41, "panic";
+    /// The processor met an instruction or address that it cannot handle.
+    HardFault = 42, "hard fault";
+}
+
+impl Fault {
+    /// The number that stands for it in status, telemetry and fault memory; never 0.
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// Whether the encoder's zero can no longer be trusted after it: counts may be missing.
+    pub const fn loses_zero(self) -> bool {
+        FaultSet::EMPTY.with(self).loses_zero()
+    }
+
+    const fn bit(self) -> u64 {
+        1 << (self.code() & 63)
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.code(), self.text())
+    }
+}
+
+/// A set of faults: bit n is the fault with code n.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FaultSet(u64);
+
+impl FaultSet {
+    /// No fault.
+    pub const EMPTY: Self = Self(0);
+
+    /// The set as bits.
+    pub const fn bits(self) -> u64 {
+        self.0
+    }
+
+    /// The set of those bits; bits without a fault stay as they are.
+    pub const fn from_bits(bits: u64) -> Self {
+        Self(bits)
+    }
+
+    /// Whether there is none.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether `fault` is one of them.
+    pub const fn contains(self, fault: Fault) -> bool {
+        self.0 & fault.bit() != 0
+    }
+
+    /// The set with `fault`.
+    #[must_use]
+    pub const fn with(self, fault: Fault) -> Self {
+        Self(self.0 | fault.bit())
+    }
+
+    /// The set with `fault` if `present`.
+    #[must_use]
+    #[inline]
+    pub const fn with_if(self, fault: Fault, present: bool) -> Self {
+        if present { self.with(fault) } else { self }
+    }
+
+    /// All that are in either.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// All that are in `self` and not in `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// Whether one of them is a fault after which the zero is not to be trusted.
+    pub const fn loses_zero(self) -> bool {
+        self.0
+            & (Fault::CountJump.bit()
+                | Fault::OutOfRange.bit()
+                | Fault::PushWithoutMotion.bit()
+                | Fault::SignTestFailed.bit())
+            != 0
+    }
+
+    /// The one with the lowest code.
+    pub fn first(self) -> Option<Fault> {
+        // At most 63: fits.
+        u8::try_from(self.0.trailing_zeros()).ok().and_then(Fault::from_code)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn codes_are_stable_and_come_back() {
+        let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
+        assert_eq!(codes, [10, 11, 12, 13, 14, 20, 21, 22, 23, 30, 31, 32, 40, 41, 42]);
+        for code in 0..=u8::MAX {
+            let fault = Fault::from_code(code);
+            assert_eq!(fault.is_some(), codes.contains(&code));
+            assert!(fault.is_none_or(|f| f.code() == code));
+        }
+        assert!(codes.iter().all(|&code| code > 0 && code < 64));
+        assert_eq!(Fault::LateRender.to_string(), "20 (late render)");
+    }
+
+    #[test]
+    fn the_list_in_the_documents_names_every_fault() {
+        let document = include_str!("../../docs/faults.md");
+        for fault in Fault::ALL {
+            let row = std::format!("| {} | {} |", fault.code(), fault.text());
+            assert!(document.contains(&row), "no row {row}");
+        }
+        let rows = document
+            .lines()
+            .filter(|line| line.starts_with("| ") && line.as_bytes()[2].is_ascii_digit());
+        assert_eq!(rows.count(), Fault::ALL.len());
+    }
+
+    #[test]
+    fn sets_keep_each_fault_apart() {
+        for &a in Fault::ALL {
+            let set = FaultSet::EMPTY.with(a);
+            assert_eq!(set.first(), Some(a));
+            for &b in Fault::ALL {
+                assert_eq!(set.contains(b), a == b);
+            }
+            assert!(set.without(set).is_empty());
+            assert_eq!(set.with_if(a, false), set);
+        }
+        assert_eq!(FaultSet::EMPTY.first(), None);
+        assert_eq!(FaultSet::from_bits(1).first(), None);
+    }
+}

@@ -1,0 +1,146 @@
+//! The half of the supervisor that runs for every sample.
+
+#![deny(clippy::float_arithmetic)]
+
+use super::{Fault, FaultSet, SafetyPlan, plan::STUCK_RENDERS};
+use crate::{Control, CounterWidth, Motion, Sampler, units::Position};
+
+/// From `render` to `sample`: what the guard has to know. Plain words; a torn read of two of them
+/// does no harm, because each is compared on its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Down {
+    /// Low 32 bits of the sample that the last finished output answered.
+    pub rendered: u32,
+    /// [`Guard::events`] that `clear` has dealt with.
+    pub acknowledged: u32,
+    /// How often the count was to be zeroed.
+    pub zeros: u32,
+    /// Force is on: only then is high speed a fault. A hand may move a free handle as it likes.
+    pub on: bool,
+    /// Flash is being written, which stalls the processor: moves between two samples and missing
+    /// outputs say nothing. Never set while force is on.
+    pub stall: bool,
+}
+
+/// From `sample` to `render`: the motion and what the guard thinks of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Up {
+    /// The sample.
+    pub motion: Motion,
+    /// The guard's findings.
+    pub guard: Guard,
+    /// The output has to be off, now: the sampling task sees to it by itself, with every sample as
+    /// long as this is set.
+    pub cut: bool,
+}
+
+/// What the guard found since the last `clear`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Guard {
+    /// How often something was found, ever; wraps.
+    pub events: u32,
+    /// How often the count was zeroed; wraps.
+    pub zeros: u32,
+    /// What was found first.
+    pub first: Option<Fault>,
+    /// The sample at which it was found.
+    pub first_sample: u64,
+    /// All that was found.
+    pub causes: FaultSet,
+    /// What is there with this very sample.
+    pub present: FaultSet,
+}
+
+/// A [`Sampler`] under guard. Owned by the sampling task.
+#[derive(Clone, Copy, Debug)]
+pub struct GuardedSampler {
+    sampler: Sampler,
+    plan: SafetyPlan,
+    guard: Guard,
+    last: Position,
+    /// The last sample whose output is due; `None` before the first.
+    awaited: Option<u32>,
+    /// Outputs in a row that were not there in time.
+    missed: u32,
+    stalled: bool,
+}
+
+impl GuardedSampler {
+    /// A handle at rest whose encoder counter reads `counter`.
+    pub fn new(plan: SafetyPlan, counter: u32, width: CounterWidth) -> Self {
+        let sampler = Sampler::new(counter, width);
+        Self {
+            sampler,
+            plan,
+            guard: Guard::default(),
+            last: sampler.position(),
+            awaited: None,
+            missed: 0,
+            stalled: false,
+        }
+    }
+
+    /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
+    /// constant rate, with the newest [`Down`].
+    ///
+    /// At a sample with `motion.due`, the output of the due sample before it has to be there;
+    /// if `down.rendered` says that it is not, it is late by a period.
+    #[inline]
+    pub fn sample(&mut self, control: &Control, counter: u32, down: &Down) -> Up {
+        if down.zeros != self.guard.zeros {
+            self.sampler.zero();
+            self.last = Position::default();
+            self.guard.zeros = down.zeros;
+        }
+        let motion = self.sampler.sample(control, counter);
+        let present = self.present(motion, down);
+        self.last = motion.position;
+        self.stalled = down.stall;
+        self.note(present, motion.sample, down.acknowledged);
+        Up {
+            motion,
+            guard: self.guard,
+            cut: self.guard.events != down.acknowledged || !present.is_empty(),
+        }
+    }
+
+    #[inline]
+    fn present(&mut self, motion: Motion, down: &Down) -> FaultSet {
+        // The first sample after a stall still spans it.
+        let stall = down.stall || self.stalled;
+        if motion.due {
+            #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
+            let this = motion.sample as u32;
+            let in_time = self.awaited.is_none_or(|awaited| awaited == down.rendered);
+            self.missed = if in_time || stall { 0 } else { self.missed.saturating_add(1) };
+            self.awaited = Some(this);
+        }
+        let moved = motion.position.wrapping_since(self.last).unsigned_abs();
+        let speed = motion.velocity.bits().unsigned_abs();
+        FaultSet::EMPTY
+            .with_if(Fault::CountJump, moved > self.plan.jump && !stall)
+            .with_if(Fault::OverSpeed, speed > self.plan.speed && down.on)
+            .with_if(Fault::OutOfRange, !motion.position.in_range())
+            .with_if(Fault::LateRender, self.missed > 0)
+            .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS)
+    }
+
+    #[inline]
+    fn note(&mut self, present: FaultSet, sample: u64, acknowledged: u32) {
+        let guard = &mut self.guard;
+        if guard.events == acknowledged {
+            guard.first = None;
+            guard.causes = FaultSet::EMPTY;
+        }
+        let fresh = present.without(guard.present);
+        if !fresh.is_empty() {
+            if guard.first.is_none() {
+                guard.first = fresh.first();
+                guard.first_sample = sample;
+            }
+            guard.events = guard.events.wrapping_add(1);
+        }
+        guard.causes = guard.causes.union(fresh);
+        guard.present = present;
+    }
+}

@@ -1,0 +1,205 @@
+//! What a reset must not wipe out: the first fault, as plain words for backup RAM.
+//!
+//! At `arm` a record is written that says [`Fault::ResetWhileArmed`], for then nobody may get
+//! another chance; `disarm` erases it, a fault replaces it. So whatever is found after a reset is
+//! true.
+
+use super::{Fault, FaultSet};
+use crate::{
+    crc,
+    telemetry::Flags,
+    units::{Force, Position, Velocity},
+};
+
+/// A fault and its circumstances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultRecord {
+    /// The first fault.
+    pub fault: Fault,
+    /// All that were found since, the first among them.
+    pub causes: FaultSet,
+    /// Sample at which it was found, counted from the reset before it.
+    pub sample: u64,
+    /// Position.
+    pub position: Position,
+    /// Velocity.
+    pub velocity: Velocity,
+    /// Force that acted until then.
+    pub force: Force,
+    /// Facts of the last output before it.
+    pub flags: Flags,
+}
+
+/// What `render` asks to be done to the backup RAM.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MemoryUpdate {
+    /// Write this record.
+    Write(FaultRecord),
+    /// Write zeros.
+    Erase,
+}
+
+/// Why the processor starts, as its reset flags say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power came, or fell too low for the processor.
+    Power,
+    /// The reset pin, or a debugger.
+    Pin,
+    /// The watchdog.
+    Watchdog,
+    /// The program asked for it.
+    Software,
+}
+
+impl FaultRecord {
+    /// Words of backup RAM. The 20 backup registers of the real-time clock would do as well.
+    pub const WORDS: usize = 11;
+    /// First word of a record: "ZWF" and the version of the layout.
+    const HEAD: u32 = u32::from_le_bytes(*b"ZWF\x01");
+
+    /// A fault about which nothing is known but its name.
+    pub fn bare(fault: Fault) -> Self {
+        Self {
+            fault,
+            causes: FaultSet::EMPTY.with(fault),
+            sample: 0,
+            position: Position::default(),
+            velocity: Velocity::ZERO,
+            force: Force::ZERO,
+            flags: Flags::default(),
+        }
+    }
+
+    /// The same circumstances under another name: for the panic and HardFault handlers, which know
+    /// no more than the last record.
+    #[must_use]
+    pub fn renamed(self, fault: Fault) -> Self {
+        Self { fault, causes: self.causes.with(fault), ..self }
+    }
+
+    /// As words, the last of them a CRC over the others.
+    #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
+    pub fn to_words(self) -> [u32; Self::WORDS] {
+        let [low, high] = [self.sample as u32, (self.sample >> 32) as u32];
+        let causes = self.causes.bits();
+        let body = [
+            Self::HEAD,
+            u32::from(self.fault.code()),
+            causes as u32,
+            (causes >> 32) as u32,
+            low,
+            high,
+            self.position.counts().cast_unsigned(),
+            self.velocity.bits().cast_unsigned(),
+            self.force.bits().cast_unsigned(),
+            u32::from(self.flags.bits()),
+        ];
+        let [a, b, c, d, e, f, g, h, i, j] = body;
+        [a, b, c, d, e, f, g, h, i, j, crc::of_words(&body)]
+    }
+
+    /// The record in those words, if they are one: RAM after power-up holds anything.
+    pub fn from_words(words: &[u32; Self::WORDS]) -> Option<Self> {
+        let [body @ .., check] = words;
+        if crc::of_words(body) != *check {
+            return None;
+        }
+        let [head, code, causes_low, causes_high, low, high, position, velocity, force, flags] =
+            *body;
+        if head != Self::HEAD {
+            return None;
+        }
+        let wide = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+        Some(Self {
+            fault: Fault::from_code(u8::try_from(code).ok()?)?,
+            causes: FaultSet::from_bits(wide(causes_low, causes_high)),
+            sample: wide(low, high),
+            position: Position::from_counts(position.cast_signed()),
+            velocity: Velocity::saturating_from_bits(velocity.cast_signed()),
+            force: Force::saturating_from_bits(force.cast_signed()),
+            flags: Flags::from_bits(u16::try_from(flags).ok()?),
+        })
+    }
+}
+
+/// The fault to start with after a reset: `memory` is what the backup RAM holds.
+///
+/// A fault that was recorded stays until `clear`. A watchdog reset is one in any case.
+pub fn boot_fault(memory: &[u32; FaultRecord::WORDS], reset: ResetCause) -> Option<FaultRecord> {
+    match (FaultRecord::from_words(memory), reset) {
+        (Some(record), ResetCause::Watchdog) if record.fault == Fault::ResetWhileArmed => {
+            Some(FaultRecord {
+                fault: Fault::WatchdogReset,
+                causes: FaultSet::EMPTY.with(Fault::WatchdogReset),
+                ..record
+            })
+        }
+        (Some(record), _) => Some(record),
+        (None, ResetCause::Watchdog) => Some(FaultRecord::bare(Fault::WatchdogReset)),
+        (None, _) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn record() -> FaultRecord {
+        FaultRecord {
+            fault: Fault::OverSpeed,
+            causes: FaultSet::EMPTY.with(Fault::OverSpeed).with(Fault::HardFault),
+            sample: 0x0123_4567_89AB_CDEF,
+            position: Position::from_counts(-70_000),
+            velocity: Velocity::saturating_from_bits(-123_456),
+            force: Force::saturating_from_bits(-(1 << 29)),
+            flags: Flags::from_bits(0x1A5),
+        }
+    }
+
+    #[test]
+    fn it_comes_back_whole_and_no_flipped_bit_passes() {
+        let words = record().to_words();
+        assert_eq!(FaultRecord::from_words(&words), Some(record()));
+        for word in 0..words.len() {
+            for bit in 0..32 {
+                let mut bad = words;
+                bad[word] ^= 1 << bit;
+                assert_eq!(FaultRecord::from_words(&bad), None, "word {word} bit {bit}");
+            }
+        }
+    }
+
+    #[test]
+    fn empty_memory_is_no_record() {
+        for fill in [0, u32::MAX, 0xAAAA_AAAA] {
+            assert_eq!(FaultRecord::from_words(&[fill; FaultRecord::WORDS]), None);
+        }
+    }
+
+    #[test]
+    fn what_a_reset_leaves_depends_on_its_cause() {
+        let none = [0; FaultRecord::WORDS];
+        let armed = FaultRecord::bare(Fault::ResetWhileArmed).to_words();
+        let fault = record().to_words();
+        let code = |memory, reset| boot_fault(memory, reset).map(|record| record.fault);
+        assert_eq!(code(&none, ResetCause::Power), None);
+        assert_eq!(code(&none, ResetCause::Pin), None);
+        assert_eq!(code(&none, ResetCause::Watchdog), Some(Fault::WatchdogReset));
+        assert_eq!(code(&armed, ResetCause::Pin), Some(Fault::ResetWhileArmed));
+        assert_eq!(code(&armed, ResetCause::Watchdog), Some(Fault::WatchdogReset));
+        for reset in
+            [ResetCause::Power, ResetCause::Pin, ResetCause::Watchdog, ResetCause::Software]
+        {
+            assert_eq!(code(&fault, reset), Some(Fault::OverSpeed));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_words_never_panic(words in any::<[u32; FaultRecord::WORDS]>()) {
+            let _ = FaultRecord::from_words(&words);
+        }
+    }
+}

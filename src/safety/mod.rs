@@ -1,0 +1,54 @@
+//! The supervisor: nothing else can give the motor a force, and it gives none unless armed.
+//!
+//! ```text
+//!            Up: motion, what the guard found                    Status, Record
+//! sample ──────────────────────────────────────▶ render ──────────────────────────▶ link
+//! (GuardedSampler, every sample)                 (Supervisor, every output)
+//!        ◀──────────────────────────────────────        ◀──────────────────────────
+//!            Down: rendered, acknowledged, zeros                 Request
+//! ```
+//!
+//! It works at two priorities without locks, because each side owns its half and hands the other
+//! plain `Copy` records. [`GuardedSampler`] runs for every sample: count jump, over-speed, out of
+//! range, late output; with any of these it raises [`Up::cut`], and the sampling task switches the
+//! output off by itself. [`Supervisor`] runs for every output: states, ramps, sign test, push
+//! without motion, emergency stop, brown-out, settings. It answers with a [`Grant`]; only a
+//! [`Grant::On`] carries a force, and only this module can make one.
+//!
+//! ```text
+//!  ┌─────┐ arm  ┌──────────┐ moved the right way ┌──────────┐ ramp done ┌───────┐
+//!  │ Off │─────▶│ SignTest │────────────────────▶│ RampIn   │──────────▶│ Armed │
+//!  └─────┘      └──────────┘                     └──────────┘           └───────┘
+//!     ▲  disarm from each of them                                           │
+//!     │          ┌───────┐  any fault, from every state                     │
+//!     └──────────│ Fault │◀─────────────────────────────────────────────────┘
+//!       clear    └───────┘
+//! ```
+//!
+//! Times: a fault found by the guard is off within one sample, every other one within one output
+//! period and one sample. A later fault is noted but never replaces the first.
+//!
+//! This is not a certified safety system. The emergency stop also has to break the amplifier's
+//! enable in hardware.
+
+mod blackbox;
+mod change;
+mod fault;
+mod guard;
+mod memory;
+mod plan;
+mod push;
+mod records;
+mod sign;
+mod supervisor;
+
+pub use blackbox::BlackBox;
+pub use fault::{Fault, FaultSet};
+pub use guard::{Down, Guard, GuardedSampler, Up};
+pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
+pub use plan::{SLEW, SafetyPlan, SafetySettings};
+pub use records::{Inputs, Refusal, Request, State, Status};
+pub use supervisor::{Grant, Granted, Rendered, Supervisor};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,148 @@
+//! What goes between the supervisor and the link: plain records that may lie in queues.
+
+use super::{Fault, FaultRecord, FaultSet};
+
+/// Where the supervisor stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// No force; waits for `arm`.
+    Off,
+    /// `arm`: at most 5 % force for at most 100 ms find out whether motor and encoder agree.
+    SignTest,
+    /// The force comes in.
+    RampIn,
+    /// The full force acts.
+    Armed,
+    /// No force until `clear`.
+    Fault,
+}
+
+impl State {
+    /// Whether force may act.
+    pub const fn is_on(self) -> bool {
+        matches!(self, Self::SignTest | Self::RampIn | Self::Armed)
+    }
+
+    /// Name in replies.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::SignTest => "sign test",
+            Self::RampIn => "ramping in",
+            Self::Armed => "armed",
+            Self::Fault => "fault",
+        }
+    }
+}
+
+/// What the board and the link know, at an output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inputs {
+    /// The emergency stop is closed: force is possible.
+    pub stop_closed: bool,
+    /// The supply is above the limit of the voltage detector.
+    pub supply_good: bool,
+    /// The settings in force were accepted, and their gains lie inside the envelope or it is
+    /// unlocked.
+    pub settings_valid: bool,
+    /// A debugger halted the processor since the last output.
+    pub halted: bool,
+}
+
+/// What the link asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Sign test, ramp, force.
+    Arm,
+    /// Force off.
+    Disarm,
+    /// Forget the fault, if its cause is gone.
+    Clear,
+    /// The count is 0 here.
+    Zero,
+    /// Allow gains beyond the envelope, until the force goes off.
+    Unlock,
+    /// Flash is about to be written (`true`), or was (`false`).
+    Stall(bool),
+    /// Fault with that code: for what only the board can see.
+    Trip(Fault),
+}
+
+/// Why a request or a command is not met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// `zero` comes first.
+    NotZeroed,
+    /// The settings are not valid, or outside the envelope.
+    Settings,
+    /// The emergency stop is open.
+    StopOpen,
+    /// The supply is too low.
+    Supply,
+    /// A fault is latched; `clear` comes first.
+    Faulted(Fault),
+    /// There is no fault to clear.
+    NoFault,
+    /// The cause of the fault is still there.
+    CausePresent(Fault),
+    /// The force is on already.
+    AlreadyOn,
+    /// The force is on; `disarm` comes first.
+    On,
+    /// Sign test or ramp is going on; wait for its end.
+    Arming,
+    /// The force is not on, or not complete yet; `arm` comes first.
+    NotArmed,
+    /// The handle is in contact; leave the wall first.
+    Contact,
+    /// An experiment is running; `stop` comes first.
+    Busy,
+    /// It needs `unlock envelope` first.
+    Locked,
+    /// Flash is being written.
+    Stalled,
+}
+
+impl Refusal {
+    /// What is wrong and what helps.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NotZeroed => "not zeroed: use zero first",
+            Self::Settings => "settings are not valid or outside the envelope: see get",
+            Self::StopOpen => "the emergency stop is open: close it first",
+            Self::Supply => "the supply is too low",
+            Self::Faulted(_) => "a fault is latched: see faults, then clear",
+            Self::NoFault => "there is no fault",
+            Self::CausePresent(_) => "the cause of the fault is still there",
+            Self::AlreadyOn => "the force is on already",
+            Self::On => "the force is on: disarm first",
+            Self::Arming => "arming: wait for the ramp to end",
+            Self::NotArmed => "not armed: arm first and wait for the ramp",
+            Self::Contact => "in contact: leave the wall first",
+            Self::Busy => "an experiment is running: stop first",
+            Self::Locked => "the envelope is locked: unlock envelope first",
+            Self::Stalled => "flash is being written: wait",
+        }
+    }
+}
+
+/// The supervisor as the link sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Status {
+    /// Where it stands.
+    pub state: State,
+    /// The first fault, while one is latched.
+    pub fault: Option<FaultRecord>,
+    /// All causes that were found since, the first among them.
+    pub causes: FaultSet,
+    /// Causes that are there now.
+    pub present: FaultSet,
+    /// The count was zeroed, and nothing happened to it since.
+    pub zeroed: bool,
+    /// Gains beyond the envelope are allowed.
+    pub unlocked: bool,
+    /// The handle is inside the wall.
+    pub contact: bool,
+    /// What the board said.
+    pub inputs: Inputs,
+}

@@ -1,0 +1,143 @@
+//! Sign test: a small force has to move the count the right way, else the wall would pull.
+//!
+//! The handle may drift, hang from a spring or lie at a stop. So the force goes out, in, in and out
+//! again, a quarter of the time each, and the answer is the fourth difference of the count: a steady
+//! speed, a steady outside force and one that rises or falls steadily drop out. The handle ends
+//! where it began, at the speed it had.
+//!
+//! ```text
+//! count      x0      x1      x2      x3      x4
+//! force          -f      +f      +f      -f
+//! answer = -(x0 - 4 x1 + 6 x2 - 4 x3 + x4)  =  2 f h^2 / m           (h a quarter, m the mass)
+//! ```
+//!
+//! Quantisation moves the answer by less than 8 counts. The answer of a handle that cannot move, or
+//! whose encoder is dead, is 0: it fails as well.
+
+#![deny(clippy::float_arithmetic)]
+
+use super::SafetyPlan;
+use crate::units::{Force, Position};
+
+/// A test in progress.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SignTest {
+    outputs: u32,
+    /// Counts at the ends of the quarters.
+    marks: [Position; 5],
+}
+
+/// What the test says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SignStep {
+    /// Go on, with this force.
+    Push(Force),
+    /// The count moved the right way.
+    Passed,
+    /// It did not.
+    Failed,
+}
+
+impl SignTest {
+    /// A test whose first output is still to come.
+    pub fn new() -> Self {
+        Self { outputs: 0, marks: [Position::default(); 5] }
+    }
+
+    /// Takes the count at an output. Four quarters of `plan.sign_quarter` outputs, then the answer.
+    pub fn step(&mut self, plan: &SafetyPlan, position: Position) -> SignStep {
+        let quarter = self.outputs / plan.sign_quarter.max(1);
+        let start = self.outputs.is_multiple_of(plan.sign_quarter.max(1));
+        if start
+            && let Some(mark) = usize::try_from(quarter).ok().and_then(|n| self.marks.get_mut(n))
+        {
+            *mark = position;
+        }
+        self.outputs = self.outputs.saturating_add(1);
+        match quarter {
+            // From -f to +f and back in two steps, each of at most 5 % of full scale.
+            1 | 3 if start => SignStep::Push(Force::ZERO),
+            0 | 3 => SignStep::Push(Force::saturating_from_bits(-plan.sign_force.bits())),
+            1 | 2 => SignStep::Push(plan.sign_force),
+            _ if self.answer() >= i64::from(plan.sign_counts) => SignStep::Passed,
+            _ => SignStep::Failed,
+        }
+    }
+
+    fn answer(&self) -> i64 {
+        let [x0, x1, x2, x3, x4] = self.marks;
+        let [x1, x2, x3, x4] = [x1, x2, x3, x4].map(|x| i64::from(x.wrapping_since(x0)));
+        4 * x1 - 6 * x2 + 4 * x3 - x4
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::safety::plan::tests::{DESIGN, SETTINGS};
+
+    /// A mass of 0.4 kg with 5.5 N s/m on a motor of 5.9 N, at 1 kHz and 1 um.
+    struct Handle {
+        position_m: f64,
+        velocity_m_per_s: f64,
+        /// Steady force from outside, N.
+        load_n: f64,
+        /// Motor sign times encoder sign; 0: it cannot move.
+        sign: f64,
+        stop_m: f64,
+    }
+
+    const HANDLE: Handle =
+        Handle { position_m: 0.0, velocity_m_per_s: 0.0, load_n: 0.0, sign: 1.0, stop_m: -1.0 };
+
+    /// The answer, and outputs with a force.
+    fn test(mut handle: Handle) -> (SignStep, u32) {
+        let plan = SETTINGS.build(&DESIGN).unwrap();
+        let mut test = SignTest::new();
+        for outputs in 0.. {
+            let count = (handle.position_m / 1e-6).floor() as i32;
+            let step = test.step(&plan, Position::from_counts(count));
+            let SignStep::Push(force) = step else {
+                return (step, outputs);
+            };
+            assert!(force.bits().abs() <= (1 << 30) / 20);
+            let drive = f64::from(force.bits()) / 2f64.powi(30) * 5.9 * handle.sign;
+            let acceleration = (drive + handle.load_n - 5.5 * handle.velocity_m_per_s) / 0.4;
+            handle.velocity_m_per_s += acceleration * 1e-3;
+            handle.position_m += handle.velocity_m_per_s * 1e-3;
+            if handle.position_m < handle.stop_m {
+                (handle.position_m, handle.velocity_m_per_s) = (handle.stop_m, 0.0);
+            }
+            if handle.sign == 0.0 {
+                handle.position_m = 0.0;
+            }
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn the_right_sign_passes_within_100_ms() {
+        let (step, outputs) = test(HANDLE);
+        assert_eq!((step, outputs), (SignStep::Passed, 100));
+    }
+
+    #[test]
+    fn drift_load_and_a_stop_on_either_side_do_not_deceive_it() {
+        for sign in [1.0, -1.0] {
+            let expected = if sign > 0.0 { SignStep::Passed } else { SignStep::Failed };
+            for load_n in [-1.0, 0.0, 1.0] {
+                for velocity_m_per_s in [-0.1, 0.0, 0.1] {
+                    let handle = Handle { load_n, velocity_m_per_s, sign, ..HANDLE };
+                    assert_eq!(test(handle).0, expected, "{sign} {load_n} {velocity_m_per_s}");
+                }
+            }
+        }
+        assert_eq!(test(Handle { stop_m: 0.0, ..HANDLE }).0, SignStep::Passed);
+    }
+
+    #[test]
+    fn a_wrong_sign_and_a_dead_encoder_fail() {
+        assert_eq!(test(Handle { sign: -1.0, ..HANDLE }).0, SignStep::Failed);
+        assert_eq!(test(Handle { sign: 0.0, ..HANDLE }).0, SignStep::Failed);
+    }
+}

@@ -1,0 +1,427 @@
+//! The half of the supervisor that runs for every output.
+
+#![deny(clippy::float_arithmetic)]
+
+use super::{
+    Down, Fault, FaultRecord, FaultSet, Inputs, MemoryUpdate, Refusal, Request, SafetyPlan, State,
+    Status, Up,
+    change::Change,
+    push::PushWatch,
+    sign::{SignStep, SignTest},
+};
+use crate::{
+    Control, Drive, Motion,
+    telemetry::{Flags, Record},
+    units::{Command, Demand, Force},
+};
+
+/// What the output may do. A force comes only out of a supervisor that is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Grant {
+    /// Amplifier enable inactive first, then the code of zero force.
+    Off,
+    /// This force.
+    On(Granted),
+}
+
+/// A force that may act. Only a [`Supervisor`] makes one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Granted {
+    force: Force,
+    command: Command,
+}
+
+impl Granted {
+    /// The force, within +-1 full scale.
+    pub fn force(self) -> Force {
+        self.force
+    }
+
+    /// The same as a DAC or PWM code.
+    pub fn command(self) -> Command {
+        self.command
+    }
+}
+
+impl Grant {
+    /// The force that acts; none while off.
+    pub fn force(self) -> Option<Force> {
+        match self {
+            Self::Off => None,
+            Self::On(granted) => Some(granted.force),
+        }
+    }
+}
+
+/// One output under supervision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rendered {
+    /// What the output may do.
+    pub grant: Grant,
+    /// What push and wall ask for, supervision aside.
+    pub drive: Drive,
+    /// For the sampling task. Publish it after the output hardware is written.
+    pub down: Down,
+    /// For the backup RAM, in the rare case that it changes.
+    pub memory: Option<MemoryUpdate>,
+    /// For telemetry and black box. `settings` is left 0.
+    pub record: Record,
+}
+
+/// The half of the supervisor that runs for every output. Owned by the rendering task.
+#[derive(Clone, Copy, Debug)]
+pub struct Supervisor {
+    plan: SafetyPlan,
+    state: State,
+    sign: SignTest,
+    /// Outputs since the ramp began.
+    ramp: u32,
+    change: Option<Change>,
+    watch: PushWatch,
+    /// The grant of the last output.
+    last: Grant,
+    fault: Option<FaultRecord>,
+    causes: FaultSet,
+    present: FaultSet,
+    /// [`super::Guard::events`] that were looked at.
+    seen: u32,
+    /// The count was zeroed as often as asked, as far as the last [`Up`] knows.
+    zeros: u32,
+    zeroed: bool,
+    unlocked: bool,
+    contact: bool,
+    inputs: Inputs,
+    /// The last output.
+    record: Record,
+    down: Down,
+    memory: Option<MemoryUpdate>,
+}
+
+impl Supervisor {
+    /// Off, or in the fault that the last run ended with.
+    pub fn new(plan: SafetyPlan, boot: Option<FaultRecord>) -> Self {
+        Self {
+            plan,
+            state: if boot.is_some() { State::Fault } else { State::Off },
+            sign: SignTest::new(),
+            ramp: 0,
+            change: None,
+            watch: PushWatch::default(),
+            last: Grant::Off,
+            fault: boot,
+            causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
+            present: FaultSet::EMPTY,
+            seen: 0,
+            zeros: 0,
+            zeroed: false,
+            unlocked: false,
+            contact: false,
+            inputs: Inputs {
+                stop_closed: false,
+                supply_good: false,
+                settings_valid: false,
+                halted: false,
+            },
+            record: Record::EMPTY,
+            down: Down::default(),
+            memory: None,
+        }
+    }
+
+    /// The output that answers `up`: `push` (into the wall) minus what the wall gives back, as far
+    /// as it may act. `control` is that of the very sample.
+    #[inline]
+    pub fn render(&mut self, control: &Control, up: &Up, push: Force, inputs: Inputs) -> Rendered {
+        let drive = control.render(up.motion, push);
+        self.inputs = inputs;
+        self.contact = drive.contact;
+        let held = self.follow_zero(up);
+        self.look(up, inputs);
+        let force = self.force(control, up, push, &drive, held);
+        let grant = match force {
+            Some(force) => Grant::On(Granted { force, command: control.actuator.command(force) }),
+            None => Grant::Off,
+        };
+        self.last = grant;
+        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
+        let sample = up.motion.sample as u32;
+        self.down.rendered = sample;
+        self.down.on = self.state.is_on();
+        let record = self.record_of(control, up, &drive, grant);
+        self.record = record;
+        Rendered { grant, drive, down: self.down, memory: self.memory.take(), record }
+    }
+
+    /// What it thinks, for the link.
+    pub fn status(&self) -> Status {
+        Status {
+            state: self.state,
+            fault: self.fault,
+            causes: self.causes,
+            present: self.present,
+            zeroed: self.zeroed,
+            unlocked: self.unlocked,
+            contact: self.contact,
+            inputs: self.inputs,
+        }
+    }
+
+    /// Meets a request between two outputs.
+    ///
+    /// # Errors
+    /// Says why not; nothing has changed then.
+    pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
+        match request {
+            Request::Arm => self.arm(),
+            Request::Disarm => {
+                self.switch_off();
+                Ok(())
+            }
+            Request::Clear => self.clear(),
+            Request::Zero => self.zero(),
+            Request::Unlock => self.unlock(),
+            Request::Stall(true) if self.state.is_on() => Err(Refusal::On),
+            Request::Stall(stall) => {
+                self.down.stall = stall;
+                Ok(())
+            }
+            Request::Trip(fault) => {
+                let last = self.record;
+                self.trip(Some(FaultRecord {
+                    sample: last.sample,
+                    position: last.position,
+                    velocity: last.velocity,
+                    force: last.force,
+                    flags: last.flags,
+                    ..FaultRecord::bare(fault)
+                }));
+                Ok(())
+            }
+        }
+    }
+
+    fn arm(&mut self) -> Result<(), Refusal> {
+        let inputs = self.inputs;
+        if let (State::Fault, Some(record)) = (self.state, self.fault) {
+            return Err(Refusal::Faulted(record.fault));
+        }
+        if self.state != State::Off {
+            return Err(Refusal::AlreadyOn);
+        }
+        if !inputs.stop_closed {
+            return Err(Refusal::StopOpen);
+        }
+        if !inputs.supply_good {
+            return Err(Refusal::Supply);
+        }
+        if !inputs.settings_valid {
+            return Err(Refusal::Settings);
+        }
+        if !self.zeroed && !self.zero_pending() {
+            return Err(Refusal::NotZeroed);
+        }
+        if self.down.stall {
+            return Err(Refusal::Stalled);
+        }
+        self.state = State::SignTest;
+        self.sign = SignTest::new();
+        self.watch = PushWatch::default();
+        self.memory = Some(MemoryUpdate::Write(FaultRecord::bare(Fault::ResetWhileArmed)));
+        Ok(())
+    }
+
+    fn clear(&mut self) -> Result<(), Refusal> {
+        if self.state != State::Fault {
+            return Err(Refusal::NoFault);
+        }
+        if let Some(fault) = self.present.first() {
+            return Err(Refusal::CausePresent(fault));
+        }
+        self.state = State::Off;
+        self.fault = None;
+        self.causes = FaultSet::EMPTY;
+        self.down.acknowledged = self.seen;
+        self.memory = Some(MemoryUpdate::Erase);
+        Ok(())
+    }
+
+    fn zero(&mut self) -> Result<(), Refusal> {
+        match self.state {
+            State::SignTest | State::RampIn => return Err(Refusal::Arming),
+            State::Armed if self.contact => return Err(Refusal::Contact),
+            State::Armed | State::Off | State::Fault => {}
+        }
+        self.down.zeros = self.down.zeros.wrapping_add(1);
+        Ok(())
+    }
+
+    fn unlock(&mut self) -> Result<(), Refusal> {
+        if let (State::Fault, Some(record)) = (self.state, self.fault) {
+            return Err(Refusal::Faulted(record.fault));
+        }
+        self.unlocked = true;
+        Ok(())
+    }
+
+    fn switch_off(&mut self) {
+        self.unlocked = false;
+        if self.state.is_on() {
+            self.state = State::Off;
+            self.memory = Some(MemoryUpdate::Erase);
+        }
+    }
+
+    /// The first fault is kept, later ones are noted.
+    #[inline]
+    fn trip(&mut self, record: Option<FaultRecord>) {
+        let Some(record) = record else {
+            return;
+        };
+        self.causes = self.causes.union(record.causes);
+        self.zeroed &= !record.causes.loses_zero();
+        if self.fault.is_none() {
+            self.fault = Some(record);
+            self.memory = Some(MemoryUpdate::Write(record));
+        }
+        self.state = State::Fault;
+        self.unlocked = false;
+    }
+
+    /// A zero is asked for that `sample` has not carried out yet.
+    fn zero_pending(&self) -> bool {
+        self.down.zeros != self.zeros
+    }
+
+    /// Takes note of a zero that `sample` has carried out. The motion was renamed by it, so the
+    /// force of the last output is what a change has to start from.
+    fn follow_zero(&mut self, up: &Up) -> Option<Force> {
+        if up.guard.zeros == self.zeros {
+            return None;
+        }
+        self.zeros = up.guard.zeros;
+        self.zeroed = true;
+        self.last.force()
+    }
+
+    /// Latches every fault that is there.
+    #[inline]
+    fn look(&mut self, up: &Up, inputs: Inputs) {
+        let on = self.state.is_on();
+        let outside = FaultSet::EMPTY
+            .with_if(Fault::EmergencyStop, !inputs.stop_closed)
+            .with_if(Fault::BrownOut, !inputs.supply_good)
+            .with_if(Fault::Settings, !inputs.settings_valid)
+            .with_if(Fault::Debugger, inputs.halted);
+        // Off, they only stand in the way of `arm`; after their own fault, in that of `clear`.
+        let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
+        self.present = relevant.union(up.guard.present);
+        if up.guard.events != self.seen {
+            self.seen = up.guard.events;
+            let record = self.here(up.motion, up.guard.causes);
+            self.trip(record.map(|record| FaultRecord {
+                fault: up.guard.first.unwrap_or(record.fault),
+                sample: up.guard.first_sample,
+                ..record
+            }));
+        }
+        let pushed = self.watch.failed(
+            self.last.force(),
+            self.contact,
+            up.motion.position,
+            self.plan.push_renders,
+        );
+        if on {
+            // What the guard still sees counts again, whatever `clear` made of its event.
+            let found = outside.with_if(Fault::PushWithoutMotion, pushed).union(up.guard.present);
+            self.trip(self.here(up.motion, found));
+        }
+    }
+
+    /// A record of `causes` with the circumstances of this moment, named after the first of them.
+    #[inline]
+    fn here(&self, motion: Motion, causes: FaultSet) -> Option<FaultRecord> {
+        causes.first().map(|fault| FaultRecord {
+            fault,
+            causes,
+            sample: motion.sample,
+            position: motion.position,
+            velocity: motion.velocity,
+            force: self.last.force().unwrap_or_default(),
+            flags: self.record.flags,
+        })
+    }
+
+    /// The force that may act now, if any may.
+    #[inline]
+    fn force(
+        &mut self,
+        control: &Control,
+        up: &Up,
+        push: Force,
+        drive: &Drive,
+        held: Option<Force>,
+    ) -> Option<Force> {
+        if self.state == State::SignTest {
+            if self.zero_pending() {
+                return Some(Force::ZERO); // the count is about to be renamed
+            }
+            match self.sign.step(&self.plan, up.motion.position) {
+                SignStep::Push(force) => return Some(force),
+                SignStep::Passed => {
+                    self.state = State::RampIn;
+                    self.ramp = 0;
+                    self.change = None;
+                }
+                SignStep::Failed => {
+                    self.trip(self.here(up.motion, FaultSet::EMPTY.with(Fault::SignTestFailed)));
+                }
+            }
+        }
+        if !self.state.is_on() {
+            return None;
+        }
+        let change = self.change.get_or_insert(Change::new(control.wall, push));
+        let full = change.force(control.wall, push, up.motion, drive.force, held);
+        if self.state == State::Armed {
+            return Some(full);
+        }
+        let part = i64::from(full.bits()) * i64::from(self.ramp);
+        let force = part / i64::from(self.plan.ramp_renders.max(1));
+        self.ramp = self.ramp.saturating_add(1);
+        if self.ramp > self.plan.ramp_renders {
+            self.state = State::Armed;
+        }
+        Some(Demand::from_bits(force).saturate().0)
+    }
+
+    fn record_of(&self, control: &Control, up: &Up, drive: &Drive, grant: Grant) -> Record {
+        let (force, command) = match grant {
+            Grant::Off => (Force::ZERO, control.actuator.zero()),
+            Grant::On(granted) => (granted.force, granted.command),
+        };
+        let fading = self.change.as_ref().is_some_and(Change::is_fading);
+        Record {
+            sample: up.motion.sample,
+            position: up.motion.position,
+            velocity: up.motion.velocity,
+            force,
+            command,
+            flags: Flags::RENDERED
+                .with_if(Flags::CONTACT, drive.contact)
+                .with_if(Flags::SATURATED, drive.saturated)
+                .with_if(Flags::ON, force_is_on(grant))
+                .with_if(Flags::ARMED, self.state == State::Armed)
+                .with_if(Flags::CHANGING, self.state.is_on() && fading)
+                .with_if(Flags::FAULT, self.fault.is_some())
+                .with_if(Flags::ZEROED, self.zeroed)
+                .with_if(Flags::STOP_CLOSED, self.inputs.stop_closed)
+                .with_if(Flags::UNLOCKED, self.unlocked),
+            settings: 0,
+            fault: self.fault.map_or(0, |record| record.fault.code()),
+        }
+    }
+}
+
+fn force_is_on(grant: Grant) -> bool {
+    matches!(grant, Grant::On(_))
+}

@@ -1,0 +1,182 @@
+//! Random sequences of events and commands.
+
+use super::*;
+use proptest::prelude::*;
+
+/// Whatever may happen between two samples.
+#[derive(Clone, Debug)]
+enum Event {
+    Ask(Request),
+    Jump(i32),
+    Kick(f64),
+    Inputs(Inputs),
+    Miss(u32),
+    Push(i32),
+    Wall(f64, f64),
+    Dead(bool),
+    Motor(f64),
+    Run(u32),
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let requests = [
+        Request::Arm,
+        Request::Arm,
+        Request::Disarm,
+        Request::Clear,
+        Request::Clear,
+        Request::Zero,
+        Request::Zero,
+        Request::Unlock,
+        Request::Stall(true),
+        Request::Stall(false),
+        Request::Trip(Fault::Settings),
+        Request::Trip(Fault::Panic),
+    ];
+    let mostly = |likely: bool| prop::bool::weighted(if likely { 0.9 } else { 0.1 });
+    prop_oneof![
+        8 => prop::sample::select(requests.to_vec()).prop_map(Event::Ask),
+        1 => (-2000i32..2000).prop_map(Event::Jump),
+        1 => (-2.0..2.0f64).prop_map(Event::Kick),
+        2 => (mostly(true), mostly(true), mostly(true), mostly(false)).prop_map(
+            |(stop_closed, supply_good, settings_valid, halted)| Event::Inputs(Inputs {
+                stop_closed, supply_good, settings_valid, halted,
+            })
+        ),
+        1 => (0u32..25).prop_map(Event::Miss),
+        2 => (-(1i32 << 30)..=1 << 30).prop_map(Event::Push),
+        2 => (-0.01..0.02f64, 0.0..1e6f64).prop_map(|(x, k)| Event::Wall(x, k)),
+        1 => mostly(false).prop_map(Event::Dead),
+        1 => prop::sample::select(std::vec![1.0, 1.0, 1.0, -1.0]).prop_map(Event::Motor),
+        10 => prop_oneof![1u32..40, 3200u32..3300].prop_map(Event::Run),
+    ]
+}
+
+impl Bench {
+    fn happen(&mut self, event: &Event) -> u32 {
+        match *event {
+            Event::Ask(request) => {
+                let before = self.supervisor.status();
+                let result = self.supervisor.request(request);
+                let after = self.supervisor.status();
+                if result.is_err() {
+                    assert_eq!(before, after, "a refusal changes nothing");
+                }
+                let inputs = before.inputs;
+                if request == Request::Arm && result.is_ok() {
+                    assert!(before.state == State::Off && before.fault.is_none());
+                    assert!(inputs.stop_closed && inputs.supply_good && inputs.settings_valid);
+                }
+                if request == Request::Clear && result.is_ok() {
+                    assert!(before.present.is_empty());
+                }
+                0
+            }
+            Event::Jump(counts) => {
+                self.offset = self.offset.wrapping_add_signed(counts);
+                1
+            }
+            Event::Kick(velocity) => {
+                self.velocity_m_per_s = velocity;
+                1
+            }
+            Event::Inputs(inputs) => {
+                self.inputs = inputs;
+                1
+            }
+            Event::Miss(outputs) => {
+                self.missing = outputs;
+                1
+            }
+            Event::Push(bits) => {
+                self.push = Force::saturating_from_bits(bits);
+                1
+            }
+            Event::Wall(position_m, stiffness) => {
+                self.control = control(position_m, stiffness);
+                1
+            }
+            Event::Dead(dead) => {
+                self.dead = dead;
+                1
+            }
+            Event::Motor(sign) => {
+                self.motor = sign;
+                1
+            }
+            Event::Run(samples) => samples,
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    /// The heart of it: over any sequence of events and commands, force comes out only while the
+    /// supervisor is on, at most 5 % of it before the sign test is passed, never while a fault is
+    /// latched or the guard says cut; and armed is reached only through sign test and ramp.
+    #[test]
+    fn no_force_unless_armed(events in prop::collection::vec(event(), 1..60)) {
+        let mut bench = Bench::new();
+        let mut state = State::Off;
+        for event in &events {
+            for _ in 0..bench.happen(event) {
+                let up = bench.sample();
+                let status = bench.supervisor.status();
+                prop_assert!(!(up.cut && bench.output.is_some()));
+                prop_assert_eq!(status.fault.is_some(), status.state == State::Fault);
+                if let Some(rendered) = bench.last.take() {
+                    let zero = bench.control.actuator.zero();
+                    match rendered.grant {
+                        Grant::On(granted) => {
+                            prop_assert!(status.state.is_on());
+                            prop_assert!(status.inputs.stop_closed && status.inputs.supply_good);
+                            prop_assert!(status.inputs.settings_valid && !status.inputs.halted);
+                            let small = granted.force().bits().abs() <= SLEW;
+                            prop_assert!(small || status.state != State::SignTest);
+                        }
+                        Grant::Off => {
+                            prop_assert!(!status.state.is_on());
+                            prop_assert_eq!(rendered.record.force, Force::ZERO);
+                            prop_assert_eq!(rendered.record.command, zero);
+                        }
+                    }
+                    let legal = match (state, status.state) {
+                        (_, State::Off | State::Fault) => true,
+                        (State::Off | State::Fault | State::SignTest, State::SignTest) => true,
+                        (State::SignTest | State::RampIn, State::RampIn) => true,
+                        (State::RampIn | State::Armed, State::Armed) => true,
+                        // disarmed and armed again between two outputs
+                        (State::RampIn | State::Armed, State::SignTest) => true,
+                        _ => false,
+                    };
+                    prop_assert!(legal, "{state:?} to {:?}", status.state);
+                    state = status.state;
+                }
+            }
+        }
+    }
+
+    /// A random walk of settings while armed never steps the force by more than 5 % per output
+    /// beyond what the motion asks for: here the handle is held, so motion asks for nothing.
+    #[test]
+    fn changes_are_ramped(
+        walls in prop::collection::vec((-0.001..0.002f64, 0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..20)
+    ) {
+        let mut bench = Bench::armed();
+        bench.held = true;
+        let mut last = bench.output.unwrap().bits();
+        for (position, stiffness, push, outputs) in walls {
+            bench.control = control(position, stiffness);
+            bench.push = Force::saturating_from_bits(push);
+            for _ in 0..outputs {
+                bench.run(10);
+                // a long push without motion is a fault, and the end of it
+                let Some(force) = bench.output else { return Ok(()) };
+                let step = i64::from(force.bits()) - i64::from(last);
+                prop_assert!(step.abs() <= i64::from(SLEW), "{step}");
+                last = force.bits();
+            }
+        }
+    }
+}

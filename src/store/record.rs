@@ -1,0 +1,253 @@
+//! One settings record as flash words.
+
+use crate::{Settings, VelocitySettings, WallSettings, crc};
+
+/// What is kept: everything that a person sets, and what belongs to the device it was set for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stored {
+    /// The device that the settings are for.
+    pub device: DeviceKey,
+    /// Estimator and wall.
+    pub settings: Settings,
+    /// Push of the experiments, N.
+    pub push_n: f64,
+    /// Directions of motor and encoder.
+    pub signs: Signs,
+}
+
+/// Name of a device, up to 16 bytes, as in the scene and in the envelope.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceKey([u8; Self::LEN]);
+
+impl DeviceKey {
+    /// Longest name, bytes.
+    pub const LEN: usize = 16;
+
+    /// That name, if it is not too long and holds no zero byte.
+    pub fn new(name: &str) -> Option<Self> {
+        if name.bytes().any(|byte| byte == 0) {
+            return None;
+        }
+        let mut bytes = [0; Self::LEN];
+        bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
+        Some(Self(bytes))
+    }
+
+    /// The name; empty if the bytes are no text.
+    pub fn name(&self) -> &str {
+        let text = self.0.split(|&byte| byte == 0).next().unwrap_or_default();
+        core::str::from_utf8(text).unwrap_or_default()
+    }
+}
+
+/// Directions in which motor and encoder are mounted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Signs {
+    /// A positive command pushes out of the wall.
+    pub motor_reversed: bool,
+    /// The count falls into the wall.
+    pub encoder_reversed: bool,
+}
+
+/// Flash words of a record.
+pub const RECORD_WORDS: usize = 24;
+
+/// First word of a record: "ZWS" and the version of the layout.
+const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x01");
+const PUSH_ONLY: u32 = 1;
+const MOTOR_REVERSED: u32 = 2;
+const ENCODER_REVERSED: u32 = 4;
+
+/// Number of an estimator in a record and its parameters. A number is never given a new meaning.
+fn estimator_words(velocity: &VelocitySettings) -> (u32, [f64; 2]) {
+    match *velocity {
+        VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
+            (if prewarp { 2 } else { 1 }, [cutoff_hz, 0.0])
+        }
+    }
+}
+
+fn estimator_of(number: u32, [first, _]: [f64; 2]) -> Option<VelocitySettings> {
+    match number {
+        1 | 2 => Some(VelocitySettings::Butterworth { cutoff_hz: first, prewarp: number == 2 }),
+        _ => None,
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
+fn halves(value: f64) -> [u32; 2] {
+    let bits = value.to_bits();
+    [bits as u32, (bits >> 32) as u32]
+}
+
+fn whole(low: u32, high: u32) -> f64 {
+    f64::from_bits(u64::from(low) | u64::from(high) << 32)
+}
+
+impl Stored {
+    /// As words, the last of them a CRC over the others.
+    pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
+        let mut words = [0; RECORD_WORDS];
+        let (estimator, parameters) = estimator_words(&self.settings.velocity);
+        let wall = &self.settings.wall;
+        let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+        let flags = flag(wall.push_only, PUSH_ONLY)
+            | flag(self.signs.motor_reversed, MOTOR_REVERSED)
+            | flag(self.signs.encoder_reversed, ENCODER_REVERSED);
+        let numbers = [
+            parameters[0],
+            parameters[1],
+            wall.stiffness_n_per_m,
+            wall.damping_n_s_per_m,
+            wall.position_m,
+            self.push_n,
+        ];
+        let name = self.device.0.as_chunks::<4>().0;
+        let body = [HEAD, sequence]
+            .into_iter()
+            .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
+            .chain([estimator, flags])
+            .chain(numbers.into_iter().flat_map(halves));
+        for (place, word) in words.iter_mut().zip(body) {
+            *place = word;
+        }
+        let [body @ .., check] = &mut words;
+        *check = crc::of_words(body);
+        words
+    }
+
+    /// Sequence number and content of those words, if they are a record of this version.
+    pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
+        let [body @ .., check] = words;
+        if crc::of_words(body) != *check {
+            return None;
+        }
+        let [
+            head,
+            sequence,
+            n0,
+            n1,
+            n2,
+            n3,
+            estimator,
+            flags,
+            p0,
+            p1,
+            q0,
+            q1,
+            k0,
+            k1,
+            b0,
+            b1,
+            w0,
+            w1,
+            f0,
+            f1,
+            _,
+            _,
+            _,
+        ] = *body;
+        if head != HEAD {
+            return None;
+        }
+        let mut device = DeviceKey::default();
+        let name = [n0, n1, n2, n3].map(u32::to_le_bytes);
+        for (place, byte) in device.0.iter_mut().zip(name.as_flattened()) {
+            *place = *byte;
+        }
+        let stored = Self {
+            device,
+            settings: Settings {
+                velocity: estimator_of(estimator, [whole(p0, p1), whole(q0, q1)])?,
+                wall: WallSettings {
+                    position_m: whole(w0, w1),
+                    stiffness_n_per_m: whole(k0, k1),
+                    damping_n_s_per_m: whole(b0, b1),
+                    push_only: flags & PUSH_ONLY != 0,
+                },
+            },
+            push_n: whole(f0, f1),
+            signs: Signs {
+                motor_reversed: flags & MOTOR_REVERSED != 0,
+                encoder_reversed: flags & ENCODER_REVERSED != 0,
+            },
+        };
+        Some((sequence, stored))
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    pub fn stored(stiffness_n_per_m: f64) -> Stored {
+        Stored {
+            device: DeviceKey::new("paper-1um").unwrap(),
+            settings: Settings {
+                velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+                wall: WallSettings {
+                    position_m: 0.07,
+                    stiffness_n_per_m,
+                    damping_n_s_per_m: 50.0,
+                    push_only: true,
+                },
+            },
+            push_n: 2.835,
+            signs: Signs { motor_reversed: true, encoder_reversed: false },
+        }
+    }
+
+    #[test]
+    fn names_are_kept_up_to_16_bytes() {
+        for name in ["", "a", "paper-1um", "0123456789abcdef"] {
+            assert_eq!(DeviceKey::new(name).unwrap().name(), name);
+        }
+        assert_eq!(DeviceKey::new("0123456789abcdefg"), None);
+        assert_eq!(DeviceKey::new("a\0b"), None);
+        assert_eq!(DeviceKey([0xFF; 16]).name(), "");
+    }
+
+    #[test]
+    fn a_record_with_an_unknown_version_or_estimator_is_none() {
+        for (word, value) in [(0, HEAD + (1 << 24)), (6, 3)] {
+            let mut words = stored(1.0).to_words(1);
+            words[word] = value;
+            let (body, check) = words.split_at_mut(RECORD_WORDS - 1);
+            check[0] = crc::of_words(body);
+            assert_eq!(Stored::from_words(&words), None);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_record_comes_back_bit_for_bit(
+            numbers in any::<[f64; 5]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
+            name in "[a-z0-9-]{0,16}",
+        ) {
+            let record = Stored {
+                device: DeviceKey::new(&name).unwrap(),
+                settings: Settings {
+                    velocity: VelocitySettings::Butterworth { cutoff_hz: numbers[0], prewarp: flags[0] },
+                    wall: WallSettings {
+                        position_m: numbers[1],
+                        stiffness_n_per_m: numbers[2],
+                        damping_n_s_per_m: numbers[3],
+                        push_only: flags[1],
+                    },
+                },
+                push_n: numbers[4],
+                signs: Signs { motor_reversed: flags[2], encoder_reversed: flags[3] },
+            };
+            let words = record.to_words(sequence);
+            let (number, back) = Stored::from_words(&words).unwrap();
+            prop_assert_eq!((number, back.to_words(number)), (sequence, words));
+            prop_assert_eq!(back.device.name(), name);
+        }
+
+        #[test]
+        fn arbitrary_words_never_panic(words in any::<[u32; RECORD_WORDS]>()) {
+            let _ = Stored::from_words(&words);
+        }
+    }
+}

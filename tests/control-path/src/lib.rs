@@ -1,0 +1,94 @@
+//! The control path and nothing else, compiled for the board, so that `tests/control_path.rs` can
+//! look at the machine code: what runs between encoder and command, and one function that does
+//! not (it uses floats), to show that the look finds something.
+#![cfg_attr(target_os = "none", no_std)]
+
+use dsp_fixedpoint::Q32;
+use dsp_process::SplitProcess;
+use zwidth::{
+    Control, Drive, Motion, Sampler, Settings,
+    experiment::{Hit, Verdict},
+    units::{Force, Position, Velocity},
+    velocity::{Biquad, BiquadState},
+};
+
+/// Every sample.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_sample(
+    sampler: &mut Sampler,
+    control: &Control,
+    counter: u32,
+    motion: &mut Motion,
+) {
+    *motion = sampler.sample(control, counter);
+}
+
+/// Every output.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_render(
+    control: &Control,
+    motion: &Motion,
+    push: &Force,
+    drive: &mut Drive,
+) {
+    *drive = control.render(*motion, *push);
+}
+
+/// Every sample of an experiment.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) -> i32 {
+    match hit.sample(*position, contact) {
+        None => 0,
+        Some(Verdict::Stable) => 1,
+        Some(Verdict::Unstable) => 2,
+        Some(Verdict::NoContact) => 3,
+    }
+}
+
+/// The velocity filter alone, to be counted against idsp's.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_filter(
+    filter: &Biquad,
+    state: &mut BiquadState,
+    input: Velocity,
+) -> Velocity {
+    filter.update(state, input)
+}
+
+/// idsp's biquad with first-order error feedback.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn idsp_dither(
+    filter: &idsp::iir::Biquad<Q32<30>>,
+    state: &mut idsp::iir::DirectForm1Dither,
+    input: i32,
+) -> i32 {
+    filter.process(state, input)
+}
+
+/// idsp's biquad with a 64-bit output state.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn idsp_wide(
+    filter: &idsp::iir::Biquad<Q32<30>>,
+    state: &mut idsp::iir::DirectForm1Wide,
+    input: i32,
+) -> i32 {
+    filter.process(state, input)
+}
+
+/// Not part of the control path: settings to integers, in floats.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_build(
+    settings: &Settings,
+    design: &zwidth::Design,
+    control: &mut Control,
+) {
+    if let Ok(built) = settings.build(design) {
+        *control = built;
+    }
+}
+
+#[cfg(target_os = "none")]
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    loop {}
+}
