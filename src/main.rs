@@ -41,21 +41,13 @@ mod app {
         idle: task::Idle,
     }
 
-    /// Outputs are off by reset and stay off. The samples start with the last line of
-    /// `board::take`; until interrupts are on, after this, the first one waits.
+    /// Outputs are off by reset and stay off. The samples start in `task::start`, when everything
+    /// else is done; interrupts come on well before the first one.
     #[init(local = [queues: task::Queues = task::Queues::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let board = board::take(cx.device, cx.core);
         let (sample, render, link, idle) = task::start(board, cx.local.queues);
-        (
-            Shared {},
-            Local {
-                sample,
-                render,
-                link,
-                idle,
-            },
-        )
+        (Shared {}, Local { sample, render, link, idle })
     }
 
     #[task(binds = TIM5, priority = 15, local = [sample])]

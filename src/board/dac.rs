@@ -28,9 +28,9 @@ impl Output {
 
     /// Puts a command out; the core has clamped it to 1 ..= 4095.
     #[inline(always)]
-    pub fn write(&mut self, command: Command) {
-        self.0
-            .set_value(u16::try_from(command.code()).unwrap_or(ZERO));
+    pub fn write(&mut self, command: Command, mirrored: bool) {
+        let code = u16::try_from(command.code()).unwrap_or(ZERO);
+        self.0.set_value(if mirrored { 2 * ZERO - code.min(2 * ZERO) } else { code });
     }
 }
 

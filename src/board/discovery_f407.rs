@@ -19,7 +19,8 @@
 use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
 
 use super::{
-    Board, Drive, EmergencyStop, Encoder, Pace, RATE_HZ, Supply, Watchdog, enable, pwm, rtt,
+    Board, Drive, EmergencyStop, Encoder, FaultMemory, Pace, RATE_HZ, SettingsFlash, Supply,
+    Watchdog, enable, pwm, reset, rtt,
 };
 pub(super) use pwm::{Output, zero};
 
@@ -28,20 +29,20 @@ pub const NAME: &str = "discovery-f407";
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 168_000_000;
 /// Timer ticks per PWM period.
+#[expect(clippy::cast_possible_truncation, reason = "4200")]
 const STEPS: u16 = (CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
+/// From the counter's reading to the force, samples: 10 us to the next PWM period and half of
+/// that period.
+pub const LATENCY_SAMPLES: f64 = 0.225;
 /// What the force output makes of a force.
-pub const OUTPUT: zwidth::Output = zwidth::Output::Pwm {
-    steps: STEPS as u32,
-};
+pub const OUTPUT: zwidth::Output = zwidth::Output::Pwm { steps: STEPS as u32 };
 
-/// Sets the board up, outputs off first. The timers start last.
+/// Sets the board up, outputs off first. The timers do not run yet.
 pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board {
-    let mut rcc = device.RCC.freeze(
-        Config::hse(8.MHz())
-            .sysclk(CORE_HZ.Hz())
-            .pclk1(42.MHz())
-            .pclk2(84.MHz()),
-    );
+    let reset_cause = reset::cause(&device.RCC);
+    let mut rcc = device
+        .RCC
+        .freeze(Config::hse(8.MHz()).sysclk(CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz()));
     super::set_up_debug(&device.DBGMCU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
@@ -51,17 +52,15 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     stop.set_internal_resistor(Pull::Up);
     super::power_tim1(&mut rcc);
     enable::init();
-    let mut drive = Drive {
-        output: Output::new(e.pe9, e.pe11, STEPS),
-    };
+    let drive = Drive { output: Output::new(e.pe9, e.pe11, STEPS) };
     let _enable = e.pe13.into_alternate::<1>();
-    let mut pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
+    let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     let encoder = Encoder::new(device.TIM2, a.pa15.into_alternate::<1>(), a.pa1, &mut rcc);
     let supply = Supply::new(device.PWR, &mut rcc);
+    let memory = FaultMemory::new(&supply, &mut rcc);
+    let settings = SettingsFlash::new(device.FLASH);
     let link = rtt::init();
     let watchdog = Watchdog::start(device.IWDG);
-    drive.start();
-    pace.start();
     Board {
         encoder,
         pace,
@@ -69,6 +68,9 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
         stop: EmergencyStop(()),
         supply,
         watchdog,
+        memory,
+        reset_cause,
+        settings,
         link,
     }
 }
@@ -76,9 +78,5 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
 #[inline(always)]
 pub(super) fn stop_input_is_low() -> bool {
     // SAFETY: reading the input register has no side effect.
-    unsafe { &*pac::GPIOE::ptr() }
-        .idr()
-        .read()
-        .idr15()
-        .bit_is_clear()
+    unsafe { &*pac::GPIOE::ptr() }.idr().read().idr15().bit_is_clear()
 }

@@ -74,35 +74,20 @@ unsafe impl defmt::Logger for Logger {
         state.open = true;
         state.mask_before = before;
         state.length = 0;
-        let State {
-            encoder,
-            frame,
-            length,
-            ..
-        } = state;
+        let State { encoder, frame, length, .. } = state;
         encoder.start_frame(|bytes| State::stage(frame, length, bytes));
     }
 
     unsafe fn write(bytes: &[u8]) {
         // SAFETY: defmt calls this between `acquire` and `release` only.
-        let State {
-            encoder,
-            frame,
-            length,
-            ..
-        } = unsafe { &mut *STATE.0.get() };
+        let State { encoder, frame, length, .. } = unsafe { &mut *STATE.0.get() };
         encoder.write(bytes, |bytes| State::stage(frame, length, bytes));
     }
 
     unsafe fn release() {
         // SAFETY: defmt calls this after `acquire` only.
         let state = unsafe { &mut *STATE.0.get() };
-        let State {
-            encoder,
-            frame,
-            length,
-            ..
-        } = state;
+        let State { encoder, frame, length, .. } = state;
         encoder.end_frame(|bytes| State::stage(frame, length, bytes));
         if let (Some(channel), Some(whole)) = (&mut state.channel, state.frame.get(..state.length))
         {

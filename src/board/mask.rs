@@ -56,9 +56,7 @@ fn caller_is_masked() -> bool {
         VectActive::Interrupt { irqn } => {
             // SAFETY: reading a priority register has no side effect.
             let nvic = unsafe { &*cortex_m::peripheral::NVIC::PTR };
-            nvic.ipr
-                .get(usize::from(irqn))
-                .is_some_and(|priority| priority.read() >= LEVEL)
+            nvic.ipr.get(usize::from(irqn)).is_some_and(|priority| priority.read() >= LEVEL)
         }
     }
 }

@@ -23,28 +23,35 @@ use nucleo_f446re as this;
 mod dac;
 mod enable;
 mod encoder;
+mod fault_memory;
 mod halt;
 mod logger;
 pub mod mask;
 mod pace;
 #[cfg(feature = "discovery-f407")]
 mod pwm;
+mod queue;
+mod reset;
 mod rtt;
+mod settings;
 mod supply;
 mod watchdog;
 
 pub use encoder::Encoder;
+pub use fault_memory::FaultMemory;
 pub use pace::Pace;
-pub use rtt::{Link, Up};
+pub use queue::{Queue, Reader, Writer};
+pub use rtt::Link;
+pub use settings::{FlashError, SettingsFlash};
 pub use supply::Supply;
-pub use this::{CORE_HZ, NAME, OUTPUT, take};
+pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, take};
 pub use watchdog::Watchdog;
 
 use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::units::Command;
+use zwidth::{safety::ResetCause, units::Command};
 
 /// Samples per second, Hz.
 pub const RATE_HZ: u32 = 10_000;
@@ -63,6 +70,12 @@ pub struct Board {
     pub supply: Supply,
     /// Reset when the tasks stop.
     pub watchdog: Watchdog,
+    /// What a reset must not wipe out.
+    pub memory: FaultMemory,
+    /// Why the program starts.
+    pub reset_cause: ResetCause,
+    /// Where settings are kept.
+    pub settings: SettingsFlash,
     /// Probe link.
     pub link: Link,
 }
@@ -73,10 +86,11 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Puts a command out; it moves nothing while the amplifier is off.
+    /// Puts a command out, mirrored about zero force if the motor is mounted the other way round.
+    /// It moves nothing while the amplifier is off.
     #[inline(always)]
-    pub fn write(&mut self, command: Command) {
-        self.output.write(command);
+    pub fn write(&mut self, command: Command, mirrored: bool) {
+        self.output.write(command, mirrored);
     }
 
     /// Enables the amplifier at zero force. The emergency stop's hardware has the last word.
@@ -91,7 +105,8 @@ impl Drive {
         enable::is_on()
     }
 
-    fn start(&mut self) {
+    /// Starts the output's clock; call it right before [`Pace::start`].
+    pub fn start(&mut self) {
         #[cfg(feature = "discovery-f407")]
         self.output.start();
     }
@@ -122,19 +137,11 @@ impl EmergencyStop {
 fn set_up_debug(dbgmcu: &pac::DBGMCU) {
     dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
     dbgmcu.apb2_fz().modify(|_, w| w.dbg_tim1_stop().set_bit());
-    dbgmcu
-        .apb1_fz()
-        .modify(|_, w| w.dbg_tim5_stop().set_bit().dbg_iwdg_stop().clear_bit());
+    dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim5_stop().set_bit().dbg_iwdg_stop().clear_bit());
 }
 
 /// TIM1 with a clock and in its reset state; its outputs stay off.
 fn power_tim1(rcc: &mut Rcc) {
     pac::TIM1::enable(rcc);
     pac::TIM1::reset(rcc);
-}
-
-/// The present moment in core cycles; wraps after about 24 s.
-#[inline(always)]
-pub fn cycles() -> u32 {
-    cortex_m::peripheral::DWT::cycle_count()
 }

@@ -19,7 +19,8 @@
 use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
 
 use super::{
-    Board, Drive, EmergencyStop, Encoder, Pace, RATE_HZ, Supply, Watchdog, dac, enable, rtt,
+    Board, Drive, EmergencyStop, Encoder, FaultMemory, Pace, RATE_HZ, SettingsFlash, Supply,
+    Watchdog, dac, enable, reset, rtt,
 };
 pub(super) use dac::{Output, zero};
 
@@ -27,11 +28,15 @@ pub(super) use dac::{Output, zero};
 pub const NAME: &str = "nucleo-f446re";
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 180_000_000;
+/// From the counter's reading to the force, samples: 5 us to the DAC's register (measured on the
+/// virtual board), 3 us for its buffer to settle (data sheet, typical).
+pub const LATENCY_SAMPLES: f64 = 0.08;
 /// What the force output makes of a force.
 pub const OUTPUT: zwidth::Output = zwidth::Output::Dac { bits: 12 };
 
-/// Sets the board up, outputs off first. The timers start last.
+/// Sets the board up, outputs off first. The timers do not run yet.
 pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board {
+    let reset_cause = reset::cause(&device.RCC);
     let mut rcc = device.RCC.freeze(
         Config::hse(8.MHz())
             .bypass_hse_oscillator()
@@ -49,16 +54,14 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     super::power_tim1(&mut rcc);
     enable::init();
     let _enable = a.pa10.into_alternate::<1>();
-    let mut drive = Drive {
-        output: Output::new(device.DAC, a.pa4.into_analog(), &mut rcc),
-    };
-    let mut pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
+    let drive = Drive { output: Output::new(device.DAC, a.pa4.into_analog(), &mut rcc) };
+    let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     let encoder = Encoder::new(device.TIM2, a.pa0, a.pa1, &mut rcc);
     let supply = Supply::new(device.PWR, &mut rcc);
+    let memory = FaultMemory::new(&supply, &mut rcc);
+    let settings = SettingsFlash::new(device.FLASH);
     let link = rtt::init();
     let watchdog = Watchdog::start(device.IWDG);
-    drive.start();
-    pace.start();
     Board {
         encoder,
         pace,
@@ -66,6 +69,9 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
         stop: EmergencyStop(()),
         supply,
         watchdog,
+        memory,
+        reset_cause,
+        settings,
         link,
     }
 }
@@ -73,9 +79,5 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
 #[inline(always)]
 pub(super) fn stop_input_is_low() -> bool {
     // SAFETY: reading the input register has no side effect.
-    unsafe { &*pac::GPIOB::ptr() }
-        .idr()
-        .read()
-        .idr12()
-        .bit_is_clear()
+    unsafe { &*pac::GPIOB::ptr() }.idr().read().idr12().bit_is_clear()
 }

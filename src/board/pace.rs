@@ -14,9 +14,7 @@ impl Pace {
         pac::TIM5::enable(rcc);
         pac::TIM5::reset(rcc);
         // SAFETY: any 32-bit value is a period.
-        timer
-            .arr()
-            .write(|w| unsafe { w.bits(ticks.wrapping_sub(1)) });
+        timer.arr().write(|w| unsafe { w.bits(ticks.wrapping_sub(1)) });
         timer.cr1().write(|w| w.urs().set_bit());
         timer.egr().write(|w| w.ug().set_bit());
         timer.dier().write(|w| w.uie().set_bit());
@@ -33,10 +31,5 @@ impl Pace {
     pub fn acknowledge(&mut self) {
         // SAFETY: flags are cleared by writing 0, and 1 leaves them alone.
         self.0.sr().write(|w| unsafe { w.bits(!1) });
-    }
-
-    /// Timer ticks since the present sample was due.
-    pub fn elapsed(&self) -> u32 {
-        self.0.cnt().read().bits()
     }
 }

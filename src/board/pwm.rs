@@ -34,11 +34,9 @@ impl Output {
         // SAFETY: documented values: the period; PWM mode 1 with preload on channels 1 and 2.
         unsafe {
             tim1.arr().write(|w| w.bits(u32::from(steps) - 1));
-            tim1.ccmr1_output()
-                .write(|w| w.bits(0b0110_1000 << 8 | 0b0110_1000));
+            tim1.ccmr1_output().write(|w| w.bits(0b0110_1000 << 8 | 0b0110_1000));
         }
-        tim1.ccer()
-            .modify(|_, w| w.cc1e().set_bit().cc2e().set_bit());
+        tim1.ccer().modify(|_, w| w.cc1e().set_bit().cc2e().set_bit());
         tim1.cr1().write(|w| w.arpe().set_bit());
         tim1.egr().write(|w| w.ug().set_bit());
         Self { steps }
@@ -56,9 +54,9 @@ impl Output {
 
     /// Puts a command out, from the next PWM period on; the core has clamped it to +-steps.
     #[inline(always)]
-    pub fn write(&mut self, command: Command) {
+    pub fn write(&mut self, command: Command, mirrored: bool) {
         let code = command.code();
-        let sign = if code < 0 { u32::from(u16::MAX) } else { 0 };
+        let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
         set(code.unsigned_abs(), sign);
     }
 }

@@ -45,9 +45,5 @@ pub(super) fn init() -> Link {
         }
     };
     super::logger::start(channels.up.0);
-    Link {
-        telemetry: Up(channels.up.1),
-        replies: Up(channels.up.2),
-        commands: channels.down.0,
-    }
+    Link { telemetry: Up(channels.up.1), replies: Up(channels.up.2), commands: channels.down.0 }
 }

@@ -13,9 +13,13 @@ impl Supply {
     pub fn new(pwr: pac::PWR, rcc: &mut Rcc) -> Self {
         pac::PWR::enable(rcc);
         // SAFETY: a documented value of the field.
-        pwr.cr()
-            .modify(|_, w| unsafe { w.pls().bits(0b111).pvde().set_bit() });
+        pwr.cr().modify(|_, w| unsafe { w.pls().bits(0b111).pvde().set_bit() });
         Self(pwr)
+    }
+
+    /// Opens the backup RAM, which a reset closes, for writing.
+    pub(super) fn open_backup(&self) {
+        self.0.cr().modify(|_, w| w.dbp().set_bit());
     }
 
     /// The supply is below the threshold.

@@ -1,102 +1,148 @@
 //! The work of the tasks, and what goes between them.
 //!
 //! ```text
-//! sample --motions--> render --records--> link        single-producer, single-consumer queues
-//! sample <-controls-- render <-proposals- link
+//!           Up, positions            Report                   single-producer,
+//! sample ───────────────▶ render ───────────────▶ link        single-consumer queues
+//!        ◀───────────────        ◀───────────────
+//!           Control, Down            Order
 //! ```
-//! No queue is waited for. Flags between tasks are single words in [`Flags`].
+//! No queue is waited for. [`Down`] is a handful of single words in [`Flags`], each read on its own.
 
+mod device;
 mod idle;
 mod link;
+mod order;
 mod render;
 mod sample;
 
-use core::sync::atomic::{AtomicBool, AtomicU32};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
-use heapless::spsc::Queue;
 pub use idle::Idle;
 pub use link::Link;
-pub use render::{Record, Render};
+use order::{Order, Report};
+pub use render::Render;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
-use zwidth::{Control, CounterWidth, Design, Motion, Sampler, Settings, SettingsError};
+use zwidth::{
+    Control, CounterWidth,
+    safety::{Down, Fault, FaultRecord, GuardedSampler, Supervisor, Up, boot_fault},
+    units::Position,
+};
 
-use crate::board::{self, Board};
+use crate::board::{Board, Queue};
 
-/// Samples that may wait for `render`: three periods of ten.
-const MOTIONS: usize = 32;
-/// Outputs that may wait for `link`, which at 1 kHz is 31 ms.
-const RECORDS: usize = 32;
+/// Outputs that may wait for `render`, and the positions that belong to them.
+const UPS: usize = 4;
+const POSITIONS: usize = 64;
+/// Outputs that may wait for `link`, which at 1 kHz is 15 ms.
+const REPORTS: usize = 16;
+/// Settings and orders come one at a time.
+const CONTROLS: usize = 2;
+const ORDERS: usize = 2;
 
 /// Memory of the queues.
 pub struct Queues {
-    motions: Queue<Motion, MOTIONS>,
-    controls: Queue<Control, 2>,
-    records: Queue<Record, RECORDS>,
-    proposals: Queue<Control, 2>,
+    ups: Queue<Up, UPS>,
+    positions: Queue<Position, POSITIONS>,
+    controls: Queue<Control, CONTROLS>,
+    reports: Queue<Report, REPORTS>,
+    orders: Queue<Order, ORDERS>,
 }
 
 impl Queues {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            motions: Queue::new(),
+            ups: Queue::new(),
+            positions: Queue::new(),
             controls: Queue::new(),
-            records: Queue::new(),
-            proposals: Queue::new(),
+            reports: Queue::new(),
+            orders: Queue::new(),
         }
     }
 }
 
 /// Single words that one task writes and others read.
-pub struct Flags {
-    /// Low half of the number of the last sample that `render` has answered.
-    answered: AtomicU32,
-    /// `sample` has switched off, because `render` was late by a period.
-    late: AtomicBool,
+struct Flags {
+    /// [`Down`], written by `render`.
+    rendered: AtomicU32,
+    acknowledged: AtomicU32,
+    zeros: AtomicU32,
+    on: AtomicBool,
+    stall: AtomicBool,
     /// Passes of `link`, for the watchdog.
     links: AtomicU32,
 }
 
 static FLAGS: Flags = Flags {
-    answered: AtomicU32::new(0),
-    late: AtomicBool::new(false),
+    rendered: AtomicU32::new(0),
+    acknowledged: AtomicU32::new(0),
+    zeros: AtomicU32::new(0),
+    on: AtomicBool::new(false),
+    stall: AtomicBool::new(false),
     links: AtomicU32::new(0),
 };
 
+impl Flags {
+    fn publish(&self, down: &Down) {
+        self.acknowledged.store(down.acknowledged, Relaxed);
+        self.zeros.store(down.zeros, Relaxed);
+        self.on.store(down.on, Relaxed);
+        self.stall.store(down.stall, Relaxed);
+        self.rendered.store(down.rendered, Relaxed);
+    }
+
+    #[inline(always)]
+    fn down(&self) -> Down {
+        Down {
+            rendered: self.rendered.load(Relaxed),
+            acknowledged: self.acknowledged.load(Relaxed),
+            zeros: self.zeros.load(Relaxed),
+            on: self.on.load(Relaxed),
+            stall: self.stall.load(Relaxed),
+        }
+    }
+}
+
 /// Makes the tasks of a board that has just been set up.
+///
+/// Settings that cannot be built leave the defaults in force, with the fault `settings` latched.
 pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
-    let (motions_in, motions_out) = queues.motions.split();
+    let (ups_in, ups_out) = queues.ups.split();
+    let (positions_in, positions_out) = queues.positions.split();
     let (controls_in, controls_out) = queues.controls.split();
-    let (records_in, records_out) = queues.records.split();
-    let (proposals_in, proposals_out) = queues.proposals.split();
-    let Board {
-        encoder,
-        pace,
-        drive,
-        stop,
-        supply,
-        watchdog,
-        link,
-    } = board;
-    let Ok(control) = default_control() else {
-        panic!()
+    let (reports_in, reports_out) = queues.reports.split();
+    let (orders_in, orders_out) = queues.orders.split();
+
+    let loaded = zwidth::store::load(&board.settings, device::defaults());
+    let built = loaded.stored.settings.build(&device::DESIGN);
+    let stored = if built.is_ok() { loaded.stored } else { device::defaults() };
+    let control = built.or_else(|_| device::defaults().settings.build(&device::DESIGN));
+    let (Ok(control), Ok(plan)) = (control, device::safety()) else {
+        // The defaults are constants that every board is tested with.
+        panic!();
     };
-    let sampler = Sampler::new(encoder.count(), CounterWidth::Bits32);
+    let fault = boot_fault(&board.memory.read(), board.reset_cause)
+        .or_else(|| (loaded.stored != stored).then(|| FaultRecord::bare(Fault::Settings)));
+    // The two timers start next to each other: their distance sets the phase of the PWM.
+    let Board { mut drive, mut pace, encoder, .. } = board;
+    drive.start();
+    pace.start();
+    let sampler = GuardedSampler::new(plan, encoder.count(), CounterWidth::Bits32);
+    let outputs =
+        render::Outputs { drive, stop: board.stop, supply: board.supply, memory: board.memory };
+    let ends = render::Ends {
+        ups: ups_out,
+        positions: positions_out,
+        controls: controls_in,
+        orders: orders_out,
+        reports: reports_in,
+    };
     (
-        Sample::new(encoder, pace, sampler, control, controls_out, motions_in),
-        Render::new(
-            drive,
-            stop,
-            supply,
-            control,
-            motions_out,
-            controls_in,
-            proposals_out,
-            records_in,
-        ),
-        Link::new(link, records_out, proposals_in),
-        Idle::new(watchdog),
+        Sample::new(encoder, pace, sampler, control, controls_out, ups_in, positions_in),
+        Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs),
+        Link::new(board.link, board.settings, reports_out, orders_in, stored, loaded.source),
+        Idle::new(board.watchdog),
     )
 }
 
@@ -106,35 +152,4 @@ fn pend_render() {
 
 fn pend_link() {
     rtic::pend(Interrupt::SPI2);
-}
-
-/// Low 32 bits of a sample number, which is what fits into a word between tasks.
-#[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
-#[inline(always)]
-const fn low_half(sample: u64) -> u32 {
-    sample as u32
-}
-
-/// The device of the paper at 1 um, with no wall.
-fn default_control() -> Result<Control, SettingsError> {
-    let design = Design {
-        rate_hz: f64::from(board::RATE_HZ),
-        resolution_m: 1e-6,
-        full_scale_n: 5.906,
-        period: 10,
-        output: board::OUTPUT,
-    };
-    Settings {
-        velocity: zwidth::VelocitySettings::Butterworth {
-            cutoff_hz: 1500.0,
-            prewarp: false,
-        },
-        wall: zwidth::WallSettings {
-            position_m: 0.07,
-            stiffness_n_per_m: 0.0,
-            damping_n_s_per_m: 0.0,
-            push_only: true,
-        },
-    }
-    .build(&design)
 }

@@ -1,65 +1,57 @@
 //! `sample`: 10 kHz, priority 15, interrupt of the sampling timer.
 
-use core::sync::atomic::Ordering::Relaxed;
+use zwidth::{
+    Control,
+    safety::{GuardedSampler, Up},
+    units::Position,
+};
 
-use heapless::spsc::{Consumer, Producer};
-use zwidth::{Control, Motion, Sampler};
-
-use super::FLAGS;
-use crate::board::{self, Encoder, Pace};
+use super::{CONTROLS, FLAGS, POSITIONS, UPS};
+use crate::board::{self, Encoder, Pace, Reader, Writer};
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
     encoder: Encoder,
     pace: Pace,
-    sampler: Sampler,
+    sampler: GuardedSampler,
     control: Control,
-    controls: Consumer<'static, Control>,
-    motions: Producer<'static, Motion>,
-    /// Low half of the number of the last sample that was due; `None` before the first.
-    awaited: Option<u32>,
+    controls: Reader<Control, CONTROLS>,
+    ups: Writer<Up, UPS>,
+    positions: Writer<Position, POSITIONS>,
 }
 
 impl Sample {
     pub(super) fn new(
         encoder: Encoder,
         pace: Pace,
-        sampler: Sampler,
+        sampler: GuardedSampler,
         control: Control,
-        controls: Consumer<'static, Control>,
-        motions: Producer<'static, Motion>,
+        controls: Reader<Control, CONTROLS>,
+        ups: Writer<Up, UPS>,
+        positions: Writer<Position, POSITIONS>,
     ) -> Self {
-        Self {
-            encoder,
-            pace,
-            sampler,
-            control,
-            controls,
-            motions,
-            awaited: None,
-        }
+        Self { encoder, pace, sampler, control, controls, ups, positions }
     }
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
     ///
-    /// If the output of the last due sample is not there when the next one is due, the output goes
-    /// off, here and now; `render` may be stuck.
+    /// Late by itself it cannot be: nothing masks or preempts it. If the guard finds something, a
+    /// late `render` among it, the output goes off here and now, with every sample until `clear`.
     #[inline(always)]
     pub fn run(&mut self) {
         let count = self.encoder.count();
         self.pace.acknowledge();
-        if let Some(control) = self.controls.dequeue() {
+        if let Some(control) = self.controls.read() {
             self.control = control;
         }
-        let motion = self.sampler.sample(&self.control, count);
-        let queued = self.motions.enqueue(motion).is_ok();
+        let (motion, cut) = self.sampler.step(&self.control, count, &FLAGS.down());
+        if cut {
+            board::off();
+        }
+        // A queue that is full means that `render` is late, which the guard sees by itself.
+        self.positions.write(motion.position);
         if motion.due {
-            let answered = FLAGS.answered.load(Relaxed);
-            if !queued || self.awaited.is_some_and(|awaited| awaited != answered) {
-                board::off();
-                FLAGS.late.store(true, Relaxed);
-            }
-            self.awaited = Some(super::low_half(motion.sample));
+            self.ups.write(self.sampler.up(motion, cut));
             super::pend_render();
         }
     }

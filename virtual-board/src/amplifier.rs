@@ -60,10 +60,7 @@ impl State {
 impl Amplifier {
     /// An amplifier that is off.
     pub fn new(wiring: Wiring) -> Self {
-        Self {
-            wiring,
-            state: Mutex::default(),
-        }
+        Self { wiring, state: Mutex::default() }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {

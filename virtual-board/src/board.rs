@@ -58,11 +58,7 @@ const fn pin(port: char, number: u8) -> Pin {
 pub const BOARDS: [Board; 2] = [
     Board {
         name: "nucleo-f446re",
-        chip: Chip {
-            core_hz: 180_000_000,
-            flash_bytes: 0x8_0000,
-            over_drive: true,
-        },
+        chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true },
         wiring: Wiring {
             encoder: [pin('A', 0), pin('A', 1)],
             force: Force::Dac { pin: pin('A', 4) },
@@ -72,17 +68,10 @@ pub const BOARDS: [Board; 2] = [
     },
     Board {
         name: "discovery-f407",
-        chip: Chip {
-            core_hz: 168_000_000,
-            flash_bytes: 0x10_0000,
-            over_drive: false,
-        },
+        chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, over_drive: false },
         wiring: Wiring {
             encoder: [pin('A', 15), pin('A', 1)],
-            force: Force::Pwm {
-                magnitude: pin('E', 9),
-                sign: pin('E', 11),
-            },
+            force: Force::Pwm { magnitude: pin('E', 9), sign: pin('E', 11) },
             enable: pin('E', 13),
             stop: pin('E', 15),
         },
@@ -119,15 +108,8 @@ impl Powered {
     /// # Errors
     /// The ELF has no RTT control block.
     pub fn on(board: Board, elf: &Elf) -> Result<Self, String> {
-        let rtt = elf
-            .address_of("_SEGGER_RTT")
-            .ok_or("the ELF has no symbol _SEGGER_RTT")?;
-        let Wiring {
-            force,
-            enable,
-            stop,
-            ..
-        } = board.wiring;
+        let rtt = elf.address_of("_SEGGER_RTT").ok_or("the ELF has no symbol _SEGGER_RTT")?;
+        let Wiring { force, enable, stop, .. } = board.wiring;
         let amplifier = Arc::new(Amplifier::new(board.wiring));
         let mut listeners = Listeners::default();
         let mut outputs = vec![("ch3", enable)];
@@ -141,11 +123,6 @@ impl Powered {
         }
         let mut mcu = Mcu::new(board.chip, &elf.flash, listeners);
         mcu.set_break(stop, false);
-        Ok(Self {
-            board,
-            mcu,
-            amplifier,
-            rtt: Rtt::new(rtt),
-        })
+        Ok(Self { board, mcu, amplifier, rtt: Rtt::new(rtt) })
     }
 }

@@ -35,10 +35,7 @@ impl Elf {
         for header in file.elf_program_headers() {
             if header.p_type(endian) == object::elf::PT_LOAD && header.p_filesz(endian) > 0 {
                 let data = header.data(endian, &*bytes).map_err(|()| {
-                    io::Error::new(
-                        io::ErrorKind::InvalidData,
-                        "a segment lies outside the file",
-                    )
+                    io::Error::new(io::ErrorKind::InvalidData, "a segment lies outside the file")
                 })?;
                 flash.push((header.p_paddr(endian), data.to_vec()));
             }
@@ -47,45 +44,26 @@ impl Elf {
         let symbols = file
             .symbols()
             .filter_map(|s| {
-                Some((
-                    s.name().ok()?.to_owned(),
-                    narrow(s.address()) & !1,
-                    narrow(s.size()),
-                ))
+                Some((s.name().ok()?.to_owned(), narrow(s.address()) & !1, narrow(s.size())))
             })
             .collect();
         let sections = file
             .sections()
             .filter_map(|s| {
-                Some((
-                    s.name().ok()?.to_owned(),
-                    narrow(s.address()),
-                    narrow(s.size()),
-                ))
+                Some((s.name().ok()?.to_owned(), narrow(s.address()), narrow(s.size())))
             })
             .collect();
         drop(file);
-        Ok(Self {
-            bytes,
-            flash,
-            symbols,
-            sections,
-        })
+        Ok(Self { bytes, flash, symbols, sections })
     }
 
     /// Address of a symbol.
     pub fn address_of(&self, name: &str) -> Option<u32> {
-        self.symbols
-            .iter()
-            .find(|(n, ..)| n == name)
-            .map(|(_, address, _)| *address)
+        self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)
     }
 
     /// The section of that name: address and size.
     pub fn section(&self, name: &str) -> Option<(u32, u32)> {
-        self.sections
-            .iter()
-            .find(|(n, ..)| n == name)
-            .map(|(_, address, size)| (*address, *size))
+        self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))
     }
 }

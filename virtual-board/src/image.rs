@@ -43,13 +43,7 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
             "--bin",
             "zwidth",
         ])
-        .args([
-            "--target",
-            TARGET,
-            "--no-default-features",
-            "--features",
-            board,
-        ])
+        .args(["--target", TARGET, "--no-default-features", "--features", board])
         .arg("--target-dir")
         .arg(&target_dir);
     run(&mut cargo)?;
@@ -58,10 +52,8 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
 
 /// Adds the target through `rustup`, if the tool chain lacks it.
 fn add_target() -> Result<(), String> {
-    let sysroot = Command::new("rustc")
-        .current_dir(workspace())
-        .args(["--print", "sysroot"])
-        .output();
+    let sysroot =
+        Command::new("rustc").current_dir(workspace()).args(["--print", "sysroot"]).output();
     let installed = sysroot.is_ok_and(|output| {
         let sysroot = PathBuf::from(String::from_utf8_lossy(&output.stdout).trim());
         sysroot.join("lib/rustlib").join(TARGET).exists()
@@ -69,21 +61,14 @@ fn add_target() -> Result<(), String> {
     if installed {
         return Ok(());
     }
-    run(Command::new("rustup")
-        .current_dir(workspace())
-        .args(["target", "add", TARGET]))
+    run(Command::new("rustup").current_dir(workspace()).args(["target", "add", TARGET]))
 }
 
 fn run(command: &mut Command) -> Result<(), String> {
-    let output = command
-        .output()
-        .map_err(|error| format!("{command:?}: {error}"))?;
+    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
     if output.status.success() {
         Ok(())
     } else {
-        Err(format!(
-            "{command:?}:\n{}",
-            String::from_utf8_lossy(&output.stderr)
-        ))
+        Err(format!("{command:?}:\n{}", String::from_utf8_lossy(&output.stderr)))
     }
 }

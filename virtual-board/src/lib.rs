@@ -9,3 +9,4 @@ pub mod image;
 pub mod log;
 pub mod mcu;
 pub mod rtt;
+pub mod world;

@@ -24,9 +24,7 @@ pub fn table(elf: &[u8]) -> Result<Table, String> {
 impl<'a> Decoder<'a> {
     /// A decoder at the start of a stream.
     pub fn new(table: &'a Table) -> Self {
-        Self {
-            stream: table.new_stream_decoder(),
-        }
+        Self { stream: table.new_stream_decoder() }
     }
 
     /// Takes bytes in and returns the lines that are complete.

@@ -66,10 +66,7 @@ impl Rtt {
 
     /// Writes an up channel's mode word, as a debugger may: 0 skip, 1 trim, 2 block.
     pub fn set_mode(&self, mcu: &mut Mcu, channel: u32, mode: u32) {
-        mcu.write(
-            self.address + HEADER + CHANNEL * channel + 20,
-            &mode.to_le_bytes(),
-        );
+        mcu.write(self.address + HEADER + CHANNEL * channel + 20, &mode.to_le_bytes());
     }
 
     fn down(&self, mcu: &Mcu, channel: u32) -> u32 {

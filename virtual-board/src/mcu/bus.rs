@@ -85,12 +85,7 @@ impl Lazy {
             panic!("registers are an I/O region")
         };
         let operations = Arc::clone(operations);
-        Self {
-            device,
-            operations,
-            clock: Arc::clone(clock),
-            divider,
-        }
+        Self { device, operations, clock: Arc::clone(clock), divider }
     }
 
     /// Brings the device to `cycle`.
@@ -116,9 +111,7 @@ impl Lazy {
 
     /// Cycle of the device's next event.
     pub(super) fn next_event(&self) -> u64 {
-        self.device
-            .next_event_tick()
-            .map_or(u64::MAX, |tick| tick.saturating_mul(self.divider))
+        self.device.next_event_tick().map_or(u64::MAX, |tick| tick.saturating_mul(self.divider))
     }
 
     /// Reads a register without side effects.
@@ -131,9 +124,7 @@ impl Lazy {
 
     /// Writes a register as the core would.
     pub(super) fn poke(&self, offset: u64, value: u32) {
-        let _ = self
-            .operations
-            .write(offset, &value.to_le_bytes(), MemAttrs::default());
+        let _ = self.operations.write(offset, &value.to_le_bytes(), MemAttrs::default());
     }
 }
 
@@ -147,14 +138,7 @@ pub(super) struct Registers<P> {
 impl<P: Port + 'static> Registers<P> {
     pub(super) fn region(lazy: &Lazy, port: P) -> Region {
         let length = lazy.device.region("").map_or(0x400, |region| region.len());
-        Region::io(
-            "registers",
-            length,
-            Arc::new(Self {
-                lazy: lazy.clone(),
-                port,
-            }),
-        )
+        Region::io("registers", length, Arc::new(Self { lazy: lazy.clone(), port }))
     }
 }
 
@@ -164,21 +148,14 @@ impl<P: Port> MemOps for Registers<P> {
         self.lazy.clock.touched.store(true, Relaxed);
         if into.len() < 4 && self.lazy.operations.constraints().min == Width::U32 {
             let mut word = [0; 4];
-            self.lazy
-                .operations
-                .read(offset & !3, &mut word, attributes)?;
+            self.lazy.operations.read(offset & !3, &mut word, attributes)?;
             let start = (offset & 3) as usize;
             into.copy_from_slice(&word[start..start + into.len()]);
             return Ok(());
         }
         self.lazy.operations.read(offset, into, attributes)?;
         if let Ok(word) = <[u8; 4]>::try_from(&*into) {
-            into.copy_from_slice(
-                &self
-                    .port
-                    .read(offset, u32::from_le_bytes(word))
-                    .to_le_bytes(),
-            );
+            into.copy_from_slice(&self.port.read(offset, u32::from_le_bytes(word)).to_le_bytes());
         }
         Ok(())
     }
@@ -187,10 +164,7 @@ impl<P: Port> MemOps for Registers<P> {
         self.port.before();
         self.lazy.clock.touched.store(true, Relaxed);
         if let Ok(word) = <[u8; 4]>::try_from(from) {
-            let word = self
-                .port
-                .write(offset, u32::from_le_bytes(word))
-                .to_le_bytes();
+            let word = self.port.write(offset, u32::from_le_bytes(word)).to_le_bytes();
             return self.lazy.operations.write(offset, &word, attributes);
         }
         if self.lazy.operations.constraints().min == Width::U32 {
@@ -229,9 +203,7 @@ pub(super) struct Storage {
 impl Storage {
     /// One KiB of registers that read as 0.
     pub(super) fn new() -> Arc<Self> {
-        Arc::new(Self {
-            words: (0..256).map(|_| AtomicU32::new(0)).collect(),
-        })
+        Arc::new(Self { words: (0..256).map(|_| AtomicU32::new(0)).collect() })
     }
 
     pub(super) fn region(self: &Arc<Self>) -> Region {
@@ -288,11 +260,7 @@ impl Dac {
     const DHR12R1: u64 = 0x08;
 
     pub(super) fn region(clock: &Arc<Clock>, listener: Option<Arc<dyn DacListener>>) -> Region {
-        let dac = Self {
-            registers: Storage::new(),
-            clock: Arc::clone(clock),
-            listener,
-        };
+        let dac = Self { registers: Storage::new(), clock: Arc::clone(clock), listener };
         Region::io("dac", 0x400, Arc::new(dac))
     }
 }

@@ -221,13 +221,7 @@ impl Mcu {
             && before.xpsr & IT_BITS != 0
             && after.r[14] >= 0xFFFF_FFE0
         {
-            mend_itstate(
-                &self.memories.ram,
-                after.msp,
-                before.r[15],
-                before.xpsr,
-                &mut self.watch,
-            );
+            mend_itstate(&self.memories.ram, after.msp, before.r[15], before.xpsr, &mut self.watch);
         }
         if exception == HARD_FAULT && exception_of(before.xpsr) != HARD_FAULT {
             self.hard_faults.push(before.r[15]);
@@ -239,9 +233,7 @@ impl Mcu {
             basepri: after.basepri,
             stack: after.msp,
         };
-        self.watch.step(&step, |number| {
-            cpu.with_sys(|sys| sys.is_active(Exception(number)))
-        });
+        self.watch.step(&step, |number| cpu.with_sys(|sys| sys.is_active(Exception(number))));
         if self.event.1 && exception == SAMPLE {
             let read = self.soc.encoder.read_at.load(Relaxed);
             if read >= self.event.0 {
@@ -254,22 +246,14 @@ impl Mcu {
     /// A reset: everything but the memories and what is outside the chip starts anew.
     pub fn reset(&mut self) {
         self.memories.flash = self.soc.flash.contents();
-        let (open, low) = (
-            self.soc.stop.load(Relaxed),
-            self.soc.supply_low.load(Relaxed),
-        );
-        self.soc = Soc::new(
-            &self.chip,
-            &self.memories,
-            &Arc::new(Clock::default()),
-            &Listeners::default(),
-        );
+        let (open, low) = (self.soc.stop.load(Relaxed), self.soc.supply_low.load(Relaxed));
         self.clock = Arc::new(Clock::default());
         self.clock.set(self.now);
         self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners);
         self.soc.set_break(open);
         self.soc.supply_low.store(low, Relaxed);
         self.next = self.now;
+        self.event = (0, false);
         self.resets += 1;
     }
 
@@ -286,6 +270,11 @@ impl Mcu {
     /// Sampling events so far.
     pub fn events(&self) -> u64 {
         self.events
+    }
+
+    /// Cycle of the last sampling event, if there was one since the last reset.
+    pub fn last_event(&self) -> Option<u64> {
+        (self.event.0 > 0).then_some(self.event.0)
     }
 
     /// Resets so far, power-on not counted.
@@ -369,12 +358,7 @@ impl Mcu {
 
     /// Reads RAM.
     pub fn read(&self, address: u32, into: &mut [u8]) {
-        if self
-            .memories
-            .ram
-            .read_at(u64::from(address.wrapping_sub(RAM)), into)
-            .is_err()
-        {
+        if self.memories.ram.read_at(u64::from(address.wrapping_sub(RAM)), into).is_err() {
             into.fill(0);
         }
     }
@@ -382,10 +366,7 @@ impl Mcu {
     /// Writes RAM.
     pub fn write(&mut self, address: u32, from: &[u8]) {
         // Outside of RAM nothing is written.
-        let _ = self
-            .memories
-            .ram
-            .write_at(u64::from(address.wrapping_sub(RAM)), from);
+        let _ = self.memories.ram.write_at(u64::from(address.wrapping_sub(RAM)), from);
     }
 
     /// A copy of the flash.
@@ -404,9 +385,7 @@ fn mend_itstate(ram: &RamStore, msp: u32, old_pc: u32, old_xpsr: u32, watch: &mu
     let at = u64::from(msp.wrapping_sub(RAM));
     let word = |offset: u64| {
         let mut bytes = [0; 4];
-        ram.read_at(at + offset, &mut bytes)
-            .map(|()| u32::from_le_bytes(bytes))
-            .unwrap_or_default()
+        ram.read_at(at + offset, &mut bytes).map(|()| u32::from_le_bytes(bytes)).unwrap_or_default()
     };
     if word(24) == old_pc {
         let mended = word(28) | old_xpsr & IT_BITS;

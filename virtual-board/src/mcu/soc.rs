@@ -185,8 +185,7 @@ impl EncoderInput {
     fn show(&self, count: i32) {
         let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
         for ((id, pin), level) in self.pins.iter().zip(levels) {
-            pin.sink
-                .set_level(*id, pin.line, Level::from_bool(level == 1));
+            pin.sink.set_level(*id, pin.line, Level::from_bool(level == 1));
         }
     }
 }
@@ -222,19 +221,12 @@ impl Port for Supply {
 
     fn read(&self, offset: u64, value: u32) -> u32 {
         // CSR.PVDO
-        if offset == 4 && self.low.load(Relaxed) {
-            value | 1 << 2
-        } else {
-            value
-        }
+        if offset == 4 && self.low.load(Relaxed) { value | 1 << 2 } else { value }
     }
 }
 
 impl Soc {
-    #[expect(
-        clippy::too_many_lines,
-        reason = "one table of the chip, read from top to bottom"
-    )]
+    #[expect(clippy::too_many_lines, reason = "one table of the chip, read from top to bottom")]
     pub(super) fn new(
         chip: &Chip,
         memories: &Memories,
@@ -245,20 +237,12 @@ impl Soc {
         let wire = |device: &dyn Device, port: &str, sink: Arc<dyn WireSink>| {
             let id = ids.alloc();
             let wire = WireBuilder::new().source(id).sink(sink, 0).build_shared();
-            device
-                .connect(port, WireSource::new(wire, id))
-                .expect(WIRED);
+            device.connect(port, WireSource::new(wire, id)).expect(WIRED);
         };
         let timer = |variant: &str, width: u64| {
-            let reset = if width == 32 {
-                u64::from(u32::MAX)
-            } else {
-                0xFFFF
-            };
-            let props = Props::new()
-                .with("variant", variant)
-                .with("width", width)
-                .with("arr-reset", reset);
+            let reset = if width == 32 { u64::from(u32::MAX) } else { 0xFFFF };
+            let props =
+                Props::new().with("variant", variant).with("width", width).with("arr-reset", reset);
             Arc::new(Tim::new(&props).expect(WIRED))
         };
         let pwm_timer = timer("advanced", 16);
@@ -273,9 +257,7 @@ impl Soc {
         );
         let flash = Arc::new(
             Flash::new(
-                &Props::new()
-                    .with("variant", "f4")
-                    .with("size", memories.flash.len() as u64),
+                &Props::new().with("variant", "f4").with("size", memories.flash.len() as u64),
             )
             .expect(WIRED),
         );
@@ -289,43 +271,26 @@ impl Soc {
             .collect();
 
         // Clock gates: RCC's enable bit of each timer.
-        for (bit, timer) in [
-            ("apb1en0", &encoder_timer),
-            ("apb1en3", &pace_timer),
-            ("apb2en0", &pwm_timer),
-        ] {
+        for (bit, timer) in
+            [("apb1en0", &encoder_timer), ("apb1en3", &pace_timer), ("apb2en0", &pwm_timer)]
+        {
             let id = ids.alloc();
             let gate = timer.sink("enable", &[id]).expect(WIRED);
-            let wire = WireBuilder::new()
-                .source(id)
-                .sink(gate.sink, gate.line)
-                .build_shared();
+            let wire = WireBuilder::new().source(id).sink(gate.sink, gate.line).build_shared();
             rcc.connect(bit, WireSource::new(wire, id)).expect(WIRED);
             rcc.announce(bit);
         }
         let pace_line = Arc::new(Flag::default());
         wire(&*pace_timer, "irq", Arc::clone(&pace_line) as _);
         let watchdog_bites = Arc::new(Flag::default());
-        wire(
-            &*watchdog,
-            "reset",
-            Arc::new(Latch(Arc::clone(&watchdog_bites))),
-        );
+        wire(&*watchdog, "reset", Arc::new(Latch(Arc::clone(&watchdog_bites))));
         for (channel, pin) in &listeners.channels {
             let port = Arc::clone(&gpio[pin.port_index()]);
-            wire(
-                &*pwm_timer,
-                channel,
-                Arc::new(ToPort(port, u32::from(pin.number))),
-            );
+            wire(&*pwm_timer, channel, Arc::new(ToPort(port, u32::from(pin.number))));
         }
         for (pin, listener) in &listeners.pins {
             let sink = ToListener(Arc::clone(listener), Arc::clone(clock), *pin);
-            wire(
-                &*gpio[pin.port_index()],
-                &format!("p{}", pin.number),
-                Arc::new(sink),
-            );
+            wire(&*gpio[pin.port_index()], &format!("p{}", pin.number), Arc::new(sink));
         }
         let pins = ["ti1", "ti2"].map(|name| {
             let id = ids.alloc();
@@ -352,35 +317,20 @@ impl Soc {
         let dbgmcu = Storage::new();
         let space = AddressSpace::new("cpu", 32);
         let map = |region: Region, address: u64| {
-            space
-                .topology()
-                .map(region, address)
-                .expect("addresses do not overlap");
+            space.topology().map(region, address).expect("addresses do not overlap");
         };
         let map_shared = |region: Option<RegionRef>, address: u64| {
-            space
-                .topology()
-                .map(region.expect(WIRED), address)
-                .expect("addresses do not overlap");
+            space.topology().map(region.expect(WIRED), address).expect("addresses do not overlap");
         };
         map_shared(flash.region("array"), 0x0800_0000);
         map(Region::ram("ram", Arc::clone(&memories.ram)), 0x2000_0000);
+        map(Region::ram("backup", Arc::clone(&memories.backup)), 0x4002_4000);
         map(
-            Region::ram("backup", Arc::clone(&memories.backup)),
-            0x4002_4000,
-        );
-        map(
-            Registers::region(
-                &encoder.lazy,
-                CounterPort(Arc::clone(&encoder), Arc::clone(clock)),
-            ),
+            Registers::region(&encoder.lazy, CounterPort(Arc::clone(&encoder), Arc::clone(clock))),
             0x4000_0000,
         );
         map(Registers::region(&pace, Plain(pace.clone())), 0x4000_0C00);
-        map(
-            Registers::region(&watchdog, Plain(watchdog.clone())),
-            0x4000_3000,
-        );
+        map(Registers::region(&watchdog, Plain(watchdog.clone())), 0x4000_3000);
         map(
             Registers::region(
                 &pwr,
@@ -394,23 +344,14 @@ impl Soc {
         );
         map(Dac::region(clock, listeners.dac.clone()), 0x4000_7400);
         map(
-            Registers::region(
-                &pwm,
-                Break {
-                    lazy: pwm.clone(),
-                    open: Arc::clone(&stop),
-                },
-            ),
+            Registers::region(&pwm, Break { lazy: pwm.clone(), open: Arc::clone(&stop) }),
             0x4001_0000,
         );
         for (index, port) in gpio.iter().enumerate() {
             map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
         }
         map(Registers::region(&rcc, Plain(rcc.clone())), 0x4002_3800);
-        map(
-            Registers::region(&flash_registers, Plain(flash_registers.clone())),
-            0x4002_3C00,
-        );
+        map(Registers::region(&flash_registers, Plain(flash_registers.clone())), 0x4002_3C00);
         map(dbgmcu.region(), 0xE004_2000);
 
         // The chips have 4 priority bits, the emulator's default is 3.

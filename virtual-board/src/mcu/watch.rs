@@ -28,12 +28,7 @@ pub struct Cycles {
 
 impl Default for Cycles {
     fn default() -> Self {
-        Self {
-            runs: 0,
-            least: u64::MAX,
-            most: 0,
-            total: 0,
-        }
+        Self { runs: 0, least: u64::MAX, most: 0, total: 0 }
     }
 }
 
@@ -85,21 +80,14 @@ pub(super) struct Step {
 
 impl Watch {
     pub(super) fn new() -> Self {
-        Self {
-            lowest_stack: u32::MAX,
-            ..Self::default()
-        }
+        Self { lowest_stack: u32::MAX, ..Self::default() }
     }
 
     /// Forgets what was seen; what is running goes on.
     pub fn clear(&mut self) {
         let running = self.running;
         let nested = std::mem::take(&mut self.nested);
-        *self = Self {
-            running,
-            nested,
-            ..Self::new()
-        };
+        *self = Self { running, nested, ..Self::new() };
     }
 
     /// Longest minus shortest sampling delay, cycles.
@@ -131,10 +119,7 @@ impl Watch {
         } else {
             // The cycles of a return belong to the exception that ends, those of an entry to the
             // one that begins; tail-chaining is both in one step and counts as an entry.
-            let returns = self
-                .nested
-                .iter()
-                .any(|(number, _)| *number == step.exception)
+            let returns = self.nested.iter().any(|(number, _)| *number == step.exception)
                 || step.exception == 0;
             if returns {
                 if let Some((_, spent)) = self.nested.last_mut() {
