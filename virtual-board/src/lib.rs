@@ -4,6 +4,7 @@
 
 pub mod amplifier;
 pub mod board;
+pub mod cli;
 pub mod elf;
 pub mod image;
 pub mod log;

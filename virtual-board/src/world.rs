@@ -6,7 +6,7 @@
 
 use host_sim::{
     plant::{PlantState, PlantStep},
-    scene::{Device, Rounding, Scene},
+    scene::{Device, Encoder, Rounding, Scene},
 };
 
 use crate::{
@@ -29,8 +29,7 @@ pub struct World<'a> {
     pub powered: Powered,
     plant: PlantStep,
     state: PlantState,
-    resolution_m: f64,
-    rounding: Rounding,
+    encoder: Encoder,
     full_scale_n: f64,
     /// The handle is held where it is.
     held: Option<f64>,
@@ -81,18 +80,20 @@ impl<'a> World<'a> {
         scene: &Scene,
         start_m: f64,
     ) -> Result<Self, String> {
-        let powered = Powered::on(board, elf)?;
+        let mut powered = Powered::on(board, elf)?;
         let sample_s = 1.0 / scene.control.rate_hz;
         #[expect(clippy::cast_precision_loss, reason = "10")]
         let step_s = sample_s / STEPS as f64;
         let device: Device = scene.device;
         let plant = PlantStep::new(&device, step_s, 0.0);
+        let encoder =
+            Encoder { resolution_m: scene.encoder.resolution_m, rounding: scene.encoder.rounding };
+        powered.mcu.encoder_at(count(&encoder, start_m));
         Ok(Self {
             powered,
             state: plant.at_rest(start_m),
             plant,
-            resolution_m: scene.encoder.resolution_m,
-            rounding: scene.encoder.rounding,
+            encoder,
             full_scale_n: scene.full_scale_n(),
             held: Some(start_m),
             log: log::Decoder::new(table),
@@ -130,7 +131,7 @@ impl<'a> World<'a> {
             if self.held.is_none() {
                 self.state = self.plant.advance(&self.state, force_n);
             }
-            let count = self.count();
+            let count = count(&self.encoder, self.position_m());
             self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
             self.moved_to = to;
         }
@@ -155,17 +156,6 @@ impl<'a> World<'a> {
             // Once, right after the first sample: the handle is held still then.
             self.moved_to += (next + per_sample - self.moved_to % per_sample) % per_sample;
         }
-    }
-
-    fn count(&self) -> i32 {
-        let exact = self.position_m() / self.resolution_m;
-        let shifted = match self.rounding {
-            Rounding::Floor => exact,
-            Rounding::Round => exact + 0.5,
-        };
-        #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
-        let count = shifted.floor() as i32;
-        count
     }
 
     /// `samples` samples, with the probe's channels read every 5 ms.
@@ -239,4 +229,16 @@ impl<'a> World<'a> {
         }
         Err(Ended::Timeout)
     }
+}
+
+/// What the encoder reads at `position_m`.
+fn count(encoder: &Encoder, position_m: f64) -> i32 {
+    let exact = position_m / encoder.resolution_m;
+    let shifted = match encoder.rounding {
+        Rounding::Floor => exact,
+        Rounding::Round => exact + 0.5,
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
+    let count = shifted.floor() as i32;
+    count
 }

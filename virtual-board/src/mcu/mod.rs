@@ -232,6 +232,7 @@ impl Mcu {
             primask: after.primask,
             basepri: after.basepri,
             stack: after.msp,
+            pc: before.r[15],
         };
         self.watch.step(&step, |number| cpu.with_sys(|sys| sys.is_active(Exception(number))));
         if self.event.1 && exception == SAMPLE {
@@ -327,6 +328,11 @@ impl Mcu {
     /// The level of `pin`.
     pub fn pin(&self, pin: Pin) -> bool {
         self.soc.pin(pin)
+    }
+
+    /// Puts A and B at `count` before the program has started to count.
+    pub fn encoder_at(&mut self, count: i32) {
+        self.soc.encoder.start_at(count);
     }
 
     /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are

@@ -166,6 +166,12 @@ impl EncoderInput {
         }
     }
 
+    /// Shows `count` at once: the place that the firmware's counter starts from.
+    pub(super) fn start_at(&self, count: i32) {
+        *self.edges() = Edges { waiting: VecDeque::new(), shown: count, last: count };
+        self.show(count);
+    }
+
     /// Delivers the edges that are due by `now`.
     pub(super) fn deliver(&self, now: u64) {
         let mut edges = self.edges();

@@ -64,6 +64,8 @@ pub struct Watch {
     pub mended: u64,
     /// Lowest main stack pointer.
     pub lowest_stack: u32,
+    /// Cycles of the sampling task by the address of the instruction, if asked for.
+    pub profile: Option<BTreeMap<u32, u64>>,
     running: bool,
     /// Running exceptions, innermost last: number, cycles spent in it.
     nested: Vec<(u16, u64)>,
@@ -76,6 +78,8 @@ pub(super) struct Step {
     pub(super) primask: bool,
     pub(super) basepri: u8,
     pub(super) stack: u32,
+    /// Address of the instruction.
+    pub(super) pc: u32,
 }
 
 impl Watch {
@@ -111,6 +115,11 @@ impl Watch {
     /// `still_active` says whether an exception is still active, if the number changes.
     pub(super) fn step(&mut self, step: &Step, still_active: impl Fn(u16) -> bool) {
         self.lowest_stack = self.lowest_stack.min(step.stack);
+        if step.exception == SAMPLE
+            && let Some(profile) = &mut self.profile
+        {
+            *profile.entry(step.pc).or_default() += step.cycles;
+        }
         let inside = self.nested.last().map_or(0, |(number, _)| *number);
         if step.exception == inside {
             if let Some((_, spent)) = self.nested.last_mut() {
@@ -121,10 +130,8 @@ impl Watch {
             // one that begins; tail-chaining is both in one step and counts as an entry.
             let returns = self.nested.iter().any(|(number, _)| *number == step.exception)
                 || step.exception == 0;
-            if returns {
-                if let Some((_, spent)) = self.nested.last_mut() {
-                    *spent += step.cycles;
-                }
+            if returns && let Some((_, spent)) = self.nested.last_mut() {
+                *spent += step.cycles;
             }
             while let Some(&(number, spent)) = self.nested.last() {
                 if number == step.exception || still_active(number) {
