@@ -1,6 +1,6 @@
 //! A positive factor with a mantissa and a shift: precise over the whole range of wall gains.
 
-#![deny(clippy::float_arithmetic)]
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 /// A factor >= 0, `mantissa * 2^-shift`, normalised when it is made: 2^30 <= mantissa < 2^31,
 /// or 0. A negative shift is a left shift: a coarse encoder and a weak motor make one count of

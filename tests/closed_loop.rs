@@ -1,5 +1,12 @@
 //! The whole loop against what is known analytically: where it starts to oscillate, what a
 //! fractional latency does, what scaling must not change, and the size of fixed-point effects.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use std::ops::ControlFlow;
 

@@ -1,5 +1,12 @@
 //! The compiled control path holds no panic, no formatting and no soft-float call: every function
 //! that the three entry points can reach is followed through the relocations of the object files.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 mod common;
 
@@ -67,7 +74,15 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
     common::cargo(&["build", "--profile", "firmware", "--package", "control-path"]);
     let built = common::target_folder().join(common::TARGET).join("firmware/libcontrol_path.a");
     let graph = call_graph(&fs::read(built).unwrap());
-    for entry in ["zwidth_sample", "zwidth_render", "zwidth_hit"] {
+    for entry in [
+        "zwidth_sample",
+        "zwidth_render",
+        "zwidth_hit",
+        "zwidth_guarded_sample",
+        "zwidth_supervised_render",
+        "zwidth_request",
+        "zwidth_keep",
+    ] {
         let names = reachable(&graph, entry);
         println!("{entry}: {names:?}");
         assert_eq!(forbidden(&names), Vec::<&String>::new(), "{entry}");
@@ -75,6 +90,21 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
     // the look does find what is there
     let settings = reachable(&graph, "zwidth_build");
     assert!(settings.iter().any(|name| name.contains("__aeabi_d")), "{settings:?}");
+}
+
+#[test]
+fn link_and_store_have_no_panic() {
+    common::cargo(&["build", "--profile", "firmware", "--package", "control-path"]);
+    let built = common::target_folder().join(common::TARGET).join("firmware/libcontrol_path.a");
+    let graph = call_graph(&fs::read(built).unwrap());
+    for entry in ["zwidth_memory", "zwidth_link", "zwidth_reply", "zwidth_envelope", "zwidth_store"]
+    {
+        let names = reachable(&graph, entry);
+        println!("{entry}: {names:?}");
+        let panics = ["panic", "_fail", "unwrap", "rust_begin"];
+        let found = names.iter().find(|name| panics.iter().any(|bad| name.contains(bad)));
+        assert_eq!(found, None, "{entry}");
+    }
 }
 
 /// Thumb-2 instructions of a function, without the literals behind its code.
@@ -104,10 +134,20 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     common::cargo(&["build", "--profile", "firmware", "--package", "control-path"]);
     let built = common::target_folder().join(common::TARGET).join("firmware/libcontrol_path.a");
     let archive = fs::read(built).unwrap();
-    let names = ["zwidth_filter", "idsp_dither", "idsp_wide", "zwidth_sample", "zwidth_render"];
+    let names = [
+        "zwidth_filter",
+        "idsp_dither",
+        "idsp_wide",
+        "zwidth_sample",
+        "zwidth_render",
+        "zwidth_guarded_sample",
+        "zwidth_supervised_render",
+    ];
     for name in names {
         println!("{name}: {} instructions", instructions(&archive, name));
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
     assert!(instructions(&archive, "zwidth_sample") <= 130);
+    // The guard and its record come on top; what is rare lies outside of it.
+    assert!(instructions(&archive, "zwidth_guarded_sample") <= 220);
 }

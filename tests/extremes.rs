@@ -1,5 +1,12 @@
 //! The ends of every range: nothing panics, wraps or goes unnoticed. Overflow checks are on in this
 //! profile, so an addition that wraps fails the test.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use host_sim::{
     rig::{HitError, HitReport, Numeric, Rig, WallHit},

@@ -1,4 +1,11 @@
 //! The fixed-point velocity filter against theory: coefficients, cutoff, frequency response, DC.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,11 @@
 //! The paper's results on its own device, and what fixed point costs against the `f64` twin.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use std::{sync::OnceLock, sync::atomic::AtomicBool};
 

@@ -1,6 +1,13 @@
 //! Why the velocity filter is not idsp's biquad, in numbers. The same coefficients, the same
 //! inputs; what the design asks for and what comes out. `docs/theory.md` quotes these figures and
 //! `tests/control_path.rs` has the cost.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;

@@ -1,4 +1,11 @@
 //! The plant by itself, before anything is believed that stands on it.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use host_sim::{plant::PlantStep, scene::Device};
 

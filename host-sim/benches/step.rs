@@ -1,6 +1,13 @@
 //! What one sample of the loop costs: the fixed-point core and its `f64` twin in the simulator,
 //! beside a plain scalar `f64` loop of the same maths, written here without any of the
 //! simulator's parts. Each runs whole wall hits; the throughput is in samples.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use std::{f64::consts::PI, hint::black_box};
 

@@ -24,6 +24,7 @@ pub mod sensitivity;
 pub mod simulation;
 pub mod study;
 pub mod sweep;
+pub mod telemetry;
 pub mod trace;
 pub mod twin;
 pub mod walk;

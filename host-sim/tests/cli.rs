@@ -1,4 +1,11 @@
 //! The command line as a user meets it: bad input, output files, interruption.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
 
 use std::{
     fs,
@@ -289,4 +296,29 @@ fn ctrl_c_in_a_sweep_leaves_nothing_half_written() {
     let status = child.wait().unwrap();
     assert_eq!(status.code(), Some(130));
     assert_eq!(listing(folder.path()), Vec::<String>::new());
+}
+
+#[test]
+fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
+    let folder = TempDir::new().unwrap();
+    let args = ["linear", "paper-1um", "--cutoffs", "20,2000", "--dampings", "0,100", "--json"];
+    let output = sim(folder.path(), &[&args[..], &["--csv", "k.csv", "--plot", "k.svg"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let row = |n: usize| &json["rows"][n];
+    // exact eigenvalues of the paper's loop at 10 kHz
+    for (n, known) in [(0, 110_414.0), (1, 0.0), (2, 110_414.0), (3, 1_895_897.0)] {
+        let limit = row(n)["stiffness_max_n_per_m"].as_f64().unwrap();
+        assert!((limit - known).abs() <= 1e-3 * known, "{limit} {known}");
+    }
+    assert_eq!(row(1)["unstable_at_zero"], true);
+    assert_eq!(row(1)["gain_margin_holds"], false);
+    assert_eq!(row(3)["gain_margin_holds"], true);
+    let csv = fs::read_to_string(folder.path().join("k.csv")).unwrap();
+    assert!(csv.starts_with("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m\n20,0,1104"));
+    let line = refused(folder.path(), &args[..4]);
+    assert!(line.contains("--dampings"), "{line}");
+    let line =
+        refused(folder.path(), &["linear", "paper-1um", "--cutoffs", "9e9", "--dampings", "1"]);
+    assert!(line.contains("--cutoff is 9000000000, allowed 0.35 to 4990"), "{line}");
 }

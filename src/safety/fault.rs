@@ -86,8 +86,10 @@ impl Fault {
         FaultSet::EMPTY.with(self).loses_zero()
     }
 
-    const fn bit(self) -> u64 {
-        1 << (self.code() & 63)
+    /// Its bit in a [`FaultSet`]: a byte for each group of codes.
+    const fn bit(self) -> u32 {
+        let (group, member) = (self.code() / 10, self.code() % 10);
+        1 << ((group as u32 * 8 + member as u32).wrapping_sub(8) & 31)
     }
 }
 
@@ -97,21 +99,21 @@ impl fmt::Display for Fault {
     }
 }
 
-/// A set of faults: bit n is the fault with code n.
+/// A set of faults. Code 10 g + n is bit 8 (g - 1) + n: 10..17 are bits 0..7, 20..27 bits 8..15.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FaultSet(u64);
+pub struct FaultSet(u32);
 
 impl FaultSet {
     /// No fault.
     pub const EMPTY: Self = Self(0);
 
     /// The set as bits.
-    pub const fn bits(self) -> u64 {
+    pub const fn bits(self) -> u32 {
         self.0
     }
 
     /// The set of those bits; bits without a fault stay as they are.
-    pub const fn from_bits(bits: u64) -> Self {
+    pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }
 
@@ -162,8 +164,8 @@ impl FaultSet {
 
     /// The one with the lowest code.
     pub fn first(self) -> Option<Fault> {
-        // At most 63: fits.
-        u8::try_from(self.0.trailing_zeros()).ok().and_then(Fault::from_code)
+        let bit = u8::try_from(self.0.trailing_zeros()).unwrap_or_default(); // at most 32
+        Fault::from_code((bit / 8 + 1) * 10 + bit % 8)
     }
 }
 
@@ -181,7 +183,7 @@ mod tests {
             assert_eq!(fault.is_some(), codes.contains(&code));
             assert!(fault.is_none_or(|f| f.code() == code));
         }
-        assert!(codes.iter().all(|&code| code > 0 && code < 64));
+        assert!(codes.iter().all(|&code| code % 10 < 8 && (10..50).contains(&code)));
         assert_eq!(Fault::LateRender.to_string(), "20 (late render)");
     }
 
@@ -210,6 +212,6 @@ mod tests {
             assert_eq!(set.with_if(a, false), set);
         }
         assert_eq!(FaultSet::EMPTY.first(), None);
-        assert_eq!(FaultSet::from_bits(1).first(), None);
+        assert_eq!(FaultSet::from_bits(1 << 7).first(), None);
     }
 }

@@ -65,15 +65,6 @@ pub struct GuardedSampler {
     stalled: bool,
 }
 
-/// What one sample shows.
-#[derive(Clone, Copy)]
-struct Seen {
-    jump: bool,
-    speed: bool,
-    range: bool,
-    late: bool,
-}
-
 impl GuardedSampler {
     /// A handle at rest whose encoder counter reads `counter`.
     pub fn new(plan: SafetyPlan, counter: u32, width: CounterWidth) -> Self {
@@ -96,50 +87,31 @@ impl GuardedSampler {
     /// if `down.rendered` says that it is not, it is late by a period.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32, down: &Down) -> Up {
-        let (motion, cut) = self.step(control, counter, down);
-        self.up(motion, cut)
-    }
-
-    /// What the last [`step`](Self::step), which gave `motion` and `cut`, means to `render`.
-    #[inline]
-    pub fn up(&self, motion: Motion, cut: bool) -> Up {
-        Up { motion, guard: self.guard, cut }
-    }
-
-    /// [`sample`](Self::sample) without the copy for `render`, which only a due sample needs:
-    /// the motion, and whether the output has to be off.
-    #[inline]
-    pub fn step(&mut self, control: &Control, counter: u32, down: &Down) -> (Motion, bool) {
         if down.zeros != self.guard.zeros {
             self.sampler.zero();
             self.last = Position::default();
             self.guard.zeros = down.zeros;
         }
         let motion = self.sampler.sample(control, counter);
-        // The first sample after a stall still spans it.
-        let stall = down.stall || self.stalled;
-        self.stalled = down.stall;
-        let moved = motion.position.wrapping_since(self.last).unsigned_abs();
+        let present = self.present(motion, down);
         self.last = motion.position;
-        self.await_render(motion, down, stall);
-        let seen = Seen {
-            jump: moved > self.plan.jump && !stall,
-            speed: motion.velocity.bits().unsigned_abs() > self.plan.speed && down.on,
-            range: !motion.position.in_range(),
-            late: self.missed > 0,
-        };
-        let quiet = self.guard.events == down.acknowledged
-            && self.guard.causes.is_empty()
-            && self.guard.present.is_empty();
-        if quiet && !(seen.jump | seen.speed | seen.range | seen.late) {
-            return (motion, false);
+        self.stalled = down.stall;
+        // Nearly always there is nothing to note.
+        let noted = self.guard.present.union(self.guard.causes);
+        if !present.union(noted).is_empty() {
+            self.note(present, motion.sample, down.acknowledged);
         }
-        (motion, self.find(seen, motion.sample, down.acknowledged))
+        Up {
+            motion,
+            guard: self.guard,
+            cut: self.guard.events != down.acknowledged || !present.is_empty(),
+        }
     }
 
-    /// Counts outputs that are not there in time.
     #[inline]
-    fn await_render(&mut self, motion: Motion, down: &Down, stall: bool) {
+    fn present(&mut self, motion: Motion, down: &Down) -> FaultSet {
+        // The first sample after a stall still spans it.
+        let stall = down.stall || self.stalled;
         if motion.due {
             #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
             let this = motion.sample as u32;
@@ -147,22 +119,17 @@ impl GuardedSampler {
             self.missed = if in_time || stall { 0 } else { self.missed.saturating_add(1) };
             self.awaited = Some(this);
         }
+        let moved = motion.position.wrapping_since(self.last).unsigned_abs();
+        let speed = motion.velocity.bits().unsigned_abs();
+        FaultSet::EMPTY
+            .with_if(Fault::CountJump, moved > self.plan.jump && !stall)
+            .with_if(Fault::OverSpeed, speed > self.plan.speed && down.on)
+            .with_if(Fault::OutOfRange, !motion.position.in_range())
+            .with_if(Fault::LateRender, self.missed > 0)
+            .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS)
     }
 
-    /// The rare case: something is there, or was not acknowledged yet. Says whether to cut.
-    #[inline]
-    fn find(&mut self, seen: Seen, sample: u64, acknowledged: u32) -> bool {
-        let present = FaultSet::EMPTY
-            .with_if(Fault::CountJump, seen.jump)
-            .with_if(Fault::OverSpeed, seen.speed)
-            .with_if(Fault::OutOfRange, seen.range)
-            .with_if(Fault::LateRender, seen.late)
-            .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS);
-        self.note(present, sample, acknowledged);
-        self.guard.events != acknowledged || !present.is_empty()
-    }
-
-    #[inline]
+    #[cold]
     fn note(&mut self, present: FaultSet, sample: u64, acknowledged: u32) {
         let guard = &mut self.guard;
         if guard.events == acknowledged {

@@ -54,7 +54,7 @@ pub enum ResetCause {
 
 impl FaultRecord {
     /// Words of backup RAM. The 20 backup registers of the real-time clock would do as well.
-    pub const WORDS: usize = 11;
+    pub const WORDS: usize = 10;
     /// First word of a record: "ZWF" and the version of the layout.
     const HEAD: u32 = u32::from_le_bytes(*b"ZWF\x01");
 
@@ -82,12 +82,10 @@ impl FaultRecord {
     #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
     pub fn to_words(self) -> [u32; Self::WORDS] {
         let [low, high] = [self.sample as u32, (self.sample >> 32) as u32];
-        let causes = self.causes.bits();
         let body = [
             Self::HEAD,
             u32::from(self.fault.code()),
-            causes as u32,
-            (causes >> 32) as u32,
+            self.causes.bits(),
             low,
             high,
             self.position.counts().cast_unsigned(),
@@ -95,8 +93,8 @@ impl FaultRecord {
             self.force.bits().cast_unsigned(),
             u32::from(self.flags.bits()),
         ];
-        let [a, b, c, d, e, f, g, h, i, j] = body;
-        [a, b, c, d, e, f, g, h, i, j, crc::of_words(&body)]
+        let [a, b, c, d, e, f, g, h, i] = body;
+        [a, b, c, d, e, f, g, h, i, crc::of_words(&body)]
     }
 
     /// The record in those words, if they are one: RAM after power-up holds anything.
@@ -105,16 +103,14 @@ impl FaultRecord {
         if crc::of_words(body) != *check {
             return None;
         }
-        let [head, code, causes_low, causes_high, low, high, position, velocity, force, flags] =
-            *body;
+        let [head, code, causes, low, high, position, velocity, force, flags] = *body;
         if head != Self::HEAD {
             return None;
         }
-        let wide = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
         Some(Self {
             fault: Fault::from_code(u8::try_from(code).ok()?)?,
-            causes: FaultSet::from_bits(wide(causes_low, causes_high)),
-            sample: wide(low, high),
+            causes: FaultSet::from_bits(causes),
+            sample: u64::from(low) | u64::from(high) << 32,
             position: Position::from_counts(position.cast_signed()),
             velocity: Velocity::saturating_from_bits(velocity.cast_signed()),
             force: Force::saturating_from_bits(force.cast_signed()),

@@ -82,11 +82,13 @@ impl SafetySettings {
         within("sign_test_counts", counts, Self::SIGN_TEST_COUNTS)?;
         let full = f64::from(Force::FULL_SCALE.bits());
         let velocity_lsb = f64::from(1u32 << Velocity::FRACTION_BITS);
+        let least = Force::FULL_SCALE.bits().unsigned_abs() / SLEW.unsigned_abs() + 1;
+        let ramp_renders = (libm::ceil(self.ramp_in_s / period_s) as u32).max(least);
         Ok(SafetyPlan {
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
-            ramp_renders: (libm::ceil(self.ramp_in_s / period_s) as u32)
-                .max(Force::FULL_SCALE.bits().unsigned_abs() / SLEW.unsigned_abs() + 1),
+            ramp_renders,
+            ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders,
             sign_quarter: (SIGN_TEST_S / period_s / 4.0) as u32,
             sign_force: Force::saturating_from_bits(
                 ((self.sign_test_force * full) as i32).min(SLEW),
@@ -106,6 +108,8 @@ pub struct SafetyPlan {
     pub(super) speed: u32,
     /// Outputs over which the force comes in.
     pub(super) ramp_renders: u32,
+    /// Part of the force that one output of the ramp adds, LSB of 2^-30, rounded down.
+    pub(super) ramp_step: u32,
     /// Outputs of one of the four parts of the sign test.
     pub(super) sign_quarter: u32,
     /// Force of the sign test.

@@ -72,6 +72,7 @@ impl SignTest {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_arithmetic, clippy::cast_possible_truncation, reason = "a plant in floats")]
 mod tests {
     use super::*;
     use crate::safety::plan::tests::{DESIGN, SETTINGS};

@@ -385,12 +385,13 @@ impl Supervisor {
         if self.state == State::Armed {
             return Some(full);
         }
-        let part = i64::from(full.bits()) * i64::from(self.ramp);
-        let force = part / i64::from(self.plan.ramp_renders.max(1));
-        self.ramp = self.ramp.saturating_add(1);
-        if self.ramp > self.plan.ramp_renders {
+        if self.ramp >= self.plan.ramp_renders {
             self.state = State::Armed;
+            return Some(full);
         }
+        let part = i64::from(self.ramp) * i64::from(self.plan.ramp_step); // below 2^30
+        let force = (i64::from(full.bits()) * part) >> Force::FRACTION_BITS;
+        self.ramp = self.ramp.saturating_add(1);
         Some(Demand::from_bits(force).saturate().0)
     }
 

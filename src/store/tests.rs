@@ -185,14 +185,14 @@ fn two_cuts_one_after_the_other_lose_nothing_either() {
 
 #[test]
 fn every_flipped_byte_of_every_record_is_found() {
-    for saves in 1..=4 {
+    for saves in 1..=4u8 {
         let mut good = Mock::new();
         for n in 1..=saves {
             save(&mut good, &stored(f64::from(n))).unwrap();
         }
         // the newest record: the last of A, or the first of B
         let (sector, slot) =
-            if saves == 4 { (Sector::B, 0) } else { (Sector::A, saves as usize - 1) };
+            if saves == 4 { (Sector::B, 0) } else { (Sector::A, usize::from(saves) - 1) };
         for byte in 0..4 * RECORD_WORDS {
             for flip in 1..=u8::MAX {
                 let mut flash = good.clone();

@@ -7,7 +7,7 @@ mod biquad;
 mod butterworth;
 
 pub use biquad::{Biquad, BiquadState};
-pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, true_cutoff_hz};
+pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, PREWARPED_MAX, true_cutoff_hz};
 
 use crate::{
     settings::SettingsError,

@@ -1,9 +1,11 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
 mod hit;
+mod linear;
 mod list;
 mod progress;
 mod sweep;
+mod telemetry;
 mod walk;
 
 use std::{
@@ -42,6 +44,8 @@ enum Command {
     Hit(hit::HitArgs),
     Walk(walk::WalkArgs),
     Sweep(sweep::SweepArgs),
+    Linear(linear::LinearArgs),
+    Telemetry(telemetry::TelemetryArgs),
 }
 
 /// Options of every command.
@@ -142,6 +146,8 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Hit(args) => hit::run(&args, &common),
         Command::Walk(args) => walk::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
+        Command::Linear(args) => linear::run(&args, &common),
+        Command::Telemetry(args) => telemetry::run(&args, &common),
     })
 }
 

@@ -1,50 +1,23 @@
-//! Scales, ticks and the numbers beside them.
+//! Ticks at round numbers, and the numbers beside them.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use plotters::coord::types::RangedCoordf64;
 
 /// Thin space: groups thousands without looking like a decimal sign in any language.
 const GROUP_SEPARATOR: char = '\u{2009}';
 /// Numbers of fewer digits are easier to read in one piece.
 const GROUPED_FROM_DIGITS: usize = 5;
-/// Steps that read well, as parts of a power of ten.
-const STEPS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
 /// An axis far from 0 may be so short that the next round number is the same number.
 const MOST_VALUES: u16 = 32;
+const MOST_DECIMALS: usize = 15;
+/// Part of a step by which rounding may displace a tick.
+const SLACK: f64 = 1e-6;
 /// Powers of ten that stay in the ticks; others go to the unit.
 const PLAIN_EXPONENTS: std::ops::RangeInclusive<i32> = -2..=3;
 
-/// Maps `low..high` to positions `from..to`, linearly or by the logarithm.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Scale {
-    low: f64,
-    high: f64,
-    from: f64,
-    to: f64,
-    logarithmic: bool,
-}
-
-impl Scale {
-    pub(super) fn linear(low: f64, high: f64) -> Self {
-        Self { low, high, from: 0.0, to: 1.0, logarithmic: false }
-    }
-
-    pub(super) fn logarithmic(low: f64, high: f64) -> Self {
-        Self { low: low.ln(), high: high.ln(), logarithmic: true, ..Self::linear(low, high) }
-    }
-
-    /// The same scale over other positions.
-    pub(super) fn across(self, from: f64, to: f64) -> Self {
-        Self { from, to, ..self }
-    }
-
-    pub(super) fn at(&self, value: f64) -> f64 {
-        let value = if self.logarithmic { value.ln() } else { value };
-        let span = self.high - self.low;
-        // Too short to be told from a point: everything is in its middle.
-        let share = if span > 0.0 { (value - self.low) / span } else { 0.5 };
-        self.from + share * (self.to - self.from)
-    }
-}
-
-/// Where an axis has its ticks, and over what range.
+/// Where a linear axis has its ticks, and over what range.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Ticks {
     pub values: Vec<f64>,
@@ -54,17 +27,35 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// At most about `at_most` ticks at round numbers; the range grows to the next ticks outside.
+    /// Ticks at round numbers; the range grows to the next ticks outside.
     pub(super) fn around(low: f64, high: f64, at_most: usize) -> Self {
-        let step = step(high - low, at_most);
-        Self::of((low / step).floor(), (high / step).ceil(), step)
+        let inside = Self::within(low, high, at_most);
+        let (Some(step), Some(first)) = (inside.step(), inside.values.first()) else {
+            return inside;
+        };
+        // Ticks are multiples of the step but for rounding.
+        let first = (first / step).round();
+        let first = if low < (first - SLACK) * step { first - 1.0 } else { first };
+        let last = (high / step - SLACK).ceil();
+        let counts = (0..MOST_VALUES).map(f64::from);
+        let values = counts
+            .map(|count| (first + count) * step)
+            .take_while(|value| *value <= (last + SLACK) * step);
+        Self { values: values.collect(), low: first * step, high: last * step, ..inside }
     }
 
     /// Ticks at round numbers inside a range that stays as it is.
     pub(super) fn within(low: f64, high: f64, at_most: usize) -> Self {
-        let step = step(high - low, at_most);
-        let inside = Self::of((low / step).ceil(), (high / step).floor(), step);
-        Self { low, high, ..inside }
+        let mut ticks = Self {
+            values: RangedCoordf64::from(low..high).key_points(at_most),
+            decimals: 0,
+            low,
+            high,
+        };
+        let digits = ticks.step().map_or(0.0, |step| -step.log10());
+        let smallest_fitting = |decimals: &usize| *decimals as f64 >= digits - SLACK;
+        ticks.decimals = (0..MOST_DECIMALS).find(smallest_fitting).unwrap_or(MOST_DECIMALS);
+        ticks
     }
 
     /// The axis of data that is all 0: one tick.
@@ -72,43 +63,45 @@ impl Ticks {
         Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }
 
-    fn of(first: f64, last: f64, step: f64) -> Self {
-        let values = (0..MOST_VALUES)
-            .map(|count| first + f64::from(count))
-            .take_while(|index| *index <= last)
-            .map(|index| index * step);
-        Self {
-            values: values.collect(),
-            decimals: decimals(step),
-            low: first * step,
-            high: last * step,
+    /// The same range with neither ticks nor numbers.
+    pub(super) fn bare(self) -> Self {
+        Self { values: vec![], ..self }
+    }
+
+    fn step(&self) -> Option<f64> {
+        match self.values[..] {
+            [first, second, ..] if second > first => Some(second - first),
+            _ => None,
+        }
+    }
+}
+
+/// What plotters makes an axis of.
+impl Ranged for Ticks {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        if self.low < self.high {
+            RangedCoordf64::from(self.range()).map(value, (from, to))
+        } else {
+            i32::midpoint(from, to)
         }
     }
 
-    pub(super) fn labels(&self) -> Vec<String> {
-        self.values.iter().map(|value| number(*value, self.decimals)).collect()
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { vec![] } else { self.values.clone() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
     }
 }
 
-/// The smallest round step with at most `at_most` intervals in `span`.
-fn step(span: f64, at_most: usize) -> f64 {
-    let wanted = span / at_most.max(1) as f64;
-    if !(wanted > 0.0 && wanted.is_finite()) {
-        return 1.0;
+impl ValueFormatter<f64> for Ticks {
+    fn format_ext(&self, value: &f64) -> String {
+        number(*value, self.decimals)
     }
-    let decade = 10_f64.powf(wanted.log10().floor());
-    let factor = STEPS.into_iter().find(|factor| factor * decade >= wanted * (1.0 - 1e-9));
-    factor.unwrap_or(10.0) * decade
-}
-
-fn decimals(step: f64) -> usize {
-    let mut scaled = step;
-    let mut count = 0;
-    while scaled < 1.0 - 1e-9 && count < 15 {
-        scaled *= 10.0;
-        count += 1;
-    }
-    count
 }
 
 /// A number with a true minus sign and grouped thousands, such as `−12 345.6`.
@@ -182,21 +175,31 @@ fn superscript(digit: char) -> char {
 mod tests {
     use super::*;
 
-    #[test]
-    fn ticks_are_round_and_cover_the_range() {
-        let ticks = Ticks::around(0.0, 760.0, 8);
-        assert_eq!(ticks.high, 800.0);
-        assert_eq!(ticks.labels()[1], "100");
-        let ticks = Ticks::around(-0.3, 0.25, 6);
-        assert_eq!(ticks.labels().first().unwrap(), "−0.3");
-        assert_eq!(ticks.labels()[3], "0.0");
-        let ticks = Ticks::within(0.03, 0.97, 5);
-        assert_eq!(ticks.labels(), ["0.2", "0.4", "0.6", "0.8"]);
+    fn labels(ticks: &Ticks) -> Vec<String> {
+        let values = ticks.values.iter();
+        values.map(|value| ticks.format_ext(value)).collect()
     }
 
     #[test]
-    fn ticks_of_an_empty_range_exist() {
+    fn ticks_are_round_and_cover_the_range() {
+        let ticks = Ticks::around(0.0, 760.0, 9);
+        assert_eq!((ticks.low, ticks.high), (0.0, 800.0));
+        assert_eq!(labels(&ticks)[1], "100");
+        let ticks = Ticks::around(-0.31, 0.25, 7);
+        assert!(ticks.low <= -0.31 && ticks.high >= 0.25);
+        assert!(labels(&ticks).contains(&"0.0".to_owned()));
+        let ticks = Ticks::within(0.03, 0.97, 5);
+        assert_eq!(labels(&ticks), ["0.2", "0.4", "0.6", "0.8"]);
+    }
+
+    #[test]
+    fn ticks_of_short_ranges_end() {
         assert_eq!(Ticks::around(3.0, 3.0, 5).values, [3.0]);
+        for (low, high) in [(1e15, 1e15 + 0.125), (0.0, 1e-15), (-1e15, 1e15)] {
+            let ticks = Ticks::around(low, high, 6);
+            assert!(ticks.values.len() < usize::from(MOST_VALUES));
+            assert!(ticks.low <= low && high <= ticks.high);
+        }
     }
 
     #[test]
@@ -215,13 +218,5 @@ mod tests {
         assert_eq!(scaled_unit(9999.0, "N"), (1.0, "N".to_owned()));
         assert_eq!(scaled_unit(0.0, "N"), (1.0, "N".to_owned()));
         assert_eq!(scaled_unit(5e-4, "m").1, "10⁻⁴ m");
-    }
-
-    #[test]
-    fn a_scale_maps_its_ends() {
-        let scale = Scale::logarithmic(10.0, 1000.0).across(0.0, 100.0);
-        assert!((scale.at(100.0) - 50.0).abs() < 1e-9);
-        let scale = Scale::linear(0.0, 4.0).across(200.0, 100.0);
-        assert_eq!(scale.at(1.0), 175.0);
     }
 }

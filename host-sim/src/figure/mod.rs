@@ -5,53 +5,63 @@
 //! AreaPlot   -> area      ├─> Figure ─> svg(), png()
 //! TracePlot  -> hit_trace ┘
 //! ```
-//! Each figure is a pure function: the same data gives the same bytes. Both forms are painted from
-//! one list of shapes; the font is bundled, so nothing is taken from the system.
+//! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
+//! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
+//! nothing is taken from the system.
 //! Colours: viridis for cutoffs, which are ordered, and vermilion for the ideal one.
+//!
+//! Drawn by hand, because plotters has it not: legends outside the plot, the numbers at the cutoffs
+//! (two rows, two scales, one colour each), strips of phases, and the lines and texts of the PNG
+//! (see `render`).
 
 mod area;
 mod axis;
 mod colour;
-mod drawing;
-mod font;
+mod cutoffs;
 mod panel;
-mod raster;
+mod render;
+mod text;
 mod trace;
 mod zwidth;
 
 use std::fmt;
 
+use plotters::coord::Shift;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind};
+use plotters::prelude::DrawingBackend;
+use plotters::style::RGBColor;
+use plotters_backend::DrawingErrorKind;
+
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, number, scaled_unit};
-pub(crate) use drawing::escape;
+pub(crate) use text::escape;
 pub use trace::{TracePlot, hit_trace};
 pub use zwidth::{Curve, ZwidthPlot, zwidth};
 
-use drawing::Drawing;
-
 /// Width of every figure in SVG user units; a font of 12 units is 4.7 pt on a column of 88 mm.
 const WIDTH: f64 = 640.0;
-const TITLE_SIZE: f64 = 16.0;
-const SUBTITLE_SIZE: f64 = 12.0;
-const AXIS_TITLE_SIZE: f64 = 13.0;
-const TICK_SIZE: f64 = 12.0;
 const MARGIN: f64 = 12.0;
+/// Steps of the drawing grid per unit.
+const GRID: f64 = 6.0;
 /// Beyond this a plotted number is a mistake, and the axis arithmetic would lose its digits.
 const LARGEST_VALUE: f64 = 1e15;
 /// What is smaller counts as 0 where a logarithm or a division follows.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
+/// What a figure is drawn on, in grid steps from its top left corner.
+type Page<DB> = DrawingArea<DB, Shift>;
+
 /// A finished figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    drawing: Drawing,
+    plot: Plot,
     svg: String,
 }
 
 impl Figure {
-    fn new(drawing: Drawing, label: &str) -> Self {
-        let svg = drawing.to_svg(label);
-        Self { drawing, svg }
+    fn new(plot: Plot) -> Result<Self, FigureError> {
+        let svg = render::svg(&plot)?;
+        Ok(Self { plot, svg })
     }
 
     /// One `<svg>` element without ids and without an XML declaration: a file as it is, or inline in
@@ -66,8 +76,64 @@ impl Figure {
     /// # Errors
     /// [`FigureError::Font`] or [`FigureError::Encoding`], neither of which the data can cause.
     pub fn png(&self) -> Result<Vec<u8>, FigureError> {
-        raster::png(&self.drawing)
+        render::png(&self.plot)
     }
+}
+
+/// Checked data of a figure.
+#[derive(Debug, Clone, PartialEq)]
+enum Plot {
+    Zwidth(ZwidthPlot),
+    Area(AreaPlot),
+    Trace(TracePlot),
+}
+
+impl Plot {
+    fn title(&self) -> &str {
+        match self {
+            Self::Zwidth(plot) => &plot.title,
+            Self::Area(plot) => &plot.title,
+            Self::Trace(plot) => &plot.title,
+        }
+    }
+
+    fn height(&self) -> f64 {
+        match self {
+            Self::Zwidth(_) => zwidth::HEIGHT,
+            Self::Area(plot) => area::height(plot),
+            Self::Trace(_) => trace::HEIGHT,
+        }
+    }
+
+    fn draw<DB: DrawingBackend>(&self, page: &Page<DB>) -> Result<(), FigureError> {
+        match self {
+            Self::Zwidth(plot) => zwidth::draw(plot, page),
+            Self::Area(plot) => area::draw(plot, page),
+            Self::Trace(plot) => trace::draw(plot, page),
+        }
+    }
+
+    /// Colour, stroke width and name of the lines that a browser names under the pointer.
+    fn names(&self) -> Vec<(RGBColor, u32, String)> {
+        match self {
+            Self::Zwidth(plot) => zwidth::names(plot),
+            Self::Area(_) | Self::Trace(_) => vec![],
+        }
+    }
+}
+
+/// A length in units as steps of the grid.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the cast saturates, and pages are a few thousand steps wide"
+)]
+fn grid(units: f64) -> i32 {
+    (units * GRID).round() as i32
+}
+
+/// A point in units on the grid.
+fn at(x: f64, y: f64) -> (i32, i32) {
+    (grid(x), grid(y))
 }
 
 /// Why there is no figure.
@@ -113,6 +179,15 @@ impl fmt::Display for FigureError {
 
 impl std::error::Error for FigureError {}
 
+impl<E: std::error::Error + Send + Sync> From<DrawingAreaErrorKind<E>> for FigureError {
+    fn from(error: DrawingAreaErrorKind<E>) -> Self {
+        match error {
+            DrawingAreaErrorKind::BackendError(DrawingErrorKind::FontError(_)) => Self::Font,
+            _ => Self::Encoding,
+        }
+    }
+}
+
 fn plottable(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
     if value.abs() <= LARGEST_VALUE {
         Ok(value)
@@ -138,59 +213,7 @@ fn not_negative(quantity: &'static str, value: f64) -> Result<f64, FigureError> 
 }
 
 #[cfg(test)]
-pub(crate) mod testing {
-    //! What every figure must pass.
-
-    use std::sync::Arc;
-
-    use resvg::{tiny_skia::Pixmap, usvg};
-
-    use super::{Figure, FigureError, font, raster};
-
-    const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-    /// Mean difference of a colour channel between our bitmap and resvg's, of 255. Kerning is off in
-    /// both; what remains is rounding to a hundredth of a unit at anti-aliased edges, 0.10 at most so
-    /// far.
-    const LOOK_TOLERANCE: f64 = 0.2;
-
-    pub(crate) fn parse(svg: &str) -> usvg::Tree {
-        let mut options = usvg::Options::default();
-        Arc::make_mut(&mut options.fontdb).load_font_data(font::FONT.to_vec());
-        usvg::Tree::from_str(svg, &options).unwrap()
-    }
-
-    /// The big-endian number at `at`.
-    fn number_at(bytes: &[u8], at: usize) -> u32 {
-        u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap())
-    }
-
-    pub(crate) fn check<P>(draw: fn(&P) -> Result<Figure, FigureError>, plot: &P) -> Figure {
-        let figure = draw(plot).unwrap();
-        let svg = figure.svg();
-        assert!(!svg.contains(" id=") && !svg.contains("url(") && !svg.contains("NaN"));
-
-        let png = figure.png().unwrap();
-        assert_eq!(png[..8], PNG_SIGNATURE);
-        let [width, height] = figure.drawing.size.map(|side| side * f64::from(raster::SCALE));
-        assert_eq!(f64::from(number_at(&png, 16)), width);
-        assert_eq!(f64::from(number_at(&png, 20)), height);
-
-        let again = draw(plot).unwrap();
-        assert_eq!(again.svg(), svg);
-        assert!(again.png().unwrap() == png, "the PNG bytes differ");
-
-        let tree = parse(svg);
-        let ours = raster::paint(&figure.drawing).unwrap();
-        let mut theirs = Pixmap::new(ours.width(), ours.height()).unwrap();
-        let scale = f32::from(raster::SCALE);
-        resvg::render(&tree, usvg::Transform::from_scale(scale, scale), &mut theirs.as_mut());
-        let pairs = ours.data().iter().zip(theirs.data());
-        let sum: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
-        let mean = sum / ours.data().len() as f64;
-        assert!(mean < LOOK_TOLERANCE, "SVG and PNG differ by {mean}");
-        figure
-    }
-}
+mod testing;
 
 #[cfg(test)]
 mod tests {

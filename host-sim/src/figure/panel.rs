@@ -1,143 +1,173 @@
-//! The frame of a plot: grid, ticks, axis titles, and the heading above it.
+//! A plot on a page: heading, axes, grid, frame.
 
-use super::axis::Scale;
-use super::colour::{FRAME, GRID, QUIET, TEXT};
-use super::drawing::{Anchor, Drawing, Shape, Stroke, Text};
-use super::{AXIS_TITLE_SIZE, MARGIN, SUBTITLE_SIZE, TICK_SIZE, TITLE_SIZE, font};
+use std::ops::Range;
 
-const TITLE_BASELINE: f64 = 24.0;
-const SUBTITLE_BASELINE: f64 = 42.0;
-const TICK_LENGTH: f64 = 4.0;
+use plotters::coord::Shift;
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
+use plotters::prelude::*;
+use plotters::style::text_anchor::HPos;
+
+use super::axis::Ticks;
+use super::colour::{self, FRAME, QUIET, TEXT};
+use super::text;
+use super::{FigureError, MARGIN, Page, WIDTH, at, grid};
+
+pub(super) const TITLE_SIZE: f64 = 16.0;
+pub(super) const SMALL_SIZE: f64 = 12.0;
+pub(super) const AXIS_TITLE_SIZE: f64 = 13.0;
+pub(super) const TICK_LENGTH: f64 = 4.0;
+const TITLE_MIDDLE: f64 = 18.0;
+const SUBTITLE_MIDDLE: f64 = 37.5;
 const GRID_WIDTH: f64 = 0.7;
 const FRAME_WIDTH: f64 = 1.0;
-/// From the frame to the base line of the numbers below it.
-const X_LABEL_DROP: f64 = 17.0;
-/// From the frame to the base line of the title below it.
-pub(super) const X_TITLE_DROP: f64 = 37.0;
-/// From the frame to the end of the numbers left of it.
-const Y_LABEL_GAP: f64 = 8.0;
-/// From the left edge to the base line of the turned title.
-const Y_TITLE_BASELINE: f64 = 21.0;
+/// From the frame to the lower edge of the title below it.
+pub(super) const X_TITLE_DROP: f64 = 40.0;
 
-/// The rectangle that data is drawn in, with its two scales.
+/// The rectangle that data is drawn in.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Panel {
     pub left: f64,
     pub top: f64,
     pub right: f64,
     pub bottom: f64,
-    x: Scale,
-    y: Scale,
 }
 
+/// A chart over linear stiffness, area or position.
+pub(super) type Chart<'a, DB, X> = ChartContext<'a, DB, Cartesian2d<X, Ticks>>;
+
 impl Panel {
-    /// A panel between two corners.
-    pub(super) fn new(
-        [left, top]: [f64; 2],
-        [right, bottom]: [f64; 2],
-        x: Scale,
-        y: Scale,
-    ) -> Self {
-        Self { left, top, right, bottom, x: x.across(left, right), y: y.across(bottom, top) }
-    }
-
-    pub(super) fn x(&self, value: f64) -> f64 {
-        self.x.at(value)
-    }
-
-    pub(super) fn y(&self, value: f64) -> f64 {
-        self.y.at(value)
-    }
-
-    pub(super) fn at(&self, x: f64, y: f64) -> [f64; 2] {
-        [self.x(x), self.y(y)]
+    /// The chart in this rectangle; `x_title_drop` is the room below it.
+    pub(super) fn chart<'a, DB: DrawingBackend, X: AsRangedCoord>(
+        &self,
+        page: &'a DrawingArea<DB, Shift>,
+        x: X,
+        y: Ticks,
+        x_title_drop: f64,
+    ) -> Result<Chart<'a, DB, X::CoordDescType>, FigureError> {
+        let (_, height) = page.dim_in_pixel();
+        let chart = ChartBuilder::on(page)
+            .margin_left(grid(MARGIN))
+            .margin_right(grid(WIDTH - self.right))
+            .margin_top(grid(self.top))
+            .margin_bottom(height.cast_signed() - grid(self.bottom + x_title_drop))
+            .x_label_area_size(grid(x_title_drop))
+            .y_label_area_size(grid(self.left - MARGIN))
+            .build_cartesian_2d(x, y)?;
+        Ok(chart)
     }
 
     pub(super) fn centre(&self) -> [f64; 2] {
         [f64::midpoint(self.left, self.right), f64::midpoint(self.top, self.bottom)]
     }
 
-    pub(super) fn x_grid(&self, drawing: &mut Drawing, values: &[f64]) {
-        for value in values {
-            let x = self.x(*value);
-            drawing.line(vec![[x, self.top], [x, self.bottom]], Stroke::solid(GRID, GRID_WIDTH));
-        }
-    }
-
-    pub(super) fn y_grid(&self, drawing: &mut Drawing, values: &[f64]) {
-        for value in values {
-            let y = self.y(*value);
-            drawing.line(vec![[self.left, y], [self.right, y]], Stroke::solid(GRID, GRID_WIDTH));
-        }
+    pub(super) fn x_pixels(&self) -> (i32, i32) {
+        (grid(self.left), grid(self.right))
     }
 
     /// The frame, painted after the data so that lines end under it.
-    pub(super) fn frame(&self, drawing: &mut Drawing) {
+    pub(super) fn frame<DB: DrawingBackend>(&self, page: &Page<DB>) -> Result<(), FigureError> {
         let (l, t, r, b) = (self.left, self.top, self.right, self.bottom);
-        drawing.line(
-            vec![[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]],
-            Stroke::solid(FRAME, FRAME_WIDTH),
-        );
-    }
-
-    pub(super) fn x_ticks(&self, drawing: &mut Drawing, values: &[f64]) {
-        for value in values {
-            let x = self.x(*value);
-            drawing.line(
-                vec![[x, self.bottom], [x, self.bottom + TICK_LENGTH]],
-                Stroke::solid(FRAME, FRAME_WIDTH),
-            );
-        }
-    }
-
-    pub(super) fn x_labels(&self, drawing: &mut Drawing, values: &[f64], labels: &[String]) {
-        for (value, label) in values.iter().zip(labels) {
-            let at = [self.x(*value), self.bottom + X_LABEL_DROP];
-            drawing.text(at, TICK_SIZE, Anchor::Middle, TEXT, label);
-        }
-    }
-
-    pub(super) fn y_axis(&self, drawing: &mut Drawing, values: &[f64], labels: &[String]) {
-        for (value, label) in values.iter().zip(labels) {
-            let y = self.y(*value);
-            drawing.line(
-                vec![[self.left - TICK_LENGTH, y], [self.left, y]],
-                Stroke::solid(FRAME, FRAME_WIDTH),
-            );
-            // Digits are 0.73 of the font size high.
-            let at = [self.left - Y_LABEL_GAP, y + 0.365 * TICK_SIZE];
-            drawing.text(at, TICK_SIZE, Anchor::End, TEXT, label);
-        }
-    }
-
-    pub(super) fn x_title(&self, drawing: &mut Drawing, title: &str) {
-        let at = [self.centre()[0], self.bottom + X_TITLE_DROP];
-        drawing.text(at, AXIS_TITLE_SIZE, Anchor::Middle, TEXT, title);
-    }
-
-    pub(super) fn y_title(&self, drawing: &mut Drawing, title: &str) {
-        let (text, size) = font::fit(title, AXIS_TITLE_SIZE, self.bottom - self.top);
-        drawing.shapes.push(Shape::Text(Text {
-            at: [Y_TITLE_BASELINE, self.centre()[1]],
-            size,
-            anchor: Anchor::Middle,
-            ink: TEXT,
-            upward: true,
-            text,
-        }));
+        let corners = [[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]];
+        line(page, &corners, FRAME, FRAME_WIDTH)
     }
 
     /// A remark in the middle of an empty plot.
-    pub(super) fn remark(&self, drawing: &mut Drawing, text: &str) {
-        drawing.text(self.centre(), AXIS_TITLE_SIZE, Anchor::Middle, QUIET, text);
+    pub(super) fn remark<DB: DrawingBackend>(
+        &self,
+        page: &Page<DB>,
+        remark: &str,
+    ) -> Result<(), FigureError> {
+        let size = AXIS_TITLE_SIZE;
+        text::write(page, remark, self.centre(), HPos::Center, size, QUIET)
     }
 }
 
-/// Title and subtitle at the top left, cut to the width of the drawing.
-pub(super) fn heading(drawing: &mut Drawing, title: &str, subtitle: &str) {
-    let room = drawing.size[0] - 2.0 * MARGIN;
-    let (title, size) = font::fit(title, TITLE_SIZE, room);
-    drawing.text([MARGIN, TITLE_BASELINE], size, Anchor::Start, TEXT, &title);
-    let (subtitle, size) = font::fit(subtitle, SUBTITLE_SIZE, room);
-    drawing.text([MARGIN, SUBTITLE_BASELINE], size, Anchor::Start, QUIET, &subtitle);
+/// Which grid lines [`axes`] draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Grid {
+    Both,
+    Horizontal,
+}
+
+/// Draws grid, ticks, numbers and titles.
+pub(super) fn axes<DB, X>(
+    chart: &mut Chart<'_, DB, X>,
+    grid_lines: Grid,
+    [x_title, y_title]: [&str; 2],
+) -> Result<(), FigureError>
+where
+    DB: DrawingBackend,
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let mut mesh = chart.configure_mesh();
+    mesh.bold_line_style(colour::GRID.stroke_width(stroke(GRID_WIDTH)))
+        .axis_style(FRAME.stroke_width(stroke(FRAME_WIDTH)))
+        .set_all_tick_mark_size(grid(TICK_LENGTH))
+        .label_style(text::style(SMALL_SIZE, TEXT))
+        .axis_desc_style(text::style(AXIS_TITLE_SIZE, TEXT))
+        .x_desc(x_title)
+        .y_desc(y_title);
+    if grid_lines == Grid::Horizontal {
+        mesh.disable_x_mesh();
+    }
+    mesh.draw()?;
+    Ok(())
+}
+
+/// Title and subtitle at the top left, cut to the width of the page.
+pub(super) fn heading<DB: DrawingBackend>(
+    page: &Page<DB>,
+    title: &str,
+    subtitle: &str,
+) -> Result<(), FigureError> {
+    page.fill(&WHITE)?;
+    let room = WIDTH - 2.0 * MARGIN;
+    for (line, middle, size, colour) in
+        [(title, TITLE_MIDDLE, TITLE_SIZE, TEXT), (subtitle, SUBTITLE_MIDDLE, SMALL_SIZE, QUIET)]
+    {
+        let (line, size) = text::fit(line, size, room);
+        text::write(page, &line, [MARGIN, middle], HPos::Left, size, colour)?;
+    }
+    Ok(())
+}
+
+/// A stroke width on the grid.
+pub(super) fn stroke(units: f64) -> u32 {
+    grid(units).unsigned_abs()
+}
+
+/// A line through points of the page.
+pub(super) fn line<DB: DrawingBackend>(
+    page: &Page<DB>,
+    points: &[[f64; 2]],
+    colour: RGBColor,
+    width: f64,
+) -> Result<(), FigureError> {
+    let points: Vec<_> = points.iter().map(|[x, y]| at(*x, *y)).collect();
+    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
+    Ok(())
+}
+
+/// A filled rectangle of the page.
+pub(super) fn rect<DB: DrawingBackend>(
+    page: &Page<DB>,
+    x: Range<f64>,
+    y: Range<f64>,
+    colour: RGBAColor,
+) -> Result<(), FigureError> {
+    let corners = [at(x.start, y.start), at(x.end, y.end)];
+    page.draw(&Rectangle::new(corners, colour.filled()))?;
+    Ok(())
+}
+
+/// A filled circle of the page.
+pub(super) fn dot<DB: DrawingBackend>(
+    page: &Page<DB>,
+    [x, y]: [f64; 2],
+    radius: f64,
+    colour: RGBColor,
+) -> Result<(), FigureError> {
+    page.draw(&Circle::new(at(x, y), grid(radius), colour.filled()))?;
+    Ok(())
 }

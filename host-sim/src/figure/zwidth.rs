@@ -1,19 +1,25 @@
 //! The Z-width figure: stiffness over damping, one boundary per cutoff.
 
-use super::axis::{Scale, Ticks, hertz};
-use super::colour::{ACCENT, PAPER, QUIET, TEXT, ordered};
-use super::drawing::{Anchor, Drawing, Ink, Stroke};
-use super::panel::{self, Panel};
-use super::{AXIS_TITLE_SIZE, Figure, FigureError, MARGIN, WIDTH, font, not_negative, positive};
+use plotters::prelude::*;
+use plotters::style::text_anchor::HPos;
+
+use super::axis::{Ticks, hertz};
+use super::colour::{ACCENT, QUIET, TEXT, ordered};
+use super::panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke};
+use super::{Figure, FigureError, MARGIN, Page, Plot, WIDTH, grid, not_negative, positive, text};
 use crate::walk::BoundaryPoint;
 
-const HEIGHT: f64 = 400.0;
+pub(super) const HEIGHT: f64 = 400.0;
 const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
-const MOST_TICKS: usize = 8;
-/// Below this the axis counts in N/m.
-const KILO_FROM_N_PER_M: f64 = 2000.0;
+const MOST_TICKS: usize = 9;
+/// Keeps the highest peak, and the halo of the ideal curve, off the frame.
+const HEADROOM: f64 = 1.02;
+/// From here on the axis counts in kN/m.
+const KILO_FROM_N_PER_M: f64 = 2e3;
+/// From here on the axis counts in MN/m.
+const MEGA_FROM_N_PER_M: f64 = 2e6;
 
 const CURVE_WIDTH: f64 = 1.4;
 const IDEAL_WIDTH: f64 = 2.4;
@@ -26,14 +32,15 @@ const DOT_SPACING: f64 = 4.0;
 const CROWD: usize = 16;
 const CROWD_SHARE: f64 = 0.7;
 
-const LEGEND_SIZE: f64 = 12.0;
 const LEGEND_PITCH: f64 = 17.0;
 const LEGEND_GAP: f64 = 14.0;
 const LEGEND_SWATCH: f64 = 20.0;
 const LEGEND_SWATCH_GAP: f64 = 6.0;
-const LEGEND_FIRST_BASELINE: f64 = TOP + 32.0;
+const LEGEND_TITLE_MIDDLE: f64 = TOP + 5.5;
+const LEGEND_FIRST_MIDDLE: f64 = TOP + 28.0;
 const LEGEND_ROWS: usize = 17;
 const LEGEND_COLUMNS: usize = 2;
+const NOTE_DROP: f64 = 33.0;
 
 /// What [`zwidth()`] draws.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,46 +73,63 @@ pub struct Curve {
 /// # Errors
 /// [`FigureError`] if a number is NaN, infinite or negative, or a cutoff is 0.
 pub fn zwidth(plot: &ZwidthPlot) -> Result<Figure, FigureError> {
-    let [largest_damping, largest_stiffness] = largest(plot)?;
-    let (unit, factor) =
-        if largest_stiffness < KILO_FROM_N_PER_M { ("N/m", 1.0) } else { ("kN/m", 1000.0) };
-    let empty = plot.curves.iter().all(|curve| curve.points.is_empty());
+    largest(plot)?;
+    Figure::new(Plot::Zwidth(plot.clone()))
+}
 
-    let mut drawing = Drawing::new(WIDTH, HEIGHT);
-    panel::heading(&mut drawing, &plot.title, &plot.subtitle);
+pub(super) fn draw<DB: DrawingBackend>(
+    plot: &ZwidthPlot,
+    page: &Page<DB>,
+) -> Result<(), FigureError> {
+    let [largest_damping, largest_stiffness] = largest(plot)?;
+    let (unit, factor) = match largest_stiffness {
+        k if k < KILO_FROM_N_PER_M => ("N/m", 1.0),
+        k if k < MEGA_FROM_N_PER_M => ("kN/m", 1e3),
+        _ => ("MN/m", 1e6),
+    };
+    panel::heading(page, &plot.title, &plot.subtitle)?;
     let legend = Legend::of(plot);
-    let x = Ticks::around(0.0, largest_damping, MOST_TICKS);
-    let y = Ticks::around(0.0, largest_stiffness / factor, MOST_TICKS);
-    let panel = Panel::new(
-        [LEFT, TOP],
-        [WIDTH - MARGIN - legend.width(), BOTTOM],
-        Scale::linear(0.0, x.high),
-        Scale::linear(0.0, y.high),
-    );
+    let panel =
+        Panel { left: LEFT, top: TOP, right: WIDTH - MARGIN - legend.width(), bottom: BOTTOM };
+    let mut x = Ticks::around(0.0, largest_damping, MOST_TICKS);
+    let mut y = Ticks::around(0.0, HEADROOM * largest_stiffness / factor, MOST_TICKS);
+    let empty = plot.curves.iter().all(|curve| curve.points.is_empty());
     if empty {
-        panel.remark(&mut drawing, "no stable wall found");
-    } else {
-        panel.x_grid(&mut drawing, &x.values);
-        panel.y_grid(&mut drawing, &y.values);
-        panel.x_ticks(&mut drawing, &x.values);
-        panel.x_labels(&mut drawing, &x.values, &x.labels());
-        panel.y_axis(&mut drawing, &y.values, &y.labels());
+        (x, y) = (x.bare(), y.bare());
+        panel.remark(page, "no stable wall found")?;
     }
-    panel.frame(&mut drawing);
-    panel.x_title(&mut drawing, "Damping B [N s/m]");
-    panel.y_title(&mut drawing, &format!("Stiffness K [{unit}]"));
+    let mut chart = panel.chart(page, x, y, X_TITLE_DROP)?;
+    let titles = ["Damping B [N s/m]", &format!("Stiffness K [{unit}]")];
+    panel::axes(&mut chart, Grid::Both, titles)?;
+    panel.frame(page)?;
 
     // The ideal curve comes last, on top of the others.
     let styles = styles(plot);
     for on_top in [false, true] {
         for (curve, style) in plot.curves.iter().zip(&styles) {
             if style.ideal == on_top {
-                draw_curve(&mut drawing, &panel, curve, *style, factor);
+                let place = |point: &BoundaryPoint| {
+                    let stiffness = point.stiffness_n_per_m / factor;
+                    chart.backend_coord(&(point.damping_n_s_per_m, stiffness))
+                };
+                draw_curve(page, curve.points.iter().map(place).collect(), *style)?;
             }
         }
     }
-    legend.draw(&mut drawing, panel.right + LEGEND_GAP);
-    Ok(Figure::new(drawing, &plot.title))
+    legend.draw(page, panel.right + LEGEND_GAP)
+}
+
+/// What each line says under the pointer.
+pub(super) fn names(plot: &ZwidthPlot) -> Vec<(RGBColor, u32, String)> {
+    let name = |(curve, style): (&Curve, Style)| {
+        let name = format!(
+            "{} Hz nominal, −3 dB at {} Hz",
+            hertz(curve.cutoff_hz),
+            hertz(curve.true_cutoff_hz)
+        );
+        (!curve.points.is_empty()).then_some((style.colour, stroke(style.width()), name))
+    };
+    plot.curves.iter().zip(styles(plot)).filter_map(name).collect()
 }
 
 /// Largest damping and stiffness, at least 1 each so that the axes have a length.
@@ -125,7 +149,7 @@ fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
 
 #[derive(Debug, Clone, Copy)]
 struct Style {
-    ink: Ink,
+    colour: RGBColor,
     ideal: bool,
     crowded: bool,
 }
@@ -148,38 +172,36 @@ fn styles(plot: &ZwidthPlot) -> Vec<Style> {
     let count = plot.curves.len();
     let style = |(index, curve): (usize, &Curve)| {
         let ideal = plot.ideal_cutoff_hz == Some(curve.cutoff_hz);
-        let ink = if ideal { ACCENT } else { ordered(index, count) };
+        let colour = if ideal { ACCENT } else { ordered(index, count) };
         let crowded = count >= CROWD;
-        Style { ink, ideal, crowded }
+        Style { colour, ideal, crowded }
     };
     plot.curves.iter().enumerate().map(style).collect()
 }
 
-fn draw_curve(drawing: &mut Drawing, panel: &Panel, curve: &Curve, style: Style, factor: f64) {
-    let points: Vec<[f64; 2]> = curve
-        .points
-        .iter()
-        .map(|point| panel.at(point.damping_n_s_per_m, point.stiffness_n_per_m / factor))
-        .collect();
+fn draw_curve<DB: DrawingBackend>(
+    page: &Page<DB>,
+    points: Vec<(i32, i32)>,
+    style: Style,
+) -> Result<(), FigureError> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
-        return;
+        return Ok(());
     };
     let gaps = (points.len() - 1) as f64;
-    let dotted = (last[0] - first[0]).abs() >= gaps * DOT_SPACING;
+    let dotted = f64::from((last.0 - first.0).abs()) >= gaps * f64::from(grid(DOT_SPACING));
     if style.ideal {
-        drawing.line(points.clone(), Stroke::solid(PAPER, IDEAL_HALO));
+        let halo = WHITE.stroke_width(stroke(IDEAL_HALO));
+        page.draw(&PathElement::new(points.clone(), halo))?;
     }
-    let name = format!(
-        "{} Hz nominal, −3 dB at {} Hz",
-        hertz(curve.cutoff_hz),
-        hertz(curve.true_cutoff_hz)
-    );
-    drawing.named_line(points.clone(), Stroke::solid(style.ink, style.width()), name);
+    let line = style.colour.stroke_width(stroke(style.width()));
+    page.draw(&PathElement::new(points.clone(), line))?;
     if dotted {
         for point in points {
-            drawing.dot(point, style.radius(), style.ink);
+            let dot = Circle::new(point, grid(style.radius()), style.colour.filled());
+            page.draw(&dot)?;
         }
     }
+    Ok(())
 }
 
 struct Legend {
@@ -205,7 +227,7 @@ impl Legend {
         let entries: Vec<_> =
             plot.curves.iter().zip(styles(plot)).enumerate().filter_map(named).collect();
         let widest =
-            entries.iter().map(|(text, _)| font::width(text, LEGEND_SIZE)).fold(0.0, f64::max);
+            entries.iter().map(|(text, _)| text::width(text, SMALL_SIZE)).fold(0.0, f64::max);
         Self {
             columns: entries.len().div_ceil(LEGEND_ROWS),
             column_width: LEGEND_SWATCH + LEGEND_SWATCH_GAP + widest + LEGEND_GAP,
@@ -215,41 +237,41 @@ impl Legend {
     }
 
     fn width(&self) -> f64 {
-        let titles = font::width("Cutoff [Hz]", AXIS_TITLE_SIZE) + LEGEND_GAP;
+        let titles = text::width("Cutoff [Hz]", AXIS_TITLE_SIZE) + LEGEND_GAP;
         (self.columns as f64 * self.column_width).max(titles)
     }
 
-    fn draw(&self, drawing: &mut Drawing, left: f64) {
-        let title = [left, TOP + 10.0];
-        drawing.text(title, AXIS_TITLE_SIZE, Anchor::Start, TEXT, "Cutoff [Hz]");
+    fn draw<DB: DrawingBackend>(&self, page: &Page<DB>, left: f64) -> Result<(), FigureError> {
+        let write =
+            |text: &str, at, size, colour| text::write(page, text, at, HPos::Left, size, colour);
+        let title = [left, LEGEND_TITLE_MIDDLE];
+        write("Cutoff [Hz]", title, AXIS_TITLE_SIZE, TEXT)?;
         let rows = self.entries.len().div_ceil(self.columns.max(1)).max(1);
         for (index, (text, style)) in self.entries.iter().enumerate() {
             let x = left + (index / rows) as f64 * self.column_width;
-            let y = LEGEND_FIRST_BASELINE + (index % rows) as f64 * LEGEND_PITCH;
-            let line = y - 0.35 * LEGEND_SIZE;
+            let y = LEGEND_FIRST_MIDDLE + (index % rows) as f64 * LEGEND_PITCH;
             if !text.ends_with(')') {
-                drawing.line(
-                    vec![[x, line], [x + LEGEND_SWATCH, line]],
-                    Stroke::solid(style.ink, style.width()),
-                );
-                drawing.dot([x + LEGEND_SWATCH / 2.0, line], style.radius(), style.ink);
+                let swatch = [[x, y], [x + LEGEND_SWATCH, y]];
+                panel::line(page, &swatch, style.colour, style.width())?;
+                let middle = [x + LEGEND_SWATCH / 2.0, y];
+                panel::dot(page, middle, style.radius(), style.colour)?;
             }
-            let (at, ink) =
-                (x + LEGEND_SWATCH + LEGEND_SWATCH_GAP, if style.ideal { ACCENT } else { TEXT });
-            drawing.text([at, y], LEGEND_SIZE, Anchor::Start, ink, text);
+            let colour = if style.ideal { ACCENT } else { TEXT };
+            let beside = [x + LEGEND_SWATCH + LEGEND_SWATCH_GAP, y];
+            write(text, beside, SMALL_SIZE, colour)?;
         }
         if self.every > 1 {
             let note = format!("1 in {} named", self.every);
-            let at = [left, BOTTOM + panel::X_TITLE_DROP];
-            drawing.text(at, LEGEND_SIZE, Anchor::Start, QUIET, &note);
+            write(&note, [left, BOTTOM + NOTE_DROP], SMALL_SIZE, QUIET)?;
         }
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::testing::{check as look, parse};
+    use crate::figure::testing::{Pixels, check as look};
 
     fn curve(cutoff_hz: f64, stiffness_n_per_m: f64, points: u32) -> Curve {
         let points = (1..=points).map(|n| BoundaryPoint {
@@ -290,14 +312,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_leaves_the_paper() {
-        for count in [30, 80] {
-            let tree = parse(look(zwidth, &plot(many(count))).svg());
-            let drawn = tree.root().abs_bounding_box();
-            assert!(drawn.left() >= 0.0 && drawn.top() >= 0.0);
-            assert!(drawn.right() <= tree.size().width());
-            assert!(drawn.bottom() <= tree.size().height());
-        }
+    fn the_bitmap_shows_the_ideal_curve_where_it_is() {
+        let figure = look(zwidth, &plot(vec![curve(300.0, 36_000.0, 69)]));
+        let pixels = Pixels::of(&figure);
+        assert!(pixels.count(ACCENT) > 1000);
+        // The peak of 36 kN/m at 350 N s/m, in the middle of 0 to 700, on an axis up to 40.
+        let right = WIDTH - MARGIN - Legend::of(&plot(vec![curve(300.0, 1.0, 1)])).width();
+        let peak = BOTTOM - 0.9 * (BOTTOM - TOP);
+        assert_eq!(pixels.at(f64::midpoint(LEFT, right), peak), [213, 94, 0]);
     }
 
     #[test]

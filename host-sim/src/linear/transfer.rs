@@ -30,7 +30,7 @@ impl TransferFunction {
     }
 
     /// Butterworth low-pass by the bilinear transform, DC gain 1. Without `prewarp` it is the paper's eq. (2) (with
-    /// 2 sqrt(2) where that prints 2.8) and its -3 dB frequency lies below `cutoff_hz`: see [`true_cutoff_hz`].
+    /// 2 sqrt(2) where that prints 2.8) and its -3 dB frequency lies below `cutoff_hz`: see [`zwidth::velocity::true_cutoff_hz`].
     /// 0 < cutoff_hz; with `prewarp` also below half the rate.
     #[must_use]
     pub fn butterworth(rate_hz: f64, cutoff_hz: f64, order: Order, prewarp: bool) -> Self {
@@ -122,13 +122,6 @@ impl TransferFunction {
     }
 }
 
-/// -3 dB frequency in hertz of a bilinear Butterworth of either order that is not pre-warped:
-/// `rate / pi atan(pi cutoff / rate)`, always below the cutoff it was designed for.
-#[must_use]
-pub fn true_cutoff_hz(rate_hz: f64, cutoff_hz: f64) -> f64 {
-    rate_hz / PI * libm::atan(PI * cutoff_hz / rate_hz)
-}
-
 /// Polynomial with ascending coefficients, by Horner.
 pub(super) fn polynomial(coefficients: &[f64], x: Complex<f64>) -> Complex<f64> {
     coefficients.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * x + c)
@@ -146,6 +139,8 @@ fn multiply(a: &[f64], b: &[f64]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use zwidth::velocity::true_cutoff_hz;
+
     use super::*;
 
     /// A handful of roundings; the golden values carry 17 digits.
@@ -182,7 +177,7 @@ mod tests {
                 }
                 if !prewarp {
                     assert!(
-                        (true_cutoff_hz(rate, cutoff) - row[7]).abs()
+                        (true_cutoff_hz(cutoff, rate, false) - row[7]).abs()
                             <= COEFFICIENT_TOLERANCE * row[7]
                     );
                 }
@@ -204,7 +199,7 @@ mod tests {
         for cutoff in [1.0, 100.0, 2000.0, 4900.0] {
             let plain = TransferFunction::butterworth(1e4, cutoff, Order::First, false);
             assert!(
-                (power(&plain, true_cutoff_hz(1e4, cutoff) / 1e4) - 0.5).abs()
+                (power(&plain, true_cutoff_hz(cutoff, 1e4, false) / 1e4) - 0.5).abs()
                     < HALF_POWER_TOLERANCE
             );
             let warped = TransferFunction::butterworth(1e4, cutoff, Order::First, true);

@@ -1,6 +1,7 @@
 //! Random sequences of events and commands.
 
 use super::*;
+use crate::link::{Activity, Command, Situation, allowed};
 use proptest::prelude::*;
 
 /// Whatever may happen between two samples.
@@ -66,6 +67,20 @@ impl Bench {
                 if request == Request::Arm && result.is_ok() {
                     assert!(before.state == State::Off && before.fault.is_none());
                     assert!(inputs.stop_closed && inputs.supply_good && inputs.settings_valid);
+                }
+                let now = Situation { status: before, activity: Activity::None };
+                let (command, same) = match request {
+                    Request::Arm => (Command::Arm, result.is_err()),
+                    Request::Clear => (Command::Clear, false),
+                    Request::Zero => (Command::Zero, false),
+                    Request::Unlock => (Command::UnlockEnvelope, false),
+                    _ => (Command::Help, false),
+                };
+                // What the link refuses is refused here too; but arm waits for a zero on its way.
+                match allowed(&command, &now) {
+                    Err(Refusal::NotZeroed) => {}
+                    Err(_) => assert!(result.is_err(), "{request:?}"),
+                    Ok(()) => assert!(result.is_ok() || same || command == Command::Help),
                 }
                 if request == Request::Clear && result.is_ok() {
                     assert!(before.present.is_empty());

@@ -3,6 +3,8 @@
 //! not (it uses floats), to show that the look finds something.
 #![cfg_attr(target_os = "none", no_std)]
 
+mod board;
+
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
 use zwidth::{
@@ -47,12 +49,8 @@ pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) 
 
 /// The velocity filter alone, to be counted against idsp's.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-pub extern "C" fn zwidth_filter(
-    filter: &Biquad,
-    state: &mut BiquadState,
-    input: Velocity,
-) -> Velocity {
-    filter.update(state, input)
+pub extern "C" fn zwidth_filter(filter: &Biquad, state: &mut BiquadState, input: &Velocity) -> i32 {
+    filter.update(state, *input).bits()
 }
 
 /// idsp's biquad with first-order error feedback.

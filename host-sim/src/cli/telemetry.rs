@@ -1,0 +1,72 @@
+//! `telemetry`: a board's binary stream, decoded.
+
+use std::{fs, path::PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Common, SCHEMA_VERSION, print_json, print_text};
+use crate::{error::Error, output, telemetry::Capture};
+
+/// Decodes a capture of a board's binary telemetry (RTT up channel 1).
+#[derive(Debug, Args)]
+pub struct TelemetryArgs {
+    /// File with the bytes as they came.
+    capture: PathBuf,
+    /// Write every frame as CSV, in the integers of the control.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Json {
+    schema_version: u32,
+    command: &'static str,
+    frames: usize,
+    dropped: u64,
+    garbage_bytes: u64,
+    first_sample: u64,
+    last_sample: u64,
+    faults: Vec<u8>,
+}
+
+pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
+    let name = args.capture.display();
+    if let Some(path) = &args.csv {
+        output::refuse_existing(path, common.force)?;
+    }
+    let bytes = fs::read(&args.capture)
+        .map_err(|error| Error::Input(format!("{name} cannot be read: {error}")))?;
+    let capture = Capture::decode(&bytes);
+    let (Some(first), Some(last)) = (capture.frames.first(), capture.frames.last()) else {
+        let length = bytes.len();
+        return Err(Error::Input(format!(
+            "{name}: no telemetry frame of layout 1 in {length} bytes; docs/telemetry.md has the layout"
+        )));
+    };
+    if let Some(path) = &args.csv {
+        output::write_file(path, capture.csv().as_bytes(), common.force)?;
+    }
+    let json = Json {
+        schema_version: SCHEMA_VERSION,
+        command: "telemetry",
+        frames: capture.frames.len(),
+        dropped: capture.dropped,
+        garbage_bytes: capture.garbage_bytes,
+        first_sample: first.record.sample,
+        last_sample: last.record.sample,
+        faults: capture.faults(),
+    };
+    if common.json {
+        return print_json(&json);
+    }
+    print_text(&format!(
+        "{name}: {} frames, {} dropped, {} bytes of garbage, samples {} to {}, fault codes {:?}",
+        json.frames,
+        json.dropped,
+        json.garbage_bytes,
+        json.first_sample,
+        json.last_sample,
+        json.faults
+    ))
+}

@@ -1,0 +1,105 @@
+//! A board's binary telemetry, captured into a file, as rows.
+
+use std::{collections::BTreeSet, fmt::Write as _};
+
+use zwidth::telemetry::{Decoder, Frame};
+
+/// All frames of a capture, and what was between them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capture {
+    /// The frames, in the order in which they came.
+    pub frames: Vec<Frame>,
+    /// Frames that are missing between them, as their sequence tells.
+    pub dropped: u64,
+    /// Bytes that belong to no frame.
+    pub garbage_bytes: u64,
+}
+
+impl Capture {
+    /// Decodes a capture that may begin and end anywhere and hold anything.
+    pub fn decode(bytes: &[u8]) -> Self {
+        let mut decoder = Decoder::new();
+        let frames = bytes.iter().filter_map(|byte| decoder.push(*byte)).collect();
+        decoder.finish();
+        Self { frames, dropped: decoder.dropped, garbage_bytes: decoder.garbage }
+    }
+
+    /// Codes of the faults that were latched during the capture, rising.
+    pub fn faults(&self) -> Vec<u8> {
+        let codes = self.frames.iter().map(|frame| frame.record.fault);
+        codes.filter(|code| *code != 0).collect::<BTreeSet<_>>().into_iter().collect()
+    }
+
+    /// One row per frame, in the integers of the control, so that nothing is rounded: velocity in
+    /// 2^-16 counts per sample, force in 2^-30 of full scale.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "sequence,sample,position_counts,velocity_q16,force_q30,command,flags,settings,fault\n",
+        );
+        for Frame { sequence, record } in &self.frames {
+            let _ = writeln!(
+                text,
+                "{sequence},{},{},{},{},{},{},{},{}",
+                record.sample,
+                record.position.counts(),
+                record.velocity.bits(),
+                record.force.bits(),
+                record.command.code(),
+                record.flags.bits(),
+                record.settings,
+                record.fault
+            );
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zwidth::{
+        telemetry::{Flags, Record},
+        units::{Force, Position, Velocity},
+    };
+
+    fn frame(sequence: u32, fault: u8) -> Frame {
+        Frame {
+            sequence,
+            record: Record {
+                sample: 10 * u64::from(sequence),
+                position: Position::from_counts(-5),
+                velocity: Velocity::saturating_from_bits(1 << 15),
+                force: Force::saturating_from_bits(-(1 << 29)),
+                flags: Flags::CONTACT,
+                settings: 2,
+                fault,
+                ..Record::default()
+            },
+        }
+    }
+
+    #[test]
+    fn a_capture_with_garbage_and_a_drop_becomes_rows() {
+        let mut bytes = b"garbage".to_vec();
+        for (sequence, fault) in [(1, 0), (2, 20), (5, 20)] {
+            bytes.extend(frame(sequence, fault).encode());
+        }
+        bytes.extend(&frame(6, 0).encode()[..10]);
+        let capture = Capture::decode(&bytes);
+        assert_eq!(capture.frames, [frame(1, 0), frame(2, 20), frame(5, 20)]);
+        assert_eq!((capture.dropped, capture.garbage_bytes), (2, 17));
+        assert_eq!(capture.faults(), [20]);
+        let csv = capture.csv();
+        let rows: Vec<&str> = csv.lines().collect();
+        assert_eq!(rows.len(), 4);
+        assert_eq!(rows[3], "5,50,-5,32768,-536870912,0,1,2,20");
+        assert_eq!(rows[0].split(',').count(), rows[3].split(',').count());
+    }
+
+    #[test]
+    fn an_empty_capture_has_no_rows() {
+        let capture = Capture::decode(&[]);
+        assert_eq!(capture.csv().lines().count(), 1);
+        assert_eq!((capture.dropped, capture.garbage_bytes), (0, 0));
+    }
+}

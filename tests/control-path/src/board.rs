@@ -1,0 +1,133 @@
+//! What supervises the control path, and what talks to it: the same look at its machine code.
+
+use zwidth::{
+    Control,
+    envelope::{Envelope, Key},
+    link::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
+    safety::{
+        BlackBox, Down, FaultRecord, GuardedSampler, Inputs, Rendered, Request, Supervisor, Up,
+    },
+    store::{Flash, Sector, Stored, load, save},
+    telemetry::{Decoder, Frame},
+    units::Force,
+};
+
+/// Every sample, under guard.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_guarded_sample(
+    sampler: &mut GuardedSampler,
+    control: &Control,
+    counter: u32,
+    down: &Down,
+    up: &mut Up,
+) {
+    *up = sampler.sample(control, counter, down);
+}
+
+/// Every output, supervised.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_supervised_render(
+    supervisor: &mut Supervisor,
+    control: &Control,
+    up: &Up,
+    push: &Force,
+    inputs: &Inputs,
+    rendered: &mut Rendered,
+) {
+    *rendered = supervisor.render(control, up, *push, *inputs);
+}
+
+/// Between two outputs.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_request(supervisor: &mut Supervisor, request: &Request) -> bool {
+    supervisor.request(*request).is_ok()
+}
+
+/// Every output: black box and frame.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_keep(
+    ring: &mut BlackBox<500>,
+    rendered: &Rendered,
+    sequence: u32,
+    bytes: &mut [u8; Frame::LEN],
+) {
+    ring.push(rendered.record, rendered.record.fault != 0);
+    *bytes = Frame { sequence, record: rendered.record }.encode();
+}
+
+/// Fault memory and a decoder of telemetry.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_memory(
+    words: &mut [u32; FaultRecord::WORDS],
+    decoder: &mut Decoder,
+    byte: u8,
+) -> bool {
+    if let Some(record) = FaultRecord::from_words(words) {
+        *words = record.to_words();
+    }
+    decoder.push(byte).is_some()
+}
+
+/// One byte of the link.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_link(
+    reader: &mut LineReader<64>,
+    byte: u8,
+    now: &Situation,
+    command: &mut Command,
+) -> bool {
+    match reader.push(byte) {
+        Some(Line::Text(line)) => parse(line).is_ok_and(|parsed| {
+            *command = parsed;
+            allowed(&parsed, now).is_ok()
+        }),
+        Some(Line::TooLong) | None => false,
+    }
+}
+
+/// One reply of the link.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_reply(reply: &Reply<'_>, text: &mut Text<REPLY_MAX>) {
+    *text = Text::of(reply);
+}
+
+/// A wall against the envelope.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_envelope(envelope: &Envelope<'_>, key: &Key<'_>, k: f64, b: f64) -> bool {
+    envelope.allows(key, k, b).is_ok()
+}
+
+/// Two sectors in memory.
+#[derive(Debug)]
+pub struct Memory([[u32; 4096]; 2]);
+
+impl Flash for Memory {
+    type Error = ();
+
+    fn sector_words(&self) -> usize {
+        4096
+    }
+
+    fn read(&self, sector: Sector, word: usize) -> u32 {
+        let words = self.0.get(usize::from(sector == Sector::B));
+        words.and_then(|words| words.get(word)).copied().unwrap_or(u32::MAX)
+    }
+
+    fn program(&mut self, sector: Sector, word: usize, value: u32) -> Result<(), ()> {
+        let words = self.0.get_mut(usize::from(sector == Sector::B));
+        *words.and_then(|words| words.get_mut(word)).ok_or(())? &= value;
+        Ok(())
+    }
+
+    fn erase(&mut self, sector: Sector) -> Result<(), ()> {
+        self.0.get_mut(usize::from(sector == Sector::B)).ok_or(())?.fill(u32::MAX);
+        Ok(())
+    }
+}
+
+/// Settings out of flash and into it.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_store(flash: &mut Memory, stored: &mut Stored) -> bool {
+    *stored = load(flash, *stored).stored;
+    save(flash, stored).is_ok()
+}
