@@ -67,10 +67,11 @@ impl<T: Copy, const N: usize> Writer<T, N> {
     /// Appends `value`, or drops it if there is no room; says which.
     #[inline(always)]
     pub fn write(&mut self, value: T) -> bool {
-        let room = self.has_room();
+        let queue = self.0;
+        let written = queue.written.load(Ordering::Relaxed);
+        let waiting = written.wrapping_sub(queue.read.load(Ordering::Acquire));
+        let room = waiting <= Queue::<T, N>::MASK;
         if room {
-            let queue = self.0;
-            let written = queue.written.load(Ordering::Relaxed);
             // SAFETY: the slot is free, see `Sync`, and this is the only writer.
             unsafe { queue.slot(written).write(MaybeUninit::new(value)) };
             queue.written.store(written.wrapping_add(1), Ordering::Release);

@@ -15,7 +15,7 @@ mod order;
 mod render;
 mod sample;
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 pub use idle::Idle;
 pub use link::Link;
@@ -68,8 +68,8 @@ struct Flags {
     rendered: AtomicU32,
     acknowledged: AtomicU32,
     zeros: AtomicU32,
-    on: AtomicBool,
-    stall: AtomicBool,
+    /// Bit 0: force is on; bit 1: flash is being written.
+    facts: AtomicU32,
     /// Passes of `link`, for the watchdog.
     links: AtomicU32,
 }
@@ -78,8 +78,7 @@ static FLAGS: Flags = Flags {
     rendered: AtomicU32::new(0),
     acknowledged: AtomicU32::new(0),
     zeros: AtomicU32::new(0),
-    on: AtomicBool::new(false),
-    stall: AtomicBool::new(false),
+    facts: AtomicU32::new(0),
     links: AtomicU32::new(0),
 };
 
@@ -87,19 +86,19 @@ impl Flags {
     fn publish(&self, down: &Down) {
         self.acknowledged.store(down.acknowledged, Relaxed);
         self.zeros.store(down.zeros, Relaxed);
-        self.on.store(down.on, Relaxed);
-        self.stall.store(down.stall, Relaxed);
+        self.facts.store(u32::from(down.on) | u32::from(down.stall) << 1, Relaxed);
         self.rendered.store(down.rendered, Relaxed);
     }
 
     #[inline(always)]
     fn down(&self) -> Down {
+        let facts = self.facts.load(Relaxed);
         Down {
             rendered: self.rendered.load(Relaxed),
             acknowledged: self.acknowledged.load(Relaxed),
             zeros: self.zeros.load(Relaxed),
-            on: self.on.load(Relaxed),
-            stall: self.stall.load(Relaxed),
+            on: facts & 1 != 0,
+            stall: facts & 2 != 0,
         }
     }
 }
