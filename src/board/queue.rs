@@ -67,13 +67,19 @@ impl<T: Copy, const N: usize> Writer<T, N> {
     /// Appends `value`, or drops it if there is no room; says which.
     #[inline(always)]
     pub fn write(&mut self, value: T) -> bool {
+        self.write_with(|| value)
+    }
+
+    /// Appends what `make` gives, made in its place; nothing is made if there is no room.
+    #[inline(always)]
+    pub fn write_with(&mut self, make: impl FnOnce() -> T) -> bool {
         let queue = self.0;
         let written = queue.written.load(Ordering::Relaxed);
         let waiting = written.wrapping_sub(queue.read.load(Ordering::Acquire));
         let room = waiting <= Queue::<T, N>::MASK;
         if room {
             // SAFETY: the slot is free, see `Sync`, and this is the only writer.
-            unsafe { queue.slot(written).write(MaybeUninit::new(value)) };
+            unsafe { queue.slot(written).write(MaybeUninit::new(make())) };
             queue.written.store(written.wrapping_add(1), Ordering::Release);
         }
         room

@@ -51,7 +51,7 @@ impl Sample {
         // A queue that is full means that `render` is late, which the guard sees by itself.
         self.positions.write(motion.position);
         if motion.due {
-            self.ups.write(self.sampler.up(motion, cut));
+            self.ups.write_with(|| self.sampler.up(motion, cut));
             super::pend_render();
         }
     }

@@ -1,4 +1,5 @@
 //! What the tests of the ELF share.
+#![allow(clippy::unwrap_used, reason = "a test may stop")]
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use defmt_decoder::Table;

@@ -10,7 +10,7 @@ mod bus;
 mod soc;
 mod watch;
 
-use std::sync::{Arc, atomic::Ordering::Relaxed};
+use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
 
 use rsemu::{core::space::RamStore, cpu::arm::v7m::sys::Exception};
 
@@ -333,6 +333,11 @@ impl Mcu {
     /// Puts A and B at `count` before the program has started to count.
     pub fn encoder_at(&mut self, count: i32) {
         self.soc.encoder.start_at(count);
+    }
+
+    /// Every value that the program has read from the encoder's counter since the last reset.
+    pub fn counter_readings(&self) -> Vec<u32> {
+        self.soc.encoder.readings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are

@@ -139,6 +139,8 @@ pub(super) struct EncoderInput {
     state: Mutex<Edges>,
     /// Cycle of the last reading of the counter.
     pub(super) read_at: AtomicU64,
+    /// All that was read from it.
+    pub(super) readings: Mutex<Vec<u32>>,
 }
 
 #[derive(Debug, Default)]
@@ -207,6 +209,7 @@ impl Port for CounterPort {
     fn read(&self, offset: u64, value: u32) -> u32 {
         if offset == 0x24 {
             self.0.read_at.store(self.1.now(), Relaxed);
+            self.0.readings.lock().unwrap_or_else(PoisonError::into_inner).push(value);
         }
         value
     }
@@ -316,6 +319,7 @@ impl Soc {
             pins,
             state: Mutex::default(),
             read_at: AtomicU64::new(0),
+            readings: Mutex::default(),
         });
 
         let stop = Arc::new(AtomicBool::new(false));
