@@ -199,6 +199,32 @@ fn nothing_delays_the_samples() {
     }
 }
 
+/// The DAC's register is written this long after the sampling event at the latest, in samples. The
+/// board file adds what the DAC takes to settle.
+const DAC_LATENCY: f64 = 0.05;
+
+#[test]
+fn the_dac_follows_its_sample_within_the_stated_time() {
+    let firmware = Firmware::of(BOARDS[0]);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let middle_m = world.position_m();
+    let (mut seen, mut least, mut most) = (0, u64::MAX, 0);
+    for n in 0..2_000 {
+        world.hold(middle_m + 0.005 + 1e-6 * f64::from(n), true);
+        world.sample().unwrap();
+        let changes = world.powered.amplifier.changes();
+        let event = world.powered.mcu.last_event().unwrap();
+        if changes.commands != seen && changes.command_at >= event {
+            seen = changes.commands;
+            least = least.min(changes.command_at - event);
+            most = most.max(changes.command_at - event);
+        }
+    }
+    println!("event to DAC: {least}..{most} cycles");
+    assert!(most as f64 <= DAC_LATENCY * firmware.board.cycles_per_sample() as f64, "{most}");
+}
+
 /// Cycles from exception entry to return that the tasks may take.
 const SAMPLE_CYCLES: u64 = 500;
 

@@ -30,6 +30,7 @@ pub struct Writer<T: 'static, const N: usize>(&'static Queue<T, N>);
 pub struct Reader<T: 'static, const N: usize>(&'static Queue<T, N>);
 
 impl<T: Copy, const N: usize> Queue<T, N> {
+    #[expect(clippy::cast_possible_truncation, reason = "at most 2^16")]
     const MASK: u32 = {
         assert!(N.is_power_of_two() && N <= 1 << 16);
         N as u32 - 1
