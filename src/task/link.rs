@@ -25,6 +25,9 @@ use super::{
 };
 use crate::board::{self, FlashError, Reader, SettingsFlash, Writer};
 
+/// Bytes that one pass takes at most: the whole channel.
+const BYTES_A_PASS: usize = 256;
+
 /// What the answer of `render` is awaited for.
 #[derive(Clone, Copy)]
 enum Awaited {
@@ -105,23 +108,31 @@ impl Link {
                 Event::HitBroken => self.write(&"error: the hit ended without a verdict"),
             }
         }
-        while self.awaited.is_none() && self.latest.is_some() {
+        if self.awaited.is_none() && self.latest.is_some() {
+            self.listen();
+        }
+        self.passes = self.passes.wrapping_add(1);
+        FLAGS.links.store(self.passes, Relaxed);
+    }
+
+    /// Reads up to the end of one line and obeys it. One line a pass, so that a host that floods
+    /// cannot keep this task from its end, and the watchdog from being fed.
+    fn listen(&mut self) {
+        for _ in 0..BYTES_A_PASS {
             let mut byte = [0];
             if self.link.commands.read(&mut byte) == 0 {
-                break;
+                return;
             }
             let line = match self.reader.push(byte[0]) {
                 None => continue,
                 Some(Line::TooLong) => Err(ParseError::TooLong),
                 Some(Line::Text(text)) => parse(text),
             };
-            match line {
+            return match line {
                 Ok(command) => self.obey(command),
                 Err(error) => self.reply(Reply::Parse(error)),
-            }
+            };
         }
-        self.passes = self.passes.wrapping_add(1);
-        FLAGS.links.store(self.passes, Relaxed);
     }
 
     /// A frame of telemetry, if it is on; a full channel drops it, and its number with it.

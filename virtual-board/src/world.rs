@@ -110,6 +110,18 @@ impl<'a> World<'a> {
         self.state = self.plant.at_rest(position_m);
     }
 
+    /// A debugger halts the core for `cycles`; the world goes on after it.
+    pub fn halt(&mut self, cycles: u64) {
+        self.powered.mcu.halt(cycles);
+        self.moved_to = self.powered.mcu.now();
+    }
+
+    /// The reset pin is pulled.
+    pub fn reset(&mut self) {
+        self.powered.mcu.settle();
+        self.powered.mcu.reset();
+    }
+
     /// Position of the handle, m.
     pub fn position_m(&self) -> f64 {
         self.plant.position_m(&self.state)

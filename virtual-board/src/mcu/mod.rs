@@ -256,6 +256,7 @@ impl Mcu {
         self.next = self.now;
         self.event = (0, false);
         self.resets += 1;
+        self.watch.restart();
     }
 
     /// The present, in core cycles since power-on.
@@ -316,7 +317,9 @@ impl Mcu {
     /// Drives TIM1's break input, which is active high, and the pin that it is on.
     pub fn set_break(&mut self, pin: Pin, open: bool) {
         self.clock.set(self.now);
+        // The emulator's port reads an alternate-function pin as what drives it from inside.
         self.soc.set_pin(pin, open);
+        self.soc.set_alternate(pin, open);
         self.soc.set_break(open);
     }
 

@@ -389,6 +389,10 @@ impl Soc {
         self.gpio[pin.port_index()].set_external(u32::from(pin.number), high);
     }
 
+    pub(super) fn set_alternate(&self, pin: Pin, high: bool) {
+        self.gpio[pin.port_index()].set_alternate(u32::from(pin.number), high);
+    }
+
     pub(super) fn pin(&self, pin: Pin) -> bool {
         self.gpio[pin.port_index()].pin_levels() >> pin.number & 1 == 1
     }

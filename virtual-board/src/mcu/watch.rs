@@ -102,6 +102,12 @@ impl Watch {
         }
     }
 
+    /// The program begins anew.
+    pub(super) fn restart(&mut self) {
+        self.running = false;
+        self.nested.clear();
+    }
+
     pub(super) fn event(&mut self, basepri: u8) {
         if self.running {
             *self.events_by_basepri.entry(basepri).or_default() += 1;
