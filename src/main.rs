@@ -1,29 +1,74 @@
-//! The firmware's beginning. It boots and sleeps, and touches no pin: every output stays as the
-//! reset left it, an input, so that the amplifier's enable is held inactive by its external
-//! resistor. The tasks that sample and render are not here yet; the control core they will call
-//! is the library of this package.
+//! The firmware: which task runs when, and what each one owns. No arithmetic here; the control core
+//! is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
+//!
+//! | task     | rate                  | priority | does                                           |
+//! |----------|-----------------------|----------|------------------------------------------------|
+//! | `sample` | 10 kHz, TIM5          | 15       | counter, velocity, watch over `render`         |
+//! | `render` | every period-th sample | 14      | wall, force output, records for telemetry      |
+//! | `link`   | after each `render`   | 1        | commands in, replies and telemetry out         |
+//! | `idle`   |                       | 0        | sleeps; feeds the watchdog while all tasks run |
+//!
+//! Nothing delays `sample`: it shares no resource, takes no lock, spawns and logs nothing, and
+//! nothing below masks it (docs/firmware.md).
 #![cfg_attr(target_os = "none", no_std, no_main)]
+#![deny(unsafe_code)]
 
 #[cfg(target_os = "none")]
-mod image {
-    use zwidth as _; // what the image will run, linked from the first day
-
-    #[cortex_m_rt::entry]
-    fn main() -> ! {
-        loop {
-            cortex_m::asm::wfi();
-        }
-    }
-
-    #[panic_handler]
-    fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-        loop {
-            cortex_m::asm::wfi();
-        }
-    }
-}
+mod board;
+#[cfg(target_os = "none")]
+mod task;
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    eprintln!("this is the firmware; build it with `cargo firmware`, or run `cargo sim`");
+    eprintln!(
+        "This is the firmware: `cargo flash` puts it on a board, `cargo board` runs it without one."
+    );
+}
+
+#[cfg(target_os = "none")]
+#[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
+mod app {
+    use super::{board, task};
+
+    #[shared]
+    struct Shared {}
+
+    #[local]
+    struct Local {
+        sample: task::Sample,
+        render: task::Render,
+        link: task::Link,
+        idle: task::Idle,
+    }
+
+    /// Outputs are off by reset and stay off. The samples start in `task::start`, when everything
+    /// else is done; interrupts come on well before the first one.
+    #[init(local = [queues: task::Queues = task::Queues::new()])]
+    fn init(cx: init::Context) -> (Shared, Local) {
+        let board = board::take(cx.device, cx.core);
+        let (sample, render, link, idle) = task::start(board, cx.local.queues);
+        (Shared {}, Local { sample, render, link, idle })
+    }
+
+    #[task(binds = TIM5, priority = 15, local = [sample])]
+    fn sample(cx: sample::Context) {
+        cx.local.sample.run();
+    }
+
+    #[task(binds = SPI3, priority = 14, local = [render])]
+    fn render(cx: render::Context) {
+        cx.local.render.run();
+    }
+
+    #[task(binds = SPI2, priority = 1, local = [link])]
+    fn link(cx: link::Context) {
+        cx.local.link.run();
+    }
+
+    #[idle(local = [idle])]
+    fn idle(cx: idle::Context) -> ! {
+        loop {
+            cx.local.idle.run();
+        }
+    }
 }

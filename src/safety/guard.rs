@@ -87,6 +87,20 @@ impl GuardedSampler {
     /// if `down.rendered` says that it is not, it is late by a period.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32, down: &Down) -> Up {
+        let (motion, cut) = self.step(control, counter, down);
+        self.up(motion, cut)
+    }
+
+    /// What the last [`step`](Self::step), which gave `motion` and `cut`, means to `render`.
+    #[inline]
+    pub fn up(&self, motion: Motion, cut: bool) -> Up {
+        Up { motion, guard: self.guard, cut }
+    }
+
+    /// [`sample`](Self::sample) without the copy for `render`, which only a due sample needs:
+    /// the motion, and whether the output has to be off.
+    #[inline]
+    pub fn step(&mut self, control: &Control, counter: u32, down: &Down) -> (Motion, bool) {
         if down.zeros != self.guard.zeros {
             self.sampler.zero();
             self.last = Position::default();
@@ -101,11 +115,7 @@ impl GuardedSampler {
         if !present.union(noted).is_empty() {
             self.note(present, motion.sample, down.acknowledged);
         }
-        Up {
-            motion,
-            guard: self.guard,
-            cut: self.guard.events != down.acknowledged || !present.is_empty(),
-        }
+        (motion, self.guard.events != down.acknowledged || !present.is_empty())
     }
 
     #[inline]
@@ -129,7 +139,7 @@ impl GuardedSampler {
             .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS)
     }
 
-    #[cold]
+    #[inline]
     fn note(&mut self, present: FaultSet, sample: u64, acknowledged: u32) {
         let guard = &mut self.guard;
         if guard.events == acknowledged {

@@ -1,0 +1,53 @@
+//! The amplifier's enable line and the emergency stop: channel 3 and the break input of TIM1.
+//!
+//! The line is the timer's main output enable (MOE), so that hardware alone can drop it:
+//! * the break input, which the emergency stop opens, clears MOE without any code;
+//! * with `DBG_TIM1_STOP` a debugger that halts the core does the same;
+//! * one store clears it, from any task, the panic and the fault handlers.
+//!
+//! With MOE clear TIM1 drives its outputs to their idle level, low: enable inactive and, on a board
+//! with PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm)
+//! on the wire.
+
+use stm32f4xx_hal::pac;
+
+/// Break input on, active high (a normally closed switch to ground: open is a stop), idle levels
+/// driven; MOE clear.
+const OFF: u32 = 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
+/// The same with MOE set. While the break input is active the hardware clears it again.
+const ON: u32 = OFF | 1 << 15;
+
+/// TIM1's registers, for the few stores that must work from everywhere.
+pub(super) fn registers() -> &'static pac::tim1::RegisterBlock {
+    // SAFETY: the address is TIM1's. Outside `init` this program only stores whole constants
+    // into BDTR and compare values into CCR1 and CCR2, never a modified reading.
+    unsafe { &*pac::TIM1::ptr() }
+}
+
+/// Sets channel 3 to a constant high level, gated by MOE. TIM1 must have its clock.
+pub(super) fn init() {
+    off();
+    let tim1 = registers();
+    // OC3M = 101, forced active; SAFETY: a documented value of the register.
+    tim1.ccmr2_output().write(|w| unsafe { w.bits(0b101 << 4) });
+    tim1.ccer().modify(|_, w| w.cc3e().set_bit());
+}
+
+/// Enable inactive, now.
+#[inline(always)]
+pub fn off() {
+    // SAFETY: a documented value of the register.
+    registers().bdtr().write(|w| unsafe { w.bits(OFF) });
+}
+
+/// Enable active, unless the emergency stop is open.
+pub(super) fn on() {
+    // SAFETY: a documented value of the register.
+    registers().bdtr().write(|w| unsafe { w.bits(ON) });
+}
+
+/// Whether enable is active; false as soon as the hardware has dropped it.
+#[inline(always)]
+pub fn is_on() -> bool {
+    registers().bdtr().read().moe().bit_is_set()
+}

@@ -1,0 +1,36 @@
+//! The encoder: TIM2 counts both edges of A and B in 32 bits, four counts per line.
+
+use stm32f4xx_hal::{pac, qei::Qei, rcc::Rcc, timer::CPin};
+
+/// `ICxF` = 3: a level counts after 8 equal samples at the timer clock, half the core's: 95 ns at
+/// 168 MHz. Shorter glitches do not count; A and B may each change up to ten million times a second.
+const FILTER: u32 = 0b0011;
+
+/// The counter of the quadrature decoder.
+pub struct Encoder(pac::TIM2);
+
+impl Encoder {
+    /// Starts counting from 0 at the present position.
+    pub fn new(
+        timer: pac::TIM2,
+        a: impl Into<<pac::TIM2 as CPin<0>>::Ch<stm32f4xx_hal::gpio::PushPull>>,
+        b: impl Into<<pac::TIM2 as CPin<1>>::Ch<stm32f4xx_hal::gpio::PushPull>>,
+        rcc: &mut Rcc,
+    ) -> Self {
+        let (timer, _pins) = Qei::new(timer, (a, b), rcc).release();
+        timer.cr1().modify(|_, w| w.cen().clear_bit());
+        timer.ccmr1_input().modify(|r, w| {
+            // SAFETY: all values of the two filter fields are allowed; the rest stays.
+            unsafe { w.bits(r.bits() | FILTER << 4 | FILTER << 12) }
+        });
+        timer.cnt().reset();
+        timer.cr1().modify(|_, w| w.cen().set_bit());
+        Self(timer)
+    }
+
+    /// The count now; wraps at 2^32.
+    #[inline(always)]
+    pub fn count(&self) -> u32 {
+        self.0.cnt().read().bits()
+    }
+}

@@ -1,0 +1,59 @@
+//! Backup RAM: the first fault, over a reset. Without a battery on VBAT not over a loss of power.
+
+use core::ptr;
+
+use stm32f4xx_hal::rcc::Rcc;
+use zwidth::safety::{Fault, FaultRecord};
+
+use super::Supply;
+
+/// The backup RAM, 4 KiB.
+const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x4002_4000);
+
+/// The place of one fault record.
+pub struct FaultMemory(());
+
+impl FaultMemory {
+    /// Gives the RAM its clock and opens it for writing.
+    pub fn new(supply: &Supply, rcc: &mut Rcc) -> Self {
+        rcc.ahb1enr().modify(|_, w| w.bkpsramen().set_bit());
+        supply.open_backup();
+        Self(())
+    }
+
+    /// What it holds: a record, zeros, or anything after power-on.
+    pub fn read(&self) -> [u32; FaultRecord::WORDS] {
+        read()
+    }
+
+    /// Writes a record.
+    pub fn write(&mut self, words: &[u32; FaultRecord::WORDS]) {
+        write(words);
+    }
+
+    /// Writes zeros.
+    pub fn erase(&mut self) {
+        write(&[0; FaultRecord::WORDS]);
+    }
+}
+
+fn read() -> [u32; FaultRecord::WORDS] {
+    // SAFETY: RAM at this address on every chip here, aligned, used by this file only; any words
+    // are valid.
+    unsafe { ptr::read_volatile(ADDRESS) }
+}
+
+fn write(words: &[u32; FaultRecord::WORDS]) {
+    // SAFETY: as in `read`. A handler that interrupts a write ends the program.
+    unsafe { ptr::write_volatile(ADDRESS, *words) }
+}
+
+/// For the panic and fault handlers: if force was on, what ended it is this fault.
+pub(super) fn note(fault: Fault) {
+    let record = match FaultRecord::from_words(&read()) {
+        Some(record) if record.fault == Fault::ResetWhileArmed => record.renamed(fault),
+        Some(_) => return, // an earlier fault is the first one
+        None => FaultRecord::bare(fault),
+    };
+    write(&record.to_words());
+}

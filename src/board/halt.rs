@@ -1,0 +1,28 @@
+//! The ends: a panic and a hard fault. Both switch off, note the fault, and wait for the watchdog.
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::{ExceptionFrame, exception};
+use zwidth::safety::Fault;
+
+/// Off at once; then the watchdog resets the chip, within its 34 to 94 ms. No logging: the logger
+/// may be what panicked.
+#[panic_handler]
+fn panic(_: &PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    end(Fault::Panic)
+}
+
+// SAFETY: the handler touches the outputs and the fault memory only, with whole stores.
+#[exception]
+unsafe fn HardFault(_: &ExceptionFrame) -> ! {
+    end(Fault::HardFault)
+}
+
+fn end(fault: Fault) -> ! {
+    super::off();
+    super::fault_memory::note(fault);
+    loop {
+        super::off();
+    }
+}

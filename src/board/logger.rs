@@ -1,0 +1,103 @@
+//! defmt's global logger: RTT up channel 0, without ever delaying the sampling task.
+//!
+//! A frame is put together in a staging buffer while the lower tasks are masked
+//! ([`mask`](super::mask)), then written to the channel in one go or not at all: a reader that is
+//! slow, has stopped or has switched its channel to blocking loses whole lines and delays nobody.
+//! Logging from the sampling task, a fault handler or inside another frame traps.
+
+use core::cell::UnsafeCell;
+
+use rtt_target::{ChannelMode, UpChannel};
+
+use super::mask;
+
+/// Longest frame, bytes after encoding; a longer one is dropped.
+const FRAME_BYTES: usize = 256;
+
+struct State {
+    channel: Option<UpChannel>,
+    encoder: defmt::Encoder,
+    frame: [u8; FRAME_BYTES],
+    length: usize,
+    open: bool,
+    mask_before: u8,
+}
+
+struct Shared(UnsafeCell<State>);
+
+// SAFETY: the contents are touched only between `mask::raise` and `mask::restore`, which exclude
+// every task that may get here; the others trap in `raise`.
+unsafe impl Sync for Shared {}
+
+static STATE: Shared = Shared(UnsafeCell::new(State {
+    channel: None,
+    encoder: defmt::Encoder::new(),
+    frame: [0; FRAME_BYTES],
+    length: 0,
+    open: false,
+    mask_before: 0,
+}));
+
+impl State {
+    /// Appends to the frame; past its end only the length grows, which drops the frame.
+    fn stage(frame: &mut [u8; FRAME_BYTES], length: &mut usize, bytes: &[u8]) {
+        let end = length.saturating_add(bytes.len());
+        if let Some(room) = frame.get_mut(*length..end) {
+            room.copy_from_slice(bytes);
+        }
+        *length = end;
+    }
+}
+
+/// Starts logging to `channel`.
+pub(super) fn start(channel: UpChannel) {
+    mask::with_lower_tasks_masked(|| {
+        // SAFETY: see `Shared`.
+        let state = unsafe { &mut *STATE.0.get() };
+        state.channel = Some(channel);
+    });
+}
+
+#[defmt::global_logger]
+struct Logger;
+
+// SAFETY: `acquire` excludes all other callers until `release`, see `Shared`; a second frame
+// inside a frame traps.
+unsafe impl defmt::Logger for Logger {
+    fn acquire() {
+        let before = mask::raise();
+        // SAFETY: see `Shared`.
+        let state = unsafe { &mut *STATE.0.get() };
+        if state.open {
+            cortex_m::asm::udf();
+        }
+        state.open = true;
+        state.mask_before = before;
+        state.length = 0;
+        let State { encoder, frame, length, .. } = state;
+        encoder.start_frame(|bytes| State::stage(frame, length, bytes));
+    }
+
+    unsafe fn write(bytes: &[u8]) {
+        // SAFETY: defmt calls this between `acquire` and `release` only.
+        let State { encoder, frame, length, .. } = unsafe { &mut *STATE.0.get() };
+        encoder.write(bytes, |bytes| State::stage(frame, length, bytes));
+    }
+
+    unsafe fn release() {
+        // SAFETY: defmt calls this after `acquire` only.
+        let state = unsafe { &mut *STATE.0.get() };
+        let State { encoder, frame, length, .. } = state;
+        encoder.end_frame(|bytes| State::stage(frame, length, bytes));
+        if let (Some(channel), Some(whole)) = (&mut state.channel, state.frame.get(..state.length))
+        {
+            // Whatever a debugger wrote into the channel's mode: a full channel drops the frame.
+            channel.set_mode(ChannelMode::NoBlockSkip);
+            channel.write(whole);
+        }
+        state.open = false;
+        mask::restore(state.mask_before);
+    }
+
+    unsafe fn flush() {}
+}

@@ -1,0 +1,147 @@
+//! The hardware: one file per board, which names its pins as the schematic does, and one file per
+//! peripheral. All unsafe code of the firmware is here.
+//!
+//! A board file has `NAME`, `CORE_HZ`, `OUTPUT` and `take`, and picks its [`Output`]; see
+//! docs/adding-a-board.md.
+#![allow(unsafe_code)]
+
+#[cfg(all(feature = "nucleo-f446re", feature = "discovery-f407"))]
+compile_error!("pick one board: --no-default-features --features BOARD");
+#[cfg(not(any(feature = "nucleo-f446re", feature = "discovery-f407")))]
+compile_error!("pick a board: --features nucleo-f446re or discovery-f407");
+
+#[cfg(feature = "discovery-f407")]
+mod discovery_f407;
+#[cfg(feature = "discovery-f407")]
+use discovery_f407 as this;
+#[cfg(feature = "nucleo-f446re")]
+mod nucleo_f446re;
+#[cfg(feature = "nucleo-f446re")]
+use nucleo_f446re as this;
+
+#[cfg(feature = "nucleo-f446re")]
+mod dac;
+mod enable;
+mod encoder;
+mod fault_memory;
+mod halt;
+mod logger;
+pub mod mask;
+mod pace;
+#[cfg(feature = "discovery-f407")]
+mod pwm;
+mod queue;
+mod reset;
+mod rtt;
+mod settings;
+mod supply;
+mod watchdog;
+
+pub use encoder::Encoder;
+pub use fault_memory::FaultMemory;
+pub use pace::Pace;
+pub use queue::{Queue, Reader, Writer};
+pub use rtt::Link;
+pub use settings::{FlashError, SettingsFlash};
+pub use supply::Supply;
+pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, take};
+pub use watchdog::Watchdog;
+
+use stm32f4xx_hal::{
+    pac,
+    rcc::{Enable, Rcc, Reset},
+};
+use zwidth::{safety::ResetCause, units::Command};
+
+/// Samples per second, Hz.
+pub const RATE_HZ: u32 = 10_000;
+
+/// All of the board that the tasks use.
+pub struct Board {
+    /// Position.
+    pub encoder: Encoder,
+    /// When to sample.
+    pub pace: Pace,
+    /// Force and enable.
+    pub drive: Drive,
+    /// Emergency stop.
+    pub stop: EmergencyStop,
+    /// Supply voltage.
+    pub supply: Supply,
+    /// Reset when the tasks stop.
+    pub watchdog: Watchdog,
+    /// What a reset must not wipe out.
+    pub memory: FaultMemory,
+    /// Why the program starts.
+    pub reset_cause: ResetCause,
+    /// Where settings are kept.
+    pub settings: SettingsFlash,
+    /// Probe link.
+    pub link: Link,
+}
+
+/// The force output and the amplifier's enable line.
+pub struct Drive {
+    output: this::Output,
+}
+
+impl Drive {
+    /// Puts a command out, mirrored about zero force if the motor is mounted the other way round.
+    /// It moves nothing while the amplifier is off.
+    #[inline(always)]
+    pub fn write(&mut self, command: Command, mirrored: bool) {
+        self.output.write(command, mirrored);
+    }
+
+    /// Enables the amplifier at zero force. The emergency stop's hardware has the last word.
+    pub fn on(&mut self) {
+        this::zero();
+        enable::on();
+    }
+
+    /// Whether the amplifier is enabled; false as soon as hardware or a task has dropped it.
+    #[inline(always)]
+    pub fn is_on(&self) -> bool {
+        enable::is_on()
+    }
+
+    /// Starts the output's clock; call it right before [`Pace::start`].
+    pub fn start(&mut self) {
+        #[cfg(feature = "discovery-f407")]
+        self.output.start();
+    }
+}
+
+/// Off: enable inactive first, then zero force. From any task, and from the panic and fault
+/// handlers; a handful of stores.
+#[inline(always)]
+pub fn off() {
+    enable::off();
+    this::zero();
+}
+
+/// Normally closed switch to ground with a pull-up: an open switch or a cut wire reads as a stop.
+/// The same pin is TIM1's break input, which drops enable without any code.
+pub struct EmergencyStop(());
+
+impl EmergencyStop {
+    /// The switch is closed: no stop.
+    #[inline(always)]
+    pub fn is_closed(&self) -> bool {
+        this::stop_input_is_low()
+    }
+}
+
+/// What a debugger may stop: with the core halted TIM1 drops its outputs, the samples stop, the
+/// watchdog does not. Sleep keeps the debug clock on, because several probes lose RTT otherwise.
+fn set_up_debug(dbgmcu: &pac::DBGMCU) {
+    dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
+    dbgmcu.apb2_fz().modify(|_, w| w.dbg_tim1_stop().set_bit());
+    dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim5_stop().set_bit().dbg_iwdg_stop().clear_bit());
+}
+
+/// TIM1 with a clock and in its reset state; its outputs stay off.
+fn power_tim1(rcc: &mut Rcc) {
+    pac::TIM1::enable(rcc);
+    pac::TIM1::reset(rcc);
+}

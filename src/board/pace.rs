@@ -1,0 +1,35 @@
+//! The clock of the control: TIM5 asks for a sample at exactly equal distances.
+
+use stm32f4xx_hal::{
+    pac,
+    rcc::{Enable, Rcc, Reset},
+};
+
+/// The sampling timer. Its update event pends the sampling task, interrupt `TIM5`.
+pub struct Pace(pac::TIM5);
+
+impl Pace {
+    /// A timer that is not running yet, with `ticks` of its clock (half the core's) per sample.
+    pub fn new(timer: pac::TIM5, ticks: u32, rcc: &mut Rcc) -> Self {
+        pac::TIM5::enable(rcc);
+        pac::TIM5::reset(rcc);
+        // SAFETY: any 32-bit value is a period.
+        timer.arr().write(|w| unsafe { w.bits(ticks.wrapping_sub(1)) });
+        timer.cr1().write(|w| w.urs().set_bit());
+        timer.egr().write(|w| w.ug().set_bit());
+        timer.dier().write(|w| w.uie().set_bit());
+        Self(timer)
+    }
+
+    /// The first sample comes one period from now.
+    pub fn start(&mut self) {
+        self.0.cr1().modify(|_, w| w.cen().set_bit());
+    }
+
+    /// Takes the request of the present sample back.
+    #[inline(always)]
+    pub fn acknowledge(&mut self) {
+        // SAFETY: flags are cleared by writing 0, and 1 leaves them alone.
+        self.0.sr().write(|w| unsafe { w.bits(!1) });
+    }
+}

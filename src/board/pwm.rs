@@ -1,0 +1,78 @@
+//! Force by sign-magnitude PWM of TIM1: the magnitude on channel 1, the sign on channel 2.
+//!
+//! 40 kHz, four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind
+//! it. Both compare registers are preloaded, and the sign is itself a PWM of 0 or 100 %, so a
+//! command takes effect as a whole, at the next PWM period: one that is written within
+//! [`LEAD_CYCLES`] of its sample acts exactly that much after the sample, a later one 25 us later.
+
+use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
+use zwidth::units::Command;
+
+use super::enable;
+
+/// PWM periods per sample.
+pub const PER_SAMPLE: u32 = 4;
+/// Core cycles from the sampling timer's update to the PWM timer's.
+pub const LEAD_CYCLES: u32 = 1680;
+
+/// The force output.
+pub struct Output {
+    steps: u16,
+}
+
+impl Output {
+    /// PWM of zero force with `steps` timer ticks per period. TIM1 must have its clock; it does
+    /// not run yet.
+    pub fn new(
+        magnitude: impl Into<<pac::TIM1 as CPin<0>>::Ch<PushPull>>,
+        sign: impl Into<<pac::TIM1 as CPin<1>>::Ch<PushPull>>,
+        steps: u16,
+    ) -> Self {
+        let _pins = (magnitude.into(), sign.into());
+        let tim1 = enable::registers();
+        zero();
+        // SAFETY: documented values: the period; PWM mode 1 with preload on channels 1 and 2.
+        unsafe {
+            tim1.arr().write(|w| w.bits(u32::from(steps) - 1));
+            tim1.ccmr1_output().write(|w| w.bits(0b0110_1000 << 8 | 0b0110_1000));
+        }
+        tim1.ccer().modify(|_, w| w.cc1e().set_bit().cc2e().set_bit());
+        tim1.cr1().write(|w| w.arpe().set_bit());
+        tim1.egr().write(|w| w.ug().set_bit());
+        Self { steps }
+    }
+
+    /// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer, which is to
+    /// be started right after this.
+    pub fn start(&mut self) {
+        let tim1 = enable::registers();
+        let ahead = u32::from(self.steps) - LEAD_CYCLES;
+        // SAFETY: below the period.
+        tim1.cnt().write(|w| unsafe { w.bits(ahead) });
+        tim1.cr1().modify(|_, w| w.cen().set_bit());
+    }
+
+    /// Puts a command out, from the next PWM period on; the core has clamped it to +-steps.
+    #[inline(always)]
+    pub fn write(&mut self, command: Command, mirrored: bool) {
+        let code = command.code();
+        let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
+        set(code.unsigned_abs(), sign);
+    }
+}
+
+/// Zero force from the next PWM period on, from any task.
+#[inline(always)]
+pub fn zero() {
+    set(0, 0);
+}
+
+#[inline(always)]
+fn set(magnitude: u32, sign: u32) {
+    let tim1 = enable::registers();
+    // SAFETY: any 16-bit value is a compare value; above the period the output is constantly high.
+    unsafe {
+        tim1.ccr1().write(|w| w.bits(magnitude));
+        tim1.ccr2().write(|w| w.bits(sign));
+    }
+}

@@ -1,0 +1,49 @@
+//! The probe link: RTT channels in RAM that a debug probe reads and writes while the core runs.
+//!
+//! | channel | carries                         | bytes | when full                    |
+//! |---------|---------------------------------|-------|------------------------------|
+//! | up 0    | defmt                           | 4096  | whole frames are dropped     |
+//! | up 1    | telemetry, binary               | 8192  | whole frames are dropped, counted |
+//! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped, counted |
+//! | down 0  | commands, one line of text each | 256   | the host waits               |
+//!
+//! Nothing here waits for the host, whatever mode a debugger writes into a channel.
+
+use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
+
+/// What the link task owns.
+pub struct Link {
+    /// Up 1.
+    pub telemetry: Up,
+    /// Up 2.
+    pub replies: Up,
+    /// Down 0.
+    pub commands: DownChannel,
+}
+
+/// A channel towards the host that drops what does not fit.
+pub struct Up(UpChannel);
+
+impl Up {
+    /// Writes all of `bytes`, or nothing if they do not fit; says which.
+    pub fn write(&mut self, bytes: &[u8]) -> bool {
+        self.0.set_mode(ChannelMode::NoBlockSkip);
+        self.0.write(bytes) == bytes.len()
+    }
+}
+
+/// Sets up the channels; up 0 goes to the logger. Call once.
+pub(super) fn init() -> Link {
+    let channels = rtt_init! {
+        up: {
+            0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" }
+            1: { size: 8192, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
+            2: { size: 1024, mode: ChannelMode::NoBlockSkip, name: "replies" }
+        }
+        down: {
+            0: { size: 256, mode: ChannelMode::NoBlockSkip, name: "commands" }
+        }
+    };
+    super::logger::start(channels.up.0);
+    Link { telemetry: Up(channels.up.1), replies: Up(channels.up.2), commands: channels.down.0 }
+}

@@ -1,0 +1,30 @@
+//! The supply supervisor: the programmable voltage detector (PVD), set to 2.9 V.
+
+use stm32f4xx_hal::{
+    pac,
+    rcc::{Enable, Rcc},
+};
+
+/// The detector.
+pub struct Supply(pac::PWR);
+
+impl Supply {
+    /// Detector on, threshold 2.9 V (PLS = 111), the highest there is.
+    pub fn new(pwr: pac::PWR, rcc: &mut Rcc) -> Self {
+        pac::PWR::enable(rcc);
+        // SAFETY: a documented value of the field.
+        pwr.cr().modify(|_, w| unsafe { w.pls().bits(0b111).pvde().set_bit() });
+        Self(pwr)
+    }
+
+    /// Opens the backup RAM, which a reset closes, for writing.
+    pub(super) fn open_backup(&self) {
+        self.0.cr().modify(|_, w| w.dbp().set_bit());
+    }
+
+    /// The supply is below the threshold.
+    #[inline(always)]
+    pub fn is_low(&self) -> bool {
+        self.0.csr().read().pvdo().bit_is_set()
+    }
+}

@@ -1,0 +1,60 @@
+//! The independent watchdog: a reset, hence outputs off, when the tasks stop running.
+//!
+//! It runs from its own 32 kHz oscillator (17 to 47 kHz over parts and temperature) and keeps
+//! running while a debugger has the core halted.
+
+use stm32f4xx_hal::pac;
+
+/// Time without feeding until the reset, nominal; 34 to 94 ms over the oscillator's spread.
+const TIMEOUT_MS: u16 = 50;
+/// The same around an erase of a settings sector, which stalls the core for up to 0.8 s.
+const PATIENT_MS: u16 = 2_000;
+
+/// Prescaler 32 of the 32 kHz clock: a tick is 1 ms.
+const PRESCALER: u16 = 0b011;
+
+/// The watchdog, started.
+pub struct Watchdog(());
+
+fn registers() -> &'static pac::iwdg::RegisterBlock {
+    // SAFETY: the address is the watchdog's. Every use is a sequence of stores that the key
+    // register protects; of two tasks in it at once, both only ever want the counter reloaded.
+    unsafe { &*pac::IWDG::ptr() }
+}
+
+/// Sets the time until the reset; the chip takes it over within 6 of its own ticks, 0.2 ms.
+fn set_timeout(ms: u16) {
+    let iwdg = registers();
+    // SAFETY: documented keys and values.
+    unsafe {
+        iwdg.kr().write(|w| w.bits(0x5555));
+        iwdg.pr().write(|w| w.bits(PRESCALER));
+        iwdg.rlr().write(|w| w.bits(ms));
+        while iwdg.sr().read().bits() != 0 {}
+        iwdg.kr().write(|w| w.bits(0xAAAA));
+    }
+}
+
+impl Watchdog {
+    /// Starts it; nothing but a reset stops it.
+    pub fn start(_: pac::IWDG) -> Self {
+        // SAFETY: a documented key; it also starts the watchdog's clock.
+        registers().kr().write(|w| unsafe { w.bits(0xCCCC) });
+        set_timeout(TIMEOUT_MS);
+        Self(())
+    }
+
+    /// All tasks are alive.
+    pub fn feed(&mut self) {
+        // SAFETY: a documented key.
+        registers().kr().write(|w| unsafe { w.bits(0xAAAA) });
+    }
+}
+
+/// Gives everything more time while `work`, which stalls the core, goes on.
+pub(super) fn with_patience<R>(work: impl FnOnce() -> R) -> R {
+    set_timeout(PATIENT_MS);
+    let result = work();
+    set_timeout(TIMEOUT_MS);
+    result
+}

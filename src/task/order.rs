@@ -1,0 +1,59 @@
+//! What `link` asks of `render`, and what `render` tells `link`.
+
+use zwidth::{
+    Control,
+    experiment::{HitPlan, Scatter, Verdict},
+    link::Activity,
+    safety::{Refusal, Request, Status},
+    telemetry::Record,
+};
+
+/// One order; answered with the next [`Report`], in order.
+#[derive(Clone, Copy, Debug)]
+pub enum Order {
+    /// For the supervisor.
+    Request(Request),
+    /// New settings, and whether their gains are inside the envelope or need it unlocked.
+    Control(Control, Gains),
+    /// Run a wall hit.
+    Hit(HitPlan),
+    /// End the experiment.
+    Stop,
+    /// Send what the black box holds.
+    Replay,
+}
+
+/// Where gains lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gains {
+    /// Inside the envelope.
+    Inside,
+    /// Outside, or unknown to it.
+    Outside,
+}
+
+/// What a report is about.
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    /// Nothing but the output.
+    None,
+    /// An order was met or refused.
+    Answer(Result<(), Refusal>),
+    /// A hit is over: its verdict, and the window it was judged by.
+    HitOver(Verdict, Scatter),
+    /// A hit ended without a verdict: stopped, or the force went off.
+    HitBroken,
+}
+
+/// One output, as `link` sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Report {
+    /// For telemetry.
+    pub record: Record,
+    /// What the supervisor thinks.
+    pub status: Status,
+    /// What else goes on.
+    pub activity: Activity,
+    /// What happened.
+    pub event: Event,
+}

@@ -1,0 +1,288 @@
+//! The release ELF under load: its telemetry against the core on the host, bit for bit; the delay
+//! of its samples; its interrupt masks; its cycles, stack, flash and RAM.
+
+#![allow(clippy::unwrap_used, reason = "a test may stop")]
+#![allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "small numbers"
+)]
+
+mod elf;
+
+use std::sync::OnceLock;
+
+use elf::{Firmware, arm, ok};
+use virtual_board::{
+    board::BOARDS,
+    mcu::{LINK, RENDER, SAMPLE, Watch},
+};
+use zwidth::{
+    Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
+    telemetry::{Decoder, Flags, Record},
+    units::Force,
+};
+
+/// Samples under load.
+const SAMPLES: u64 = 50_000;
+
+/// What a session leaves behind.
+struct Session {
+    counts: Vec<u32>,
+    records: Vec<Record>,
+    /// Settings in the order in which the firmware took them.
+    controls: Vec<Control>,
+    lines: usize,
+    watch: Watch,
+}
+
+/// The device that the firmware is built for.
+fn design(firmware: &Firmware) -> Design {
+    let scene = &firmware.scene;
+    Design {
+        output: match firmware.board.name {
+            "nucleo-f446re" => zwidth::Output::Dac { bits: 12 },
+            _ => zwidth::Output::Pwm { steps: 4200 },
+        },
+        ..scene.design()
+    }
+}
+
+fn settings(cutoff_hz: f64, position_m: f64, k: f64, b: f64) -> Settings {
+    Settings {
+        velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp: false },
+        wall: WallSettings {
+            position_m,
+            stiffness_n_per_m: k,
+            damping_n_s_per_m: b,
+            push_only: true,
+        },
+    }
+}
+
+/// The handle is moved in and out of the wall, through 0 and back, while commands come in without
+/// a pause and every output goes out as telemetry.
+fn session(firmware: &Firmware) -> Session {
+    let mut world = firmware.boot();
+    let design = design(firmware);
+    let mut now = settings(1500.0, 0.07, 0.0, 0.0);
+    // The firmware proposes its first settings to itself, which counts as a change.
+    let mut taken = vec![now, now];
+    arm(&mut world);
+    for (wall_m, k, b) in [(0.005, 0.0, 0.0), (0.005, 8000.0, 0.0), (0.005, 8000.0, 30.0)] {
+        now = settings(1500.0, wall_m, k, b);
+        taken.push(now);
+    }
+    let middle_m = world.position_m();
+    world.powered.mcu.watch_mut().clear();
+    for n in 0..SAMPLES {
+        let phase = n as f64 / 4_000.0 * std::f64::consts::TAU;
+        world.hold(middle_m - 0.02 * phase.sin(), true);
+        world.sample().unwrap();
+        if n % 50 == 0 {
+            world.probe().unwrap();
+        }
+        if n % 400 == 399 {
+            // Gains at any time, the cutoff outside of contact only.
+            let k = 1000.0 + (n / 400 * 37 % 15_000) as f64;
+            now.wall.stiffness_n_per_m = k;
+            world.send(&format!("k {k}\n")).unwrap();
+            taken.push(now);
+        }
+        if n % 4_000 == 1_000 {
+            let cutoff_hz = 100.0 + (n % 3_001) as f64;
+            now.velocity = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+            world.send(&format!("cutoff {cutoff_hz}\n")).unwrap();
+            taken.push(now);
+        }
+        if n % 100 == 20 {
+            world
+                .send(["status\n", "get\n", "rubbish\n", "help\n"][(n / 100 % 4) as usize])
+                .unwrap();
+        }
+    }
+    world.run(200).unwrap(); // the last replies
+    let status = ok(&mut world, "status");
+    assert!(status.contains("fault none"), "{status}");
+    assert!(!world.lines.iter().any(|line| line.contains("not now")), "{:?}", world.lines);
+    let mut decoder = Decoder::new();
+    let telemetry = std::mem::take(&mut world.telemetry);
+    let records = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
+    let records: Vec<_> = records.map(|frame| frame.record).collect();
+    assert_eq!((decoder.dropped, decoder.garbage), (0, 0));
+    Session {
+        counts: world.powered.mcu.counter_readings(),
+        records,
+        controls: taken.iter().map(|settings| settings.build(&design).unwrap()).collect(),
+        lines: world.lines.len(),
+        watch: world.powered.mcu.watch().clone(),
+    }
+}
+
+/// Each board's session, run once.
+fn sessions() -> &'static [(Firmware, Session); 2] {
+    static SESSIONS: OnceLock<[(Firmware, Session); 2]> = OnceLock::new();
+    SESSIONS.get_or_init(|| {
+        BOARDS.map(|board| {
+            let firmware = Firmware::of(board);
+            let session = session(&firmware);
+            (firmware, session)
+        })
+    })
+}
+
+#[test]
+fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
+    for (_, session) in sessions() {
+        let [first, counts @ ..] = &session.counts[..] else { panic!("no counts") };
+        let mut sampler = Sampler::new(*first, CounterWidth::Bits32);
+        let mut records = session.records.iter().peekable();
+        let (mut number, mut zeroed) = (0u16, false);
+        let (mut compared, mut forces, mut contacts, mut saturated, mut below) = (0, 0, 0, 0, 0);
+        let skipped = records.peek().unwrap().sample;
+        for (n, &count) in (0u64..).zip(counts) {
+            // What was asked for at an output holds from the next sample on, and the next record
+            // shows it.
+            if n % 10 == 1
+                && let Some(next) = records.peek()
+            {
+                number = next.settings;
+                if next.flags.contains(Flags::ZEROED) && !zeroed {
+                    zeroed = true;
+                    sampler.zero();
+                }
+            }
+            let control = &session.controls[usize::from(number)];
+            let motion = sampler.sample(control, count);
+            if !motion.due || n < skipped {
+                continue;
+            }
+            let Some(record) = records.next() else { break };
+            assert_eq!(record.sample, n);
+            assert_eq!(record.position, motion.position, "{n}");
+            assert_eq!(record.velocity, motion.velocity, "{n}");
+            compared += 1;
+            below += u64::from(motion.position.counts() < 0);
+            let drive = control.render(motion, Force::ZERO);
+            if record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING) {
+                assert_eq!((record.force, record.command), (drive.force, drive.command), "{n}");
+                forces += 1;
+                contacts += u64::from(drive.contact);
+                saturated += u64::from(drive.saturated);
+            }
+        }
+        assert!(compared * 10 >= SAMPLES, "{compared}");
+        assert!(forces > 3_000 && contacts > 500 && saturated > 100 && below > 1_000);
+        println!(
+            "{compared} outputs equal, {forces} with force, {contacts} in contact, {saturated} saturated, {below} below zero"
+        );
+    }
+}
+
+/// Longest difference between two delays, cycles: instructions that cannot be interrupted.
+const SPREAD: u64 = 64;
+
+#[test]
+fn nothing_delays_the_samples() {
+    for (firmware, session) in sessions() {
+        let watch = &session.watch;
+        println!("{}: cycles from event to count: {:?}", firmware.board.name, watch.delays);
+        assert!(watch.delays.values().sum::<u64>() >= SAMPLES);
+        assert!(watch.delay_spread() <= SPREAD, "{:?}", watch.delays);
+        assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
+        // The positive control: samples did come while the logger masked the lower tasks.
+        let masked: u64 = watch.events_by_basepri.range(1..).map(|(_, n)| n).sum();
+        println!("events by BASEPRI: {:?}", watch.events_by_basepri);
+        assert!(masked >= 1, "{:?}", watch.events_by_basepri);
+        assert!(session.lines > 500, "{}", session.lines);
+    }
+}
+
+/// The DAC's register is written this long after the sampling event at the latest, in samples. The
+/// board file adds what the DAC takes to settle.
+const DAC_LATENCY: f64 = 0.09;
+
+#[test]
+fn the_dac_follows_its_sample_within_the_stated_time() {
+    let firmware = Firmware::of(BOARDS[0]);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let middle_m = world.position_m();
+    let (mut seen, mut least, mut most) = (0, u64::MAX, 0);
+    for n in 0..2_000 {
+        world.hold(middle_m + 3e-6 * f64::from(n), true);
+        world.sample().unwrap();
+        let changes = world.powered.amplifier.changes();
+        let event = world.powered.mcu.last_event().unwrap();
+        if changes.commands != seen && changes.command_at >= event {
+            seen = changes.commands;
+            least = least.min(changes.command_at - event);
+            most = most.max(changes.command_at - event);
+        }
+    }
+    println!("event to DAC: {least}..{most} cycles");
+    assert!(seen > 10 && most > 0);
+    assert!(most as f64 <= DAC_LATENCY * firmware.board.cycles_per_sample() as f64, "{most}");
+}
+
+/// Cycles from exception entry to return that the tasks may take.
+const SAMPLE_CYCLES: u64 = 500;
+
+#[test]
+fn tasks_and_memory_stay_in_their_budget() {
+    println!("board           sample      render      link        stack  flash   RAM");
+    for (firmware, session) in sessions() {
+        let tasks = [SAMPLE, RENDER, LINK].map(|task| session.watch.tasks[&task]);
+        let elf = &firmware.elf;
+        let flash: usize = elf.flash.iter().map(|(_, bytes)| bytes.len()).sum();
+        let ram: u32 = [".data", ".bss", ".uninit"]
+            .iter()
+            .filter_map(|name| elf.section(name))
+            .map(|(_, size)| size)
+            .sum();
+        let stack = 0x2000_0000 + 112 * 1024 - session.watch.lowest_stack;
+        let [sample, render, link] =
+            tasks.map(|cycles| format!("{}..{}", cycles.least, cycles.most));
+        let name = firmware.board.name;
+        println!("{name:15} {sample:11} {render:11} {link:11} {stack:6} {flash:6} {ram:6}");
+        assert!(tasks[0].most <= SAMPLE_CYCLES, "{:?}", tasks[0]);
+        assert!(tasks[1].most <= 9_000, "half a period of samples: {:?}", tasks[1]);
+        assert!(stack + ram < 112 * 1024 / 2);
+        assert!(flash < 256 * 1024);
+    }
+}
+
+/// Machine code of the sampling task: nothing in it calls, disables interrupts or masks.
+#[test]
+fn the_sampling_task_calls_nothing_and_masks_nothing() {
+    for board in BOARDS {
+        let elf = Firmware::of(board).elf;
+        let (_, start, size) = elf.symbols.iter().find(|(name, ..)| name == "TIM5").unwrap();
+        let (base, text) = elf
+            .flash
+            .iter()
+            .find(|(base, bytes)| (*base..*base + bytes.len() as u32).contains(start))
+            .unwrap();
+        let from = (start - base) as usize;
+        let code = &text[from..from + *size as usize];
+        let halves: Vec<u16> =
+            code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]])).collect();
+        let mut n = 0;
+        while n < halves.len() {
+            let first = halves[n];
+            let wide = first >> 11 >= 0b11101;
+            let second = if wide { halves.get(n + 1).copied().unwrap_or(0) } else { 0 };
+            let at = start + 2 * n as u32;
+            assert!(first != 0xB672 && first != 0xB671, "cpsid at {at:#x}");
+            assert!(first & 0xFF80 != 0x4780, "blx at {at:#x}");
+            let call = first >> 11 == 0b11110 && second >> 14 == 0b11 && second >> 12 & 1 == 1;
+            assert!(!call, "bl at {at:#x}");
+            // MSR PRIMASK or BASEPRI_MAX
+            let msr = first & 0xFFF0 == 0xF380 && second & 0xFF00 == 0x8800;
+            assert!(!(msr && matches!(second & 0xFF, 16 | 18)), "mask raised at {at:#x}");
+            n += if wide { 2 } else { 1 };
+        }
+        println!("{}: {} bytes", board.name, size);
+    }
+}

@@ -1,0 +1,140 @@
+//! A current-mode amplifier on the force output: force proportional to the command while enabled.
+//!
+//! The command is integrated over time in whole units, so that a run is the same on every machine:
+//! 2047 units are full scale of the DAC, one unit is full scale of the PWM.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::{
+    board::{Force, Wiring},
+    mcu::{DacListener, Pin, PinListener},
+};
+
+/// The amplifier's inputs, and what they added up to.
+pub struct Amplifier {
+    wiring: Wiring,
+    state: Mutex<State>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct State {
+    enabled: bool,
+    /// Command in units, if enabled.
+    command: i64,
+    magnitude: bool,
+    away: bool,
+    since: u64,
+    sum: i64,
+    changes: Changes,
+}
+
+/// When something last changed, in cycles, and how often.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Changes {
+    /// Enable became inactive.
+    pub disabled_at: Option<u64>,
+    /// The command last changed.
+    pub command_at: u64,
+    /// Changes of the command.
+    pub commands: u64,
+}
+
+impl State {
+    fn accumulate(&mut self, cycle: u64) {
+        let span = i64::try_from(cycle.saturating_sub(self.since)).unwrap_or(i64::MAX);
+        if self.enabled {
+            self.sum += self.command * span;
+        }
+        self.since = self.since.max(cycle);
+    }
+
+    fn set_command(&mut self, cycle: u64, command: i64) {
+        if command != self.command {
+            self.command = command;
+            self.changes.command_at = cycle;
+            self.changes.commands += 1;
+        }
+    }
+}
+
+impl Amplifier {
+    /// An amplifier that is off.
+    pub fn new(wiring: Wiring) -> Self {
+        Self { wiring, state: Mutex::default() }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn full_scale(&self) -> f64 {
+        match self.wiring.force {
+            Force::Dac { .. } => 2047.0,
+            Force::Pwm { .. } => 1.0,
+        }
+    }
+
+    /// Mean force since the last call, as a fraction of full scale, up to `cycle`.
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "a few thousand units over a few thousand cycles"
+    )]
+    pub fn mean_until(&self, cycle: u64, from: u64) -> f64 {
+        let mut state = self.state();
+        state.accumulate(cycle);
+        let sum = std::mem::take(&mut state.sum);
+        if cycle <= from {
+            return 0.0;
+        }
+        sum as f64 / (cycle - from) as f64 / self.full_scale()
+    }
+
+    /// Whether enable is active.
+    pub fn is_enabled(&self) -> bool {
+        self.state().enabled
+    }
+
+    /// The command now, in units, enabled or not.
+    pub fn command(&self) -> i64 {
+        self.state().command
+    }
+
+    /// When it last changed.
+    pub fn changes(&self) -> Changes {
+        self.state().changes
+    }
+}
+
+impl PinListener for Amplifier {
+    fn level(&self, cycle: u64, pin: Pin, high: bool) {
+        let mut state = self.state();
+        state.accumulate(cycle);
+        if pin == self.wiring.enable {
+            if state.enabled && !high {
+                state.changes.disabled_at = Some(cycle);
+            }
+            state.enabled = high;
+        }
+        if let Force::Pwm { magnitude, sign } = self.wiring.force {
+            if pin == magnitude {
+                state.magnitude = high;
+            } else if pin == sign {
+                state.away = high;
+            }
+            let command = match (state.magnitude, state.away) {
+                (false, _) => 0,
+                (true, false) => 1,
+                (true, true) => -1,
+            };
+            state.set_command(cycle, command);
+        }
+    }
+}
+
+impl DacListener for Amplifier {
+    fn code(&self, cycle: u64, code: Option<u32>) {
+        let mut state = self.state();
+        state.accumulate(cycle);
+        state.set_command(cycle, code.map_or(0, |code| i64::from(code) - 2048));
+    }
+}

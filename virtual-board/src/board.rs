@@ -1,0 +1,128 @@
+//! The boards as the firmware's src/board/ describes them, seen from the other end of the wires.
+
+use std::sync::Arc;
+
+use crate::{
+    amplifier::Amplifier,
+    elf::Elf,
+    mcu::{Chip, Listeners, Mcu, Pin},
+    rtt::Rtt,
+};
+
+/// A board that the firmware knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Board {
+    /// Name, also the firmware's feature.
+    pub name: &'static str,
+    /// Its chip.
+    pub chip: Chip,
+    /// Its wires.
+    pub wiring: Wiring,
+}
+
+/// Which pin goes where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wiring {
+    /// Encoder A, B.
+    pub encoder: [Pin; 2],
+    /// Force.
+    pub force: Force,
+    /// Amplifier enable, active high.
+    pub enable: Pin,
+    /// Emergency stop, normally closed to ground.
+    pub stop: Pin,
+}
+
+/// How the force comes out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Force {
+    /// DAC channel 1.
+    Dac {
+        /// Its pin.
+        pin: Pin,
+    },
+    /// Sign-magnitude PWM of TIM1.
+    Pwm {
+        /// Channel 1.
+        magnitude: Pin,
+        /// Channel 2, high: away from the wall.
+        sign: Pin,
+    },
+}
+
+const fn pin(port: char, number: u8) -> Pin {
+    Pin { port, number }
+}
+
+/// All boards; the first is the default.
+pub const BOARDS: [Board; 2] = [
+    Board {
+        name: "nucleo-f446re",
+        chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true },
+        wiring: Wiring {
+            encoder: [pin('A', 0), pin('A', 1)],
+            force: Force::Dac { pin: pin('A', 4) },
+            enable: pin('A', 10),
+            stop: pin('B', 12),
+        },
+    },
+    Board {
+        name: "discovery-f407",
+        chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, over_drive: false },
+        wiring: Wiring {
+            encoder: [pin('A', 15), pin('A', 1)],
+            force: Force::Pwm { magnitude: pin('E', 9), sign: pin('E', 11) },
+            enable: pin('E', 13),
+            stop: pin('E', 15),
+        },
+    },
+];
+
+impl Board {
+    /// The board of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        BOARDS.into_iter().find(|board| board.name == name)
+    }
+
+    /// Core cycles per sample.
+    pub const fn cycles_per_sample(&self) -> u64 {
+        self.chip.core_hz / 10_000
+    }
+}
+
+/// A powered board: chip, program, amplifier, probe.
+pub struct Powered {
+    /// What it is.
+    pub board: Board,
+    /// Its chip.
+    pub mcu: Mcu,
+    /// The amplifier on its force output.
+    pub amplifier: Arc<Amplifier>,
+    /// The probe's channels.
+    pub rtt: Rtt,
+}
+
+impl Powered {
+    /// Switches a board on, with the emergency stop closed. Nothing has run yet.
+    ///
+    /// # Errors
+    /// The ELF has no RTT control block.
+    pub fn on(board: Board, elf: &Elf) -> Result<Self, String> {
+        let rtt = elf.address_of("_SEGGER_RTT").ok_or("the ELF has no symbol _SEGGER_RTT")?;
+        let Wiring { force, enable, stop, .. } = board.wiring;
+        let amplifier = Arc::new(Amplifier::new(board.wiring));
+        let mut listeners = Listeners::default();
+        let mut outputs = vec![("ch3", enable)];
+        match force {
+            Force::Dac { .. } => listeners.dac = Some(Arc::clone(&amplifier) as _),
+            Force::Pwm { magnitude, sign } => outputs.extend([("ch1", magnitude), ("ch2", sign)]),
+        }
+        for (channel, pin) in outputs {
+            listeners.channels.push((channel, pin));
+            listeners.pins.push((pin, Arc::clone(&amplifier) as _));
+        }
+        let mut mcu = Mcu::new(board.chip, &elf.flash, listeners);
+        mcu.set_break(stop, false);
+        Ok(Self { board, mcu, amplifier, rtt: Rtt::new(rtt) })
+    }
+}

@@ -1,0 +1,69 @@
+//! The firmware's ELF file, as it is flashed.
+
+use std::{fs, io, path::Path};
+
+use object::{
+    Object, ObjectSection, ObjectSymbol,
+    read::elf::{ElfFile32, ProgramHeader},
+};
+
+/// An ELF file taken apart.
+#[derive(Clone, Debug)]
+pub struct Elf {
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// What goes into flash, by address.
+    pub flash: Vec<(u32, Vec<u8>)>,
+    /// Symbols: name, address without the Thumb bit, size.
+    pub symbols: Vec<(String, u32, u32)>,
+    /// Sections: name, address, size.
+    pub sections: Vec<(String, u32, u32)>,
+}
+
+impl Elf {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// It cannot be read or is no 32-bit little-endian ELF.
+    pub fn load(path: &Path) -> io::Result<Self> {
+        let bytes = fs::read(path)?;
+        let bad =
+            |error: object::Error| io::Error::new(io::ErrorKind::InvalidData, error.to_string());
+        let file: ElfFile32 = ElfFile32::parse(&*bytes).map_err(bad)?;
+        let endian = file.endian();
+        let mut flash = Vec::new();
+        for header in file.elf_program_headers() {
+            if header.p_type(endian) == object::elf::PT_LOAD && header.p_filesz(endian) > 0 {
+                let data = header.data(endian, &*bytes).map_err(|()| {
+                    io::Error::new(io::ErrorKind::InvalidData, "a segment lies outside the file")
+                })?;
+                flash.push((header.p_paddr(endian), data.to_vec()));
+            }
+        }
+        let narrow = |value: u64| u32::try_from(value).unwrap_or(u32::MAX);
+        let symbols = file
+            .symbols()
+            .filter_map(|s| {
+                Some((s.name().ok()?.to_owned(), narrow(s.address()) & !1, narrow(s.size())))
+            })
+            .collect();
+        let sections = file
+            .sections()
+            .filter_map(|s| {
+                Some((s.name().ok()?.to_owned(), narrow(s.address()), narrow(s.size())))
+            })
+            .collect();
+        drop(file);
+        Ok(Self { bytes, flash, symbols, sections })
+    }
+
+    /// Address of a symbol.
+    pub fn address_of(&self, name: &str) -> Option<u32> {
+        self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)
+    }
+
+    /// The section of that name: address and size.
+    pub fn section(&self, name: &str) -> Option<(u32, u32)> {
+        self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))
+    }
+}

@@ -1,0 +1,282 @@
+//! Time, and the peripherals' side of the bus.
+
+use std::{
+    fmt,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed},
+    },
+};
+
+use rsemu::core::{
+    device::Device,
+    space::{AccessConstraints, MemAttrs, MemOps, MemResult, Region, RegionKind},
+    value::Width,
+};
+
+use super::DacListener;
+
+/// The machine's time in core cycles.
+#[derive(Debug, Default)]
+pub(super) struct Clock {
+    /// Start of the present instruction.
+    now: AtomicU64,
+    /// Time of the edge that is being delivered: an event of TIM1 may lie before `now`.
+    edge: AtomicU64,
+    /// A peripheral was accessed: its next event may have moved.
+    touched: AtomicBool,
+}
+
+impl Clock {
+    pub(super) fn now(&self) -> u64 {
+        self.now.load(Relaxed)
+    }
+
+    pub(super) fn set(&self, now: u64) {
+        self.now.store(now, Relaxed);
+        self.edge.store(now, Relaxed);
+    }
+
+    pub(super) fn edge(&self) -> u64 {
+        self.edge.load(Relaxed)
+    }
+
+    pub(super) fn take_touched(&self) -> bool {
+        self.touched.swap(false, Relaxed)
+    }
+}
+
+/// What a bus master's access passes through before it reaches a device's registers.
+pub(super) trait Port: Send + Sync + fmt::Debug {
+    /// Before every access: bring the device to the present.
+    fn before(&self);
+    /// Before a word is written to `offset`; returns what to write.
+    fn write(&self, _offset: u64, value: u32) -> u32 {
+        value
+    }
+    /// After a word was read from `offset`; returns what the core gets.
+    fn read(&self, _offset: u64, value: u32) -> u32 {
+        value
+    }
+}
+
+/// A device that runs at a whole fraction of the core's clock and is advanced when looked at.
+#[derive(Clone)]
+pub(super) struct Lazy {
+    pub(super) device: Arc<dyn Device>,
+    operations: Arc<dyn MemOps>,
+    clock: Arc<Clock>,
+    /// Core cycles per tick.
+    divider: u64,
+}
+
+impl fmt::Debug for Lazy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Lazy").finish_non_exhaustive()
+    }
+}
+
+impl Lazy {
+    /// # Panics
+    /// The device has no register block; all that are used here have one.
+    pub(super) fn new(device: Arc<dyn Device>, divider: u64, clock: &Arc<Clock>) -> Self {
+        let region = device.region("").expect("a device with registers");
+        let RegionKind::Io(operations) = region.kind() else {
+            panic!("registers are an I/O region")
+        };
+        let operations = Arc::clone(operations);
+        Self { device, operations, clock: Arc::clone(clock), divider }
+    }
+
+    /// Brings the device to `cycle`.
+    pub(super) fn advance_to(&self, cycle: u64) {
+        self.device.advance_to(cycle / self.divider);
+    }
+
+    /// Brings the device to the present, event by event, so that each of its edges is delivered
+    /// with its own time.
+    pub(super) fn catch_up_by_edges(&self) {
+        let now = self.clock.now();
+        loop {
+            let next = self.next_event();
+            if next > now {
+                break;
+            }
+            self.clock.edge.store(next, Relaxed);
+            self.advance_to(next);
+        }
+        self.clock.edge.store(now, Relaxed);
+        self.advance_to(now);
+    }
+
+    /// Cycle of the device's next event.
+    pub(super) fn next_event(&self) -> u64 {
+        self.device.next_event_tick().map_or(u64::MAX, |tick| tick.saturating_mul(self.divider))
+    }
+
+    /// Reads a register without side effects.
+    pub(super) fn peek(&self, offset: u64) -> u32 {
+        let mut word = [0; 4];
+        // A register that is not there reads as 0.
+        let _ = self.operations.read(offset, &mut word, MemAttrs::DEBUG);
+        u32::from_le_bytes(word)
+    }
+
+    /// Writes a register as the core would.
+    pub(super) fn poke(&self, offset: u64, value: u32) {
+        let _ = self.operations.write(offset, &value.to_le_bytes(), MemAttrs::default());
+    }
+}
+
+/// A device's registers on the bus, behind a [`Port`].
+#[derive(Debug)]
+pub(super) struct Registers<P> {
+    lazy: Lazy,
+    port: P,
+}
+
+impl<P: Port + 'static> Registers<P> {
+    pub(super) fn region(lazy: &Lazy, port: P) -> Region {
+        let length = lazy.device.region("").map_or(0x400, |region| region.len());
+        Region::io("registers", length, Arc::new(Self { lazy: lazy.clone(), port }))
+    }
+}
+
+impl<P: Port> MemOps for Registers<P> {
+    fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
+        self.port.before();
+        self.lazy.clock.touched.store(true, Relaxed);
+        if into.len() < 4 && self.lazy.operations.constraints().min == Width::U32 {
+            let mut word = [0; 4];
+            self.lazy.operations.read(offset & !3, &mut word, attributes)?;
+            let start = (offset & 3) as usize;
+            into.copy_from_slice(&word[start..start + into.len()]);
+            return Ok(());
+        }
+        self.lazy.operations.read(offset, into, attributes)?;
+        if let Ok(word) = <[u8; 4]>::try_from(&*into) {
+            into.copy_from_slice(&self.port.read(offset, u32::from_le_bytes(word)).to_le_bytes());
+        }
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
+        self.port.before();
+        self.lazy.clock.touched.store(true, Relaxed);
+        if let Ok(word) = <[u8; 4]>::try_from(from) {
+            let word = self.port.write(offset, u32::from_le_bytes(word)).to_le_bytes();
+            return self.lazy.operations.write(offset, &word, attributes);
+        }
+        if self.lazy.operations.constraints().min == Width::U32 {
+            // The bridge repeats a half-word on both halves; the blocks concerned use the lower one.
+            let mut word = [0; 4];
+            word[..from.len()].copy_from_slice(from);
+            return self.lazy.operations.write(offset & !3, &word, attributes);
+        }
+        self.lazy.operations.write(offset, from, attributes)
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        // Peripherals of these chips take half-words; some of the emulator's only take words.
+        let mut constraints = self.lazy.operations.constraints();
+        constraints.min = Width::U8;
+        constraints
+    }
+}
+
+/// The plain port: advance, nothing else.
+#[derive(Debug)]
+pub(super) struct Plain(pub(super) Lazy);
+
+impl Port for Plain {
+    fn before(&self) {
+        self.0.advance_to(self.0.clock.now());
+    }
+}
+
+/// A block without a model: its registers store what is written.
+#[derive(Debug)]
+pub(super) struct Storage {
+    words: Vec<AtomicU32>,
+}
+
+impl Storage {
+    /// One KiB of registers that read as 0.
+    pub(super) fn new() -> Arc<Self> {
+        Arc::new(Self { words: (0..256).map(|_| AtomicU32::new(0)).collect() })
+    }
+
+    pub(super) fn region(self: &Arc<Self>) -> Region {
+        Region::io("storage", 0x400, Arc::clone(self) as Arc<dyn MemOps>)
+    }
+
+    fn word(&self, offset: u64) -> &AtomicU32 {
+        let index = usize::try_from(offset / 4).unwrap_or(0);
+        &self.words[index % self.words.len()]
+    }
+
+    pub(super) fn get(&self, offset: u64) -> u32 {
+        self.word(offset).load(Relaxed)
+    }
+}
+
+impl MemOps for Storage {
+    fn read(&self, offset: u64, into: &mut [u8], _: MemAttrs) -> MemResult {
+        let word = self.get(offset).to_le_bytes();
+        let start = (offset & 3) as usize;
+        for (to, from) in into.iter_mut().zip(&word[start..]) {
+            *to = *from;
+        }
+        Ok(())
+    }
+
+    fn write(&self, offset: u64, from: &[u8], _: MemAttrs) -> MemResult {
+        let cell = self.word(offset);
+        let mut word = cell.load(Relaxed).to_le_bytes();
+        let start = (offset & 3) as usize;
+        for (to, from) in word[start..].iter_mut().zip(from) {
+            *to = *from;
+        }
+        cell.store(u32::from_le_bytes(word), Relaxed);
+        Ok(())
+    }
+}
+
+/// The DAC: channel 1's holding register is its output, as long as the channel is enabled.
+pub(super) struct Dac {
+    registers: Arc<Storage>,
+    clock: Arc<Clock>,
+    listener: Option<Arc<dyn DacListener>>,
+}
+
+impl fmt::Debug for Dac {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Dac").finish_non_exhaustive()
+    }
+}
+
+impl Dac {
+    const CR: u64 = 0x00;
+    const DHR12R1: u64 = 0x08;
+
+    pub(super) fn region(clock: &Arc<Clock>, listener: Option<Arc<dyn DacListener>>) -> Region {
+        let dac = Self { registers: Storage::new(), clock: Arc::clone(clock), listener };
+        Region::io("dac", 0x400, Arc::new(dac))
+    }
+}
+
+impl MemOps for Dac {
+    fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
+        self.registers.read(offset, into, attributes)
+    }
+
+    fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
+        self.registers.write(offset, from, attributes)?;
+        if let Some(listener) = &self.listener {
+            let on = self.registers.get(Self::CR) & 1 != 0;
+            let code = self.registers.get(Self::DHR12R1) & 0xFFF;
+            listener.code(self.clock.now(), on.then_some(code));
+        }
+        Ok(())
+    }
+}

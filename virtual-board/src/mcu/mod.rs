@@ -1,0 +1,410 @@
+//! The emulated microcontroller: the only place that knows the emulator crate.
+//!
+//! Instruction-exact, cycle-approximate: the core's cycle model has zero wait states, exception
+//! entry charges 12 cycles and 8 stacking accesses, the return about 18, some 16 cycles more per
+//! interrupt than silicon. Nothing was compared with silicon. What the emulator lacks is mended
+//! here, each where it is done: four priority bits, the vector table's address, TIM1's break input
+//! and automatic output enable, the voltage detector, ITSTATE in a stacked xPSR, time while asleep.
+
+mod bus;
+mod soc;
+mod watch;
+
+use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
+
+use rsemu::{core::space::RamStore, cpu::arm::v7m::sys::Exception};
+
+use self::{
+    bus::Clock,
+    soc::{BDTR, MAIN_OUTPUT_ENABLE, Memories, Soc},
+    watch::Step,
+};
+pub use watch::{Cycles, LINK, RENDER, SAMPLE, Watch};
+
+const RAM: u32 = 0x2000_0000;
+const RAM_BYTES: u32 = 0x2_0000;
+const FLASH: u32 = 0x0800_0000;
+const PACE_IRQ: u16 = 50;
+const HARD_FAULT: u16 = 3;
+/// ITSTATE in xPSR.
+const IT_BITS: u32 = 0x0600_FC00;
+
+/// What differs between the chips.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Chip {
+    /// Core clock after set-up, Hz; a multiple of 32 kHz and 8 MHz.
+    pub core_hz: u64,
+    /// Flash, bytes.
+    pub flash_bytes: usize,
+    /// Has the regulator's over-drive, which 180 MHz needs.
+    pub over_drive: bool,
+}
+
+/// A pin of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// 'A' to 'E'.
+    pub port: char,
+    /// 0 to 15.
+    pub number: u8,
+}
+
+impl Pin {
+    fn port_index(self) -> usize {
+        (self.port as usize).saturating_sub('A' as usize).min(4)
+    }
+}
+
+/// Is told when a pin changes.
+pub trait PinListener: Send + Sync {
+    /// `pin` is at `high` from `cycle` on.
+    fn level(&self, cycle: u64, pin: Pin, high: bool);
+}
+
+/// Is told when the DAC changes.
+pub trait DacListener: Send + Sync {
+    /// The DAC gives `code` from `cycle` on; `None` while it is off.
+    fn code(&self, cycle: u64, code: Option<u32>);
+}
+
+/// What hangs on the chip.
+#[derive(Clone, Default)]
+pub struct Listeners {
+    /// TIM1's channels, `"ch1"` to `"ch4"`, and the pin that each comes out on.
+    pub channels: Vec<(&'static str, Pin)>,
+    /// Who watches which pin.
+    pub pins: Vec<(Pin, Arc<dyn PinListener>)>,
+    /// Who watches the DAC.
+    pub dac: Option<Arc<dyn DacListener>>,
+}
+
+/// Why the program does not run on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped {
+    /// The core locked up at this address.
+    LockedUp(u32),
+}
+
+/// A microcontroller with a program, running.
+pub struct Mcu {
+    chip: Chip,
+    listeners: Listeners,
+    memories: Memories,
+    clock: Arc<Clock>,
+    soc: Soc,
+    now: u64,
+    /// Cycle of the next event of a device.
+    next: u64,
+    asleep: u64,
+    instructions: u64,
+    resets: u64,
+    /// Cycle of the last sampling event, and whether its counter reading is still to come.
+    event: (u64, bool),
+    events: u64,
+    /// Program counters at which hard faults came.
+    hard_faults: Vec<u32>,
+    watch: Watch,
+}
+
+impl Mcu {
+    /// A chip out of power-on reset, with the pieces of a program at their flash addresses.
+    ///
+    /// # Panics
+    /// A piece lies outside the flash.
+    pub fn new(chip: Chip, program: &[(u32, Vec<u8>)], listeners: Listeners) -> Self {
+        let mut flash = vec![0xFF; chip.flash_bytes];
+        for (address, bytes) in program {
+            let start = (address - FLASH) as usize;
+            flash[start..start + bytes.len()].copy_from_slice(bytes);
+        }
+        let memories = Memories {
+            ram: Arc::new(RamStore::new(u64::from(RAM_BYTES))),
+            backup: Arc::new(RamStore::new(0x1000)),
+            flash,
+        };
+        let clock = Arc::new(Clock::default());
+        let soc = Soc::new(&chip, &memories, &clock, &listeners);
+        Self {
+            chip,
+            listeners,
+            memories,
+            clock,
+            soc,
+            now: 0,
+            next: 0,
+            asleep: 0,
+            instructions: 0,
+            resets: 0,
+            event: (0, false),
+            events: 0,
+            hard_faults: Vec::new(),
+            watch: Watch::new(),
+        }
+    }
+
+    /// Runs until `cycle`, or a few cycles beyond it: instructions are whole.
+    ///
+    /// # Errors
+    /// The core locked up.
+    pub fn run_until(&mut self, cycle: u64) -> Result<(), Stopped> {
+        while self.now < cycle {
+            self.clock.set(self.now);
+            if self.now >= self.next || self.clock.take_touched() {
+                self.service();
+            }
+            if self.soc.cpu.is_asleep() && !self.soc.pace_line.get() {
+                let to = self.next.min(cycle);
+                self.asleep += to - self.now;
+                self.now = to;
+                continue;
+            }
+            self.step();
+            if self.soc.cpu.is_locked_up() {
+                return Err(Stopped::LockedUp(self.soc.cpu.pc()));
+            }
+        }
+        self.clock.set(self.now);
+        Ok(())
+    }
+
+    /// Runs up to the next sampling event and returns its cycle; `None` if `limit` comes first.
+    ///
+    /// # Errors
+    /// The core locked up.
+    pub fn run_to_event(&mut self, limit: u64) -> Result<Option<u64>, Stopped> {
+        let seen = self.events;
+        while self.events == seen {
+            if self.now >= limit {
+                return Ok(None);
+            }
+            self.run_until(self.next.min(limit).max(self.now + 1))?;
+        }
+        Ok(Some(self.event.0))
+    }
+
+    /// Brings the devices to the present and the interrupt line to the core.
+    fn service(&mut self) {
+        let due = self.soc.pace.next_event();
+        self.soc.pace.advance_to(self.now);
+        for device in &self.soc.others {
+            device.advance_to(self.now);
+        }
+        let before = self.soc.cpu.irq_asserted(PACE_IRQ);
+        let line = self.soc.pace_line.get();
+        if line && !before && due <= self.now {
+            self.event = (due, true);
+            self.events += 1;
+            self.watch.event(self.soc.cpu.regs().basepri);
+        }
+        self.soc.cpu.set_irq(PACE_IRQ, line);
+        self.next = self
+            .soc
+            .others
+            .iter()
+            .map(bus::Lazy::next_event)
+            .fold(self.soc.pace.next_event(), u64::min);
+        self.next = self.next.max(self.now + 1);
+        if self.soc.watchdog_bites.take() || self.soc.cpu.reset_requested() {
+            self.reset();
+        }
+    }
+
+    fn step(&mut self) {
+        let cpu = &self.soc.cpu;
+        let before = cpu.regs();
+        let cycles = cpu.step();
+        self.now += cycles;
+        self.instructions += 1;
+        let after = cpu.regs();
+        let exception = exception_of(after.xpsr);
+        if exception != exception_of(before.xpsr)
+            && before.xpsr & IT_BITS != 0
+            && after.r[14] >= 0xFFFF_FFE0
+        {
+            mend_itstate(&self.memories.ram, after.msp, before.r[15], before.xpsr, &mut self.watch);
+        }
+        if exception == HARD_FAULT && exception_of(before.xpsr) != HARD_FAULT {
+            self.hard_faults.push(before.r[15]);
+        }
+        let step = Step {
+            cycles,
+            exception,
+            primask: after.primask,
+            basepri: after.basepri,
+            stack: after.msp,
+            pc: before.r[15],
+        };
+        self.watch.step(&step, |number| cpu.with_sys(|sys| sys.is_active(Exception(number))));
+        if self.event.1 && exception == SAMPLE {
+            let read = self.soc.encoder.read_at.load(Relaxed);
+            if read >= self.event.0 {
+                self.watch.delay(read - self.event.0);
+                self.event.1 = false;
+            }
+        }
+    }
+
+    /// A reset: everything but the memories and what is outside the chip starts anew.
+    pub fn reset(&mut self) {
+        self.memories.flash = self.soc.flash.contents();
+        let (open, low) = (self.soc.stop.load(Relaxed), self.soc.supply_low.load(Relaxed));
+        self.clock = Arc::new(Clock::default());
+        self.clock.set(self.now);
+        self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners);
+        self.soc.set_break(open);
+        self.soc.supply_low.store(low, Relaxed);
+        self.next = self.now;
+        self.event = (0, false);
+        self.resets += 1;
+        self.watch.restart();
+    }
+
+    /// The present, in core cycles since power-on.
+    pub fn now(&self) -> u64 {
+        self.now
+    }
+
+    /// Core clock, Hz.
+    pub fn core_hz(&self) -> u64 {
+        self.chip.core_hz
+    }
+
+    /// Sampling events so far.
+    pub fn events(&self) -> u64 {
+        self.events
+    }
+
+    /// Cycle of the last sampling event, if there was one since the last reset.
+    pub fn last_event(&self) -> Option<u64> {
+        (self.event.0 > 0).then_some(self.event.0)
+    }
+
+    /// Resets so far, power-on not counted.
+    pub fn resets(&self) -> u64 {
+        self.resets
+    }
+
+    /// Addresses of the instructions that ended in a hard fault.
+    pub fn hard_faults(&self) -> &[u32] {
+        &self.hard_faults
+    }
+
+    /// Instructions so far.
+    pub fn instructions(&self) -> u64 {
+        self.instructions
+    }
+
+    /// Cycles asleep so far.
+    pub fn asleep(&self) -> u64 {
+        self.asleep
+    }
+
+    /// What was seen from outside.
+    pub fn watch(&self) -> &Watch {
+        &self.watch
+    }
+
+    /// The same, to clear it.
+    pub fn watch_mut(&mut self) -> &mut Watch {
+        &mut self.watch
+    }
+
+    /// Drives `pin` from outside.
+    pub fn set_pin(&mut self, pin: Pin, high: bool) {
+        self.soc.set_pin(pin, high);
+    }
+
+    /// Drives TIM1's break input, which is active high, and the pin that it is on.
+    pub fn set_break(&mut self, pin: Pin, open: bool) {
+        self.clock.set(self.now);
+        // The emulator's port reads an alternate-function pin as what drives it from inside.
+        self.soc.set_pin(pin, open);
+        self.soc.set_alternate(pin, open);
+        self.soc.set_break(open);
+    }
+
+    /// Lets the supply fall below the voltage detector's threshold, or come back.
+    pub fn set_supply_low(&mut self, low: bool) {
+        self.soc.supply_low.store(low, Relaxed);
+    }
+
+    /// The level of `pin`.
+    pub fn pin(&self, pin: Pin) -> bool {
+        self.soc.pin(pin)
+    }
+
+    /// Puts A and B at `count` before the program has started to count.
+    pub fn encoder_at(&mut self, count: i32) {
+        self.soc.encoder.start_at(count);
+    }
+
+    /// Every value that the program has read from the encoder's counter since the last reset.
+    pub fn counter_readings(&self) -> Vec<u32> {
+        self.soc.encoder.readings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are
+    /// delivered in the order of the calls.
+    pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
+        self.soc.encoder.go_to(count, from, spacing);
+    }
+
+    /// Delivers the pins' changes up to now; the timers that make them are advanced when looked at.
+    pub fn settle(&mut self) {
+        self.clock.set(self.now);
+        self.soc.pwm.catch_up_by_edges();
+        self.soc.encoder.deliver(self.now);
+    }
+
+    /// A debugger halts the core for `cycles`: the samples stop, and TIM1 drops its outputs, each
+    /// if the program has set the DBGMCU's bit for it.
+    pub fn halt(&mut self, cycles: u64) {
+        let freeze = [self.soc.dbgmcu.get(0x08), self.soc.dbgmcu.get(0x0C)];
+        self.settle();
+        let bdtr = self.soc.pwm.peek(BDTR);
+        if freeze[1] & 1 != 0 {
+            self.soc.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
+        }
+        self.now += cycles;
+        self.clock.set(self.now);
+        self.service();
+    }
+
+    /// Reads RAM.
+    pub fn read(&self, address: u32, into: &mut [u8]) {
+        if self.memories.ram.read_at(u64::from(address.wrapping_sub(RAM)), into).is_err() {
+            into.fill(0);
+        }
+    }
+
+    /// Writes RAM.
+    pub fn write(&mut self, address: u32, from: &[u8]) {
+        // Outside of RAM nothing is written.
+        let _ = self.memories.ram.write_at(u64::from(address.wrapping_sub(RAM)), from);
+    }
+
+    /// A copy of the flash.
+    pub fn flash(&self) -> Vec<u8> {
+        self.soc.flash.contents()
+    }
+}
+
+fn exception_of(xpsr: u32) -> u16 {
+    (xpsr & 0x1FF) as u16
+}
+
+/// The emulator drops ITSTATE from the xPSR that it stacks on exception entry, so that code
+/// preempted inside an IT block resumes wrongly: put it back.
+fn mend_itstate(ram: &RamStore, msp: u32, old_pc: u32, old_xpsr: u32, watch: &mut Watch) {
+    let at = u64::from(msp.wrapping_sub(RAM));
+    let word = |offset: u64| {
+        let mut bytes = [0; 4];
+        ram.read_at(at + offset, &mut bytes).map(|()| u32::from_le_bytes(bytes)).unwrap_or_default()
+    };
+    if word(24) == old_pc {
+        let mended = word(28) | old_xpsr & IT_BITS;
+        if ram.write_at(at + 28, &mended.to_le_bytes()).is_ok() {
+            watch.mended += 1;
+        }
+    }
+}

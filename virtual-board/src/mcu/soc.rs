@@ -1,0 +1,409 @@
+//! The chip around the core: which device at which address, and what is wired to what.
+
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+    },
+};
+
+use rsemu::{
+    core::{
+        device::Device,
+        props::Props,
+        space::{AddressSpace, RamStore, Region, RegionRef},
+        wire::{Level, WireBuilder, WireId, WireIdAllocator, WireSink, WireSource},
+    },
+    cpu::arm::v7m::{ArmV7m, Config},
+    dev::stm32::{flash::Flash, gpio::Gpio, iwdg::Iwdg, pwr::Pwr, rcc::Rcc, tim::Tim},
+};
+
+use super::{
+    Chip, Listeners, Pin, PinListener,
+    bus::{Clock, Dac, Lazy, Plain, Port, Registers, Storage},
+};
+
+/// Errors of the emulator's own set-up are ours: the properties are constants.
+const WIRED: &str = "the emulator has this device, property and pin";
+
+/// What outlives a reset.
+#[derive(Clone)]
+pub(super) struct Memories {
+    pub(super) ram: Arc<RamStore>,
+    pub(super) backup: Arc<RamStore>,
+    pub(super) flash: Vec<u8>,
+}
+
+/// The chip.
+pub(super) struct Soc {
+    pub(super) cpu: ArmV7m,
+    pub(super) pace: Lazy,
+    pub(super) pwm: Lazy,
+    pub(super) encoder: Arc<EncoderInput>,
+    pub(super) flash: Arc<Flash>,
+    pub(super) others: Vec<Lazy>,
+    pub(super) pace_line: Arc<Flag>,
+    pub(super) watchdog_bites: Arc<Flag>,
+    pub(super) stop: Arc<AtomicBool>,
+    pub(super) supply_low: Arc<AtomicBool>,
+    pub(super) dbgmcu: Arc<Storage>,
+    gpio: Vec<Arc<Gpio>>,
+}
+
+/// A wire that is looked at.
+#[derive(Debug, Default)]
+pub(super) struct Flag(AtomicBool);
+
+impl Flag {
+    pub(super) fn get(&self) -> bool {
+        self.0.load(Relaxed)
+    }
+
+    pub(super) fn take(&self) -> bool {
+        self.0.swap(false, Relaxed)
+    }
+}
+
+impl WireSink for Flag {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        self.0.store(level.is_high(), Relaxed);
+    }
+}
+
+/// Remembers that a wire was high at some time.
+#[derive(Debug, Default)]
+struct Latch(Arc<Flag>);
+
+impl WireSink for Latch {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        if level.is_high() {
+            self.0.0.store(true, Relaxed);
+        }
+    }
+}
+
+/// A timer channel to the port's alternate function of one pin.
+struct ToPort(Arc<Gpio>, u32);
+
+impl WireSink for ToPort {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        self.0.set_alternate(self.1, level.is_high());
+    }
+}
+
+/// A pin to whoever listens.
+struct ToListener(Arc<dyn PinListener>, Arc<Clock>, Pin);
+
+impl WireSink for ToListener {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        self.0.level(self.1.edge(), self.2, level.is_high());
+    }
+}
+
+/// TIM1's port: BDTR and the break input, which the emulator's timer stores but does not act on.
+#[derive(Debug)]
+struct Break {
+    lazy: Lazy,
+    open: Arc<AtomicBool>,
+}
+
+pub(super) const BDTR: u64 = 0x44;
+pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
+const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
+const BREAK_ENABLE: u32 = 1 << 12;
+
+impl Port for Break {
+    fn before(&self) {
+        self.lazy.catch_up_by_edges();
+    }
+
+    fn write(&self, offset: u64, value: u32) -> u32 {
+        if offset != BDTR {
+            value
+        } else if value & BREAK_ENABLE != 0 && self.open.load(Relaxed) {
+            value & !MAIN_OUTPUT_ENABLE
+        } else if value & AUTOMATIC_OUTPUT_ENABLE != 0 {
+            value | MAIN_OUTPUT_ENABLE
+        } else {
+            value
+        }
+    }
+}
+
+/// The encoder's A and B on TIM2, with edges at their own times.
+#[derive(Debug)]
+pub(super) struct EncoderInput {
+    pub(super) lazy: Lazy,
+    pins: [(WireId, rsemu::core::device::SinkPin); 2],
+    state: Mutex<Edges>,
+    /// Cycle of the last reading of the counter.
+    pub(super) read_at: AtomicU64,
+    /// All that was read from it.
+    pub(super) readings: Mutex<Vec<u32>>,
+}
+
+#[derive(Debug, Default)]
+struct Edges {
+    waiting: VecDeque<(u64, i32)>,
+    /// What A and B stand for, and what they will.
+    shown: i32,
+    last: i32,
+}
+
+impl EncoderInput {
+    fn edges(&self) -> std::sync::MutexGuard<'_, Edges> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lets A and B go to `count`, one edge every `spacing` cycles, the first one at `from`.
+    pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
+        let mut edges = self.edges();
+        let mut at = from;
+        while edges.last != count {
+            edges.last += (i64::from(count) - i64::from(edges.last)).signum() as i32;
+            let step = (at, edges.last);
+            edges.waiting.push_back(step);
+            at += spacing;
+        }
+    }
+
+    /// Shows `count` at once: the place that the firmware's counter starts from.
+    pub(super) fn start_at(&self, count: i32) {
+        *self.edges() = Edges { waiting: VecDeque::new(), shown: count, last: count };
+        self.show(count);
+    }
+
+    /// Delivers the edges that are due by `now`.
+    pub(super) fn deliver(&self, now: u64) {
+        let mut edges = self.edges();
+        while let Some(&(at, count)) = edges.waiting.front() {
+            if at > now {
+                break;
+            }
+            edges.waiting.pop_front();
+            edges.shown = count;
+            self.lazy.advance_to(at);
+            self.show(count);
+        }
+        self.lazy.advance_to(now);
+    }
+
+    /// Gray code: A leads B while the count rises.
+    fn show(&self, count: i32) {
+        let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
+        for ((id, pin), level) in self.pins.iter().zip(levels) {
+            pin.sink.set_level(*id, pin.line, Level::from_bool(level == 1));
+        }
+    }
+}
+
+#[derive(Debug)]
+struct CounterPort(Arc<EncoderInput>, Arc<Clock>);
+
+impl Port for CounterPort {
+    fn before(&self) {
+        self.0.deliver(self.1.now());
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        if offset == 0x24 {
+            self.0.read_at.store(self.1.now(), Relaxed);
+            self.0.readings.lock().unwrap_or_else(PoisonError::into_inner).push(value);
+        }
+        value
+    }
+}
+
+/// PWR's port: the voltage detector's output, which the emulator has no input for.
+#[derive(Debug)]
+struct Supply {
+    lazy: Lazy,
+    clock: Arc<Clock>,
+    low: Arc<AtomicBool>,
+}
+
+impl Port for Supply {
+    fn before(&self) {
+        self.lazy.advance_to(self.clock.now());
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        // CSR.PVDO
+        if offset == 4 && self.low.load(Relaxed) { value | 1 << 2 } else { value }
+    }
+}
+
+impl Soc {
+    #[expect(clippy::too_many_lines, reason = "one table of the chip, read from top to bottom")]
+    pub(super) fn new(
+        chip: &Chip,
+        memories: &Memories,
+        clock: &Arc<Clock>,
+        listeners: &Listeners,
+    ) -> Self {
+        let ids = WireIdAllocator::new();
+        let wire = |device: &dyn Device, port: &str, sink: Arc<dyn WireSink>| {
+            let id = ids.alloc();
+            let wire = WireBuilder::new().source(id).sink(sink, 0).build_shared();
+            device.connect(port, WireSource::new(wire, id)).expect(WIRED);
+        };
+        let timer = |variant: &str, width: u64| {
+            let reset = if width == 32 { u64::from(u32::MAX) } else { 0xFFFF };
+            let props =
+                Props::new().with("variant", variant).with("width", width).with("arr-reset", reset);
+            Arc::new(Tim::new(&props).expect(WIRED))
+        };
+        let pwm_timer = timer("advanced", 16);
+        let encoder_timer = timer("general", 32);
+        let pace_timer = timer("general", 32);
+        let rcc = Arc::new(
+            Rcc::new(&Props::new().with("variant", "f4").with("hse", 8_000_000u64)).expect(WIRED),
+        );
+        let pwr = Arc::new(
+            Pwr::new(&Props::new().with("variant", if chip.over_drive { "f42x" } else { "f4" }))
+                .expect(WIRED),
+        );
+        let flash = Arc::new(
+            Flash::new(
+                &Props::new().with("variant", "f4").with("size", memories.flash.len() as u64),
+            )
+            .expect(WIRED),
+        );
+        flash.load_image(0, &memories.flash).expect(WIRED);
+        let watchdog = Arc::new(Iwdg::with_window(false));
+        let gpio: Vec<_> = (0..5)
+            .map(|port| {
+                let moder = [0xA800_0000u64, 0x280, 0, 0, 0][port];
+                Arc::new(Gpio::new(&Props::new().with("moder-reset", moder)).expect(WIRED))
+            })
+            .collect();
+
+        // Clock gates: RCC's enable bit of each timer.
+        for (bit, timer) in
+            [("apb1en0", &encoder_timer), ("apb1en3", &pace_timer), ("apb2en0", &pwm_timer)]
+        {
+            let id = ids.alloc();
+            let gate = timer.sink("enable", &[id]).expect(WIRED);
+            let wire = WireBuilder::new().source(id).sink(gate.sink, gate.line).build_shared();
+            rcc.connect(bit, WireSource::new(wire, id)).expect(WIRED);
+            rcc.announce(bit);
+        }
+        let pace_line = Arc::new(Flag::default());
+        wire(&*pace_timer, "irq", Arc::clone(&pace_line) as _);
+        let watchdog_bites = Arc::new(Flag::default());
+        wire(&*watchdog, "reset", Arc::new(Latch(Arc::clone(&watchdog_bites))));
+        for (channel, pin) in &listeners.channels {
+            let port = Arc::clone(&gpio[pin.port_index()]);
+            wire(&*pwm_timer, channel, Arc::new(ToPort(port, u32::from(pin.number))));
+        }
+        for (pin, listener) in &listeners.pins {
+            let sink = ToListener(Arc::clone(listener), Arc::clone(clock), *pin);
+            wire(&*gpio[pin.port_index()], &format!("p{}", pin.number), Arc::new(sink));
+        }
+        let pins = ["ti1", "ti2"].map(|name| {
+            let id = ids.alloc();
+            (id, encoder_timer.sink(name, &[id]).expect(WIRED))
+        });
+
+        let lazy = |device: Arc<dyn Device>, divider| Lazy::new(device, divider, clock);
+        let pwm = lazy(pwm_timer, 1);
+        let pace = lazy(pace_timer, 2);
+        // HSE cycles, for the delays of the ready bits only.
+        let rcc = lazy(rcc, chip.core_hz / 8_000_000);
+        let pwr = lazy(pwr, 8);
+        let flash_registers = lazy(Arc::clone(&flash) as _, 1);
+        let watchdog = lazy(watchdog, chip.core_hz / 32_000);
+        let encoder = Arc::new(EncoderInput {
+            lazy: lazy(encoder_timer, 2),
+            pins,
+            state: Mutex::default(),
+            read_at: AtomicU64::new(0),
+            readings: Mutex::default(),
+        });
+
+        let stop = Arc::new(AtomicBool::new(false));
+        let supply_low = Arc::new(AtomicBool::new(false));
+        let dbgmcu = Storage::new();
+        let space = AddressSpace::new("cpu", 32);
+        let map = |region: Region, address: u64| {
+            space.topology().map(region, address).expect("addresses do not overlap");
+        };
+        let map_shared = |region: Option<RegionRef>, address: u64| {
+            space.topology().map(region.expect(WIRED), address).expect("addresses do not overlap");
+        };
+        map_shared(flash.region("array"), 0x0800_0000);
+        map(Region::ram("ram", Arc::clone(&memories.ram)), 0x2000_0000);
+        map(Region::ram("backup", Arc::clone(&memories.backup)), 0x4002_4000);
+        map(
+            Registers::region(&encoder.lazy, CounterPort(Arc::clone(&encoder), Arc::clone(clock))),
+            0x4000_0000,
+        );
+        map(Registers::region(&pace, Plain(pace.clone())), 0x4000_0C00);
+        map(Registers::region(&watchdog, Plain(watchdog.clone())), 0x4000_3000);
+        map(
+            Registers::region(
+                &pwr,
+                Supply {
+                    lazy: pwr.clone(),
+                    clock: Arc::clone(clock),
+                    low: Arc::clone(&supply_low),
+                },
+            ),
+            0x4000_7000,
+        );
+        map(Dac::region(clock, listeners.dac.clone()), 0x4000_7400);
+        map(
+            Registers::region(&pwm, Break { lazy: pwm.clone(), open: Arc::clone(&stop) }),
+            0x4001_0000,
+        );
+        for (index, port) in gpio.iter().enumerate() {
+            map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
+        }
+        map(Registers::region(&rcc, Plain(rcc.clone())), 0x4002_3800);
+        map(Registers::region(&flash_registers, Plain(flash_registers.clone())), 0x4002_3C00);
+        map(dbgmcu.region(), 0xE004_2000);
+
+        // The chips have 4 priority bits, the emulator's default is 3.
+        let mut config = Config::CORTEX_M4F;
+        config.reset_vtor = 0x0800_0000;
+        let cpu = ArmV7m::new(config.with_priority_bits(4));
+        cpu.attach_space(Arc::new(space));
+        Self {
+            cpu,
+            pace,
+            pwm,
+            encoder,
+            flash,
+            others: vec![rcc, pwr, flash_registers, watchdog],
+            pace_line,
+            watchdog_bites,
+            stop,
+            supply_low,
+            dbgmcu,
+            gpio,
+        }
+    }
+
+    pub(super) fn set_pin(&self, pin: Pin, high: bool) {
+        self.gpio[pin.port_index()].set_external(u32::from(pin.number), high);
+    }
+
+    pub(super) fn set_alternate(&self, pin: Pin, high: bool) {
+        self.gpio[pin.port_index()].set_alternate(u32::from(pin.number), high);
+    }
+
+    pub(super) fn pin(&self, pin: Pin) -> bool {
+        self.gpio[pin.port_index()].pin_levels() >> pin.number & 1 == 1
+    }
+
+    /// The break input: while open, an enabled break holds MOE clear.
+    pub(super) fn set_break(&self, open: bool) {
+        self.stop.store(open, Relaxed);
+        let bdtr = self.pwm.peek(BDTR);
+        if open && bdtr & BREAK_ENABLE != 0 {
+            self.pwm.catch_up_by_edges();
+            self.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
+        }
+    }
+}

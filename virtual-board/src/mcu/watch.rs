@@ -1,0 +1,159 @@
+//! What is seen from outside, instruction by instruction, without touching the program: interrupt
+//! masks, the sampling delay, cycles per task, the lowest stack pointer.
+
+use std::collections::BTreeMap;
+
+/// Exception number of the sampling task: TIM5 is interrupt 50.
+pub const SAMPLE: u16 = 16 + 50;
+/// Exception number of the output task: SPI3 is interrupt 51.
+pub const RENDER: u16 = 16 + 51;
+/// Exception number of the link task: SPI2 is interrupt 36.
+pub const LINK: u16 = 16 + 36;
+
+/// Hardware priority of the sampling task; a BASEPRI of 1 to this would mask it.
+const SAMPLE_PRIORITY: u8 = 0x10;
+
+/// Cycles of one kind of exception, from its entry to its return, without what preempted it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cycles {
+    /// How often it ran.
+    pub runs: u64,
+    /// Shortest run.
+    pub least: u64,
+    /// Longest run.
+    pub most: u64,
+    /// All runs together.
+    pub total: u64,
+}
+
+impl Default for Cycles {
+    fn default() -> Self {
+        Self { runs: 0, least: u64::MAX, most: 0, total: 0 }
+    }
+}
+
+impl Cycles {
+    fn add(&mut self, cycles: u64) {
+        self.runs += 1;
+        self.least = self.least.min(cycles);
+        self.most = self.most.max(cycles);
+        self.total += cycles;
+    }
+
+    /// Mean of all runs.
+    #[expect(clippy::cast_precision_loss, reason = "for people to read")]
+    pub fn mean(&self) -> f64 {
+        self.total as f64 / self.runs.max(1) as f64
+    }
+}
+
+/// What was seen since the watch was last cleared. Masks and delays count from the first sample.
+#[derive(Clone, Debug, Default)]
+pub struct Watch {
+    /// Instructions with PRIMASK set after the first sample.
+    pub primask: u64,
+    /// Instructions with a BASEPRI that masks the sampling task.
+    pub forbidden_basepri: u64,
+    /// Sampling events by the BASEPRI that was up when they came (0: none).
+    pub events_by_basepri: BTreeMap<u8, u64>,
+    /// Cycles from the sampling event to the reading of the counter: how often each.
+    pub delays: BTreeMap<u64, u64>,
+    /// By exception number.
+    pub tasks: BTreeMap<u16, Cycles>,
+    /// Times that the emulator's loss of ITSTATE was mended.
+    pub mended: u64,
+    /// Lowest main stack pointer.
+    pub lowest_stack: u32,
+    /// Cycles of the sampling task by the address of the instruction, if asked for.
+    pub profile: Option<BTreeMap<u32, u64>>,
+    running: bool,
+    /// Running exceptions, innermost last: number, cycles spent in it.
+    nested: Vec<(u16, u64)>,
+}
+
+/// One step of the core.
+pub(super) struct Step {
+    pub(super) cycles: u64,
+    pub(super) exception: u16,
+    pub(super) primask: bool,
+    pub(super) basepri: u8,
+    pub(super) stack: u32,
+    /// Address of the instruction.
+    pub(super) pc: u32,
+}
+
+impl Watch {
+    pub(super) fn new() -> Self {
+        Self { lowest_stack: u32::MAX, ..Self::default() }
+    }
+
+    /// Forgets what was seen; what is running goes on.
+    pub fn clear(&mut self) {
+        let running = self.running;
+        let nested = std::mem::take(&mut self.nested);
+        *self = Self { running, nested, ..Self::new() };
+    }
+
+    /// Longest minus shortest sampling delay, cycles.
+    pub fn delay_spread(&self) -> u64 {
+        match (self.delays.first_key_value(), self.delays.last_key_value()) {
+            (Some((least, _)), Some((most, _))) => most - least,
+            _ => 0,
+        }
+    }
+
+    /// The program begins anew.
+    pub(super) fn restart(&mut self) {
+        self.running = false;
+        self.nested.clear();
+    }
+
+    pub(super) fn event(&mut self, basepri: u8) {
+        if self.running {
+            *self.events_by_basepri.entry(basepri).or_default() += 1;
+        }
+    }
+
+    pub(super) fn delay(&mut self, cycles: u64) {
+        *self.delays.entry(cycles).or_default() += 1;
+    }
+
+    /// `still_active` says whether an exception is still active, if the number changes.
+    pub(super) fn step(&mut self, step: &Step, still_active: impl Fn(u16) -> bool) {
+        self.lowest_stack = self.lowest_stack.min(step.stack);
+        if step.exception == SAMPLE
+            && let Some(profile) = &mut self.profile
+        {
+            *profile.entry(step.pc).or_default() += step.cycles;
+        }
+        let inside = self.nested.last().map_or(0, |(number, _)| *number);
+        if step.exception == inside {
+            if let Some((_, spent)) = self.nested.last_mut() {
+                *spent += step.cycles;
+            }
+        } else {
+            // The cycles of a return belong to the exception that ends, those of an entry to the
+            // one that begins; tail-chaining is both in one step and counts as an entry.
+            let returns = self.nested.iter().any(|(number, _)| *number == step.exception)
+                || step.exception == 0;
+            if returns && let Some((_, spent)) = self.nested.last_mut() {
+                *spent += step.cycles;
+            }
+            while let Some(&(number, spent)) = self.nested.last() {
+                if number == step.exception || still_active(number) {
+                    break;
+                }
+                self.tasks.entry(number).or_default().add(spent);
+                self.nested.pop();
+            }
+            if !returns {
+                self.nested.push((step.exception, step.cycles));
+            }
+        }
+        self.running |= step.exception == SAMPLE;
+        if self.running {
+            self.primask += u64::from(step.primask);
+            self.forbidden_basepri += u64::from((1..=SAMPLE_PRIORITY).contains(&step.basepri));
+        }
+    }
+}

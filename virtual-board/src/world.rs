@@ -1,0 +1,256 @@
+//! A board in the world: the plant of a scene on its encoder, its amplifier on the plant.
+//!
+//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force of its span. The
+//! steps end [`LEAD_S`] before the samples, and the encoder's edges come out within that time, so
+//! that a count that is read belongs to the plant [`LEAD_S`] earlier. That is part of the latency.
+
+use host_sim::{
+    plant::{PlantState, PlantStep},
+    scene::{Device, Encoder, Rounding, Scene},
+};
+
+use crate::{
+    board::{Board, Powered},
+    elf::Elf,
+    log,
+    mcu::Stopped,
+};
+
+/// Steps of the plant per sample.
+pub const STEPS: u64 = 10;
+/// From the plant to the counter, s.
+pub const LEAD_S: f64 = 2e-6;
+/// Cycles from one encoder edge to the next: more than the timer's input filter takes.
+const EDGE_CYCLES: u64 = 20;
+
+/// A running board with a device on it.
+pub struct World<'a> {
+    /// The board.
+    pub powered: Powered,
+    plant: PlantStep,
+    state: PlantState,
+    encoder: Encoder,
+    full_scale_n: f64,
+    /// The handle is held where it is.
+    held: Option<f64>,
+    log: log::Decoder<'a>,
+    /// Cycle up to which the plant has moved.
+    moved_to: u64,
+    /// Lines of defmt since they were last taken.
+    pub lines: Vec<String>,
+    /// Replies since they were last taken.
+    pub replies: String,
+    /// Telemetry since it was last taken.
+    pub telemetry: Vec<u8>,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The core locked up.
+    Stopped(Stopped),
+    /// The log cannot be decoded.
+    Log,
+    /// What was waited for did not come in time.
+    Timeout,
+}
+
+impl From<Stopped> for Ended {
+    fn from(stopped: Stopped) -> Self {
+        Self::Stopped(stopped)
+    }
+}
+
+impl From<log::Malformed> for Ended {
+    fn from(_: log::Malformed) -> Self {
+        Self::Log
+    }
+}
+
+impl<'a> World<'a> {
+    /// A board that has just been switched on, with the handle held at `start_m`, which is where
+    /// its count starts from 0.
+    ///
+    /// # Errors
+    /// The ELF is not this firmware.
+    pub fn new(
+        board: Board,
+        elf: &Elf,
+        table: &'a defmt_decoder::Table,
+        scene: &Scene,
+        start_m: f64,
+    ) -> Result<Self, String> {
+        let mut powered = Powered::on(board, elf)?;
+        let sample_s = 1.0 / scene.control.rate_hz;
+        #[expect(clippy::cast_precision_loss, reason = "10")]
+        let step_s = sample_s / STEPS as f64;
+        let device: Device = scene.device;
+        let plant = PlantStep::new(&device, step_s, 0.0);
+        let encoder =
+            Encoder { resolution_m: scene.encoder.resolution_m, rounding: scene.encoder.rounding };
+        powered.mcu.encoder_at(count(&encoder, start_m));
+        Ok(Self {
+            powered,
+            state: plant.at_rest(start_m),
+            plant,
+            encoder,
+            full_scale_n: scene.full_scale_n(),
+            held: Some(start_m),
+            log: log::Decoder::new(table),
+            moved_to: 0,
+            lines: Vec::new(),
+            replies: String::new(),
+            telemetry: Vec::new(),
+        })
+    }
+
+    /// Holds the handle at `position_m`, or lets it go from there at rest.
+    pub fn hold(&mut self, position_m: f64, held: bool) {
+        self.held = held.then_some(position_m);
+        self.state = self.plant.at_rest(position_m);
+    }
+
+    /// A debugger halts the core for `cycles`; the world goes on after it.
+    pub fn halt(&mut self, cycles: u64) {
+        self.powered.mcu.halt(cycles);
+        self.moved_to = self.powered.mcu.now();
+    }
+
+    /// The reset pin is pulled.
+    pub fn reset(&mut self) {
+        self.powered.mcu.settle();
+        self.powered.mcu.reset();
+    }
+
+    /// Position of the handle, m.
+    pub fn position_m(&self) -> f64 {
+        self.plant.position_m(&self.state)
+    }
+
+    /// One sample, from [`LEAD_S`] before one sampling event to the same before the next.
+    ///
+    /// # Errors
+    /// The program ended, or its log makes no sense.
+    pub fn sample(&mut self) -> Result<(), Ended> {
+        let board = self.powered.board;
+        let per_sample = board.cycles_per_sample();
+        for _ in 0..STEPS {
+            let from = self.moved_to;
+            let to = from + per_sample / STEPS;
+            self.powered.mcu.run_until(to)?;
+            self.powered.mcu.settle();
+            let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
+            if self.held.is_none() {
+                self.state = self.plant.advance(&self.state, force_n);
+            }
+            let count = count(&self.encoder, self.position_m());
+            self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
+            self.moved_to = to;
+        }
+        self.align();
+        Ok(())
+    }
+
+    /// Puts the plant's steps in phase with the samples, once those have begun.
+    fn align(&mut self) {
+        let Some(event) = self.powered.mcu.last_event() else { return };
+        let board = self.powered.board;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            clippy::cast_precision_loss,
+            reason = "a few hundred"
+        )]
+        let lead = (LEAD_S * board.chip.core_hz as f64) as u64;
+        let per_sample = board.cycles_per_sample();
+        let next = event + per_sample - lead;
+        if self.moved_to % per_sample != next % per_sample {
+            // Once, right after the first sample: the handle is held still then.
+            self.moved_to += (next + per_sample - self.moved_to % per_sample) % per_sample;
+        }
+    }
+
+    /// `samples` samples, with the probe's channels read every 5 ms.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn run(&mut self, samples: u64) -> Result<(), Ended> {
+        for n in 0..samples {
+            self.sample()?;
+            if n % 50 == 49 {
+                self.probe()?;
+            }
+        }
+        self.probe()
+    }
+
+    /// Reads the probe's channels.
+    ///
+    /// # Errors
+    /// The log makes no sense.
+    pub fn probe(&mut self) -> Result<(), Ended> {
+        let Powered { mcu, rtt, .. } = &mut self.powered;
+        let log = rtt.read(mcu, 0);
+        self.telemetry.extend(rtt.read(mcu, 1));
+        let replies = rtt.read(mcu, 2);
+        self.replies.push_str(&String::from_utf8_lossy(&replies));
+        self.lines.extend(self.log.feed(&log)?);
+        Ok(())
+    }
+
+    /// Sends a line and returns the reply to it.
+    ///
+    /// # Errors
+    /// No reply within 0.1 s, or as [`sample`](Self::sample).
+    pub fn ask(&mut self, line: &str) -> Result<String, Ended> {
+        self.replies.clear();
+        self.send(&format!("{line}\n"))?;
+        self.reply(1_000)
+    }
+
+    /// Puts bytes into the command channel.
+    ///
+    /// # Errors
+    /// The channel has no room within 0.1 s.
+    pub fn send(&mut self, bytes: &str) -> Result<(), Ended> {
+        let mut rest = bytes.as_bytes();
+        for _ in 0..1_000 {
+            let Powered { mcu, rtt, .. } = &mut self.powered;
+            let written = rtt.write(mcu, 0, rest);
+            rest = &rest[written..];
+            if rest.is_empty() {
+                return Ok(());
+            }
+            self.sample()?;
+        }
+        Err(Ended::Timeout)
+    }
+
+    /// Waits up to `samples` for the next reply.
+    ///
+    /// # Errors
+    /// None came, or as [`sample`](Self::sample).
+    pub fn reply(&mut self, samples: u64) -> Result<String, Ended> {
+        for _ in 0..samples.div_ceil(10) {
+            self.run(10)?;
+            if let Some((line, rest)) = self.replies.split_once('\n') {
+                let line = line.to_owned();
+                self.replies = rest.to_owned();
+                return Ok(line);
+            }
+        }
+        Err(Ended::Timeout)
+    }
+}
+
+/// What the encoder reads at `position_m`.
+fn count(encoder: &Encoder, position_m: f64) -> i32 {
+    let exact = position_m / encoder.resolution_m;
+    let shifted = match encoder.rounding {
+        Rounding::Floor => exact,
+        Rounding::Round => exact + 0.5,
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
+    let count = shifted.floor() as i32;
+    count
+}
