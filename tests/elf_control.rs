@@ -16,6 +16,7 @@ use std::sync::OnceLock;
 use elf::{Firmware, arm, ok};
 use virtual_board::{
     board::BOARDS,
+    elf::Elf,
     mcu::{LINK, RENDER, SAMPLE, Watch},
 };
 use zwidth::{
@@ -226,7 +227,8 @@ fn the_dac_follows_its_sample_within_the_stated_time() {
     assert!(most as f64 <= DAC_LATENCY * firmware.board.cycles_per_sample() as f64, "{most}");
 }
 
-/// Cycles from exception entry to return that the tasks may take.
+/// Cycles from exception entry to return that the sampling task may take: what it takes now and
+/// some. The design asks for 320; docs/firmware.md says where they go.
 const SAMPLE_CYCLES: u64 = 500;
 
 #[test]
@@ -253,36 +255,63 @@ fn tasks_and_memory_stay_in_their_budget() {
     }
 }
 
-/// Machine code of the sampling task: nothing in it calls, disables interrupts or masks.
+/// Machine code of the sampling task, and of what it calls (the guard's rare case): nothing in it
+/// disables interrupts, raises a mask or calls through a pointer.
 #[test]
-fn the_sampling_task_calls_nothing_and_masks_nothing() {
+fn the_sampling_task_enters_no_critical_section() {
     for board in BOARDS {
         let elf = Firmware::of(board).elf;
-        let (_, start, size) = elf.symbols.iter().find(|(name, ..)| name == "TIM5").unwrap();
-        let (base, text) = elf
-            .flash
-            .iter()
-            .find(|(base, bytes)| (*base..*base + bytes.len() as u32).contains(start))
-            .unwrap();
-        let from = (start - base) as usize;
-        let code = &text[from..from + *size as usize];
-        let halves: Vec<u16> =
-            code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]])).collect();
+        let mut functions = vec![elf.address_of("TIM5").unwrap()];
         let mut n = 0;
-        while n < halves.len() {
-            let first = halves[n];
-            let wide = first >> 11 >= 0b11101;
-            let second = if wide { halves.get(n + 1).copied().unwrap_or(0) } else { 0 };
-            let at = start + 2 * n as u32;
-            assert!(first != 0xB672 && first != 0xB671, "cpsid at {at:#x}");
-            assert!(first & 0xFF80 != 0x4780, "blx at {at:#x}");
-            let call = first >> 11 == 0b11110 && second >> 14 == 0b11 && second >> 12 & 1 == 1;
-            assert!(!call, "bl at {at:#x}");
-            // MSR PRIMASK or BASEPRI_MAX
-            let msr = first & 0xFFF0 == 0xF380 && second & 0xFF00 == 0x8800;
-            assert!(!(msr && matches!(second & 0xFF, 16 | 18)), "mask raised at {at:#x}");
-            n += if wide { 2 } else { 1 };
+        while n < functions.len() {
+            for called in calls_of(&elf, functions[n]) {
+                if !functions.contains(&called) {
+                    functions.push(called);
+                }
+            }
+            n += 1;
         }
-        println!("{}: {} bytes", board.name, size);
+        println!("{}: {} functions", board.name, functions.len());
+        assert!(functions.len() <= 2, "{functions:x?}");
     }
+}
+
+/// Checks the function at `start` and returns what it calls.
+fn calls_of(elf: &Elf, start: u32) -> Vec<u32> {
+    let size = |at: u32| elf.symbols.iter().filter(|s| s.1 == at).map(|s| s.2).max().unwrap();
+    let holds =
+        |piece: &&(u32, Vec<u8>)| (piece.0..piece.0 + piece.1.len() as u32).contains(&start);
+    let (base, text) = elf.flash.iter().find(holds).unwrap();
+    let from = (start - base) as usize;
+    let code = &text[from..from + size(start) as usize];
+    let halves: Vec<u16> =
+        code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]])).collect();
+    let (mut n, mut called) = (0, Vec::new());
+    while n < halves.len() {
+        let first = halves[n];
+        let wide = first >> 11 >= 0b11101;
+        let second = if wide { halves.get(n + 1).copied().unwrap_or(0) } else { 0 };
+        let at = start + 2 * n as u32;
+        assert!(first != 0xB672 && first != 0xB671, "cpsid at {at:#x}");
+        assert!(first & 0xFF80 != 0x4780, "blx at {at:#x}");
+        if first >> 11 == 0b11110 && second >> 14 == 0b11 && second >> 12 & 1 == 1 {
+            called.push(target(at, first, second));
+        }
+        // MSR PRIMASK or BASEPRI_MAX
+        let msr = first & 0xFFF0 == 0xF380 && second & 0xFF00 == 0x8800;
+        assert!(!(msr && matches!(second & 0xFF, 16 | 18)), "mask raised at {at:#x}");
+        n += if wide { 2 } else { 1 };
+    }
+    called
+}
+
+/// Where a BL at `at` goes (Armv7-M, encoding T1).
+fn target(at: u32, first: u16, second: u16) -> u32 {
+    let (first, second) = (u32::from(first), u32::from(second));
+    let sign = first >> 10 & 1;
+    let bit = |j: u32| 1 ^ (second >> j & 1) ^ sign;
+    let offset =
+        sign << 24 | bit(13) << 23 | bit(11) << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
+    let extended = (offset << 7).cast_signed() >> 7;
+    at.wrapping_add(4).wrapping_add_signed(extended)
 }

@@ -139,7 +139,7 @@ impl GuardedSampler {
             .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS)
     }
 
-    #[inline]
+    #[cold]
     fn note(&mut self, present: FaultSet, sample: u64, acknowledged: u32) {
         let guard = &mut self.guard;
         if guard.events == acknowledged {
