@@ -6,6 +6,8 @@
 
 use std::fmt::Write as _;
 
+use serde::Serialize;
+
 use crate::figure::{Figure, escape, hertz, number, scaled_unit};
 
 const STYLE: &str = "\
@@ -63,7 +65,7 @@ pub struct ReportFigure {
 }
 
 /// The result of one cutoff, over its repeats.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AreaRow {
     /// Nominal cutoff.
     pub cutoff_hz: f64,

@@ -91,13 +91,8 @@ pub struct Summary {
 
 #[derive(Clone, Debug, Serialize)]
 struct CutoffSummary {
-    cutoff_hz: f64,
-    true_cutoff_hz: f64,
-    area: f64,
-    area_low: f64,
-    area_high: f64,
-    stiffness_peak_n_per_m: f64,
-    damping_max_n_s_per_m: f64,
+    #[serde(flatten)]
+    areas: AreaRow,
     walks: Vec<WalkSummary>,
 }
 
@@ -350,15 +345,7 @@ impl Study {
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
         let mut notes = self.result.notes();
         notes.extend(self.variants.iter().map(VariantResult::sentence));
-        let areas = self.result.cutoffs.iter().map(|result| AreaRow {
-            cutoff_hz: result.cutoff_hz,
-            true_cutoff_hz: result.true_cutoff_hz,
-            area: result.area(),
-            area_low: result.area_low(),
-            area_high: result.area_high(),
-            stiffness_peak_n_per_m: result.stiffness_peak_n_per_m(),
-            damping_max_n_s_per_m: result.damping_max_n_s_per_m(),
-        });
+        let areas = self.result.cutoffs.iter().map(area_row);
         report::html(&Report {
             title: format!("{}: {}", self.scene.name, subtitle(self)),
             ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
@@ -399,7 +386,12 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
         hits: boundary.hits,
         ended_by: boundary.ended.map_or("first_point_unstable", Ended::name),
     });
-    CutoffSummary {
+    CutoffSummary { areas: area_row(result), walks: walks.collect() }
+}
+
+/// One cutoff in numbers, for every table that has a row of it.
+fn area_row(result: &CutoffResult) -> AreaRow {
+    AreaRow {
         cutoff_hz: result.cutoff_hz,
         true_cutoff_hz: result.true_cutoff_hz,
         area: result.area(),
@@ -407,7 +399,6 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
         area_high: result.area_high(),
         stiffness_peak_n_per_m: result.stiffness_peak_n_per_m(),
         damping_max_n_s_per_m: result.damping_max_n_s_per_m(),
-        walks: walks.collect(),
     }
 }
 
