@@ -7,7 +7,7 @@ use crate::{
     actuator::Actuator,
     encoder::Encoder,
     units::{Command, Force, Position, Velocity},
-    velocity::{self, Estimator},
+    velocity::{self, Estimator, Senses},
     wall::Wall,
 };
 
@@ -80,11 +80,24 @@ impl Sampler {
         self.velocity.rebase(self.encoder.position());
     }
 
+    /// Goes on under `new` where `old` was in force: an estimator of another kind is warmed up.
+    pub fn adopt(&mut self, old: &Control, new: &Control) {
+        if !old.estimator.continues(&new.estimator) {
+            new.estimator.start(&mut self.velocity);
+        }
+    }
+
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {
+        self.sense(control, counter, &Senses::default())
+    }
+
+    /// [`sample`](Self::sample) for estimators that look at more than the count.
+    #[inline]
+    pub fn sense(&mut self, control: &Control, counter: u32, senses: &Senses) -> Motion {
         let position = self.encoder.track(counter);
-        let velocity = control.estimator.update(&mut self.velocity, position);
+        let velocity = control.estimator.update(&mut self.velocity, position, senses);
         let sample = self.sample;
         self.sample = sample.wrapping_add(1);
         let due = self.until_due == 0;

@@ -202,7 +202,7 @@ impl Settings {
         let velocity_lsb =
             design.resolution_m * design.rate_hz / f64::from(1u32 << Velocity::FRACTION_BITS);
         Ok(Control {
-            estimator: self.velocity.build(design.rate_hz)?,
+            estimator: self.velocity.build(design)?,
             wall: Wall {
                 surface: design.position("position_m", wall.position_m)?,
                 stiffness: gain(

@@ -23,8 +23,18 @@ const VELOCITY_LSB: f64 = 1.0 / (1u64 << 16) as f64;
 
 fn filter(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Biquad {
     let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp };
-    let Estimator::Butterworth(biquad) = settings.build(rate_hz).unwrap();
+    let Estimator::LowPass(biquad) = settings.build(&design(rate_hz)).unwrap() else { panic!() };
     biquad
+}
+
+fn design(rate_hz: f64) -> Design {
+    Design {
+        rate_hz,
+        resolution_m: 1e-6,
+        full_scale_n: 1.0,
+        period: 10,
+        output: Output::Continuous,
+    }
 }
 
 /// Cutoffs over the accepted range, as fractions of the rate.
@@ -53,7 +63,7 @@ fn coefficients_are_those_of_scipy_within_their_stated_lsb() {
             let columns: Vec<f64> = row.split(',').map(|value| value.parse().unwrap()).collect();
             let [rate_hz, cutoff_hz] = [columns[0], columns[1]];
             let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp };
-            let Ok(Estimator::Butterworth(biquad)) = settings.build(rate_hz) else {
+            let Ok(Estimator::LowPass(biquad)) = settings.build(&design(rate_hz)) else {
                 continue; // outside the accepted range, which has tests of its own
             };
             rows += 1;
@@ -110,7 +120,7 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
             f64::INFINITY,
         ] {
             let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
-            let error = settings.build(rate_hz).unwrap_err();
+            let error = settings.build(&design(rate_hz)).unwrap_err();
             assert_eq!(error.parameter, "cutoff_hz");
             let text = error.to_string();
             let [low, high] = [CUTOFF_MIN, CUTOFF_MAX].map(|limit| shorten(limit * rate_hz));
@@ -118,7 +128,7 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
         }
     }
     let prewarped = VelocitySettings::Butterworth { cutoff_hz: 3900.0, prewarp: true };
-    assert_eq!(prewarped.build(1e4).unwrap_err().parameter, "cutoff_hz");
+    assert_eq!(prewarped.build(&design(1e4)).unwrap_err().parameter, "cutoff_hz");
 }
 
 /// |H| of the paper's equation (2) at `hz`, from the formula, not from the core's coefficients.

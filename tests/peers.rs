@@ -13,7 +13,7 @@ use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
 use idsp::iir;
 use zwidth::{
-    VelocitySettings,
+    Design, Output, VelocitySettings,
     units::Velocity,
     velocity::{Biquad, BiquadState, Estimator},
 };
@@ -29,7 +29,14 @@ struct Peers {
 impl Peers {
     fn new(cutoff_hz: f64) -> Self {
         let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
-        let Estimator::Butterworth(ours) = settings.build(1e4).unwrap();
+        let design = Design {
+            rate_hz: 1e4,
+            resolution_m: 1e-6,
+            full_scale_n: 1.0,
+            period: 10,
+            output: Output::Continuous,
+        };
+        let Estimator::LowPass(ours) = settings.build(&design).unwrap() else { panic!() };
         let [b0, b1, b2, a1, a2] = ours.bits();
         // idsp keeps a1 and a2 with the sign of the recurrence
         let coefficients = iir::Biquad { ba: [b0, b1, b2, -a1, -a2].map(Q32::from_bits) };

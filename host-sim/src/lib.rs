@@ -28,4 +28,5 @@ pub mod sweep;
 pub mod telemetry;
 pub mod trace;
 pub mod twin;
+pub mod velocity;
 pub mod walk;

@@ -9,11 +9,12 @@ use std::{fs, ops::RangeInclusive, path::Path};
 
 use serde::{Deserialize, Serialize};
 use zwidth::{
-    Design, HitSettings, Output, Settings, SettingsError, VelocitySettings, WallSettings,
-    experiment::WalkPlan, limits, shorten,
+    Design, HitSettings, Output, Settings, SettingsError, WallSettings, experiment::WalkPlan,
+    limits, shorten,
 };
 
 use crate::error::Error;
+pub use crate::velocity::Velocity;
 
 /// Accepted ranges of what only the simulator knows.
 pub mod ranges {
@@ -137,18 +138,6 @@ pub struct Actuator {
 pub struct Sampling {
     /// Encoder samples per second, Hz.
     pub rate_hz: f64,
-}
-
-/// Velocity estimator; its cutoff comes from the command line or from `[sweep]`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "estimator", rename_all = "lowercase", deny_unknown_fields)]
-pub enum Velocity {
-    /// Finite difference and second-order Butterworth.
-    Butterworth {
-        /// Pre-warp the cutoff.
-        #[serde(default)]
-        prewarp: bool,
-    },
 }
 
 /// The virtual wall.
@@ -352,9 +341,8 @@ impl Scene {
         stiffness_n_per_m: f64,
         damping_n_s_per_m: f64,
     ) -> Settings {
-        let Velocity::Butterworth { prewarp } = self.velocity;
         Settings {
-            velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp },
+            velocity: self.velocity.settings(cutoff_hz),
             wall: WallSettings {
                 position_m: self.wall.position_m,
                 stiffness_n_per_m,
@@ -390,8 +378,7 @@ impl Scene {
 
     /// Frequency at which the filter of that nominal cutoff is at -3 dB, Hz.
     pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
-        let Velocity::Butterworth { prewarp } = self.velocity;
-        zwidth::velocity::true_cutoff_hz(cutoff_hz, self.control.rate_hz, prewarp)
+        self.velocity.true_cutoff_hz(cutoff_hz, self.control.rate_hz)
     }
 }
 
@@ -410,6 +397,9 @@ fn in_scene(error: &SettingsError) -> String {
         "window_s" => "wall_hit.window_s",
         "rms_limit_m" => "wall_hit.rms_limit_m",
         "cutoff_hz" => "sweep.cutoffs_hz",
+        "order" => "velocity.order",
+        "degree" => "velocity.degree",
+        "window_samples" => "velocity.window_samples",
         other => other,
     };
     refused(key, error.value, &error.range)

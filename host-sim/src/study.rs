@@ -117,8 +117,8 @@ fn convention(study: &Study) -> String {
     let scene = &study.scene.scene;
     let shown = study.result.ideal.map(|ideal| ideal.cutoff_hz);
     let shown = shown.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
-    let crate::scene::Velocity::Butterworth { prewarp } = scene.velocity;
-    if prewarp {
+    let nominal_is_true = scene.true_cutoff_hz(1.0) == 1.0;
+    if nominal_is_true {
         return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
     }
     let Some(nominal) = shown else {
@@ -311,8 +311,7 @@ impl Study {
             "device,estimator,cutoff_hz,latency_samples,damping_n_s_per_m,stiffness_n_per_m\n",
         );
         let scene = &self.scene.scene;
-        let crate::scene::Velocity::Butterworth { prewarp } = scene.velocity;
-        let estimator = if prewarp { "butterworth-prewarped" } else { "butterworth" };
+        let estimator = scene.velocity.name();
         let (device, latency) = (&self.scene.name, scene.actuator.latency);
         for Envelope { cutoff_hz, points } in &self.envelopes {
             for point in points {

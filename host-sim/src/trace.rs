@@ -107,8 +107,10 @@ impl Trace {
         hit_trace(&TracePlot {
             title: format!("Wall hit, {}", scene.name),
             subtitle: format!(
-                "K = {} N/m, B = {} N s/m, cutoff {} Hz nominal",
-                hit.stiffness_n_per_m, hit.damping_n_s_per_m, hit.cutoff_hz
+                "K = {} N/m, B = {} N s/m, {}",
+                hit.stiffness_n_per_m,
+                hit.damping_n_s_per_m,
+                scene.scene.velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz)
             ),
             rate_hz: self.rate_hz,
             positions_m: self.rows.iter().map(|row| row.position_m).collect(),

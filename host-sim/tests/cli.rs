@@ -138,7 +138,18 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     assert!(refused(&["sweep", "paper-1um", "paper-1um"]).contains("same name"));
     assert!(refused(&["sweep", "--numeric", "q15"]).contains("f64"));
     assert!(refused(&["swep"]).contains("sweep"));
-    assert!(refused(&["hit", "paper-1um"]).contains("--cutoff"));
+    assert!(refused(&["hit", "paper-1um"]).contains("--stiffness"));
+    let wall = ["hit", "paper-1um", "--stiffness", "1", "--damping", "1"];
+    assert!(refused(&wall).contains("a cutoff is missing"));
+    let text = include_str!("../../scenes/paper-1um.toml");
+    let scene =
+        text.replace("estimator = \"butterworth\"\nprewarp = false", "estimator = \"difference\"");
+    let path = folder.path().join("plain.toml");
+    std::fs::write(&path, scene).unwrap();
+    let path = path.to_str().unwrap();
+    for arguments in [["walk", path, "--cutoff", "500"], ["sweep", path, "--repeat", "1"]] {
+        assert!(refused(&arguments).contains("difference has no cutoff"));
+    }
 }
 
 #[test]

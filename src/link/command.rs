@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::number;
-use crate::VelocitySettings;
+use crate::velocity::EstimatorName;
 
 /// What a person asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +30,8 @@ pub enum Command {
     Wall(f64),
     /// Cutoff of the velocity filter, Hz.
     Cutoff(f64),
+    /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
+    Tuning(f64),
     /// Velocity estimator.
     Estimator(EstimatorName),
     /// Push of the experiments, N; does nothing by itself.
@@ -56,44 +58,6 @@ pub enum Command {
     Calibrate,
 }
 
-/// An estimator by its name, which is also its name in the envelope.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EstimatorName {
-    /// [`VelocitySettings::Butterworth`], not pre-warped.
-    Butterworth,
-    /// [`VelocitySettings::Butterworth`], pre-warped.
-    ButterworthPrewarped,
-}
-
-impl EstimatorName {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Butterworth, Self::ButterworthPrewarped];
-
-    /// As it is typed.
-    pub const fn text(self) -> &'static str {
-        match self {
-            Self::Butterworth => "butterworth",
-            Self::ButterworthPrewarped => "butterworth-prewarped",
-        }
-    }
-
-    /// The name of those settings.
-    pub const fn of(settings: &VelocitySettings) -> Self {
-        match settings {
-            VelocitySettings::Butterworth { prewarp: false, .. } => Self::Butterworth,
-            VelocitySettings::Butterworth { prewarp: true, .. } => Self::ButterworthPrewarped,
-        }
-    }
-
-    /// Its settings with that cutoff, Hz.
-    pub const fn settings(self, cutoff_hz: f64) -> VelocitySettings {
-        VelocitySettings::Butterworth {
-            cutoff_hz,
-            prewarp: matches!(self, Self::ButterworthPrewarped),
-        }
-    }
-}
-
 /// Why a line is no command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParseError {
@@ -107,6 +71,8 @@ pub enum ParseError {
     Number(&'static str),
     /// This command takes one of a few words.
     Word(&'static str),
+    /// No estimator of this build has that name.
+    Estimator,
     /// The line is longer than [`LINE_MAX`](super::LINE_MAX).
     TooLong,
 }
@@ -121,6 +87,10 @@ impl fmt::Display for ParseError {
                 write!(f, "not a number of at most 15 digits such as 2000, 0.07 or 1.5e3: {usage}")
             }
             Self::Word(usage) => write!(f, "unknown word: {usage}"),
+            Self::Estimator => {
+                f.write_str("unknown estimator, allowed")?;
+                EstimatorName::ALL.iter().try_for_each(|name| write!(f, " {}", name.text()))
+            }
             Self::TooLong => write!(f, "line too long: at most {} bytes", super::LINE_MAX),
         }
     }
@@ -131,12 +101,13 @@ enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),
     Word(&'static [(&'static str, Command)]),
+    Estimator,
 }
 
 /// Name, use, form.
 type Entry = (&'static str, &'static str, Form);
 
-static TABLE: [Entry; 23] = {
+static TABLE: [Entry; 24] = {
     use Command as C;
     use Form::{Number, Plain, Word};
     [
@@ -151,14 +122,8 @@ static TABLE: [Entry; 23] = {
         ("b", "b N_S_PER_M", Number(C::Damping)),
         ("wall", "wall METRES", Number(C::Wall)),
         ("cutoff", "cutoff HZ", Number(C::Cutoff)),
-        (
-            "estimator",
-            "estimator butterworth|butterworth-prewarped",
-            Word(&[
-                ("butterworth", C::Estimator(EstimatorName::Butterworth)),
-                ("butterworth-prewarped", C::Estimator(EstimatorName::ButterworthPrewarped)),
-            ]),
-        ),
+        ("tuning", "tuning VALUE", Number(C::Tuning)),
+        ("estimator", "estimator NAME", Form::Estimator),
         ("push", "push NEWTONS", Number(C::Push)),
         ("hit", "hit", Plain(C::Hit)),
         ("walk", "walk", Plain(C::Walk)),
@@ -202,6 +167,10 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
             let found = known.iter().find(|(text, _)| word.eq_ignore_ascii_case(text.as_bytes()));
             found.ok_or(ParseError::Word(usage))?.1
         }
+        Form::Estimator => {
+            let word = words.next().ok_or(ParseError::Missing(usage))?;
+            Command::Estimator(EstimatorName::of_text(word).ok_or(ParseError::Estimator)?)
+        }
     };
     match words.next() {
         None => Ok(command),
@@ -212,7 +181,7 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::{LINE_MAX, Line, LineReader, Text};
+    use crate::link::{LINE_MAX, Line, LineReader, REPLY_MAX, Text};
     use proptest::prelude::*;
 
     #[test]
@@ -230,6 +199,7 @@ mod tests {
             ("b 5", C::Damping(5.0)),
             ("wall 0.07", C::Wall(0.07)),
             ("cutoff 1500", C::Cutoff(1500.0)),
+            ("tuning 16", C::Tuning(16.0)),
             ("estimator butterworth", C::Estimator(EstimatorName::Butterworth)),
             ("estimator butterworth-prewarped", C::Estimator(EstimatorName::ButterworthPrewarped)),
             ("push 2.835", C::Push(2.835)),
@@ -248,7 +218,7 @@ mod tests {
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), 23);
+        assert_eq!(usages().count(), 24);
     }
 
     #[test]
@@ -266,16 +236,16 @@ mod tests {
             ("unlock", E::Missing("unlock envelope")),
             ("unlock all", E::Word("unlock envelope")),
             ("arm now", E::Extra("arm")),
-            ("estimator kalman", E::Word("estimator butterworth|butterworth-prewarped")),
+            ("estimator none", E::Estimator),
+            ("estimator", E::Missing("estimator NAME")),
         ] {
             assert_eq!(parse(line.as_bytes()), Err(error), "{line}");
         }
     }
 
     #[test]
-    fn names_of_estimators_lead_there_and_back() {
-        for name in EstimatorName::ALL {
-            assert_eq!(EstimatorName::of(&name.settings(100.0)), name);
+    fn every_estimator_is_read_by_its_name() {
+        for &name in EstimatorName::ALL {
             let line = std::format!("estimator {}", name.text());
             assert_eq!(parse(line.as_bytes()), Ok(Command::Estimator(name)));
         }
@@ -330,11 +300,12 @@ mod tests {
                         | Command::Damping(value)
                         | Command::Wall(value)
                         | Command::Cutoff(value)
+                        | Command::Tuning(value)
                         | Command::Push(value),
                     ) => prop_assert!(value.is_finite()),
                     Ok(_) => {}
                     Err(error) => {
-                        let text = Text::<120>::of(error);
+                        let text = Text::<REPLY_MAX>::of(error);
                         prop_assert!(!text.as_str().contains(['\n', '\r', '~']));
                     }
                 }

@@ -13,7 +13,7 @@ mod number;
 mod reply;
 mod rules;
 
-pub use command::{Command, EstimatorName, ParseError, parse, usages};
+pub use command::{Command, ParseError, parse, usages};
 pub use line::{Line, LineReader, Text};
 pub use number::Decimal;
 pub use reply::Reply;

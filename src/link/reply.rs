@@ -2,13 +2,14 @@
 
 use core::fmt;
 
-use super::{Decimal, EstimatorName, ParseError, Situation, usages};
+use super::{Decimal, ParseError, Situation, usages};
 use crate::{
-    SettingsError, VelocitySettings,
+    SettingsError,
     envelope::Outside,
     safety::{Fault, Refusal},
     store::{Source, Stored},
     telemetry::Record,
+    velocity::{EstimatorName, Parameter},
 };
 
 /// What the board answers. Write it with [`Text::of`](super::Text::of); the line end is not in it.
@@ -116,16 +117,24 @@ fn status(f: &mut fmt::Formatter<'_>, now: &Situation, record: &Record) -> fmt::
 
 fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
     let wall = &stored.settings.wall;
-    let VelocitySettings::Butterworth { cutoff_hz, .. } = stored.settings.velocity;
     let plus = |reversed: bool| if reversed { '-' } else { '+' };
     write!(
         f,
-        "ok get k {} N/m, b {} N s/m, wall {} m, cutoff {} Hz, estimator {}, push {} N, {}, device {}, motor {}, encoder {}",
+        "ok get k {} N/m, b {} N s/m, wall {} m, ",
         Decimal(wall.stiffness_n_per_m),
         Decimal(wall.damping_n_s_per_m),
         Decimal(wall.position_m),
-        Decimal(cutoff_hz),
-        EstimatorName::of(&stored.settings.velocity).text(),
+    )?;
+    let (estimator, values) = EstimatorName::of(&stored.settings.velocity);
+    for (parameter, value) in estimator.parameters().into_iter().zip(values) {
+        if let Some(Parameter { name, unit, .. }) = parameter {
+            write!(f, "{name} {} {unit}, ", Decimal(value))?;
+        }
+    }
+    write!(
+        f,
+        "estimator {}, push {} N, {}, device {}, motor {}, encoder {}",
+        estimator.text(),
         Decimal(stored.push_n),
         if wall.push_only { "push only" } else { "two-sided" },
         stored.device.name(),
@@ -268,7 +277,7 @@ mod tests {
         let stored = Stored {
             device: DeviceKey::new("0123456789abcdef").unwrap(),
             settings: Settings {
-                velocity: EstimatorName::ButterworthPrewarped.settings(1.234_567_890_12e-5),
+                velocity: EstimatorName::ButterworthPrewarped.settings([1.234_567_890_12e-5, 0.0]),
                 wall: WallSettings {
                     position_m: -1.234_567_890_12e-5,
                     stiffness_n_per_m: 1.234_567_890_12e-5,

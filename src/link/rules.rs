@@ -76,9 +76,11 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::UnlockEnvelope => &[N::NoFault],
         Command::Zero => &[N::NotArming, N::Idle, N::NoContact],
         Command::Stiffness(_) | Command::Damping(_) | Command::Push(_) => &[N::NoWalk],
-        Command::Wall(_) | Command::Cutoff(_) | Command::Estimator(_) | Command::Load => {
-            &[N::NotArming, N::NoWalk, N::NoContact]
-        }
+        Command::Wall(_)
+        | Command::Cutoff(_)
+        | Command::Tuning(_)
+        | Command::Estimator(_)
+        | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
         Command::Save => &[N::Off],
         Command::Hit | Command::Calibrate => &[N::NoFault, N::Armed, N::Idle, N::NoContact],
         Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::NoContact, N::Unlocked],
@@ -146,8 +148,8 @@ pub fn signs_allowed(now: &Situation) -> Result<(), Refusal> {
 mod tests {
     use super::*;
     use crate::{
-        link::EstimatorName,
         safety::{FaultRecord, FaultSet, Inputs},
+        velocity::EstimatorName,
     };
     use std::vec::Vec;
 

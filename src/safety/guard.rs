@@ -80,6 +80,11 @@ impl GuardedSampler {
         }
     }
 
+    /// Goes on under `new` where `old` was in force; see [`Sampler::adopt`].
+    pub fn adopt(&mut self, old: &Control, new: &Control) {
+        self.sampler.adopt(old, new);
+    }
+
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
     /// constant rate, with the newest [`Down`].
     ///

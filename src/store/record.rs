@@ -1,6 +1,6 @@
 //! One settings record as flash words.
 
-use crate::{Settings, VelocitySettings, WallSettings, crc};
+use crate::{Settings, WallSettings, crc, velocity::EstimatorName};
 
 /// What is kept: everything that a person sets, and what belongs to the device it was set for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,22 +58,6 @@ const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
 
-/// Number of an estimator in a record and its parameters. A number is never given a new meaning.
-fn estimator_words(velocity: &VelocitySettings) -> (u32, [f64; 2]) {
-    match *velocity {
-        VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-            (if prewarp { 2 } else { 1 }, [cutoff_hz, 0.0])
-        }
-    }
-}
-
-fn estimator_of(number: u32, [first, _]: [f64; 2]) -> Option<VelocitySettings> {
-    match number {
-        1 | 2 => Some(VelocitySettings::Butterworth { cutoff_hz: first, prewarp: number == 2 }),
-        _ => None,
-    }
-}
-
 #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
 fn halves(value: f64) -> [u32; 2] {
     let bits = value.to_bits();
@@ -88,7 +72,7 @@ impl Stored {
     /// As words, the last of them a CRC over the others.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
         let mut words = [0; RECORD_WORDS];
-        let (estimator, parameters) = estimator_words(&self.settings.velocity);
+        let (estimator, parameters) = EstimatorName::of(&self.settings.velocity);
         let wall = &self.settings.wall;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let flags = flag(wall.push_only, PUSH_ONLY)
@@ -106,7 +90,7 @@ impl Stored {
         let body = [HEAD, sequence]
             .into_iter()
             .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
-            .chain([estimator, flags])
+            .chain([estimator.number(), flags])
             .chain(numbers.into_iter().flat_map(halves));
         for (place, word) in words.iter_mut().zip(body) {
             *place = word;
@@ -158,7 +142,8 @@ impl Stored {
         let stored = Self {
             device,
             settings: Settings {
-                velocity: estimator_of(estimator, [whole(p0, p1), whole(q0, q1)])?,
+                velocity: EstimatorName::of_number(estimator)?
+                    .settings([whole(p0, p1), whole(q0, q1)]),
                 wall: WallSettings {
                     position_m: whole(w0, w1),
                     stiffness_n_per_m: whole(k0, k1),
@@ -179,6 +164,7 @@ impl Stored {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::VelocitySettings;
     use proptest::prelude::*;
 
     pub fn stored(stiffness_n_per_m: f64) -> Stored {
@@ -210,7 +196,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_record_with_an_unknown_version_or_estimator_is_none() {
-        for (word, value) in [(0, HEAD + (1 << 24)), (6, 3)] {
+        for (word, value) in [(0, HEAD + (1 << 24)), (6, 999)] {
             let mut words = stored(1.0).to_words(1);
             words[word] = value;
             let (body, check) = words.split_at_mut(RECORD_WORDS - 1);

@@ -10,12 +10,13 @@ use zwidth::{
     envelope::Key,
     experiment::{Scatter, Verdict},
     link::{
-        Command, Decimal, EstimatorName, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Reply,
-        Situation, Text, allowed, parse,
+        Command, Decimal, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Reply, Situation,
+        Text, allowed, parse,
     },
     safety::{Refusal, Request, State},
     store::{self, SaveError, Source, Stored},
     telemetry::{Frame, Record},
+    velocity::{EstimatorName, Parameter},
 };
 
 use super::{
@@ -213,19 +214,11 @@ impl Link {
                 |settings| settings.wall.position_m = position_m,
                 Change::Value("wall", position_m, "m"),
             ),
-            Command::Cutoff(cutoff_hz) => self.change(
-                self.stored.settings,
-                |settings| {
-                    settings.velocity = EstimatorName::of(&settings.velocity).settings(cutoff_hz);
-                },
-                Change::Value("cutoff", cutoff_hz, "Hz"),
-            ),
+            Command::Cutoff(cutoff_hz) => self.tune(cutoff_hz, Parameter::is_frequency),
+            Command::Tuning(value) => self.tune(value, |_| true),
             Command::Estimator(name) => self.change(
                 self.stored.settings,
-                |settings| {
-                    let zwidth::VelocitySettings::Butterworth { cutoff_hz, .. } = settings.velocity;
-                    settings.velocity = name.settings(cutoff_hz);
-                },
+                |settings| settings.velocity = name.following(&settings.velocity),
                 Change::Estimator(name),
             ),
             Command::Push(push_n) => match device::hit(push_n).build(&DESIGN) {
@@ -249,6 +242,19 @@ impl Link {
             Command::Walk | Command::Calibrate => {
                 self.write(&"error: this firmware cannot do that yet");
             }
+        }
+    }
+
+    /// Changes the estimator's tuning, if it has one that `fits`.
+    fn tune(&mut self, value: f64, fits: fn(&Parameter) -> bool) {
+        match self.stored.settings.velocity.tuning() {
+            Some((parameter, _)) if fits(&parameter) => self.change(
+                self.stored.settings,
+                |settings| settings.velocity = settings.velocity.with_tuning(value),
+                Change::Value(parameter.name, value, parameter.unit),
+            ),
+            Some(_) => self.write(&"error: this estimator has no cutoff: set its tuning, see get"),
+            None => self.write(&"error: this estimator has nothing to tune"),
         }
     }
 
@@ -309,11 +315,11 @@ impl Link {
 /// The integers of those settings, and where their gains lie.
 fn build(stored: &Stored) -> Result<(Control, Gains), SettingsError> {
     let control = stored.settings.build(&DESIGN)?;
-    let zwidth::VelocitySettings::Butterworth { cutoff_hz, .. } = stored.settings.velocity;
+    let velocity = &stored.settings.velocity;
     let key = Key {
         device: stored.device.name(),
-        estimator: EstimatorName::of(&stored.settings.velocity).text(),
-        cutoff_hz,
+        estimator: velocity.name().text(),
+        cutoff_hz: velocity.tuning().map_or(0.0, |(_, value)| value),
         latency_samples: device::LATENCY_SAMPLES,
     };
     let wall = &stored.settings.wall;

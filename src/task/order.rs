@@ -8,6 +8,10 @@ use zwidth::{
     telemetry::Record,
 };
 
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is no allocator; large with some estimators only"
+)]
 /// One order; answered with the next [`Report`], in order.
 #[derive(Clone, Copy, Debug)]
 pub enum Order {

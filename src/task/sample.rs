@@ -42,6 +42,7 @@ impl Sample {
         let count = self.encoder.count();
         self.pace.acknowledge();
         if let Some(control) = self.controls.read() {
+            self.sampler.adopt(&self.control, &control);
             self.control = control;
         }
         let (motion, cut) = self.sampler.step(&self.control, count, &FLAGS.down());

@@ -102,3 +102,10 @@ pub struct BiquadState {
     y: [i32; 2],
     residue: [i32; 2],
 }
+
+impl BiquadState {
+    /// As after many samples at that velocity.
+    pub(super) fn at(velocity: Velocity) -> Self {
+        Self { x: [velocity.bits(); 2], y: [velocity.bits(); 2], residue: [0; 2] }
+    }
+}

@@ -50,6 +50,14 @@ pub fn true_cutoff_hz(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> f64 {
     }
 }
 
+/// `w = wc T`, pre-warped or not.
+fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64, SettingsError> {
+    let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };
+    within("cutoff_hz", cutoff_hz, CUTOFF_MIN * rate_hz..=highest * rate_hz)?;
+    let angle = 2.0 * core::f64::consts::PI * cutoff_hz / rate_hz;
+    Ok(if prewarp { 2.0 * libm::tan(angle / 2.0) } else { angle })
+}
+
 /// Coefficients in floating point, normalised to `a0 = 1`; `b1 = 2 b0`, `b2 = b0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Design {
@@ -68,10 +76,7 @@ impl Design {
     /// # Errors
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
-        let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };
-        within("cutoff_hz", cutoff_hz, CUTOFF_MIN * rate_hz..=highest * rate_hz)?;
-        let angle = 2.0 * core::f64::consts::PI * cutoff_hz / rate_hz;
-        let w = if prewarp { 2.0 * libm::tan(angle / 2.0) } else { angle };
+        let w = digital_frequency(cutoff_hz, rate_hz, prewarp)?;
         let damping = 2.0 * core::f64::consts::SQRT_2 * w;
         let a0 = 4.0 + damping + w * w;
         Ok(Self {
@@ -103,6 +108,43 @@ impl Design {
             b: [b0, b1, b0].map(Coefficient::from_bits),
             a: [a1, a2].map(Coefficient::from_bits),
             second: -i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
+        }
+    }
+}
+
+/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform:
+/// `b0 = b1 = w / (2 + w)`, `a1 = (w - 2) / (2 + w)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstOrder {
+    /// Gain of the numerator `b0 (1 + z^-1)`.
+    pub b0: f64,
+    /// Denominator `1 + a1 z^-1`.
+    pub a1: f64,
+}
+
+impl FirstOrder {
+    /// The filter for that cutoff and sample rate, both in Hz.
+    ///
+    /// # Errors
+    /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
+    pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
+        let w = digital_frequency(cutoff_hz, rate_hz, prewarp)?;
+        Ok(Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) })
+    }
+
+    /// The coefficients in LSB of 2^-30, with a DC gain of exactly one; within one LSB each. Its
+    /// pole needs no second order of error feedback at any cutoff.
+    pub fn quantise(&self) -> Biquad {
+        const ONE: i32 = 1 << Biquad::FRACTION_BITS;
+        #[expect(clippy::cast_possible_truncation, reason = "2 b0 < 2")]
+        let dc_sum = libm::round(2.0 * self.b0 * f64::from(ONE)) as i64;
+        #[expect(clippy::cast_possible_truncation, reason = "all are below 2 in magnitude")]
+        let [b0, b1, a1] =
+            [dc_sum / 2, dc_sum - dc_sum / 2, dc_sum - i64::from(ONE)].map(|bits| bits as i32);
+        Biquad {
+            b: [b0, b1, 0].map(Coefficient::from_bits),
+            a: [a1, 0].map(Coefficient::from_bits),
+            second: 0,
         }
     }
 }

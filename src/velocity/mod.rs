@@ -1,78 +1,112 @@
 //! Position to [`Velocity`]: the second stage, run for every sample.
 //!
 //! An [`Estimator`] holds what a person chose (integer coefficients); a [`State`] holds what the
-//! samples left behind, so that an estimator can be exchanged between two samples without a kick.
+//! samples left behind, so that an estimator can be retuned between two samples without a kick. One
+//! of another kind starts from the velocity that the old one left ([`Estimator::start`]).
 
 mod biquad;
 mod butterworth;
+#[cfg(any(feature = "taylor", feature = "least-squares"))]
+mod fir;
+mod name;
+#[cfg(any(feature = "taylor", feature = "least-squares"))]
+mod polynomial;
+mod settings;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
-pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, PREWARPED_MAX, true_cutoff_hz};
+pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder, PREWARPED_MAX, true_cutoff_hz};
+#[cfg(any(feature = "taylor", feature = "least-squares"))]
+pub use fir::{Fir, WINDOW_MAX};
+pub use name::{EstimatorName, Parameter};
+pub use settings::VelocitySettings;
 
-use crate::{
-    settings::SettingsError,
-    units::{Position, Velocity},
-};
+use crate::units::{Force, Position, Velocity};
 
-/// Which estimator, and its parameters in SI units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum VelocitySettings {
-    /// Finite difference followed by a second-order Butterworth low-pass; the paper's estimator.
-    Butterworth {
-        /// Cutoff in Hz, as it stands in the paper's equation (2).
-        cutoff_hz: f64,
-        /// Pre-warp, so that the -3 dB frequency of the digital filter is the cutoff itself.
-        prewarp: bool,
-    },
+/// What an estimator may know beside the position. Whoever samples fills in what it has; an
+/// estimator that needs what is not there is not offered.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Senses {
+    /// Force that acted on the handle since the last sample, as far as the controller knows:
+    /// saturated, held, and in effect.
+    pub force: Force,
 }
 
-impl VelocitySettings {
-    /// The estimator's integer form at `rate_hz` samples per second.
-    ///
-    /// # Errors
-    /// Names the parameter that is out of range, and the range.
-    pub fn build(&self, rate_hz: f64) -> Result<Estimator, SettingsError> {
-        match *self {
-            Self::Butterworth { cutoff_hz, prewarp } => {
-                let design = Design::new(cutoff_hz, rate_hz, prewarp)?;
-                Ok(Estimator::Butterworth(design.quantise()))
-            }
-        }
-    }
-}
-
+#[cfg_attr(
+    any(feature = "taylor", feature = "least-squares"),
+    expect(clippy::large_enum_variant, reason = "there is no allocator to box it with")
+)]
 /// A velocity estimator in integer form; made by [`VelocitySettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Estimator {
     /// Finite difference and low-pass.
-    Butterworth(Biquad),
+    LowPass(Biquad),
+    /// Finite difference.
+    Difference,
+    /// Weighted sum of the last differences.
+    #[cfg(any(feature = "taylor", feature = "least-squares"))]
+    Fir(Fir),
 }
 
 impl Estimator {
     /// The velocity at this sample, in counts per sample.
+    ///
+    /// Estimators other than the usual ones are called, not inlined: their state then does not push
+    /// that of the usual ones out of the registers.
     #[inline]
-    pub fn update(&self, state: &mut State, position: Position) -> Velocity {
+    pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
+        let _ = senses;
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
-        match self {
-            Self::Butterworth(filter) => {
+        let velocity = match self {
+            Self::LowPass(filter) => {
                 filter.update(&mut state.filter, Velocity::saturating_from_counts(difference))
             }
+            Self::Difference => Velocity::saturating_from_counts(difference),
+            #[cfg(any(feature = "taylor", feature = "least-squares"))]
+            Self::Fir(fir) => fir.update(&mut state.fir, difference),
+        };
+        state.velocity = velocity;
+        velocity
+    }
+
+    /// Whether `other` can go on with what this one left behind: the same kind, retuned.
+    pub fn continues(&self, other: &Self) -> bool {
+        core::mem::discriminant(self) == core::mem::discriminant(other)
+    }
+
+    /// Warms up: the state as if the handle had always moved at the velocity of the last sample.
+    pub fn start(&self, state: &mut State) {
+        match self {
+            Self::LowPass(_) => state.filter = BiquadState::at(state.velocity),
+            Self::Difference => {}
+            #[cfg(any(feature = "taylor", feature = "least-squares"))]
+            Self::Fir(_) => state.fir = fir::FirState::at(state.velocity),
         }
     }
 }
 
-/// What the samples so far left behind.
+/// What the samples so far left behind. A field for each kind of estimator, not one for all: so the
+/// compiler can keep the few words of the usual one in registers.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     previous: Position,
+    /// Of the last sample.
+    velocity: Velocity,
     filter: BiquadState,
+    #[cfg(any(feature = "taylor", feature = "least-squares"))]
+    fir: fir::FirState,
 }
 
 impl State {
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
-        Self { previous: position, filter: BiquadState::default() }
+        Self {
+            previous: position,
+            velocity: Velocity::ZERO,
+            filter: BiquadState::default(),
+            #[cfg(any(feature = "taylor", feature = "least-squares"))]
+            fir: fir::FirState::REST,
+        }
     }
 
     /// The position of the last sample is called `position` from now on; the velocity stays.
@@ -84,15 +118,51 @@ impl State {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Output, settings};
+
+    const DESIGN: settings::Design = settings::Design {
+        rate_hz: 1e4,
+        resolution_m: 1e-6,
+        full_scale_n: 5.906,
+        period: 10,
+        output: Output::Continuous,
+    };
+
+    /// Every estimator measures a constant speed, and one that takes over goes on at it.
+    #[test]
+    fn an_estimator_that_takes_over_goes_on_at_the_velocity_of_the_old_one() {
+        for before in EstimatorName::ALL {
+            for after in EstimatorName::ALL {
+                let [old, new] =
+                    [before, after].map(|name| name.defaults().build(&DESIGN).unwrap());
+                let mut state = State::at_rest(Position::default());
+                let mut count = 0;
+                let mut step = |estimator: &Estimator, state: &mut State| {
+                    count += 7;
+                    estimator.update(state, Position::from_counts(count), &Senses::default())
+                };
+                let was = (0..2000).map(|_| step(&old, &mut state)).last().unwrap();
+                if !old.continues(&new) {
+                    new.start(&mut state);
+                }
+                for n in 0..200 {
+                    let is = step(&new, &mut state);
+                    let off = (is.bits() - was.bits()).abs();
+                    assert!(off <= 2, "{before:?} to {after:?}: {off} LSB after {n} samples");
+                }
+            }
+        }
+    }
 
     #[test]
     fn the_first_sample_and_a_wrap_of_the_position_make_no_spike() {
         let settings = VelocitySettings::Butterworth { cutoff_hz: 4000.0, prewarp: false };
-        let estimator = settings.build(10_000.0).unwrap();
+        let estimator = settings.build(&DESIGN).unwrap();
         let start = Position::from_counts(i32::MAX);
         let mut state = State::at_rest(start);
-        assert_eq!(estimator.update(&mut state, start), Velocity::ZERO);
-        let across = estimator.update(&mut state, Position::from_counts(i32::MIN));
+        assert_eq!(estimator.update(&mut state, start, &Senses::default()), Velocity::ZERO);
+        let across =
+            estimator.update(&mut state, Position::from_counts(i32::MIN), &Senses::default());
         assert!(across > Velocity::ZERO && across.bits() < 1 << Velocity::FRACTION_BITS);
     }
 }

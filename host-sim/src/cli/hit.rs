@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, SCHEMA_VERSION, check_wall, print_json, print_text, start_offset};
+use super::{Common, SCHEMA_VERSION, check_wall, cutoff, print_json, print_text, start_offset};
 use crate::{
     error::Error,
     output,
@@ -19,9 +19,9 @@ use crate::{
 pub struct HitArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoff of the velocity filter, Hz.
+    /// Nominal cutoff of the velocity filter, Hz; estimators without one take none.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-    cutoff: f64,
+    cutoff: Option<f64>,
     /// Stiffness of the wall, N/m.
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
     stiffness: f64,
@@ -45,8 +45,10 @@ struct Json<'a> {
     command: &'static str,
     scene: &'a str,
     numeric: &'static str,
-    cutoff_hz: f64,
-    true_cutoff_hz: f64,
+    estimator: &'static str,
+    /// `null` if the estimator has none.
+    cutoff_hz: Option<f64>,
+    true_cutoff_hz: Option<f64>,
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     verdict: &'static str,
@@ -61,7 +63,7 @@ struct Json<'a> {
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
     let hit = WallHit {
-        cutoff_hz: args.cutoff,
+        cutoff_hz: cutoff(&scene, args.cutoff)?,
         stiffness_n_per_m: args.stiffness,
         damping_n_s_per_m: args.damping,
         start_offset_counts: start_offset(args.start_offset)?,
@@ -100,13 +102,15 @@ fn print(
     report: &HitReport,
     common: &Common,
 ) -> Result<(), Error> {
+    let velocity = scene.scene.velocity;
     let json = Json {
         schema_version: SCHEMA_VERSION,
         command: "hit",
         scene: &scene.name,
         numeric: common.numeric.name(),
-        cutoff_hz: hit.cutoff_hz,
-        true_cutoff_hz: scene.scene.true_cutoff_hz(hit.cutoff_hz),
+        estimator: velocity.name(),
+        cutoff_hz: velocity.has_cutoff().then_some(hit.cutoff_hz),
+        true_cutoff_hz: velocity.has_cutoff().then(|| scene.scene.true_cutoff_hz(hit.cutoff_hz)),
         stiffness_n_per_m: hit.stiffness_n_per_m,
         damping_n_s_per_m: hit.damping_n_s_per_m,
         verdict: verdict_name(report.verdict),
@@ -131,8 +135,10 @@ fn print(
     );
     let _ = writeln!(
         text,
-        "cutoff {} Hz nominal (-3 dB at {:.1} Hz), K = {} N/m, B = {} N s/m",
-        json.cutoff_hz, json.true_cutoff_hz, json.stiffness_n_per_m, json.damping_n_s_per_m
+        "{}, K = {} N/m, B = {} N s/m",
+        velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz),
+        json.stiffness_n_per_m,
+        json.damping_n_s_per_m
     );
     let _ = write!(
         text,

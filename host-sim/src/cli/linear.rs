@@ -7,17 +7,18 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Common, SCHEMA_VERSION, check_wall,
+    Common, SCHEMA_VERSION, check_wall, cutoff,
     list::{self, List},
-    print_json, print_text,
+    no_cutoff, print_json, print_text,
 };
 use crate::{
     error::Error,
     figure::{self, Curve, ZwidthPlot},
-    linear::{Boundary, Device, Loop, Order, StiffnessLimit, TransferFunction},
+    linear::{Boundary, Device, Loop, StiffnessLimit},
     output,
     rig::WallHit,
     scene::{self, NamedScene},
+    velocity::transfer_function,
     walk::BoundaryPoint,
 };
 
@@ -27,9 +28,9 @@ use crate::{
 pub struct LinearArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO.
+    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO; estimators without a cutoff take none.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
-    cutoffs: List,
+    cutoffs: Option<List>,
     /// Dampings B of the wall, N s/m: A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
@@ -78,7 +79,12 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     if let Some(path) = &args.plot {
         output::refuse_ending(path)?;
     }
-    for &cutoff_hz in &args.cutoffs.0 {
+    let cutoffs_hz = match &args.cutoffs {
+        Some(_) if !scene.scene.velocity.has_cutoff() => return Err(no_cutoff(&scene)),
+        Some(list) => list.0.clone(),
+        None => vec![cutoff(&scene, None)?],
+    };
+    for &cutoff_hz in &cutoffs_hz {
         for &damping_n_s_per_m in &args.dampings.0 {
             let (stiffness_n_per_m, start_offset_counts) = (0.0, 0.0);
             let wall =
@@ -86,9 +92,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             check_wall(&scene, &wall, "--cutoffs")?;
         }
     }
-    let boundaries: Result<Vec<Vec<Row>>, Error> = args
-        .cutoffs
-        .0
+    let boundaries: Result<Vec<Vec<Row>>, Error> = cutoffs_hz
         .par_iter()
         .map(|&cutoff_hz| boundary(&scene, cutoff_hz, &args.dampings.0, args.multirate))
         .collect();
@@ -98,7 +102,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         output::write_file(path, csv(&rows).as_bytes(), common.force)?;
     }
     if let Some(path) = &args.plot {
-        let figure = draw(&scene, &args.cutoffs.0, &rows, args.multirate)?;
+        let figure = draw(&scene, &cutoffs_hz, &rows, args.multirate)?;
         output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
     }
     if common.json {
@@ -123,11 +127,13 @@ fn boundary(
 ) -> Result<Vec<Row>, Error> {
     let scene = &scene.scene;
     let scene::Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = scene.device;
-    let scene::Velocity::Butterworth { prewarp } = scene.velocity;
     let rate_hz = scene.control.rate_hz;
     let device = Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
-    let filter = TransferFunction::butterworth(rate_hz, cutoff_hz, Order::Second, prewarp);
-    let estimator = TransferFunction::finite_difference(rate_hz).then(&filter);
+    let estimator = transfer_function(&scene.velocity.settings(cutoff_hz), &scene.design())
+        .map_err(Error::input)?
+        .ok_or_else(|| {
+            Error::Input(format!("the estimator {} is not linear", scene.velocity.name()))
+        })?;
     let mut of = Loop::single_rate(device, rate_hz, estimator);
     if multirate {
         of.period = scene.actuator.period;

@@ -151,6 +151,31 @@ fn execute(cli: Cli) -> Result<(), Error> {
     })
 }
 
+/// The cutoff of the command line, which an estimator that has one needs and another one refuses;
+/// 0 stands for none.
+fn cutoff(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
+    let estimator = scene.scene.velocity;
+    match (estimator.has_cutoff(), asked) {
+        (true, Some(cutoff_hz)) => Ok(cutoff_hz),
+        (false, None) => Ok(0.0),
+        (true, None) => Err(Error::Input(format!(
+            "{}: a cutoff is missing, the estimator {} needs it",
+            scene.name,
+            estimator.name()
+        ))),
+        (false, Some(_)) => Err(no_cutoff(scene)),
+    }
+}
+
+/// Why a cutoff is refused.
+fn no_cutoff(scene: &NamedScene) -> Error {
+    Error::Input(format!(
+        "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
+        scene.name,
+        scene.scene.velocity.name()
+    ))
+}
+
 /// A cutoff, K or B of the command line, checked by building the core's settings; `cutoff` is the
 /// option that the cutoff came from.
 fn check_wall(scene: &NamedScene, wall: &rig::WallHit, cutoff: &str) -> Result<(), Error> {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall,
     list::{self, List},
-    print_json, print_text, progress,
+    no_cutoff, print_json, print_text, progress,
 };
 use crate::{
     envelope::envelopes,
@@ -124,6 +124,9 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     // From the last to the first: the folders they share are then created by the last one, which
     // is also the last to tidy up when nothing comes of it.
     for scene in scenes.into_iter().rev() {
+        if !scene.scene.velocity.has_cutoff() {
+            return Err(no_cutoff(&scene));
+        }
         let asked = args.cutoffs.as_ref().map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
         let cutoffs_hz = ascending(asked);
         for &cutoff_hz in &cutoffs_hz {

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, SCHEMA_VERSION, STOP, check_wall, print_json, print_text, start_offset};
+use super::{
+    Common, SCHEMA_VERSION, STOP, check_wall, cutoff, print_json, print_text, start_offset,
+};
 use crate::{
     error::Error,
     output,
@@ -19,9 +21,9 @@ use crate::{
 pub struct WalkArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoff of the velocity filter, Hz.
+    /// Nominal cutoff of the velocity filter, Hz; estimators without one take none.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-    cutoff: f64,
+    cutoff: Option<f64>,
     /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
     #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
     start_offset: f64,
@@ -36,8 +38,10 @@ struct Json<'a> {
     command: &'static str,
     scene: &'a str,
     numeric: &'static str,
-    cutoff_hz: f64,
-    true_cutoff_hz: f64,
+    estimator: &'static str,
+    /// `null` if the estimator has none.
+    cutoff_hz: Option<f64>,
+    true_cutoff_hz: Option<f64>,
     area: f64,
     stiffness_peak_n_per_m: f64,
     damping_max_n_s_per_m: f64,
@@ -48,7 +52,7 @@ struct Json<'a> {
 pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
     let first = WallHit {
-        cutoff_hz: args.cutoff,
+        cutoff_hz: cutoff(&scene, args.cutoff)?,
         stiffness_n_per_m: scene.scene.walk.stiffness_start_n_per_m,
         damping_n_s_per_m: scene.scene.walk.damping_start_n_s_per_m,
         start_offset_counts: start_offset(args.start_offset)?,
@@ -57,26 +61,32 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     if let Some(path) = &args.csv {
         output::refuse_existing(path, common.force)?;
     }
+    let velocity = scene.scene.velocity;
     let rig = Rig::new(&scene.scene)?;
-    let boundary = walk(&rig, common.numeric.into(), args.cutoff, first.start_offset_counts, &STOP)
-        .map_err(|error| error.of(&scene.name))?;
+    let boundary =
+        walk(&rig, common.numeric.into(), first.cutoff_hz, first.start_offset_counts, &STOP)
+            .map_err(|error| error.of(&scene.name))?;
     let Some(ended) = boundary.ended else {
         return Err(Error::Input(format!(
-            "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable at {} Hz; \
-             lower walk.stiffness_start_n_per_m or change the cutoff",
-            args.scene, first.stiffness_n_per_m, first.damping_n_s_per_m, args.cutoff
+            "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable with {}; \
+             lower walk.stiffness_start_n_per_m or change the estimator's tuning",
+            args.scene,
+            first.stiffness_n_per_m,
+            first.damping_n_s_per_m,
+            velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
         )));
     };
     if let Some(path) = &args.csv {
-        output::write_file(path, csv(args.cutoff, &boundary).as_bytes(), common.force)?;
+        output::write_file(path, csv(first.cutoff_hz, &boundary).as_bytes(), common.force)?;
     }
     let json = Json {
         schema_version: SCHEMA_VERSION,
         command: "walk",
         scene: &scene.name,
         numeric: common.numeric.name(),
-        cutoff_hz: args.cutoff,
-        true_cutoff_hz: scene.scene.true_cutoff_hz(args.cutoff),
+        estimator: velocity.name(),
+        cutoff_hz: velocity.has_cutoff().then_some(first.cutoff_hz),
+        true_cutoff_hz: velocity.has_cutoff().then(|| scene.scene.true_cutoff_hz(first.cutoff_hz)),
         area: boundary.area,
         stiffness_peak_n_per_m: boundary.stiffness_peak_n_per_m(),
         damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
@@ -87,12 +97,11 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         return print_json(&json);
     }
     print_text(&format!(
-        "{}: area {:.4e} N^2 s/m^2 at {} Hz nominal (-3 dB at {:.1} Hz)\n\
+        "{}: area {:.4e} N^2 s/m^2 with {}\n\
          peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
         scene.name,
         json.area,
-        json.cutoff_hz,
-        json.true_cutoff_hz,
+        velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz),
         json.stiffness_peak_n_per_m,
         json.damping_max_n_s_per_m,
         json.hits,

@@ -34,7 +34,7 @@ pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
 /// Longest output period that the analysis accepts, in samples. The work grows with its square.
 pub const PERIOD_MAX: u32 = 1_000;
 /// Highest order of an estimator.
-pub const ORDER_MAX: usize = 64;
+pub const ORDER_MAX: usize = 66;
 
 /// Sweeps of an eigenvalue iteration before it gives up; a handful per eigenvalue is usual.
 const SCHUR_ITERATIONS: usize = 10_000;

@@ -1,7 +1,10 @@
 //! The controller's twin in `f64`: the same maths without quantised coefficients, velocities,
 //! gains or forces. What differs between it and the core is what fixed point costs.
 
-use zwidth::{Design, Output, Settings, SettingsError, VelocitySettings, velocity};
+mod estimator;
+
+pub use estimator::TwinEstimator;
+use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
 
 use crate::controller::{Controller, Rendered};
 
@@ -19,10 +22,8 @@ pub enum Rounding {
 /// The controller in `f64`.
 #[derive(Clone, Copy, Debug)]
 pub struct Twin {
-    filter: velocity::Design,
+    estimator: TwinEstimator,
     rounding: Rounding,
-    inputs: [f64; 2],
-    outputs: [f64; 2],
     velocity: f64,
     count: i32,
     surface: i32,
@@ -39,8 +40,6 @@ pub struct Twin {
 
 /// Adding and subtracting this rounds to a multiple of 2^-16 (to even in ties).
 const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
-/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
-const FLUSH_BELOW: f64 = 1e-30;
 
 impl Twin {
     /// The twin of the core with those settings, at rest at `count`; `push` is a fraction of full
@@ -56,14 +55,11 @@ impl Twin {
         count: i32,
     ) -> Result<Self, SettingsError> {
         let control = settings.build(design)?; // the ranges, and the surface in counts
-        let VelocitySettings::Butterworth { cutoff_hz, prewarp } = settings.velocity;
         let wall = &settings.wall;
         let per_count = design.resolution_m / design.full_scale_n;
         Ok(Self {
-            filter: velocity::Design::new(cutoff_hz, design.rate_hz, prewarp)?,
+            estimator: TwinEstimator::new(&settings.velocity, design)?,
             rounding,
-            inputs: [0.0; 2],
-            outputs: [0.0; 2],
             velocity: 0.0,
             count,
             surface: control.wall.surface().counts(),
@@ -86,15 +82,9 @@ impl Twin {
 impl Controller for Twin {
     #[inline]
     fn sample(&mut self, count: i32) -> bool {
-        let input = f64::from(count.wrapping_sub(self.count));
+        let difference = count.wrapping_sub(self.count);
         self.count = count;
-        let velocity::Design { b0, a1, a2, .. } = self.filter;
-        let [x1, x2] = self.inputs;
-        let [y1, y2] = self.outputs;
-        let raw = b0 * (input + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
-        let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
-        self.inputs = [input, x1];
-        self.outputs = [output, y1];
+        let output = self.estimator.update(difference, &Senses::default());
         self.velocity = match self.rounding {
             Rounding::Exact => output,
             Rounding::VelocityLsb => (output + ROUND_TO_LSB) - ROUND_TO_LSB,

@@ -1,0 +1,100 @@
+//! The estimators in `f64`.
+
+use zwidth::{
+    Design, SettingsError, VelocitySettings,
+    velocity::{self, Fir, FirstOrder, Senses},
+};
+
+/// An estimator in `f64`; velocities in counts per sample.
+#[derive(Clone, Copy, Debug)]
+pub struct TwinEstimator {
+    kind: Kind,
+    inputs: [f64; 2],
+    outputs: [f64; 2],
+    fir: [f64; LENGTH],
+}
+
+const LENGTH: usize = velocity::WINDOW_MAX as usize;
+
+/// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
+/// numbers can live in registers.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "copied once per run")]
+enum Kind {
+    Butterworth(velocity::Design),
+    FirstOrder(FirstOrder),
+    Difference,
+    /// Weights of the last differences, newest first.
+    Fir([f64; LENGTH]),
+}
+
+/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
+const FLUSH_BELOW: f64 = 1e-30;
+
+impl TwinEstimator {
+    /// The estimator of those settings at rest.
+    ///
+    /// # Errors
+    /// A parameter is out of range.
+    pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
+        let rate_hz = design.rate_hz;
+        let kind = match *settings {
+            VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
+                Kind::Butterworth(velocity::Design::new(cutoff_hz, rate_hz, prewarp)?)
+            }
+            VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
+                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, prewarp)?)
+            }
+            VelocitySettings::Difference => Kind::Difference,
+            VelocitySettings::Taylor { order } => fir(&Fir::taylor(order)?),
+            VelocitySettings::LeastSquares { degree, window_samples } => {
+                fir(&Fir::least_squares(degree, window_samples)?)
+            }
+        };
+        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], fir: [0.0; LENGTH] })
+    }
+
+    /// The velocity after a move by `difference` counts.
+    #[inline]
+    pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
+        let _ = senses;
+        let input = f64::from(difference);
+        match &self.kind {
+            Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
+                let [x1, x2] = self.inputs;
+                let [y1, y2] = self.outputs;
+                let raw = b0 * (input + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
+                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+                self.inputs = [input, x1];
+                self.outputs = [output, y1];
+                output
+            }
+            Kind::FirstOrder(FirstOrder { b0, a1 }) => {
+                let [x1, _] = self.inputs;
+                let [y1, _] = self.outputs;
+                let raw = b0 * (input + x1) - a1 * y1;
+                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+                self.inputs = [input, x1];
+                self.outputs = [output, y1];
+                output
+            }
+            Kind::Difference => input,
+            Kind::Fir(weights) => weighted(weights, &mut self.fir, input),
+        }
+    }
+}
+
+fn fir(fir: &Fir) -> Kind {
+    let mut weights = [0.0; LENGTH];
+    for (weight, &bits) in weights.iter_mut().zip(fir.weights()) {
+        *weight = f64::from(bits) / f64::from(1u32 << 30);
+    }
+    Kind::Fir(weights)
+}
+
+#[inline(never)] // so that the other estimators' state stays in registers
+fn weighted(weights: &[f64; LENGTH], past: &mut [f64; LENGTH], input: f64) -> f64 {
+    past.rotate_right(1);
+    past[0] = input;
+    weights.iter().zip(past).map(|(weight, input)| weight * *input).sum()
+}

@@ -1,0 +1,146 @@
+//! Velocity estimators as a scene names them, and as the linear analysis sees them.
+
+use serde::{Deserialize, Serialize};
+use zwidth::{
+    Design, SettingsError, VelocitySettings,
+    velocity::{Fir, true_cutoff_hz},
+};
+
+use crate::linear::{Order, TransferFunction};
+
+/// Velocity estimator. Where it is tuned by a cutoff, that comes from the command line or from
+/// `[sweep]`; every other parameter stands here.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "estimator", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Velocity {
+    /// Finite difference and second-order Butterworth.
+    Butterworth {
+        /// Pre-warp the cutoff.
+        #[serde(default)]
+        prewarp: bool,
+    },
+    /// Finite difference and first-order low-pass.
+    FirstOrder {
+        /// Pre-warp the cutoff.
+        #[serde(default)]
+        prewarp: bool,
+    },
+    /// Finite difference.
+    Difference {},
+    /// Backward difference of a higher order.
+    Taylor {
+        /// 2 or 3.
+        order: u32,
+    },
+    /// Least-squares fit of a polynomial.
+    LeastSquares {
+        /// Degree, 1 or 2.
+        degree: u32,
+        /// Samples from the oldest to the newest, up to 64.
+        window_samples: u32,
+    },
+}
+
+impl Velocity {
+    /// The core's settings; `cutoff_hz` is for estimators that have a cutoff.
+    pub fn settings(self, cutoff_hz: f64) -> VelocitySettings {
+        match self {
+            Self::Butterworth { prewarp } => VelocitySettings::Butterworth { cutoff_hz, prewarp },
+            Self::FirstOrder { prewarp } => VelocitySettings::FirstOrder { cutoff_hz, prewarp },
+            Self::Difference {} => VelocitySettings::Difference,
+            Self::Taylor { order } => VelocitySettings::Taylor { order },
+            Self::LeastSquares { degree, window_samples } => {
+                VelocitySettings::LeastSquares { degree, window_samples }
+            }
+        }
+    }
+
+    /// The scene's form of those settings, and their cutoff if they have one.
+    pub fn of(settings: &VelocitySettings) -> (Self, Option<f64>) {
+        match *settings {
+            VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
+                (Self::Butterworth { prewarp }, Some(cutoff_hz))
+            }
+            VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
+                (Self::FirstOrder { prewarp }, Some(cutoff_hz))
+            }
+            VelocitySettings::Difference => (Self::Difference {}, None),
+            VelocitySettings::Taylor { order } => (Self::Taylor { order }, None),
+            VelocitySettings::LeastSquares { degree, window_samples } => {
+                (Self::LeastSquares { degree, window_samples }, None)
+            }
+        }
+    }
+
+    /// Whether it is tuned by a cutoff.
+    pub fn has_cutoff(self) -> bool {
+        self.settings(0.0).tuning().is_some_and(|(parameter, _)| parameter.is_frequency())
+    }
+
+    /// Name in reports and in the envelope.
+    pub fn name(self) -> &'static str {
+        self.settings(0.0).name().text()
+    }
+
+    /// Name and cutoff, for people.
+    pub fn describe(self, cutoff_hz: f64, rate_hz: f64) -> String {
+        let name = self.name();
+        if !self.has_cutoff() {
+            return name.into();
+        }
+        let true_hz = self.true_cutoff_hz(cutoff_hz, rate_hz);
+        if true_hz == cutoff_hz {
+            format!("{name}, cutoff {cutoff_hz} Hz")
+        } else {
+            format!("{name}, cutoff {cutoff_hz} Hz nominal (-3 dB at {true_hz:.1} Hz)")
+        }
+    }
+
+    /// -3 dB frequency of the digital filter of that nominal cutoff, Hz; the cutoff itself where the
+    /// estimator is no such filter.
+    pub fn true_cutoff_hz(self, cutoff_hz: f64, rate_hz: f64) -> f64 {
+        match self {
+            Self::Butterworth { prewarp } | Self::FirstOrder { prewarp } => {
+                true_cutoff_hz(cutoff_hz, rate_hz, prewarp)
+            }
+            _ => cutoff_hz,
+        }
+    }
+}
+
+/// The estimator from position to velocity, m/s per m; `None` if it is not linear.
+///
+/// # Errors
+/// A parameter is out of range.
+pub fn transfer_function(
+    settings: &VelocitySettings,
+    design: &Design,
+) -> Result<Option<TransferFunction>, SettingsError> {
+    settings.build(design)?;
+    let rate_hz = design.rate_hz;
+    let difference = TransferFunction::finite_difference(rate_hz);
+    let low_pass = |order, cutoff_hz, prewarp| {
+        difference.then(&TransferFunction::butterworth(rate_hz, cutoff_hz, order, prewarp))
+    };
+    Ok(Some(match *settings {
+        VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
+            low_pass(Order::Second, cutoff_hz, prewarp)
+        }
+        VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
+            low_pass(Order::First, cutoff_hz, prewarp)
+        }
+        VelocitySettings::Difference => difference,
+        VelocitySettings::Taylor { order } => difference.then(&weights(&Fir::taylor(order)?)),
+        VelocitySettings::LeastSquares { degree, window_samples } => {
+            difference.then(&weights(&Fir::least_squares(degree, window_samples)?))
+        }
+    }))
+}
+
+fn weights(fir: &Fir) -> TransferFunction {
+    let one = f64::from(1u32 << 30);
+    TransferFunction {
+        num: fir.weights().iter().map(|&weight| f64::from(weight) / one).collect(),
+        den: vec![1.0],
+    }
+}

@@ -1,0 +1,89 @@
+//! Design of the estimators that are the derivative of a polynomial through, or closest to, the last
+//! samples: Taylor expansions and least-squares fits.
+//!
+//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is a sum over differences
+//! `d[n] = x[n] - x[n-1]` with the weights `g[i] = h[0] + .. + h[i]`, which add up to one if a ramp
+//! is measured exactly. So [`Fir`] computes it.
+//!
+//! **Taylor** (Brown, Schneider, Mulligan, IEEE TIE 39(1), 1992): the derivative at `x[n]` of the
+//! polynomial through the last two (order 1: the finite difference), three or four samples:
+//!
+//! ```text
+//! order 2: v T = (3 x[n] - 4 x[n-1] + x[n-2]) / 2                   g = [3, -1] / 2
+//! order 3: v T = (11 x[n] - 18 x[n-1] + 9 x[n-2] - 2 x[n-3]) / 6    g = [11, -7, 2] / 6
+//! ```
+//!
+//! **Least squares** (the same paper): the derivative at `x[n]` of the polynomial of degree 1 or 2
+//! that fits the last `window + 1` samples best. With `s = i - m`, `m = window / 2`, and
+//! `S2 = sum s^2`, `S4 = sum s^4` over `i = 0 .. window`:
+//!
+//! ```text
+//! degree 1: h[i] = -s / S2
+//! degree 2: h[i] = -s / S2 + 2 m (s^2 - S2 / M) / (S4 - S2^2 / M),   M = window + 1
+//! ```
+//!
+//! Degree 1 is late by half its window; degree 2 follows a constant acceleration without delay.
+
+use super::fir::{FRACTION_BITS, Fir, LENGTH, WINDOW_MAX};
+use crate::settings::{SettingsError, within};
+
+impl Fir {
+    /// Backward differences of that order, 1 to 3, over as many samples.
+    ///
+    /// # Errors
+    /// Another order.
+    pub fn taylor(order: u32) -> Result<Self, SettingsError> {
+        within("order", f64::from(order), 1.0..=3.0)?;
+        Ok(Self::of(match order {
+            1 => &[1.0],
+            2 => &[1.5, -0.5],
+            _ => &[11.0 / 6.0, -7.0 / 6.0, 2.0 / 6.0],
+        }))
+    }
+
+    /// Least-squares fit of a polynomial of `degree` 1 or 2 over the last `window` differences,
+    /// `degree` to [`WINDOW_MAX`].
+    ///
+    /// # Errors
+    /// Names the parameter and its range.
+    pub fn least_squares(degree: u32, window: u32) -> Result<Self, SettingsError> {
+        within("degree", f64::from(degree), 1.0..=2.0)?;
+        let range = f64::from(degree)..=f64::from(WINDOW_MAX);
+        within("window_samples", f64::from(window), range)?;
+        let middle = f64::from(window) / 2.0;
+        let samples = f64::from(window) + 1.0;
+        let offset = |i: u32| f64::from(i) - middle;
+        let s2: f64 = (0..=window).map(|i| offset(i) * offset(i)).sum();
+        let s4: f64 = (0..=window).map(|i| offset(i) * offset(i) * offset(i) * offset(i)).sum();
+        let curvature = s4 - s2 * s2 / samples;
+        let mut weights = [0.0; LENGTH];
+        let mut sum = 0.0;
+        for (i, weight) in (0..window).zip(&mut weights) {
+            let s = offset(i);
+            sum -= s / s2;
+            if degree == 2 {
+                sum += 2.0 * middle * (s * s - s2 / samples) / curvature;
+            }
+            *weight = sum;
+        }
+        Ok(Self::of(weights.get(..window as usize).unwrap_or(&weights)))
+    }
+
+    /// Quantises weights that add up to one; what rounding leaves goes to the largest.
+    fn of(exact: &[f64]) -> Self {
+        let one = 1i32 << FRACTION_BITS;
+        let mut weights = [0; LENGTH];
+        let mut rest = one;
+        for (weight, exact) in weights.iter_mut().zip(exact) {
+            #[expect(clippy::cast_possible_truncation, reason = "|weight| is below 2")]
+            let bits = libm::round(exact * f64::from(one)) as i32;
+            *weight = bits;
+            rest = rest.wrapping_sub(bits);
+        }
+        if let Some(largest) = weights.iter_mut().max_by_key(|weight| weight.unsigned_abs()) {
+            *largest = largest.wrapping_add(rest);
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "at most WINDOW_MAX")]
+        Self { weights, window: exact.len().min(LENGTH) as u32 }
+    }
+}
