@@ -17,6 +17,7 @@ pub mod figure;
 pub mod linear;
 pub mod manifest;
 pub mod output;
+pub mod overview;
 pub mod plant;
 pub mod report;
 pub mod rig;

@@ -236,8 +236,8 @@ mod tests {
         let boundaries = ZwidthPlot {
             title: "Z-width".to_owned(),
             subtitle: String::new(),
+            legend: String::new(),
             curves: vec![],
-            ideal_cutoff_hz: None,
         };
         let areas = AreaPlot {
             title: "Area".to_owned(),

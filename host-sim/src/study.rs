@@ -198,16 +198,18 @@ impl Study {
     }
 
     fn zwidth(&self) -> Result<Figure, Error> {
-        let curves = self.result.cutoffs.iter().map(|result| Curve {
-            cutoff_hz: result.cutoff_hz,
-            true_cutoff_hz: result.true_cutoff_hz,
-            points: result.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
+        let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
+        let curves = self.result.cutoffs.iter().map(|result| {
+            let first = result.boundaries.first();
+            let points = first.map(|first| first.points.clone()).unwrap_or_default();
+            let is_ideal = ideal == Some(result.cutoff_hz);
+            Curve::of_cutoff(result.cutoff_hz, result.true_cutoff_hz, is_ideal, points)
         });
         figure::zwidth(&ZwidthPlot {
             title: format!("Z-width, {}", self.scene.name),
             subtitle: subtitle(self),
+            legend: Curve::CUTOFF_LEGEND.into(),
             curves: curves.collect(),
-            ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
         })
         .map_err(undrawable)
     }

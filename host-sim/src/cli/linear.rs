@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Common, SCHEMA_VERSION, check_wall, cutoff,
+    Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
     list::{self, List},
     no_cutoff, print_json, print_text,
 };
@@ -16,7 +16,8 @@ use crate::{
     figure::{self, Curve, ZwidthPlot},
     linear::{Boundary, Device, Loop, StiffnessLimit},
     output,
-    rig::WallHit,
+    overview::{Explained, explain, passive_region, passive_stiffness},
+    rig::{Rig, WallHit},
     scene::{self, NamedScene},
     velocity::transfer_function,
     walk::BoundaryPoint,
@@ -38,6 +39,13 @@ pub struct LinearArgs {
     /// every sample and at once, as in the paper's equations (3) to (5).
     #[arg(long)]
     multirate: bool,
+    /// Add the largest K that is passive in any hand (Colgate and Schenkel): for a force with every
+    /// sample and at once, so it is an upper bound for a slower loop.
+    #[arg(long)]
+    passivity: bool,
+    /// Add the simulated boundary, and say what its points above the linear envelope are.
+    #[arg(long, requires = "multirate")]
+    simulated: bool,
     /// Write the boundary as CSV.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -53,6 +61,22 @@ struct Json<'a> {
     scene: &'a str,
     multirate: bool,
     rows: &'a [Row],
+    /// The simulated boundary, if asked for.
+    simulated: Vec<SimulatedRow>,
+}
+
+/// One point of the simulated boundary.
+#[derive(Serialize)]
+struct SimulatedRow {
+    cutoff_hz: f64,
+    damping_n_s_per_m: f64,
+    stiffness_n_per_m: f64,
+    /// Largest K of the linear envelope at this B; `null` in JSON if no K is unstable.
+    linear_n_per_m: f64,
+    /// Above the envelope: a limit cycle.
+    above: bool,
+    rms_m: f64,
+    saturated_fraction: f64,
 }
 
 /// One point of the boundary.
@@ -69,6 +93,18 @@ struct Row {
     gain_margin_holds: bool,
     /// Stretches of K, from and to, that are stable beyond the first one.
     further_stable_n_per_m: Vec<(f64, f64)>,
+    /// Largest K that is passive; 0 if none is; only with `--passivity`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stiffness_passive_n_per_m: Option<f64>,
+}
+
+/// What one cutoff's lines of the result are made of.
+struct Analysis {
+    cutoff_hz: f64,
+    rows: Vec<Row>,
+    /// Empty if it was not asked for.
+    passive_region: Vec<BoundaryPoint>,
+    simulated: Vec<Explained>,
 }
 
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
@@ -92,40 +128,93 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             check_wall(&scene, &wall, "--cutoffs")?;
         }
     }
-    let boundaries: Result<Vec<Vec<Row>>, Error> = cutoffs_hz
+    let rig = args.simulated.then(|| Rig::new(&scene.scene)).transpose()?;
+    let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz
         .par_iter()
-        .map(|&cutoff_hz| boundary(&scene, cutoff_hz, &args.dampings.0, args.multirate))
+        .map(|&cutoff_hz| analyse(&scene, cutoff_hz, args, rig.as_ref(), common))
         .collect();
-    let boundaries = boundaries?;
-    let rows: Vec<Row> = boundaries.into_iter().flatten().collect();
+    let analyses = analyses?;
     if let Some(path) = &args.csv {
-        output::write_file(path, csv(&rows).as_bytes(), common.force)?;
+        output::write_file(path, csv(&analyses).as_bytes(), common.force)?;
     }
     if let Some(path) = &args.plot {
-        let figure = draw(&scene, &cutoffs_hz, &rows, args.multirate)?;
+        let figure = draw(&scene, &analyses, args.multirate)?;
         output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
     }
     if common.json {
         let (schema_version, scene) = (SCHEMA_VERSION, scene.name.as_str());
         let multirate = args.multirate;
+        let simulated = analyses.iter().flat_map(simulated_rows).collect();
+        let rows: Vec<Row> = analyses.into_iter().flat_map(|analysis| analysis.rows).collect();
         return print_json(&Json {
             schema_version,
             command: "linear",
             scene,
             multirate,
             rows: &rows,
+            simulated,
         });
     }
-    print_text(&table(&rows))
+    let limit_m = scene.scene.wall_hit.rms_limit_m;
+    print_text(&(table(&analyses) + &explanation(&analyses, limit_m)))
 }
 
-fn boundary(
+fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
+    analysis.simulated.iter().map(|explained| SimulatedRow {
+        cutoff_hz: analysis.cutoff_hz,
+        damping_n_s_per_m: explained.point.damping_n_s_per_m,
+        stiffness_n_per_m: explained.point.stiffness_n_per_m,
+        linear_n_per_m: explained.linear_n_per_m,
+        above: explained.is_above(),
+        rms_m: explained.report.rms_m,
+        saturated_fraction: explained.report.saturated_fraction,
+    })
+}
+
+/// What the points of the simulated boundary are, a sentence for each cutoff.
+fn explanation(analyses: &[Analysis], rms_limit_m: f64) -> String {
+    let mut text = String::new();
+    for Analysis { cutoff_hz, simulated, .. } in analyses {
+        if simulated.is_empty() {
+            continue;
+        }
+        let (above, below): (Vec<&Explained>, _) = simulated.iter().partition(|e| e.is_above());
+        let largest_um = |points: &[&Explained]| {
+            points.iter().map(|point| point.report.rms_m).fold(0.0, f64::max) * 1e6
+        };
+        let smallest_um =
+            above.iter().map(|point| point.report.rms_m).fold(f64::INFINITY, f64::min) * 1e6;
+        let _ = write!(
+            text,
+            "\n{cutoff_hz} Hz, simulated: {} of {} points are inside the linear envelope, RMS up to \
+             {:.2} um",
+            below.len(),
+            simulated.len(),
+            largest_um(&below)
+        );
+        if !above.is_empty() {
+            let _ = write!(
+                text,
+                "; {} are above it, where the handle cannot come to rest: limit cycles of \
+                 {smallest_um:.2} to {:.2} um RMS, stable by the limit of {} um",
+                above.len(),
+                largest_um(&above),
+                rms_limit_m * 1e6
+            );
+        }
+    }
+    text
+}
+
+fn analyse(
     scene: &NamedScene,
     cutoff_hz: f64,
-    dampings: &[f64],
-    multirate: bool,
-) -> Result<Vec<Row>, Error> {
+    args: &LinearArgs,
+    rig: Option<&Rig>,
+    common: &Common,
+) -> Result<Analysis, Error> {
     let scene = &scene.scene;
+    let dampings = &args.dampings.0;
     let scene::Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = scene.device;
     let rate_hz = scene.control.rate_hz;
     let device = Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
@@ -134,8 +223,18 @@ fn boundary(
         .ok_or_else(|| {
             Error::Input(format!("the estimator {} is not linear", scene.velocity.name()))
         })?;
-    let mut of = Loop::single_rate(device, rate_hz, estimator);
-    if multirate {
+    let passive_at = |damping| match args.passivity {
+        false => Ok(None),
+        true => passive_stiffness(damping_n_s_per_m, rate_hz, &estimator, damping)
+            .map(|stiffness| Some(stiffness.unwrap_or(0.0)))
+            .map_err(Error::input),
+    };
+    let region = match args.passivity {
+        false => vec![],
+        true => passive_region(damping_n_s_per_m, rate_hz, &estimator).map_err(Error::input)?,
+    };
+    let mut of = Loop::single_rate(device, rate_hz, estimator.clone());
+    if args.multirate {
         of.period = scene.actuator.period;
         of.latency_samples = scene.actuator.latency;
     }
@@ -150,38 +249,72 @@ fn boundary(
             unstable_at_zero: limit.unstable_at_zero,
             gain_margin_holds: limit.gain_margin_holds(),
             further_stable_n_per_m: limit.further_stable,
+            stiffness_passive_n_per_m: passive_at(damping_n_s_per_m)?,
         })
     });
-    rows.collect()
+    let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
+    let simulated = match rig {
+        None => vec![],
+        Some(rig) => explain(rig, common.numeric.into(), cutoff_hz, &boundary, &STOP)?,
+    };
+    Ok(Analysis { cutoff_hz, rows, passive_region: region, simulated })
 }
 
-fn csv(rows: &[Row]) -> String {
-    let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m\n");
-    for row in rows {
+fn csv(analyses: &[Analysis]) -> String {
+    let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m");
+    let passivity = all_rows(analyses).any(|row| row.stiffness_passive_n_per_m.is_some());
+    text.push_str(if passivity { ",stiffness_passive_n_per_m\n" } else { "\n" });
+    for row in all_rows(analyses) {
         let (f, b, k) = (row.cutoff_hz, row.damping_n_s_per_m, row.stiffness_max_n_per_m);
-        let _ = writeln!(text, "{f},{b},{k}");
+        let _ = write!(text, "{f},{b},{k}");
+        if let Some(passive) = row.stiffness_passive_n_per_m {
+            let _ = write!(text, ",{passive}");
+        }
+        text.push('\n');
     }
     text
 }
 
+fn all_rows(analyses: &[Analysis]) -> impl Iterator<Item = &Row> {
+    analyses.iter().flat_map(|analysis| &analysis.rows)
+}
+
+/// The curves of one cutoff: linear, passive, simulated.
+fn curves(scene: &NamedScene, analysis: &Analysis) -> Vec<Curve> {
+    let Analysis { cutoff_hz, rows, passive_region, simulated } = analysis;
+    let finite = rows.iter().filter(|row| row.stiffness_max_n_per_m.is_finite());
+    let points = finite.map(|row| BoundaryPoint {
+        damping_n_s_per_m: row.damping_n_s_per_m,
+        stiffness_n_per_m: row.stiffness_max_n_per_m,
+    });
+    let true_hz = scene.scene.true_cutoff_hz(*cutoff_hz);
+    let linear = Curve::of_cutoff(*cutoff_hz, true_hz, false, points.collect());
+    if passive_region.is_empty() && simulated.is_empty() {
+        return vec![linear];
+    }
+    let named = |kind: &str, points: Vec<BoundaryPoint>, ideal: bool| Curve {
+        name: format!("{} {kind}", linear.name),
+        detail: format!("{}: {kind}", linear.detail),
+        ideal,
+        points,
+    };
+    let mut curves = vec![named("linear", linear.points.clone(), false)];
+    if !passive_region.is_empty() {
+        curves.push(named("passive, single-rate", passive_region.clone(), false));
+    }
+    if !simulated.is_empty() {
+        let points = simulated.iter().map(|explained| explained.point).collect();
+        curves.push(named("simulated", points, false));
+    }
+    curves
+}
+
 fn draw(
     scene: &NamedScene,
-    cutoffs_hz: &[f64],
-    rows: &[Row],
+    analyses: &[Analysis],
     multirate: bool,
 ) -> Result<figure::Figure, Error> {
-    let curves = cutoffs_hz.iter().map(|&cutoff_hz| Curve {
-        cutoff_hz,
-        true_cutoff_hz: scene.scene.true_cutoff_hz(cutoff_hz),
-        points: rows
-            .iter()
-            .filter(|row| row.cutoff_hz == cutoff_hz && row.stiffness_max_n_per_m.is_finite())
-            .map(|row| BoundaryPoint {
-                damping_n_s_per_m: row.damping_n_s_per_m,
-                stiffness_n_per_m: row.stiffness_max_n_per_m,
-            })
-            .collect(),
-    });
+    let curves = analyses.iter().flat_map(|analysis| curves(scene, analysis));
     let actuator = &scene.scene.actuator;
     let subtitle = if multirate {
         format!("an output every {} samples, latency {} samples", actuator.period, actuator.latency)
@@ -191,18 +324,16 @@ fn draw(
     figure::zwidth(&ZwidthPlot {
         title: format!("Uncoupled stability, linear, {}", scene.name),
         subtitle,
+        legend: Curve::CUTOFF_LEGEND.into(),
         curves: curves.collect(),
-        ideal_cutoff_hz: None,
     })
     .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
 }
 
-fn table(rows: &[Row]) -> String {
-    let mut text = format!(
-        "{:>10} {:>10} {:>14}  {}\n{:>10} {:>10} {:>14}",
-        "cutoff Hz", "B N s/m", "K max N/m", "remark", "", "", ""
-    );
-    for row in rows {
+fn table(analyses: &[Analysis]) -> String {
+    let mut text =
+        format!("{:>10} {:>10} {:>14}  {}", "cutoff Hz", "B N s/m", "K max N/m", "remark");
+    for row in all_rows(analyses) {
         let remark = if row.unstable_at_zero {
             "unstable at K = 0"
         } else if row.gain_margin_holds {
@@ -215,6 +346,10 @@ fn table(rows: &[Row]) -> String {
             "\n{:>10} {:>10} {:>14.1}  {remark}",
             row.cutoff_hz, row.damping_n_s_per_m, row.stiffness_max_n_per_m
         );
+        if let Some(passive) = row.stiffness_passive_n_per_m {
+            let separator = if remark.is_empty() { "" } else { "; " };
+            let _ = write!(text, "{separator}passive up to {passive:.1}");
+        }
         for (from, to) in &row.further_stable_n_per_m {
             let _ = write!(text, "; stable again from {from:.1} to {to:.1}");
         }

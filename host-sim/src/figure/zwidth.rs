@@ -1,4 +1,4 @@
-//! The Z-width figure: stiffness over damping, one boundary per cutoff.
+//! The Z-width figure: stiffness over damping, one boundary per curve.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
@@ -6,7 +6,7 @@ use plotters::style::text_anchor::HPos;
 use super::axis::{Ticks, hertz};
 use super::colour::{ACCENT, QUIET, TEXT, ordered};
 use super::panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke};
-use super::{Figure, FigureError, MARGIN, Page, Plot, WIDTH, grid, not_negative, positive, text};
+use super::{Figure, FigureError, MARGIN, Page, Plot, WIDTH, grid, not_negative, text};
 use crate::walk::BoundaryPoint;
 
 pub(super) const HEIGHT: f64 = 400.0;
@@ -49,29 +49,48 @@ pub struct ZwidthPlot {
     pub title: String,
     /// Second line: scene, resolution, and what else identifies the run.
     pub subtitle: String,
-    /// One boundary per cutoff, in ascending order of the cutoff: the colours follow it.
+    /// Title of the legend.
+    pub legend: String,
+    /// The boundaries; the colours follow their order.
     pub curves: Vec<Curve>,
-    /// Nominal cutoff of the curve that is emphasised.
-    pub ideal_cutoff_hz: Option<f64>,
 }
 
-/// The boundary of one cutoff.
+/// One boundary.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Nominal cutoff, which names the curve.
-    pub cutoff_hz: f64,
-    /// Frequency at which the discrete filter is down by 3 dB; shown under the pointer.
-    pub true_cutoff_hz: f64,
+    /// What the legend calls it.
+    pub name: String,
+    /// What it says under the pointer.
+    pub detail: String,
+    /// Drawn in the accent colour and on top.
+    pub ideal: bool,
     /// The boundary in the order of the walk; empty if no wall was stable.
     pub points: Vec<BoundaryPoint>,
 }
 
-/// Draws stiffness over damping, both from 0, with a legend of the cutoffs.
+impl Curve {
+    /// Title of the legend of curves named by their cutoff.
+    pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
+
+    /// The boundary of one nominal cutoff, whose filter is down by 3 dB at `true_cutoff_hz`.
+    pub fn of_cutoff(
+        cutoff_hz: f64,
+        true_cutoff_hz: f64,
+        ideal: bool,
+        points: Vec<BoundaryPoint>,
+    ) -> Self {
+        let name = hertz(cutoff_hz);
+        let detail = format!("{name} Hz nominal, −3 dB at {} Hz", hertz(true_cutoff_hz));
+        Self { name, detail, ideal, points }
+    }
+}
+
+/// Draws stiffness over damping, both from 0, with a legend of the curves.
 ///
 /// Beyond 34 curves the legend names every second, third, .. one, the ideal one always.
 ///
 /// # Errors
-/// [`FigureError`] if a number is NaN, infinite or negative, or a cutoff is 0.
+/// [`FigureError`] if a number is NaN, infinite or negative.
 pub fn zwidth(plot: &ZwidthPlot) -> Result<Figure, FigureError> {
     largest(plot)?;
     Figure::new(Plot::Zwidth(plot.clone()))
@@ -122,11 +141,7 @@ pub(super) fn draw<DB: DrawingBackend>(
 /// What each line says under the pointer.
 pub(super) fn names(plot: &ZwidthPlot) -> Vec<(RGBColor, u32, String)> {
     let name = |(curve, style): (&Curve, Style)| {
-        let name = format!(
-            "{} Hz nominal, −3 dB at {} Hz",
-            hertz(curve.cutoff_hz),
-            hertz(curve.true_cutoff_hz)
-        );
+        let name = curve.detail.clone();
         (!curve.points.is_empty()).then_some((style.colour, stroke(style.width()), name))
     };
     plot.curves.iter().zip(styles(plot)).filter_map(name).collect()
@@ -136,8 +151,6 @@ pub(super) fn names(plot: &ZwidthPlot) -> Vec<(RGBColor, u32, String)> {
 fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
     let mut largest = [0.0_f64; 2];
     for curve in &plot.curves {
-        positive("cutoff_hz", curve.cutoff_hz)?;
-        positive("true_cutoff_hz", curve.true_cutoff_hz)?;
         for point in &curve.points {
             let damping = not_negative("damping_n_s_per_m", point.damping_n_s_per_m)?;
             let stiffness = not_negative("stiffness_n_per_m", point.stiffness_n_per_m)?;
@@ -171,7 +184,7 @@ impl Style {
 fn styles(plot: &ZwidthPlot) -> Vec<Style> {
     let count = plot.curves.len();
     let style = |(index, curve): (usize, &Curve)| {
-        let ideal = plot.ideal_cutoff_hz == Some(curve.cutoff_hz);
+        let ideal = curve.ideal;
         let colour = if ideal { ACCENT } else { ordered(index, count) };
         let crowded = count >= CROWD;
         Style { colour, ideal, crowded }
@@ -205,6 +218,7 @@ fn draw_curve<DB: DrawingBackend>(
 }
 
 struct Legend {
+    title: String,
     entries: Vec<(String, Style)>,
     /// Every how many curves are named.
     every: usize,
@@ -216,7 +230,7 @@ impl Legend {
     fn of(plot: &ZwidthPlot) -> Self {
         let every = plot.curves.len().div_ceil(LEGEND_ROWS * LEGEND_COLUMNS).max(1);
         let named = |(index, (curve, style)): (usize, (&Curve, Style))| {
-            let mut text = hertz(curve.cutoff_hz);
+            let mut text = curve.name.clone();
             if curve.points.is_empty() {
                 text.push_str(" (none)");
             } else if style.ideal {
@@ -229,6 +243,7 @@ impl Legend {
         let widest =
             entries.iter().map(|(text, _)| text::width(text, SMALL_SIZE)).fold(0.0, f64::max);
         Self {
+            title: plot.legend.clone(),
             columns: entries.len().div_ceil(LEGEND_ROWS),
             column_width: LEGEND_SWATCH + LEGEND_SWATCH_GAP + widest + LEGEND_GAP,
             entries,
@@ -237,7 +252,7 @@ impl Legend {
     }
 
     fn width(&self) -> f64 {
-        let titles = text::width("Cutoff [Hz]", AXIS_TITLE_SIZE) + LEGEND_GAP;
+        let titles = text::width(&self.title, AXIS_TITLE_SIZE) + LEGEND_GAP;
         (self.columns as f64 * self.column_width).max(titles)
     }
 
@@ -245,7 +260,7 @@ impl Legend {
         let write =
             |text: &str, at, size, colour| text::write(page, text, at, HPos::Left, size, colour);
         let title = [left, LEGEND_TITLE_MIDDLE];
-        write("Cutoff [Hz]", title, AXIS_TITLE_SIZE, TEXT)?;
+        write(&self.title, title, AXIS_TITLE_SIZE, TEXT)?;
         let rows = self.entries.len().div_ceil(self.columns.max(1)).max(1);
         for (index, (text, style)) in self.entries.iter().enumerate() {
             let x = left + (index / rows) as f64 * self.column_width;
@@ -278,15 +293,15 @@ mod tests {
             damping_n_s_per_m: 10.0 * f64::from(n),
             stiffness_n_per_m: stiffness_n_per_m * f64::from(n.min(70 - n) + 1) / 36.0,
         });
-        Curve { cutoff_hz, true_cutoff_hz: 0.9 * cutoff_hz, points: points.collect() }
+        Curve::of_cutoff(cutoff_hz, 0.9 * cutoff_hz, cutoff_hz == 300.0, points.collect())
     }
 
     fn plot(curves: Vec<Curve>) -> ZwidthPlot {
         ZwidthPlot {
             title: "Z-width \"paper\" & more".to_owned(),
             subtitle: "resolution 1 µm".to_owned(),
+            legend: Curve::CUTOFF_LEGEND.into(),
             curves,
-            ideal_cutoff_hz: Some(300.0),
         }
     }
 
@@ -304,7 +319,7 @@ mod tests {
             assert!(svg.contains("Damping B [N s/m]"));
             assert!(svg.contains("Stiffness K [kN/m]"));
             for curve in &plot.curves {
-                let name = format!("<title>{} Hz nominal", hertz(curve.cutoff_hz));
+                let name = format!("<title>{} Hz nominal", curve.name);
                 assert_eq!(svg.matches(&name).count(), 1, "{name}");
             }
             assert_eq!(svg.contains("300 ideal"), count >= 3);
@@ -345,8 +360,5 @@ mod tests {
         let bad = plot(vec![curve(50.0, f64::NAN, 3)]);
         let quantity = "stiffness_n_per_m";
         assert_eq!(zwidth(&bad), Err(FigureError::NotPlottable { quantity }));
-        let quantity = "cutoff_hz";
-        let bad = plot(vec![curve(0.0, 1.0, 3)]);
-        assert_eq!(zwidth(&bad), Err(FigureError::NotPositive { quantity }));
     }
 }

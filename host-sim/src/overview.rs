@@ -1,0 +1,169 @@
+//! Three boundaries of one estimator side by side: the linear envelope, the walls that are passive in
+//! any hand, and the simulated boundary with an account of what each of its points is.
+//!
+//! The simulated boundary may lie above the linear envelope. The linear loop is unstable there, so the
+//! handle does not come to rest; quantisation, saturation and the one-sided wall turn the growing
+//! oscillation into a limit cycle, and the wall counts as stable as long as that cycle's RMS is below
+//! the limit of the wall hit. It may also lie below: the hit starts far from rest, and saturation
+//! delays the force.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::{
+    error::Error,
+    linear::{self, LinearError},
+    rig::{HitReport, Numeric, Rig, WallHit},
+    walk::{BoundaryPoint, walk},
+};
+
+/// A point of the simulated boundary and what the hit there showed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Explained {
+    /// The wall.
+    pub point: BoundaryPoint,
+    /// Largest K of the linear envelope at this B, N/m; infinite if no K is unstable.
+    pub linear_n_per_m: f64,
+    /// The hit at this very wall.
+    pub report: HitReport,
+}
+
+impl Explained {
+    /// The linear loop is unstable at this wall.
+    pub fn is_above(&self) -> bool {
+        self.point.stiffness_n_per_m > self.linear_n_per_m
+    }
+}
+
+/// Follows the simulated boundary from the scene's own start and holds every point against the
+/// linear envelope.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn explain(
+    rig: &Rig,
+    numeric: Numeric,
+    cutoff_hz: f64,
+    envelope: &linear::Boundary,
+    stop: &AtomicBool,
+) -> Result<Vec<Explained>, Error> {
+    let boundary = walk(rig, numeric, cutoff_hz, 0.0, stop)?;
+    boundary
+        .points
+        .into_iter()
+        .map(|point| {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } = point;
+            let limit = envelope.at(damping_n_s_per_m).map_err(Error::input)?;
+            let start_offset_counts = 0.0;
+            let wall =
+                WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
+            let report = rig.hit(numeric, &wall, |_| {})?;
+            Ok(Explained { point, linear_n_per_m: limit.stiffness_max, report })
+        })
+        .collect()
+}
+
+/// Largest K that is passive in any hand at that B, N/m; `None` if none is. Colgate and Schenkel's
+/// condition, see [`linear::passivity::demand`]: for a force with every sample and at once, so a loop
+/// with a slower output or a latency is passive in less than this.
+///
+/// # Errors
+/// The estimator cannot be analysed.
+pub fn passive_stiffness(
+    device_damping_n_s_per_m: f64,
+    rate_hz: f64,
+    estimator: &linear::TransferFunction,
+    damping_n_s_per_m: f64,
+) -> Result<Option<f64>, LinearError> {
+    let demand = linear::passivity::demand(0.0, damping_n_s_per_m, rate_hz, estimator)?;
+    // The demand grows by T/2 with every N/m.
+    let left = device_damping_n_s_per_m - demand.damping_n_s_per_m;
+    Ok((left >= 0.0).then_some(2.0 * rate_hz * left))
+}
+
+/// Points of the edge of the passive region, from B = 0 to where no K is passive any more.
+const REGION_POINTS: u32 = 64;
+
+/// The edge of the passive region from B = 0 on; see [`passive_stiffness`]. What a wall of damping B
+/// costs is in proportion to B, so the edge is a straight line and two demands give all of it.
+///
+/// # Errors
+/// The estimator cannot be analysed.
+pub fn passive_region(
+    device_damping_n_s_per_m: f64,
+    rate_hz: f64,
+    estimator: &linear::TransferFunction,
+) -> Result<Vec<BoundaryPoint>, LinearError> {
+    let cost = linear::passivity::demand(0.0, 1.0, rate_hz, estimator)?.damping_n_s_per_m;
+    let damping_max = device_damping_n_s_per_m / cost;
+    let mut points = vec![];
+    for n in 0..=REGION_POINTS {
+        let damping_n_s_per_m = damping_max * f64::from(n) / f64::from(REGION_POINTS);
+        let stiffness =
+            passive_stiffness(device_damping_n_s_per_m, rate_hz, estimator, damping_n_s_per_m)?;
+        let stiffness_n_per_m = stiffness.unwrap_or(0.0);
+        points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        linear::{Device, Loop, TransferFunction},
+        scene::NamedScene,
+    };
+
+    #[test]
+    fn points_above_the_envelope_are_limit_cycles_and_a_strict_limit_refuses_them() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        let device = Device {
+            mass_kg: scene.device.mass_kg,
+            damping_n_s_per_m: scene.device.damping_n_s_per_m,
+            stiffness_n_per_m: scene.device.stiffness_n_per_m,
+        };
+        let cutoff_hz = 500.0;
+        let rate_hz = scene.control.rate_hz;
+        let mut of = Loop::single_rate(device, rate_hz, TransferFunction::paper(rate_hz, cutoff_hz));
+        of.period = scene.actuator.period;
+        of.latency_samples = scene.actuator.latency;
+        let envelope = linear::Boundary::new(&of).unwrap();
+        let stop = AtomicBool::new(false);
+        let explained =
+            explain(&Rig::new(&scene).unwrap(), Numeric::Fixed, cutoff_hz, &envelope, &stop).unwrap();
+        let above: Vec<&Explained> = explained.iter().filter(|e| e.is_above()).collect();
+        assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
+        // At rest between two counts the RMS is below half a count.
+        let at_rest_m = 0.5 * scene.encoder.resolution_m;
+        assert!(above.iter().all(|e| e.report.is_stable() && e.report.rms_m > at_rest_m));
+        scene.wall_hit.rms_limit_m = at_rest_m;
+        let strict = Rig::new(&scene).unwrap();
+        for e in above {
+            let wall = WallHit {
+                cutoff_hz,
+                stiffness_n_per_m: e.point.stiffness_n_per_m,
+                damping_n_s_per_m: e.point.damping_n_s_per_m,
+                start_offset_counts: 0.0,
+            };
+            assert!(!strict.hit(Numeric::Fixed, &wall, |_| {}).unwrap().is_stable(), "{e:?}");
+        }
+    }
+
+    #[test]
+    fn the_passive_region_ends_where_the_demand_is_the_device_damping() {
+        let plain = TransferFunction::finite_difference(1e3);
+        // b > K T/2 + |B|: a triangle.
+        let region = passive_region(5.5, 1e3, &plain).unwrap();
+        let (first, last) = (region[0], region[region.len() - 1]);
+        assert!((first.stiffness_n_per_m - 11_000.0).abs() < 1e-6, "{first:?}");
+        assert!((last.damping_n_s_per_m - 5.5).abs() < 1e-9, "{last:?}");
+        for point in &region {
+            let k = 2e3 * (5.5 - point.damping_n_s_per_m);
+            assert!((point.stiffness_n_per_m - k).abs() < 1e-5);
+        }
+        assert_eq!(passive_stiffness(5.5, 1e3, &plain, 6.0).unwrap(), None);
+    }
+}
