@@ -127,13 +127,15 @@ mod tests {
         };
         let cutoff_hz = 500.0;
         let rate_hz = scene.control.rate_hz;
-        let mut of = Loop::single_rate(device, rate_hz, TransferFunction::paper(rate_hz, cutoff_hz));
+        let mut of =
+            Loop::single_rate(device, rate_hz, TransferFunction::paper(rate_hz, cutoff_hz));
         of.period = scene.actuator.period;
         of.latency_samples = scene.actuator.latency;
         let envelope = linear::Boundary::new(&of).unwrap();
         let stop = AtomicBool::new(false);
         let explained =
-            explain(&Rig::new(&scene).unwrap(), Numeric::Fixed, cutoff_hz, &envelope, &stop).unwrap();
+            explain(&Rig::new(&scene).unwrap(), Numeric::Fixed, cutoff_hz, &envelope, &stop)
+                .unwrap();
         let above: Vec<&Explained> = explained.iter().filter(|e| e.is_above()).collect();
         assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
         // At rest between two counts the RMS is below half a count.
