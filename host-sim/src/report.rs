@@ -86,17 +86,37 @@ pub struct AreaRow {
 /// The report as one HTML file.
 #[must_use]
 pub fn html(report: &Report) -> String {
+    page(
+        &report.title,
+        &answer(report),
+        &report.figures,
+        &[
+            ("Areas", areas(report)),
+            ("Notes", notes(&report.notes)),
+            ("Scene", scene(&report.scene)),
+            ("Provenance", provenance(&report.provenance)),
+        ],
+    )
+}
+
+/// One HTML file: a small line, the answer, figures, and sections of which empty ones are left out.
+pub(crate) fn page(
+    title: &str,
+    answer: &str,
+    figures: &[ReportFigure],
+    sections: &[(&str, String)],
+) -> String {
     let mut out = String::new();
-    let title = escape(&report.title);
+    let title = escape(title);
     let _ = write!(
         out,
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
          <header>\n<p>{title}</p>\n<h1>{}</h1>\n</header>\n<main>\n",
-        escape(&answer(report))
+        escape(answer)
     );
-    for ReportFigure { figure, caption } in &report.figures {
+    for ReportFigure { figure, caption } in figures {
         let _ = write!(
             out,
             "<figure>\n{}<figcaption>{}</figcaption>\n</figure>\n",
@@ -104,10 +124,9 @@ pub fn html(report: &Report) -> String {
             escape(caption)
         );
     }
-    section(&mut out, "Areas", &areas(report));
-    section(&mut out, "Notes", &notes(&report.notes));
-    section(&mut out, "Scene", &scene(&report.scene));
-    section(&mut out, "Provenance", &provenance(&report.provenance));
+    for (heading, content) in sections {
+        section(&mut out, heading, content);
+    }
     out.push_str("</main>\n</body>\n</html>\n");
     out
 }
@@ -144,8 +163,7 @@ fn areas(report: &Report) -> String {
     }
     let largest = report.areas.iter().map(|row| row.area_high.max(row.area)).fold(0.0, f64::max);
     let (factor, unit) = scaled_unit(largest, "N² s/m²");
-    let mut out = String::from("<div class=\"wide\">\n<table>\n<thead>\n<tr>");
-    for (name, unit) in [
+    let columns = [
         ("Cutoff, nominal", "Hz"),
         ("True −3 dB", "Hz"),
         ("Mean area", unit.as_str()),
@@ -153,15 +171,9 @@ fn areas(report: &Report) -> String {
         ("Highest", unit.as_str()),
         ("Peak K", "N/m"),
         ("Largest B", "N s/m"),
-    ] {
-        let _ = write!(out, "<th scope=\"col\">{name}<br><small>[{unit}]</small></th>");
-    }
-    out.push_str("</tr>\n</thead>\n<tbody>\n");
-    for row in &report.areas {
-        let _ = writeln!(
-            out,
-            "<tr{}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            row_class(report, row.cutoff_hz),
+    ];
+    let rows = report.areas.iter().map(|row| {
+        let cells = vec![
             hertz(row.cutoff_hz),
             hertz(row.true_cutoff_hz),
             number(row.area / factor, 3),
@@ -169,7 +181,28 @@ fn areas(report: &Report) -> String {
             number(row.area_high / factor, 3),
             number(row.stiffness_peak_n_per_m, 0),
             number(row.damping_max_n_s_per_m, 0),
-        );
+        ];
+        (row_class(report, row.cutoff_hz), cells)
+    });
+    table(&columns, rows)
+}
+
+/// A table: columns with their units, rows with their class attribute and cells.
+pub(crate) fn table(
+    columns: &[(&str, &str)],
+    rows: impl Iterator<Item = (&'static str, Vec<String>)>,
+) -> String {
+    let mut out = String::from("<div class=\"wide\">\n<table>\n<thead>\n<tr>");
+    for (name, unit) in columns {
+        let _ = write!(out, "<th scope=\"col\">{name}<br><small>[{unit}]</small></th>");
+    }
+    out.push_str("</tr>\n</thead>\n<tbody>\n");
+    for (class, cells) in rows {
+        let _ = write!(out, "<tr{class}>");
+        for cell in cells {
+            let _ = write!(out, "<td>{}</td>", escape(&cell));
+        }
+        out.push_str("</tr>\n");
     }
     out.push_str("</tbody>\n</table>\n</div>\n");
     out
@@ -186,7 +219,7 @@ fn row_class(report: &Report, cutoff_hz: f64) -> &'static str {
     }
 }
 
-fn notes(notes: &[String]) -> String {
+pub(crate) fn notes(notes: &[String]) -> String {
     if notes.is_empty() {
         return String::new();
     }
@@ -194,7 +227,7 @@ fn notes(notes: &[String]) -> String {
     format!("<ul>\n{items}</ul>\n")
 }
 
-fn scene(scene: &str) -> String {
+pub(crate) fn scene(scene: &str) -> String {
     if scene.is_empty() {
         return String::new();
     }
@@ -202,7 +235,7 @@ fn scene(scene: &str) -> String {
     format!("<pre>\n{}</pre>\n", escape(scene))
 }
 
-fn provenance(facts: &[(String, String)]) -> String {
+pub(crate) fn provenance(facts: &[(String, String)]) -> String {
     if facts.is_empty() {
         return String::new();
     }

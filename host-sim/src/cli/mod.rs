@@ -1,5 +1,6 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
+mod compare;
 mod hit;
 mod linear;
 mod list;
@@ -45,6 +46,7 @@ enum Command {
     Walk(walk::WalkArgs),
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
+    Compare(compare::CompareArgs),
     Telemetry(telemetry::TelemetryArgs),
 }
 
@@ -147,6 +149,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Walk(args) => walk::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
+        Command::Compare(args) => compare::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
     })
 }

@@ -1,0 +1,78 @@
+//! `compare` as a user meets it.
+#![allow(clippy::unwrap_used, reason = "a test fails loudly")]
+
+use std::{fs, path::Path, process::Command};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A walk of few hits: the search is what is tested.
+fn scene(folder: &Path) {
+    let text = include_str!("../../scenes/paper-2um.toml");
+    let text = text
+        .replace("stiffness_step_n_per_m = 2000", "stiffness_step_n_per_m = 8000")
+        .replace("damping_step_n_s_per_m = 10", "damping_step_n_s_per_m = 60");
+    fs::write(folder.join("coarse.toml"), text).unwrap();
+}
+
+fn compare(folder: &Path, extra: &[&str]) -> (i32, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .current_dir(folder)
+        .args(["compare", "coarse.toml", "--budget", "6", "--repeat", "2"])
+        .args(extra)
+        .output()
+        .unwrap();
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    (output.status.code().unwrap(), out, err)
+}
+
+#[test]
+fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    let few = "--estimators=difference,butterworth,least-squares-1";
+    let (code, one, _) = compare(folder.path(), &["--json", few, "--threads", "1", "--out", "a"]);
+    assert_eq!(code, 0);
+    let (_, two, _) = compare(folder.path(), &["--json", few, "--threads", "2", "--out", "b"]);
+    assert_eq!(one, two);
+    for name in ["compare.csv", "tuning.csv", "boundary.csv", "zwidth.svg", "report.html"] {
+        let [a, b] = ["a", "b"].map(|out| fs::read(folder.path().join(out).join(name)).unwrap());
+        assert!(a == b && !a.is_empty(), "{name}");
+    }
+    let json: Value = serde_json::from_str(&one).unwrap();
+    let rows = json["estimators"].as_array().unwrap();
+    assert_eq!(rows.len(), 3);
+    let area = |name: &str| {
+        let row = rows.iter().find(|row| row["estimator"] == name).unwrap();
+        row["area_n2_s_per_m2"].as_f64().unwrap()
+    };
+    assert!(area("butterworth") > 1.5 * area("difference"), "2 um asks for a filter");
+    let winners = json["winners"].as_array().unwrap();
+    let winner = |key: &str| winners.iter().find(|winner| winner["criterion"] == key).unwrap();
+    assert_eq!(winner("delay_s")["estimators"][0], "difference");
+    assert!(winner("area_n2_s_per_m2")["butterworth_rank"].as_u64().unwrap() <= 2);
+    // every estimator was given the same number of walks
+    let tuning = fs::read_to_string(folder.path().join("a/tuning.csv")).unwrap();
+    let walks = |name: &str| tuning.lines().filter(|line| line.starts_with(name)).count();
+    assert_eq!((walks("butterworth"), walks("difference")), (6, 0));
+    let (code, _, error) = compare(folder.path(), &[few, "--out", "a"]);
+    assert!(code == 2 && error.contains("--force"), "{error}");
+}
+
+#[test]
+fn bad_arguments_are_refused_with_what_is_allowed() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    for (extra, text) in [
+        (["--estimators", "best"], "allowed butterworth"),
+        (["--damping", "1e9"], "--damping is 1000000000, allowed 10 to 4000"),
+        (["--budget", "2"], "--budget"),
+        (["--repeat", "0"], "--repeat"),
+    ] {
+        let (code, out, error) = compare(folder.path(), &extra);
+        assert_eq!((code, out.as_str()), (2, ""), "{extra:?}");
+        assert!(error.contains(text), "{extra:?}: {error}");
+        assert_eq!(error.trim().lines().count(), 1);
+    }
+    assert!(!folder.path().join("zwidth-out").exists());
+}
