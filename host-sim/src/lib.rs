@@ -10,6 +10,7 @@
 
 pub mod cli;
 pub mod controller;
+pub mod element;
 pub mod envelope;
 pub mod error;
 pub mod exact;

@@ -47,6 +47,7 @@ impl Scene {
         let keyed = |error: SettingsError| in_scene(&error);
         self.design().check().map_err(keyed)?;
         self.hit_settings().build(&self.design()).map_err(keyed)?;
+        self.check_elements()?;
         self.check_walk()?;
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
@@ -55,6 +56,12 @@ impl Scene {
             self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
         }
         Ok(())
+    }
+
+    fn check_elements(&self) -> Result<(), String> {
+        self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
+        self.mode.map_or(Ok(()), |mode| mode.check())?;
+        self.arm.map_or(Ok(()), |arm| arm.check())
     }
 
     fn check_walk(&self) -> Result<(), String> {
@@ -117,7 +124,8 @@ fn in_scene(error: &SettingsError) -> String {
     refused(key, error.value, &error.range)
 }
 
-fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
+/// Refuses a value outside its range.
+pub(crate) fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
     if range.contains(&value) { Ok(()) } else { Err(refused(key, value, &range)) }
 }
 

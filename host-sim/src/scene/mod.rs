@@ -12,11 +12,15 @@ use zwidth::{
     Design, HitSettings, Output, Settings, VelocitySettings, WallSettings, experiment::WalkPlan,
 };
 
-use crate::error::Error;
+use crate::{
+    element::{Amplifier, Arm, Mode},
+    error::Error,
+};
 
 mod check;
 mod elements;
 
+pub(crate) use check::within;
 pub use check::{ranges, refused};
 pub use elements::Quantisation;
 
@@ -62,6 +66,15 @@ pub struct Scene {
     /// Optional element: quantisation of the command by a DAC or PWM timer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<Quantisation>,
+    /// Optional element: the current loop's pole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amplifier: Option<Amplifier>,
+    /// Optional element: a second mass behind the transmission.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<Mode>,
+    /// Optional element: a person's arm on the handle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub arm: Option<Arm>,
 }
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.

@@ -7,7 +7,41 @@
 //! approximated but by rounding. Forces or lengths scaled by a power of two give a run that is
 //! bit-identical up to that scale.
 
+mod any;
+mod augmented;
+
+pub(crate) use any::each_plant;
+pub use any::{AnyPlant, AnyState};
+pub use augmented::{AugmentedStep, ChainState};
+
 use crate::{exact::oscillator_step, scene::Device};
+
+/// What moves under the actuator's force, one sample at a time.
+pub trait Plant: Clone {
+    /// What a step changes.
+    type State: Copy + core::fmt::Debug;
+
+    /// The state of a handle at rest at `position_m`, before any force.
+    fn at_rest(&self, position_m: f64) -> Self::State;
+    /// Position where motor and encoder are, m.
+    fn position_m(&self, state: &Self::State) -> f64;
+    /// Speed there, m/s.
+    fn speed_m_per_s(&self, state: &Self::State) -> f64;
+    /// Force of the actuator on the handle while `output_n` is commanded, N: the same, unless the
+    /// amplifier takes time.
+    #[inline]
+    fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
+        output_n
+    }
+    /// The state one sample later, with `force_n` commanded all the while.
+    fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
+    /// The state one sample later, with `before_n` commanded until the split and `after_n` from it on.
+    fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
+    /// A state as one that fits every plant.
+    fn pack(state: &Self::State) -> AnyState;
+    /// Back from [`pack`](Self::pack).
+    fn unpack(any: &AnyState) -> Self::State;
+}
 
 /// The exact step of a device over one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,34 +84,49 @@ impl PlantStep {
         }
     }
 
-    /// The state of a handle at rest at `position_m`.
-    pub fn at_rest(&self, position_m: f64) -> PlantState {
-        PlantState { offset_m: position_m - self.rest_position_m, speed_m_per_s: 0.0 }
-    }
-
-    /// Position, m.
-    #[inline]
-    pub fn position_m(&self, state: &PlantState) -> f64 {
-        state.offset_m + self.rest_position_m
-    }
-
-    /// The state one sample later, with `force_n` acting all the while.
-    #[inline]
-    pub fn advance(&self, state: &PlantState, force_n: f64) -> PlantState {
-        self.free(state).plus(&self.gamma, force_n)
-    }
-
-    /// The state one sample later, with `before_n` acting until the split and `after_n` from it on.
-    #[inline]
-    pub fn advance_split(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
-        self.free(state).plus(&self.before, before_n).plus(&self.after, after_n)
-    }
-
     #[inline]
     fn free(&self, state: &PlantState) -> PlantState {
         let PlantState { offset_m: x, speed_m_per_s: v } = *state;
         let [[xx, xv], [vx, vv]] = self.phi;
         PlantState { offset_m: xx * x + xv * v, speed_m_per_s: vx * x + vv * v }
+    }
+}
+
+impl Plant for PlantStep {
+    type State = PlantState;
+
+    fn at_rest(&self, position_m: f64) -> PlantState {
+        PlantState { offset_m: position_m - self.rest_position_m, speed_m_per_s: 0.0 }
+    }
+
+    #[inline]
+    fn position_m(&self, state: &PlantState) -> f64 {
+        state.offset_m + self.rest_position_m
+    }
+
+    #[inline]
+    fn advance(&self, state: &PlantState, force_n: f64) -> PlantState {
+        self.free(state).plus(&self.gamma, force_n)
+    }
+
+    #[inline]
+    fn advance_split(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
+        self.free(state).plus(&self.before, before_n).plus(&self.after, after_n)
+    }
+
+    #[inline]
+    fn speed_m_per_s(&self, state: &PlantState) -> f64 {
+        state.speed_m_per_s
+    }
+
+    fn pack(state: &PlantState) -> AnyState {
+        let mut any = AnyState::default();
+        (any.z[0], any.z[1]) = (state.offset_m, state.speed_m_per_s);
+        any
+    }
+
+    fn unpack(any: &AnyState) -> PlantState {
+        PlantState { offset_m: any.z[0], speed_m_per_s: any.z[1] }
     }
 }
 
