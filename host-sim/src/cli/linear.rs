@@ -14,7 +14,7 @@ use super::{
 use crate::{
     error::Error,
     figure::{self, Curve, ZwidthPlot},
-    linear::{Boundary, Device, Loop, Order, StiffnessLimit, TransferFunction},
+    linear::{Boundary, Device, Elements, Loop, Order, StiffnessLimit, TransferFunction},
     output,
     rig::WallHit,
     scene::{self, NamedScene},
@@ -34,7 +34,8 @@ pub struct LinearArgs {
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
     /// The loop as it runs, with the scene's output period and latency. Without it a force with
-    /// every sample and at once, as in the paper's equations (3) to (5).
+    /// every sample and at once, as in the paper's equations (3) to (5). The scene's linear
+    /// elements are part of both.
     #[arg(long)]
     multirate: bool,
     /// Write the boundary as CSV.
@@ -51,6 +52,8 @@ struct Json<'a> {
     command: &'static str,
     scene: &'a str,
     multirate: bool,
+    /// Tables of the scene that have no place in a linear analysis.
+    left_out: &'a [&'static str],
     rows: &'a [Row],
 }
 
@@ -101,6 +104,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         let figure = draw(&scene, &args.cutoffs.0, &rows, args.multirate)?;
         output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
     }
+    let left_out = scene.scene.nonlinear_elements();
     if common.json {
         let (schema_version, scene) = (SCHEMA_VERSION, scene.name.as_str());
         let multirate = args.multirate;
@@ -109,10 +113,15 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             command: "linear",
             scene,
             multirate,
+            left_out: &left_out,
             rows: &rows,
         });
     }
-    print_text(&table(&rows))
+    let mut text = table(&rows);
+    if !left_out.is_empty() {
+        let _ = write!(text, "\nnot linear, left out: {}", left_out.join(", "));
+    }
+    print_text(&text)
 }
 
 fn boundary(
@@ -129,6 +138,7 @@ fn boundary(
     let filter = TransferFunction::butterworth(rate_hz, cutoff_hz, Order::Second, prewarp);
     let estimator = TransferFunction::finite_difference(rate_hz).then(&filter);
     let mut of = Loop::single_rate(device, rate_hz, estimator);
+    of.elements = Elements { amplifier: scene.amplifier, mode: scene.mode, arm: scene.arm };
     if multirate {
         of.period = scene.actuator.period;
         of.latency_samples = scene.actuator.latency;

@@ -156,6 +156,22 @@ impl Chain {
         rest
     }
 
+    /// A, for any number of states.
+    pub fn matrix(&self) -> DMatrix<f64> {
+        fn general<const N: usize>(chain: &Chain) -> DMatrix<f64> {
+            let (a, _) = chain.system::<N>();
+            DMatrix::from_fn(N, N, |row, column| a[(row, column)])
+        }
+        match self.states() {
+            2 => general::<2>(self),
+            3 => general::<3>(self),
+            4 => general::<4>(self),
+            5 => general::<5>(self),
+            6 => general::<6>(self),
+            _ => general::<7>(self),
+        }
+    }
+
     /// `exp(A dt) - 1` and the response to a unit force over `dt`, for any number of states.
     pub fn increment(&self, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
         fn general<const N: usize>(chain: &Chain, dt: f64) -> (DMatrix<f64>, DVector<f64>) {

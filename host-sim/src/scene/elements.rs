@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Scene;
+
 /// Quantisation of the command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
@@ -17,4 +19,14 @@ pub enum Quantisation {
         /// Timer ticks per PWM period.
         steps: u32,
     },
+}
+
+impl Scene {
+    /// Tables of this scene that no linear analysis can take.
+    pub fn nonlinear_elements(&self) -> Vec<&'static str> {
+        [("output", self.output.is_some())]
+            .into_iter()
+            .filter_map(|(name, present)| present.then_some(name))
+            .collect()
+    }
 }
