@@ -114,3 +114,6 @@ impl<const N: usize> Plant for AugmentedStep<N> {
         core::array::from_fn(|i| any.z[i])
     }
 }
+
+#[cfg(test)]
+mod tests;
