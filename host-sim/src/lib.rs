@@ -15,6 +15,7 @@ pub mod envelope;
 pub mod error;
 pub mod exact;
 pub mod figure;
+pub mod integrator;
 pub mod linear;
 pub mod manifest;
 pub mod output;

@@ -10,7 +10,6 @@ use zwidth::{
 
 use crate::{
     controller::{Controller, Fixed},
-    element::Chain,
     error::Error,
     plant::{AnyPlant, Plant, each_plant},
     scene::Scene,
@@ -140,7 +139,7 @@ impl Rig {
         )]
         let whole = latency.floor() as u32;
         let parts = Parts {
-            plant: AnyPlant::new(&Chain::of(scene), 1.0 / design.rate_hz, latency.fract()),
+            plant: AnyPlant::of(scene, 1.0 / design.rate_hz, latency.fract()),
             resolution_m: design.resolution_m,
             rounding: scene.encoder.rounding,
             full_scale_n: design.full_scale_n,

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use crate::{
     controller::{Controller, Rendered},
-    plant::{AnyPlant, Plant},
+    plant::{AnyPlant, Moment, Plant},
     scene::Rounding,
 };
 
@@ -82,6 +82,16 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
+    /// The command that acts at the end of the sample `index`, as far as it is known before that sample is
+    /// taken: one of this very sample is not.
+    #[inline]
+    fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> f64 {
+        if index != self.effective {
+            return acting_n;
+        }
+        forces_n.get(self.read).copied().unwrap_or(acting_n)
+    }
+
     /// The command that takes effect within the sample `index`, if one does.
     #[inline]
     fn arriving(&mut self, forces_n: &[f64], index: u64) -> Option<f64> {
@@ -139,7 +149,10 @@ impl<C: Controller + Copy, S: Copy> Moving<C, S> {
         let index = self.index;
         let position_m = parts.plant.position_m(&self.state);
         // 1. the encoder
-        let count = parts.count(position_m);
+        let (before_n, after_n) =
+            (self.output_n, self.on_the_way.next(forces_n, index, self.output_n));
+        let moment = Moment { index, before_n, after_n };
+        let count = parts.count(parts.plant.reading_m(&self.state, &moment));
         // 2. the velocity
         let due = self.controller.sample(count);
         // 3. the wall, with this very sample

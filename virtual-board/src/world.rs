@@ -5,7 +5,6 @@
 //! that a count that is read belongs to the plant [`LEAD_S`] earlier. That is part of the latency.
 
 use host_sim::{
-    element::Chain,
     plant::{AnyPlant, AnyState, Plant as _},
     scene::{Encoder, Rounding, Scene},
 };
@@ -85,7 +84,7 @@ impl<'a> World<'a> {
         let sample_s = 1.0 / scene.control.rate_hz;
         #[expect(clippy::cast_precision_loss, reason = "10")]
         let step_s = sample_s / STEPS as f64;
-        let plant = AnyPlant::new(&Chain::of(scene), step_s, 0.0);
+        let plant = AnyPlant::unsensed(scene, step_s, 0.0);
         let encoder =
             Encoder { resolution_m: scene.encoder.resolution_m, rounding: scene.encoder.rounding };
         powered.mcu.encoder_at(count(&encoder, start_m));

@@ -9,7 +9,7 @@
 //! Positions are taken from where the bodies rest without a force, so that the system has no
 //! constant term. An odd number of states means an amplifier.
 
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector, Schur, linalg::balancing};
 
 use super::{Amplifier, Arm, Mode};
 use crate::{
@@ -19,6 +19,7 @@ use crate::{
 
 /// Most states that a chain has: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
+const SCHUR_ITERATIONS: usize = 10_000;
 
 /// A device and the linear elements on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -170,6 +171,20 @@ impl Chain {
             6 => general::<6>(self),
             _ => general::<7>(self),
         }
+    }
+
+    /// Largest magnitude of an eigenvalue, 1/s, with that stiffness and damping more on the device: how fast an
+    /// integrator must be able to follow.
+    pub fn fastest_per_s(&self, (stiffness_n_per_m, damping_n_s_per_m): (f64, f64)) -> f64 {
+        let mut chain = *self;
+        chain.device.stiffness_n_per_m += stiffness_n_per_m;
+        chain.device.damping_n_s_per_m += damping_n_s_per_m;
+        let mut matrix = chain.matrix();
+        balancing::balance_parlett_reinsch(&mut matrix);
+        let norm = matrix.norm(); // an upper bound, if the eigenvalues do not converge
+        Schur::try_new(matrix, f64::EPSILON, SCHUR_ITERATIONS).map_or(norm, |schur| {
+            schur.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max)
+        })
     }
 
     /// `exp(A dt) - 1` and the response to a unit force over `dt`, for any number of states.

@@ -9,12 +9,27 @@
 
 mod any;
 mod augmented;
+mod integrated;
+mod sensed;
 
 pub(crate) use any::each_plant;
 pub use any::{AnyPlant, AnyState};
 pub use augmented::{AugmentedStep, ChainState};
+pub use integrated::{HybridState, IntegratedStep, Regime};
+pub use sensed::{Sensed, SensedState, Sensing};
 
 use crate::{exact::oscillator_step, scene::Device};
+
+/// A sample that the encoder is read for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Number of the sample.
+    pub index: u64,
+    /// Command that acts at its beginning, N.
+    pub before_n: f64,
+    /// Command that acts from its split on, N.
+    pub after_n: f64,
+}
 
 /// What moves under the actuator's force, one sample at a time.
 pub trait Plant: Clone {
@@ -32,6 +47,23 @@ pub trait Plant: Clone {
     #[inline]
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
+    }
+    /// What the encoder sees for a sample, m, before it is made a count: the position, unless it reads late or
+    /// wrongly.
+    #[inline]
+    fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
+        self.position_m(state)
+    }
+    /// Position `delay_s` (below a sample) later, m, if this plant can say so by itself; an exact step is for
+    /// whole samples only.
+    fn later_m(
+        &self,
+        _state: &Self::State,
+        _delay_s: f64,
+        _before_n: f64,
+        _after_n: f64,
+    ) -> Option<f64> {
+        None
     }
     /// The state one sample later, with `force_n` commanded all the while.
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;

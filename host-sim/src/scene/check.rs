@@ -58,12 +58,6 @@ impl Scene {
         Ok(())
     }
 
-    fn check_elements(&self) -> Result<(), String> {
-        self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
-        self.mode.map_or(Ok(()), |mode| mode.check())?;
-        self.arm.map_or(Ok(()), |arm| arm.check())
-    }
-
     fn check_walk(&self) -> Result<(), String> {
         let walk = &self.walk;
         let axes = [

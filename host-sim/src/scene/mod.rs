@@ -13,8 +13,11 @@ use zwidth::{
 };
 
 use crate::{
-    element::{Amplifier, Arm, Mode},
+    element::{
+        Amplifier, Arm, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode, Travel,
+    },
     error::Error,
+    integrator::Integrator,
 };
 
 mod check;
@@ -75,6 +78,27 @@ pub struct Scene {
     /// Optional element: a person's arm on the handle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub arm: Option<Arm>,
+    /// Optional element: dry friction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
+    /// Optional element: the motor's cogging.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cogging: Option<Cogging>,
+    /// Optional element: travel limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub travel: Option<Travel>,
+    /// Optional element: the encoder's periodic error.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder_error: Option<EncoderError>,
+    /// Optional element: the encoder's noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder_noise: Option<EncoderNoise>,
+    /// Optional element: late readings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jitter: Option<Jitter>,
+    /// How a plant is integrated that is not linear; on a linear one it takes the place of the exact step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub integrator: Option<Integrator>,
 }
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
