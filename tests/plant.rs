@@ -7,7 +7,10 @@
     reason = "a test fails loudly"
 )]
 
-use host_sim::{plant::PlantStep, scene::Device};
+use host_sim::{
+    plant::{Plant as _, PlantStep},
+    scene::Device,
+};
 
 const PAPER: Device = Device {
     mass_kg: 0.4160,

@@ -146,6 +146,16 @@ pub fn discretise<const N: usize>(
     b: &SVector<f64, N>,
     dt: f64,
 ) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
+    let (less, gamma) = discretise_increment(a, b, dt);
+    (SMatrix::<f64, N, N>::identity() + less, gamma)
+}
+
+/// As [`discretise`], with `phi - 1` instead of phi.
+pub fn discretise_increment<const N: usize>(
+    a: &SMatrix<f64, N, N>,
+    b: &SVector<f64, N>,
+    dt: f64,
+) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
     let halvings = halvings(a, dt);
     let h = dt * libm::ldexp(1.0, -halvings);
     let ah = a * h;
@@ -166,7 +176,7 @@ pub fn discretise<const N: usize>(
             gamma[row] += mean[(row, column)] * b[column];
         }
     }
-    (identity + less, gamma * dt)
+    (less, gamma * dt)
 }
 
 /// Halvings of dt after which `|A h|` is at most [`TAYLOR_LIMIT`] in the units that balance A best. There the

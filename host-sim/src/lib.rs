@@ -11,10 +11,12 @@
 pub mod cli;
 pub mod compare;
 pub mod controller;
+pub mod element;
 pub mod envelope;
 pub mod error;
 pub mod exact;
 pub mod figure;
+pub mod integrator;
 pub mod linear;
 pub mod manifest;
 pub mod output;

@@ -4,15 +4,15 @@ use std::ops::ControlFlow;
 
 use crate::{
     controller::{Controller, Rendered},
-    plant::{PlantState, PlantStep},
+    plant::{AnyPlant, Moment, Plant},
     scene::Rounding,
 };
 
 /// The parts of the loop that a run does not change.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Parts {
-    /// Exact step of the device, split where a command takes effect.
-    pub plant: PlantStep,
+#[derive(Clone, Copy, Debug)]
+pub struct Parts<P> {
+    /// What moves, with its step split where a command takes effect.
+    pub plant: P,
     /// m per count.
     pub resolution_m: f64,
     /// How a position becomes a count.
@@ -44,9 +44,9 @@ pub struct Sample {
 
 /// A run in progress.
 #[derive(Clone, Debug)]
-pub struct Simulation<C> {
-    parts: Parts,
-    moving: Moving<C>,
+pub struct Simulation<C, P: Plant = AnyPlant> {
+    parts: Parts<P>,
+    moving: Moving<C, P::State>,
     /// A ring with room for all commands that can be on their way to the actuator at once, N.
     forces_n: Box<[f64]>,
 }
@@ -54,9 +54,9 @@ pub struct Simulation<C> {
 /// What a step changes. Small and `Copy`: [`Simulation::run`] works on a copy, which the compiler
 /// can keep in registers from step to step; in memory the loop takes twice the time.
 #[derive(Clone, Copy, Debug)]
-struct Moving<C> {
+struct Moving<C, S> {
     controller: C,
-    state: PlantState,
+    state: S,
     index: u64,
     output_n: f64,
     on_the_way: Latency,
@@ -82,6 +82,16 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
+    /// The command that acts at the end of the sample `index`, as far as it is known before that sample is
+    /// taken: one of this very sample is not.
+    #[inline]
+    fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> f64 {
+        if index != self.effective {
+            return acting_n;
+        }
+        forces_n.get(self.read).copied().unwrap_or(acting_n)
+    }
+
     /// The command that takes effect within the sample `index`, if one does.
     #[inline]
     fn arriving(&mut self, forces_n: &[f64], index: u64) -> Option<f64> {
@@ -100,7 +110,13 @@ fn following(slot: usize, ring: &[f64]) -> usize {
     if slot + 1 < ring.len() { slot + 1 } else { 0 }
 }
 
-impl Parts {
+impl<P> Parts<P> {
+    /// The same loop around another plant.
+    pub fn with<Q>(&self, plant: Q) -> Parts<Q> {
+        let Self { plant: _, resolution_m, rounding, full_scale_n, latency, period } = *self;
+        Parts { plant, resolution_m, rounding, full_scale_n, latency, period }
+    }
+
     /// The encoder's reading at `position_m`. Saturates at the ends of `i32`.
     #[inline]
     pub fn count(&self, position_m: f64) -> i32 {
@@ -126,14 +142,17 @@ fn floor(value: f64) -> i32 {
     nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
 }
 
-impl<C: Controller + Copy> Moving<C> {
+impl<C: Controller + Copy, S: Copy> Moving<C, S> {
     /// Sample `n` at `t = n T`, and the motion up to `(n + 1) T`.
     #[inline(always)] // called, it would keep the state in memory
-    fn step(&mut self, parts: &Parts, forces_n: &mut [f64]) -> Sample {
+    fn step<P: Plant<State = S>>(&mut self, parts: &Parts<P>, forces_n: &mut [f64]) -> Sample {
         let index = self.index;
         let position_m = parts.plant.position_m(&self.state);
         // 1. the encoder
-        let count = parts.count(position_m);
+        let (before_n, after_n) =
+            (self.output_n, self.on_the_way.next(forces_n, index, self.output_n));
+        let moment = Moment { index, before_n, after_n };
+        let count = parts.count(parts.plant.reading_m(&self.state, &moment));
         // 2. the velocity
         let due = self.controller.sample(count);
         // 3. the wall, with this very sample
@@ -151,14 +170,15 @@ impl<C: Controller + Copy> Moving<C> {
         }
         self.index = index + 1;
         let velocity = self.controller.velocity();
-        Sample { index, position_m, count, velocity, rendered, output_n: self.output_n }
+        let output_n = parts.plant.force_n(&self.state, self.output_n);
+        Sample { index, position_m, count, velocity, rendered, output_n }
     }
 }
 
-impl<C: Controller + Copy> Simulation<C> {
+impl<C: Controller + Copy, P: Plant> Simulation<C, P> {
     /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
     /// that the encoder reads there.
-    pub fn new(parts: Parts, controller: C, start_m: f64) -> Self {
+    pub fn new(parts: Parts<P>, controller: C, start_m: f64) -> Self {
         let on_the_way = Latency {
             write: 0,
             read: 0,
@@ -183,7 +203,7 @@ impl<C: Controller + Copy> Simulation<C> {
         samples: u32,
         mut each: impl FnMut(&Sample) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
-        let parts = self.parts;
+        let parts = self.parts.clone();
         let mut moving = self.moving;
         let mut outcome = ControlFlow::Continue(());
         for _ in 0..samples {
@@ -202,8 +222,13 @@ impl<C: Controller + Copy> Simulation<C> {
         &self.moving.controller
     }
 
-    /// Position and speed of the handle now.
-    pub fn state(&self) -> &PlantState {
+    /// The plant.
+    pub fn plant(&self) -> &P {
+        &self.parts.plant
+    }
+
+    /// The plant's state now.
+    pub fn state(&self) -> &P::State {
         &self.moving.state
     }
 }
@@ -231,7 +256,7 @@ mod tests {
     fn the_encoder_floors_or_rounds() {
         let device = crate::scene::NamedScene::load("paper-1um").unwrap().scene.device;
         let parts = |rounding| Parts {
-            plant: PlantStep::new(&device, 1e-4, 0.0),
+            plant: crate::plant::PlantStep::new(&device, 1e-4, 0.0),
             resolution_m: 1e-6,
             rounding,
             full_scale_n: 1.0,

@@ -5,8 +5,8 @@
 //! that a count that is read belongs to the plant [`LEAD_S`] earlier. That is part of the latency.
 
 use host_sim::{
-    plant::{PlantState, PlantStep},
-    scene::{Device, Encoder, Rounding, Scene},
+    plant::{AnyPlant, AnyState, Plant as _},
+    scene::{Encoder, Rounding, Scene},
 };
 
 use crate::{
@@ -27,8 +27,8 @@ const EDGE_CYCLES: u64 = 20;
 pub struct World<'a> {
     /// The board.
     pub powered: Powered,
-    plant: PlantStep,
-    state: PlantState,
+    plant: AnyPlant,
+    state: AnyState,
     encoder: Encoder,
     full_scale_n: f64,
     /// The handle is held where it is.
@@ -84,8 +84,7 @@ impl<'a> World<'a> {
         let sample_s = 1.0 / scene.control.rate_hz;
         #[expect(clippy::cast_precision_loss, reason = "10")]
         let step_s = sample_s / STEPS as f64;
-        let device: Device = scene.device;
-        let plant = PlantStep::new(&device, step_s, 0.0);
+        let plant = AnyPlant::unsensed(scene, step_s, 0.0);
         let encoder =
             Encoder { resolution_m: scene.encoder.resolution_m, rounding: scene.encoder.rounding };
         powered.mcu.encoder_at(count(&encoder, start_m));

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     error::Error,
     figure::{self, Curve, ZwidthPlot},
-    linear::{Boundary, Device, Loop, StiffnessLimit},
+    linear::{Boundary, Device, Elements, Loop, StiffnessLimit},
     output,
     overview::{Explained, explain, passive_region, passive_stiffness},
     rig::{Rig, WallHit},
@@ -36,7 +36,8 @@ pub struct LinearArgs {
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
     /// The loop as it runs, with the scene's output period and latency. Without it a force with
-    /// every sample and at once, as in the paper's equations (3) to (5).
+    /// every sample and at once, as in the paper's equations (3) to (5). The scene's linear
+    /// elements are part of both.
     #[arg(long)]
     multirate: bool,
     /// Add the largest K that is passive in any hand (Colgate and Schenkel): for a force with every
@@ -60,6 +61,8 @@ struct Json<'a> {
     command: &'static str,
     scene: &'a str,
     multirate: bool,
+    /// Tables of the scene that have no place in a linear analysis.
+    left_out: &'a [&'static str],
     rows: &'a [Row],
     /// The simulated boundary, if asked for.
     simulated: Vec<SimulatedRow>,
@@ -141,6 +144,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         let figure = draw(&scene, &analyses, args.multirate)?;
         output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
     }
+    let left_out = scene.scene.nonlinear_elements();
     if common.json {
         let (schema_version, scene) = (SCHEMA_VERSION, scene.name.as_str());
         let multirate = args.multirate;
@@ -151,12 +155,16 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             command: "linear",
             scene,
             multirate,
+            left_out: &left_out,
             rows: &rows,
             simulated,
         });
     }
-    let limit_m = scene.scene.wall_hit.rms_limit_m;
-    print_text(&(table(&analyses) + &explanation(&analyses, limit_m)))
+    let mut text = table(&analyses) + &explanation(&analyses, scene.scene.wall_hit.rms_limit_m);
+    if !left_out.is_empty() {
+        let _ = write!(text, "\nnot linear, left out: {}", left_out.join(", "));
+    }
+    print_text(&text)
 }
 
 fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
@@ -234,6 +242,7 @@ fn analyse(
         true => passive_region(damping_n_s_per_m, rate_hz, &estimator).map_err(Error::input)?,
     };
     let mut of = Loop::single_rate(device, rate_hz, estimator.clone());
+    of.elements = Elements { amplifier: scene.amplifier, mode: scene.mode, arm: scene.arm };
     if args.multirate {
         of.period = scene.actuator.period;
         of.latency_samples = scene.actuator.latency;

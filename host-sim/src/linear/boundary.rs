@@ -22,6 +22,8 @@ const PER_DECADE: u32 = 32;
 /// Search points per turn of the latency's phase, and at least per half circle.
 const PER_TURN: f64 = 16.0;
 const PER_HALF_CIRCLE: f64 = 128.0;
+/// Nearest search points to a resonance, radians per output period.
+const MARK_MIN: f64 = 1e-10;
 /// Refinements of the search when counts of roots contradict each other.
 const REFINEMENTS: u32 = 2;
 /// A crossing below this share of the terms that K is the difference of is the rounding of K = 0.
@@ -99,7 +101,7 @@ impl Boundary {
     /// As [`Loop::check`].
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         let response = Response::new(of)?;
-        let states = 3 + of.estimator.order() + response.late;
+        let states = 1 + of.chain().states() + of.estimator.order() + response.late;
         let monodromy = if states <= EIGENVALUE_STATES { Some(Monodromy::new(of)?) } else { None };
         let output_hz = of.rate_hz / f64::from(of.period);
         let device = of.device;
@@ -343,6 +345,18 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
+    // Around a resonance the response turns within its damping's width, however narrow.
+    for mark in response.marks() {
+        let mut distance = step;
+        while distance > MARK_MIN {
+            omegas.extend([mark - distance, mark + distance]);
+            distance *= 0.5;
+        }
+        omegas.push(*mark);
+    }
+    omegas.retain(|omega| (OMEGA_MIN..=PI).contains(omega));
+    omegas.sort_by(f64::total_cmp);
+    omegas.dedup();
     omegas.into_iter().map(|omega| response.at(omega)).collect()
 }
 

@@ -17,7 +17,15 @@
 //! Passivity ([`passivity`]) is the other, stricter criterion (Colgate and Schenkel): it asks the loop to be
 //! safe in any hand, and ranks cutoffs in the opposite order.
 //!
+//! A plant with linear elements ([`Elements`]) takes the place of the mass alone in all of it: the amplifier's lag, a
+//! second mode, an arm. Non-linear elements have no place here.
+//!
 //! Units are SI throughout; frequencies in reports are hertz, `omega` is radians per step of the z in question.
+
+use crate::{
+    element::{Amplifier, Arm, Chain, Mode},
+    scene,
+};
 
 mod boundary;
 mod monodromy;
@@ -56,11 +64,24 @@ impl Device {
         Self { mass_kg: 0.4160, damping_n_s_per_m: 5.5195, stiffness_n_per_m: 11.0626 };
 }
 
+/// The linear elements on the device; none by default. What each is: [`crate::element`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Elements {
+    /// The actuator's lag.
+    pub amplifier: Option<Amplifier>,
+    /// A second mass behind the transmission.
+    pub mode: Option<Mode>,
+    /// A person on the handle.
+    pub arm: Option<Arm>,
+}
+
 /// The sampled loop around a device, without its wall.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loop {
     /// The device.
     pub device: Device,
+    /// What is on it.
+    pub elements: Elements,
     /// Sample rate of position and velocity, above 0 Hz.
     pub rate_hz: f64,
     /// Samples per force output, 1 to [`PERIOD_MAX`].
@@ -75,7 +96,8 @@ impl Loop {
     /// The paper's section 2.1: a force with every sample and at once.
     #[must_use]
     pub fn single_rate(device: Device, rate_hz: f64, estimator: TransferFunction) -> Self {
-        Self { device, rate_hz, period: 1, latency_samples: 0.0, estimator }
+        let elements = Elements::default();
+        Self { device, elements, rate_hz, period: 1, latency_samples: 0.0, estimator }
     }
 
     /// Says whether the analysis can take this loop.
@@ -97,7 +119,48 @@ impl Loop {
                 return Err(LinearError::OutOfRange { name, low, high });
             }
         }
+        let joints = [
+            ("amplifier.bandwidth_hz", self.elements.amplifier.map(|a| a.bandwidth_hz)),
+            ("mode.mass_kg", self.elements.mode.map(|m| m.mass_kg)),
+            ("arm.mass_kg", self.elements.arm.map(|a| a.mass_kg)),
+        ];
+        for (name, value) in joints {
+            let (low, high) = (f64::MIN_POSITIVE, f64::MAX);
+            if value.is_some_and(|value| !(low..=high).contains(&value)) {
+                return Err(LinearError::OutOfRange { name, low, high });
+            }
+        }
+        let (mode, arm) = (self.elements.mode, self.elements.arm);
+        let joints = [
+            ("mode.stiffness_n_per_m", mode.map(|m| m.stiffness_n_per_m)),
+            ("mode.damping_n_s_per_m", mode.map(|m| m.damping_n_s_per_m)),
+            ("arm.stiffness_n_per_m", arm.map(|a| a.stiffness_n_per_m)),
+            ("arm.damping_n_s_per_m", arm.map(|a| a.damping_n_s_per_m)),
+            ("arm.grip_stiffness_n_per_m", arm.map(|a| a.grip_stiffness_n_per_m)),
+            ("arm.grip_damping_n_s_per_m", arm.map(|a| a.grip_damping_n_s_per_m)),
+        ];
+        for (name, value) in joints {
+            let (low, high) = (0.0, f64::MAX);
+            if value.is_some_and(|value| !(low..=high).contains(&value)) {
+                return Err(LinearError::OutOfRange { name, low, high });
+            }
+        }
         self.estimator.check()
+    }
+
+    /// The plant as one system, positions from rest.
+    pub(crate) fn chain(&self) -> Chain {
+        let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
+        let Elements { amplifier, mode, arm } = self.elements;
+        let (rest_position_m, start_position_m) = (0.0, 0.0);
+        let device = scene::Device {
+            mass_kg,
+            damping_n_s_per_m,
+            stiffness_n_per_m,
+            rest_position_m,
+            start_position_m,
+        };
+        Chain { device, mode, arm, amplifier }
     }
 
     /// One sample, in seconds.

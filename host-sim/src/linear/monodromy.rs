@@ -1,11 +1,12 @@
 //! The closed loop stepped over one output period, as a matrix: its eigenvalues decide stability.
 
 use super::{LinearError, Loop, SCHUR_ITERATIONS};
-use crate::exact::oscillator_step;
+use crate::element::{Chain, STATES_MAX};
 use nalgebra::{Complex, DMatrix, Schur, linalg::balancing};
 
-/// `state(n+1) = (fixed + K stiff + B damped) state(n)` over one output period. The state is the position and
-/// velocity at the output instant, the estimator's memory, and the commands on their way.
+/// `state(n+1) = (fixed + K stiff + B damped) state(n)` over one output period. It is the product of the
+/// steps between all instants at which something happens within the period: samples, and the change of the command.
+/// The state is that of the plant at the output instant, the estimator's memory, and the commands on their way.
 #[derive(Clone, Debug)]
 pub struct Monodromy {
     fixed: DMatrix<f64>,
@@ -14,16 +15,27 @@ pub struct Monodromy {
 }
 
 impl Monodromy {
-    /// Builds the matrices by stepping the loop, one unit state at a time.
+    /// Builds the matrices by stepping the loop, one unit of state or of command at a time.
     ///
     /// # Errors
     /// As [`Loop::check`].
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         of.check()?;
         let stepper = Stepper::new(of);
-        let fixed = stepper.matrix(0.0, 0.0);
-        let stiff = stepper.matrix(1.0, 0.0) - &fixed;
-        let damped = stepper.matrix(0.0, 1.0) - &fixed;
+        let fixed = stepper.uncontrolled();
+        // Affine in K and B: what one newton of command does, times what the command takes from the state. As a
+        // difference of two matrices it would drown in the ones of the identity.
+        let newton = stepper.after_one_newton();
+        let (mut stiff, mut damped) = (fixed.clone() * 0.0, fixed.clone() * 0.0);
+        stiff.column_mut(0).copy_from_slice(&newton);
+        damped.column_mut(0).copy_from_slice(&newton);
+        stiff *= -1.0;
+        damped *= -stepper.num[0];
+        if stepper.order > 0 {
+            for (entry, newton) in damped.column_mut(stepper.plant).iter_mut().zip(&newton) {
+                *entry = -newton;
+            }
+        }
         Ok(Self { fixed, stiff, damped })
     }
 
@@ -69,17 +81,54 @@ struct Stepper {
     period: u32,
     /// Sample in which the command changes.
     change: u32,
-    whole: ([[f64; 2]; 2], [f64; 2]),
+    /// States of the plant.
+    plant: usize,
+    whole: Step,
     /// The step before and after the change.
-    parts: [([[f64; 2]; 2], [f64; 2]); 2],
-    mass: f64,
+    parts: [Step; 2],
+}
+
+/// State of the plant; unused places are 0.
+type Plant = [f64; STATES_MAX];
+
+/// One exact step of the plant.
+struct Step {
+    /// Row by row, as many as the plant has states.
+    phi: Vec<Plant>,
+    gamma: Plant,
+}
+
+impl Step {
+    fn new(chain: &Chain, dt: f64) -> Self {
+        let (less, effect) = chain.increment(dt);
+        let mut gamma = [0.0; STATES_MAX];
+        gamma[..effect.len()].copy_from_slice(effect.as_slice());
+        let phi = (0..effect.len()).map(|row| {
+            let mut entries = [0.0; STATES_MAX];
+            for (column, entry) in entries[..effect.len()].iter_mut().enumerate() {
+                *entry = less[(row, column)] + if row == column { 1.0 } else { 0.0 };
+            }
+            entries
+        });
+        Self { phi: phi.collect(), gamma }
+    }
+
+    fn apply(&self, z: &Plant, force: f64) -> Plant {
+        let mut next = [0.0; STATES_MAX];
+        for (row, next) in self.phi.iter().zip(&mut next) {
+            *next = row.iter().zip(z).map(|(entry, value)| entry * value).sum();
+        }
+        for (next, gamma) in next.iter_mut().zip(&self.gamma) {
+            *next += gamma * force;
+        }
+        next
+    }
 }
 
 impl Stepper {
     fn new(of: &Loop) -> Self {
-        let mass = of.device.mass_kg;
-        let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
-        let step = |samples: f64| oscillator_step(w2, d, samples * of.sample_s());
+        let chain = of.chain();
+        let step = |samples: f64| Step::new(&chain, samples * of.sample_s());
         let (late, rest) = of.split_latency();
         let (change, fraction) = (rest.floor(), rest.fract());
         let order = of.estimator.order();
@@ -102,28 +151,40 @@ impl Stepper {
             change,
             whole: step(1.0),
             parts: [step(fraction), step(1.0 - fraction)],
-            mass,
+            plant: chain.states(),
         }
     }
 
-    fn matrix(&self, stiffness: f64, damping: f64) -> DMatrix<f64> {
-        let states = 2 + self.order + self.queue;
+    fn states(&self) -> usize {
+        self.plant + self.order + self.queue
+    }
+
+    /// The matrix without wall.
+    fn uncontrolled(&self) -> DMatrix<f64> {
+        let states = self.states();
         let mut matrix = DMatrix::zeros(states, states);
         for column in 0..states {
             let mut state = vec![0.0; states];
             state[column] = 1.0;
-            self.advance(&mut state, stiffness, damping);
+            self.advance(&mut state, 0.0);
             matrix.column_mut(column).copy_from_slice(&state);
         }
         matrix
     }
 
-    fn advance(&self, state: &mut [f64], stiffness: f64, damping: f64) {
-        let (plant, rest) = state.split_at_mut(2);
+    /// The state that one newton of command leaves of nothing.
+    fn after_one_newton(&self) -> Vec<f64> {
+        let mut state = vec![0.0; self.states()];
+        self.advance(&mut state, 1.0);
+        state
+    }
+
+    fn advance(&self, state: &mut [f64], command: f64) {
+        let (plant, rest) = state.split_at_mut(self.plant);
         let (memory, queue) = rest.split_at_mut(self.order);
-        let mut z = [plant[0], plant[1]];
-        let velocity = self.num[0] * z[0] + memory.first().copied().unwrap_or(0.0);
-        let mut commands = vec![-(stiffness * z[0] + damping * velocity)];
+        let mut z = [0.0; STATES_MAX];
+        z[..self.plant].copy_from_slice(plant);
+        let mut commands = vec![command];
         commands.extend_from_slice(queue);
         // The oldest command acts first; with a latency of whole periods it is also the one that acts on.
         let before = commands[self.queue];
@@ -131,15 +192,15 @@ impl Stepper {
         for sample in 0..self.period {
             self.remember(memory, z[0]);
             match sample.cmp(&self.change) {
-                core::cmp::Ordering::Less => z = self.move_by(&self.whole, z, before),
-                core::cmp::Ordering::Greater => z = self.move_by(&self.whole, z, now),
+                core::cmp::Ordering::Less => z = self.whole.apply(&z, before),
+                core::cmp::Ordering::Greater => z = self.whole.apply(&z, now),
                 core::cmp::Ordering::Equal => {
-                    z = self.move_by(&self.parts[0], z, before);
-                    z = self.move_by(&self.parts[1], z, now);
+                    z = self.parts[0].apply(&z, before);
+                    z = self.parts[1].apply(&z, now);
                 }
             }
         }
-        plant.copy_from_slice(&z);
+        plant.copy_from_slice(&z[..self.plant]);
         queue.copy_from_slice(&commands[..self.queue]);
     }
 
@@ -150,15 +211,5 @@ impl Stepper {
             let next = memory.get(i + 1).copied().unwrap_or(0.0);
             memory[i] = next + self.num[i + 1] * x - self.den[i + 1] * y;
         }
-    }
-
-    fn move_by(
-        &self,
-        (phi, gamma): &([[f64; 2]; 2], [f64; 2]),
-        z: [f64; 2],
-        force: f64,
-    ) -> [f64; 2] {
-        let acceleration = force / self.mass;
-        [0, 1].map(|row| phi[row][0] * z[0] + phi[row][1] * z[1] + gamma[row] * acceleration)
     }
 }

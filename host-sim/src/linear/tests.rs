@@ -221,7 +221,8 @@ fn extremes_give_numbers() {
                     let plain = TransferFunction::finite_difference(rate_hz);
                     let estimator =
                         cutoff.map_or(plain, |c| TransferFunction::paper(rate_hz, c * rate_hz));
-                    let of = Loop { device, rate_hz, period, latency_samples, estimator };
+                    let elements = Elements::default();
+                    let of = Loop { device, elements, rate_hz, period, latency_samples, estimator };
                     let boundary = Boundary::new(&of).unwrap();
                     for damping in [0.0, -1.0, 1e-6, 1.0, 1e4, 1e12] {
                         let limit = boundary.at(damping).unwrap();

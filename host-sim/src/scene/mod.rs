@@ -5,43 +5,31 @@
 //! at its handle through the capstan radius r: mass = J / r^2, damping = c / r^2,
 //! resolution = r * angle per count, gain = k_t k_amp / r.
 
-use std::{fs, ops::RangeInclusive, path::Path};
+use std::{fs, path::Path};
 
 use serde::{Deserialize, Serialize};
-use zwidth::{
-    Design, HitSettings, Output, Settings, SettingsError, WallSettings, experiment::WalkPlan,
-    limits, shorten,
+use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkPlan};
+
+pub use crate::velocity::Velocity;
+use crate::{
+    element::{
+        Amplifier, Arm, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode, Travel,
+    },
+    error::Error,
+    integrator::Integrator,
 };
 
-use crate::error::Error;
-pub use crate::velocity::Velocity;
+mod check;
+mod elements;
 
-/// Accepted ranges of what only the simulator knows.
-pub mod ranges {
-    use std::ops::RangeInclusive;
-
-    /// Mass at the handle, kg.
-    pub const MASS_KG: RangeInclusive<f64> = 1e-3..=100.0;
-    /// Viscous damping of the device, N s/m.
-    pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
-    /// Stiffness of the device, N/m.
-    pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e9;
-    /// Positions on the device, m.
-    pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
-    /// Force per volt, N/V.
-    pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
-    /// Largest command, V.
-    pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
-    /// Delay from encoder reading to force, in samples.
-    pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
-    /// Most points that one walk may have along either axis.
-    pub const WALK_STEPS: f64 = 1e6;
-}
+pub(crate) use check::within;
+pub use check::{ranges, refused};
+pub use elements::Quantisation;
 
 /// The built-in scenes: name and text.
 pub const BUILT_IN: [(&str, &str); 2] = [
-    ("paper-1um", include_str!("../../scenes/paper-1um.toml")),
-    ("paper-2um", include_str!("../../scenes/paper-2um.toml")),
+    ("paper-1um", include_str!("../../../scenes/paper-1um.toml")),
+    ("paper-2um", include_str!("../../../scenes/paper-2um.toml")),
 ];
 
 /// A scene as read, with its name and text.
@@ -80,6 +68,36 @@ pub struct Scene {
     /// Optional element: quantisation of the command by a DAC or PWM timer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<Quantisation>,
+    /// Optional element: the current loop's pole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amplifier: Option<Amplifier>,
+    /// Optional element: a second mass behind the transmission.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<Mode>,
+    /// Optional element: a person's arm on the handle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub arm: Option<Arm>,
+    /// Optional element: dry friction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
+    /// Optional element: the motor's cogging.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cogging: Option<Cogging>,
+    /// Optional element: travel limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub travel: Option<Travel>,
+    /// Optional element: the encoder's periodic error.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder_error: Option<EncoderError>,
+    /// Optional element: the encoder's noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder_noise: Option<EncoderNoise>,
+    /// Optional element: late readings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jitter: Option<Jitter>,
+    /// How a plant is integrated that is not linear; on a linear one it takes the place of the exact step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub integrator: Option<Integrator>,
 }
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
@@ -190,22 +208,6 @@ pub struct Sweep {
     pub cutoffs_hz: Vec<f64>,
 }
 
-/// Quantisation of the command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
-pub enum Quantisation {
-    /// A DAC with offset binary codes.
-    Dac {
-        /// Resolution.
-        bits: u32,
-    },
-    /// Sign-magnitude PWM.
-    Pwm {
-        /// Timer ticks per PWM period.
-        steps: u32,
-    },
-}
-
 impl NamedScene {
     /// The built-in scene of that name, or the scene file at that path.
     ///
@@ -247,73 +249,6 @@ fn line_of(text: &str, line: usize) -> String {
 }
 
 impl Scene {
-    /// Checks every value.
-    ///
-    /// # Errors
-    /// One line: key, value, allowed range.
-    pub fn check(&self) -> Result<(), String> {
-        let Self { device, actuator, wall, .. } = self;
-        within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;
-        within("device.damping_n_s_per_m", device.damping_n_s_per_m, ranges::DAMPING_N_S_PER_M)?;
-        within("device.stiffness_n_per_m", device.stiffness_n_per_m, ranges::STIFFNESS_N_PER_M)?;
-        within("device.rest_position_m", device.rest_position_m, ranges::POSITION_M)?;
-        within("device.start_position_m", device.start_position_m, ranges::POSITION_M)?;
-        within("wall.position_m", wall.position_m, ranges::POSITION_M)?;
-        within("actuator.gain_n_per_v", actuator.gain_n_per_v, ranges::GAIN_N_PER_V)?;
-        within("actuator.limit_v", actuator.limit_v, ranges::LIMIT_V)?;
-        within("actuator.latency", actuator.latency, ranges::LATENCY)?;
-        let keyed = |error: SettingsError| in_scene(&error);
-        self.design().check().map_err(keyed)?;
-        self.hit_settings().build(&self.design()).map_err(keyed)?;
-        self.check_walk()?;
-        if self.sweep.cutoffs_hz.is_empty() {
-            return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
-        }
-        for &cutoff_hz in &self.sweep.cutoffs_hz {
-            self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
-        }
-        Ok(())
-    }
-
-    fn check_walk(&self) -> Result<(), String> {
-        let walk = &self.walk;
-        let axes = [
-            (
-                [
-                    "walk.stiffness_start_n_per_m",
-                    "walk.stiffness_step_n_per_m",
-                    "walk.stiffness_max_n_per_m",
-                ],
-                [
-                    walk.stiffness_start_n_per_m,
-                    walk.stiffness_step_n_per_m,
-                    walk.stiffness_max_n_per_m,
-                ],
-                limits::STIFFNESS_N_PER_M,
-            ),
-            (
-                [
-                    "walk.damping_start_n_s_per_m",
-                    "walk.damping_step_n_s_per_m",
-                    "walk.damping_max_n_s_per_m",
-                ],
-                [
-                    walk.damping_start_n_s_per_m,
-                    walk.damping_step_n_s_per_m,
-                    walk.damping_max_n_s_per_m,
-                ],
-                limits::DAMPING_N_S_PER_M,
-            ),
-        ];
-        for ([start_key, step_key, max_key], [start, step, max], range) in axes {
-            within(max_key, max, range)?;
-            within(start_key, start, 0.0..=max)?;
-            within(step_key, step, (max / ranges::WALK_STEPS).max(f64::MIN_POSITIVE)..=max)?;
-        }
-        let smallest = f64::MIN_POSITIVE..=walk.stiffness_max_n_per_m;
-        within("walk.stiffness_start_n_per_m", walk.stiffness_start_n_per_m, smallest)
-    }
-
     /// Force at full command, N.
     pub fn full_scale_n(&self) -> f64 {
         self.actuator.gain_n_per_v * self.actuator.limit_v
@@ -380,37 +315,4 @@ impl Scene {
     pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
         self.velocity.true_cutoff_hz(cutoff_hz, self.control.rate_hz)
     }
-}
-
-/// The core's error with the scene's key in place of the core's name.
-fn in_scene(error: &SettingsError) -> String {
-    let key = match error.parameter {
-        "rate_hz" => "control.rate_hz",
-        "resolution_m" => "encoder.resolution_m",
-        "full_scale_n" => "actuator.gain_n_per_v * actuator.limit_v",
-        "period" => "actuator.period",
-        "bits" => "output.bits",
-        "steps" => "output.steps",
-        "position_m" => "wall.position_m",
-        "push_n" => "wall_hit.push_n",
-        "settle_s" => "wall_hit.settle_s",
-        "window_s" => "wall_hit.window_s",
-        "rms_limit_m" => "wall_hit.rms_limit_m",
-        "cutoff_hz" => "sweep.cutoffs_hz",
-        "order" => "velocity.order",
-        "degree" => "velocity.degree",
-        "window_samples" => "velocity.window_samples",
-        other => other,
-    };
-    refused(key, error.value, &error.range)
-}
-
-fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
-    if range.contains(&value) { Ok(()) } else { Err(refused(key, value, &range)) }
-}
-
-/// The one line that says what is wrong with a value: key, value, allowed range.
-pub fn refused(key: &str, value: f64, range: &RangeInclusive<f64>) -> String {
-    let (low, high) = (shorten(*range.start()), shorten(*range.end()));
-    format!("{key} is {value}, allowed {low} to {high}")
 }

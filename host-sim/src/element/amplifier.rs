@@ -1,0 +1,37 @@
+//! Amplifier pole: the current loop follows its command as a first-order low-pass.
+//!
+//! ```text
+//! F' = 2 pi f (command - F),   F(0) = 0
+//! ```
+//! Part of the exact step, whatever its bandwidth.
+//!
+//! Source: R. Krishnan, "Permanent Magnet Synchronous and Brushless DC Motor Drives", CRC Press 2010, chapter 4: a
+//! current loop with a PI controller that cancels the winding's pole has one pole, at its bandwidth. As a part of
+//! haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
+
+use core::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+
+/// First-order current loop.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Amplifier {
+    /// -3 dB frequency of the current loop, Hz.
+    pub bandwidth_hz: f64,
+}
+
+impl Amplifier {
+    /// Rate of the pole, 1/s.
+    pub fn pole_per_s(&self) -> f64 {
+        TAU * self.bandwidth_hz
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        Checker("amplifier").within("bandwidth_hz", self.bandwidth_hz, 1.0..=1e7)
+    }
+}

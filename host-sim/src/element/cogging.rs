@@ -1,0 +1,55 @@
+//! Cogging: a force that depends on the position of the motor and repeats with it.
+//!
+//! ```text
+//! F = amplitude sin(2 pi x / pitch + phase)
+//! ```
+//! Conservative: it derives from the energy `amplitude pitch / (2 pi) cos(2 pi x / pitch + phase)`.
+//!
+//! Source: Hanselman, "Brushless Permanent Magnet Motor Design", 2nd ed. 2003, chapter 9: cogging as a Fourier series
+//! over the angle, of which this is the first term. At the handle: pitch = 2 pi r / (N cogs), r and N as in docs/scenes.md.
+
+use core::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+
+/// First harmonic of a motor's cogging.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cogging {
+    /// Largest force, N.
+    pub amplitude_n: f64,
+    /// Travel of the handle from cog to cog, m.
+    pub pitch_m: f64,
+    /// Phase at position 0, rad.
+    pub phase_rad: f64,
+}
+
+impl Cogging {
+    /// Force on the device, N.
+    #[inline]
+    pub fn force_n(&self, position_m: f64) -> f64 {
+        self.amplitude_n * libm::sin(TAU * position_m / self.pitch_m + self.phase_rad)
+    }
+
+    /// Energy stored at that position, J.
+    pub fn energy_j(&self, position_m: f64) -> f64 {
+        let cos = libm::cos(TAU * position_m / self.pitch_m + self.phase_rad);
+        self.amplitude_n * self.pitch_m / TAU * cos
+    }
+
+    /// Steepest rise of the force, N/m.
+    pub fn stiffness_n_per_m(&self) -> f64 {
+        self.amplitude_n * TAU / self.pitch_m
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        let keys = Checker("cogging");
+        keys.within("amplitude_n", self.amplitude_n, 0.0..=1e5)?;
+        keys.within("pitch_m", self.pitch_m, 1e-6..=10.0)?;
+        keys.within("phase_rad", self.phase_rad, -TAU..=TAU)
+    }
+}

@@ -1,0 +1,74 @@
+//! Encoder phase error: what interpolation between the lines of a scale gets wrong, once and twice per cycle.
+//!
+//! ```text
+//! reading = x + first sin(p) + second sin(2 p),   p = 2 pi x / cycle + phase
+//! ```
+//! An offset of the two signals makes an error once per cycle, unequal amplitudes or a phase between them other than
+//! 90 degrees one twice per cycle. Quantisation follows.
+//!
+//! Source: Heydemann, "Determination and correction of quadrature fringe measurement errors in interferometers",
+//! Applied Optics 20(19), 1981.
+
+use core::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+
+/// Periodic error of the encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderError {
+    /// Travel per cycle of the signals, m.
+    pub cycle_m: f64,
+    /// Amplitude of the error once per cycle, m.
+    pub first_m: f64,
+    /// Amplitude of the error twice per cycle, m.
+    pub second_m: f64,
+    /// Phase at position 0, rad.
+    pub phase_rad: f64,
+}
+
+impl EncoderError {
+    /// Error of a reading, m.
+    #[inline]
+    pub fn error_m(&self, position_m: f64) -> f64 {
+        let phase = TAU * position_m / self.cycle_m + self.phase_rad;
+        self.first_m * libm::sin(phase) + self.second_m * libm::sin(2.0 * phase)
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        let keys = Checker("encoder_error");
+        keys.within("cycle_m", self.cycle_m, 1e-8..=1.0)?;
+        keys.within("first_m", self.first_m, 0.0..=self.cycle_m)?;
+        keys.within("second_m", self.second_m, 0.0..=self.cycle_m)?;
+        keys.within("phase_rad", self.phase_rad, -TAU..=TAU)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn repeats_with_the_cycle_and_has_its_amplitudes() {
+        let error = EncoderError { cycle_m: 2e-5, first_m: 3e-7, second_m: 1e-7, phase_rad: 0.4 };
+        let at: Vec<f64> = (0..1000).map(|i| error.error_m(f64::from(i) * 2e-8)).collect();
+        assert!((error.error_m(3e-6) - error.error_m(3e-6 + 7.0 * 2e-5)).abs() < 1e-18);
+        let harmonic = |order: f64| {
+            let part = |shift: f64| {
+                let sum: f64 = (0..1000)
+                    .zip(&at)
+                    .map(|(i, e)| e * (TAU * order * f64::from(i) / 1000.0 + shift).sin())
+                    .sum();
+                sum / 500.0
+            };
+            part(0.0).hypot(part(0.25 * TAU))
+        };
+        for (order, amplitude) in [(1.0, 3e-7), (2.0, 1e-7), (3.0, 0.0)] {
+            assert!((harmonic(order) - amplitude).abs() < 1e-18, "{order}: {}", harmonic(order));
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Encoder noise: a Gaussian error of every reading, before quantisation. White.
+//!
+//! A function of seed, start of the hit and sample number: the same on any number of threads, the same for all
+//! walls that are compared, another one for each repeat of a sweep.
+//!
+//! Source: the model of measurement noise in Belanger, Dobrovolny, Helmy, Zhang, "Estimation of angular velocity and
+//! acceleration from shaft-encoder measurements", Int. J. Robotics Research 17(11), 1998, with the quantiser apart.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Checker, random};
+
+/// White noise on the encoder's reading.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderNoise {
+    /// Standard deviation, m.
+    pub rms_m: f64,
+    /// Chooses the noise.
+    pub seed: u32,
+}
+
+impl EncoderNoise {
+    /// Error of the reading at a sample, m; `hit` tells hits apart.
+    #[inline]
+    pub fn error_m(&self, hit: u64, sample: u64) -> f64 {
+        self.rms_m * random::gaussian(hit ^ (u64::from(self.seed) << 32), sample)
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        Checker("encoder_noise").within("rms_m", self.rms_m, 0.0..=1.0)
+    }
+}

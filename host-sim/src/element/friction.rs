@@ -1,0 +1,59 @@
+//! Coulomb and Stribeck friction between the device and the ground, with true sticking.
+//!
+//! ```text
+//! sliding:  F = -sign(v) (coulomb + (static - coulomb) exp(-(v / stribeck_speed)^2))
+//! sticking: v = 0 exactly, for as long as the other forces stay within +-static
+//! ```
+//! Viscous friction is the device's damping. The instants at which the device comes to rest and
+//! breaks away are located, so there is no band of speeds around zero that counts as rest.
+//!
+//! Source: Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and compensation methods
+//! for the control of machines with friction", Automatica 30(7), 1994, section 2.1 (Gaussian Stribeck curve);
+//! sticking as a state of its own: Karnopp, ASME J. Dyn. Syst. Meas. Control 107, 1985.
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+
+/// Largest friction, N.
+const FORCE_N: f64 = 1e5;
+
+/// Dry friction.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// Friction of fast sliding, N.
+    pub coulomb_n: f64,
+    /// Largest friction at rest, N; at least `coulomb_n`.
+    pub static_n: f64,
+    /// Speed over which friction falls from static to Coulomb, m/s.
+    pub stribeck_speed_m_per_s: f64,
+}
+
+impl Friction {
+    /// Magnitude while sliding at that speed, N.
+    #[inline]
+    pub fn sliding_n(&self, speed_m_per_s: f64) -> f64 {
+        let beyond = self.static_n - self.coulomb_n;
+        if beyond == 0.0 {
+            return self.coulomb_n;
+        }
+        let ratio = speed_m_per_s / self.stribeck_speed_m_per_s;
+        self.coulomb_n + beyond * libm::exp(-ratio * ratio)
+    }
+
+    /// Steepest fall of friction with speed, N s/m: the curve's at 1/sqrt(2) of the Stribeck speed.
+    pub fn steepest_n_s_per_m(&self) -> f64 {
+        let steepest = core::f64::consts::SQRT_2 * libm::exp(-0.5);
+        (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        let keys = Checker("friction");
+        keys.within("coulomb_n", self.coulomb_n, 0.0..=FORCE_N)?;
+        keys.within("static_n", self.static_n, self.coulomb_n..=FORCE_N)?;
+        keys.within("stribeck_speed_m_per_s", self.stribeck_speed_m_per_s, 1e-6..=10.0)
+    }
+}

@@ -1,0 +1,39 @@
+//! Second vibration mode: a mass behind the device's own, on a spring and a damper.
+//!
+//! The device's mass carries motor and encoder; this one is what the transmission moves, and what
+//! the hand holds. With positions x (device) and y (this mass):
+//! ```text
+//! m y'' = -k (y - x) - b (y' - x')        and the opposite force on the device
+//! ```
+//! Motor and encoder stay collocated. Part of the exact step.
+//!
+//! Source: Diaz, Gil, "Influence of vibration modes and human operator on the stability of haptic rendering",
+//! IEEE T-RO 26(1), 2010: motor inertia, cable transmission, body inertia.
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+use crate::scene::ranges;
+
+/// A second mass behind a spring and a damper.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mode {
+    /// Mass behind the transmission, kg.
+    pub mass_kg: f64,
+    /// Stiffness of the transmission, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Damping of the transmission, N s/m.
+    pub damping_n_s_per_m: f64,
+}
+
+impl Mode {
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        let keys = Checker("mode");
+        keys.within("mass_kg", self.mass_kg, ranges::MASS_KG)?;
+        keys.within("stiffness_n_per_m", self.stiffness_n_per_m, ranges::STIFFNESS_N_PER_M)?;
+        keys.within("damping_n_s_per_m", self.damping_n_s_per_m, ranges::DAMPING_N_S_PER_M)
+    }
+}

@@ -1,0 +1,116 @@
+//! Travel limits: what stops the device at both ends of its way.
+//!
+//! `stop = "spring"`, with d the depth beyond the end:
+//! ```text
+//! F = max(0, stiffness d + damping d')   against the motion, while d > 0; a stop never pulls
+//! ```
+//! The depth of a device alone that arrives with speed v while at most F presses it on, mass m:
+//! `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`, from the energy.
+//!
+//! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. Below
+//! [`REST_SPEED_M_PER_S`] it stays and rests on the stop until a force takes it away.
+//!
+//! Source: Goldsmith, "Impact", 1960, chapter 1 (coefficient of restitution); the clamped spring and damper: Hunt,
+//! Crossley, ASME J. Appl. Mech. 42(2), 1975, whose criticism (a damper alone would pull) the clamp answers in part.
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+use crate::scene::{Device, ranges};
+
+/// Speed after a bounce below which the device stays at a rigid stop, m/s.
+pub const REST_SPEED_M_PER_S: f64 = 1e-6;
+
+/// The ends of the way.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "stop", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Travel {
+    /// Springs with dampers.
+    Spring {
+        /// Lower end, m.
+        low_m: f64,
+        /// Upper end, m.
+        high_m: f64,
+        /// Stiffness of both stops, N/m.
+        stiffness_n_per_m: f64,
+        /// Damping of both stops, N s/m.
+        damping_n_s_per_m: f64,
+    },
+    /// Rigid stops.
+    Rigid {
+        /// Lower end, m.
+        low_m: f64,
+        /// Upper end, m.
+        high_m: f64,
+        /// Speed after a bounce over that before it.
+        restitution: f64,
+    },
+}
+
+/// One of the two ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// The lower one.
+    Low,
+    /// The upper one.
+    High,
+}
+
+impl End {
+    /// Which way leads out of the travel.
+    #[inline]
+    pub fn outward(self) -> f64 {
+        match self {
+            Self::Low => -1.0,
+            Self::High => 1.0,
+        }
+    }
+}
+
+impl Travel {
+    /// Position of an end, m.
+    #[inline]
+    pub fn end_m(&self, end: End) -> f64 {
+        let (Self::Spring { low_m, high_m, .. } | Self::Rigid { low_m, high_m, .. }) = *self;
+        match end {
+            End::Low => low_m,
+            End::High => high_m,
+        }
+    }
+
+    /// How far a position lies beyond an end, m; negative inside.
+    #[inline]
+    pub fn depth_m(&self, end: End, position_m: f64) -> f64 {
+        (position_m - self.end_m(end)) * end.outward()
+    }
+
+    /// What the spring and damper of a stop would push inward with, N; 0 for rigid stops.
+    #[inline]
+    pub fn push_n(&self, end: End, position_m: f64, speed_m_per_s: f64) -> f64 {
+        match *self {
+            Self::Rigid { .. } => 0.0,
+            Self::Spring { stiffness_n_per_m, damping_n_s_per_m, .. } => {
+                stiffness_n_per_m * self.depth_m(end, position_m)
+                    + damping_n_s_per_m * speed_m_per_s * end.outward()
+            }
+        }
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self, device: &Device) -> Result<(), String> {
+        let keys = Checker("travel");
+        let (low_m, high_m) = (self.end_m(End::Low), self.end_m(End::High));
+        keys.within("high_m", high_m, ranges::POSITION_M)?;
+        keys.within("low_m", low_m, *ranges::POSITION_M.start()..=high_m)?;
+        let start = "device.start_position_m";
+        crate::scene::within(start, device.start_position_m, low_m..=high_m)?;
+        match *self {
+            Self::Rigid { restitution, .. } => keys.within("restitution", restitution, 0.0..=0.99),
+            Self::Spring { stiffness_n_per_m, damping_n_s_per_m, .. } => {
+                keys.within("stiffness_n_per_m", stiffness_n_per_m, 1.0..=1e9)?;
+                keys.within("damping_n_s_per_m", damping_n_s_per_m, ranges::DAMPING_N_S_PER_M)
+            }
+        }
+    }
+}

@@ -1,0 +1,508 @@
+//! A plant that is integrated step by step: the linear chain with friction, cogging and travel limits.
+//!
+//! Between the instants at which it changes its equation the plant is smooth. Its [`Regime`] says
+//! which equation holds; guards say how long it may. Where a step would violate one, the instant is
+//! located on the step itself (its length is shortened until the guard is zero to the last digits), the
+//! state is put exactly on the boundary, and the next step starts in the new regime. So each
+//! method keeps its order, a device that sticks has speed 0 and does not creep, and a rigid stop is
+//! not passed. Two violations of the same guard within one step cancel and are not seen: a step must be
+//! short against the motion, which the error control sees to where there is one.
+//!
+//! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
+
+use super::{AnyState, Plant, augmented::still};
+use crate::{
+    element::{Chain, Cogging, End, Friction, Nonlinear, REST_SPEED_M_PER_S, Travel},
+    integrator::{Field, Integrator, dormand_prince},
+};
+
+/// Changes of regime in one piece of a sample after which the plant no longer looks for their instants: it only
+/// stops where it would go through rest or an end. Ends the infinitely many bounces of a rigid stop.
+const EVENTS_MAX: u32 = 200;
+/// Shortest adaptive step, as a share of the sample.
+const SHORTEST: f64 = 1e-6;
+/// Time that is too short to matter, as a share of the sample.
+const NO_TIME: f64 = 1e-13;
+
+/// Which equation holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Regime {
+    motion: Motion,
+    stop: Stop,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Motion {
+    /// Free to move; with friction, in this direction.
+    #[default]
+    Up,
+    Down,
+    /// Stuck, or at rest on a rigid stop.
+    Held,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Stop {
+    #[default]
+    Clear,
+    /// The stop's spring and damper push.
+    Pushing(End),
+    /// Beyond the end, moving back faster than the stop follows.
+    Parting(End),
+}
+
+/// What ends a regime.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Event {
+    Rest,
+    Breakaway,
+    Reaches(End),
+    Parts(End),
+    Leaves(End),
+    MeetsAgain(End),
+}
+
+/// The plant of N linear states with its non-linear elements and its integrator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IntegratedStep<const N: usize> {
+    a: [[f64; N]; N],
+    b: [f64; N],
+    mass_kg: f64,
+    rest_m: [f64; 3],
+    friction: Option<Friction>,
+    cogging: Option<Cogging>,
+    travel: Option<Travel>,
+    integrator: Integrator,
+    sample_s: f64,
+    /// Where in the sample a command takes effect, s.
+    split_s: f64,
+    /// Absolute tolerances.
+    tolerances: [f64; N],
+}
+
+/// States of the chain, the regime, and the length of the next adaptive step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HybridState<const N: usize> {
+    z: [f64; N],
+    regime: Regime,
+    step_s: f64,
+}
+
+/// The plant in one regime under one force: smooth.
+struct Smooth<'a, const N: usize> {
+    plant: &'a IntegratedStep<N>,
+    regime: Regime,
+    force_n: f64,
+}
+
+impl<const N: usize> Field<N> for Smooth<'_, N> {
+    #[inline]
+    fn rate(&self, z: &[f64; N]) -> [f64; N] {
+        let mut rate = self.plant.linear(z, self.force_n);
+        let direction = match self.regime.motion {
+            Motion::Held => {
+                (rate[0], rate[1]) = (0.0, 0.0);
+                return rate;
+            }
+            Motion::Up => 1.0,
+            Motion::Down => -1.0,
+        };
+        let mut force_n = self.plant.position_force_n(z, self.regime.stop);
+        if let Some(friction) = self.plant.friction {
+            force_n -= direction * friction.sliding_n(z[1]);
+        }
+        rate[1] += force_n / self.plant.mass_kg;
+        rate
+    }
+}
+
+impl<const N: usize> IntegratedStep<N> {
+    /// The plant, sampled every `sample_s`, with a command taking effect at `fraction` (0 to below 1) of
+    /// it. N must be the chain's number of states.
+    ///
+    /// # Panics
+    /// On another N.
+    pub fn new(
+        chain: &Chain,
+        nonlinear: &Nonlinear,
+        integrator: Integrator,
+        sample_s: f64,
+        fraction: f64,
+    ) -> Self {
+        let (a, b) = chain.system::<N>();
+        let Nonlinear { friction, cogging, travel } = *nonlinear;
+        let mass_kg = chain.device.mass_kg;
+        let absolute_m = match integrator {
+            Integrator::DormandPrince { absolute_tolerance_m, .. } => absolute_tolerance_m,
+            _ => 0.0,
+        };
+        Self {
+            a: core::array::from_fn(|row| core::array::from_fn(|column| a[(row, column)])),
+            b: b.into(),
+            mass_kg,
+            rest_m: chain.rest_m(),
+            friction,
+            cogging,
+            travel,
+            integrator,
+            sample_s,
+            split_s: fraction * sample_s,
+            tolerances: core::array::from_fn(|i| {
+                if N % 2 == 1 && i == N - 1 {
+                    absolute_m * mass_kg / (sample_s * sample_s)
+                } else if i % 2 == 1 {
+                    absolute_m / sample_s
+                } else {
+                    absolute_m
+                }
+            }),
+        }
+    }
+
+    #[inline]
+    fn linear(&self, z: &[f64; N], force_n: f64) -> [f64; N] {
+        core::array::from_fn(|row| {
+            let mut rate = self.b[row] * force_n;
+            for (entry, value) in self.a[row].iter().zip(z) {
+                rate += entry * value;
+            }
+            rate
+        })
+    }
+
+    #[inline]
+    fn absolute_m(&self, z: &[f64; N]) -> f64 {
+        z[0] + self.rest_m[0]
+    }
+
+    /// Cogging and stops, N.
+    #[inline]
+    fn position_force_n(&self, z: &[f64; N], stop: Stop) -> f64 {
+        let position_m = self.absolute_m(z);
+        let mut force_n = self.cogging.map_or(0.0, |cogging| cogging.force_n(position_m));
+        if let (Some(travel), Stop::Pushing(end)) = (self.travel, stop) {
+            force_n -= end.outward() * travel.push_n(end, position_m, z[1]);
+        }
+        force_n
+    }
+
+    /// All forces on the device but friction and rigid stops, N.
+    fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
+        let smooth = self.linear(&state.z, force_n)[1] * self.mass_kg;
+        smooth + self.position_force_n(&state.z, state.regime.stop)
+    }
+
+    /// The rigid stop that the device is on.
+    fn rigid_stop(&self, z: &[f64; N]) -> Option<End> {
+        let travel = self.travel.filter(|travel| matches!(travel, Travel::Rigid { .. }))?;
+        let position_m = self.absolute_m(z);
+        [End::Low, End::High].into_iter().find(|end| travel.depth_m(*end, position_m) >= 0.0)
+    }
+
+    /// How far the device at rest is from moving, N: up and down. Infinite into a rigid stop.
+    fn holds_n(&self, state: &HybridState<N>, force_n: f64) -> (f64, f64) {
+        let pull_n = self.pull_n(state, force_n);
+        let hold_n = self.friction.map_or(0.0, |friction| friction.static_n);
+        let (mut up, mut down) = (hold_n - pull_n, hold_n + pull_n);
+        match self.rigid_stop(&state.z) {
+            Some(End::High) => up = f64::INFINITY,
+            Some(End::Low) => down = f64::INFINITY,
+            None => {}
+        }
+        (up, down)
+    }
+
+    /// Decides on the motion of a device that stands still.
+    fn settle(&self, state: &mut HybridState<N>, force_n: f64) {
+        let can_hold = self.friction.is_some() || self.rigid_stop(&state.z).is_some();
+        let (up, down) = self.holds_n(state, force_n);
+        state.regime.motion = if up < 0.0 || !can_hold {
+            Motion::Up
+        } else if down < 0.0 {
+            Motion::Down
+        } else {
+            Motion::Held
+        };
+    }
+
+    /// The guard that is nearest to being violated, negative if it is.
+    fn guard(&self, regime: Regime, z: &[f64; N], force_n: f64) -> (f64, Event) {
+        let mut least = (f64::INFINITY, Event::Rest);
+        let mut guard = |value: f64, event: Event| {
+            if value < least.0 {
+                least = (value, event);
+            }
+        };
+        match regime.motion {
+            Motion::Held => {
+                let state = HybridState { z: *z, regime, step_s: 0.0 };
+                let (up, down) = self.holds_n(&state, force_n);
+                guard(up.min(down), Event::Breakaway);
+                return least;
+            }
+            Motion::Up if self.friction.is_some() => guard(z[1], Event::Rest),
+            Motion::Down if self.friction.is_some() => guard(-z[1], Event::Rest),
+            Motion::Up | Motion::Down => {}
+        }
+        if let Some(travel) = self.travel {
+            let position_m = self.absolute_m(z);
+            match regime.stop {
+                Stop::Clear => {
+                    for end in [End::Low, End::High] {
+                        guard(-travel.depth_m(end, position_m), Event::Reaches(end));
+                    }
+                }
+                Stop::Pushing(end) => {
+                    guard(travel.push_n(end, position_m, z[1]), Event::Parts(end));
+                }
+                Stop::Parting(end) => {
+                    guard(travel.depth_m(end, position_m), Event::Leaves(end));
+                    guard(-travel.push_n(end, position_m, z[1]), Event::MeetsAgain(end));
+                }
+            }
+        }
+        least
+    }
+
+    /// Changes the regime at its end.
+    fn transit(&self, state: &mut HybridState<N>, event: Event, force_n: f64) {
+        match event {
+            Event::Rest => {
+                state.z[1] = 0.0;
+                self.settle(state, force_n);
+            }
+            Event::Breakaway => self.settle(state, force_n),
+            Event::Parts(end) => state.regime.stop = Stop::Parting(end),
+            Event::MeetsAgain(end) => state.regime.stop = Stop::Pushing(end),
+            Event::Leaves(end) => {
+                self.put_on(&mut state.z, end);
+                state.regime.stop = Stop::Clear;
+            }
+            Event::Reaches(end) => {
+                self.put_on(&mut state.z, end);
+                match self.travel {
+                    Some(Travel::Rigid { restitution, .. }) => {
+                        self.bounce(state, end, restitution, force_n);
+                    }
+                    _ => state.regime.stop = Stop::Pushing(end),
+                }
+            }
+        }
+    }
+
+    fn bounce(&self, state: &mut HybridState<N>, end: End, restitution: f64, force_n: f64) {
+        let back = -restitution * state.z[1] * end.outward(); // negative: away from the stop
+        if back < -REST_SPEED_M_PER_S {
+            state.z[1] = back * end.outward();
+            state.regime.motion = match end {
+                End::High => Motion::Down,
+                End::Low => Motion::Up,
+            };
+        } else {
+            state.z[1] = 0.0;
+            self.settle(state, force_n);
+        }
+    }
+
+    /// Puts the device exactly on an end.
+    fn put_on(&self, z: &mut [f64; N], end: End) {
+        if let Some(travel) = self.travel {
+            let end_m = travel.end_m(end);
+            z[0] = end_m - self.rest_m[0];
+            // The difference rounds: a rigid stop is on the end or beyond it, never short of it.
+            while travel.depth_m(end, self.absolute_m(z)) < 0.0 {
+                z[0] = if end == End::High { z[0].next_up() } else { z[0].next_down() };
+            }
+        }
+    }
+
+    /// One step of at most `left_s`: its length and where it ends.
+    fn trial(
+        &self,
+        field: &Smooth<'_, N>,
+        state: &mut HybridState<N>,
+        left_s: f64,
+    ) -> (f64, [f64; N]) {
+        let steps = match self.integrator {
+            Integrator::SemiImplicitEuler { steps_per_sample }
+            | Integrator::Rk4 { steps_per_sample } => f64::from(steps_per_sample),
+            Integrator::DormandPrince { relative_tolerance, .. } => {
+                return self.adaptive(field, state, left_s, relative_tolerance);
+            }
+        };
+        let h = left_s / libm::ceil(left_s * steps / self.sample_s - 1e-9).max(1.0);
+        (h, self.integrator.step(field, &state.z, h))
+    }
+
+    fn adaptive(
+        &self,
+        field: &Smooth<'_, N>,
+        state: &mut HybridState<N>,
+        left_s: f64,
+        relative: f64,
+    ) -> (f64, [f64; N]) {
+        let shortest = SHORTEST * self.sample_s;
+        loop {
+            let h = state.step_s.min(left_s);
+            let (next, error) = dormand_prince::step(field, &state.z, h);
+            let mut worst = 0f64;
+            for i in 0..N {
+                let size = state.z[i].abs().max(next[i].abs());
+                worst = worst.max(error[i].abs() / (self.tolerances[i] + relative * size));
+            }
+            let wanted = h * dormand_prince::change(worst);
+            if worst <= 1.0 || h <= shortest {
+                // A step cut short by the end of its piece says little about the next one.
+                state.step_s = wanted.max(if h < state.step_s { state.step_s } else { 0.0 });
+                state.step_s = state.step_s.clamp(shortest, self.sample_s);
+                return (h, next);
+            }
+            state.step_s = wanted.max(shortest);
+        }
+    }
+
+    /// Shortens a step until its guard is zero: length, end, what happens there.
+    fn locate(&self, field: &Smooth<'_, N>, z: &[f64; N], step_s: f64) -> (f64, [f64; N], Event) {
+        let guard = |h: f64| {
+            let end = self.integrator.step(field, z, h);
+            let (value, event) = self.guard(field.regime, &end, field.force_n);
+            (value, end, event)
+        };
+        let (mut high, mut at_high) = (step_s, guard(step_s));
+        // A regime that has just begun may have its own guard at zero: look for where it holds.
+        let (mut low, mut value_low) = (0.0, self.guard(field.regime, z, field.force_n).0);
+        let mut inside = step_s;
+        while value_low <= 0.0 && inside > step_s * 1e-6 {
+            inside *= 0.5;
+            let here = guard(inside);
+            if here.0 > 0.0 {
+                (low, value_low) = (inside, here.0);
+            } else {
+                (high, at_high) = (inside, here);
+            }
+        }
+        let mut value_high = at_high.0;
+        for iteration in 0..100 {
+            if value_low <= 0.0 || high - low <= 4.0 * f64::EPSILON * step_s {
+                break;
+            }
+            let secant = low + (high - low) * value_low / (value_low - value_high);
+            let middle = if iteration % 3 == 2 || !(secant > low && secant < high) {
+                0.5 * (low + high)
+            } else {
+                secant
+            };
+            let here = guard(middle);
+            if here.0 < 0.0 {
+                (high, at_high, value_high) = (middle, here, here.0);
+                value_low *= 0.5; // Illinois: the end that stays must not hold the secant up
+            } else {
+                (low, value_low) = (middle, here.0);
+                value_high *= 0.5;
+                if here.0 == 0.0 {
+                    (high, at_high) = (middle, here);
+                    break;
+                }
+            }
+        }
+        (high, at_high.1, at_high.2)
+    }
+
+    /// Moves for `duration_s` under one force.
+    fn piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
+        if state.z[1] == 0.0 {
+            self.settle(state, force_n);
+        }
+        let mut left_s = duration_s;
+        let mut events = 0;
+        while left_s > NO_TIME * self.sample_s {
+            let regime = state.regime;
+            let field = Smooth { plant: self, regime, force_n };
+            let (step_s, end) = self.trial(&field, state, left_s);
+            if self.guard(regime, &end, force_n).0 >= 0.0 {
+                state.z = end;
+                left_s -= step_s;
+            } else if events < EVENTS_MAX {
+                let (step_s, end, event) = self.locate(&field, &state.z, step_s);
+                state.z = end;
+                left_s -= step_s;
+                events += 1;
+                self.transit(state, event, force_n);
+            } else {
+                let (_, event) = self.guard(regime, &end, force_n);
+                state.z = end;
+                left_s -= step_s;
+                state.z[1] = if matches!(event, Event::Reaches(_)) { 0.0 } else { state.z[1] };
+                self.transit(state, event, force_n);
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn moved(&self, state: &HybridState<N>, pieces: [(f64, f64); 2]) -> HybridState<N> {
+        let mut state = *state;
+        for (force_n, duration_s) in pieces {
+            self.piece(&mut state, force_n, duration_s);
+        }
+        state
+    }
+}
+
+impl<const N: usize> Plant for IntegratedStep<N> {
+    type State = HybridState<N>;
+
+    fn at_rest(&self, position_m: f64) -> Self::State {
+        let z = still(&self.rest_m, position_m);
+        HybridState { z, regime: Regime::default(), step_s: self.sample_s }
+    }
+
+    fn position_m(&self, state: &Self::State) -> f64 {
+        self.absolute_m(&state.z)
+    }
+
+    fn speed_m_per_s(&self, state: &Self::State) -> f64 {
+        state.z[1]
+    }
+
+    fn force_n(&self, state: &Self::State, output_n: f64) -> f64 {
+        if N % 2 == 1 { state.z[N - 1] } else { output_n }
+    }
+
+    fn advance(&self, state: &Self::State, force_n: f64) -> Self::State {
+        self.moved(state, [(force_n, self.sample_s), (force_n, 0.0)])
+    }
+
+    fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
+        self.moved(state, [(before_n, self.split_s), (after_n, self.sample_s - self.split_s)])
+    }
+
+    fn later_m(
+        &self,
+        state: &Self::State,
+        delay_s: f64,
+        before_n: f64,
+        after_n: f64,
+    ) -> Option<f64> {
+        let early_s = delay_s.min(self.split_s);
+        let later = self.moved(state, [(before_n, early_s), (after_n, delay_s - early_s)]);
+        Some(self.position_m(&later))
+    }
+
+    fn pack(state: &Self::State) -> AnyState {
+        let mut any =
+            AnyState { regime: state.regime, step_s: state.step_s, ..AnyState::default() };
+        any.z[..N].copy_from_slice(&state.z);
+        any
+    }
+
+    fn unpack(any: &AnyState) -> Self::State {
+        HybridState {
+            z: core::array::from_fn(|i| any.z[i]),
+            regime: any.regime,
+            step_s: any.step_s,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,187 @@
+//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F` with a force that is constant, or
+//! steps once, within a sample.
+//!
+//! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. Where the
+//! force steps from F1 to F2 at `fraction` of the sample it is `s' = phi s + before F1 + after F2`,
+//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. Nothing is
+//! approximated but by rounding. Forces or lengths scaled by a power of two give a run that is
+//! bit-identical up to that scale.
+
+mod any;
+mod augmented;
+mod integrated;
+mod sensed;
+
+pub(crate) use any::each_plant;
+pub use any::{AnyPlant, AnyState};
+pub use augmented::{AugmentedStep, ChainState};
+pub use integrated::{HybridState, IntegratedStep, Regime};
+pub use sensed::{Sensed, SensedState, Sensing};
+
+use crate::{exact::oscillator_step, scene::Device};
+
+/// A sample that the encoder is read for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Number of the sample.
+    pub index: u64,
+    /// Command that acts at its beginning, N.
+    pub before_n: f64,
+    /// Command that acts from its split on, N.
+    pub after_n: f64,
+}
+
+/// What moves under the actuator's force, one sample at a time.
+pub trait Plant: Clone {
+    /// What a step changes.
+    type State: Copy + core::fmt::Debug;
+
+    /// The state of a handle at rest at `position_m`, before any force.
+    fn at_rest(&self, position_m: f64) -> Self::State;
+    /// Position where motor and encoder are, m.
+    fn position_m(&self, state: &Self::State) -> f64;
+    /// Speed there, m/s.
+    fn speed_m_per_s(&self, state: &Self::State) -> f64;
+    /// Force of the actuator on the handle while `output_n` is commanded, N: the same, unless the
+    /// amplifier takes time.
+    #[inline]
+    fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
+        output_n
+    }
+    /// What the encoder sees for a sample, m, before it is made a count: the position, unless it reads late or
+    /// wrongly.
+    #[inline]
+    fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
+        self.position_m(state)
+    }
+    /// Position `delay_s` (below a sample) later, m, if this plant can say so by itself; an exact step is for
+    /// whole samples only.
+    fn later_m(
+        &self,
+        _state: &Self::State,
+        _delay_s: f64,
+        _before_n: f64,
+        _after_n: f64,
+    ) -> Option<f64> {
+        None
+    }
+    /// The state one sample later, with `force_n` commanded all the while.
+    fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
+    /// The state one sample later, with `before_n` commanded until the split and `after_n` from it on.
+    fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
+    /// A state as one that fits every plant.
+    fn pack(state: &Self::State) -> AnyState;
+    /// Back from [`pack`](Self::pack).
+    fn unpack(any: &AnyState) -> Self::State;
+}
+
+/// The exact step of a device over one sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantStep {
+    phi: [[f64; 2]; 2],
+    /// Effect of a force that acts over the whole sample.
+    gamma: [f64; 2],
+    /// Effect of the force that acts until the split.
+    before: [f64; 2],
+    /// Effect of the force that acts from the split on.
+    after: [f64; 2],
+    rest_position_m: f64,
+}
+
+/// Position and speed of the handle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantState {
+    /// Distance from the rest position, m.
+    offset_m: f64,
+    /// Speed, m/s.
+    speed_m_per_s: f64,
+}
+
+impl PlantStep {
+    /// The step over `sample_s`, split at `fraction` (0 to below 1) of it.
+    pub fn new(device: &Device, sample_s: f64, fraction: f64) -> Self {
+        let stiffness = device.stiffness_n_per_m / device.mass_kg;
+        let damping = device.damping_n_s_per_m / device.mass_kg;
+        let mobility = 1.0 / device.mass_kg;
+        let per_force = |gamma: [f64; 2]| gamma.map(|g| g * mobility);
+        let (phi, whole) = oscillator_step(stiffness, damping, sample_s);
+        let (_, early) = oscillator_step(stiffness, damping, fraction * sample_s);
+        let (late_phi, late) = oscillator_step(stiffness, damping, (1.0 - fraction) * sample_s);
+        Self {
+            phi,
+            gamma: per_force(whole),
+            before: per_force(times(&late_phi, &early)),
+            after: per_force(late),
+            rest_position_m: device.rest_position_m,
+        }
+    }
+
+    #[inline]
+    fn free(&self, state: &PlantState) -> PlantState {
+        let PlantState { offset_m: x, speed_m_per_s: v } = *state;
+        let [[xx, xv], [vx, vv]] = self.phi;
+        PlantState { offset_m: xx * x + xv * v, speed_m_per_s: vx * x + vv * v }
+    }
+}
+
+impl Plant for PlantStep {
+    type State = PlantState;
+
+    fn at_rest(&self, position_m: f64) -> PlantState {
+        PlantState { offset_m: position_m - self.rest_position_m, speed_m_per_s: 0.0 }
+    }
+
+    #[inline]
+    fn position_m(&self, state: &PlantState) -> f64 {
+        state.offset_m + self.rest_position_m
+    }
+
+    #[inline]
+    fn advance(&self, state: &PlantState, force_n: f64) -> PlantState {
+        self.free(state).plus(&self.gamma, force_n)
+    }
+
+    #[inline]
+    fn advance_split(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
+        self.free(state).plus(&self.before, before_n).plus(&self.after, after_n)
+    }
+
+    #[inline]
+    fn speed_m_per_s(&self, state: &PlantState) -> f64 {
+        state.speed_m_per_s
+    }
+
+    fn pack(state: &PlantState) -> AnyState {
+        let mut any = AnyState::default();
+        (any.z[0], any.z[1]) = (state.offset_m, state.speed_m_per_s);
+        any
+    }
+
+    fn unpack(any: &AnyState) -> PlantState {
+        PlantState { offset_m: any.z[0], speed_m_per_s: any.z[1] }
+    }
+}
+
+impl PlantState {
+    #[inline]
+    fn plus(self, effect: &[f64; 2], force_n: f64) -> Self {
+        Self {
+            offset_m: self.offset_m + effect[0] * force_n,
+            speed_m_per_s: self.speed_m_per_s + effect[1] * force_n,
+        }
+    }
+
+    /// Speed, m/s.
+    pub fn speed_m_per_s(&self) -> f64 {
+        self.speed_m_per_s
+    }
+
+    /// Distance from the rest position, m.
+    pub fn offset_m(&self) -> f64 {
+        self.offset_m
+    }
+}
+
+fn times(matrix: &[[f64; 2]; 2], vector: &[f64; 2]) -> [f64; 2] {
+    matrix.map(|row| row[0] * vector[0] + row[1] * vector[1])
+}

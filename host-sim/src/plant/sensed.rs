@@ -1,0 +1,136 @@
+//! A plant whose encoder reads late, wrongly or noisily.
+
+use std::sync::Arc;
+
+use super::{AnyState, Moment, Plant};
+use crate::{
+    element::{Chain, EncoderError, EncoderNoise, Glimpse, Jitter, random},
+    scene::Scene,
+};
+
+/// What is wrong with the readings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sensing {
+    /// Periodic error.
+    pub error: Option<EncoderError>,
+    /// Noise.
+    pub noise: Option<EncoderNoise>,
+    /// Late readings.
+    pub jitter: Option<Jitter>,
+}
+
+impl Sensing {
+    /// What a scene says.
+    pub fn of(scene: &Scene) -> Self {
+        Self { error: scene.encoder_error, noise: scene.encoder_noise, jitter: scene.jitter }
+    }
+
+    /// Nothing is wrong.
+    pub fn is_perfect(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A plant and what is wrong with its readings.
+#[derive(Clone, Debug)]
+pub struct Sensed<P> {
+    plant: P,
+    sensing: Sensing,
+    /// Where the device rests, m.
+    rest_m: f64,
+    /// For plants with an exact step: the position at each delay.
+    glimpses: Option<Arc<[Glimpse]>>,
+}
+
+/// The plant's state, and what tells the hit from others.
+#[derive(Clone, Copy, Debug)]
+pub struct SensedState<S> {
+    plant: S,
+    hit: u64,
+}
+
+impl<P: Plant> Sensed<P> {
+    /// `chain` and `split_s` are those of the plant.
+    pub fn new(plant: P, sensing: Sensing, chain: &Chain, split_s: f64) -> Self {
+        let by_itself = plant.later_m(&plant.at_rest(0.0), 0.0, 0.0, 0.0).is_some();
+        let glimpses = sensing
+            .jitter
+            .filter(|_| !by_itself)
+            .map(|jitter| jitter.glimpses(chain, split_s).into());
+        Self { plant, sensing, rest_m: chain.rest_m()[0], glimpses }
+    }
+
+    #[inline]
+    fn late_m(&self, state: &SensedState<P::State>, moment: &Moment, jitter: &Jitter) -> f64 {
+        let level = jitter.level(state.hit, moment.index);
+        let (before_n, after_n) = (moment.before_n, moment.after_n);
+        match self.glimpses.as_ref().and_then(|glimpses| glimpses.get(level)) {
+            Some(glimpse) => {
+                glimpse.offset_m(&P::pack(&state.plant).z, before_n, after_n) + self.rest_m
+            }
+            None => self
+                .plant
+                .later_m(&state.plant, jitter.delay_s(level), before_n, after_n)
+                .unwrap_or_else(|| self.plant.position_m(&state.plant)),
+        }
+    }
+}
+
+impl<P: Plant> Plant for Sensed<P> {
+    type State = SensedState<P::State>;
+
+    fn at_rest(&self, position_m: f64) -> Self::State {
+        // Each start of a repeat has its own noise; all walls that are hit from there share it.
+        let hit = random::bits(position_m.to_bits(), 0);
+        SensedState { plant: self.plant.at_rest(position_m), hit }
+    }
+
+    #[inline]
+    fn position_m(&self, state: &Self::State) -> f64 {
+        self.plant.position_m(&state.plant)
+    }
+
+    #[inline]
+    fn speed_m_per_s(&self, state: &Self::State) -> f64 {
+        self.plant.speed_m_per_s(&state.plant)
+    }
+
+    #[inline]
+    fn force_n(&self, state: &Self::State, output_n: f64) -> f64 {
+        self.plant.force_n(&state.plant, output_n)
+    }
+
+    #[inline]
+    fn reading_m(&self, state: &Self::State, moment: &Moment) -> f64 {
+        let mut reading_m = match &self.sensing.jitter {
+            None => self.plant.position_m(&state.plant),
+            Some(jitter) => self.late_m(state, moment, jitter),
+        };
+        if let Some(error) = &self.sensing.error {
+            reading_m += error.error_m(reading_m);
+        }
+        if let Some(noise) = &self.sensing.noise {
+            reading_m += noise.error_m(state.hit, moment.index);
+        }
+        reading_m
+    }
+
+    #[inline]
+    fn advance(&self, state: &Self::State, force_n: f64) -> Self::State {
+        SensedState { plant: self.plant.advance(&state.plant, force_n), hit: state.hit }
+    }
+
+    #[inline]
+    fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
+        let plant = self.plant.advance_split(&state.plant, before_n, after_n);
+        SensedState { plant, hit: state.hit }
+    }
+
+    fn pack(state: &Self::State) -> AnyState {
+        AnyState { hit: state.hit, ..P::pack(&state.plant) }
+    }
+
+    fn unpack(any: &AnyState) -> Self::State {
+        SensedState { plant: P::unpack(any), hit: any.hit }
+    }
+}

@@ -1,0 +1,69 @@
+//! The optional elements of a scene: one table each. One that is absent is not modelled and costs
+//! nothing.
+
+use serde::{Deserialize, Serialize};
+
+use super::Scene;
+use crate::element::{Chain, Nonlinear};
+
+/// Quantisation of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Quantisation {
+    /// A DAC with offset binary codes.
+    Dac {
+        /// Resolution.
+        bits: u32,
+    },
+    /// Sign-magnitude PWM.
+    Pwm {
+        /// Timer ticks per PWM period.
+        steps: u32,
+    },
+}
+
+impl Scene {
+    /// Checks the optional elements.
+    pub(super) fn check_elements(&self) -> Result<(), String> {
+        let sample_s = 1.0 / self.control.rate_hz;
+        self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
+        self.mode.map_or(Ok(()), |mode| mode.check())?;
+        self.arm.map_or(Ok(()), |arm| arm.check())?;
+        self.friction.map_or(Ok(()), |friction| friction.check())?;
+        self.cogging.map_or(Ok(()), |cogging| cogging.check())?;
+        self.travel.map_or(Ok(()), |travel| travel.check(&self.device))?;
+        self.encoder_error.map_or(Ok(()), |error| error.check())?;
+        self.encoder_noise.map_or(Ok(()), |noise| noise.check())?;
+        let latency_s = self.actuator.latency * sample_s;
+        self.jitter.map_or(Ok(()), |jitter| jitter.check(latency_s, sample_s))?;
+        let nonlinear = Nonlinear::of(self);
+        match self.integrator {
+            Some(integrator) => {
+                let chain = Chain::of(self);
+                let alone = chain.fastest_per_s((0.0, 0.0));
+                let fastest = alone.max(chain.fastest_per_s(nonlinear.steepest()));
+                integrator.check(fastest, sample_s)
+            }
+            None if nonlinear == Nonlinear::default() => Ok(()),
+            None => Err("[integrator] is missing, needed with friction, cogging or travel: method = \"rk4\", \
+                         \"semi-implicit-euler\" or \"dormand-prince\""
+                .into()),
+        }
+    }
+
+    /// Tables of this scene that no linear analysis can take.
+    pub fn nonlinear_elements(&self) -> Vec<&'static str> {
+        [
+            ("output", self.output.is_some()),
+            ("friction", self.friction.is_some()),
+            ("cogging", self.cogging.is_some()),
+            ("travel", self.travel.is_some()),
+            ("encoder_error", self.encoder_error.is_some()),
+            ("encoder_noise", self.encoder_noise.is_some()),
+            ("jitter", self.jitter.is_some()),
+        ]
+        .into_iter()
+        .filter_map(|(name, present)| present.then_some(name))
+        .collect()
+    }
+}
