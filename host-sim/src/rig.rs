@@ -247,7 +247,7 @@ impl Rig {
         observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         each_plant!(&self.parts.plant, plant => {
-            let parts = self.parts.with(plant.clone());
+            let parts = self.parts.with(plant);
             self.run_whole(Simulation::new(parts, controller, self.start_m(hit)), observe)
         })
     }
@@ -258,7 +258,7 @@ impl Rig {
         controller: C,
     ) -> Result<Verdict, HitError> {
         each_plant!(&self.parts.plant, plant => {
-            let parts = self.parts.with(plant.clone());
+            let parts = self.parts.with(plant);
             self.run_to_verdict(Simulation::new(parts, controller, self.start_m(hit)))
         })
     }
