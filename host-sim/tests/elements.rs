@@ -163,7 +163,8 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
 fn late_readings_see_the_commands_that_act_meanwhile() {
     for latency in ["0.5", "10.0", "10.3"] {
         let text = format!("{PAPER}\n{}", JITTER.replace("5e-6", "4e-5"))
-            .replace("latency = 10.0", &format!("latency = {latency}"));
+            .replace("latency = 10.0", &format!("latency = {latency}"))
+            .replace("resolution_m = 1e-6", "resolution_m = 1e-8"); // a command moves the handle by 10 nm in that time
         let scene = NamedScene::parse("test".into(), text, "test.toml").unwrap().scene;
         assert_eq!(scene.actuator.latency.to_string(), latency.trim_end_matches(".0"));
         let mut simulation = Rig::new(&scene).unwrap().fixed(&hit(20_000.0, 100.0)).unwrap();
@@ -175,7 +176,7 @@ fn late_readings_see_the_commands_that_act_meanwhile() {
             let reading_m = simulation.plant().reading_m(&state, &moment);
             assert_eq!(
                 sample.count,
-                (reading_m / 1e-6).floor() as i32,
+                (reading_m / 1e-8).floor() as i32,
                 "{latency}: sample {index}"
             );
             late += u32::from(reading_m != sample.position_m);
