@@ -11,7 +11,7 @@ use zwidth::{
 use crate::{
     controller::{Controller, Fixed},
     error::Error,
-    plant::{AnyPlant, Plant, each_plant},
+    plant::{AnyPlant, Moment, Plant, each_plant},
     scene::Scene,
     simulation::{Parts, Sample, Simulation},
     twin::{self, Twin},
@@ -186,14 +186,22 @@ impl Rig {
     }
 
     fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
-        let count = self.parts.count(self.start_m(hit));
+        let count = self.first_count(hit);
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
     }
 
     fn twin_of_core(&self, hit: &WallHit, rounding: twin::Rounding) -> Result<Twin, SettingsError> {
-        let count = self.parts.count(self.start_m(hit));
+        let count = self.first_count(hit);
         let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
         Twin::new(&self.settings(hit), &self.design, rounding, push, count)
+    }
+
+    /// What the encoder reads for sample 0: the controller starts at rest there.
+    fn first_count(&self, hit: &WallHit) -> i32 {
+        let plant = &self.parts.plant;
+        let (index, before_n, after_n) = (0, 0.0, 0.0);
+        let state = plant.at_rest(self.start_m(hit));
+        self.parts.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
     }
 
     /// Runs a whole hit; `observe` sees every sample.
@@ -239,7 +247,7 @@ impl Rig {
         observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         each_plant!(&self.parts.plant, plant => {
-            let parts = self.parts.with(plant.clone());
+            let parts = self.parts.with(plant);
             self.run_whole(Simulation::new(parts, controller, self.start_m(hit)), observe)
         })
     }
@@ -250,7 +258,7 @@ impl Rig {
         controller: C,
     ) -> Result<Verdict, HitError> {
         each_plant!(&self.parts.plant, plant => {
-            let parts = self.parts.with(plant.clone());
+            let parts = self.parts.with(plant);
             self.run_to_verdict(Simulation::new(parts, controller, self.start_m(hit)))
         })
     }

@@ -112,9 +112,9 @@ fn following(slot: usize, ring: &[f64]) -> usize {
 
 impl<P> Parts<P> {
     /// The same loop around another plant.
-    pub fn with<Q>(&self, plant: Q) -> Parts<Q> {
+    pub fn with<Q: Clone>(&self, plant: &Q) -> Parts<Q> {
         let Self { plant: _, resolution_m, rounding, full_scale_n, latency, period } = *self;
-        Parts { plant, resolution_m, rounding, full_scale_n, latency, period }
+        Parts { plant: plant.clone(), resolution_m, rounding, full_scale_n, latency, period }
     }
 
     /// The encoder's reading at `position_m`. Saturates at the ends of `i32`.

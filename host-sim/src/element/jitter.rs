@@ -59,9 +59,7 @@ impl Jitter {
     #[inline]
     pub fn level(&self, hit: u64, sample: u64) -> usize {
         let seed = hit ^ (u64::from(self.seed) << 32) ^ STREAM;
-        #[expect(clippy::cast_possible_truncation, reason = "at most 256")]
-        let level = (random::bits(seed, sample) % (LEVELS + 1)) as usize;
-        level
+        (random::bits(seed, sample) % (LEVELS + 1)) as usize
     }
 
     /// Delay of a level, s.

@@ -134,3 +134,82 @@ impl<P: Plant> Plant for Sensed<P> {
         SensedState { plant: P::unpack(any), hit: any.hit }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        element::{Amplifier, Arm, Mode},
+        plant::AnyPlant,
+        scene::NamedScene,
+    };
+
+    const SAMPLE_S: f64 = 1e-4;
+    const JITTER: Jitter = Jitter { peak_s: 7e-5, seed: 3 };
+
+    fn scene() -> Scene {
+        NamedScene::load("paper-1um").unwrap().scene
+    }
+
+    fn augmented() -> Scene {
+        let mut scene = scene();
+        scene.amplifier = Some(Amplifier { bandwidth_hz: 3000.0 });
+        scene.mode = Some(Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 });
+        scene.arm = Some(Arm {
+            mass_kg: 1.2,
+            damping_n_s_per_m: 12.0,
+            stiffness_n_per_m: 250.0,
+            rest_position_m: 0.05,
+            grip_damping_n_s_per_m: 25.0,
+            grip_stiffness_n_per_m: 1200.0,
+        });
+        scene
+    }
+
+    /// Late readings against exact steps of their very length.
+    fn late_readings(scene: &Scene, fraction: f64, tolerance_m: f64) {
+        let mut with = scene.clone();
+        with.jitter = Some(JITTER);
+        let sensed = AnyPlant::of(&with, SAMPLE_S, fraction);
+        let exact = AnyPlant::unsensed(scene, SAMPLE_S, fraction);
+        let reference = Scene { integrator: None, ..scene.clone() };
+        let split_s = fraction * SAMPLE_S;
+        let (mut state, mut plain) = (sensed.at_rest(0.02), exact.at_rest(0.02));
+        let mut levels = std::collections::BTreeSet::new();
+        for index in 0..3000 {
+            let forces = |n: u64| f64::from(u32::try_from(n * 7919 % 101).unwrap()) / 25.0 - 2.0;
+            let (before_n, after_n) = (forces(index), forces(index + 1));
+            let reading_m = sensed.reading_m(&state, &Moment { index, before_n, after_n });
+            let level = JITTER.level(state.hit, index);
+            levels.insert(level);
+            let delay_s = JITTER.delay_s(level);
+            // The first part up to the split, the second beyond it, each as a whole step of that length.
+            let early_s = delay_s.min(split_s);
+            let part = |dt: f64, state: &AnyState, force_n: f64| {
+                if dt == 0.0 {
+                    *state
+                } else {
+                    AnyPlant::unsensed(&reference, dt, 0.0).advance(state, force_n)
+                }
+            };
+            let later = part(delay_s - early_s, &part(early_s, &plain, before_n), after_n);
+            let error_m = reading_m - exact.position_m(&later);
+            assert!(error_m.abs() < tolerance_m, "{index}: {error_m:e}");
+            state = sensed.advance_split(&state, before_n, after_n);
+            plain = exact.advance_split(&plain, before_n, after_n);
+            assert_eq!(sensed.position_m(&state).to_bits(), exact.position_m(&plain).to_bits());
+        }
+        assert!(levels.len() > 250 && levels.contains(&0) && levels.contains(&256), "{levels:?}");
+    }
+
+    #[test]
+    fn late_readings_are_positions_of_their_time() {
+        for fraction in [0.0, 0.3] {
+            late_readings(&scene(), fraction, 1e-16);
+            late_readings(&augmented(), fraction, 1e-15);
+            let integrator = crate::integrator::Integrator::Rk4 { steps_per_sample: 4 };
+            let integrated = Scene { integrator: Some(integrator), ..augmented() };
+            late_readings(&integrated, fraction, 1e-11);
+        }
+    }
+}

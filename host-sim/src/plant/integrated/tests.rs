@@ -49,9 +49,11 @@ fn a_thrown_device_stops_in_the_known_distance_and_stays() {
             let plant = plant(DEVICE, &with(COULOMB), method);
             let mut state = thrown(&plant, 0.01, speed);
             let known = 0.5 * DEVICE.mass_kg * speed * speed / COULOMB.coulomb_n;
-            let samples = (speed.abs() * DEVICE.mass_kg / COULOMB.coulomb_n / SAMPLE_S) as u32 + 2;
-            for _ in 0..samples {
+            let stops_s = speed.abs() * DEVICE.mass_kg / COULOMB.coulomb_n;
+            let mut time_s = -2.0 * SAMPLE_S;
+            while time_s < stops_s {
                 state = plant.advance(&state, 0.0);
+                time_s += SAMPLE_S;
             }
             let way = (plant.position_m(&state) - 0.01) * speed.signum();
             let floor_m = if method == EULER { speed.abs() * SAMPLE_S / 8.0 } else { 1e-16 };
