@@ -14,6 +14,7 @@ pub mod envelope;
 pub mod error;
 pub mod exact;
 pub mod figure;
+pub mod identify;
 pub mod linear;
 pub mod manifest;
 pub mod output;

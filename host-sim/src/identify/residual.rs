@@ -1,0 +1,184 @@
+//! What the fit leaves: how large it is, what of it is quantisation, whether the rest is noise.
+//!
+//! With e = count + 1/2 - x / resolution the error of a floor quantiser is a sawtooth in the position:
+//! ```text
+//! e(x) = sum over h = 1, 2, ... of sin(2 pi h x) / (pi h)        x in counts, |e| <= 1/2, variance 1/12
+//! ```
+//! Gaussian noise of s counts before the quantiser turns harmonic h into a share `a^(h^2)` of it,
+//! `a = exp(-2 pi^2 s^2)`, and makes the rest white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4
+//! and 19). a, the coherence, is measured: it is the residual's part along the first harmonic.
+//! A residual that keeps its sawtooth is bound by quantisation and is not white, though the model is right.
+
+use std::f64::consts::{PI, TAU};
+
+use statrs::distribution::{ChiSquared, ContinuousCDF as _};
+
+/// Lags of the Ljung-Box test.
+const LAGS: usize = 20;
+/// A white residual fails once in a thousand records.
+const WHITE_P: f64 = 1e-3;
+/// Rows where the position moves by less, in counts per row, tell nothing about the coherence.
+const MOVING: f64 = 0.05;
+/// Fewest moving rows from which the coherence is measured; with fewer it is taken as 1.
+const FEWEST_MOVING: usize = 200;
+/// From this coherence on the residual counts as bound by quantisation: noise below 0.28 counts RMS.
+const BOUND: f64 = 0.2;
+/// Harmonics of the sawtooth.
+pub(super) const HARMONICS: u32 = 64;
+
+/// Residual of one record, and the modelled position, both in counts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece<'a> {
+    pub residual: &'a [f64],
+    /// Modelled position from the edge of a count.
+    pub position: &'a [f64],
+}
+
+/// What was found in the residual.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Residual {
+    /// RMS, m.
+    pub rms_m: f64,
+    /// RMS, counts; `None` for a sensor without counts.
+    pub rms_counts: Option<f64>,
+    /// Noise before the quantiser that explains the RMS, counts.
+    pub noise_counts: Option<f64>,
+    /// Part of the sawtooth that is left, 0 (noise hides it) to 1 (no noise).
+    pub coherence: f64,
+    /// p-value of the Ljung-Box test over 20 lags: small if the residual is not white.
+    pub whiteness_p: f64,
+    /// Lag-1 autocorrelation.
+    pub autocorrelation: f64,
+    /// Largest residual in terms of the RMS.
+    pub peak_per_rms: f64,
+}
+
+impl Residual {
+    pub(super) fn new(pieces: &[Piece<'_>], resolution_m: f64, unit_m: f64) -> Self {
+        let all = || pieces.iter().flat_map(|piece| piece.residual.iter().copied());
+        let rows = all().count() as f64;
+        let variance = all().map(|r| r * r).sum::<f64>() / rows;
+        let rms = variance.sqrt();
+        let counts = resolution_m > 0.0;
+        let correlations = autocorrelations(pieces, variance * rows);
+        let ljung_box = correlations
+            .iter()
+            .enumerate()
+            .map(|(index, rho)| rho * rho / (rows - (index + 1) as f64));
+        let statistic = rows * (rows + 2.0) * ljung_box.sum::<f64>();
+        let whiteness_p =
+            ChiSquared::new(LAGS as f64).map_or(0.0, |distribution| distribution.sf(statistic));
+        Self {
+            rms_m: rms * unit_m,
+            rms_counts: counts.then_some(rms),
+            noise_counts: counts.then(|| (variance - 1.0 / 12.0).max(0.0).sqrt()),
+            coherence: if counts { coherence(pieces, rms) } else { 0.0 },
+            whiteness_p,
+            autocorrelation: correlations[0],
+            peak_per_rms: all().map(f64::abs).fold(0.0, f64::max) / rms.max(f64::MIN_POSITIVE),
+        }
+    }
+
+    /// The residual passes as white.
+    pub fn is_white(&self) -> bool {
+        self.whiteness_p >= WHITE_P
+    }
+
+    /// Quantisation, not noise, makes the residual.
+    pub fn is_bound_by_quantisation(&self) -> bool {
+        self.coherence >= BOUND
+    }
+
+    /// Share of harmonic h of the sawtooth.
+    pub(super) fn harmonic(&self, h: u32) -> f64 {
+        self.coherence.powi((h * h).cast_signed())
+    }
+}
+
+/// Autocorrelation at lags 1, 2, ..., within each record.
+fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
+    let mut correlations = [0.0; LAGS];
+    for (index, rho) in correlations.iter_mut().enumerate() {
+        let products = pieces.iter().flat_map(|piece| {
+            piece.residual.iter().zip(piece.residual.iter().skip(index + 1)).map(|(a, b)| a * b)
+        });
+        *rho = products.sum::<f64>() / power.max(f64::MIN_POSITIVE);
+    }
+    correlations
+}
+
+/// The share of the sawtooth that is in the residual, with two standard errors on top.
+fn coherence(pieces: &[Piece<'_>], rms: f64) -> f64 {
+    let (mut sin, mut cos, mut rows) = (0.0, 0.0, 0_usize);
+    for piece in pieces {
+        let steps = piece.position.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        for ((x, r), step) in piece.position.iter().zip(piece.residual).zip(steps) {
+            if step >= MOVING {
+                let (s, c) = (TAU * (x - x.floor())).sin_cos();
+                (sin, cos) = (sin + r * s, cos + r * c);
+                rows += 1;
+            }
+        }
+    }
+    if rows < FEWEST_MOVING {
+        return 1.0;
+    }
+    let rows = rows as f64;
+    let share = 2.0 * PI * f64::hypot(sin, cos) / rows;
+    let error = 2.0 * PI * rms / (2.0 * rows).sqrt();
+    (share + 2.0 * error).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
+
+    /// Residual of a quantised sweep with noise, counts, and the positions.
+    fn swept(noise: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let position: Vec<f64> = (0..20_000).map(|n| 1e-3 * f64::from(n).powf(1.7)).collect();
+        let residual = position.iter().map(|x| {
+            let normal = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            (x + noise * normal).floor() + 0.5 - x
+        });
+        (residual.collect(), position)
+    }
+
+    fn of(residual: &[f64], position: &[f64]) -> Residual {
+        Residual::new(&[Piece { residual, position }], 1.0, 1.0)
+    }
+
+    #[test]
+    fn the_coherence_is_that_of_the_noise() {
+        for noise in [0.0, 0.1, 0.2, 0.3, 0.5] {
+            let (residual, position) = swept(noise, 7);
+            let found = of(&residual, &position);
+            let wanted: f64 = (-2.0 * PI * PI * noise * noise).exp();
+            println!("noise {noise}: coherence {:.3}, theory {wanted:.3}", found.coherence);
+            assert!(found.coherence > wanted - 0.02 && found.coherence < wanted + 0.08);
+            assert!((found.noise_counts.unwrap() - noise).abs() < 0.02);
+            assert_eq!(found.is_bound_by_quantisation(), noise < 0.28);
+        }
+    }
+
+    #[test]
+    fn white_passes_and_colour_does_not() {
+        let mut failed = 0;
+        for seed in 0..200 {
+            let (mut residual, position) = swept(0.5, seed);
+            failed += usize::from(!of(&residual, &position).is_white());
+            for n in (1..residual.len()).rev() {
+                residual[n] += 0.1 * residual[n - 1];
+            }
+            assert!(!of(&residual, &position).is_white());
+        }
+        println!("{failed} of 200 white residuals fail");
+        assert!(failed <= 2);
+    }
+
+    #[test]
+    fn without_motion_the_sawtooth_is_assumed_whole() {
+        assert_eq!(of(&[0.2; 500], &[7.3; 500]).coherence, 1.0);
+    }
+}
