@@ -1,6 +1,7 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
 mod hit;
+mod identify;
 mod linear;
 mod list;
 mod progress;
@@ -45,6 +46,7 @@ enum Command {
     Walk(walk::WalkArgs),
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
+    Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
 }
 
@@ -61,7 +63,7 @@ struct Common {
     #[arg(long, global = true, value_enum, default_value_t)]
     numeric: NumericArg,
     /// Folder for the results; with several scenes, one folder per scene in it
-    /// [default: zwidth-out/SCENE].
+    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace results that are there already.
@@ -147,6 +149,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Walk(args) => walk::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
+        Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
     })
 }

@@ -12,8 +12,9 @@ const FEWEST_COUNTS: f64 = 20.0;
 const OFF_GRID_MAX: f64 = 0.01;
 /// A voltage whose changes are smaller than this part of the limit excites nothing.
 const EXCITATION_MIN: f64 = 1e-4;
-/// Least part of the motion's variance that the model must explain.
-const EXPLAINED_MIN: f64 = 0.9;
+/// Least part of the motion's variance that the model must explain: beyond it the parameters of what is left out
+/// are as large as those that are sought.
+const EXPLAINED_MIN: f64 = 0.99;
 /// A parameter that could change the response over the whole record by less than this part counts as 0.
 const NEGLIGIBLE: f64 = 0.1;
 
@@ -89,7 +90,7 @@ pub(super) fn explains(rms_m: f64, motion_rms_m: f64) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "the model explains {:.1} % of the motion, at least {:.0} % are needed: something else moved the handle, or \
+        "the model explains {:.2} % of the motion, at least {:.0} % are needed: something else moved the handle, or \
          held it (a hand, a stop, friction)",
         100.0 * explained.max(0.0),
         100.0 * EXPLAINED_MIN

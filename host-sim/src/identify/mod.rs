@@ -331,7 +331,7 @@ fn of_residual(residual: &Residual, widening: f64) -> Vec<String> {
     } else if !residual.is_white() {
         warnings.push(format!(
             "the residual is not white (autocorrelation {:.3} from row to row, Ljung-Box p = {:.1e}): something is not \
-             modelled; the intervals are up to {widening:.1} times those of white noise and still do not hold what the \
+             modelled (friction, another latency: try --fit-latency); the intervals are up to {widening:.1} times those of white noise and still do not hold what the \
              model lacks",
             residual.autocorrelation, residual.whiteness_p
         ));

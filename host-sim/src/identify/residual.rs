@@ -23,6 +23,8 @@ const MOVING: f64 = 0.05;
 const FEWEST_MOVING: usize = 200;
 /// From this coherence on the residual counts as bound by quantisation: noise below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
+/// Standard errors by which the coherence must differ from 0 to be called so.
+const CERTAIN: f64 = 4.0;
 /// Harmonics of the sawtooth.
 pub(super) const HARMONICS: u32 = 64;
 
@@ -45,6 +47,8 @@ pub struct Residual {
     pub noise_counts: Option<f64>,
     /// Part of the sawtooth that is left, 0 (noise hides it) to 1 (no noise).
     pub coherence: f64,
+    /// Its standard error.
+    pub coherence_error: f64,
     /// p-value of the Ljung-Box test over 20 lags: small if the residual is not white.
     pub whiteness_p: f64,
     /// Lag-1 autocorrelation.
@@ -68,11 +72,13 @@ impl Residual {
         let statistic = rows * (rows + 2.0) * ljung_box.sum::<f64>();
         let whiteness_p =
             ChiSquared::new(LAGS as f64).map_or(0.0, |distribution| distribution.sf(statistic));
+        let (coherence, coherence_error) = if counts { coherence(pieces, rms) } else { (0.0, 0.0) };
         Self {
             rms_m: rms * unit_m,
             rms_counts: counts.then_some(rms),
             noise_counts: counts.then(|| (variance - 1.0 / 12.0).max(0.0).sqrt()),
-            coherence: if counts { coherence(pieces, rms) } else { 0.0 },
+            coherence,
+            coherence_error,
             whiteness_p,
             autocorrelation: correlations[0],
             peak_per_rms: all().map(f64::abs).fold(0.0, f64::max) / rms.max(f64::MIN_POSITIVE),
@@ -86,12 +92,12 @@ impl Residual {
 
     /// Quantisation, not noise, makes the residual.
     pub fn is_bound_by_quantisation(&self) -> bool {
-        self.coherence >= BOUND
+        self.coherence >= BOUND.max(CERTAIN * self.coherence_error)
     }
 
-    /// Share of harmonic h of the sawtooth.
+    /// Share of harmonic h of the sawtooth; two standard errors on the safe side.
     pub(super) fn harmonic(&self, h: u32) -> f64 {
-        self.coherence.powi((h * h).cast_signed())
+        (self.coherence + 2.0 * self.coherence_error).min(1.0).powi((h * h).cast_signed())
     }
 }
 
@@ -107,8 +113,8 @@ fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
     correlations
 }
 
-/// The share of the sawtooth that is in the residual, with two standard errors on top.
-fn coherence(pieces: &[Piece<'_>], rms: f64) -> f64 {
+/// The share of the sawtooth that is in the residual, and its standard error.
+fn coherence(pieces: &[Piece<'_>], rms: f64) -> (f64, f64) {
     let (mut sin, mut cos, mut rows) = (0.0, 0.0, 0_usize);
     for piece in pieces {
         let steps = piece.position.windows(2).map(|pair| (pair[1] - pair[0]).abs());
@@ -121,12 +127,11 @@ fn coherence(pieces: &[Piece<'_>], rms: f64) -> f64 {
         }
     }
     if rows < FEWEST_MOVING {
-        return 1.0;
+        return (1.0, 0.0);
     }
     let rows = rows as f64;
     let share = 2.0 * PI * f64::hypot(sin, cos) / rows;
-    let error = 2.0 * PI * rms / (2.0 * rows).sqrt();
-    (share + 2.0 * error).min(1.0)
+    (share.min(1.0), 2.0 * PI * rms / (2.0 * rows).sqrt())
 }
 
 #[cfg(test)]
@@ -156,7 +161,7 @@ mod tests {
             let found = of(&residual, &position);
             let wanted: f64 = (-2.0 * PI * PI * noise * noise).exp();
             println!("noise {noise}: coherence {:.3}, theory {wanted:.3}", found.coherence);
-            assert!(found.coherence > wanted - 0.02 && found.coherence < wanted + 0.08);
+            assert!((found.coherence - wanted).abs() < 3.0 * found.coherence_error + 0.01);
             assert!((found.noise_counts.unwrap() - noise).abs() < 0.02);
             assert_eq!(found.is_bound_by_quantisation(), noise < 0.28);
         }
