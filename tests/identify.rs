@@ -55,6 +55,8 @@ const PAPER: Device = Device {
     start_position_m: 0.0,
 };
 
+const RESTING: Device = Device { start_position_m: PAPER.rest_position_m, ..PAPER };
+
 const PLAIN: Made = Made {
     device: PAPER,
     pulses: Pulses::Two,
@@ -209,4 +211,224 @@ fn intervals_hold_the_truth() {
         let coverage = campaign(name, base, seeds);
         assert!(coverage >= 0.9, "{name}: {coverage}");
     }
+}
+
+/// Seconds of a record, V.
+fn cut(record: &Record, seconds: f64) -> Record {
+    let rows = (seconds * RATE_HZ) as usize;
+    Record {
+        voltage_v: record.voltage_v[..rows].to_vec(),
+        position_m: record.position_m[..rows].to_vec(),
+        ..record.clone()
+    }
+}
+
+#[test]
+fn a_hopeless_record_is_refused_with_the_reason() {
+    let good = made(&PLAIN);
+    let opts = options(&PLAIN);
+    let with = |change: &dyn Fn(usize, &mut f64, &mut f64)| {
+        let mut record = good.clone();
+        for row in 0..record.len() {
+            let (volts, position_m) = (&mut record.voltage_v[row], &mut record.position_m[row]);
+            change(row, volts, position_m);
+        }
+        record
+    };
+    let of = |device: Device| made(&Made { device, ..PLAIN });
+    let noise = made(&Made { pulses: Pulses::One, ..PLAIN });
+    let cases: [(&str, Record, Options, &str); 14] = [
+        (
+            "no excitation",
+            with(&|_, volts, _| *volts = 1.0),
+            opts,
+            "no excitation: the voltage stays at 1 V",
+        ),
+        (
+            "no motion",
+            with(&|_, _, x| *x = 7e-6),
+            opts,
+            "no motion: the position moves by 0 counts",
+        ),
+        (
+            "held by hand",
+            with(&|row, _, x| *x = ((row * 7919 % 40) as f64) * 1e-6),
+            opts,
+            "describe this record",
+        ),
+        (
+            "saturated",
+            with(&|_, volts, _| *volts *= 2.5),
+            opts,
+            "at or beyond actuator.limit_v of 10 V",
+        ),
+        ("before the pulse", cut(&good, 0.09), opts, "no excitation"),
+        ("too short", cut(&of(RESTING), 0.12), opts, "the record does not show the"),
+        (
+            "reversed",
+            with(&|_, volts, _| *volts = -*volts),
+            opts,
+            "does not accelerate with the voltage",
+        ),
+        (
+            "overdamped",
+            of(Device { mass_kg: 1e-3, damping_n_s_per_m: 2e3, stiffness_n_per_m: 50.0, ..PAPER }),
+            opts,
+            "the record does not show the mass",
+        ),
+        ("no spring", of(Device { stiffness_n_per_m: 0.0, ..PAPER }), opts, "--no-spring"),
+        (
+            "a stop",
+            with(&|_, _, x| *x = x.min(0.03)),
+            opts,
+            "of the motion, at least 99 % are needed",
+        ),
+        (
+            "another handle",
+            Record { voltage_v: noise.voltage_v.iter().rev().copied().collect(), ..good.clone() },
+            opts,
+            "of the motion",
+        ),
+        (
+            "another encoder",
+            with(&|_, _, x| *x = (*x * 1e6).round() * 2e-6),
+            opts,
+            "moves in steps of 2 counts",
+        ),
+        (
+            "no counts",
+            with(&|row, _, x| *x += 3e-7 * row as f64),
+            opts,
+            "give the encoder's --resolution",
+        ),
+        (
+            "negative gain",
+            good.clone(),
+            Options { gain: Gain::Given(-0.59), ..opts },
+            "--gain is -0.59",
+        ),
+    ];
+    for (name, record, options, wanted) in cases {
+        let Err(error) = identify(&[record], &options) else { panic!("{name}: not refused") };
+        println!("{name}: {error}");
+        assert!(error.contains(wanted), "{name}: {error} should say {wanted}");
+    }
+    let latency_s = 1.995;
+    let error = identify(&[good.clone()], &Options { latency_s, ..opts }).unwrap_err();
+    assert!(error.contains("after the latency"), "{error}");
+    let added = Options { gain: Gain::AddedMass { mass_kg: 0.2 }, ..opts };
+    let error = identify(&[good.clone()], &added).unwrap_err();
+    assert!(error.contains("--added-mass needs two records"), "{error}");
+    let error = identify(&[good.clone(), good.clone()], &added).unwrap_err();
+    println!("same mass: {error}");
+    assert!(error.contains("does not show more mass") || error.contains("do not show the gain"));
+}
+
+/// Most of the record at rest and no noise: a constant error of up to half a count, which the intervals of white
+/// noise do not know.
+#[test]
+fn a_record_that_rests_keeps_honest_intervals() {
+    let seeds = 100;
+    let all: Vec<[[f64; 2]; 4]> = (0..seeds)
+        .into_par_iter()
+        .map(|seed| {
+            // Every place within a count, its edge too.
+            let rest_position_m = PAPER.rest_position_m + seed as f64 / seeds as f64 * RESOLUTION_M;
+            let device = Device {
+                start_position_m: rest_position_m,
+                rest_position_m,
+                stiffness_n_per_m: 400.0,
+                damping_n_s_per_m: 20.0,
+                ..PAPER
+            };
+            let case = Made { device, noise_counts: 0.0, pulses: Pulses::One, seed, ..PLAIN };
+            let found = identify(&[made(&case)], &options(&case)).unwrap();
+            assert!(found.residual.is_bound_by_quantisation());
+            assert!(found.warnings.iter().any(|warning| warning.contains("quantisation")));
+            let spring = found.spring.unwrap();
+            [
+                (found.mass_kg, device.mass_kg),
+                (found.damping_n_s_per_m, device.damping_n_s_per_m),
+                (spring.stiffness_n_per_m, device.stiffness_n_per_m),
+                (spring.rest_position_m, device.rest_position_m),
+            ]
+            .map(|(estimate, truth)| {
+                let error = (estimate.value - truth).abs();
+                [error / estimate.half_width, error / estimate.white_half_width]
+            })
+        })
+        .collect();
+    let [stated, white] = [0, 1].map(|kind| {
+        for (index, name) in NAMES.iter().enumerate() {
+            let ratios = || all.iter().map(|case| case[index][kind]);
+            let held = ratios().filter(|ratio| *ratio <= 1.0).count();
+            let kind = ["stated", "white"][kind];
+            println!(
+                "{kind}: {name} held {held} of {seeds}, median error {:.2} half-widths",
+                median(ratios())
+            );
+        }
+        let held = all.iter().flatten().filter(|ratios| ratios[kind] <= 1.0).count();
+        held as f64 / (4 * all.len()) as f64
+    });
+    println!(
+        "at rest: {:.1} % in the stated intervals, {:.1} % in those of white noise",
+        100.0 * stated,
+        100.0 * white
+    );
+    assert!(stated >= 0.9);
+    assert!(white < 0.9, "the case does not need the wider intervals");
+}
+
+#[test]
+fn the_gain_follows_from_an_added_mass() {
+    let added_kg = 0.2;
+    let all: Vec<[f64; 2]> = (0..20)
+        .into_par_iter()
+        .map(|seed| {
+            let light = Made { seed: 2 * seed, ..PLAIN };
+            let heavy = Device { mass_kg: PAPER.mass_kg + added_kg, ..PAPER };
+            let heavy = Made { device: heavy, seed: 2 * seed + 1, ..PLAIN };
+            let options =
+                Options { gain: Gain::AddedMass { mass_kg: added_kg }, ..options(&PLAIN) };
+            let found = identify(&[made(&light), made(&heavy)], &options).unwrap();
+            let gain = found.gain_n_per_v;
+            let error = (gain.value - GAIN_N_PER_V).abs();
+            assert!(judged(&found, &PAPER)[0][1] < 1e-2);
+            [error / gain.half_width, error / GAIN_N_PER_V]
+        })
+        .collect();
+    let held = all.iter().filter(|case| case[0] <= 1.0).count();
+    let largest = all.iter().map(|case| case[1]).fold(0.0, f64::max);
+    println!("gain in its interval {held} of 20, largest error {largest:.1e} relative");
+    assert!(held >= 16 && largest < 1e-4);
+}
+
+#[test]
+fn the_latency_is_found_from_a_wrong_first_value() {
+    for latency in [0.0, 0.37, 10.0, 23.6] {
+        let case = Made { latency, ..PLAIN };
+        let options = Options { fit_latency: true, latency_s: 1e-3, ..options(&case) };
+        let found = identify(&[made(&case)], &options).unwrap();
+        let error = found.latency_s.value * RATE_HZ - latency;
+        println!(
+            "latency {latency}: off by {error:+.5} +- {:.5} samples",
+            found.latency_s.half_width * RATE_HZ
+        );
+        assert!(error.abs() < 2.0 * found.latency_s.half_width * RATE_HZ);
+        assert!(judged(&found, &PAPER)[0][1] < 1e-4);
+    }
+}
+
+#[test]
+fn a_sensor_that_rounds_and_one_without_counts_have_no_offset() {
+    let rounded = Made { rounding: Rounding::Round, ..PLAIN };
+    let found = identify(&[made(&rounded)], &options(&rounded)).unwrap();
+    assert!(judged(&found, &PAPER).iter().all(|one| one[0] < 2.0));
+    // The offset itself: half a count of the rest position, which is known fifty times better.
+    let wrong = Options { rounding: Rounding::Floor, ..options(&rounded) };
+    let off = identify(&[made(&rounded)], &wrong).unwrap().spring.unwrap().rest_position_m;
+    let own = found.spring.unwrap().rest_position_m;
+    assert!(((off.value - own.value) / RESOLUTION_M - 0.5).abs() < 1e-3);
+    assert!(own.half_width < 0.1 * RESOLUTION_M);
 }

@@ -267,7 +267,7 @@ struct Row {
 impl Row {
     /// Name, value, and the interval to two digits of its width.
     fn text(&self) -> String {
-        let Self { name, unit, estimate: Estimate { value, half_width } } = self;
+        let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
         if *half_width == 0.0 {
             return format!("{name:<14} {value} {unit} (given)");
         }
@@ -342,10 +342,13 @@ fn table(records: &[Record], found: &Identification, options: &Options) -> Strin
     }
     let residual = &found.residual;
     let _ = write!(text, "\nresidual {:.3} um RMS", residual.rms_m * 1e6);
-    if let (Some(rms), Some(noise)) = (residual.rms_counts, residual.noise_counts) {
-        let _ = write!(text, " = {rms:.3} counts, of noise {noise:.3} counts and quantisation");
-    }
     let white = if residual.is_white() { "white" } else { "not white" };
+    if let (Some(rms), Some(noise)) = (residual.rms_counts, residual.noise_counts) {
+        let _ = write!(text, " = {rms:.3} counts");
+        if residual.is_white() || residual.is_bound_by_quantisation() {
+            let _ = write!(text, ": quantisation and noise of {noise:.3} counts");
+        }
+    }
     let _ = write!(text, "; {white} (Ljung-Box p = {:.2e})", residual.whiteness_p);
     for warning in &found.warnings {
         let _ = write!(text, "\nwarning: {warning}");
@@ -381,11 +384,14 @@ struct Interval {
     value: f64,
     low: f64,
     high: f64,
+    /// Half of the interval that white noise would give.
+    white_half_width: f64,
 }
 
 impl From<Estimate> for Interval {
     fn from(estimate: Estimate) -> Self {
-        Self { value: estimate.value, low: estimate.low(), high: estimate.high() }
+        let Estimate { value, white_half_width, .. } = estimate;
+        Self { value, low: estimate.low(), high: estimate.high(), white_half_width }
     }
 }
 
@@ -407,7 +413,6 @@ struct ResidualJson {
     autocorrelation: f64,
     bound_by_quantisation: bool,
     coherence: f64,
-    coherence_error: f64,
     peak_per_rms: f64,
 }
 
@@ -448,7 +453,6 @@ impl<'a> Json<'a> {
                 autocorrelation: residual.autocorrelation,
                 bound_by_quantisation: residual.is_bound_by_quantisation(),
                 coherence: residual.coherence,
-                coherence_error: residual.coherence_error,
                 peak_per_rms: residual.peak_per_rms,
             },
             widening: found.widening,

@@ -97,6 +97,20 @@ pub(super) fn explains(rms_m: f64, motion_rms_m: f64) -> Result<(), String> {
     ))
 }
 
+/// Why no mass can be found that the voltage accelerates; `explained` is what a device without a mass explains.
+pub(super) fn not_driven(explained: Option<f64>) -> String {
+    match explained {
+        Some(explained) if explained >= EXPLAINED_MIN => format!(
+            "the record does not show the mass: a device without one explains {:.2} % of the motion; damping hides it, \
+             so sample faster or change the voltage faster",
+            100.0 * explained
+        ),
+        _ => "the handle does not accelerate with the voltage: no force acts, its sign is reversed, or something else \
+              moves the handle"
+            .into(),
+    }
+}
+
 /// Refuses estimates that the record does not hold; answers with warnings. `seconds` is the longest record's length.
 pub(super) fn after(found: &Estimates, seconds: f64) -> Result<Vec<String>, String> {
     let mut warnings = vec![];

@@ -35,9 +35,16 @@ pub struct Estimate {
     pub value: f64,
     /// Half of the interval.
     pub half_width: f64,
+    /// Half of the interval that white noise of the residual's RMS would give; never more than the stated one.
+    pub white_half_width: f64,
 }
 
 impl Estimate {
+    /// A value that was given: without an interval.
+    pub fn given(value: f64) -> Self {
+        Self { value, half_width: 0.0, white_half_width: 0.0 }
+    }
+
     /// Lower end of the interval.
     pub fn low(&self) -> f64 {
         self.value - self.half_width
@@ -87,20 +94,20 @@ pub(super) fn estimates(
         .map_err(|error| format!("no intervals: {error}"))?
         .inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
     let mut widening: f64 = 1.0;
-    let mut deviations = vec![];
+    let mut half_widths = vec![];
     for column in influence.column_iter() {
         let column: Vec<f64> = column.iter().copied().collect();
         let white = variance * column.iter().map(|q| q * q).sum::<f64>();
         let larger = modelled(&column, pieces, residual, variance).max(robust(&column, pieces));
         let stated = larger.max(white);
         widening = widening.max((stated / white).sqrt());
-        deviations.push(stated.sqrt());
+        half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
     }
     let values = &solution.values;
-    let mut half_widths = deviations.iter().map(|deviation| quantile * deviation);
+    let mut half_widths = half_widths.into_iter();
     let mut next = |value: f64| {
-        let half_width = half_widths.next().unwrap_or(f64::INFINITY);
-        Estimate { value, half_width }
+        let [half_width, white_half_width] = half_widths.next().unwrap_or([f64::INFINITY; 2]);
+        Estimate { value, half_width, white_half_width }
     };
     let [stiffness, constant] = layout.spring_of(values);
     // In the order of the columns of `influence`.
@@ -196,7 +203,7 @@ fn modelled(column: &[f64], pieces: &[Piece<'_>], residual: &Residual, variance:
     if residual.rms_counts.is_none() {
         return variance * squares;
     }
-    let power = |h: u32| residual.harmonic(h).powi(2) / (2.0 * PI * PI * f64::from(h * h));
+    let power = |h: u32| residual.harmonic_squared(h) / (2.0 * PI * PI * f64::from(h * h));
     let kept = (1..=HARMONICS).take_while(|h| power(*h) > 1e-9);
     let harmonics: Vec<f64> = kept.map(power).collect();
     let sawtooth: f64 = harmonics.iter().sum();

@@ -220,12 +220,14 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     // At the limit of rounding the solver says so instead of `converged`: it is the minimum all the same.
     let done = report.termination.was_successful()
         || matches!(report.termination, TerminationReason::NoImprovementPossible(_));
-    if !done {
-        return Err(format!("no fit: the solver ended with {:?}", report.termination));
-    }
-    let (Some(residual), Some(jacobian)) = (problem.residuals(), problem.jacobian()) else {
-        return Err("no fit: the model is not finite at the solution".into());
+    let hopeless = || {
+        "no mass, damping and stiffness describe this record: something else moved or held the handle".to_owned()
     };
+    if !done {
+        return Err(hopeless());
+    }
+    let residual = problem.residuals().ok_or_else(hopeless)?;
+    let jacobian = problem.jacobian().ok_or_else(hopeless)?;
     let evaluations = report.number_of_evaluations;
     Ok(Solution { values: problem.values, residual_m: -residual, jacobian, evaluations })
 }

@@ -192,11 +192,8 @@ fn first_values(
         let guess = guess::guess(record, positions_m, *first, latency)
             .ok_or_else(|| of(record, "the equation of motion has no solution for this record"))?;
         if guess.gain <= 0.0 {
-            return Err(of(
-                record,
-                "the handle does not accelerate with the voltage: no force acts, its sign is reversed, or something \
-                 else moves the handle",
-            ));
+            let alone = guess::without_mass(record, positions_m, *first, latency);
+            return Err(of(record, &checks::not_driven(alone)));
         }
         guesses.push(guess);
     }
@@ -289,7 +286,6 @@ fn conclude(
         }
     }
     warnings.extend(of_residual(&residual, found.widening));
-    let known = |value: f64| Estimate { value, half_width: 0.0 };
     Ok(Identification {
         mass_kg: found.mass,
         damping_n_s_per_m: found.damping,
@@ -297,8 +293,10 @@ fn conclude(
             stiffness_n_per_m,
             rest_position_m: Estimate { value: rest.value + reference_m, ..rest },
         }),
-        gain_n_per_v: found.gain.unwrap_or_else(|| known(layout.gain_of(&solution.values))),
-        latency_s: found.latency.unwrap_or_else(|| known(options.latency_s)),
+        gain_n_per_v: found
+            .gain
+            .unwrap_or_else(|| Estimate::given(layout.gain_of(&solution.values))),
+        latency_s: found.latency.unwrap_or_else(|| Estimate::given(options.latency_s)),
         fits,
         residual,
         widening: found.widening,

@@ -6,7 +6,10 @@
 //! ```
 //! Gaussian noise of s counts before the quantiser turns harmonic h into a share `a^(h^2)` of it,
 //! `a = exp(-2 pi^2 s^2)`, and makes the rest white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4
-//! and 19). a, the coherence, is measured: it is the residual's part along the first harmonic.
+//! and 19). a, the coherence, is measured: it is the residual's part along the first harmonic, taken block by block
+//! because the fit follows the sawtooth where the handle rests and is then a slowly varying part of a count off
+//! elsewhere. Even and odd rows of a block see the same sawtooth and independent noise, so the mean of the product
+//! of their amplitudes is a^2 without a bias.
 //! A residual that keeps its sawtooth is bound by quantisation and is not white, though the model is right.
 
 use std::f64::consts::{PI, TAU};
@@ -19,11 +22,13 @@ const LAGS: usize = 20;
 const WHITE_P: f64 = 1e-3;
 /// Rows where the position moves by less, in counts per row, tell nothing about the coherence.
 const MOVING: f64 = 0.05;
-/// Fewest moving rows from which the coherence is measured; with fewer it is taken as 1.
-const FEWEST_MOVING: usize = 200;
+/// Rows of a block over which the model's own error is taken as constant.
+const BLOCK: usize = 128;
+/// Fewest blocks in motion from which the coherence is measured; with fewer it is taken as 1.
+const FEWEST_BLOCKS: usize = 4;
 /// From this coherence on the residual counts as bound by quantisation: noise below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// Standard errors by which the coherence must differ from 0 to be called so.
+/// Standard errors by which the squared coherence must differ from 0 to be called so.
 const CERTAIN: f64 = 4.0;
 /// Harmonics of the sawtooth.
 pub(super) const HARMONICS: u32 = 64;
@@ -47,8 +52,8 @@ pub struct Residual {
     pub noise_counts: Option<f64>,
     /// Part of the sawtooth that is left, 0 (noise hides it) to 1 (no noise).
     pub coherence: f64,
-    /// Its standard error.
-    pub coherence_error: f64,
+    /// Standard error of its square.
+    pub coherence_squared_error: f64,
     /// p-value of the Ljung-Box test over 20 lags: small if the residual is not white.
     pub whiteness_p: f64,
     /// Lag-1 autocorrelation.
@@ -72,13 +77,14 @@ impl Residual {
         let statistic = rows * (rows + 2.0) * ljung_box.sum::<f64>();
         let whiteness_p =
             ChiSquared::new(LAGS as f64).map_or(0.0, |distribution| distribution.sf(statistic));
-        let (coherence, coherence_error) = if counts { coherence(pieces, rms) } else { (0.0, 0.0) };
+        let (squared, coherence_squared_error) =
+            if counts { coherence_squared(pieces) } else { (0.0, 0.0) };
         Self {
             rms_m: rms * unit_m,
             rms_counts: counts.then_some(rms),
             noise_counts: counts.then(|| (variance - 1.0 / 12.0).max(0.0).sqrt()),
-            coherence,
-            coherence_error,
+            coherence: squared.clamp(0.0, 1.0).sqrt(),
+            coherence_squared_error,
             whiteness_p,
             autocorrelation: correlations[0],
             peak_per_rms: all().map(f64::abs).fold(0.0, f64::max) / rms.max(f64::MIN_POSITIVE),
@@ -92,12 +98,14 @@ impl Residual {
 
     /// Quantisation, not noise, makes the residual.
     pub fn is_bound_by_quantisation(&self) -> bool {
-        self.coherence >= BOUND.max(CERTAIN * self.coherence_error)
+        let squared = self.coherence.powi(2);
+        squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
     }
 
-    /// Share of harmonic h of the sawtooth; two standard errors on the safe side.
-    pub(super) fn harmonic(&self, h: u32) -> f64 {
-        (self.coherence + 2.0 * self.coherence_error).min(1.0).powi((h * h).cast_signed())
+    /// Squared share of harmonic h of the sawtooth; two standard errors on the safe side.
+    pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
+        let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
+        squared.min(1.0).powi((h * h).cast_signed())
     }
 }
 
@@ -113,25 +121,37 @@ fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
     correlations
 }
 
-/// The share of the sawtooth that is in the residual, and its standard error.
-fn coherence(pieces: &[Piece<'_>], rms: f64) -> (f64, f64) {
-    let (mut sin, mut cos, mut rows) = (0.0, 0.0, 0_usize);
+/// The squared share of the sawtooth that is in the residual, and its standard error.
+fn coherence_squared(pieces: &[Piece<'_>]) -> (f64, f64) {
+    let mut found = vec![];
     for piece in pieces {
-        let steps = piece.position.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-        for ((x, r), step) in piece.position.iter().zip(piece.residual).zip(steps) {
-            if step >= MOVING {
-                let (s, c) = (TAU * (x - x.floor())).sin_cos();
-                (sin, cos) = (sin + r * s, cos + r * c);
-                rows += 1;
+        let blocks = piece.position.chunks_exact(BLOCK).zip(piece.residual.chunks_exact(BLOCK));
+        for (position, residual) in blocks {
+            if position.windows(2).all(|pair| (pair[1] - pair[0]).abs() >= MOVING) {
+                found.push(block(position, residual));
             }
         }
     }
-    if rows < FEWEST_MOVING {
+    if found.len() < FEWEST_BLOCKS {
         return (1.0, 0.0);
     }
-    let rows = rows as f64;
-    let share = 2.0 * PI * f64::hypot(sin, cos) / rows;
-    (share.min(1.0), 2.0 * PI * rms / (2.0 * rows).sqrt())
+    let blocks = found.len() as f64;
+    let mean = found.iter().sum::<f64>() / blocks;
+    let variance = found.iter().map(|one| (one - mean).powi(2)).sum::<f64>() / (blocks - 1.0);
+    (mean, (variance / blocks).sqrt())
+}
+
+/// Product of the amplitudes of the first harmonic in the even and in the odd rows.
+fn block(position: &[f64], residual: &[f64]) -> f64 {
+    let mut sums = [[0.0; 2]; 2];
+    for (row, (x, r)) in position.iter().zip(residual).enumerate() {
+        let (s, c) = (TAU * (x - x.floor())).sin_cos();
+        let [sin, cos] = &mut sums[row % 2];
+        (*sin, *cos) = (*sin + r * s, *cos + r * c);
+    }
+    let per_half = 2.0 * PI / (0.5 * BLOCK as f64);
+    let [[sin, cos], [sin_odd, cos_odd]] = sums;
+    (sin * sin_odd + cos * cos_odd) * per_half * per_half
 }
 
 #[cfg(test)]
@@ -161,7 +181,8 @@ mod tests {
             let found = of(&residual, &position);
             let wanted: f64 = (-2.0 * PI * PI * noise * noise).exp();
             println!("noise {noise}: coherence {:.3}, theory {wanted:.3}", found.coherence);
-            assert!((found.coherence - wanted).abs() < 3.0 * found.coherence_error + 0.01);
+            let error = (found.coherence.powi(2) - wanted.powi(2)).abs();
+            assert!(error < 4.0 * found.coherence_squared_error + 0.02);
             assert!((found.noise_counts.unwrap() - noise).abs() < 0.02);
             assert_eq!(found.is_bound_by_quantisation(), noise < 0.28);
         }

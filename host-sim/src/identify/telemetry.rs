@@ -146,3 +146,96 @@ fn record(
     let rows: Vec<Row> = inside.iter().map(|sent| scale.row(sent)).collect();
     Ok(Record { may_clip: false, ..Record::even(name, &rows, place)? })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{NamedScene, Quantisation};
+    use zwidth::{
+        telemetry::{Frame, Record as Sample},
+        units::{Command, Velocity},
+    };
+
+    fn scale(output: Option<Quantisation>) -> OutputScale {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        scene.output = output;
+        OutputScale::of_scene(&scene, 1e-6).unwrap()
+    }
+
+    /// Frames of every tenth sample from 1 s on, changed by `change`.
+    fn capture(change: impl Fn(u32, &mut Sample)) -> Vec<u8> {
+        let frames = (0..200_u32).map(|sequence| {
+            let mut record = Sample {
+                sample: 10_000 + 10 * u64::from(sequence),
+                position: Position::from_counts(sequence.cast_signed() - 50),
+                velocity: Velocity::ZERO,
+                force: Force::saturating_from_bits(-(1 << 28)),
+                command: Command(2048 - 512),
+                flags: Flags::ON,
+                ..Sample::default()
+            };
+            change(sequence, &mut record);
+            Frame { sequence, record }.encode()
+        });
+        frames.flatten().collect()
+    }
+
+    fn read(bytes: &[u8], span: Span) -> Result<Record, String> {
+        from_capture("capture", bytes, &scale(None), span)
+    }
+
+    #[test]
+    fn force_and_codes_become_volts() {
+        let bytes = capture(|_, _| ());
+        let record = read(&bytes, Span::default()).unwrap();
+        assert_eq!((record.len(), record.start_s, record.voltage_v[3]), (200, 1.0, -2.5));
+        assert!((record.step_s - 1e-3).abs() < 1e-12 && !record.may_clip);
+        assert!((record.position_m[0] + 50e-6).abs() < 1e-18);
+        let dac = scale(Some(Quantisation::Dac { bits: 12 }));
+        let coded = from_capture("capture", &bytes, &dac, Span::default()).unwrap();
+        assert!((coded.voltage_v[3] + 10.0 * 512.0 / 2047.0).abs() < 1e-12);
+        let csv = Capture::decode(&bytes).csv();
+        assert_eq!(from_capture_csv("capture", &csv, &dac, Span::default()).unwrap(), coded);
+    }
+
+    #[test]
+    fn a_replay_is_no_part_of_the_record() {
+        let bytes = capture(|n, record| {
+            if n < 50 {
+                (record.flags, record.sample) = (Flags::REPLAY, 3);
+            }
+        });
+        assert_eq!(read(&bytes, Span::default()).unwrap().len(), 150);
+    }
+
+    #[test]
+    fn what_is_no_record_is_refused_with_the_place() {
+        let off = capture(|n, record| {
+            if n < 20 || n == 150 {
+                record.flags = Flags::default();
+            }
+        });
+        let error = read(&off, Span::default()).unwrap_err();
+        assert!(error.contains("frame 1: the output is off at 1 s"), "{error}");
+        assert!(error.contains("--from 1.0200 --to 1.1490"), "{error}");
+        let on = Span { from_s: Some(1.02), to_s: Some(1.149) };
+        assert_eq!(read(&off, on).unwrap().len(), 130);
+
+        let dropped: Vec<u8> = capture(|_, _| ())
+            .chunks(40)
+            .enumerate()
+            .filter(|(n, _)| *n != 70)
+            .flat_map(|(_, frame)| frame.to_vec())
+            .collect();
+        let error = read(&dropped, Span::default()).unwrap_err();
+        assert!(
+            error.contains("frame 71: the time stamps are not even: from 1.069 s to 1.071 s"),
+            "{error}"
+        );
+        let reset = capture(|n, record| record.sample = 10 * u64::from(n % 120));
+        let error = read(&reset, Span::default()).unwrap_err();
+        assert!(error.contains("frame 121: time goes from"), "{error}");
+        let error = read(&[0xff, 0x5a, 0x57], Span::default()).unwrap_err();
+        assert!(error.contains("no frame of layout 1 in 3 bytes"), "{error}");
+    }
+}
