@@ -201,19 +201,32 @@ fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
 
 #[test]
 fn intervals_hold_the_truth() {
-    for (name, base, seeds) in [
-        ("two pulses, noise 0.5", PLAIN, 10),
-        ("two pulses, no noise", Made { noise_counts: 0.0, ..PLAIN }, 10),
-        ("two pulses, noise 0.1", Made { noise_counts: 0.1, ..PLAIN }, 10),
-        ("one pulse, noise 0.5", Made { pulses: Pulses::One, ..PLAIN }, 10),
-        ("train, no noise", Made { pulses: Pulses::Train, noise_counts: 0.0, ..PLAIN }, 10),
+    for (name, base) in [
+        ("two pulses, noise 0.5", PLAIN),
+        ("two pulses, no noise", Made { noise_counts: 0.0, ..PLAIN }),
     ] {
-        let coverage = campaign(name, base, seeds);
+        let coverage = campaign(name, base, 10);
         assert!(coverage >= 0.9, "{name}: {coverage}");
     }
 }
 
-/// Seconds of a record, V.
+#[test]
+#[ignore = "2750 records take two minutes; the short one runs always"]
+fn intervals_hold_the_truth_in_every_kind_of_record() {
+    let quiet = Made { noise_counts: 0.0, ..PLAIN };
+    for (name, base) in [
+        ("two pulses, noise 0.5", PLAIN),
+        ("one pulse, noise 0.5", Made { pulses: Pulses::One, ..PLAIN }),
+        ("two pulses, noise 0.1", Made { noise_counts: 0.1, ..PLAIN }),
+        ("two pulses, no noise", quiet),
+        ("train, no noise", Made { pulses: Pulses::Train, ..quiet }),
+    ] {
+        let coverage = campaign(name, base, 50);
+        assert!(coverage >= 0.93, "{name}: {coverage}");
+    }
+}
+
+/// The first seconds of a record.
 fn cut(record: &Record, seconds: f64) -> Record {
     let rows = (seconds * RATE_HZ) as usize;
     Record {
