@@ -183,7 +183,7 @@ mod tests {
             println!("noise {noise}: coherence {:.3}, theory {wanted:.3}", found.coherence);
             let error = (found.coherence.powi(2) - wanted.powi(2)).abs();
             assert!(error < 4.0 * found.coherence_squared_error + 0.02);
-            assert!((found.noise_counts.unwrap() - noise).abs() < 0.02);
+            assert!((found.noise_counts.unwrap().powi(2) - noise * noise).abs() < 0.01);
             assert_eq!(found.is_bound_by_quantisation(), noise < 0.28);
         }
     }

@@ -153,7 +153,7 @@ mod tests {
     use crate::scene::{NamedScene, Quantisation};
     use zwidth::{
         telemetry::{Frame, Record as Sample},
-        units::{Command, Velocity},
+        units::Velocity,
     };
 
     fn scale(output: Option<Quantisation>) -> OutputScale {
@@ -164,13 +164,15 @@ mod tests {
 
     /// Frames of every tenth sample from 1 s on, changed by `change`.
     fn capture(change: impl Fn(u32, &mut Sample)) -> Vec<u8> {
+        let dac = zwidth::actuator::Actuator::new(Output::Dac { bits: 12 }).unwrap();
+        let force = Force::saturating_from_bits(-(1 << 28));
         let frames = (0..200_u32).map(|sequence| {
             let mut record = Sample {
                 sample: 10_000 + 10 * u64::from(sequence),
                 position: Position::from_counts(sequence.cast_signed() - 50),
                 velocity: Velocity::ZERO,
-                force: Force::saturating_from_bits(-(1 << 28)),
-                command: Command(2048 - 512),
+                force,
+                command: dac.command(force),
                 flags: Flags::ON,
                 ..Sample::default()
             };
@@ -216,7 +218,7 @@ mod tests {
             }
         });
         let error = read(&off, Span::default()).unwrap_err();
-        assert!(error.contains("frame 1: the output is off at 1 s"), "{error}");
+        assert!(error.contains("frame 1: the output is off at 1.0000 s"), "{error}");
         assert!(error.contains("--from 1.0200 --to 1.1490"), "{error}");
         let on = Span { from_s: Some(1.02), to_s: Some(1.149) };
         assert_eq!(read(&off, on).unwrap().len(), 130);
