@@ -327,10 +327,10 @@ fn a_hopeless_record_is_refused_with_the_reason() {
         assert!(error.contains(wanted), "{name}: {error} should say {wanted}");
     }
     let latency_s = 1.995;
-    let error = identify(&[good.clone()], &Options { latency_s, ..opts }).unwrap_err();
+    let error = identify(std::slice::from_ref(&good), &Options { latency_s, ..opts }).unwrap_err();
     assert!(error.contains("after the latency"), "{error}");
     let added = Options { gain: Gain::AddedMass { mass_kg: 0.2 }, ..opts };
-    let error = identify(&[good.clone()], &added).unwrap_err();
+    let error = identify(std::slice::from_ref(&good), &added).unwrap_err();
     assert!(error.contains("--added-mass needs two records"), "{error}");
     let error = identify(&[good.clone(), good.clone()], &added).unwrap_err();
     println!("same mass: {error}");
