@@ -211,7 +211,7 @@ fn intervals_hold_the_truth() {
 }
 
 #[test]
-#[ignore = "2750 records take two minutes; the short one runs always"]
+#[ignore = "2750 records take minutes; the short one runs always"]
 fn intervals_hold_the_truth_in_every_kind_of_record() {
     let quiet = Made { noise_counts: 0.0, ..PLAIN };
     for (name, base) in [
