@@ -6,7 +6,7 @@
 //! ```
 //! Mass, damping, stiffness, rest position and the initial state of each record are fitted; the gain too where a
 //! second record has a known added mass, and the latency on demand. The error of a floor quantiser has a mean of
-//! half a count, which is taken out; what is left of it is in the intervals ([`residual`]). A record that cannot
+//! half a count, which is taken out; what is left of it is in the intervals (`residual`). A record that cannot
 //! tell is refused with the reason. `docs/identification.md` is the page for users.
 
 mod checks;
