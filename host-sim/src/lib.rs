@@ -17,6 +17,7 @@ pub mod error;
 pub mod exact;
 pub mod figure;
 pub mod integrator;
+pub mod identify;
 pub mod linear;
 pub mod manifest;
 pub mod output;

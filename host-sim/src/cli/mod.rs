@@ -2,6 +2,7 @@
 
 mod compare;
 mod hit;
+mod identify;
 mod linear;
 mod list;
 mod progress;
@@ -47,6 +48,7 @@ enum Command {
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
     Compare(compare::CompareArgs),
+    Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
 }
 
@@ -63,7 +65,7 @@ struct Common {
     #[arg(long, global = true, value_enum, default_value_t)]
     numeric: NumericArg,
     /// Folder for the results; with several scenes, one folder per scene in it
-    /// [default: zwidth-out/SCENE].
+    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace results that are there already.
@@ -150,6 +152,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
         Command::Compare(args) => compare::run(&args, &common),
+        Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
     })
 }

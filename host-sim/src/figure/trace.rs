@@ -217,7 +217,7 @@ fn draw_window<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<
 }
 
 /// Lowest and highest value; a range of one value grows, so that an axis has a length.
-fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]
     });
@@ -230,7 +230,7 @@ fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 /// First, lowest, highest and last point of each column: peaks survive.
-fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
+pub(super) fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
     let points: Vec<(i32, i32)> = points.collect();
     let columns = points.chunk_by(|a, b| a.0 / COLUMN_STEPS == b.0 / COLUMN_STEPS);
     let mut line: Vec<(i32, i32)> = columns

@@ -1,0 +1,359 @@
+//! `identify`: the parameters of a device from recorded voltage and position.
+
+mod json;
+
+use std::{
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+
+use self::json::Json;
+use super::{Common, print_json, print_text};
+use crate::{
+    error::Error,
+    figure::{self, ResponsePlot},
+    identify::{
+        self, CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span,
+    },
+    output,
+    scene::{NamedScene, Scene, ranges, refused},
+};
+
+/// Allowed `--resolution` beside 0, m, as in a scene.
+const RESOLUTION_M: std::ops::RangeInclusive<f64> = 1e-8..=1e-3;
+
+/// Identifies mass, damping, stiffness and rest position of a device from recorded voltage and position (paper,
+/// section 2.2.2), with 95 % intervals; --out SCENE.toml writes them into a scene. One record cannot tell them from
+/// the force per volt: give it as --gain, by motor and amplifier, by a weight, or add a second record with
+/// --added-mass. A record that cannot tell is refused with the reason. docs/identification.md says how to record.
+#[derive(Debug, Args)]
+pub struct IdentifyArgs {
+    /// Records: CSV with the columns time_s,voltage_v,position_m, a telemetry capture, or the CSV that `telemetry`
+    /// makes of one. Several records of one device are fitted at once.
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Scene that gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
+    #[arg(long, value_name = "SCENE", default_value = "paper-1um")]
+    base: String,
+    #[command(flatten)]
+    gain: GainArgs,
+    /// From a row's time to its voltage's effect, in samples of the base scene [default: the base scene's].
+    #[arg(long, value_name = "SAMPLES", allow_negative_numbers = true)]
+    latency: Option<f64>,
+    /// Fit the latency too, beginning with --latency.
+    #[arg(long)]
+    fit_latency: bool,
+    /// The device has no spring: stiffness 0, no rest position.
+    #[arg(long)]
+    no_spring: bool,
+    /// Size of a count, m; 0 for a sensor without counts [default: the base scene's].
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    resolution: Option<f64>,
+    /// Use the records from this time stamp on, s.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    from: Option<f64>,
+    /// Use the records up to this time stamp, s.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    to: Option<f64>,
+    /// Write voltage, measured and modelled position of the first record as CSV.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Draw measured against model of the first record (the paper's figure 4); .svg or .png.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+/// The ways to the force per volt; exactly one of them.
+#[derive(Debug, Args)]
+struct GainArgs {
+    /// Force per volt, N/V.
+    #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
+    gain: Option<f64>,
+    /// k_t of gain = k_t k_amp / r_c, N m/A.
+    #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires_all = ["amplifier_gain", "drum_radius"], conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
+    torque_constant: Option<f64>,
+    /// k_amp, A/V.
+    #[arg(
+        long,
+        value_name = "A_PER_V",
+        allow_negative_numbers = true,
+        requires = "torque_constant"
+    )]
+    amplifier_gain: Option<f64>,
+    /// r_c, m.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "torque_constant")]
+    drum_radius: Option<f64>,
+    /// Mass of a weight that the motor holds, kg: gain = mass 9.80665 m/s^2 / voltage.
+    #[arg(
+        long,
+        value_name = "KG",
+        allow_negative_numbers = true,
+        requires = "calibration_voltage",
+        conflicts_with = "added_mass"
+    )]
+    calibration_mass: Option<f64>,
+    /// Voltage that holds that weight still, V.
+    #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "calibration_mass")]
+    calibration_voltage: Option<f64>,
+    /// The second record was made with this much mass added to the device, kg: the gain is identified too.
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    added_mass: Option<f64>,
+}
+
+impl GainArgs {
+    fn source(&self) -> Result<Gain, Error> {
+        let Self { gain, torque_constant, amplifier_gain, drum_radius, .. } = *self;
+        let Self { calibration_mass, calibration_voltage, added_mass, .. } = *self;
+        if let Some(gain) = gain {
+            return Ok(Gain::Given(gain));
+        }
+        if let (Some(torque_constant_n_m_per_a), Some(amplifier_a_per_v), Some(drum_radius_m)) =
+            (torque_constant, amplifier_gain, drum_radius)
+        {
+            return Ok(Gain::Motor { torque_constant_n_m_per_a, amplifier_a_per_v, drum_radius_m });
+        }
+        if let (Some(mass_kg), Some(voltage_v)) = (calibration_mass, calibration_voltage) {
+            return Ok(Gain::Weight { mass_kg, voltage_v });
+        }
+        added_mass.map(|mass_kg| Gain::AddedMass { mass_kg }).ok_or_else(|| {
+            Error::Input(
+                "the force per volt is not given, and one record shows mass, damping and stiffness only in terms of it: \
+                 give --gain, or --torque-constant, --amplifier-gain and --drum-radius, or --calibration-mass and \
+                 --calibration-voltage, or a second record with --added-mass"
+                    .into(),
+            )
+        })
+    }
+}
+
+pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
+    let gain = args.gain.source()?;
+    let base = NamedScene::load(&args.base)?;
+    for path in [&args.csv, &args.plot, &common.out].into_iter().flatten() {
+        output::refuse_existing(path, common.force)?;
+    }
+    if let Some(path) = &args.plot {
+        output::refuse_ending(path)?;
+    }
+    let options = options(args, &base.scene, gain)?;
+    let records: Result<Vec<Record>, Error> =
+        args.logs.iter().map(|log| read(log, args, &base.scene, &options)).collect();
+    let records = records?;
+    let found = identify::identify(&records, &options).map_err(Error::Input)?;
+    let scene = scene(&base.scene, &found, &options, args);
+    let checked = scene.check().map_err(|error| {
+        Error::Input(format!("{}: with the identified device {error}", args.base))
+    });
+    if let Some(path) = &common.out {
+        checked?;
+        let text = scene_text(&scene, &found, &options, &records)?;
+        output::write_file(path, text.as_bytes(), common.force)?;
+    }
+    if let Some(path) = &args.csv {
+        output::write_file(path, csv(&records[0], &found).as_bytes(), common.force)?;
+    }
+    if let Some(path) = &args.plot {
+        let figure = draw(&records[0], &found)?;
+        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
+    }
+    if common.json {
+        return print_json(&Json::new(&records, &found, &options, &scene));
+    }
+    print_text(&table(&records, &found, &options))
+}
+
+fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Error> {
+    let mut options = Options::of_scene(scene, gain);
+    options.fit_latency = args.fit_latency;
+    options.spring = !args.no_spring;
+    if let Some(latency) = args.latency {
+        within("--latency", latency, ranges::LATENCY)?;
+        options.latency_s = latency / scene.control.rate_hz;
+    }
+    if let Some(resolution_m) = args.resolution {
+        if resolution_m != 0.0 {
+            within("--resolution", resolution_m, RESOLUTION_M)?;
+        }
+        options.resolution_m = resolution_m;
+    }
+    for (option, time_s) in [("--from", args.from), ("--to", args.to)] {
+        within(option, time_s.unwrap_or(0.0), -1e9..=1e9)?;
+    }
+    // Refuses it before any record is read.
+    options.gain.known_n_per_v().map_err(Error::Input)?;
+    Ok(options)
+}
+
+fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), Error> {
+    if range.contains(&value) { Ok(()) } else { Err(Error::Input(refused(key, value, &range))) }
+}
+
+/// A record from a file of any of the accepted forms.
+fn read(
+    path: &Path,
+    args: &IdentifyArgs,
+    scene: &Scene,
+    options: &Options,
+) -> Result<Record, Error> {
+    let name = path.display().to_string();
+    let bytes =
+        fs::read(path).map_err(|error| Error::Input(format!("{name} cannot be read: {error}")))?;
+    let span = Span { from_s: args.from, to_s: args.to };
+    let scale = OutputScale::of_scene(scene, options.resolution_m)
+        .map_err(|error| Error::Input(error).of(&args.base))?;
+    let telemetry = |header: &str| header.contains("position_counts");
+    let record = match std::str::from_utf8(&bytes) {
+        Ok(text) if text.lines().next().is_some_and(telemetry) => {
+            identify::from_capture_csv(&name, text, &scale, span)
+        }
+        Ok(text) => Record::from_csv(&name, text, span),
+        Err(_) => identify::from_capture(&name, &bytes, &scale, span),
+    };
+    record.map_err(|error| Error::Input(error).of(&name))
+}
+
+/// The base scene with what was identified.
+fn scene(base: &Scene, found: &Identification, options: &Options, args: &IdentifyArgs) -> Scene {
+    let mut scene = base.clone();
+    scene.device.mass_kg = found.mass_kg.value;
+    scene.device.damping_n_s_per_m = found.damping_n_s_per_m.value.max(0.0);
+    scene.device.stiffness_n_per_m = 0.0;
+    if let Some(spring) = &found.spring {
+        scene.device.stiffness_n_per_m = spring.stiffness_n_per_m.value;
+        scene.device.rest_position_m = spring.rest_position_m.value;
+    }
+    scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
+    if args.latency.is_some() || args.fit_latency {
+        scene.actuator.latency = (found.latency_s.value * scene.control.rate_hz).max(0.0);
+    }
+    if options.resolution_m > 0.0 {
+        scene.encoder.resolution_m = options.resolution_m;
+    }
+    scene
+}
+
+fn scene_text(
+    scene: &Scene,
+    found: &Identification,
+    options: &Options,
+    records: &[Record],
+) -> Result<String, Error> {
+    let tables = toml::to_string(scene)
+        .map_err(|error| Error::Internal(format!("cannot write the scene: {error}")))?;
+    let mut text = format!("# Identified by `cargo sim identify` from {}.\n", of_records(records));
+    for row in rows(found, options) {
+        let _ = writeln!(text, "# {}", row.text());
+    }
+    for warning in &found.warnings {
+        let _ = writeln!(text, "# Warning: {warning}.");
+    }
+    Ok(format!("{text}\n{tables}"))
+}
+
+/// Names of the records on one line.
+fn of_records(records: &[Record]) -> String {
+    let names = records.iter().map(|record| record.name.replace(char::is_control, " "));
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// A parameter as a reader sees it.
+struct Row {
+    name: &'static str,
+    unit: &'static str,
+    estimate: Estimate,
+}
+
+impl Row {
+    /// Name, value, and the interval to two digits of its width.
+    fn text(&self) -> String {
+        let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
+        if *half_width == 0.0 {
+            return format!("{name:<14} {value} {unit} (given)");
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let decimals = (1.0 - half_width.log10().floor()).clamp(0.0, 12.0) as usize;
+        format!("{name:<14} {value:.decimals$} +- {half_width:.decimals$} {unit}")
+    }
+}
+
+fn rows(found: &Identification, options: &Options) -> Vec<Row> {
+    let row = |name, unit, estimate| Row { name, unit, estimate };
+    let mut rows =
+        vec![row("mass", "kg", found.mass_kg), row("damping", "N s/m", found.damping_n_s_per_m)];
+    if let Some(spring) = &found.spring {
+        rows.push(row("stiffness", "N/m", spring.stiffness_n_per_m));
+        rows.push(row("rest position", "m", spring.rest_position_m));
+    }
+    rows.push(row("gain", "N/V", found.gain_n_per_v));
+    if options.fit_latency {
+        rows.push(row("latency", "s", found.latency_s));
+    }
+    rows
+}
+
+fn csv(record: &Record, found: &Identification) -> String {
+    let mut text = String::from("time_s,voltage_v,position_m,model_m,residual_m\n");
+    let fit = &found.fits[0];
+    for (index, (model_m, residual_m)) in fit.model_m.iter().zip(&fit.residual_m).enumerate() {
+        let row = fit.first + index;
+        let (volts, position_m) = (record.voltage_v[row], record.position_m[row]);
+        let _ = writeln!(
+            text,
+            "{:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}",
+            record.time_s(row)
+        );
+    }
+    text
+}
+
+fn draw(record: &Record, found: &Identification) -> Result<figure::Figure, Error> {
+    let fit = &found.fits[0];
+    let spring = found.spring.as_ref().map_or("no spring".to_owned(), |spring| {
+        let (k, x0) = (spring.stiffness_n_per_m.value, spring.rest_position_m.value);
+        format!("k = {k:.4} N/m, x0 = {x0:.4} m")
+    });
+    let stem = Path::new(&record.name).file_stem().unwrap_or_default().to_string_lossy();
+    figure::pulse_response(&ResponsePlot {
+        title: format!("Measured response and identified model, {stem}"),
+        subtitle: format!(
+            "m = {:.4} kg, b = {:.4} N s/m, {spring}; residual {:.2} µm RMS",
+            found.mass_kg.value,
+            found.damping_n_s_per_m.value,
+            found.residual.rms_m * 1e6
+        ),
+        start_s: record.start_s,
+        step_s: record.step_s,
+        voltage_v: record.voltage_v.clone(),
+        measured_m: record.position_m.clone(),
+        first: fit.first,
+        model_m: fit.model_m.clone(),
+        residual_m: fit.residual_m.clone(),
+    })
+    .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
+}
+
+fn table(records: &[Record], found: &Identification, options: &Options) -> String {
+    let count: usize = found.fits.iter().map(|fit| fit.model_m.len()).sum();
+    let percent = CONFIDENCE * 100.0;
+    let mut text = format!("{}: {count} rows, {percent} % intervals", of_records(records));
+    for row in rows(found, options) {
+        let _ = write!(text, "\n  {}", row.text());
+    }
+    let residual = &found.residual;
+    let _ = write!(text, "\nresidual {:.3} um RMS", residual.rms_m * 1e6);
+    let white = if residual.is_white() { "white" } else { "not white" };
+    if let (Some(rms), Some(noise)) = (residual.rms_counts, residual.noise_counts) {
+        let _ = write!(text, " = {rms:.3} counts");
+        if residual.is_white() || residual.is_bound_by_quantisation() {
+            let _ = write!(text, ": quantisation and noise of {noise:.3} counts");
+        }
+    }
+    let _ = write!(text, "; {white} (Ljung-Box p = {:.2e})", residual.whiteness_p);
+    for warning in &found.warnings {
+        let _ = write!(text, "\nwarning: {warning}");
+    }
+    text
+}

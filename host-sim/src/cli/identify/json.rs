@@ -1,0 +1,116 @@
+//! The JSON object of `identify`.
+
+use serde::Serialize;
+
+use crate::{
+    cli::SCHEMA_VERSION,
+    identify::{CONFIDENCE, Estimate, Identification, Options, Record},
+    scene::Scene,
+};
+
+/// All of it; docs/files.md has the keys.
+#[derive(Serialize)]
+pub(super) struct Json<'a> {
+    schema_version: u32,
+    command: &'static str,
+    logs: Vec<&'a str>,
+    rows: usize,
+    step_s: f64,
+    confidence: f64,
+    gain_source: &'static str,
+    mass_kg: Interval,
+    damping_n_s_per_m: Interval,
+    stiffness_n_per_m: Option<Interval>,
+    rest_position_m: Option<Interval>,
+    gain_n_per_v: Interval,
+    latency_s: Interval,
+    initial: Vec<Initial>,
+    residual: ResidualJson,
+    widening: f64,
+    warnings: &'a [String],
+    scene: &'a Scene,
+}
+
+/// A value and its interval; both ends are the value where it was given.
+#[derive(Serialize)]
+struct Interval {
+    value: f64,
+    low: f64,
+    high: f64,
+    /// Half of the interval that white noise would give.
+    white_half_width: f64,
+}
+
+impl From<Estimate> for Interval {
+    fn from(estimate: Estimate) -> Self {
+        let Estimate { value, white_half_width, .. } = estimate;
+        Self { value, low: estimate.low(), high: estimate.high(), white_half_width }
+    }
+}
+
+/// State of a record at its first fitted row.
+#[derive(Serialize)]
+struct Initial {
+    time_s: f64,
+    position_m: f64,
+    speed_m_per_s: f64,
+}
+
+#[derive(Serialize)]
+struct ResidualJson {
+    rms_m: f64,
+    rms_counts: Option<f64>,
+    noise_counts: Option<f64>,
+    white: bool,
+    whiteness_p: f64,
+    autocorrelation: f64,
+    bound_by_quantisation: bool,
+    coherence: f64,
+    peak_per_rms: f64,
+}
+
+impl<'a> Json<'a> {
+    pub(super) fn new(
+        records: &'a [Record],
+        found: &'a Identification,
+        options: &Options,
+        scene: &'a Scene,
+    ) -> Self {
+        let residual = &found.residual;
+        let initial = records.iter().zip(&found.fits).map(|(record, fit)| Initial {
+            time_s: record.time_s(fit.first),
+            position_m: fit.position_m,
+            speed_m_per_s: fit.speed_m_per_s,
+        });
+        Self {
+            schema_version: SCHEMA_VERSION,
+            command: "identify",
+            logs: records.iter().map(|record| record.name.as_str()).collect(),
+            rows: found.fits.iter().map(|fit| fit.model_m.len()).sum(),
+            step_s: records[0].step_s,
+            confidence: CONFIDENCE,
+            gain_source: options.gain.source(),
+            mass_kg: found.mass_kg.into(),
+            damping_n_s_per_m: found.damping_n_s_per_m.into(),
+            stiffness_n_per_m: found.spring.map(|spring| spring.stiffness_n_per_m.into()),
+            rest_position_m: found.spring.map(|spring| spring.rest_position_m.into()),
+            gain_n_per_v: found.gain_n_per_v.into(),
+            latency_s: found.latency_s.into(),
+            initial: initial.collect(),
+            residual: ResidualJson {
+                rms_m: residual.rms_m,
+                rms_counts: residual.rms_counts,
+                noise_counts: residual.noise_counts,
+                white: residual.is_white(),
+                whiteness_p: residual.whiteness_p,
+                autocorrelation: residual.autocorrelation,
+                bound_by_quantisation: residual.is_bound_by_quantisation(),
+                coherence: residual.coherence,
+                peak_per_rms: residual.peak_per_rms,
+            },
+            widening: found.widening,
+            warnings: &found.warnings,
+            scene,
+        }
+    }
+}

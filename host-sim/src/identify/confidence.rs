@@ -1,0 +1,311 @@
+//! How far the parameters can be trusted: 95 % intervals from what the residual is made of.
+//!
+//! At the solution a small error e of the positions moves an estimate by `sum of q(n) e(n)`, q = its row of
+//! `(J' J)^-1 J'`. The variance of that sum is computed in two ways, and the larger one is stated:
+//!
+//! 1. From the model of the error: white noise of the residual's variance, less its sawtooth, and the sawtooth of
+//!    the quantiser (see `residual`). Over a random start within a count two samples of the sawtooth, at x and y,
+//!    have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so that
+//!    `variance = s^2 sum q^2 + sum over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`.
+//!    At rest it is what a constant error of 1/sqrt(12) count does, in motion that of white noise.
+//! 2. From the residual as it is, whatever its colour: Newey and West, Econometrica 55 (1987) 703, with the
+//!    bandwidth of Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ContinuousCDF as _, StudentsT};
+
+use super::{
+    fit::{DAMPING, Layout, MASS, Solution},
+    residual::{HARMONICS, Piece, Residual},
+};
+
+/// Probability that an interval holds the true value.
+pub const CONFIDENCE: f64 = 0.95;
+/// Scaled derivatives with a larger condition leave no digits to tell the parameters apart.
+const CONDITION_MAX: f64 = 1e8;
+/// Parameters of the weakest direction are named from this part of the largest on.
+const NAMED_SHARE: f64 = 0.3;
+
+/// A value and its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Best value.
+    pub value: f64,
+    /// Half of the interval.
+    pub half_width: f64,
+    /// Half of the interval that white noise of the residual's RMS would give; never more than the stated one.
+    pub white_half_width: f64,
+}
+
+impl Estimate {
+    /// A value that was given: without an interval.
+    pub fn given(value: f64) -> Self {
+        Self { value, half_width: 0.0, white_half_width: 0.0 }
+    }
+
+    /// Lower end of the interval.
+    pub fn low(&self) -> f64 {
+        self.value - self.half_width
+    }
+
+    /// Upper end of the interval.
+    pub fn high(&self) -> f64 {
+        self.value + self.half_width
+    }
+
+    /// The interval holds this value.
+    pub fn holds(&self, value: f64) -> bool {
+        (value - self.value).abs() <= self.half_width
+    }
+}
+
+/// All estimates of a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Estimates {
+    pub mass: Estimate,
+    pub damping: Estimate,
+    /// Stiffness, and rest position from the reference.
+    pub spring: Option<[Estimate; 2]>,
+    pub gain: Option<Estimate>,
+    pub latency: Option<Estimate>,
+    /// Largest ratio of a stated interval to the one that white noise would give.
+    pub widening: f64,
+}
+
+/// The estimates of a solution; `unit_m` is what residuals and positions of `pieces` are counted in.
+///
+/// # Errors
+/// The record cannot tell parameters apart: which.
+pub(super) fn estimates(
+    solution: &Solution,
+    layout: &Layout,
+    pieces: &[Piece<'_>],
+    residual: &Residual,
+    unit_m: f64,
+) -> Result<Estimates, String> {
+    let influence = influence(solution, layout, unit_m)?;
+    let rows = influence.nrows() as f64;
+    let freedom = rows - solution.values.len() as f64;
+    let variance =
+        pieces.iter().flat_map(|piece| piece.residual).map(|r| r * r).sum::<f64>() / freedom;
+    let quantile = StudentsT::new(0.0, 1.0, freedom)
+        .map_err(|error| format!("no intervals: {error}"))?
+        .inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
+    let mut widening: f64 = 1.0;
+    let mut half_widths = vec![];
+    for column in influence.column_iter() {
+        let column: Vec<f64> = column.iter().copied().collect();
+        let white = variance * column.iter().map(|q| q * q).sum::<f64>();
+        let larger = modelled(&column, pieces, residual, variance).max(robust(&column, pieces));
+        let stated = larger.max(white);
+        widening = widening.max((stated / white).sqrt());
+        half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
+    }
+    let values = &solution.values;
+    let mut half_widths = half_widths.into_iter();
+    let mut next = |value: f64| {
+        let [half_width, white_half_width] = half_widths.next().unwrap_or([f64::INFINITY; 2]);
+        Estimate { value, half_width, white_half_width }
+    };
+    let [stiffness, constant] = layout.spring_of(values);
+    // In the order of the columns of `influence`.
+    Ok(Estimates {
+        mass: next(values[MASS]),
+        damping: next(values[DAMPING]),
+        spring: layout.spring.then(|| [next(stiffness), next(constant / stiffness)]),
+        gain: layout.gain_place().map(|place| next(values[place])),
+        latency: layout.latency_place().map(|place| next(values[place])),
+        widening,
+    })
+}
+
+/// What a position error of one unit at each row does to each estimate.
+fn influence(solution: &Solution, layout: &Layout, unit_m: f64) -> Result<DMatrix<f64>, String> {
+    let count = solution.values.len();
+    let mut jacobian = solution.jacobian.clone();
+    let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
+    if let Some(place) = scales.iter().position(|scale| *scale == 0.0) {
+        return Err(format!("the record does not depend on {}", names(layout, count)[place]));
+    }
+    for (mut column, scale) in jacobian.column_iter_mut().zip(&scales) {
+        column.unscale_mut(*scale);
+    }
+    let triangle = jacobian.clone().qr().unpack_r();
+    let svd = triangle.clone().svd(false, true);
+    let (largest, smallest) = (svd.singular_values.max(), svd.singular_values.min());
+    if smallest * CONDITION_MAX < largest || smallest.is_nan() {
+        return Err(indistinguishable(&svd, layout, count));
+    }
+    let mut outputs = unit(count, MASS, 1.0).resize_horizontally(2, 0.0);
+    outputs.set_column(1, &unit(count, DAMPING, 1.0));
+    let mut add = |column: DVector<f64>| {
+        let columns = outputs.ncols();
+        outputs.resize_horizontally_mut(columns + 1, 0.0);
+        outputs.set_column(columns, &column);
+    };
+    if let Some(place) = layout.spring_place() {
+        let [k, c] = layout.spring_of(&solution.values);
+        add(unit(count, place, 1.0));
+        add(unit(count, place, -c / (k * k)) + unit(count, place + 1, 1.0 / k));
+    }
+    for place in [layout.gain_place(), layout.latency_place()].into_iter().flatten() {
+        add(unit(count, place, 1.0));
+    }
+    for (mut row, scale) in outputs.row_iter_mut().zip(&scales) {
+        row.unscale_mut(*scale);
+    }
+    let singular = || "the record cannot tell the parameters apart".to_owned();
+    let half = triangle.transpose().solve_lower_triangular(&outputs).ok_or_else(singular)?;
+    let inner = triangle.solve_upper_triangular(&half).ok_or_else(singular)?;
+    Ok(jacobian * inner * unit_m)
+}
+
+fn unit(count: usize, place: usize, value: f64) -> DVector<f64> {
+    DVector::from_fn(count, |row, _| if row == place { value } else { 0.0 })
+}
+
+/// Names the parameters along the direction that the record shows least.
+fn indistinguishable(
+    svd: &nalgebra::SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
+    layout: &Layout,
+    count: usize,
+) -> String {
+    let weakest = svd.v_t.as_ref().map(|v_t| v_t.row(svd.singular_values.imin()).transpose());
+    let weakest: DVector<f64> = weakest.unwrap_or_else(|| DVector::zeros(count));
+    let largest = weakest.amax();
+    let all = names(layout, count);
+    let named = weakest.iter().zip(&all).filter(|(part, _)| part.abs() >= NAMED_SHARE * largest);
+    let named: Vec<&str> = named.map(|(_, name)| *name).collect();
+    format!(
+        "the record cannot tell {} apart: they change the response in the same way",
+        named.join(", ")
+    )
+}
+
+fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
+    let mut names = vec!["mass", "damping"];
+    if layout.spring {
+        names.extend(["stiffness", "rest position"]);
+    }
+    names.extend(layout.gain_place().map(|_| "force gain"));
+    names.extend(layout.latency_place().map(|_| "latency"));
+    while names.len() < count {
+        names.extend(["first position", "first speed"]);
+    }
+    names
+}
+
+/// Variance of the estimate under white noise and the quantiser's sawtooth, residuals in counts.
+fn modelled(column: &[f64], pieces: &[Piece<'_>], residual: &Residual, variance: f64) -> f64 {
+    let squares: f64 = column.iter().map(|q| q * q).sum();
+    if residual.rms_counts.is_none() {
+        return variance * squares;
+    }
+    let power = |h: u32| residual.harmonic_squared(h) / (2.0 * PI * PI * f64::from(h * h));
+    let kept = (1..=HARMONICS).take_while(|h| power(*h) > 1e-9);
+    let harmonics: Vec<f64> = kept.map(power).collect();
+    let sawtooth: f64 = harmonics.iter().sum();
+    let mut total = (variance - sawtooth).max(0.0) * squares;
+    let mut rest = column;
+    for piece in pieces {
+        let (own, others) = rest.split_at(piece.position.len());
+        rest = others;
+        let mut sums = vec![[0.0; 2]; harmonics.len()];
+        for (q, x) in own.iter().zip(piece.position) {
+            let (s, c) = (TAU * (x - x.floor())).sin_cos();
+            let (mut re, mut im) = (*q, 0.0);
+            for sum in &mut sums {
+                (re, im) = (re * c - im * s, re * s + im * c);
+                *sum = [sum[0] + re, sum[1] + im];
+            }
+        }
+        let powers = sums.iter().map(|[re, im]| re * re + im * im);
+        total += powers.zip(&harmonics).map(|(sum, power)| sum * power).sum::<f64>();
+    }
+    total
+}
+
+/// Variance of the estimate from the residual itself, with its correlation in time.
+fn robust(column: &[f64], pieces: &[Piece<'_>]) -> f64 {
+    let mut total = 0.0;
+    let mut rest = column;
+    for piece in pieces {
+        let (own, others) = rest.split_at(piece.residual.len());
+        rest = others;
+        let scores: Vec<f64> = own.iter().zip(piece.residual).map(|(q, r)| q * r).collect();
+        total += long_run(&scores);
+    }
+    total
+}
+
+/// Newey-West variance of the sum of `scores`.
+fn long_run(scores: &[f64]) -> f64 {
+    let lagged = |lag: usize| -> f64 {
+        scores.iter().zip(scores.iter().skip(lag)).map(|(a, b)| a * b).sum()
+    };
+    let power = lagged(0);
+    if power <= 0.0 {
+        return 0.0;
+    }
+    let rho = (lagged(1) / power).clamp(-0.999, 0.999);
+    let alpha = 4.0 * rho * rho / ((1.0 - rho * rho).powi(2));
+    let rows = scores.len() as f64;
+    let bandwidth = (1.1447 * (alpha * rows).cbrt()).min(0.1 * rows);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a tenth of the rows"
+    )]
+    let lags = bandwidth.floor() as usize;
+    let weighted = (1..=lags).map(|lag| (1.0 - lag as f64 / (bandwidth + 1.0)) * lagged(lag));
+    (power + 2.0 * weighted.sum::<f64>()).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn at_rest_the_sawtooth_is_one_constant_error() {
+        let column = [0.01; 400];
+        let piece = Piece { residual: &[0.25; 400], position: &[3.25; 400] };
+        let residual = Residual::new(&[piece], 1e-6, 1e-6);
+        let variance = modelled(&column, &[piece], &residual, 1.0 / 12.0);
+        assert!((variance / (16.0 / 12.0) - 1.0).abs() < 0.02, "{variance}");
+    }
+
+    #[test]
+    fn in_motion_it_is_white_noise() {
+        let position: Vec<f64> = (0..4000).map(|n| 1e-3 * f64::from(n).powf(1.9)).collect();
+        let error: Vec<f64> = position.iter().map(|x| x.floor() + 0.5 - x).collect();
+        let piece = Piece { residual: &error, position: &position };
+        let residual = Residual::new(&[piece], 1e-6, 1e-6);
+        let column = [0.01; 4000];
+        let variance = modelled(&column, &[piece], &residual, 1.0 / 12.0);
+        let white = 4000.0 * 1e-4 / 12.0;
+        println!("in motion {variance:.4}, white {white:.4}");
+        assert!((0.9..1.6).contains(&(variance / white)));
+    }
+
+    #[test]
+    fn the_robust_variance_is_that_of_coloured_noise() {
+        use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
+        // An autoregression with r = 0.9 has a long-run variance of 1 / (1 - 0.9)^2 per row.
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(3);
+        let mut mean = 0.0;
+        for _ in 0..20 {
+            let mut value = 0.0;
+            let scores: Vec<f64> = (0..20_000)
+                .map(|_| {
+                    value = 0.9 * value + (random.random::<f64>() - 0.5) * 12f64.sqrt();
+                    value
+                })
+                .collect();
+            mean += long_run(&scores) / 20_000.0 / 20.0;
+        }
+        println!("long-run variance {mean:.1}, theory 100");
+        assert!((85.0..110.0).contains(&mean));
+    }
+}

@@ -1,0 +1,110 @@
+//! The force per volt: given, from motor and amplifier, from a weight, or from a record with an added mass.
+//!
+//! One record gives mass, damping and stiffness only per gain: the equation of motion divided by the gain is the
+//! same equation. So the gain comes from elsewhere, or from a second record in which a known mass rides along.
+
+use crate::scene::{ranges, refused};
+
+/// Standard gravity, m/s^2.
+const GRAVITY_M_PER_S2: f64 = 9.806_65;
+
+/// Where the force per volt comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Gain {
+    /// As given, N/V.
+    Given(f64),
+    /// Paper, section 2.2.2: `k_t k_amp / r_c`.
+    Motor {
+        /// Torque constant k_t, N m/A.
+        torque_constant_n_m_per_a: f64,
+        /// Amplifier gain k_amp, A/V.
+        amplifier_a_per_v: f64,
+        /// Radius of the capstan drum r_c, m.
+        drum_radius_m: f64,
+    },
+    /// The voltage that holds a hanging weight.
+    Weight {
+        /// Mass of the weight, kg.
+        mass_kg: f64,
+        /// Voltage that holds it still, V; its sign does not matter.
+        voltage_v: f64,
+    },
+    /// To be found: the second record has this much more mass.
+    AddedMass {
+        /// Mass that rides along, kg.
+        mass_kg: f64,
+    },
+}
+
+impl Gain {
+    /// Force per volt if it is known without a fit, N/V.
+    ///
+    /// # Errors
+    /// One line: the gain is out of range.
+    pub fn known_n_per_v(&self) -> Result<Option<f64>, String> {
+        let (value, what) = match *self {
+            Self::Given(value) => (value, "--gain"),
+            Self::Motor { torque_constant_n_m_per_a, amplifier_a_per_v, drum_radius_m } => (
+                torque_constant_n_m_per_a * amplifier_a_per_v / drum_radius_m,
+                "the gain of --torque-constant, --amplifier-gain and --drum-radius",
+            ),
+            Self::Weight { mass_kg, voltage_v } => (
+                mass_kg * GRAVITY_M_PER_S2 / voltage_v.abs(),
+                "the gain of --calibration-mass and --calibration-voltage",
+            ),
+            Self::AddedMass { mass_kg } => {
+                return if ranges::MASS_KG.contains(&mass_kg) {
+                    Ok(None)
+                } else {
+                    Err(refused("--added-mass", mass_kg, &ranges::MASS_KG))
+                };
+            }
+        };
+        if ranges::GAIN_N_PER_V.contains(&value) {
+            Ok(Some(value))
+        } else {
+            Err(refused(what, value, &ranges::GAIN_N_PER_V))
+        }
+    }
+
+    /// Name of the source, for reports.
+    pub fn source(&self) -> &'static str {
+        match self {
+            Self::Given(_) => "given",
+            Self::Motor { .. } => "motor",
+            Self::Weight { .. } => "weight",
+            Self::AddedMass { .. } => "added_mass",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_are_those_of_their_sources() {
+        let motor = Gain::Motor {
+            torque_constant_n_m_per_a: 0.0196,
+            amplifier_a_per_v: 0.3,
+            drum_radius_m: 0.01,
+        };
+        assert!((motor.known_n_per_v().unwrap().unwrap() - 0.588).abs() < 1e-12);
+        let weight = Gain::Weight { mass_kg: 0.2, voltage_v: -3.0 };
+        assert!((weight.known_n_per_v().unwrap().unwrap() - 0.653_776_666).abs() < 1e-8);
+        assert_eq!(Gain::AddedMass { mass_kg: 0.1 }.known_n_per_v(), Ok(None));
+    }
+
+    #[test]
+    fn impossible_gains_are_refused_by_name() {
+        for (gain, wanted) in [
+            (Gain::Given(-0.5), "--gain is -0.5"),
+            (Gain::Given(f64::NAN), "--gain is NaN"),
+            (Gain::Weight { mass_kg: 0.2, voltage_v: 0.0 }, "--calibration-voltage is inf"),
+            (Gain::AddedMass { mass_kg: -0.1 }, "--added-mass is -0.1"),
+        ] {
+            let error = gain.known_n_per_v().unwrap_err();
+            assert!(error.contains(wanted), "{error}");
+        }
+    }
+}

@@ -1,0 +1,344 @@
+//! Grey-box identification of a device from recorded voltage and position (paper, section 2.2.2).
+//!
+//! ```text
+//! Record(s) -> checks -> guess -> fit -> residual, confidence -> checks -> Identification
+//! m x'' + b x' + k (x - x0) = gain u        eq. (6); u held between rows, late by the latency
+//! ```
+//! Mass, damping, stiffness, rest position and the initial state of each record are fitted; the gain too where a
+//! second record has a known added mass, and the latency on demand. The error of a floor quantiser has a mean of
+//! half a count, which is taken out; what is left of it is in the intervals (`residual`). A record that cannot
+//! tell is refused with the reason. `docs/identification.md` is the page for users.
+
+mod checks;
+mod confidence;
+mod fit;
+mod gain;
+mod guess;
+mod model;
+mod record;
+mod residual;
+mod telemetry;
+
+pub use confidence::{CONFIDENCE, Estimate};
+pub use gain::Gain;
+pub use record::{FEWEST_ROWS, Record, Span};
+pub use residual::Residual;
+pub use telemetry::{OutputScale, from_capture, from_capture_csv};
+
+use nalgebra::DVector;
+
+use crate::scene::{Rounding, Scene};
+use fit::{DAMPING, Fitted, Layout, MASS, Problem, Solution};
+use residual::Piece;
+
+/// Extra room for a latency that is fitted, s.
+const LATENCY_ROOM_S: f64 = 0.01;
+/// A residual beyond this many RMS is an outlier: once in 10^10 rows of Gaussian noise.
+const OUTLIER: f64 = 6.5;
+/// Unit of residuals of a sensor without counts, as a part of the motion: keeps numbers near 1.
+const UNIT_SHARE: f64 = 1e-6;
+
+/// What is known beside the records.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Force per volt.
+    pub gain: Gain,
+    /// From a row's time to its voltage's effect, s; the first value if it is fitted.
+    pub latency_s: f64,
+    /// Fit the latency too.
+    pub fit_latency: bool,
+    /// The device has a spring.
+    pub spring: bool,
+    /// Size of a count, m; 0 for a sensor without counts.
+    pub resolution_m: f64,
+    /// How a position became a count.
+    pub rounding: Rounding,
+    /// Largest command, V.
+    pub limit_v: f64,
+}
+
+impl Options {
+    /// What a scene knows: latency, encoder and voltage limit.
+    pub fn of_scene(scene: &Scene, gain: Gain) -> Self {
+        Self {
+            gain,
+            latency_s: scene.actuator.latency / scene.control.rate_hz,
+            fit_latency: false,
+            spring: true,
+            resolution_m: scene.encoder.resolution_m,
+            rounding: scene.encoder.rounding,
+            limit_v: scene.actuator.limit_v,
+        }
+    }
+}
+
+/// Measured position and model of one record, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// First row of the record that was fitted.
+    pub first: usize,
+    /// Modelled position from that row on, m.
+    pub model_m: Vec<f64>,
+    /// Measured, with the quantiser's offset taken out, less modelled, m.
+    pub residual_m: Vec<f64>,
+    /// Position at the first row, m.
+    pub position_m: f64,
+    /// Speed there, m/s.
+    pub speed_m_per_s: f64,
+}
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Identification {
+    /// m, kg.
+    pub mass_kg: Estimate,
+    /// b, N s/m.
+    pub damping_n_s_per_m: Estimate,
+    /// k, N/m, and x0, m; `None` for a device without a spring.
+    pub spring: Option<Spring>,
+    /// Force per volt, N/V: without width if it was known.
+    pub gain_n_per_v: Estimate,
+    /// Latency, s: without width if it was known.
+    pub latency_s: Estimate,
+    /// Each record's fit.
+    pub fits: Vec<Fit>,
+    /// What the fit leaves.
+    pub residual: Residual,
+    /// Largest ratio of a stated interval to that of white noise.
+    pub widening: f64,
+    /// Times that the model was computed.
+    pub evaluations: usize,
+    /// What a reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// Stiffness and rest position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spring {
+    /// k, N/m.
+    pub stiffness_n_per_m: Estimate,
+    /// x0, m.
+    pub rest_position_m: Estimate,
+}
+
+/// Identifies the device of `records`. With [`Gain::AddedMass`] there are two, the second with the added mass;
+/// otherwise any number of the same device, fitted at once.
+///
+/// # Errors
+/// One line: why the records do not tell.
+pub fn identify(records: &[Record], options: &Options) -> Result<Identification, String> {
+    let added = match options.gain {
+        Gain::AddedMass { mass_kg } if records.len() == 2 => [0.0, mass_kg].to_vec(),
+        Gain::AddedMass { .. } => {
+            return Err(format!("--added-mass needs two records, not {}", records.len()));
+        }
+        _ => vec![0.0; records.len()],
+    };
+    let layout = Layout {
+        spring: options.spring,
+        gain: options.gain.known_n_per_v()?,
+        latency_s: (!options.fit_latency).then_some(options.latency_s),
+    };
+    let reference_m = records.first().map_or(0.0, mean);
+    let half_count_m = match options.rounding {
+        Rounding::Floor => 0.5 * options.resolution_m,
+        Rounding::Round => 0.0,
+    };
+    let mut fitted = vec![];
+    for (record, added_kg) in records.iter().zip(added) {
+        let first = first_row(record, options).map_err(|error| of(record, &error))?;
+        checks::before(record, first, options).map_err(|error| of(record, &error))?;
+        let positions = record.position_m.iter().map(|x| x + half_count_m - reference_m);
+        fitted.push(Fitted { record, positions_m: positions.collect(), first, added_kg });
+    }
+    let values = first_values(&fitted, &layout, options)?;
+    let solution = fit::solve(Problem { records: &fitted, layout, values })?;
+    conclude(&fitted, &layout, &solution, options, reference_m)
+}
+
+fn of(record: &Record, error: &str) -> String {
+    format!("{}: {error}", record.name)
+}
+
+fn mean(record: &Record) -> f64 {
+    record.position_m.iter().sum::<f64>() / record.len() as f64
+}
+
+/// The first row at which only commands of the record act.
+fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
+    let room_s = if options.fit_latency { options.latency_s + LATENCY_ROOM_S } else { 0.0 };
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let first = ((options.latency_s + room_s) / record.step_s - 1e-6).ceil() as usize;
+    if first.saturating_add(FEWEST_ROWS) > record.len() {
+        return Err(format!(
+            "{} rows of {} s leave fewer than {FEWEST_ROWS} after the latency of {} s",
+            record.len(),
+            record.step_s,
+            options.latency_s
+        ));
+    }
+    Ok(first)
+}
+
+/// First values of all parameters, from the records alone.
+fn first_values(
+    fitted: &[Fitted<'_>],
+    layout: &Layout,
+    options: &Options,
+) -> Result<DVector<f64>, String> {
+    let mut guesses = vec![];
+    for Fitted { record, positions_m, first, .. } in fitted {
+        let latency = options.latency_s / record.step_s;
+        let guess = guess::guess(record, positions_m, *first, latency)
+            .ok_or_else(|| of(record, "the equation of motion has no solution for this record"))?;
+        if guess.gain <= 0.0 {
+            let alone = guess::without_mass(record, positions_m, *first, latency);
+            return Err(of(record, &checks::not_driven(alone)));
+        }
+        guesses.push(guess);
+    }
+    let guess = *guesses.first().ok_or("no record")?;
+    let gain = match (layout.gain, options.gain, guesses.as_slice()) {
+        (Some(gain), ..) => gain,
+        (None, Gain::AddedMass { mass_kg }, [light, heavy])
+            if 1.0 / heavy.gain > 1.0 / light.gain =>
+        {
+            mass_kg / (1.0 / heavy.gain - 1.0 / light.gain)
+        }
+        _ => {
+            return Err("the second record does not show more mass than the first: was the mass added there?".into());
+        }
+    };
+    let mass = gain / guess.gain;
+    let mut values = DVector::zeros(layout.count(fitted.len()));
+    values[MASS] = mass;
+    values[DAMPING] = guess.d * mass;
+    if let Some(place) = layout.spring_place() {
+        values[place] = guess.w * mass;
+        values[place + 1] = guess.offset * mass;
+    }
+    if let Some(place) = layout.gain_place() {
+        values[place] = gain;
+    }
+    if let Some(place) = layout.latency_place() {
+        values[place] = options.latency_s;
+    }
+    for (index, guess) in guesses.iter().enumerate() {
+        values[layout.state_place(index)] = guess.x;
+        values[layout.state_place(index) + 1] = guess.v;
+    }
+    Ok(values)
+}
+
+/// Intervals, residual and verdict of a solution.
+fn conclude(
+    fitted: &[Fitted<'_>],
+    layout: &Layout,
+    solution: &Solution,
+    options: &Options,
+    reference_m: f64,
+) -> Result<Identification, String> {
+    let motion_m = motion(fitted);
+    let unit_m =
+        if options.resolution_m > 0.0 { options.resolution_m } else { UNIT_SHARE * motion_m };
+    // A floor quantiser's edges are the counts, a rounding one's lie between them.
+    let edge = if options.rounding == Rounding::Round { 0.5 } else { 0.0 };
+    let mut fits = vec![];
+    let mut top = 0;
+    for (index, Fitted { positions_m, first, .. }) in fitted.iter().enumerate() {
+        let measured = &positions_m[*first..];
+        let residual_m = solution.residual_m.rows(top, measured.len());
+        top += measured.len();
+        let state = layout.state_place(index);
+        fits.push(Fit {
+            first: *first,
+            model_m: measured
+                .iter()
+                .zip(residual_m.iter())
+                .map(|(x, residual)| x - residual + reference_m)
+                .collect(),
+            residual_m: residual_m.iter().copied().collect(),
+            position_m: solution.values[state] + reference_m,
+            speed_m_per_s: solution.values[state + 1],
+        });
+    }
+    let in_units = |values: &[f64], shift: f64| -> Vec<f64> {
+        values.iter().map(|value| value / unit_m + shift).collect()
+    };
+    let counted: Vec<[Vec<f64>; 2]> = fits
+        .iter()
+        .map(|fit| [in_units(&fit.residual_m, 0.0), in_units(&fit.model_m, edge)])
+        .collect();
+    let pieces: Vec<Piece<'_>> =
+        counted.iter().map(|[residual, position]| Piece { residual, position }).collect();
+    let residual = Residual::new(&pieces, options.resolution_m, unit_m);
+    checks::explains(residual.rms_m, motion_m)?;
+    let found = confidence::estimates(solution, layout, &pieces, &residual, unit_m)?;
+    let seconds = fitted.iter().map(|fitted| fitted.rows() as f64 * fitted.record.step_s);
+    let mut warnings = checks::after(&found, seconds.fold(0.0, f64::max))?;
+    if let Some(latency) = found.latency {
+        let room_s = fitted.iter().map(|fitted| fitted.first as f64 * fitted.record.step_s);
+        if latency.value > room_s.fold(f64::INFINITY, f64::min) {
+            return Err(format!(
+                "the latency is {:.4} s; begin with a --latency near it",
+                latency.value
+            ));
+        }
+    }
+    warnings.extend(of_residual(&residual, found.widening));
+    Ok(Identification {
+        mass_kg: found.mass,
+        damping_n_s_per_m: found.damping,
+        spring: found.spring.map(|[stiffness_n_per_m, rest]| Spring {
+            stiffness_n_per_m,
+            rest_position_m: Estimate { value: rest.value + reference_m, ..rest },
+        }),
+        gain_n_per_v: found
+            .gain
+            .unwrap_or_else(|| Estimate::given(layout.gain_of(&solution.values))),
+        latency_s: found.latency.unwrap_or_else(|| Estimate::given(options.latency_s)),
+        fits,
+        residual,
+        widening: found.widening,
+        evaluations: solution.evaluations,
+        warnings,
+    })
+}
+
+/// RMS of the motion about its mean, over all records.
+fn motion(fitted: &[Fitted<'_>]) -> f64 {
+    let (mut squares, mut rows) = (0.0, 0.0);
+    for Fitted { positions_m, first, .. } in fitted {
+        let positions = &positions_m[*first..];
+        let mean = positions.iter().sum::<f64>() / positions.len() as f64;
+        squares += positions.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+        rows += positions.len() as f64;
+    }
+    (squares / rows).sqrt()
+}
+
+/// What the residual says to a reader.
+fn of_residual(residual: &Residual, widening: f64) -> Vec<String> {
+    let mut warnings = vec![];
+    if residual.is_bound_by_quantisation() {
+        warnings.push(format!(
+            "quantisation, not noise, makes the residual ({:.0} % of its sawtooth is left); the intervals count with \
+             that and are up to {widening:.1} times those of white noise",
+            100.0 * residual.coherence
+        ));
+    } else if !residual.is_white() {
+        warnings.push(format!(
+            "the residual is not white (autocorrelation {:.3} from row to row, Ljung-Box p = {:.1e}): something is not \
+             modelled (friction, another latency: try --fit-latency); the intervals are up to {widening:.1} times those of white noise and still do not hold what the \
+             model lacks",
+            residual.autocorrelation, residual.whiteness_p
+        ));
+    }
+    if residual.peak_per_rms > OUTLIER {
+        warnings.push(format!(
+            "a position is {:.1} times the RMS off the model: a lost count, a stop or a knock?",
+            residual.peak_per_rms
+        ));
+    }
+    warnings
+}

@@ -1,0 +1,210 @@
+//! What the fit leaves: how large it is, what of it is quantisation, whether the rest is noise.
+//!
+//! With e = count + 1/2 - x / resolution the error of a floor quantiser is a sawtooth in the position:
+//! ```text
+//! e(x) = sum over h = 1, 2, ... of sin(2 pi h x) / (pi h)        x in counts, |e| <= 1/2, variance 1/12
+//! ```
+//! Gaussian noise of s counts before the quantiser turns harmonic h into a share `a^(h^2)` of it,
+//! `a = exp(-2 pi^2 s^2)`, and makes the rest white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4
+//! and 19). a, the coherence, is measured: it is the residual's part along the first harmonic, taken block by block
+//! because the fit follows the sawtooth where the handle rests and is then a slowly varying part of a count off
+//! elsewhere. Even and odd rows of a block see the same sawtooth and independent noise, so the mean of the product
+//! of their amplitudes is a^2 without a bias.
+//! A residual that keeps its sawtooth is bound by quantisation and is not white, though the model is right.
+
+use std::f64::consts::{PI, TAU};
+
+use statrs::distribution::{ChiSquared, ContinuousCDF as _};
+
+/// Lags of the Ljung-Box test.
+const LAGS: usize = 20;
+/// A white residual fails once in a thousand records.
+const WHITE_P: f64 = 1e-3;
+/// Rows where the position moves by less, in counts per row, tell nothing about the coherence.
+const MOVING: f64 = 0.05;
+/// Rows of a block over which the model's own error is taken as constant.
+const BLOCK: usize = 128;
+/// Fewest blocks in motion from which the coherence is measured; with fewer it is taken as 1.
+const FEWEST_BLOCKS: usize = 4;
+/// From this coherence on the residual counts as bound by quantisation: noise below 0.28 counts RMS.
+const BOUND: f64 = 0.2;
+/// Standard errors by which the squared coherence must differ from 0 to be called so.
+const CERTAIN: f64 = 4.0;
+/// Harmonics of the sawtooth.
+pub(super) const HARMONICS: u32 = 64;
+
+/// Residual of one record, and the modelled position, both in counts.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece<'a> {
+    pub residual: &'a [f64],
+    /// Modelled position from the edge of a count.
+    pub position: &'a [f64],
+}
+
+/// What was found in the residual.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Residual {
+    /// RMS, m.
+    pub rms_m: f64,
+    /// RMS, counts; `None` for a sensor without counts.
+    pub rms_counts: Option<f64>,
+    /// Noise before the quantiser that explains the RMS, counts.
+    pub noise_counts: Option<f64>,
+    /// Part of the sawtooth that is left, 0 (noise hides it) to 1 (no noise).
+    pub coherence: f64,
+    /// Standard error of its square.
+    pub coherence_squared_error: f64,
+    /// p-value of the Ljung-Box test over 20 lags: small if the residual is not white.
+    pub whiteness_p: f64,
+    /// Lag-1 autocorrelation.
+    pub autocorrelation: f64,
+    /// Largest residual in terms of the RMS.
+    pub peak_per_rms: f64,
+}
+
+impl Residual {
+    pub(super) fn new(pieces: &[Piece<'_>], resolution_m: f64, unit_m: f64) -> Self {
+        let all = || pieces.iter().flat_map(|piece| piece.residual.iter().copied());
+        let rows = all().count() as f64;
+        let variance = all().map(|r| r * r).sum::<f64>() / rows;
+        let rms = variance.sqrt();
+        let counts = resolution_m > 0.0;
+        let correlations = autocorrelations(pieces, variance * rows);
+        let ljung_box = correlations
+            .iter()
+            .enumerate()
+            .map(|(index, rho)| rho * rho / (rows - (index + 1) as f64));
+        let statistic = rows * (rows + 2.0) * ljung_box.sum::<f64>();
+        let whiteness_p =
+            ChiSquared::new(LAGS as f64).map_or(0.0, |distribution| distribution.sf(statistic));
+        let (squared, coherence_squared_error) =
+            if counts { coherence_squared(pieces) } else { (0.0, 0.0) };
+        Self {
+            rms_m: rms * unit_m,
+            rms_counts: counts.then_some(rms),
+            noise_counts: counts.then(|| (variance - 1.0 / 12.0).max(0.0).sqrt()),
+            coherence: squared.clamp(0.0, 1.0).sqrt(),
+            coherence_squared_error,
+            whiteness_p,
+            autocorrelation: correlations[0],
+            peak_per_rms: all().map(f64::abs).fold(0.0, f64::max) / rms.max(f64::MIN_POSITIVE),
+        }
+    }
+
+    /// The residual passes as white.
+    pub fn is_white(&self) -> bool {
+        self.whiteness_p >= WHITE_P
+    }
+
+    /// Quantisation, not noise, makes the residual.
+    pub fn is_bound_by_quantisation(&self) -> bool {
+        let squared = self.coherence.powi(2);
+        squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
+    }
+
+    /// Squared share of harmonic h of the sawtooth; two standard errors on the safe side.
+    pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
+        let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
+        squared.min(1.0).powi((h * h).cast_signed())
+    }
+}
+
+/// Autocorrelation at lags 1, 2, ..., within each record.
+fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
+    let mut correlations = [0.0; LAGS];
+    for (index, rho) in correlations.iter_mut().enumerate() {
+        let products = pieces.iter().flat_map(|piece| {
+            piece.residual.iter().zip(piece.residual.iter().skip(index + 1)).map(|(a, b)| a * b)
+        });
+        *rho = products.sum::<f64>() / power.max(f64::MIN_POSITIVE);
+    }
+    correlations
+}
+
+/// The squared share of the sawtooth that is in the residual, and its standard error.
+fn coherence_squared(pieces: &[Piece<'_>]) -> (f64, f64) {
+    let mut found = vec![];
+    for piece in pieces {
+        let blocks = piece.position.chunks_exact(BLOCK).zip(piece.residual.chunks_exact(BLOCK));
+        for (position, residual) in blocks {
+            if position.windows(2).all(|pair| (pair[1] - pair[0]).abs() >= MOVING) {
+                found.push(block(position, residual));
+            }
+        }
+    }
+    if found.len() < FEWEST_BLOCKS {
+        return (1.0, 0.0);
+    }
+    let blocks = found.len() as f64;
+    let mean = found.iter().sum::<f64>() / blocks;
+    let variance = found.iter().map(|one| (one - mean).powi(2)).sum::<f64>() / (blocks - 1.0);
+    (mean, (variance / blocks).sqrt())
+}
+
+/// Product of the amplitudes of the first harmonic in the even and in the odd rows.
+fn block(position: &[f64], residual: &[f64]) -> f64 {
+    let mut sums = [[0.0; 2]; 2];
+    for (row, (x, r)) in position.iter().zip(residual).enumerate() {
+        let (s, c) = (TAU * (x - x.floor())).sin_cos();
+        let [sin, cos] = &mut sums[row % 2];
+        (*sin, *cos) = (*sin + r * s, *cos + r * c);
+    }
+    let per_half = 2.0 * PI / (0.5 * BLOCK as f64);
+    let [[sin, cos], [sin_odd, cos_odd]] = sums;
+    (sin * sin_odd + cos * cos_odd) * per_half * per_half
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
+
+    /// Residual of a quantised sweep with noise, counts, and the positions.
+    fn swept(noise: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let position: Vec<f64> = (0..20_000).map(|n| 1e-3 * f64::from(n).powf(1.7)).collect();
+        let residual = position.iter().map(|x| {
+            let normal = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            (x + noise * normal).floor() + 0.5 - x
+        });
+        (residual.collect(), position)
+    }
+
+    fn of(residual: &[f64], position: &[f64]) -> Residual {
+        Residual::new(&[Piece { residual, position }], 1.0, 1.0)
+    }
+
+    #[test]
+    fn the_coherence_is_that_of_the_noise() {
+        for noise in [0.0, 0.1, 0.2, 0.3, 0.5] {
+            let (residual, position) = swept(noise, 7);
+            let found = of(&residual, &position);
+            let wanted: f64 = (-2.0 * PI * PI * noise * noise).exp();
+            println!("noise {noise}: coherence {:.3}, theory {wanted:.3}", found.coherence);
+            let error = (found.coherence.powi(2) - wanted.powi(2)).abs();
+            assert!(error < 4.0 * found.coherence_squared_error + 0.02);
+            assert!((found.noise_counts.unwrap().powi(2) - noise * noise).abs() < 0.01);
+            assert_eq!(found.is_bound_by_quantisation(), noise < 0.28);
+        }
+    }
+
+    #[test]
+    fn white_passes_and_colour_does_not() {
+        let mut failed = 0;
+        for seed in 0..200 {
+            let (mut residual, position) = swept(0.5, seed);
+            failed += usize::from(!of(&residual, &position).is_white());
+            for n in (1..residual.len()).rev() {
+                residual[n] += 0.1 * residual[n - 1];
+            }
+            assert!(!of(&residual, &position).is_white());
+        }
+        println!("{failed} of 200 white residuals fail");
+        assert!(failed <= 2);
+    }
+
+    #[test]
+    fn without_motion_the_sawtooth_is_assumed_whole() {
+        assert_eq!(of(&[0.2; 500], &[7.3; 500]).coherence, 1.0);
+    }
+}
