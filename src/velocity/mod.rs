@@ -9,27 +9,36 @@ mod butterworth;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 mod fir;
 mod name;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+mod observer;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+mod observer_design;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 mod polynomial;
+mod senses;
 mod settings;
+#[cfg(feature = "time-stamps")]
+mod time_stamps;
+#[cfg(feature = "tracking-loop")]
+mod tracking;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder, PREWARPED_MAX, true_cutoff_hz};
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 pub use fir::{Fir, WINDOW_MAX};
 pub use name::{EstimatorName, Parameter};
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer::Observer;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
+pub use senses::{Edge, Sense, Senses};
 pub use settings::VelocitySettings;
+#[cfg(feature = "time-stamps")]
+pub use time_stamps::{SPAN_MAX, TimeStamps};
+#[cfg(feature = "tracking-loop")]
+pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
 
-use crate::units::{Force, Position, Velocity};
-
-/// What an estimator may know beside the position. Whoever samples fills in what it has; an
-/// estimator that needs what is not there is not offered.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Senses {
-    /// Force that acted on the handle since the last sample, as far as the controller knows:
-    /// saturated, held, and in effect.
-    pub force: Force,
-}
+use crate::units::{Position, Velocity};
 
 #[cfg_attr(
     any(feature = "taylor", feature = "least-squares"),
@@ -45,6 +54,15 @@ pub enum Estimator {
     /// Weighted sum of the last differences.
     #[cfg(any(feature = "taylor", feature = "least-squares"))]
     Fir(Fir),
+    /// Observer that knows the force.
+    #[cfg(feature = "observer")]
+    Observer(Observer),
+    /// Observer that knows the acceleration.
+    #[cfg(feature = "fusion")]
+    Fusion(Observer),
+    /// Counts between two edges over the time between them.
+    #[cfg(feature = "time-stamps")]
+    TimeStamps(TimeStamps),
 }
 
 impl Estimator {
@@ -54,7 +72,7 @@ impl Estimator {
     /// that of the usual ones out of the registers.
     #[inline]
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
-        let _ = senses;
+        let _ = senses; // some builds have no estimator that looks at them
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
         let velocity = match self {
@@ -64,6 +82,18 @@ impl Estimator {
             Self::Difference => Velocity::saturating_from_counts(difference),
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             Self::Fir(fir) => fir.update(&mut state.fir, difference),
+            #[cfg(feature = "observer")]
+            Self::Observer(observer) => {
+                observer.after_force(&mut state.observer, difference, senses.force)
+            }
+            #[cfg(feature = "fusion")]
+            Self::Fusion(observer) => {
+                observer.after_acceleration(&mut state.observer, difference, senses.acceleration)
+            }
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps(stamps) => {
+                stamps.update(&mut state.time_stamps, difference, senses.edge)
+            }
         };
         state.velocity = velocity;
         velocity
@@ -81,6 +111,17 @@ impl Estimator {
             Self::Difference => {}
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             Self::Fir(_) => state.fir = fir::FirState::at(state.velocity),
+            #[cfg(feature = "observer")]
+            Self::Observer(_) => {
+                state.observer = observer::ObserverState::at(state.velocity);
+            }
+            #[cfg(feature = "fusion")]
+            Self::Fusion(_) => state.observer = observer::ObserverState::at(state.velocity),
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps(stamps) => {
+                state.time_stamps =
+                    time_stamps::TimeStampsState::at_velocity(state.velocity, stamps);
+            }
         }
     }
 }
@@ -95,6 +136,10 @@ pub struct State {
     filter: BiquadState,
     #[cfg(any(feature = "taylor", feature = "least-squares"))]
     fir: fir::FirState,
+    #[cfg(any(feature = "observer", feature = "fusion"))]
+    observer: observer::ObserverState,
+    #[cfg(feature = "time-stamps")]
+    time_stamps: time_stamps::TimeStampsState,
 }
 
 impl State {
@@ -106,6 +151,10 @@ impl State {
             filter: BiquadState::default(),
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             fir: fir::FirState::REST,
+            #[cfg(any(feature = "observer", feature = "fusion"))]
+            observer: observer::ObserverState::default(),
+            #[cfg(feature = "time-stamps")]
+            time_stamps: time_stamps::TimeStampsState::REST,
         }
     }
 
