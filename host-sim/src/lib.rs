@@ -21,6 +21,7 @@ pub mod plant;
 pub mod report;
 pub mod rig;
 pub mod scene;
+pub mod sensing;
 pub mod sensitivity;
 pub mod simulation;
 pub mod study;

@@ -13,6 +13,7 @@ use crate::{
     error::Error,
     plant::PlantStep,
     scene::Scene,
+    sensing::{AnySensing, Blind, Sensing},
     simulation::{Parts, Sample, Simulation},
     twin::{self, Twin},
 };
@@ -169,11 +170,7 @@ impl Rig {
     /// # Errors
     /// A setting of `hit` is out of range.
     pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
-        let start_m = self.start_m(hit);
-        let count = self.parts.count(start_m);
-        let settings = self.settings(hit);
-        let core = Fixed::new(&settings, &self.design, self.plan.push, count)?;
-        Ok(Simulation::new(self.parts, core, start_m))
+        Ok(Simulation::new(self.parts, self.core(hit)?, self.sensing(), self.start_m(hit)))
     }
 
     /// The loop around the `f64` twin, ready for sample 0 of a hit.
@@ -185,11 +182,23 @@ impl Rig {
         hit: &WallHit,
         rounding: twin::Rounding,
     ) -> Result<Simulation<Twin>, SettingsError> {
-        let start_m = self.start_m(hit);
-        let count = self.parts.count(start_m);
+        let twin = self.twin_of_core(hit, rounding)?;
+        Ok(Simulation::new(self.parts, twin, self.sensing(), self.start_m(hit)))
+    }
+
+    fn sensing(&self) -> AnySensing {
+        AnySensing::of(&self.scene)
+    }
+
+    fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
+        let count = self.parts.count(self.start_m(hit));
+        Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
+    }
+
+    fn twin_of_core(&self, hit: &WallHit, rounding: twin::Rounding) -> Result<Twin, SettingsError> {
+        let count = self.parts.count(self.start_m(hit));
         let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
-        let twin = Twin::new(&self.settings(hit), &self.design, rounding, push, count)?;
-        Ok(Simulation::new(self.parts, twin, start_m))
+        Twin::new(&self.settings(hit), &self.design, rounding, push, count)
     }
 
     /// Runs a whole hit; `observe` sees every sample.
@@ -203,10 +212,12 @@ impl Rig {
         observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         match numeric {
-            Numeric::Fixed => self.whole_hit(self.fixed(hit)?, observe),
-            Numeric::F64 => self.whole_hit(self.twin(hit, twin::Rounding::Exact)?, observe),
+            Numeric::Fixed => self.whole_hit(hit, self.core(hit)?, observe),
+            Numeric::F64 => {
+                self.whole_hit(hit, self.twin_of_core(hit, twin::Rounding::Exact)?, observe)
+            }
             Numeric::F64Rounded => {
-                self.whole_hit(self.twin(hit, twin::Rounding::VelocityLsb)?, observe)
+                self.whole_hit(hit, self.twin_of_core(hit, twin::Rounding::VelocityLsb)?, observe)
             }
         }
     }
@@ -217,15 +228,52 @@ impl Rig {
     /// A setting is out of range, or the handle leaves the core's range.
     pub fn verdict(&self, numeric: Numeric, hit: &WallHit) -> Result<Verdict, HitError> {
         match numeric {
-            Numeric::Fixed => self.early_verdict(self.fixed(hit)?),
-            Numeric::F64 => self.early_verdict(self.twin(hit, twin::Rounding::Exact)?),
-            Numeric::F64Rounded => self.early_verdict(self.twin(hit, twin::Rounding::VelocityLsb)?),
+            Numeric::Fixed => self.early_verdict(hit, self.core(hit)?),
+            Numeric::F64 => self.early_verdict(hit, self.twin_of_core(hit, twin::Rounding::Exact)?),
+            Numeric::F64Rounded => {
+                self.early_verdict(hit, self.twin_of_core(hit, twin::Rounding::VelocityLsb)?)
+            }
         }
     }
 
+    /// What is sensed is told apart here, once per run, and not in its loop.
     fn whole_hit<C: Controller + Copy>(
         &self,
-        mut simulation: Simulation<C>,
+        hit: &WallHit,
+        controller: C,
+        observe: impl FnMut(&Sample),
+    ) -> Result<HitReport, HitError> {
+        let (parts, start_m) = (self.parts, self.start_m(hit));
+        match self.sensing() {
+            AnySensing::Blind => {
+                self.run_whole(Simulation::new(parts, controller, Blind, start_m), observe)
+            }
+            AnySensing::Full(full) => {
+                self.run_whole(Simulation::new(parts, controller, full, start_m), observe)
+            }
+        }
+    }
+
+    fn early_verdict<C: Controller + Copy>(
+        &self,
+        hit: &WallHit,
+        controller: C,
+    ) -> Result<Verdict, HitError> {
+        let (parts, start_m) = (self.parts, self.start_m(hit));
+        match self.sensing() {
+            AnySensing::Blind => {
+                self.run_to_verdict(Simulation::new(parts, controller, Blind, start_m))
+            }
+            AnySensing::Full(full) => {
+                self.run_to_verdict(Simulation::new(parts, controller, full, start_m))
+            }
+        }
+    }
+
+    #[inline(never)] // a loop of its own for each, with its own registers
+    fn run_whole<C: Controller + Copy, S: Sensing>(
+        &self,
+        mut simulation: Simulation<C, S>,
         mut observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         let surface = simulation.controller().surface();
@@ -254,9 +302,10 @@ impl Rig {
         })
     }
 
-    fn early_verdict<C: Controller + Copy>(
+    #[inline(never)]
+    fn run_to_verdict<C: Controller + Copy, S: Sensing>(
         &self,
-        mut simulation: Simulation<C>,
+        mut simulation: Simulation<C, S>,
     ) -> Result<Verdict, HitError> {
         let surface = simulation.controller().surface();
         let mut hit = Hit::new(self.plan);

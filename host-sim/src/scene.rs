@@ -10,7 +10,7 @@ use std::{fs, ops::RangeInclusive, path::Path};
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings, experiment::WalkPlan,
-    limits, shorten,
+    limits, shorten, units::Acceleration, velocity::Sense,
 };
 
 use crate::error::Error;
@@ -34,6 +34,8 @@ pub mod ranges {
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Delay from encoder reading to force, in samples.
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
+    /// Corner of the accelerometer's low-pass, Hz.
+    pub const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
     /// Most points that one walk may have along either axis.
     pub const WALK_STEPS: f64 = 1e6;
 }
@@ -80,6 +82,9 @@ pub struct Scene {
     /// Optional element: quantisation of the command by a DAC or PWM timer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<Quantisation>,
+    /// Optional element: an accelerometer on the handle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accelerometer: Option<Accelerometer>,
 }
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
@@ -206,6 +211,26 @@ pub enum Quantisation {
     },
 }
 
+/// An accelerometer on the handle. It gives the mean acceleration of each sample.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Accelerometer {
+    /// Largest reading, m/s^2.
+    pub full_scale_m_per_s2: f64,
+    /// Step of a reading, m/s^2; 0: none.
+    #[serde(default)]
+    pub resolution_m_per_s2: f64,
+    /// Density of its noise, m/s^2 per root Hz.
+    #[serde(default)]
+    pub noise_m_per_s2_per_sqrt_hz: f64,
+    /// Reading at rest, m/s^2.
+    #[serde(default)]
+    pub bias_m_per_s2: f64,
+    /// Corner of its first-order low-pass, Hz; without it, none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bandwidth_hz: Option<f64>,
+}
+
 impl NamedScene {
     /// The built-in scene of that name, or the scene file at that path.
     ///
@@ -266,6 +291,7 @@ impl Scene {
         self.design().check().map_err(keyed)?;
         self.hit_settings().build(&self.design()).map_err(keyed)?;
         self.check_walk()?;
+        self.check_accelerometer()?;
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
         }
@@ -273,6 +299,35 @@ impl Scene {
             self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
         }
         Ok(())
+    }
+
+    fn check_accelerometer(&self) -> Result<(), String> {
+        let Some(sensor) = &self.accelerometer else {
+            return match self.velocity.sense() {
+                Some(Sense::Acceleration) => Err(format!(
+                    "velocity.estimator is {}, allowed with a table accelerometer only",
+                    self.velocity.name()
+                )),
+                _ => Ok(()),
+            };
+        };
+        let rate_hz = self.control.rate_hz;
+        let largest =
+            f64::from(Acceleration::LIMIT) * self.encoder.resolution_m * rate_hz * rate_hz;
+        let full_scale = sensor.full_scale_m_per_s2;
+        within("accelerometer.full_scale_m_per_s2", full_scale, 1e-3..=largest)?;
+        for (key, value) in [
+            ("accelerometer.resolution_m_per_s2", sensor.resolution_m_per_s2),
+            ("accelerometer.noise_m_per_s2_per_sqrt_hz", sensor.noise_m_per_s2_per_sqrt_hz),
+        ] {
+            within(key, value, 0.0..=full_scale)?;
+        }
+        let bias = sensor.bias_m_per_s2;
+        within("accelerometer.bias_m_per_s2", bias, -full_scale..=full_scale)?;
+        match sensor.bandwidth_hz {
+            Some(hz) => within("accelerometer.bandwidth_hz", hz, ranges::BANDWIDTH_HZ),
+            None => Ok(()),
+        }
     }
 
     fn check_walk(&self) -> Result<(), String> {
@@ -400,6 +455,9 @@ fn in_scene(error: &SettingsError) -> String {
         "order" => "velocity.order",
         "degree" => "velocity.degree",
         "window_samples" => "velocity.window_samples",
+        "bandwidth_hz" | "crossover_hz" => "sweep.cutoffs_hz",
+        "mass_kg" => "velocity.mass_kg",
+        "span_samples" => "velocity.span_samples",
         other => other,
     };
     refused(key, error.value, &error.range)

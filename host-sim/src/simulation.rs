@@ -6,6 +6,7 @@ use crate::{
     controller::{Controller, Rendered},
     plant::{PlantState, PlantStep},
     scene::Rounding,
+    sensing::{AnySensing, Handle, Sensing},
 };
 
 /// The parts of the loop that a run does not change.
@@ -44,9 +45,9 @@ pub struct Sample {
 
 /// A run in progress.
 #[derive(Clone, Debug)]
-pub struct Simulation<C> {
+pub struct Simulation<C, S = AnySensing> {
     parts: Parts,
-    moving: Moving<C>,
+    moving: Moving<C, S>,
     /// A ring with room for all commands that can be on their way to the actuator at once, N.
     forces_n: Box<[f64]>,
 }
@@ -54,8 +55,9 @@ pub struct Simulation<C> {
 /// What a step changes. Small and `Copy`: [`Simulation::run`] works on a copy, which the compiler
 /// can keep in registers from step to step; in memory the loop takes twice the time.
 #[derive(Clone, Copy, Debug)]
-struct Moving<C> {
+struct Moving<C, S> {
     controller: C,
+    sensing: S,
     state: PlantState,
     index: u64,
     output_n: f64,
@@ -126,7 +128,7 @@ fn floor(value: f64) -> i32 {
     nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
 }
 
-impl<C: Controller + Copy> Moving<C> {
+impl<C: Controller + Copy, S: Sensing> Moving<C, S> {
     /// Sample `n` at `t = n T`, and the motion up to `(n + 1) T`.
     #[inline(always)] // called, it would keep the state in memory
     fn step(&mut self, parts: &Parts, forces_n: &mut [f64]) -> Sample {
@@ -135,13 +137,14 @@ impl<C: Controller + Copy> Moving<C> {
         // 1. the encoder
         let count = parts.count(position_m);
         // 2. the velocity
-        let due = self.controller.sample(count);
+        let due = self.sensing.sample(&mut self.controller, count);
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
         }
         // 4. a command that takes effect within this sample, and 5. the plant
+        let (state, before_n) = (self.state, self.output_n);
         match self.on_the_way.arriving(forces_n, index) {
             None => self.state = parts.plant.advance(&self.state, self.output_n),
             Some(force_n) => {
@@ -149,16 +152,21 @@ impl<C: Controller + Copy> Moving<C> {
                 self.output_n = force_n;
             }
         }
+        let handle = |state: &PlantState| Handle {
+            position_m: parts.plant.position_m(state),
+            speed_m_per_s: state.speed_m_per_s(),
+        };
+        self.sensing.moved(handle(&state), handle(&self.state), before_n, self.output_n);
         self.index = index + 1;
         let velocity = self.controller.velocity();
         Sample { index, position_m, count, velocity, rendered, output_n: self.output_n }
     }
 }
 
-impl<C: Controller + Copy> Simulation<C> {
+impl<C: Controller + Copy, S: Sensing> Simulation<C, S> {
     /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
     /// that the encoder reads there.
-    pub fn new(parts: Parts, controller: C, start_m: f64) -> Self {
+    pub fn new(parts: Parts, controller: C, sensing: S, start_m: f64) -> Self {
         let on_the_way = Latency {
             write: 0,
             read: 0,
@@ -166,7 +174,7 @@ impl<C: Controller + Copy> Simulation<C> {
             period: parts.period.into(),
         };
         let state = parts.plant.at_rest(start_m);
-        let moving = Moving { controller, state, index: 0, output_n: 0.0, on_the_way };
+        let moving = Moving { controller, sensing, state, index: 0, output_n: 0.0, on_the_way };
         let room = (parts.latency / parts.period + 1) as usize;
         Self { parts, moving, forces_n: vec![0.0; room].into() }
     }

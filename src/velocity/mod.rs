@@ -38,6 +38,8 @@ pub use time_stamps::{SPAN_MAX, TimeStamps};
 #[cfg(feature = "tracking-loop")]
 pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
 
+use core::hint::cold_path;
+
 use crate::units::{Position, Velocity};
 
 #[cfg_attr(
@@ -70,7 +72,7 @@ impl Estimator {
     ///
     /// Estimators other than the usual ones are called, not inlined: their state then does not push
     /// that of the usual ones out of the registers.
-    #[inline]
+    #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         let _ = senses; // some builds have no estimator that looks at them
         let difference = position.wrapping_since(state.previous);
@@ -79,19 +81,28 @@ impl Estimator {
             Self::LowPass(filter) => {
                 filter.update(&mut state.filter, Velocity::saturating_from_counts(difference))
             }
-            Self::Difference => Velocity::saturating_from_counts(difference),
+            Self::Difference => {
+                cold_path();
+                Velocity::saturating_from_counts(difference)
+            }
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
-            Self::Fir(fir) => fir.update(&mut state.fir, difference),
+            Self::Fir(fir) => {
+                cold_path();
+                fir.update(&mut state.fir, difference)
+            }
             #[cfg(feature = "observer")]
             Self::Observer(observer) => {
+                cold_path();
                 observer.after_force(&mut state.observer, difference, senses.force)
             }
             #[cfg(feature = "fusion")]
             Self::Fusion(observer) => {
+                cold_path();
                 observer.after_acceleration(&mut state.observer, difference, senses.acceleration)
             }
             #[cfg(feature = "time-stamps")]
             Self::TimeStamps(stamps) => {
+                cold_path();
                 stamps.update(&mut state.time_stamps, difference, senses.edge)
             }
         };
