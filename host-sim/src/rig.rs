@@ -270,7 +270,6 @@ impl Rig {
         }
     }
 
-    #[inline(never)] // a loop of its own for each, with its own registers
     fn run_whole<C: Controller + Copy, S: Sensing>(
         &self,
         mut simulation: Simulation<C, S>,
@@ -302,7 +301,6 @@ impl Rig {
         })
     }
 
-    #[inline(never)]
     fn run_to_verdict<C: Controller + Copy, S: Sensing>(
         &self,
         mut simulation: Simulation<C, S>,

@@ -90,24 +90,35 @@ impl Estimator {
                 cold_path();
                 fir.update(&mut state.fir, difference)
             }
-            #[cfg(feature = "observer")]
-            Self::Observer(observer) => {
+            #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+            _ => {
                 cold_path();
-                observer.after_force(&mut state.observer, difference, senses.force)
-            }
-            #[cfg(feature = "fusion")]
-            Self::Fusion(observer) => {
-                cold_path();
-                observer.after_acceleration(&mut state.observer, difference, senses.acceleration)
-            }
-            #[cfg(feature = "time-stamps")]
-            Self::TimeStamps(stamps) => {
-                cold_path();
-                stamps.update(&mut state.time_stamps, difference, senses.edge)
+                self.sensed(&mut state.sensed, difference, senses)
             }
         };
         state.velocity = velocity;
         velocity
+    }
+
+    /// The velocity by those that look at more than the position.
+    #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+    #[inline(never)]
+    fn sensed(&self, state: &mut Sensed, difference: i32, senses: &Senses) -> Velocity {
+        match self {
+            #[cfg(feature = "observer")]
+            Self::Observer(observer) => {
+                observer.after_force(&mut state.observer, difference, senses.force)
+            }
+            #[cfg(feature = "fusion")]
+            Self::Fusion(observer) => {
+                observer.after_acceleration(&mut state.observer, difference, senses.acceleration)
+            }
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps(stamps) => {
+                stamps.update(&mut state.time_stamps, difference, senses.edge)
+            }
+            _ => Velocity::ZERO,
+        }
     }
 
     /// Whether `other` can go on with what this one left behind: the same kind, retuned.
@@ -124,13 +135,13 @@ impl Estimator {
             Self::Fir(_) => state.fir = fir::FirState::at(state.velocity),
             #[cfg(feature = "observer")]
             Self::Observer(_) => {
-                state.observer = observer::ObserverState::at(state.velocity);
+                state.sensed.observer = observer::ObserverState::at(state.velocity);
             }
             #[cfg(feature = "fusion")]
-            Self::Fusion(_) => state.observer = observer::ObserverState::at(state.velocity),
+            Self::Fusion(_) => state.sensed.observer = observer::ObserverState::at(state.velocity),
             #[cfg(feature = "time-stamps")]
             Self::TimeStamps(stamps) => {
-                state.time_stamps =
+                state.sensed.time_stamps =
                     time_stamps::TimeStampsState::at_velocity(state.velocity, stamps);
             }
         }
@@ -147,6 +158,14 @@ pub struct State {
     filter: BiquadState,
     #[cfg(any(feature = "taylor", feature = "least-squares"))]
     fir: fir::FirState,
+    #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+    sensed: Sensed,
+}
+
+/// State of the estimators that look at more than the position.
+#[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+#[derive(Clone, Copy, Debug)]
+struct Sensed {
     #[cfg(any(feature = "observer", feature = "fusion"))]
     observer: observer::ObserverState,
     #[cfg(feature = "time-stamps")]
@@ -162,10 +181,13 @@ impl State {
             filter: BiquadState::default(),
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             fir: fir::FirState::REST,
-            #[cfg(any(feature = "observer", feature = "fusion"))]
-            observer: observer::ObserverState::default(),
-            #[cfg(feature = "time-stamps")]
-            time_stamps: time_stamps::TimeStampsState::REST,
+            #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+            sensed: Sensed {
+                #[cfg(any(feature = "observer", feature = "fusion"))]
+                observer: observer::ObserverState::default(),
+                #[cfg(feature = "time-stamps")]
+                time_stamps: time_stamps::TimeStampsState::REST,
+            },
         }
     }
 

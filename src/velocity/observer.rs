@@ -103,7 +103,6 @@ impl Factor {
 
 impl Observer {
     /// The velocity after a move by `difference` counts under `force`.
-    #[inline(never)] // so that the state of the usual estimator stays in registers
     pub(super) fn after_force(
         &self,
         state: &mut ObserverState,
@@ -114,7 +113,6 @@ impl Observer {
     }
 
     /// The velocity after a move by `difference` counts with that measured acceleration.
-    #[inline(never)]
     pub(super) fn after_acceleration(
         &self,
         state: &mut ObserverState,

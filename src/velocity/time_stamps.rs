@@ -80,7 +80,6 @@ impl TimeStamps {
     }
 
     /// The velocity after a move by `difference` counts, the latest edge being `edge`.
-    #[inline(never)] // so that the state of the usual estimator stays in registers
     pub(super) fn update(
         &self,
         state: &mut TimeStampsState,

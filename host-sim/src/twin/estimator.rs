@@ -21,7 +21,7 @@ pub struct TwinEstimator {
 /// What the estimators of one's own file remember.
 #[derive(Clone, Copy, Debug)]
 struct Rest {
-    two_or_three: Loop,
+    loops: Loop,
     stamps: Stamps,
 }
 
@@ -80,7 +80,7 @@ impl TwinEstimator {
                 Kind::Fusion(ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?)
             }
         };
-        let rest = Rest { two_or_three: Loop::default(), stamps: Stamps::REST };
+        let rest = Rest { loops: Loop::default(), stamps: Stamps::REST };
         Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], fir: [0.0; LENGTH], rest })
     }
 
@@ -109,18 +109,28 @@ impl TwinEstimator {
             }
             Kind::Difference => input,
             Kind::Fir(weights) => weighted(weights, &mut self.fir, input),
-            Kind::TrackingLoop(gains) => self.rest.two_or_three.track(gains, input),
+            other => self.rest.update(other, difference, senses),
+        }
+    }
+}
+
+impl Rest {
+    #[inline(never)] // so that the other estimators' state stays in registers
+    fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
+        match kind {
+            Kind::TrackingLoop(gains) => self.loops.track(gains, difference.into()),
             Kind::Observer(observer) => {
                 let force = f64::from(senses.force.bits()) / f64::from(Force::FULL_SCALE.bits());
                 let known = force * observer.per_full_scale;
-                self.rest.two_or_three.observe(observer, input, known)
+                self.loops.observe(observer, difference.into(), known)
             }
             Kind::Fusion(observer) => {
                 let bits = f64::from(senses.acceleration.bits());
                 let known = bits / f64::from(1u32 << Acceleration::FRACTION_BITS);
-                self.rest.two_or_three.observe(observer, input, known)
+                self.loops.observe(observer, difference.into(), known)
             }
-            Kind::TimeStamps(span) => self.rest.stamps.update(*span, difference, senses.edge),
+            Kind::TimeStamps(span) => self.stamps.update(*span, difference, senses.edge),
+            _ => 0.0,
         }
     }
 }

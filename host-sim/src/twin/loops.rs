@@ -18,7 +18,6 @@ pub struct Loop {
 }
 
 impl Loop {
-    #[inline(never)] // so that the other estimators' state stays in registers
     pub fn track(&mut self, gains: &TrackingLoop, difference: f64) -> f64 {
         let e = self.error + difference - self.velocity;
         self.error = flushed(e - gains.kp * e);
@@ -27,7 +26,6 @@ impl Loop {
     }
 
     /// `known`: acceleration, counts per sample^2.
-    #[inline(never)]
     pub fn observe(&mut self, design: &ObserverDesign, difference: f64, known: f64) -> f64 {
         let [l1, l2, l3] = design.gains;
         let acceleration = known + self.disturbance;

@@ -22,7 +22,6 @@ impl Stamps {
     pub const REST: Self =
         Self { edges: [[0.0; 2]; LENGTH], known: 0, now: 0.0, count: 0.0, measured: 0.0 };
 
-    #[inline(never)] // so that the other estimators' state stays in registers
     pub fn update(&mut self, span: f64, difference: i32, edge: Option<Edge>) -> f64 {
         self.now += 1.0;
         self.count += f64::from(difference);
