@@ -114,7 +114,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
             acceleration: Acceleration::saturating_from_bits(acceleration.round() as i32),
             edge: self.edge,
         };
-        let count = ends[1][0].floor() as i32;
+        let count = ends[1][0].floor() as i64 as i32; // wraps, as the counter does
         let difference = count.wrapping_sub(self.count);
         self.count = count;
         let core = self.estimator.update(&mut self.state, Position::from_counts(count), &senses);
@@ -152,7 +152,7 @@ fn constant_speed_is_measured_without_error() {
                 // time stamps: an age is rounded down to 2^-16 samples; see its module
                 let limit = match settings {
                     VelocitySettings::TimeStamps { span_samples } => {
-                        f64::from(speed).abs() / f64::from(span_samples) + 0.5
+                        f64::from(speed).abs() / (f64::from(span_samples) - 0.5) + 0.5
                     }
                     _ => 0.0,
                 };
@@ -251,8 +251,8 @@ fn the_delay_is_the_stated_one() {
         (tracking(1200.0), TrackingLoop::new(1200.0, 1e4).unwrap().delay_samples()),
         (observer(500.0), 0.0),
         (observer(100.0), 0.0),
-        (stamps(8), 4.25),
-        (stamps(32), 16.25),
+        (stamps(8), 4.0),
+        (stamps(32), 16.0),
     ] {
         let nonlinear = matches!(settings, VelocitySettings::TimeStamps { .. });
         for hz in [10.0, 20.0, 40.0, 80.0] {
@@ -274,18 +274,31 @@ fn the_delay_is_the_stated_one() {
             let magnitude = magnitude / (5 * period) as f64 / (AMPLITUDE * w);
             let delay = -phase / w;
             if nonlinear {
-                // the exact mean over the span: late by the same at all frequencies
-                assert!((delay - stated).abs() < 0.3, "{settings:?} at {hz} Hz: {delay}");
+                // The exact mean over the span, late by half of it; where the handle slows down the
+                // bound between two edges is sometimes the better knowledge, and takes a bit off.
+                assert!(
+                    delay > stated - 0.3 && delay < stated + 0.05,
+                    "{settings:?} {hz}: {delay}"
+                );
                 continue;
             }
             let [re, im] = response(&settings, w);
             let expected = [re.hypot(im) / w, -(im.atan2(re) - PI / 2.0) / w];
             assert!((magnitude / expected[0] - 1.0).abs() < 2e-4, "{settings:?} {hz}: {magnitude}");
             assert!((delay - expected[1]).abs() < 2e-3, "{settings:?} {hz}: {delay} {expected:?}");
-            if hz == 10.0 {
-                // at DC, and less than 1 % of the loop's own time off it at a tenth of its bandwidth
-                let off = (delay - stated).abs();
-                assert!(off < 0.02 * stated.max(DESIGN.rate_hz / 500.0), "{settings:?}: {delay}");
+            // The stated delay is that at DC. Off it, x = frequency over bandwidth: the phase has
+            // 2 atan x = 2 x - 2/3 x^3 .., 3 atan x - atan 3 x = 8 x^3 .. in it.
+            let bandwidth_hz = settings.tuning().unwrap().1;
+            let cubed = (hz / bandwidth_hz).powi(3) / w;
+            let expected = match settings {
+                VelocitySettings::TrackingLoop { .. } => stated - 2.0 / 3.0 * cubed,
+                _ => stated + 8.0 * cubed,
+            };
+            if hz / bandwidth_hz <= 0.1 {
+                // those series are of the loop in continuous time: off by the order of its w T
+                let order = 2.0 * PI * bandwidth_hz / DESIGN.rate_hz;
+                let limit = 2e-3 + order.max(0.1) * (expected - stated).abs();
+                assert!((delay - expected).abs() < limit, "{settings:?} {hz}: {delay} {expected}");
             }
         }
     }
@@ -315,11 +328,13 @@ fn the_observer_follows_what_it_is_told_at_once() {
         worst
     };
     let (told, untold) = (error(true), error(false));
-    // what is left is the count's ripple: l2 times a count
+    // Not told, the error is A (t + w t^2) exp(-w t), at most 0.84 A / w. Told, what is left is the
+    // count's ripple: l2 times a count.
+    let largest = 0.84 * full_scale / (2.0 * PI * 100.0 / 1e4);
     let ripple = ObserverDesign::of_accelerometer(100.0, 1e4).unwrap().gains[1];
     println!("told {told}, untold {untold}, ripple {ripple}");
     assert!(told < 3.0 * ripple, "{told}");
-    assert!(untold > 100.0 * told, "{untold}");
+    assert!((untold / largest - 1.0).abs() < 0.05, "{untold} {largest}");
 }
 
 #[test]
@@ -348,8 +363,20 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
     assert!(worst < 0.01 * 300.0 * w, "{worst}");
 }
 
-/// Largest difference of core and twin over random motion.
-const TWIN_LSB: f64 = 1.0;
+/// Largest difference of core and twin over random motion, in LSB, at speeds up to `fastest` LSB.
+///
+/// The low-pass that the tracking loop is computed by has coefficients with 30 fractional bits: their
+/// sum, ki, is off by up to 2^-31, which moves the response by up to 2 * 2^-31 / ki of itself, and its
+/// damping by less. The observer's gains have 32 bits of their own.
+fn twin_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
+    match *settings {
+        VelocitySettings::TrackingLoop { bandwidth_hz } => {
+            let TrackingLoop { ki, .. } = TrackingLoop::new(bandwidth_hz, DESIGN.rate_hz).unwrap();
+            1.5 + fastest * 3.0 * 2f64.powi(-31) / ki
+        }
+        _ => 1.0,
+    }
+}
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
@@ -371,14 +398,16 @@ proptest! {
             x
         };
         let mut motion = Motion::new(settings, at);
-        let mut worst = 0.0f64;
+        let (mut worst, mut fastest) = (0.0f64, 0.0f64);
         for n in 0..3000usize {
             let (_, force) = steps[n / 10 % steps.len()];
             let force = Force::saturating_from_bits((force * f64::from(1 << 30)) as i32);
             let seen = motion.next(force);
             worst = worst.max((seen.core - seen.twin).abs() * LSB);
+            fastest = fastest.max(seen.twin.abs() * LSB);
         }
-        prop_assert!(worst <= TWIN_LSB, "{settings:?}: {worst} LSB");
+        let limit = twin_lsb(&settings, fastest);
+        prop_assert!(worst <= limit, "{settings:?}: {worst} LSB of {limit}");
     }
 
     /// No input does harm: counts that jump by anything, senses that make no sense.

@@ -1,8 +1,8 @@
 //! Time stamping: counts between two edges over the time between them.
 //!
 //! ```text
-//! v = (X[k] - X[j]) / (t[k] - t[j])       k: the latest edge, j: the latest edge that is at least
-//!                                         a span older, or the oldest there is
+//! v = (X[k] - X[j]) / (t[k] - t[j])       k: the latest edge, j: the latest edge that is older by
+//!                                         a span less half a sample, or the oldest there is
 //! |v| <= 1 / (t - t[k])                   no edge since: less than one count since
 //! ```
 //!
@@ -16,11 +16,12 @@
 //! **What it needs.** The age of the latest edge at each sample ([`Edge`]). Without it, an edge is
 //! taken to be half a count's time old: counting over the span, and no more.
 //!
-//! **Error and delay.** At constant speed v the error is at most `v / (65536 span) + 2^-17` counts
-//! per sample; slower than one count in 2^15 samples is standstill. The velocity is the mean between
-//! the two edges: late by `(span + 1/2) / 2` samples on average when edges come with every sample
-//! (one edge a sample is kept), by half a period and the age of the last edge when they come more
-//! seldom than the span. After standstill a first edge says only that there was one: the velocity
+//! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17`
+//! counts per sample; slower than one count in 2^15 samples is standstill. The velocity is the mean
+//! between the two edges: late by `span / 2` samples, and half the time of a count, when edges come
+//! with every sample (one edge a sample is kept; the half sample keeps the measured time from
+//! switching between two lengths then), by half a period and the age of the last edge when they come
+//! more seldom than the span. Where the handle slows down, the bound takes a part of that off. After standstill a first edge says only that there was one: the velocity
 //! comes with the second.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
@@ -42,7 +43,7 @@ const SCALE_BITS: u32 = Velocity::FRACTION_BITS + Edge::FRACTION_BITS;
 /// Period measurement in integer form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeStamps {
-    /// Shortest time to measure over, in 2^-16 samples: 1 to [`SPAN_MAX`] samples.
+    /// Shortest time to measure over, in 2^-16 samples: 1 to [`SPAN_MAX`] samples less a half.
     pub(super) span: u32,
 }
 
@@ -76,7 +77,8 @@ pub(super) struct TimeStampsState {
 impl TimeStamps {
     /// A measurement over at least that many samples.
     pub(super) fn over(span_samples: u32) -> Self {
-        Self { span: span_samples.clamp(1, SPAN_MAX) << Edge::FRACTION_BITS }
+        let span = span_samples.clamp(1, SPAN_MAX) << Edge::FRACTION_BITS;
+        Self { span: span - Edge::SAMPLE / 2 }
     }
 
     /// The velocity after a move by `difference` counts, the latest edge being `edge`.
@@ -195,8 +197,7 @@ impl TimeStampsState {
         if speed == 0 {
             return Self::REST;
         }
-        let span = u64::from(of.span >> Edge::FRACTION_BITS);
-        let counts = (u64::from(speed) * span).div_ceil(1 << Velocity::FRACTION_BITS);
+        let counts = (u64::from(speed) * u64::from(of.span)).div_ceil(1 << SCALE_BITS);
         let time = quotient(counts << SCALE_BITS, speed);
         let (Ok(time), Ok(counts)) = (u32::try_from(time), i32::try_from(counts)) else {
             return Self::REST;
@@ -259,7 +260,7 @@ mod tests {
         // up over the border, and back down over it
         assert_eq!(run(2, &[(1, Some((100, true))), (-1, Some((50, false)))])[1], 0);
         // over the next border and back within a sample: one count on, over the span at least
-        assert_eq!(run(2, &[(1, Some((100, true))), (0, Some((50, false)))])[1], 65_536 / 2);
+        assert_eq!(run(2, &[(1, Some((100, true))), (0, Some((50, false)))])[1], 43_691); // 2^16 / 1.5
     }
 
     #[test]

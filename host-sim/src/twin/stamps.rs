@@ -55,8 +55,10 @@ impl Stamps {
         self.measured.clamp(-bound, bound).clamp(-32_767.0, 32_767.0)
     }
 
-    /// From the newest edge that is at least a span older than the latest; else from the oldest.
+    /// From the newest edge that is older than the latest by a span less half a sample; else from
+    /// the oldest.
     fn measure(&self, span: f64) -> f64 {
+        let span = span - 0.5;
         let edges = &self.edges[..self.known];
         let [time, place] = edges[0];
         let old = edges.iter().skip(1).find(|edge| time - edge[0] >= span);
