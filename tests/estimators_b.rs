@@ -493,3 +493,97 @@ fn estimators_say_what_they_need() {
     }
     assert_eq!(EstimatorName::Observer.missing(&[]), Some(Sense::Force));
 }
+
+/// The encoder's edges in a scene: cubic between samples against the motion itself.
+#[test]
+fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
+    // a turn within a sample, over a border and back: the way back counts
+    assert_eq!(
+        last_edge([0.5, 3.0], [0.5, -3.0]).map(|(at, up)| (at > 0.5, up)),
+        Some((true, false))
+    );
+    assert_eq!(last_edge([0.5, 1.0], [0.5, -1.0]), None, "a turn within the cell");
+    let (at, up) = last_edge([0.25, 1.5], [1.75, 1.5]).unwrap();
+    assert!((at - 0.5).abs() < 1e-9 && up);
+    let (at, up) = last_edge([1.75, -2.5], [-0.75, -2.5]).unwrap();
+    assert!((at - 0.7).abs() < 1e-9 && !up);
+    // a force that steps by the whole range of the paper's device within the sample
+    let step = 2.0 * DESIGN.full_scale_n / MASS_KG / 1e-6 / 1e8; // counts / sample^2
+    let mut worst = 0.0f64;
+    for split in [0.1, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75, 0.9] {
+        for offset in 0..100 {
+            let start = 0.001 + 0.01 * f64::from(offset);
+            let at = |t: f64| start + t + 0.5 * step * (t - split).max(0.0).powi(2);
+            let end = [at(1.0), 1.0 + step * (1.0 - split)];
+            let (edge, up) = last_edge([start, 1.0], end).unwrap();
+            assert!(up);
+            worst = worst.max((at(edge) - end[0].floor()).abs());
+        }
+    }
+    println!("edge off by {worst} counts");
+    assert!(worst < 0.0186 * step, "{worst}");
+}
+
+/// A wall hit with each of them, and by whole stack: scene, senses, core, twin.
+#[test]
+fn scenes_with_senses_run_and_core_and_twin_agree() {
+    use host_sim::{
+        rig::{Numeric, Rig, WallHit},
+        scene::NamedScene,
+    };
+    let built_in = host_sim::scene::BUILT_IN[0].1;
+    let accelerometer = "\n[accelerometer]\nfull_scale_m_per_s2 = 100.0\nbandwidth_hz = 1000.0\n\
+                         noise_m_per_s2_per_sqrt_hz = 0.001\nbias_m_per_s2 = 0.3\n\
+                         resolution_m_per_s2 = 0.005\n";
+    for (velocity, cutoff_hz) in [
+        ("estimator = \"tracking-loop\"", 1000.0),
+        ("estimator = \"observer\"\nmass_kg = 0.416", 300.0),
+        ("estimator = \"time-stamps\"\nspan_samples = 4", 0.0),
+        ("estimator = \"fusion\"", 100.0),
+    ] {
+        let usual = "estimator = \"butterworth\"\nprewarp = false";
+        assert!(built_in.contains(usual));
+        let mut text = built_in.replace(usual, velocity);
+        if cutoff_hz == 0.0 {
+            text = text.replace("[sweep]", "[sweep] # no cutoff");
+        }
+        if velocity.contains("fusion") {
+            let refused = NamedScene::parse("x".into(), text.clone(), "x").unwrap_err().to_string();
+            assert!(refused.contains("accelerometer"), "{refused}");
+            text.push_str(accelerometer);
+        }
+        // tunings in range of all
+        let list = text.lines().find(|line| line.starts_with("cutoffs_hz")).unwrap().to_owned();
+        let text = text.replace(&list, "cutoffs_hz = [100, 300, 1000]");
+        let scene = NamedScene::parse("x".into(), text, "x").unwrap().scene;
+        let rig = Rig::new(&scene).unwrap();
+        let hit = WallHit {
+            cutoff_hz,
+            stiffness_n_per_m: 10_000.0,
+            damping_n_s_per_m: 50.0,
+            start_offset_counts: 0.0,
+        };
+        let reports = [Numeric::Fixed, Numeric::F64].map(|numeric| {
+            let (mut worst, mut fastest, mut before) = (0.0f64, 0.0f64, None::<f64>);
+            let report = rig
+                .hit(numeric, &hit, |sample| {
+                    // on the way to the wall: the speed of the handle against the estimate
+                    if (1000..2500).contains(&sample.index) {
+                        if let Some(before) = before {
+                            let speed = (sample.position_m - before) / DESIGN.resolution_m;
+                            worst = worst.max((sample.velocity - speed).abs());
+                            fastest = fastest.max(speed);
+                        }
+                    }
+                    before = Some(sample.position_m);
+                })
+                .unwrap();
+            println!("{velocity}: off by {worst} of {fastest} counts per sample, {report:?}");
+            assert!(fastest > 30.0 && worst < 0.7, "{velocity}: {worst} of {fastest}");
+            report
+        });
+        assert!(reports[0].is_stable() && reports[1].is_stable(), "{velocity}: {reports:?}");
+        let off = (reports[0].peak_penetration_m - reports[1].peak_penetration_m).abs();
+        assert!(off < 0.05 * reports[1].peak_penetration_m, "{velocity}: {reports:?}");
+    }
+}
