@@ -88,11 +88,11 @@ impl Random {
         let random = self.next();
         match n / 70 % 7 {
             0 => 0,
-            1 => i32::from(random % 20 == 0),
+            1 => i32::from(random.is_multiple_of(20)),
             2 => (random % 7) as i32 - 3,
             3 => 300,
             4 => {
-                if n % 2 == 0 {
+                if n.is_multiple_of(2) {
                     32_767
                 } else {
                     -32_767

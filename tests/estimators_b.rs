@@ -568,12 +568,12 @@ fn scenes_with_senses_run_and_core_and_twin_agree() {
             let report = rig
                 .hit(numeric, &hit, |sample| {
                     // on the way to the wall: the speed of the handle against the estimate
-                    if (1000..2500).contains(&sample.index) {
-                        if let Some(before) = before {
-                            let speed = (sample.position_m - before) / DESIGN.resolution_m;
-                            worst = worst.max((sample.velocity - speed).abs());
-                            fastest = fastest.max(speed);
-                        }
+                    if (1000..2500).contains(&sample.index)
+                        && let Some(before) = before
+                    {
+                        let speed = (sample.position_m - before) / DESIGN.resolution_m;
+                        worst = worst.max((sample.velocity - speed).abs());
+                        fastest = fastest.max(speed);
                     }
                     before = Some(sample.position_m);
                 })
