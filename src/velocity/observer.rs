@@ -38,8 +38,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use crate::Gain;
-use crate::units::{Acceleration, Force, Velocity};
+#[cfg(feature = "fusion")]
+use crate::units::Acceleration;
+#[cfg(feature = "observer")]
+use crate::units::Force;
+use crate::{Gain, units::Velocity};
 
 /// Fractional bits of `x - x^`, of e and of a known acceleration.
 pub(super) const POSITION_BITS: u32 = 32;
@@ -64,7 +67,8 @@ pub struct Observer {
     pub(super) position: Factor,
     pub(super) velocity: Factor,
     pub(super) disturbance: Factor,
-    /// Counts per sample^2 with [`POSITION_BITS`], per LSB of [`Force`]; 0 for fusion.
+    /// Counts per sample^2 with [`POSITION_BITS`], per LSB of
+    /// [`Force`](crate::units::Force); 0 for fusion.
     pub(super) per_force: Gain,
 }
 
@@ -103,6 +107,7 @@ impl Factor {
 
 impl Observer {
     /// The velocity after a move by `difference` counts under `force`.
+    #[cfg(feature = "observer")]
     pub(super) fn after_force(
         &self,
         state: &mut ObserverState,
@@ -113,6 +118,7 @@ impl Observer {
     }
 
     /// The velocity after a move by `difference` counts with that measured acceleration.
+    #[cfg(feature = "fusion")]
     pub(super) fn after_acceleration(
         &self,
         state: &mut ObserverState,

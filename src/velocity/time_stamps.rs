@@ -250,9 +250,9 @@ mod tests {
                 (0, Some((49_152 + 131_072, true))),
             ],
         );
-        let measured = (65_536.0f64 / 1.75).round() as i32;
+        let measured = 37_449; // 2^16 / 1.75
         assert_eq!(got[..4], [0, 0, measured, measured]); // bound after 1.75 samples: the same
-        assert_eq!(got[4], (65_536.0f64 / 2.75).round() as i32);
+        assert_eq!(got[4], 23_831); // 2^16 / 2.75
     }
 
     #[test]
