@@ -15,13 +15,13 @@ use crate::{
 pub struct Down {
     /// Low 32 bits of the sample that the last finished output answered.
     pub rendered: u32,
-    /// The force last granted, none while off: it has acted since the last sample, but for the time
-    /// that the output took.
-    pub force: Force,
     /// [`Guard::events`] that `clear` has dealt with.
     pub acknowledged: u32,
     /// How often the count was to be zeroed.
     pub zeros: u32,
+    /// The force last granted, none while off: it has acted since the last sample, but for the time
+    /// that the output took.
+    pub force: Force,
     /// Force is on: only then is high speed a fault. A hand may move a free handle as it likes.
     pub on: bool,
     /// Flash is being written, which stalls the processor: moves between two samples and missing

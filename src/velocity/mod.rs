@@ -38,6 +38,13 @@ pub use time_stamps::{SPAN_MAX, TimeStamps};
 #[cfg(feature = "tracking-loop")]
 pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
 
+#[cfg(any(
+    feature = "taylor",
+    feature = "least-squares",
+    feature = "observer",
+    feature = "fusion",
+    feature = "time-stamps"
+))]
 use core::hint::cold_path;
 
 use crate::units::{Position, Velocity};
@@ -81,10 +88,7 @@ impl Estimator {
             Self::LowPass(filter) => {
                 filter.update(&mut state.filter, Velocity::saturating_from_counts(difference))
             }
-            Self::Difference => {
-                cold_path();
-                Velocity::saturating_from_counts(difference)
-            }
+            Self::Difference => Velocity::saturating_from_counts(difference),
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             Self::Fir(fir) => {
                 cold_path();
