@@ -94,7 +94,7 @@ impl Sampler {
     }
 
     /// [`sample`](Self::sample) for estimators that look at more than the count.
-    #[inline]
+    #[inline(always)] // as Estimator::update
     pub fn sense(&mut self, control: &Control, counter: u32, senses: &Senses) -> Motion {
         let position = self.encoder.track(counter);
         let velocity = control.estimator.update(&mut self.velocity, position, senses);

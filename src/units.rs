@@ -4,6 +4,7 @@
 //! |--------------|--------------------------|---------|--------------|-----------------------|---------|
 //! | [`Position`] | counts                   | `i32`   | 1 count      | +-2^30, then a fault  | [`Encoder::track`](crate::encoder::Encoder::track) |
 //! | [`Velocity`] | counts per sample        | `Q16`   | 2^-16        | +-32767, saturating   | [`Estimator::update`](crate::velocity::Estimator::update) |
+//! | [`Acceleration`] | counts per sample^2  | `Q24`   | 2^-24        | +-127, saturating     | an accelerometer |
 //! | [`Demand`]   | fraction of full scale   | `Q30` in `i64` | 2^-30 | +-2^32                | [`Wall::demand`](crate::wall::Wall::demand) |
 //! | [`Force`]    | fraction of full scale   | `Q30`   | 2^-30        | +-1, saturating       | [`Demand::saturate`] |
 //! | [`Command`]  | DAC or PWM code          | `i32`   | 1 code       | of the output         | [`Actuator::command`](crate::actuator::Actuator::command) |
@@ -91,6 +92,35 @@ impl Velocity {
     }
 
     /// LSB of 2^-16 counts per sample.
+    #[inline]
+    pub fn bits(self) -> i32 {
+        self.0.into_bits()
+    }
+}
+
+/// Acceleration in counts per sample^2, 24 fractional bits, saturating at +-127.
+///
+/// Finer than [`Velocity`], because it is summed up: at 1 um and 10 kHz the LSB is 6e-6 m/s^2 and
+/// the range 12,700 m/s^2.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
+pub struct Acceleration(Q32<24>);
+
+impl Acceleration {
+    /// Fractional bits.
+    pub const FRACTION_BITS: u32 = 24;
+    /// Largest magnitude, in counts per sample^2.
+    pub const LIMIT: i32 = 127;
+    /// None.
+    pub const ZERO: Self = Self(Q32::from_bits(0));
+
+    /// The nearest acceleration to that many LSB of 2^-24 counts per sample^2.
+    #[inline]
+    pub fn saturating_from_bits(bits: i32) -> Self {
+        let limit = Self::LIMIT << Self::FRACTION_BITS;
+        Self(Q32::from_bits(bits.clamp(-limit, limit)))
+    }
+
+    /// LSB of 2^-24 counts per sample^2.
     #[inline]
     pub fn bits(self) -> i32 {
         self.0.into_bits()
@@ -206,6 +236,12 @@ mod tests {
         assert!(velocity.contains(&format!("2^-{}", Velocity::FRACTION_BITS)));
         assert!(velocity.contains(&format!("+-{}", Velocity::LIMIT)));
         assert_eq!(f64::from(Q32::<16>::DELTA), 2f64.powi(-16));
+        let acceleration = row("[`Acceleration`]");
+        assert!(acceleration.contains(&format!("`Q{}`", Acceleration::FRACTION_BITS)));
+        assert!(acceleration.contains(&format!("2^-{}", Acceleration::FRACTION_BITS)));
+        assert!(acceleration.contains(&format!("+-{}", Acceleration::LIMIT)));
+        assert_eq!(f64::from(Q32::<24>::DELTA), 2f64.powi(-24));
+        assert_eq!(Acceleration::saturating_from_bits(i32::MIN).bits(), -(127 << 24));
         let force = row("[`Force`]");
         assert!(force.contains(&format!("`Q{}`", Force::FRACTION_BITS)));
         assert!(force.contains(&format!("2^-{}", Force::FRACTION_BITS)));

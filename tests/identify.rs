@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 use host_sim::{
     identify::{Estimate, Gain, Identification, Options, Record, identify},
-    plant::PlantStep,
+    plant::{Plant as _, PlantStep},
     scene::{Device, NamedScene, Rounding},
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};

@@ -2,7 +2,7 @@
 
 use zwidth::{
     Control, CounterWidth, Design, Drive, Motion, Sampler, Settings, SettingsError, units::Force,
-    units::Velocity,
+    units::Velocity, velocity::Senses,
 };
 
 /// What a controller did at an output.
@@ -20,6 +20,8 @@ pub struct Rendered {
 pub trait Controller {
     /// Takes one sample; `true` if an output is due with it.
     fn sample(&mut self, count: i32) -> bool;
+    /// [`sample`](Self::sample) with what is sensed beside the count.
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool;
     /// The output that is due with the last sample.
     fn render(&mut self) -> Rendered;
     /// The velocity at the last sample, counts per sample.
@@ -75,6 +77,12 @@ impl Controller for Fixed {
     #[inline]
     fn sample(&mut self, count: i32) -> bool {
         self.motion = self.sampler.sample(&self.control, count.cast_unsigned());
+        self.motion.due
+    }
+
+    #[inline]
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
+        self.motion = self.sampler.sense(&self.control, count.cast_unsigned(), senses);
         self.motion.due
     }
 

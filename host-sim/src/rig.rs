@@ -13,6 +13,7 @@ use crate::{
     error::Error,
     plant::{AnyPlant, Moment, Plant, each_plant},
     scene::Scene,
+    sensing::{AnySensing, Blind, Sensing},
     simulation::{Parts, Sample, Simulation},
     twin::{self, Twin},
 };
@@ -169,7 +170,8 @@ impl Rig {
     /// # Errors
     /// A setting of `hit` is out of range.
     pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
-        Ok(Simulation::new(self.parts.clone(), self.core(hit)?, self.start_m(hit)))
+        let parts = self.parts.clone();
+        Ok(Simulation::new(parts, self.core(hit)?, self.sensing(), self.start_m(hit)))
     }
 
     /// The loop around the `f64` twin, ready for sample 0 of a hit.
@@ -182,7 +184,11 @@ impl Rig {
         rounding: twin::Rounding,
     ) -> Result<Simulation<Twin>, SettingsError> {
         let twin = self.twin_of_core(hit, rounding)?;
-        Ok(Simulation::new(self.parts.clone(), twin, self.start_m(hit)))
+        Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
+    }
+
+    fn sensing(&self) -> AnySensing {
+        AnySensing::of(&self.scene)
     }
 
     fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
@@ -239,16 +245,24 @@ impl Rig {
         }
     }
 
-    /// The plant is told apart here, once per run, and not in its loop.
+    /// Plant and senses are told apart here, once per run, and not in its loop.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,
         observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
+        let start_m = self.start_m(hit);
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            self.run_whole(Simulation::new(parts, controller, self.start_m(hit)), observe)
+            match self.sensing() {
+                AnySensing::Blind => {
+                    self.run_whole(Simulation::new(parts, controller, Blind, start_m), observe)
+                }
+                AnySensing::Full(full) => {
+                    self.run_whole(Simulation::new(parts, controller, full, start_m), observe)
+                }
+            }
         })
     }
 
@@ -257,15 +271,23 @@ impl Rig {
         hit: &WallHit,
         controller: C,
     ) -> Result<Verdict, HitError> {
+        let start_m = self.start_m(hit);
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            self.run_to_verdict(Simulation::new(parts, controller, self.start_m(hit)))
+            match self.sensing() {
+                AnySensing::Blind => {
+                    self.run_to_verdict(Simulation::new(parts, controller, Blind, start_m))
+                }
+                AnySensing::Full(full) => {
+                    self.run_to_verdict(Simulation::new(parts, controller, full, start_m))
+                }
+            }
         })
     }
 
-    fn run_whole<C: Controller + Copy, P: Plant>(
+    fn run_whole<C: Controller + Copy, S: Sensing, P: Plant>(
         &self,
-        mut simulation: Simulation<C, P>,
+        mut simulation: Simulation<C, S, P>,
         mut observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
         let surface = simulation.controller().surface();
@@ -294,9 +316,9 @@ impl Rig {
         })
     }
 
-    fn run_to_verdict<C: Controller + Copy, P: Plant>(
+    fn run_to_verdict<C: Controller + Copy, S: Sensing, P: Plant>(
         &self,
-        mut simulation: Simulation<C, P>,
+        mut simulation: Simulation<C, S, P>,
     ) -> Result<Verdict, HitError> {
         let surface = simulation.controller().surface();
         let mut hit = Hit::new(self.plan);

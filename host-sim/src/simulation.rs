@@ -6,6 +6,7 @@ use crate::{
     controller::{Controller, Rendered},
     plant::{AnyPlant, Moment, Plant},
     scene::Rounding,
+    sensing::{AnySensing, Handle, Sensing},
 };
 
 /// The parts of the loop that a run does not change.
@@ -44,9 +45,9 @@ pub struct Sample {
 
 /// A run in progress.
 #[derive(Clone, Debug)]
-pub struct Simulation<C, P: Plant = AnyPlant> {
+pub struct Simulation<C, S = AnySensing, P: Plant = AnyPlant> {
     parts: Parts<P>,
-    moving: Moving<C, P::State>,
+    moving: Moving<C, S, P::State>,
     /// A ring with room for all commands that can be on their way to the actuator at once, N.
     forces_n: Box<[f64]>,
 }
@@ -54,9 +55,10 @@ pub struct Simulation<C, P: Plant = AnyPlant> {
 /// What a step changes. Small and `Copy`: [`Simulation::run`] works on a copy, which the compiler
 /// can keep in registers from step to step; in memory the loop takes twice the time.
 #[derive(Clone, Copy, Debug)]
-struct Moving<C, S> {
+struct Moving<C, S, X> {
     controller: C,
-    state: S,
+    sensing: S,
+    state: X,
     index: u64,
     output_n: f64,
     on_the_way: Latency,
@@ -142,10 +144,10 @@ fn floor(value: f64) -> i32 {
     nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
 }
 
-impl<C: Controller + Copy, S: Copy> Moving<C, S> {
+impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
     /// Sample `n` at `t = n T`, and the motion up to `(n + 1) T`.
     #[inline(always)] // called, it would keep the state in memory
-    fn step<P: Plant<State = S>>(&mut self, parts: &Parts<P>, forces_n: &mut [f64]) -> Sample {
+    fn step<P: Plant<State = X>>(&mut self, parts: &Parts<P>, forces_n: &mut [f64]) -> Sample {
         let index = self.index;
         let position_m = parts.plant.position_m(&self.state);
         // 1. the encoder
@@ -154,13 +156,14 @@ impl<C: Controller + Copy, S: Copy> Moving<C, S> {
         let moment = Moment { index, before_n, after_n };
         let count = parts.count(parts.plant.reading_m(&self.state, &moment));
         // 2. the velocity
-        let due = self.controller.sample(count);
+        let due = self.sensing.sample(&mut self.controller, count);
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
         }
         // 4. a command that takes effect within this sample, and 5. the plant
+        let (state, before_n) = (self.state, self.output_n);
         match self.on_the_way.arriving(forces_n, index) {
             None => self.state = parts.plant.advance(&self.state, self.output_n),
             Some(force_n) => {
@@ -168,6 +171,11 @@ impl<C: Controller + Copy, S: Copy> Moving<C, S> {
                 self.output_n = force_n;
             }
         }
+        let handle = |state: &X| Handle {
+            position_m: parts.plant.position_m(state),
+            speed_m_per_s: parts.plant.speed_m_per_s(state),
+        };
+        self.sensing.moved(handle(&state), handle(&self.state), before_n, self.output_n);
         self.index = index + 1;
         let velocity = self.controller.velocity();
         let output_n = parts.plant.force_n(&self.state, self.output_n);
@@ -175,10 +183,10 @@ impl<C: Controller + Copy, S: Copy> Moving<C, S> {
     }
 }
 
-impl<C: Controller + Copy, P: Plant> Simulation<C, P> {
+impl<C: Controller + Copy, S: Sensing, P: Plant> Simulation<C, S, P> {
     /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
     /// that the encoder reads there.
-    pub fn new(parts: Parts<P>, controller: C, start_m: f64) -> Self {
+    pub fn new(parts: Parts<P>, controller: C, sensing: S, start_m: f64) -> Self {
         let on_the_way = Latency {
             write: 0,
             read: 0,
@@ -186,7 +194,7 @@ impl<C: Controller + Copy, P: Plant> Simulation<C, P> {
             period: parts.period.into(),
         };
         let state = parts.plant.at_rest(start_m);
-        let moving = Moving { controller, state, index: 0, output_n: 0.0, on_the_way };
+        let moving = Moving { controller, sensing, state, index: 0, output_n: 0.0, on_the_way };
         let room = (parts.latency / parts.period + 1) as usize;
         Self { parts, moving, forces_n: vec![0.0; room].into() }
     }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{Fir, true_cutoff_hz},
+    velocity::{Fir, Sense, TrackingLoop, true_cutoff_hz},
 };
 
 use crate::linear::{Order, TransferFunction};
@@ -39,6 +39,20 @@ pub enum Velocity {
         /// Samples from the oldest to the newest, up to 64.
         window_samples: u32,
     },
+    /// Tracking loop; the cutoff is its bandwidth.
+    TrackingLoop {},
+    /// Extended-state observer under the commanded force; the cutoff is its bandwidth.
+    Observer {
+        /// Mass of its model, kg.
+        mass_kg: f64,
+    },
+    /// Times of the encoder's edges.
+    TimeStamps {
+        /// Shortest time that it measures over, samples, up to 62.
+        span_samples: u32,
+    },
+    /// Position and acceleration; the cutoff is the crossover. Needs a table `[accelerometer]`.
+    Fusion {},
 }
 
 impl Velocity {
@@ -52,7 +66,18 @@ impl Velocity {
             Self::LeastSquares { degree, window_samples } => {
                 VelocitySettings::LeastSquares { degree, window_samples }
             }
+            Self::TrackingLoop {} => VelocitySettings::TrackingLoop { bandwidth_hz: cutoff_hz },
+            Self::Observer { mass_kg } => {
+                VelocitySettings::Observer { bandwidth_hz: cutoff_hz, mass_kg }
+            }
+            Self::TimeStamps { span_samples } => VelocitySettings::TimeStamps { span_samples },
+            Self::Fusion {} => VelocitySettings::Fusion { crossover_hz: cutoff_hz },
         }
+    }
+
+    /// What the estimator cannot do without, beside the position.
+    pub fn sense(self) -> Option<Sense> {
+        self.settings(0.0).name().sense()
     }
 
     /// The scene's form of those settings, and their cutoff if they have one.
@@ -69,6 +94,16 @@ impl Velocity {
             VelocitySettings::LeastSquares { degree, window_samples } => {
                 (Self::LeastSquares { degree, window_samples }, None)
             }
+            VelocitySettings::TrackingLoop { bandwidth_hz } => {
+                (Self::TrackingLoop {}, Some(bandwidth_hz))
+            }
+            VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
+                (Self::Observer { mass_kg }, Some(bandwidth_hz))
+            }
+            VelocitySettings::TimeStamps { span_samples } => {
+                (Self::TimeStamps { span_samples }, None)
+            }
+            VelocitySettings::Fusion { crossover_hz } => (Self::Fusion {}, Some(crossover_hz)),
         }
     }
 
@@ -85,14 +120,15 @@ impl Velocity {
     /// Name and cutoff, for people.
     pub fn describe(self, cutoff_hz: f64, rate_hz: f64) -> String {
         let name = self.name();
-        if !self.has_cutoff() {
-            return name.into();
-        }
+        let parameter = match self.settings(cutoff_hz).tuning() {
+            Some((parameter, _)) if parameter.is_frequency() => parameter.name,
+            _ => return name.into(),
+        };
         let true_hz = self.true_cutoff_hz(cutoff_hz, rate_hz);
         if true_hz == cutoff_hz {
-            format!("{name}, cutoff {cutoff_hz} Hz")
+            format!("{name}, {parameter} {cutoff_hz} Hz")
         } else {
-            format!("{name}, cutoff {cutoff_hz} Hz nominal (-3 dB at {true_hz:.1} Hz)")
+            format!("{name}, {parameter} {cutoff_hz} Hz nominal (-3 dB at {true_hz:.1} Hz)")
         }
     }
 
@@ -108,7 +144,8 @@ impl Velocity {
     }
 }
 
-/// The estimator from position to velocity, m/s per m; `None` if it is not linear.
+/// The estimator from position to velocity, m/s per m; `None` if it is not linear, or if it looks
+/// at more than the position.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -134,6 +171,14 @@ pub fn transfer_function(
         VelocitySettings::LeastSquares { degree, window_samples } => {
             difference.then(&weights(&Fir::least_squares(degree, window_samples)?))
         }
+        VelocitySettings::TrackingLoop { bandwidth_hz } => {
+            let TrackingLoop { kp, ki, .. } = TrackingLoop::new(bandwidth_hz, rate_hz)?;
+            let double_pole = vec![1.0, kp + ki - 2.0, 1.0 - kp];
+            difference.then(&TransferFunction { num: vec![ki], den: double_pole })
+        }
+        VelocitySettings::Observer { .. }
+        | VelocitySettings::TimeStamps { .. }
+        | VelocitySettings::Fusion { .. } => return Ok(None),
     }))
 }
 

@@ -51,7 +51,10 @@ use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::{safety::ResetCause, units::Command};
+use zwidth::{safety::ResetCause, units::Command, velocity::Sense};
+
+/// What an estimator can look at beside the count. No board has edge times or an accelerometer.
+pub const SENSES: &[Sense] = &[Sense::Force];
 
 /// Samples per second, Hz.
 pub const RATE_HZ: u32 = 10_000;

@@ -9,7 +9,7 @@ use crate::{
     safety::{Fault, Refusal},
     store::{Source, Stored},
     telemetry::Record,
-    velocity::{EstimatorName, Parameter},
+    velocity::{EstimatorName, Parameter, Sense},
 };
 
 /// What the board answers. Write it with [`Text::of`](super::Text::of); the line end is not in it.
@@ -39,6 +39,8 @@ pub enum Reply<'a> {
     Refused(Refusal),
     /// Not this value.
     Range(&'a SettingsError),
+    /// Not this estimator: the board has not what it needs.
+    NoSense(EstimatorName, Sense),
     /// Not this wall.
     Outside(Outside),
     /// The hardware failed at this.
@@ -77,6 +79,12 @@ impl fmt::Display for Reply<'_> {
                     Decimal(*high)
                 )
             }
+            Self::NoSense(name, sense) => write!(
+                f,
+                "error: estimator {} needs {}, which this board has not",
+                name.text(),
+                sense.text()
+            ),
             Self::Outside(outside) => {
                 write!(f, "error: {}", outside.text())?;
                 if let Some(highest) = outside.highest() {

@@ -3,7 +3,11 @@
 #![deny(clippy::float_arithmetic)]
 
 use super::{Fault, FaultSet, SafetyPlan, plan::STUCK_RENDERS};
-use crate::{Control, CounterWidth, Motion, Sampler, units::Position};
+use crate::{
+    Control, CounterWidth, Motion, Sampler,
+    units::{Force, Position},
+    velocity::Senses,
+};
 
 /// From `render` to `sample`: what the guard has to know. Plain words; a torn read of two of them
 /// does no harm, because each is compared on its own.
@@ -15,6 +19,9 @@ pub struct Down {
     pub acknowledged: u32,
     /// How often the count was to be zeroed.
     pub zeros: u32,
+    /// The force last granted, none while off: it has acted since the last sample, but for the time
+    /// that the output took.
+    pub force: Force,
     /// Force is on: only then is high speed a fault. A hand may move a free handle as it likes.
     pub on: bool,
     /// Flash is being written, which stalls the processor: moves between two samples and missing
@@ -111,7 +118,8 @@ impl GuardedSampler {
             self.last = Position::default();
             self.guard.zeros = down.zeros;
         }
-        let motion = self.sampler.sample(control, counter);
+        let senses = Senses { force: down.force, ..Senses::NONE };
+        let motion = self.sampler.sense(control, counter, &senses);
         let present = self.present(motion, down);
         self.last = motion.position;
         self.stalled = down.stall;

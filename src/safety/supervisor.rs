@@ -146,6 +146,7 @@ impl Supervisor {
         #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
         let sample = up.motion.sample as u32;
         self.down.rendered = sample;
+        self.down.force = grant.force().unwrap_or_default();
         self.down.on = self.state.is_on();
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;

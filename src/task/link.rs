@@ -266,6 +266,10 @@ impl Link {
     }
 
     fn propose(&mut self, stored: Stored, change: Change) {
+        let estimator = stored.settings.velocity.name();
+        if let Some(sense) = estimator.missing(board::SENSES) {
+            return self.reply(Reply::NoSense(estimator, sense));
+        }
         match build(&stored) {
             Ok((control, gains)) => {
                 self.order(Order::Control(control, gains), Awaited::Settings(stored, change));

@@ -15,6 +15,8 @@ mod order;
 mod render;
 mod sample;
 
+#[cfg(feature = "observer")]
+use core::sync::atomic::AtomicI32;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 pub use idle::Idle;
@@ -26,10 +28,10 @@ use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
     Control, CounterWidth,
     safety::{Down, Fault, FaultRecord, GuardedSampler, Supervisor, Up, boot_fault},
-    units::Position,
+    units::{Force, Position},
 };
 
-use crate::board::{Board, Queue};
+use crate::board::{self, Board, Queue};
 
 /// Outputs that may wait for `render`, and the positions that belong to them.
 const UPS: usize = 4;
@@ -66,6 +68,8 @@ impl Queues {
 struct Flags {
     /// [`Down`], written by `render`.
     rendered: AtomicU32,
+    #[cfg(feature = "observer")]
+    force: AtomicI32,
     acknowledged: AtomicU32,
     zeros: AtomicU32,
     /// Bit 0: force is on; bit 1: flash is being written.
@@ -76,6 +80,8 @@ struct Flags {
 
 static FLAGS: Flags = Flags {
     rendered: AtomicU32::new(0),
+    #[cfg(feature = "observer")]
+    force: AtomicI32::new(0),
     acknowledged: AtomicU32::new(0),
     zeros: AtomicU32::new(0),
     facts: AtomicU32::new(0),
@@ -87,6 +93,8 @@ impl Flags {
         self.acknowledged.store(down.acknowledged, Relaxed);
         self.zeros.store(down.zeros, Relaxed);
         self.facts.store(u32::from(down.on) | u32::from(down.stall) << 1, Relaxed);
+        #[cfg(feature = "observer")]
+        self.force.store(down.force.bits(), Relaxed);
         self.rendered.store(down.rendered, Relaxed);
     }
 
@@ -95,6 +103,10 @@ impl Flags {
         let facts = self.facts.load(Relaxed);
         Down {
             rendered: self.rendered.load(Relaxed),
+            #[cfg(feature = "observer")]
+            force: Force::saturating_from_bits(self.force.load(Relaxed)),
+            #[cfg(not(feature = "observer"))]
+            force: Force::ZERO, // nobody asks, and a load costs
             acknowledged: self.acknowledged.load(Relaxed),
             zeros: self.zeros.load(Relaxed),
             on: facts & 1 != 0,
@@ -105,7 +117,7 @@ impl Flags {
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// Settings that cannot be built leave the defaults in force, with the fault `settings` latched.
+/// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the defaults in force, with the fault `settings` latched.
 pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (ups_in, ups_out) = queues.ups.split();
     let (positions_in, positions_out) = queues.positions.split();
@@ -114,10 +126,12 @@ pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link
     let (orders_in, orders_out) = queues.orders.split();
 
     let loaded = zwidth::store::load(&board.settings, device::defaults());
-    let built = loaded.stored.settings.build(&device::DESIGN);
-    let stored = if built.is_ok() { loaded.stored } else { device::defaults() };
-    let control = built.or_else(|_| device::defaults().settings.build(&device::DESIGN));
-    let (Ok(control), Ok(plan)) = (control, device::safety()) else {
+    let settings = loaded.stored.settings;
+    let sensed = settings.velocity.name().missing(board::SENSES).is_none();
+    let built = settings.build(&device::DESIGN).ok().filter(|_| sensed);
+    let stored = if built.is_some() { loaded.stored } else { device::defaults() };
+    let control = built.or_else(|| device::defaults().settings.build(&device::DESIGN).ok());
+    let (Some(control), Ok(plan)) = (control, device::safety()) else {
         // The defaults are constants that every board is tested with.
         panic!();
     };

@@ -9,27 +9,45 @@ mod butterworth;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 mod fir;
 mod name;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+mod observer;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+mod observer_design;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 mod polynomial;
+mod senses;
 mod settings;
+#[cfg(feature = "time-stamps")]
+mod time_stamps;
+#[cfg(feature = "tracking-loop")]
+mod tracking;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder, PREWARPED_MAX, true_cutoff_hz};
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 pub use fir::{Fir, WINDOW_MAX};
 pub use name::{EstimatorName, Parameter};
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer::Observer;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
+pub use senses::{Edge, Sense, Senses};
 pub use settings::VelocitySettings;
+#[cfg(feature = "time-stamps")]
+pub use time_stamps::{SPAN_MAX, TimeStamps};
+#[cfg(feature = "tracking-loop")]
+pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
 
-use crate::units::{Force, Position, Velocity};
+#[cfg(any(
+    feature = "taylor",
+    feature = "least-squares",
+    feature = "observer",
+    feature = "fusion",
+    feature = "time-stamps"
+))]
+use core::hint::cold_path;
 
-/// What an estimator may know beside the position. Whoever samples fills in what it has; an
-/// estimator that needs what is not there is not offered.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Senses {
-    /// Force that acted on the handle since the last sample, as far as the controller knows:
-    /// saturated, held, and in effect.
-    pub force: Force,
-}
+use crate::units::{Position, Velocity};
 
 #[cfg_attr(
     any(feature = "taylor", feature = "least-squares"),
@@ -45,6 +63,15 @@ pub enum Estimator {
     /// Weighted sum of the last differences.
     #[cfg(any(feature = "taylor", feature = "least-squares"))]
     Fir(Fir),
+    /// Observer that knows the force.
+    #[cfg(feature = "observer")]
+    Observer(Observer),
+    /// Observer that knows the acceleration.
+    #[cfg(feature = "fusion")]
+    Fusion(Observer),
+    /// Counts between two edges over the time between them.
+    #[cfg(feature = "time-stamps")]
+    TimeStamps(TimeStamps),
 }
 
 impl Estimator {
@@ -52,9 +79,9 @@ impl Estimator {
     ///
     /// Estimators other than the usual ones are called, not inlined: their state then does not push
     /// that of the usual ones out of the registers.
-    #[inline]
+    #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
-        let _ = senses;
+        let _ = senses; // some builds have no estimator that looks at them
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
         let velocity = match self {
@@ -63,10 +90,39 @@ impl Estimator {
             }
             Self::Difference => Velocity::saturating_from_counts(difference),
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
-            Self::Fir(fir) => fir.update(&mut state.fir, difference),
+            Self::Fir(fir) => {
+                cold_path();
+                fir.update(&mut state.fir, difference)
+            }
+            #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+            _ => {
+                cold_path();
+                self.sensed(&mut state.sensed, difference, senses)
+            }
         };
         state.velocity = velocity;
         velocity
+    }
+
+    /// The velocity by those that look at more than the position.
+    #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+    #[inline(never)]
+    fn sensed(&self, state: &mut Sensed, difference: i32, senses: &Senses) -> Velocity {
+        match self {
+            #[cfg(feature = "observer")]
+            Self::Observer(observer) => {
+                observer.after_force(&mut state.observer, difference, senses.force)
+            }
+            #[cfg(feature = "fusion")]
+            Self::Fusion(observer) => {
+                observer.after_acceleration(&mut state.observer, difference, senses.acceleration)
+            }
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps(stamps) => {
+                stamps.update(&mut state.time_stamps, difference, senses.edge)
+            }
+            _ => Velocity::ZERO,
+        }
     }
 
     /// Whether `other` can go on with what this one left behind: the same kind, retuned.
@@ -81,6 +137,17 @@ impl Estimator {
             Self::Difference => {}
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             Self::Fir(_) => state.fir = fir::FirState::at(state.velocity),
+            #[cfg(feature = "observer")]
+            Self::Observer(_) => {
+                state.sensed.observer = observer::ObserverState::at(state.velocity);
+            }
+            #[cfg(feature = "fusion")]
+            Self::Fusion(_) => state.sensed.observer = observer::ObserverState::at(state.velocity),
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps(stamps) => {
+                state.sensed.time_stamps =
+                    time_stamps::TimeStampsState::at_velocity(state.velocity, stamps);
+            }
         }
     }
 }
@@ -95,6 +162,18 @@ pub struct State {
     filter: BiquadState,
     #[cfg(any(feature = "taylor", feature = "least-squares"))]
     fir: fir::FirState,
+    #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+    sensed: Sensed,
+}
+
+/// State of the estimators that look at more than the position.
+#[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+#[derive(Clone, Copy, Debug)]
+struct Sensed {
+    #[cfg(any(feature = "observer", feature = "fusion"))]
+    observer: observer::ObserverState,
+    #[cfg(feature = "time-stamps")]
+    time_stamps: time_stamps::TimeStampsState,
 }
 
 impl State {
@@ -106,6 +185,13 @@ impl State {
             filter: BiquadState::default(),
             #[cfg(any(feature = "taylor", feature = "least-squares"))]
             fir: fir::FirState::REST,
+            #[cfg(any(feature = "observer", feature = "fusion", feature = "time-stamps"))]
+            sensed: Sensed {
+                #[cfg(any(feature = "observer", feature = "fusion"))]
+                observer: observer::ObserverState::default(),
+                #[cfg(feature = "time-stamps")]
+                time_stamps: time_stamps::TimeStampsState::REST,
+            },
         }
     }
 

@@ -3,7 +3,7 @@
 //! A name fixes everything but two numbers: the *tuning*, the one parameter that trades speed for
 //! accuracy, and for some a second one.
 
-use super::VelocitySettings;
+use super::{Sense, VelocitySettings};
 
 /// An estimator by its name, which is also its name in the envelope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +30,18 @@ pub enum EstimatorName {
     /// [`VelocitySettings::LeastSquares`] of degree 2.
     #[cfg(feature = "least-squares")]
     LeastSquares2,
+    /// [`VelocitySettings::TrackingLoop`].
+    #[cfg(feature = "tracking-loop")]
+    TrackingLoop,
+    /// [`VelocitySettings::Observer`].
+    #[cfg(feature = "observer")]
+    Observer,
+    /// [`VelocitySettings::TimeStamps`].
+    #[cfg(feature = "time-stamps")]
+    TimeStamps,
+    /// [`VelocitySettings::Fusion`].
+    #[cfg(feature = "fusion")]
+    Fusion,
 }
 
 /// A parameter that is a number.
@@ -47,6 +59,15 @@ impl Parameter {
     const CUTOFF: Self = Self { name: "cutoff", unit: "Hz", default: 1500.0 };
     #[cfg(feature = "least-squares")]
     const WINDOW: Self = Self { name: "window", unit: "samples", default: 16.0 };
+    #[cfg(any(feature = "tracking-loop", feature = "observer"))]
+    const BANDWIDTH: Self = Self { name: "bandwidth", unit: "Hz", default: 500.0 };
+    /// The default is the mass of the paper's device.
+    #[cfg(feature = "observer")]
+    const MASS: Self = Self { name: "mass", unit: "kg", default: 0.416 };
+    #[cfg(feature = "time-stamps")]
+    const SPAN: Self = Self { name: "span", unit: "samples", default: 8.0 };
+    #[cfg(feature = "fusion")]
+    const CROSSOVER: Self = Self { name: "crossover", unit: "Hz", default: 50.0 };
 
     /// It is a frequency: `cutoff` sets it and a sweep over cutoffs goes along it.
     pub fn is_frequency(&self) -> bool {
@@ -70,6 +91,14 @@ impl EstimatorName {
         Self::LeastSquares1,
         #[cfg(feature = "least-squares")]
         Self::LeastSquares2,
+        #[cfg(feature = "tracking-loop")]
+        Self::TrackingLoop,
+        #[cfg(feature = "observer")]
+        Self::Observer,
+        #[cfg(feature = "time-stamps")]
+        Self::TimeStamps,
+        #[cfg(feature = "fusion")]
+        Self::Fusion,
     ];
 
     /// As it is typed.
@@ -88,6 +117,14 @@ impl EstimatorName {
             Self::LeastSquares1 => "least-squares-1",
             #[cfg(feature = "least-squares")]
             Self::LeastSquares2 => "least-squares-2",
+            #[cfg(feature = "tracking-loop")]
+            Self::TrackingLoop => "tracking-loop",
+            #[cfg(feature = "observer")]
+            Self::Observer => "observer",
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps => "time-stamps",
+            #[cfg(feature = "fusion")]
+            Self::Fusion => "fusion",
         }
     }
 
@@ -107,6 +144,14 @@ impl EstimatorName {
             Self::LeastSquares1 => 8,
             #[cfg(feature = "least-squares")]
             Self::LeastSquares2 => 9,
+            #[cfg(feature = "tracking-loop")]
+            Self::TrackingLoop => 30,
+            #[cfg(feature = "observer")]
+            Self::Observer => 31,
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps => 32,
+            #[cfg(feature = "fusion")]
+            Self::Fusion => 33,
         }
     }
 
@@ -132,7 +177,33 @@ impl EstimatorName {
             Self::Taylor2 | Self::Taylor3 => [None, None],
             #[cfg(feature = "least-squares")]
             Self::LeastSquares1 | Self::LeastSquares2 => [Some(Parameter::WINDOW), None],
+            #[cfg(feature = "tracking-loop")]
+            Self::TrackingLoop => [Some(Parameter::BANDWIDTH), None],
+            #[cfg(feature = "observer")]
+            Self::Observer => [Some(Parameter::BANDWIDTH), Some(Parameter::MASS)],
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps => [Some(Parameter::SPAN), None],
+            #[cfg(feature = "fusion")]
+            Self::Fusion => [Some(Parameter::CROSSOVER), None],
         }
+    }
+
+    /// What it cannot do without, beside the position.
+    pub const fn sense(self) -> Option<Sense> {
+        match self {
+            #[cfg(feature = "observer")]
+            Self::Observer => Some(Sense::Force),
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps => Some(Sense::Edge),
+            #[cfg(feature = "fusion")]
+            Self::Fusion => Some(Sense::Acceleration),
+            _ => None,
+        }
+    }
+
+    /// What it needs that is not among those `senses`.
+    pub fn missing(self, senses: &[Sense]) -> Option<Sense> {
+        self.sense().filter(|needed| !senses.contains(needed))
     }
 
     /// The name of those settings, and their parameters; 0 where there is none.
@@ -160,12 +231,27 @@ impl EstimatorName {
                 let name = if degree == 1 { Self::LeastSquares1 } else { Self::LeastSquares2 };
                 (name, [window_samples as f64, 0.0])
             }
+            #[cfg(feature = "tracking-loop")]
+            VelocitySettings::TrackingLoop { bandwidth_hz } => {
+                (Self::TrackingLoop, [bandwidth_hz, 0.0])
+            }
+            #[cfg(feature = "observer")]
+            VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
+                (Self::Observer, [bandwidth_hz, mass_kg])
+            }
+            #[cfg(feature = "time-stamps")]
+            VelocitySettings::TimeStamps { span_samples } => {
+                (Self::TimeStamps, [span_samples as f64, 0.0])
+            }
+            #[cfg(feature = "fusion")]
+            VelocitySettings::Fusion { crossover_hz } => (Self::Fusion, [crossover_hz, 0.0]),
         }
     }
 
     /// Its settings with those parameters; whether they are in range is for
     /// [`VelocitySettings::build`] to say.
-    pub fn settings(self, [tuning, _second]: [f64; 2]) -> VelocitySettings {
+    pub fn settings(self, [tuning, second]: [f64; 2]) -> VelocitySettings {
+        let _ = second; // most estimators have none
         match self {
             Self::Butterworth => {
                 VelocitySettings::Butterworth { cutoff_hz: tuning, prewarp: false }
@@ -190,6 +276,14 @@ impl EstimatorName {
             Self::LeastSquares2 => {
                 VelocitySettings::LeastSquares { degree: 2, window_samples: whole(tuning) }
             }
+            #[cfg(feature = "tracking-loop")]
+            Self::TrackingLoop => VelocitySettings::TrackingLoop { bandwidth_hz: tuning },
+            #[cfg(feature = "observer")]
+            Self::Observer => VelocitySettings::Observer { bandwidth_hz: tuning, mass_kg: second },
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps => VelocitySettings::TimeStamps { span_samples: whole(tuning) },
+            #[cfg(feature = "fusion")]
+            Self::Fusion => VelocitySettings::Fusion { crossover_hz: tuning },
         }
     }
 
@@ -232,7 +326,7 @@ impl VelocitySettings {
 }
 
 /// The nearest whole number; what is none, or beyond `u32`, becomes 0 and is refused as such.
-#[cfg(feature = "least-squares")]
+#[cfg(any(feature = "least-squares", feature = "time-stamps"))]
 fn whole(value: f64) -> u32 {
     if value >= 0.0 && value <= f64::from(u32::MAX) {
         #[expect(

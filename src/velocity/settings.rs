@@ -3,7 +3,13 @@
 
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 use super::Fir;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+use super::ObserverDesign;
+#[cfg(feature = "tracking-loop")]
+use super::TrackingLoop;
 use super::{Design, Estimator, FirstOrder};
+#[cfg(feature = "time-stamps")]
+use super::{SPAN_MAX, TimeStamps};
 use crate::settings::{self, SettingsError};
 
 /// Which estimator, and its parameters in SI units.
@@ -39,6 +45,32 @@ pub enum VelocitySettings {
         /// Samples between the oldest and the newest of the fit, `degree` to 64.
         window_samples: u32,
     },
+    /// Tracking loop (phase-locked loop), critically damped.
+    #[cfg(feature = "tracking-loop")]
+    TrackingLoop {
+        /// Frequency of both its poles, Hz: 3.5e-5 to 0.25 of the rate.
+        bandwidth_hz: f64,
+    },
+    /// Extended-state observer that knows the force.
+    #[cfg(feature = "observer")]
+    Observer {
+        /// Frequency of its three poles, Hz: 1e-3 to 0.2 of the rate.
+        bandwidth_hz: f64,
+        /// Mass of the model, kg: 1e-3 to 100.
+        mass_kg: f64,
+    },
+    /// Times of the encoder's edges.
+    #[cfg(feature = "time-stamps")]
+    TimeStamps {
+        /// Shortest time that it measures over, samples: 1 to 62.
+        span_samples: u32,
+    },
+    /// Position and acceleration.
+    #[cfg(feature = "fusion")]
+    Fusion {
+        /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
+        crossover_hz: f64,
+    },
 }
 
 impl VelocitySettings {
@@ -65,6 +97,23 @@ impl VelocitySettings {
             Self::LeastSquares { degree, window_samples } => {
                 Estimator::Fir(Fir::least_squares(degree, window_samples)?)
             }
+            #[cfg(feature = "tracking-loop")]
+            Self::TrackingLoop { bandwidth_hz } => {
+                Estimator::LowPass(TrackingLoop::new(bandwidth_hz, rate_hz)?.quantise())
+            }
+            #[cfg(feature = "observer")]
+            Self::Observer { bandwidth_hz, mass_kg } => Estimator::Observer(
+                ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?.quantise(),
+            ),
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps { span_samples } => {
+                settings::within("span_samples", span_samples.into(), 1.0..=f64::from(SPAN_MAX))?;
+                Estimator::TimeStamps(TimeStamps::over(span_samples))
+            }
+            #[cfg(feature = "fusion")]
+            Self::Fusion { crossover_hz } => Estimator::Fusion(
+                ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?.quantise(),
+            ),
         })
     }
 }

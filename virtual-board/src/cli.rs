@@ -11,8 +11,11 @@ use std::{
 
 use clap::{Args, Parser, Subcommand};
 use defmt_decoder::Table;
-use host_sim::scene::NamedScene;
-use zwidth::telemetry;
+use host_sim::scene::{NamedScene, Scene};
+use zwidth::{
+    telemetry,
+    velocity::{EstimatorName, Sense},
+};
 
 use crate::{
     board::{BOARDS, Board},
@@ -189,22 +192,47 @@ fn ask(world: &mut World<'_>, line: &str) -> Result<(), Failed> {
     if reply.starts_with("ok") { Ok(()) } else { Err(format!("{line}: {reply}").into()) }
 }
 
+/// What the firmware is told of the scene's estimator: the command that tunes it, and its name. Whether
+/// it has that estimator is for the firmware to say.
+fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<(String, &'static str), Failed> {
+    let settings = scene.velocity.settings(cutoff_hz);
+    let estimator = settings.name();
+    if let Some(sense) = estimator.missing(&[Sense::Force]) {
+        let (name, sense) = (estimator.text(), sense.text());
+        return Err(format!("velocity.estimator {name} needs {sense}, which no board has").into());
+    }
+    // The firmware knows no second parameter but its device's own.
+    let (_, [_, asked]) = EstimatorName::of(&settings);
+    let (_, [_, known]) = EstimatorName::of(&estimator.defaults());
+    if asked != known {
+        return Err(
+            format!("velocity: the firmware has {known} where the scene has {asked}").into()
+        );
+    }
+    let line = settings.tuning().map_or_else(String::new, |(_, value)| format!("tuning {value}"));
+    Ok((line, estimator.text()))
+}
+
 fn hit(ready: &Ready, [cutoff, stiffness, damping]: [f64; 3]) -> Result<(), Failed> {
     let scene = &ready.scene.scene;
+    let (tuning, estimator) = tuning(scene, cutoff)?;
     let mut world = ready.boot()?;
     // The firmware counts from where it was zeroed: the rest position.
     let wall_m = scene.wall.position_m - scene.device.rest_position_m;
     for line in [
         "zero".to_owned(),
         "unlock envelope".to_owned(),
-        format!("cutoff {cutoff}"),
+        format!("estimator {estimator}"),
+        tuning,
         format!("wall {wall_m:.6}"),
         format!("k {stiffness}"),
         format!("b {damping}"),
         format!("push {}", scene.wall_hit.push_n),
         "arm".to_owned(),
     ] {
-        ask(&mut world, &line)?;
+        if !line.is_empty() {
+            ask(&mut world, &line)?;
+        }
     }
     world.run(4_000)?;
     ask(&mut world, "hit")?;

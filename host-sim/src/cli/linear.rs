@@ -229,7 +229,10 @@ fn analyse(
     let estimator = transfer_function(&scene.velocity.settings(cutoff_hz), &scene.design())
         .map_err(Error::input)?
         .ok_or_else(|| {
-            Error::Input(format!("the estimator {} is not linear", scene.velocity.name()))
+            Error::Input(format!(
+                "the estimator {} is no linear function of the position alone",
+                scene.velocity.name()
+            ))
         })?;
     let passive_at = |damping| match args.passivity {
         false => Ok(None),

@@ -199,7 +199,10 @@ fn times(matrix: &[Pair; 2], vector: &Pair) -> Pair {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{plant::PlantStep, scene::Device};
+    use crate::{
+        plant::{Plant, PlantStep},
+        scene::Device,
+    };
 
     fn record() -> Record {
         let voltage_v =

@@ -48,6 +48,7 @@ impl Scene {
         self.design().check().map_err(keyed)?;
         self.hit_settings().build(&self.design()).map_err(keyed)?;
         self.check_elements()?;
+        self.check_accelerometer()?;
         self.check_walk()?;
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
@@ -116,6 +117,9 @@ fn in_scene(error: &SettingsError) -> String {
         "order" => "velocity.order",
         "degree" => "velocity.degree",
         "window_samples" => "velocity.window_samples",
+        "bandwidth_hz" | "crossover_hz" => "sweep.cutoffs_hz",
+        "mass_kg" => "velocity.mass_kg",
+        "span_samples" => "velocity.span_samples",
         other => other,
     };
     refused(key, error.value, &error.range)

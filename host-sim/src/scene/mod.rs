@@ -19,9 +19,11 @@ use crate::{
     integrator::Integrator,
 };
 
+mod accelerometer;
 mod check;
 mod elements;
 
+pub use accelerometer::Accelerometer;
 pub(crate) use check::within;
 pub use check::{ranges, refused};
 pub use elements::Quantisation;
@@ -98,6 +100,9 @@ pub struct Scene {
     /// How a plant is integrated that is not linear; on a linear one it takes the place of the exact step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integrator: Option<Integrator>,
+    /// Optional element: an accelerometer on the handle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accelerometer: Option<Accelerometer>,
 }
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.

@@ -2,8 +2,11 @@
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{self, Fir, FirstOrder, Senses},
+    units::{Acceleration, Force},
+    velocity::{self, Fir, FirstOrder, ObserverDesign, Senses, TrackingLoop},
 };
+
+use super::{loops::Loop, stamps::Stamps};
 
 /// An estimator in `f64`; velocities in counts per sample.
 #[derive(Clone, Copy, Debug)]
@@ -12,6 +15,14 @@ pub struct TwinEstimator {
     inputs: [f64; 2],
     outputs: [f64; 2],
     fir: [f64; LENGTH],
+    rest: Rest,
+}
+
+/// What the estimators of one's own file remember.
+#[derive(Clone, Copy, Debug)]
+struct Rest {
+    loops: Loop,
+    stamps: Stamps,
 }
 
 const LENGTH: usize = velocity::WINDOW_MAX as usize;
@@ -26,6 +37,11 @@ enum Kind {
     Difference,
     /// Weights of the last differences, newest first.
     Fir([f64; LENGTH]),
+    TrackingLoop(TrackingLoop),
+    Observer(ObserverDesign),
+    Fusion(ObserverDesign),
+    /// Span in samples.
+    TimeStamps(f64),
 }
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
@@ -50,14 +66,27 @@ impl TwinEstimator {
             VelocitySettings::LeastSquares { degree, window_samples } => {
                 fir(&Fir::least_squares(degree, window_samples)?)
             }
+            VelocitySettings::TrackingLoop { bandwidth_hz } => {
+                Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
+            }
+            VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
+                Kind::Observer(ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?)
+            }
+            VelocitySettings::TimeStamps { span_samples } => {
+                settings.build(design)?; // the range
+                Kind::TimeStamps(span_samples.into())
+            }
+            VelocitySettings::Fusion { crossover_hz } => {
+                Kind::Fusion(ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?)
+            }
         };
-        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], fir: [0.0; LENGTH] })
+        let rest = Rest { loops: Loop::default(), stamps: Stamps::REST };
+        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], fir: [0.0; LENGTH], rest })
     }
 
     /// The velocity after a move by `difference` counts.
     #[inline]
     pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
-        let _ = senses;
         let input = f64::from(difference);
         match &self.kind {
             Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
@@ -80,6 +109,28 @@ impl TwinEstimator {
             }
             Kind::Difference => input,
             Kind::Fir(weights) => weighted(weights, &mut self.fir, input),
+            other => self.rest.update(other, difference, senses),
+        }
+    }
+}
+
+impl Rest {
+    #[inline(never)] // so that the other estimators' state stays in registers
+    fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
+        match kind {
+            Kind::TrackingLoop(gains) => self.loops.track(gains, difference.into()),
+            Kind::Observer(observer) => {
+                let force = f64::from(senses.force.bits()) / f64::from(Force::FULL_SCALE.bits());
+                let known = force * observer.per_full_scale;
+                self.loops.observe(observer, difference.into(), known)
+            }
+            Kind::Fusion(observer) => {
+                let bits = f64::from(senses.acceleration.bits());
+                let known = bits / f64::from(1u32 << Acceleration::FRACTION_BITS);
+                self.loops.observe(observer, difference.into(), known)
+            }
+            Kind::TimeStamps(span) => self.stamps.update(*span, difference, senses.edge),
+            _ => 0.0,
         }
     }
 }

@@ -2,6 +2,8 @@
 //! gains or forces. What differs between it and the core is what fixed point costs.
 
 mod estimator;
+mod loops;
+mod stamps;
 
 pub use estimator::TwinEstimator;
 use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
@@ -82,9 +84,14 @@ impl Twin {
 impl Controller for Twin {
     #[inline]
     fn sample(&mut self, count: i32) -> bool {
+        self.sense(count, &Senses::NONE)
+    }
+
+    #[inline(always)] // for the same reason
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
         let difference = count.wrapping_sub(self.count);
         self.count = count;
-        let output = self.estimator.update(difference, &Senses::default());
+        let output = self.estimator.update(difference, senses);
         self.velocity = match self.rounding {
             Rounding::Exact => output,
             Rounding::VelocityLsb => (output + ROUND_TO_LSB) - ROUND_TO_LSB,

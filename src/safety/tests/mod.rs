@@ -368,3 +368,42 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     bench.run(20);
     assert_eq!(bench.fault(), Some(Fault::CountJump));
 }
+
+/// The guard is told the force that acts, none while off, and tells the estimator.
+#[test]
+#[cfg(feature = "observer")]
+fn an_observer_under_guard_knows_the_force_last_granted() {
+    let velocity = VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.4 };
+    let wall = WallSettings {
+        position_m: 0.5,
+        stiffness_n_per_m: 0.0,
+        damping_n_s_per_m: 0.0,
+        push_only: true,
+    };
+    let late = |told: bool| {
+        let mut bench = Bench::armed();
+        let observer = Settings { velocity, wall }.build(&DESIGN).unwrap();
+        bench.sampler.adopt(&bench.control, &observer);
+        bench.control = observer;
+        bench.run(2000);
+        bench.push = Force::saturating_from_bits(1 << 28); // a quarter of full scale: 370 counts in 10 ms
+        let mut worst = 0.0f64;
+        for _ in 0..200 {
+            let up = bench.sample();
+            if told {
+                assert_eq!(bench.down.force, bench.output.unwrap_or_default());
+            } else {
+                bench.down.force = Force::ZERO;
+            }
+            let counts_per_sample = bench.velocity_m_per_s / 1e-6 / 1e4;
+            worst = worst
+                .max((f64::from(up.motion.velocity.bits()) / 65_536.0 - counts_per_sample).abs());
+        }
+        bench.ask(Request::Disarm).unwrap();
+        bench.run(10);
+        assert_eq!(bench.down.force, Force::ZERO);
+        worst
+    };
+    let (told, untold) = (late(true), late(false));
+    assert!(told < 0.2 * untold, "{told} {untold}");
+}

@@ -1,0 +1,63 @@
+//! An accelerometer, for the estimator that fuses it with the position.
+
+use std::ops::RangeInclusive;
+
+use serde::{Deserialize, Serialize};
+use zwidth::{units::Acceleration, velocity::Sense};
+
+use super::{Scene, within};
+
+/// Corner of the accelerometer's low-pass, Hz.
+const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
+
+/// An accelerometer on the handle. It gives the mean acceleration of each sample.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Accelerometer {
+    /// Largest reading, m/s^2.
+    pub full_scale_m_per_s2: f64,
+    /// Step of a reading, m/s^2; 0: none.
+    #[serde(default)]
+    pub resolution_m_per_s2: f64,
+    /// Density of its noise, m/s^2 per root Hz.
+    #[serde(default)]
+    pub noise_m_per_s2_per_sqrt_hz: f64,
+    /// Reading at rest, m/s^2.
+    #[serde(default)]
+    pub bias_m_per_s2: f64,
+    /// Corner of its first-order low-pass, Hz; without it, none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bandwidth_hz: Option<f64>,
+}
+
+impl Scene {
+    /// Checks the accelerometer, and that an estimator that needs one has it.
+    pub(super) fn check_accelerometer(&self) -> Result<(), String> {
+        let Some(sensor) = &self.accelerometer else {
+            return match self.velocity.sense() {
+                Some(Sense::Acceleration) => Err(format!(
+                    "velocity.estimator is {}, allowed with a table accelerometer only",
+                    self.velocity.name()
+                )),
+                _ => Ok(()),
+            };
+        };
+        let rate_hz = self.control.rate_hz;
+        let largest =
+            f64::from(Acceleration::LIMIT) * self.encoder.resolution_m * rate_hz * rate_hz;
+        let full_scale = sensor.full_scale_m_per_s2;
+        within("accelerometer.full_scale_m_per_s2", full_scale, 1e-3..=largest)?;
+        for (key, value) in [
+            ("accelerometer.resolution_m_per_s2", sensor.resolution_m_per_s2),
+            ("accelerometer.noise_m_per_s2_per_sqrt_hz", sensor.noise_m_per_s2_per_sqrt_hz),
+        ] {
+            within(key, value, 0.0..=full_scale)?;
+        }
+        let bias = sensor.bias_m_per_s2;
+        within("accelerometer.bias_m_per_s2", bias, -full_scale..=full_scale)?;
+        match sensor.bandwidth_hz {
+            Some(hz) => within("accelerometer.bandwidth_hz", hz, BANDWIDTH_HZ),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! What the controller senses beside the count: force in effect, acceleration, edge times.
+//!
+//! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
+//! the rig chooses once per run.
+
+use zwidth::{
+    units::{Acceleration, Force},
+    velocity::{Edge, Senses},
+};
+
+use crate::{
+    controller::Controller,
+    scene::{Accelerometer, Rounding, Scene},
+};
+
+/// A handle at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Handle {
+    /// Position, m.
+    pub position_m: f64,
+    /// Speed, m/s.
+    pub speed_m_per_s: f64,
+}
+
+/// What senses the motion from sample to sample.
+pub trait Sensing: Copy {
+    /// Lets the controller take a sample, with what there is to sense.
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool;
+    /// The handle moved on by one sample. `before_n` and `after_n` are the actuator's forces before
+    /// and after the instant at which a command takes effect; equal if none does.
+    fn moved(&mut self, from: Handle, to: Handle, before_n: f64, after_n: f64);
+}
+
+/// Nothing but the count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Blind;
+
+impl Sensing for Blind {
+    #[inline(always)]
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+        controller.sample(count)
+    }
+
+    #[inline(always)]
+    fn moved(&mut self, _: Handle, _: Handle, _: f64, _: f64) {}
+}
+
+/// All there is.
+///
+/// *Force*: the mean of the actuator's forces over the sample, rounded to the LSB.
+///
+/// *Acceleration*: the mean over the sample, from the speeds; through a first-order low-pass if the
+/// scene gives the accelerometer a bandwidth, then noise, bias, range and resolution.
+///
+/// *Edges*: the last crossing of a count's border, on the cubic through positions and speeds of both
+/// ends (Hermite). Under a constant force it is off by less than 1e-6 counts for the scenes' devices;
+/// where the force steps by dF within the sample by up to `0.0185 dF T^2 / m`, 0.005 counts for the
+/// whole range of the paper's device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Full {
+    /// Fraction of the sample at which a command takes effect.
+    split: f64,
+    force_bits_per_n: f64,
+    counts_per_m: f64,
+    /// Added to a position in counts before it is floored.
+    rounding: f64,
+    /// Speed in m/s to counts per sample.
+    speed: f64,
+    accelerometer: Option<Sensor>,
+    senses: Senses,
+}
+
+/// An accelerometer, in counts and samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sensor {
+    full_scale: f64,
+    /// 0: none.
+    resolution: f64,
+    bias: f64,
+    /// RMS of the noise of one reading.
+    noise: f64,
+    /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
+    follows: f64,
+    filtered: f64,
+    random: u64,
+}
+
+impl Full {
+    /// The senses of that scene, at rest before sample 0.
+    pub fn new(scene: &Scene) -> Self {
+        let design = scene.design();
+        let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
+        Self {
+            split: scene.actuator.latency.fract(),
+            force_bits_per_n: f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n,
+            counts_per_m: 1.0 / resolution_m,
+            rounding: match scene.encoder.rounding {
+                Rounding::Floor => 0.0,
+                Rounding::Round => 0.5,
+            },
+            speed: 1.0 / (resolution_m * rate_hz),
+            accelerometer: scene
+                .accelerometer
+                .as_ref()
+                .map(|sensor| Sensor::new(sensor, rate_hz, resolution_m)),
+            senses: Senses::NONE,
+        }
+    }
+}
+
+impl Sensing for Full {
+    #[inline]
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+        controller.sense(count, &self.senses)
+    }
+
+    fn moved(&mut self, from: Handle, to: Handle, before_n: f64, after_n: f64) {
+        let force_n = self.split * before_n + (1.0 - self.split) * after_n;
+        self.senses.force = Force::saturating_from_bits(round(force_n * self.force_bits_per_n));
+        let [v0, v1] = [from, to].map(|handle| handle.speed_m_per_s * self.speed);
+        if let Some(sensor) = &mut self.accelerometer {
+            let bits = sensor.read(v1 - v0) * f64::from(1u32 << Acceleration::FRACTION_BITS);
+            self.senses.acceleration = Acceleration::saturating_from_bits(round(bits));
+        }
+        let [x0, x1] =
+            [from, to].map(|handle| handle.position_m * self.counts_per_m + self.rounding);
+        self.senses.edge = match last_edge([x0, v0], [x1, v1]) {
+            Some((at, up)) => {
+                let age = ((1.0 - at) * f64::from(Edge::SAMPLE)).floor();
+                Some(Edge { age: whole(age).min(Edge::SAMPLE - 1), up })
+            }
+            None => self
+                .senses
+                .edge
+                .map(|edge| Edge { age: edge.age.saturating_add(Edge::SAMPLE), ..edge }),
+        };
+    }
+}
+
+impl Sensor {
+    fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
+        let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
+        let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
+        Self {
+            full_scale: sensor.full_scale_m_per_s2 * per_unit,
+            resolution: sensor.resolution_m_per_s2 * per_unit,
+            bias: sensor.bias_m_per_s2 * per_unit,
+            // A density up to half the rate, that many readings per second.
+            noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
+            follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
+            filtered: 0.0,
+            random: 0,
+        }
+    }
+
+    fn read(&mut self, acceleration: f64) -> f64 {
+        self.filtered += self.follows * (acceleration - self.filtered);
+        let noise = if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 };
+        let reading = (self.filtered + noise + self.bias).clamp(-self.full_scale, self.full_scale);
+        if self.resolution > 0.0 {
+            (reading / self.resolution).round() * self.resolution
+        } else {
+            reading
+        }
+    }
+
+    /// A normally distributed number, mean 0, RMS 1 (Box and Muller, Ann. Math. Stat. 29, 1958).
+    fn normal(&mut self) -> f64 {
+        let (radius, angle) = (1.0 - self.uniform(), self.uniform());
+        (-2.0 * libm::log(radius)).sqrt() * libm::cos(2.0 * core::f64::consts::PI * angle)
+    }
+
+    /// In 0 .. 1, by SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
+    fn uniform(&mut self) -> f64 {
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.random;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        bits ^= bits >> 31;
+        #[expect(clippy::cast_precision_loss, reason = "53 bits")]
+        let high = (bits >> 11) as f64;
+        high / (1u64 << 53) as f64
+    }
+}
+
+/// The nearest integer, saturating.
+fn round(value: f64) -> i32 {
+    #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
+    let nearest = value.round() as i32;
+    nearest
+}
+
+fn whole(value: f64) -> u32 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates, as it must"
+    )]
+    let whole = value as u32;
+    whole
+}
+
+/// When within the sample (0 to 1) the handle last came over a border into the cell in which it
+/// ends, and whether upwards; `None` if it never left it. Position and speed of both ends, in counts
+/// and samples.
+pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
+    let cell = x1.floor();
+    // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
+    let moved = x1 - x0;
+    let a = v0 + v1 - 2.0 * moved;
+    let b = 3.0 * moved - 2.0 * v0 - v1;
+    let at = |t: f64| x0 + t * (v0 + t * (b + t * a));
+    // From the end back over pieces without a turn.
+    let mut until = 1.0;
+    for from in turns(v0, b, a) {
+        let x = at(from);
+        let border = if x < cell {
+            Some((cell, true))
+        } else if x >= cell + 1.0 {
+            Some((cell + 1.0, false))
+        } else {
+            None
+        };
+        if let Some((border, up)) = border {
+            return Some((crossing(|t| at(t) - border, from, until), up));
+        }
+        until = from;
+    }
+    None
+}
+
+/// Where `v0 + 2 b t + 3 a t^2` is 0 between 0 and 1, latest first, and 0.
+fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
+    let discriminant = b * b - 3.0 * a * v0;
+    let roots = if discriminant > 0.0 {
+        let q = -(b + discriminant.sqrt().copysign(b));
+        let (one, two) = (q / (3.0 * a), v0 / q); // not finite if there is no such root
+        [one.max(two), one.min(two)]
+    } else {
+        [0.0; 2]
+    };
+    roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
+}
+
+/// Halvings of a sample: far below the 2^-16 that an age has.
+const HALVINGS: u32 = 32;
+
+/// Where a monotone function is 0, between two places where it has different signs.
+fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64 {
+    let rises = function(from) < 0.0;
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (from + until);
+        if (function(middle) < 0.0) == rises {
+            from = middle;
+        } else {
+            until = middle;
+        }
+    }
+    until
+}
+
+/// The senses that a run has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnySensing {
+    /// None: the estimator does not look.
+    Blind,
+    /// All.
+    Full(Full),
+}
+
+impl AnySensing {
+    /// The senses of that scene if its estimator needs one.
+    pub fn of(scene: &Scene) -> Self {
+        match scene.velocity.sense() {
+            None => Self::Blind,
+            Some(_) => Self::Full(Full::new(scene)),
+        }
+    }
+}
+
+impl Sensing for AnySensing {
+    #[inline]
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+        match self {
+            Self::Blind => Blind.sample(controller, count),
+            Self::Full(full) => full.sample(controller, count),
+        }
+    }
+
+    #[inline]
+    fn moved(&mut self, from: Handle, to: Handle, before_n: f64, after_n: f64) {
+        if let Self::Full(full) = self {
+            full.moved(from, to, before_n, after_n);
+        }
+    }
+}

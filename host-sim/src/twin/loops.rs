@@ -1,0 +1,42 @@
+//! Tracking loop and observer in `f64`: the loops as they are written down, where the core has a
+//! low-pass of the same transfer function, or integers.
+//!
+//! Both keep what is left of the position, `x - x^`, and not x^: so the twin has all its digits at
+//! any count.
+
+use zwidth::velocity::{ObserverDesign, TrackingLoop};
+
+/// Below this a state is zero: subnormal numbers would slow the loop down.
+const FLUSH_BELOW: f64 = 1e-30;
+
+/// `x - x^`, v^, d^ in counts and samples; the tracking loop has no d^.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Loop {
+    error: f64,
+    velocity: f64,
+    disturbance: f64,
+}
+
+impl Loop {
+    pub fn track(&mut self, gains: &TrackingLoop, difference: f64) -> f64 {
+        let e = self.error + difference - self.velocity;
+        self.error = flushed(e - gains.kp * e);
+        self.velocity = flushed(self.velocity + gains.ki * e);
+        self.velocity
+    }
+
+    /// `known`: acceleration, counts per sample^2.
+    pub fn observe(&mut self, design: &ObserverDesign, difference: f64, known: f64) -> f64 {
+        let [l1, l2, l3] = design.gains;
+        let acceleration = known + self.disturbance;
+        let e = self.error + difference - self.velocity - 0.5 * acceleration;
+        self.error = flushed(e - l1 * e);
+        self.velocity = flushed(self.velocity + acceleration + l2 * e);
+        self.disturbance = flushed(self.disturbance + l3 * e);
+        self.velocity
+    }
+}
+
+fn flushed(value: f64) -> f64 {
+    if value.abs() < FLUSH_BELOW { 0.0 } else { value }
+}

@@ -1,0 +1,101 @@
+//! Design of the observers: poles at one bandwidth, and what is known of the acceleration.
+//!
+//! **Observer**: `u = F / m`, F the force commanded: saturated, held, in effect. A wrong mass leaves
+//! a part of F to the disturbance, which follows it no faster than the bandwidth.
+//!
+//! **Fusion** of position and acceleration: u is the accelerometer's reading. Its zero offset is a
+//! constant disturbance and leaves no trace in the velocity. The crossover is where the position
+//! begins to count for less than the acceleration.
+
+use super::observer::{Factor, Observer, POSITION_BITS};
+use crate::{
+    Gain, settings,
+    settings::{SettingsError, within},
+    units::Velocity,
+};
+
+/// Lowest accepted bandwidth or crossover, as a fraction of the sample rate: 10 Hz at 10 kHz.
+pub const OBSERVER_MIN: f64 = 1e-3;
+/// Highest accepted bandwidth or crossover, as a fraction of the sample rate.
+pub const OBSERVER_MAX: f64 = 0.2;
+/// Accepted masses of the observer's model, kg.
+pub const MASS_KG: core::ops::RangeInclusive<f64> = 1e-3..=100.0;
+
+/// Gains of an observer in floating point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObserverDesign {
+    /// l1, l2, l3.
+    pub gains: [f64; 3],
+    /// Acceleration that full scale of the force makes, counts per sample^2; 0 for fusion.
+    pub per_full_scale: f64,
+}
+
+impl ObserverDesign {
+    /// An observer of a mass under the commanded force.
+    ///
+    /// # Errors
+    /// `bandwidth_hz` outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate, `mass_kg` outside
+    /// [`MASS_KG`] or so small or large that full scale is not 2^-34 to 32767 counts per sample^2.
+    pub fn of_mass(
+        bandwidth_hz: f64,
+        mass_kg: f64,
+        design: &settings::Design,
+    ) -> Result<Self, SettingsError> {
+        let gains = gains("bandwidth_hz", bandwidth_hz, design.rate_hz)?;
+        within("mass_kg", mass_kg, MASS_KG)?;
+        let full_scale =
+            design.full_scale_n / design.resolution_m / design.rate_hz / design.rate_hz;
+        let lightest = full_scale / f64::from(Velocity::LIMIT);
+        let heaviest = libm::scalbn(full_scale, 34);
+        within("mass_kg", mass_kg, lightest.max(*MASS_KG.start())..=heaviest.min(*MASS_KG.end()))?;
+        Ok(Self { gains, per_full_scale: full_scale / mass_kg })
+    }
+
+    /// An observer beside an accelerometer.
+    ///
+    /// # Errors
+    /// `crossover_hz` outside [`OBSERVER_MIN`] .. [`OBSERVER_MAX`] of the rate.
+    pub fn of_accelerometer(crossover_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        Ok(Self { gains: gains("crossover_hz", crossover_hz, rate_hz)?, per_full_scale: 0.0 })
+    }
+
+    /// The gains as mantissa and shift, relative error 2^-32.
+    pub fn quantise(&self) -> Observer {
+        let [position, velocity, disturbance] = self.gains.map(Factor::of);
+        // LSB of the acceleration per LSB of the force: 2^32 over 2^30 per full scale.
+        let per_force = libm::scalbn(self.per_full_scale, POSITION_BITS.cast_signed() - 30);
+        Observer {
+            position,
+            velocity,
+            disturbance,
+            per_force: Gain::from_f64(per_force).unwrap_or_default(),
+        }
+    }
+}
+
+/// l1, l2, l3 for three poles at that frequency.
+fn gains(
+    parameter: &'static str,
+    bandwidth_hz: f64,
+    rate_hz: f64,
+) -> Result<[f64; 3], SettingsError> {
+    within(parameter, bandwidth_hz, OBSERVER_MIN * rate_hz..=OBSERVER_MAX * rate_hz)?;
+    let less = -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz); // 1 - p
+    let p = 1.0 - less;
+    let square = less * less;
+    Ok([less * (1.0 + p + p * p), 1.5 * square * (1.0 + p), square * less])
+}
+
+impl Factor {
+    /// The nearest factor to a value in 2^-32 .. 1.
+    fn of(value: f64) -> Self {
+        // value = fraction * 2^exponent, 0.5 <= fraction < 1, exponent <= 0
+        let (fraction, exponent) = libm::frexp(value);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturating: 2^31 to 2^32, and 0 to 32"
+        )]
+        Self { mantissa: libm::round(libm::scalbn(fraction, 32)) as u32, shift: -exponent as u8 }
+    }
+}

@@ -1,0 +1,64 @@
+//! What an estimator may know beside the position.
+
+use crate::units::{Acceleration, Force};
+
+/// What an estimator may know beside the position, at a sample. Whoever samples fills in what it
+/// has; an estimator that needs what is not there is not offered ([`Sense`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Senses {
+    /// Mean force on the handle since the last sample, as far as the controller knows: saturated,
+    /// held, and in effect.
+    pub force: Force,
+    /// Mean acceleration of the handle since the last sample, as measured.
+    pub acceleration: Acceleration,
+    /// The latest edge of the encoder's signals; `None` before the first one.
+    pub edge: Option<Edge>,
+}
+
+impl Senses {
+    /// Nothing but the position.
+    pub const NONE: Self =
+        Self { force: Force::ZERO, acceleration: Acceleration::ZERO, edge: None };
+}
+
+/// The latest edge of the encoder's signals.
+///
+/// The encoder floors: an edge up that made the count c means that the handle was at c counts
+/// exactly, an edge down that made it c means that it was at c + 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// How long before the sample it came, in 2^-16 samples, rounded down, saturating. Below
+    /// [`Edge::SAMPLE`] it came since the last sample.
+    pub age: u32,
+    /// The count went up with it.
+    pub up: bool,
+}
+
+impl Edge {
+    /// Fractional bits of the age.
+    pub const FRACTION_BITS: u32 = 16;
+    /// One sample.
+    pub const SAMPLE: u32 = 1 << Self::FRACTION_BITS;
+}
+
+/// A sense beside the position that an estimator cannot do without.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sense {
+    /// [`Senses::force`].
+    Force,
+    /// [`Senses::acceleration`].
+    Acceleration,
+    /// [`Senses::edge`].
+    Edge,
+}
+
+impl Sense {
+    /// Its name, for people.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Force => "force",
+            Self::Acceleration => "acceleration",
+            Self::Edge => "edge times",
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! Time stamping: counts between two edges over the time between them.
+//!
+//! ```text
+//! v = (X[k] - X[j]) / (t[k] - t[j])       k: the latest edge, j: the latest edge that is older by
+//!                                         a span less half a sample, or the oldest there is
+//! |v| <= 1 / (t - t[k])                   no edge since: less than one count since
+//! ```
+//!
+//! The M/T method of period measurement (Ohmae et al., IEEE TIE 29(3), 1982), with the times of the
+//! edges as in Merry, van de Molengraft, Steinbuch, "Velocity and acceleration estimation for optical
+//! incremental encoders", Mechatronics 20(1), 2010. The encoder floors: X is the count itself after
+//! an edge up, the count and one after an edge down, so a reversal at a border measures 0, not 1.
+//! Where edges are ideal, positions are exact; what remains is the time's LSB of 2^-16 samples.
+//! Phase and duty errors of a real encoder repeat every four counts; the span averages over them.
+//!
+//! **What it needs.** The age of the latest edge at each sample ([`Edge`]). Without it, an edge is
+//! taken to be half a count's time old: counting over the span, and no more.
+//!
+//! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17`
+//! counts per sample; slower than one count in 2^15 samples is standstill. The velocity is the mean
+//! between the two edges: late by `span / 2` samples, and half the time of a count, when edges come
+//! with every sample (one edge a sample is kept; the half sample keeps the measured time from
+//! switching between two lengths then), by half a period and the age of the last edge when they come
+//! more seldom than the span. Where the handle slows down, the bound takes a part of that off. After standstill a first edge says only that there was one: the velocity
+//! comes with the second.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use core::num::NonZeroU64;
+
+use super::senses::Edge;
+use crate::units::Velocity;
+
+/// Longest span, in samples.
+pub const SPAN_MAX: u32 = 62;
+/// One edge per sample of the longest span, one older and one newer.
+const LENGTH: u8 = 64;
+/// After this time without an edge the handle stands still, in 2^-16 samples.
+const STANDSTILL: u32 = 1 << 31;
+/// 2^16 LSB of velocity per count per sample, times 2^16 LSB of time per sample.
+const SCALE_BITS: u32 = Velocity::FRACTION_BITS + Edge::FRACTION_BITS;
+
+/// Period measurement in integer form.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimeStamps {
+    /// Shortest time to measure over, in 2^-16 samples: 1 to [`SPAN_MAX`] samples less a half.
+    pub(super) span: u32,
+}
+
+/// An edge.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stamp {
+    /// 2^-16 samples, wrapping.
+    time: u32,
+    /// Counts, wrapping.
+    place: i32,
+}
+
+/// The last edges, at most one per sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TimeStampsState {
+    stamps: [Stamp; LENGTH as usize],
+    /// Place of the latest one, and how far back the one lies that is measured from; both 0 with
+    /// one edge only.
+    latest: u8,
+    back: u8,
+    /// There was an edge.
+    begun: bool,
+    /// Time of this sample, 2^-16 samples, wrapping.
+    now: u32,
+    /// Its count, wrapping; not renamed when the position is zeroed.
+    count: i32,
+    /// Mean velocity between the two edges.
+    measured: Velocity,
+}
+
+impl TimeStamps {
+    /// A measurement over at least that many samples.
+    pub(super) fn over(span_samples: u32) -> Self {
+        let span = span_samples.clamp(1, SPAN_MAX) << Edge::FRACTION_BITS;
+        Self { span: span - Edge::SAMPLE / 2 }
+    }
+
+    /// The velocity after a move by `difference` counts, the latest edge being `edge`.
+    pub(super) fn update(
+        &self,
+        state: &mut TimeStampsState,
+        difference: i32,
+        edge: Option<Edge>,
+    ) -> Velocity {
+        state.now = state.now.wrapping_add(Edge::SAMPLE);
+        state.count = state.count.wrapping_add(difference);
+        if let Some(Edge { age, up }) = fresh(difference, edge) {
+            let place = state.count.wrapping_add(i32::from(!up));
+            state.push(Stamp { time: state.now.wrapping_sub(age), place });
+            state.measured = self.measure(state);
+        }
+        if !state.begun {
+            return Velocity::ZERO;
+        }
+        let age = state.now.wrapping_sub(state.at(0).time);
+        if age >= STANDSTILL {
+            *state =
+                TimeStampsState { now: state.now, count: state.count, ..TimeStampsState::REST };
+            return Velocity::ZERO;
+        }
+        let speed = state.measured.bits().unsigned_abs();
+        if u64::from(speed) * u64::from(age) <= 1 << SCALE_BITS {
+            return state.measured;
+        }
+        // At most the speed, which is 31 bits.
+        #[expect(clippy::cast_possible_truncation, reason = "see above")]
+        let bound = quotient(1 << SCALE_BITS, age) as i32;
+        let velocity = if state.measured < Velocity::ZERO { -bound } else { bound };
+        Velocity::saturating_from_bits(velocity)
+    }
+
+    /// The mean velocity up to the latest edge. Finds the edge to measure from, going on from the
+    /// last one.
+    fn measure(&self, state: &mut TimeStampsState) -> Velocity {
+        let latest = state.at(0);
+        while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
+        {
+            state.back -= 1;
+        }
+        let from = state.at(state.back);
+        let moved = latest.place.wrapping_sub(from.place);
+        let time = latest.time.wrapping_sub(from.time).max(self.span);
+        let bits = quotient(u64::from(moved.unsigned_abs()) << SCALE_BITS, time);
+        let limit = u64::from(Velocity::LIMIT.unsigned_abs()) << Velocity::FRACTION_BITS;
+        #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
+        let bits = bits.min(limit) as i32;
+        Velocity::saturating_from_bits(if moved < 0 { -bits } else { bits })
+    }
+}
+
+/// `dividend / divisor` to the nearest; the dividend itself by 0.
+#[inline]
+fn quotient(dividend: u64, divisor: u32) -> u64 {
+    NonZeroU64::new(divisor.into())
+        .map_or(dividend, |divisor| dividend.saturating_add(divisor.get() / 2) / divisor)
+}
+
+/// The edge that came since the last sample, if one did. A count that moved had one; how old it is
+/// is guessed if it is not known.
+#[inline]
+fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
+    match edge {
+        Some(Edge { age, up }) if difference != 0 || age < Edge::SAMPLE => {
+            Some(Edge { age: age.min(Edge::SAMPLE - 1), up })
+        }
+        None if difference != 0 => Some(Edge { age: likely_age(difference), up: difference > 0 }),
+        _ => None,
+    }
+}
+
+/// Half the time of one count, in 2^-16 samples, at that many counts per sample; half a sample
+/// below one count per sample.
+#[inline]
+fn likely_age(counts: i32) -> u32 {
+    Edge::SAMPLE / 2 / counts.unsigned_abs().max(1)
+}
+
+impl TimeStampsState {
+    pub(super) const REST: Self = Self {
+        stamps: [Stamp { time: 0, place: 0 }; LENGTH as usize],
+        latest: 0,
+        back: 0,
+        begun: false,
+        now: 0,
+        count: 0,
+        measured: Velocity::ZERO,
+    };
+
+    /// The stamp that lies `back` before the latest.
+    #[inline]
+    fn at(&self, back: u8) -> Stamp {
+        let place = usize::from(self.latest.wrapping_sub(back) % LENGTH);
+        self.stamps.get(place).copied().unwrap_or_default()
+    }
+
+    #[inline]
+    fn push(&mut self, stamp: Stamp) {
+        self.latest = self.latest.wrapping_add(1);
+        if let Some(place) = self.stamps.get_mut(usize::from(self.latest % LENGTH)) {
+            *place = stamp;
+        }
+        if self.begun {
+            self.back = (self.back + 1).min(LENGTH - 1);
+        }
+        self.begun = true;
+    }
+
+    /// As after many samples at that velocity: two edges that are a span apart, or one count.
+    pub(super) fn at_velocity(velocity: Velocity, of: &TimeStamps) -> Self {
+        let speed = velocity.bits().unsigned_abs();
+        if speed == 0 {
+            return Self::REST;
+        }
+        let counts = (u64::from(speed) * u64::from(of.span)).div_ceil(1 << SCALE_BITS);
+        let time = quotient(counts << SCALE_BITS, speed);
+        let (Ok(time), Ok(counts)) = (u32::try_from(time), i32::try_from(counts)) else {
+            return Self::REST;
+        };
+        if time >= STANDSTILL {
+            return Self::REST;
+        }
+        let up = velocity > Velocity::ZERO;
+        let age = likely_age((velocity.bits() + (1 << 15)) >> Velocity::FRACTION_BITS);
+        let place = i32::from(!up);
+        let mut state = Self { measured: velocity, ..Self::REST };
+        let latest = state.now.wrapping_sub(age);
+        state.push(Stamp {
+            time: latest.wrapping_sub(time),
+            place: if up { place - counts } else { place + counts },
+        });
+        state.push(Stamp { time: latest, place });
+        state
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Edges at `t` (2^-16 samples), position after the last one.
+    fn run(span: u32, samples: &[(i32, Option<(u32, bool)>)]) -> std::vec::Vec<i32> {
+        let estimator = TimeStamps::over(span);
+        let mut state = TimeStampsState::REST;
+        samples
+            .iter()
+            .map(|&(difference, edge)| {
+                let edge = edge.map(|(age, up)| Edge { age, up });
+                estimator.update(&mut state, difference, edge).bits()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn two_edges_give_the_exact_mean_and_time_without_edges_bounds_it() {
+        let half = 1 << 15;
+        // up at 0.5, 2.25 (after 1.75 samples); then nothing
+        let got = run(
+            1,
+            &[
+                (1, Some((half, true))),
+                (0, Some((half + 65_536, true))),
+                (1, Some((49_152, true))),
+                (0, Some((49_152 + 65_536, true))),
+                (0, Some((49_152 + 131_072, true))),
+            ],
+        );
+        let measured = 37_449; // 2^16 / 1.75
+        assert_eq!(got[..4], [0, 0, measured, measured]); // bound after 1.75 samples: the same
+        assert_eq!(got[4], 23_831); // 2^16 / 2.75
+    }
+
+    #[test]
+    fn a_reversal_at_one_border_measures_no_move() {
+        // up over the border, and back down over it
+        assert_eq!(run(2, &[(1, Some((100, true))), (-1, Some((50, false)))])[1], 0);
+        // over the next border and back within a sample: one count on, over the span at least
+        assert_eq!(run(2, &[(1, Some((100, true))), (0, Some((50, false)))])[1], 43_691); // 2^16 / 1.5
+    }
+
+    #[test]
+    fn an_age_of_zero_and_the_largest_counts_do_no_harm() {
+        for moved in [i32::MIN, i32::MAX, 1, -1] {
+            for age in [0, u32::MAX] {
+                let edge = Some((age, moved > 0));
+                for bits in run(1, &[(moved, edge), (moved, edge), (0, Some((age, false)))]) {
+                    assert!(bits.abs() <= 32_767 << 16);
+                }
+            }
+        }
+    }
+}

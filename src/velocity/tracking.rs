@@ -1,0 +1,91 @@
+//! Tracking loop (phase-locked loop) on the position: two integrators that follow the count.
+//!
+//! ```text
+//! e = x[n] - (x^ + v^)        x^ = x^ + v^ + kp e        v^ = v^ + ki e        counts, samples
+//! ```
+//!
+//! The output is the bare integral `v^`, as in ODrive (`Firmware/MotorControl/encoder.cpp`). The
+//! other usual choice, `v^ + kp e` (moteus, `fw/motor_position.h`), has no delay at DC, but passes
+//! every edge of the count on at once and falls off with one pole only.
+//!
+//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`, which is critically damped for
+//! small w T only and unstable soon after; ODrive refuses `kp >= 1`. Here both poles are put at
+//! `p = exp(-w T)`, `w = 2 pi bandwidth`, by their characteristic polynomial
+//! `z^2 - (2 - kp - ki) z + (1 - kp) = (z - p)^2`:
+//!
+//! ```text
+//! kp = 1 - p^2,   ki = (1 - p)^2
+//! ```
+//!
+//! kp nears 1, where the loop believes every count, from [`BANDWIDTH_MAX`] of the rate on
+//! (kp = 0.957 there): beyond it is refused.
+//!
+//! **Form.** Solved for v^ the loop is
+//!
+//! ```text
+//! V^ = ki / (1 - p z^-1)^2  (1 - z^-1) X
+//! ```
+//!
+//! a finite difference and a low-pass with a double pole, so the core computes it as that, by the
+//! low-pass that it has: at rest it ends at exactly 0 and at constant speed nothing is lost,
+//! without the dead band (`|v| < ki / 2` becomes 0) that a loop with a floored x^ needs against
+//! jitter. The simulator's twin runs the two integrators, and a test compares both. Delay at DC:
+//! `1/2 + 2 p / (1 - p)` samples; -3 dB at 0.644 of the bandwidth (for w T << 1), falling off with
+//! 12 dB per octave. As any linear filter of the count it trades noise for delay as they do.
+
+use super::biquad::{Biquad, Coefficient};
+use crate::settings::{SettingsError, within};
+
+/// Lowest accepted bandwidth, as a fraction of the sample rate. `ki` has 52 LSB of 2^-30 there.
+pub const BANDWIDTH_MIN: f64 = 3.5e-5;
+/// Highest accepted bandwidth, as a fraction of the sample rate.
+pub const BANDWIDTH_MAX: f64 = 0.25;
+/// Above it the first order of error feedback is the quieter one: both leave 0.35 LSB RMS there,
+/// by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
+const SECOND_ORDER_BELOW: f64 = 0.05;
+
+/// A tracking loop in floating point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackingLoop {
+    /// Gain from error to position.
+    pub kp: f64,
+    /// Gain from error to velocity, per sample.
+    pub ki: f64,
+    bandwidth_per_rate: f64,
+}
+
+impl TrackingLoop {
+    /// The loop whose two poles lie at that bandwidth; it and the sample rate in Hz.
+    ///
+    /// # Errors
+    /// `bandwidth_hz` outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate.
+    pub fn new(bandwidth_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        let range = BANDWIDTH_MIN * rate_hz..=BANDWIDTH_MAX * rate_hz;
+        within("bandwidth_hz", bandwidth_hz, range)?;
+        let bandwidth_per_rate = bandwidth_hz / rate_hz;
+        let less = -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_per_rate); // 1 - p
+        Ok(Self { kp: less * (2.0 - less), ki: less * less, bandwidth_per_rate })
+    }
+
+    /// Delay of a slow motion, in samples.
+    pub fn delay_samples(&self) -> f64 {
+        let less = libm::sqrt(self.ki);
+        0.5 + 2.0 * (1.0 - less) / less
+    }
+
+    /// The low-pass behind the finite difference, with a DC gain of exactly one: the coefficients
+    /// are within one LSB of 2^-30.
+    pub fn quantise(&self) -> Biquad {
+        let one = 1i32 << Biquad::FRACTION_BITS;
+        #[expect(clippy::cast_possible_truncation, reason = "below 1, so below 2^30")]
+        let [square, sum] =
+            [1.0 - self.kp, self.ki].map(|value| libm::round(value * f64::from(one)) as i32);
+        // a1 = ki - 1 - p^2 > -2, so within i32.
+        let a1 = sum.wrapping_sub(one).wrapping_sub(square);
+        Biquad {
+            b: [sum, 0, 0].map(Coefficient::from_bits),
+            a: [a1, square].map(Coefficient::from_bits),
+            second: -i32::from(self.bandwidth_per_rate < SECOND_ORDER_BELOW),
+        }
+    }
+}
