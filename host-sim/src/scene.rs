@@ -400,6 +400,11 @@ fn in_scene(error: &SettingsError) -> String {
         "order" => "velocity.order",
         "degree" => "velocity.degree",
         "window_samples" => "velocity.window_samples",
+        "noise_counts" => "velocity.noise_counts",
+        "acceleration_max_m_per_s2" => "velocity.acceleration_max_m_per_s2",
+        "lambda_ratio" => "velocity.lambda_ratio",
+        "acceleration_rms_m_per_s2" => "velocity.acceleration_rms_m_per_s2",
+        "jerk_rms_m_per_s3" => "velocity.jerk_rms_m_per_s3",
         other => other,
     };
     refused(key, error.value, &error.range)

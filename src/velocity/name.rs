@@ -30,6 +30,24 @@ pub enum EstimatorName {
     /// [`VelocitySettings::LeastSquares`] of degree 2.
     #[cfg(feature = "least-squares")]
     LeastSquares2,
+    /// [`VelocitySettings::Foaw`], the line through the ends.
+    #[cfg(feature = "foaw")]
+    FoawEnd,
+    /// [`VelocitySettings::Foaw`], the least-squares slope.
+    #[cfg(feature = "foaw")]
+    FoawBest,
+    /// [`VelocitySettings::Levant`], explicit.
+    #[cfg(feature = "levant")]
+    LevantExplicit,
+    /// [`VelocitySettings::Levant`], implicit.
+    #[cfg(feature = "levant")]
+    LevantImplicit,
+    /// [`VelocitySettings::Kalman2`].
+    #[cfg(feature = "kalman")]
+    Kalman2,
+    /// [`VelocitySettings::Kalman3`].
+    #[cfg(feature = "kalman")]
+    Kalman3,
 }
 
 /// A parameter that is a number.
@@ -45,8 +63,18 @@ pub struct Parameter {
 
 impl Parameter {
     const CUTOFF: Self = Self { name: "cutoff", unit: "Hz", default: 1500.0 };
-    #[cfg(feature = "least-squares")]
+    #[cfg(any(feature = "least-squares", feature = "foaw"))]
     const WINDOW: Self = Self { name: "window", unit: "samples", default: 16.0 };
+    #[cfg(feature = "foaw")]
+    const NOISE: Self = Self { name: "noise", unit: "counts", default: 1.0 };
+    #[cfg(feature = "levant")]
+    const ACCELERATION_MAX: Self = Self { name: "acceleration_max", unit: "m/s^2", default: 20.0 };
+    #[cfg(feature = "levant")]
+    const LAMBDA_RATIO: Self = Self { name: "lambda_ratio", unit: "1", default: 1.0 };
+    #[cfg(feature = "kalman")]
+    const ACCELERATION_RMS: Self = Self { name: "acceleration_rms", unit: "m/s^2", default: 20.0 };
+    #[cfg(feature = "kalman")]
+    const JERK_RMS: Self = Self { name: "jerk_rms", unit: "m/s^3", default: 20_000.0 };
 
     /// It is a frequency: `cutoff` sets it and a sweep over cutoffs goes along it.
     pub fn is_frequency(&self) -> bool {
@@ -70,6 +98,18 @@ impl EstimatorName {
         Self::LeastSquares1,
         #[cfg(feature = "least-squares")]
         Self::LeastSquares2,
+        #[cfg(feature = "foaw")]
+        Self::FoawEnd,
+        #[cfg(feature = "foaw")]
+        Self::FoawBest,
+        #[cfg(feature = "levant")]
+        Self::LevantExplicit,
+        #[cfg(feature = "levant")]
+        Self::LevantImplicit,
+        #[cfg(feature = "kalman")]
+        Self::Kalman2,
+        #[cfg(feature = "kalman")]
+        Self::Kalman3,
     ];
 
     /// As it is typed.
@@ -88,6 +128,18 @@ impl EstimatorName {
             Self::LeastSquares1 => "least-squares-1",
             #[cfg(feature = "least-squares")]
             Self::LeastSquares2 => "least-squares-2",
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd => "foaw-end",
+            #[cfg(feature = "foaw")]
+            Self::FoawBest => "foaw-best",
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit => "levant-explicit",
+            #[cfg(feature = "levant")]
+            Self::LevantImplicit => "levant-implicit",
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => "kalman-2",
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => "kalman-3",
         }
     }
 
@@ -107,6 +159,18 @@ impl EstimatorName {
             Self::LeastSquares1 => 8,
             #[cfg(feature = "least-squares")]
             Self::LeastSquares2 => 9,
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd => 10,
+            #[cfg(feature = "foaw")]
+            Self::FoawBest => 11,
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit => 12,
+            #[cfg(feature = "levant")]
+            Self::LevantImplicit => 13,
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => 14,
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => 15,
         }
     }
 
@@ -132,6 +196,16 @@ impl EstimatorName {
             Self::Taylor2 | Self::Taylor3 => [None, None],
             #[cfg(feature = "least-squares")]
             Self::LeastSquares1 | Self::LeastSquares2 => [Some(Parameter::WINDOW), None],
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd | Self::FoawBest => [Some(Parameter::WINDOW), Some(Parameter::NOISE)],
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit | Self::LevantImplicit => {
+                [Some(Parameter::ACCELERATION_MAX), Some(Parameter::LAMBDA_RATIO)]
+            }
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => [Some(Parameter::ACCELERATION_RMS), None],
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => [Some(Parameter::JERK_RMS), None],
         }
     }
 
@@ -160,12 +234,31 @@ impl EstimatorName {
                 let name = if degree == 1 { Self::LeastSquares1 } else { Self::LeastSquares2 };
                 (name, [window_samples as f64, 0.0])
             }
+            #[cfg(feature = "foaw")]
+            VelocitySettings::Foaw { best, window_samples, noise_counts } => {
+                let name = if best { Self::FoawBest } else { Self::FoawEnd };
+                (name, [window_samples as f64, noise_counts])
+            }
+            #[cfg(feature = "levant")]
+            VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+                let name = if implicit { Self::LevantImplicit } else { Self::LevantExplicit };
+                (name, [acceleration_max_m_per_s2, lambda_ratio])
+            }
+            #[cfg(feature = "kalman")]
+            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+                (Self::Kalman2, [acceleration_rms_m_per_s2, 0.0])
+            }
+            #[cfg(feature = "kalman")]
+            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+                (Self::Kalman3, [jerk_rms_m_per_s3, 0.0])
+            }
         }
     }
 
     /// Its settings with those parameters; whether they are in range is for
     /// [`VelocitySettings::build`] to say.
-    pub fn settings(self, [tuning, _second]: [f64; 2]) -> VelocitySettings {
+    pub fn settings(self, [tuning, second]: [f64; 2]) -> VelocitySettings {
+        let _ = second; // not every build has an estimator with a second parameter
         match self {
             Self::Butterworth => {
                 VelocitySettings::Butterworth { cutoff_hz: tuning, prewarp: false }
@@ -190,6 +283,22 @@ impl EstimatorName {
             Self::LeastSquares2 => {
                 VelocitySettings::LeastSquares { degree: 2, window_samples: whole(tuning) }
             }
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd | Self::FoawBest => VelocitySettings::Foaw {
+                best: self == Self::FoawBest,
+                window_samples: whole(tuning),
+                noise_counts: second,
+            },
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit | Self::LevantImplicit => VelocitySettings::Levant {
+                implicit: self == Self::LevantImplicit,
+                acceleration_max_m_per_s2: tuning,
+                lambda_ratio: second,
+            },
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => VelocitySettings::Kalman2 { acceleration_rms_m_per_s2: tuning },
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => VelocitySettings::Kalman3 { jerk_rms_m_per_s3: tuning },
         }
     }
 
@@ -232,7 +341,7 @@ impl VelocitySettings {
 }
 
 /// The nearest whole number; what is none, or beyond `u32`, becomes 0 and is refused as such.
-#[cfg(feature = "least-squares")]
+#[cfg(any(feature = "least-squares", feature = "foaw"))]
 fn whole(value: f64) -> u32 {
     if value >= 0.0 && value <= f64::from(u32::MAX) {
         #[expect(

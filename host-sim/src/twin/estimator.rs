@@ -2,7 +2,14 @@
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{self, Fir, FirstOrder, Senses},
+    velocity::{self, Fir, FirstOrder, KalmanDesign, LevantDesign, Senses},
+};
+
+use super::{
+    FLUSH_BELOW,
+    foaw::Foaw,
+    kalman::KalmanState,
+    levant::{Levant, LevantState},
 };
 
 /// An estimator in `f64`; velocities in counts per sample.
@@ -11,10 +18,13 @@ pub struct TwinEstimator {
     kind: Kind,
     inputs: [f64; 2],
     outputs: [f64; 2],
-    fir: [f64; LENGTH],
+    /// Last differences, newest first.
+    past: [f64; LENGTH],
+    levant: LevantState,
+    kalman: KalmanState,
 }
 
-const LENGTH: usize = velocity::WINDOW_MAX as usize;
+pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
 
 /// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
 /// numbers can live in registers.
@@ -26,10 +36,10 @@ enum Kind {
     Difference,
     /// Weights of the last differences, newest first.
     Fir([f64; LENGTH]),
+    Foaw(Foaw),
+    Levant(Levant),
+    Kalman(KalmanDesign),
 }
-
-/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
-const FLUSH_BELOW: f64 = 1e-30;
 
 impl TwinEstimator {
     /// The estimator of those settings at rest.
@@ -37,6 +47,7 @@ impl TwinEstimator {
     /// # Errors
     /// A parameter is out of range.
     pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
+        settings.build(design)?; // the ranges
         let rate_hz = design.rate_hz;
         let kind = match *settings {
             VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
@@ -50,8 +61,29 @@ impl TwinEstimator {
             VelocitySettings::LeastSquares { degree, window_samples } => {
                 fir(&Fir::least_squares(degree, window_samples)?)
             }
+            VelocitySettings::Foaw { best, window_samples: window, noise_counts } => {
+                let noise = (16.0 * noise_counts).round() / 16.0; // as the setting is documented
+                Kind::Foaw(Foaw { best, window, noise })
+            }
+            VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+                let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
+                Kind::Levant(Levant { implicit, sizes })
+            }
+            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+                Kind::Kalman(KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?)
+            }
+            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+                Kind::Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?)
+            }
         };
-        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], fir: [0.0; LENGTH] })
+        Ok(Self {
+            kind,
+            inputs: [0.0; 2],
+            outputs: [0.0; 2],
+            past: [0.0; LENGTH],
+            levant: LevantState::default(),
+            kalman: KalmanState::default(),
+        })
     }
 
     /// The velocity after a move by `difference` counts.
@@ -79,7 +111,10 @@ impl TwinEstimator {
                 output
             }
             Kind::Difference => input,
-            Kind::Fir(weights) => weighted(weights, &mut self.fir, input),
+            Kind::Fir(weights) => weighted(weights, &mut self.past, input),
+            Kind::Foaw(foaw) => foaw.update(&mut self.past, input),
+            Kind::Levant(levant) => levant.update(&mut self.levant, input),
+            Kind::Kalman(gains) => self.kalman.update(gains, input),
         }
     }
 }
