@@ -36,8 +36,8 @@ use crate::{
 
 /// Steps of the noise in a count.
 const NOISE_STEPS: i32 = 16;
-/// A bound beyond every slope, in steps of the noise.
-const FREE: i32 = 1 << 28;
+/// A bound beyond every slope, in steps of the noise. Times the longest window it fits 32 bits.
+const FREE: i32 = 1 << 25;
 
 /// Its parameters; made by [`new`](Self::new).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +48,7 @@ pub struct Foaw {
     noise: i32,
 }
 
-/// A fraction with a positive denominator.
+/// A bound of the slope, in steps of the noise: a fraction with a denominator of 1 to 32.
 #[derive(Clone, Copy)]
 struct Bound {
     number: i32,
@@ -56,11 +56,10 @@ struct Bound {
 }
 
 impl Bound {
-    /// The sign of `self - other` as that of a number.
+    /// Whether `self` is below `other`. Numerators are at most 2^25, so that 32 bits are enough.
     #[inline]
-    fn beyond(self, other: Self) -> i64 {
-        i64::from(self.number) * i64::from(other.over)
-            - i64::from(other.number) * i64::from(self.over)
+    fn below(self, other: Self) -> bool {
+        self.number * other.over < other.number * self.over
     }
 }
 
@@ -90,38 +89,58 @@ impl Foaw {
     #[inline(never)] // so that the state of the usual estimator stays in registers
     pub(super) fn update(&self, history: &mut History, difference: i32) -> Velocity {
         history.push(difference);
+        let (number, over) =
+            if self.best { self.slope::<true>(history) } else { self.slope::<false>(history) };
+        quotient(number, over)
+    }
+
+    /// The slope over the longest window that fits, as a fraction. Two compiled forms: the loop of the
+    /// end fit needs none of the sums and no more than 32 bits.
+    #[inline]
+    fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };
         let mut high = Bound { number: FREE, over: 1 };
-        let (mut number, mut over) = (0, NonZeroU32::MIN);
+        let mut longest = (0, 1);
         let (mut s, mut sum, mut moment) = (0, 0, 0);
-        for i in 1..=self.window {
-            s += history.back(i - 1); // at most 2^20
-            let i = i32::from(i);
-            sum += s;
-            moment += i * s; // at most 2^15 * 11440 < 2^29
-            let slope = if self.best {
-                Bound { number: 2 * moment - i * sum, over: i * (i + 1) * (i + 2) / 6 }
-            } else {
-                Bound { number: s, over: i }
-            };
-            // the bounds are in steps of the noise: the slope is too if it is over less
-            let steps = |bound: Bound| Bound { over: bound.over * NOISE_STEPS, ..bound };
-            if slope.beyond(steps(low)) < 0 || slope.beyond(steps(high)) > 0 {
-                break;
-            }
-            number = slope.number;
-            over = NonZeroU32::new(slope.over.unsigned_abs()).unwrap_or(NonZeroU32::MIN);
+        // 1 + .. + i, and the sum of those: i (i+1) (i+2) / 6
+        let (mut triangle, mut pyramid) = (0, 0);
+        for age in 0..self.window {
+            let i = i32::from(age) + 1;
+            s += history.back(age); // at most 2^20
             let centre = s * NOISE_STEPS;
+            let slope = if BEST {
+                sum += s;
+                moment += i * s; // at most 2^15 * 11440 < 2^29
+                triangle += i;
+                pyramid += triangle;
+                let slope = (2 * moment - i * sum, pyramid); // at most 2^15 * 5984 over 5984
+                let times = |a: i32, b: i32| i64::from(a) * i64::from(b);
+                let [least, most] = [low, high].map(|bound| times(bound.number, slope.1));
+                if times(slope.0, low.over * NOISE_STEPS) < least
+                    || times(slope.0, high.over * NOISE_STEPS) > most
+                {
+                    break;
+                }
+                slope
+            } else {
+                let slope = Bound { number: centre, over: i };
+                if slope.below(low) || high.below(slope) {
+                    break;
+                }
+                (s, i)
+            };
+            longest = slope;
             let lower = Bound { number: centre - self.noise, over: i };
-            if lower.beyond(low) > 0 {
+            if low.below(lower) {
                 low = lower;
             }
             let upper = Bound { number: centre + self.noise, over: i };
-            if upper.beyond(high) < 0 {
+            if upper.below(high) {
                 high = upper;
             }
         }
-        quotient(number, over)
+        let (number, over) = longest;
+        (number, NonZeroU32::new(over.unsigned_abs()).unwrap_or(NonZeroU32::MIN))
     }
 }
 

@@ -25,8 +25,9 @@
 //! `alpha / beta - 1/2` samples; three states none.
 //!
 //! **Fixed point.** The position is kept as its distance from the count, so that nothing wraps. A
-//! constant speed leaves `r` at zero whatever the gains' rounding; the rounding of the products leaves
-//! the mean velocity within 2^-23 counts per sample, the 128th part of an LSB.
+//! constant speed leaves `r` at zero whatever the gains' rounding. What rounding the output drops is
+//! carried into the next one, and the rounding of the products leaves the mean velocity within 2^-23
+//! counts per sample, the 128th part of an LSB.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -102,6 +103,8 @@ fn noise_m(design: &Design) -> f64 {
 
 /// Fractional bits of position and velocity.
 const FRACTION_BITS: u32 = 32;
+/// Of these, those that the output has not.
+const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
 /// Further fractional bits of the acceleration, which small gains change little.
 const ACCELERATION_BITS: u32 = 12;
 /// The same as a factor.
@@ -122,12 +125,14 @@ pub struct Kalman {
 }
 
 /// Estimates after the last sample.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct KalmanState {
     /// Position less the count.
     distance: i64,
     velocity: i64,
     acceleration: i64,
+    /// What rounding the last output dropped, 0 to 2^16 - 1.
+    residue: u16,
 }
 
 impl Kalman {
@@ -143,15 +148,32 @@ impl Kalman {
             .clamp(-VELOCITY_MAX, VELOCITY_MAX);
         state.acceleration = (state.acceleration - self.gamma.apply_wide(predicted))
             .clamp(-ACCELERATION_MAX, ACCELERATION_MAX);
-        velocity(state.velocity)
+        state.output()
     }
 }
 
 impl KalmanState {
+    pub(super) const REST: Self =
+        Self { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
+
     /// As after many samples at that velocity.
     pub(super) fn at(velocity: Velocity) -> Self {
-        let bits = i64::from(velocity.bits()) << (FRACTION_BITS - Velocity::FRACTION_BITS);
-        Self { velocity: bits, ..Self::default() }
+        Self { velocity: i64::from(velocity.bits()) << DROPPED_BITS, ..Self::REST }
+    }
+
+    /// The velocity, with what was dropped of it before.
+    #[inline]
+    fn output(&mut self) -> Velocity {
+        let bits = self.velocity + i64::from(self.residue);
+        let limit = i64::from(Velocity::LIMIT_BITS);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "the last 16 bits are wanted; the others are clamped to 31"
+        )]
+        let (residue, nearest) = (bits as u16, (bits >> DROPPED_BITS).clamp(-limit, limit) as i32);
+        self.residue = residue;
+        Velocity::saturating_from_bits(nearest)
     }
 }
 
@@ -159,15 +181,6 @@ impl KalmanState {
 #[inline]
 fn rounded(value: i64, bits: u32) -> i64 {
     (value + (1 << (bits - 1))) >> bits
-}
-
-/// The nearest velocity to one of the state.
-#[inline]
-fn velocity(bits: i64) -> Velocity {
-    let limit = i64::from(Velocity::LIMIT_BITS);
-    let nearest = rounded(bits, FRACTION_BITS - Velocity::FRACTION_BITS).clamp(-limit, limit);
-    #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
-    Velocity::saturating_from_bits(nearest as i32)
 }
 
 #[cfg(test)]

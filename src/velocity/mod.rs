@@ -150,7 +150,7 @@ impl State {
             #[cfg(feature = "levant")]
             levant: levant::LevantState::default(),
             #[cfg(feature = "kalman")]
-            kalman: kalman::KalmanState::default(),
+            kalman: kalman::KalmanState::REST,
         }
     }
 
@@ -209,6 +209,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// docs/estimators.md states them.
+    #[cfg(all(feature = "foaw", feature = "levant", feature = "kalman"))]
+    #[test]
+    fn states_and_coefficients_are_as_small_as_documented() {
+        assert_eq!([size_of::<history::History>(), size_of::<Foaw>()], [130, 8]);
+        assert_eq!([size_of::<levant::LevantState>(), size_of::<Levant>()], [16, 40]);
+        assert_eq!([size_of::<kalman::KalmanState>(), size_of::<Kalman>()], [32, 24]);
     }
 
     #[test]
