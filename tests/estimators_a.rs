@@ -388,7 +388,7 @@ impl Random {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
+    #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Overflow checks are on in tests. Whatever came before: at rest, every estimator is at rest.
     #[test]

@@ -156,6 +156,11 @@ fn quotient(number: i32, over: NonZeroU32) -> Velocity {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    reason = "a test fails loudly"
+)]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -187,6 +187,11 @@ fn root(square: u64) -> i64 {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    reason = "a test fails loudly"
+)]
 mod tests {
     use super::*;
     use crate::Output;
