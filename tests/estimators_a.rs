@@ -186,7 +186,7 @@ fn delay_over_a_chirp(
         (0..samples).map(|n| run.at(position(n as f64).floor() as i64)).collect();
     let skip = 20_000;
     let mut delay = 0.0;
-    for _ in 0..20 {
+    for _ in 0..5 {
         let (mut error, mut slope) = (0.0, 0.0);
         for (n, measured) in measured.iter().enumerate().skip(skip) {
             let at = n as f64 - delay;
@@ -216,7 +216,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
         }
     }
     for implicit in [false, true] {
-        for acceleration_max_m_per_s2 in [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 500.0] {
+        for acceleration_max_m_per_s2 in [1.0, 5.0, 20.0, 100.0, 500.0] {
             let settings =
                 VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio: 1.0 };
             // up to 0.6 of the largest acceleration
