@@ -63,6 +63,36 @@ impl Gain {
             product.clamp(-bound, bound) << self.shift.unsigned_abs()
         }
     }
+
+    /// [`apply`](Self::apply) for a wider value.
+    #[cfg(any(feature = "levant", feature = "kalman"))]
+    #[inline]
+    pub(crate) fn apply_wide(self, value: i64) -> i64 {
+        if self.shift < 1 {
+            // a gain of 2^30 and more: what does not fit 32 bits saturates anyway
+            let narrow = value.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
+            #[expect(clippy::cast_possible_truncation, reason = "clamped in the line above")]
+            return self.apply(narrow as i32);
+        }
+        let shift = u32::from(self.shift.unsigned_abs());
+        // the product is high * 2^32 + low, 0 <= low < 2^32
+        let low = (value & 0xFFFF_FFFF) * i64::from(self.mantissa); // below 2^63
+        let high = (value >> 32) * i64::from(self.mantissa) + (low >> 32); // at most 2^62 + 2^31
+        let low = low & 0xFFFF_FFFF;
+        let product = if shift > 32 {
+            (high + (1i64 << (shift - 33))) >> (shift - 32)
+        } else {
+            let bound = Self::PRODUCT_LIMIT >> (32 - shift);
+            if high >= bound {
+                Self::PRODUCT_LIMIT
+            } else if high < -bound {
+                -Self::PRODUCT_LIMIT
+            } else {
+                (high << (32 - shift)) + ((low + (1i64 << (shift - 1))) >> shift)
+            }
+        };
+        product.clamp(-Self::PRODUCT_LIMIT, Self::PRODUCT_LIMIT)
+    }
 }
 
 #[cfg(test)]
@@ -114,6 +144,30 @@ mod tests {
             let error = gain.apply(value) as f64 - exact;
             // above 2^53 the reference itself rounds
             prop_assert!(error.abs() <= 0.5 + exact.abs() * f64::EPSILON, "{error}");
+        }
+    }
+
+    #[cfg(any(feature = "levant", feature = "kalman"))]
+    proptest! {
+        #[test]
+        fn a_wide_product_is_rounded_and_saturated_like_one_in_128_bits(
+            mantissa in (1i32 << 30)..=i32::MAX,
+            shift in -23i8..=62,
+            bits in any::<i64>(),
+            narrower in 0u32..64,
+        ) {
+            let gain = Gain { mantissa, shift };
+            let value = bits >> narrower;
+            let product = i128::from(mantissa) * i128::from(value);
+            let exact = if shift > 0 {
+                (product + (1 << (shift - 1))) >> shift
+            } else {
+                product << -shift
+            };
+            let limit = i128::from(Gain::PRODUCT_LIMIT);
+            let bound = limit - (limit >> (-i32::from(shift)).max(0) << (-i32::from(shift)).max(0));
+            let off = i128::from(gain.apply_wide(value)) - exact.clamp(-limit, limit);
+            prop_assert!(off.abs() <= bound, "{off}");
         }
     }
 }

@@ -107,6 +107,17 @@ fn link_and_store_have_no_panic() {
     }
 }
 
+#[test]
+fn no_estimator_has_a_panic_formatting_or_soft_float() {
+    common::cargo(&["build", "--profile", "firmware", "--package", "estimator-cost"]);
+    let built = common::target_folder().join(common::TARGET).join("firmware/libestimator_path.a");
+    let graph = call_graph(&fs::read(built).unwrap());
+    let names = reachable(&graph, "zwidth_estimate");
+    println!("{names:?}");
+    assert!(names.iter().any(|name| name.contains("kalman")), "every estimator is compiled in");
+    assert_eq!(forbidden(&names), Vec::<&String>::new());
+}
+
 /// Thumb-2 instructions of a function, without the literals behind its code.
 fn instructions(archive: &[u8], function: &str) -> usize {
     for member in ArchiveFile::parse(archive).unwrap().members() {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{Fir, Sense, TrackingLoop, true_cutoff_hz},
+    velocity::{Fir, KalmanDesign, Sense, TrackingLoop, true_cutoff_hz},
 };
 
 use crate::linear::{Order, TransferFunction};
@@ -53,6 +53,54 @@ pub enum Velocity {
     },
     /// Position and acceleration; the cutoff is the crossover. Needs a table `[accelerometer]`.
     Fusion {},
+    /// First-order adaptive windowing, the line through the window's ends.
+    FoawEnd {
+        /// Longest window: samples from the oldest to the newest, 1 to 32.
+        window_samples: u32,
+        /// Largest distance of a sample from the line, counts, 0 to 1000.
+        #[serde(default = "one")]
+        noise_counts: f64,
+    },
+    /// First-order adaptive windowing, the window's least-squares slope.
+    FoawBest {
+        /// Longest window: samples from the oldest to the newest, 1 to 32.
+        window_samples: u32,
+        /// Largest distance of a sample from the line, counts, 0 to 1000.
+        #[serde(default = "one")]
+        noise_counts: f64,
+    },
+    /// Levant's differentiator, explicit Euler.
+    LevantExplicit {
+        /// Largest acceleration C of the handle, m/s^2.
+        acceleration_max_m_per_s2: f64,
+        /// Gain of the square root over sqrt(C), 0.5 to 3.
+        #[serde(default = "one")]
+        lambda_ratio: f64,
+    },
+    /// Levant's differentiator, implicit Euler.
+    LevantImplicit {
+        /// Largest acceleration C of the handle, m/s^2.
+        acceleration_max_m_per_s2: f64,
+        /// Gain of the square root over sqrt(C), 0.5 to 3.
+        #[serde(default = "one")]
+        lambda_ratio: f64,
+    },
+    /// Steady-state Kalman filter of position and velocity.
+    #[serde(rename = "kalman-2")]
+    Kalman2 {
+        /// Acceleration that differs from sample to sample, RMS, m/s^2.
+        acceleration_rms_m_per_s2: f64,
+    },
+    /// Steady-state Kalman filter of position, velocity and acceleration.
+    #[serde(rename = "kalman-3")]
+    Kalman3 {
+        /// Jerk that differs from sample to sample, RMS, m/s^3.
+        jerk_rms_m_per_s3: f64,
+    },
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 impl Velocity {
@@ -72,6 +120,24 @@ impl Velocity {
             }
             Self::TimeStamps { span_samples } => VelocitySettings::TimeStamps { span_samples },
             Self::Fusion {} => VelocitySettings::Fusion { crossover_hz: cutoff_hz },
+            Self::FoawEnd { window_samples, noise_counts } => {
+                VelocitySettings::Foaw { best: false, window_samples, noise_counts }
+            }
+            Self::FoawBest { window_samples, noise_counts } => {
+                VelocitySettings::Foaw { best: true, window_samples, noise_counts }
+            }
+            Self::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio } => {
+                let implicit = false;
+                VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio }
+            }
+            Self::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
+                let implicit = true;
+                VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio }
+            }
+            Self::Kalman2 { acceleration_rms_m_per_s2 } => {
+                VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 }
+            }
+            Self::Kalman3 { jerk_rms_m_per_s3 } => VelocitySettings::Kalman3 { jerk_rms_m_per_s3 },
         }
     }
 
@@ -104,6 +170,28 @@ impl Velocity {
                 (Self::TimeStamps { span_samples }, None)
             }
             VelocitySettings::Fusion { crossover_hz } => (Self::Fusion {}, Some(crossover_hz)),
+            VelocitySettings::Foaw { best: false, window_samples, noise_counts } => {
+                (Self::FoawEnd { window_samples, noise_counts }, None)
+            }
+            VelocitySettings::Foaw { best: true, window_samples, noise_counts } => {
+                (Self::FoawBest { window_samples, noise_counts }, None)
+            }
+            VelocitySettings::Levant {
+                implicit: false,
+                acceleration_max_m_per_s2,
+                lambda_ratio,
+            } => (Self::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }, None),
+            VelocitySettings::Levant {
+                implicit: true,
+                acceleration_max_m_per_s2,
+                lambda_ratio,
+            } => (Self::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio }, None),
+            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+                (Self::Kalman2 { acceleration_rms_m_per_s2 }, None)
+            }
+            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+                (Self::Kalman3 { jerk_rms_m_per_s3 }, None)
+            }
         }
     }
 
@@ -179,7 +267,30 @@ pub fn transfer_function(
         VelocitySettings::Observer { .. }
         | VelocitySettings::TimeStamps { .. }
         | VelocitySettings::Fusion { .. } => return Ok(None),
+        VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+            kalman(&KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?, &difference)
+        }
+        VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+            kalman(&KalmanDesign::three_states(jerk_rms_m_per_s3, design)?, &difference)
+        }
+        VelocitySettings::Foaw { .. } | VelocitySettings::Levant { .. } => return Ok(None),
     }))
+}
+
+/// From the difference to the velocity, of the core's recursion (its module has it): with
+/// `q = z^-1`, `v = (beta (1-q) + gamma q) / D` and
+/// `D = (1-q)^2 (1 - q + alpha q) + q (1-q) (beta + gamma/2) + gamma q^2`; with gamma = 0 a factor
+/// `1 - q` is common.
+fn kalman(gains: &KalmanDesign, difference: &TransferFunction) -> TransferFunction {
+    let KalmanDesign { alpha, beta, gamma } = *gains;
+    let (num, den) = if gamma == 0.0 {
+        (vec![beta], vec![1.0, alpha + beta - 2.0, 1.0 - alpha])
+    } else {
+        let slope = beta + gamma / 2.0;
+        let den = vec![1.0, alpha - 3.0 + slope, 3.0 - 2.0 * alpha - slope + gamma, alpha - 1.0];
+        (vec![beta, gamma - beta], den)
+    };
+    difference.then(&TransferFunction { num, den })
 }
 
 fn weights(fir: &Fir) -> TransferFunction {

@@ -16,7 +16,7 @@ use std::{
 
 use host_sim::{
     identify::Record,
-    plant::PlantStep,
+    plant::{Plant as _, PlantStep},
     scene::{Device, NamedScene},
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};

@@ -42,6 +42,24 @@ pub enum EstimatorName {
     /// [`VelocitySettings::Fusion`].
     #[cfg(feature = "fusion")]
     Fusion,
+    /// [`VelocitySettings::Foaw`], the line through the ends.
+    #[cfg(feature = "foaw")]
+    FoawEnd,
+    /// [`VelocitySettings::Foaw`], the least-squares slope.
+    #[cfg(feature = "foaw")]
+    FoawBest,
+    /// [`VelocitySettings::Levant`], explicit.
+    #[cfg(feature = "levant")]
+    LevantExplicit,
+    /// [`VelocitySettings::Levant`], implicit.
+    #[cfg(feature = "levant")]
+    LevantImplicit,
+    /// [`VelocitySettings::Kalman2`].
+    #[cfg(feature = "kalman")]
+    Kalman2,
+    /// [`VelocitySettings::Kalman3`].
+    #[cfg(feature = "kalman")]
+    Kalman3,
 }
 
 /// A parameter that is a number.
@@ -57,7 +75,7 @@ pub struct Parameter {
 
 impl Parameter {
     const CUTOFF: Self = Self { name: "cutoff", unit: "Hz", default: 1500.0 };
-    #[cfg(feature = "least-squares")]
+    #[cfg(any(feature = "least-squares", feature = "foaw"))]
     const WINDOW: Self = Self { name: "window", unit: "samples", default: 16.0 };
     #[cfg(any(feature = "tracking-loop", feature = "observer"))]
     const BANDWIDTH: Self = Self { name: "bandwidth", unit: "Hz", default: 500.0 };
@@ -68,6 +86,16 @@ impl Parameter {
     const SPAN: Self = Self { name: "span", unit: "samples", default: 8.0 };
     #[cfg(feature = "fusion")]
     const CROSSOVER: Self = Self { name: "crossover", unit: "Hz", default: 50.0 };
+    #[cfg(feature = "foaw")]
+    const NOISE: Self = Self { name: "noise", unit: "counts", default: 1.0 };
+    #[cfg(feature = "levant")]
+    const ACCELERATION_MAX: Self = Self { name: "acceleration_max", unit: "m/s^2", default: 20.0 };
+    #[cfg(feature = "levant")]
+    const LAMBDA_RATIO: Self = Self { name: "lambda_ratio", unit: "1", default: 1.0 };
+    #[cfg(feature = "kalman")]
+    const ACCELERATION_RMS: Self = Self { name: "acceleration_rms", unit: "m/s^2", default: 20.0 };
+    #[cfg(feature = "kalman")]
+    const JERK_RMS: Self = Self { name: "jerk_rms", unit: "m/s^3", default: 20_000.0 };
 
     /// It is a frequency: `cutoff` sets it and a sweep over cutoffs goes along it.
     pub fn is_frequency(&self) -> bool {
@@ -99,6 +127,18 @@ impl EstimatorName {
         Self::TimeStamps,
         #[cfg(feature = "fusion")]
         Self::Fusion,
+        #[cfg(feature = "foaw")]
+        Self::FoawEnd,
+        #[cfg(feature = "foaw")]
+        Self::FoawBest,
+        #[cfg(feature = "levant")]
+        Self::LevantExplicit,
+        #[cfg(feature = "levant")]
+        Self::LevantImplicit,
+        #[cfg(feature = "kalman")]
+        Self::Kalman2,
+        #[cfg(feature = "kalman")]
+        Self::Kalman3,
     ];
 
     /// As it is typed.
@@ -125,6 +165,18 @@ impl EstimatorName {
             Self::TimeStamps => "time-stamps",
             #[cfg(feature = "fusion")]
             Self::Fusion => "fusion",
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd => "foaw-end",
+            #[cfg(feature = "foaw")]
+            Self::FoawBest => "foaw-best",
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit => "levant-explicit",
+            #[cfg(feature = "levant")]
+            Self::LevantImplicit => "levant-implicit",
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => "kalman-2",
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => "kalman-3",
         }
     }
 
@@ -152,6 +204,18 @@ impl EstimatorName {
             Self::TimeStamps => 32,
             #[cfg(feature = "fusion")]
             Self::Fusion => 33,
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd => 10,
+            #[cfg(feature = "foaw")]
+            Self::FoawBest => 11,
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit => 12,
+            #[cfg(feature = "levant")]
+            Self::LevantImplicit => 13,
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => 14,
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => 15,
         }
     }
 
@@ -185,6 +249,16 @@ impl EstimatorName {
             Self::TimeStamps => [Some(Parameter::SPAN), None],
             #[cfg(feature = "fusion")]
             Self::Fusion => [Some(Parameter::CROSSOVER), None],
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd | Self::FoawBest => [Some(Parameter::WINDOW), Some(Parameter::NOISE)],
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit | Self::LevantImplicit => {
+                [Some(Parameter::ACCELERATION_MAX), Some(Parameter::LAMBDA_RATIO)]
+            }
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => [Some(Parameter::ACCELERATION_RMS), None],
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => [Some(Parameter::JERK_RMS), None],
         }
     }
 
@@ -245,13 +319,31 @@ impl EstimatorName {
             }
             #[cfg(feature = "fusion")]
             VelocitySettings::Fusion { crossover_hz } => (Self::Fusion, [crossover_hz, 0.0]),
+            #[cfg(feature = "foaw")]
+            VelocitySettings::Foaw { best, window_samples, noise_counts } => {
+                let name = if best { Self::FoawBest } else { Self::FoawEnd };
+                (name, [window_samples as f64, noise_counts])
+            }
+            #[cfg(feature = "levant")]
+            VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+                let name = if implicit { Self::LevantImplicit } else { Self::LevantExplicit };
+                (name, [acceleration_max_m_per_s2, lambda_ratio])
+            }
+            #[cfg(feature = "kalman")]
+            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+                (Self::Kalman2, [acceleration_rms_m_per_s2, 0.0])
+            }
+            #[cfg(feature = "kalman")]
+            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+                (Self::Kalman3, [jerk_rms_m_per_s3, 0.0])
+            }
         }
     }
 
     /// Its settings with those parameters; whether they are in range is for
     /// [`VelocitySettings::build`] to say.
     pub fn settings(self, [tuning, second]: [f64; 2]) -> VelocitySettings {
-        let _ = second; // most estimators have none
+        let _ = second; // not every build has an estimator with a second parameter
         match self {
             Self::Butterworth => {
                 VelocitySettings::Butterworth { cutoff_hz: tuning, prewarp: false }
@@ -284,6 +376,22 @@ impl EstimatorName {
             Self::TimeStamps => VelocitySettings::TimeStamps { span_samples: whole(tuning) },
             #[cfg(feature = "fusion")]
             Self::Fusion => VelocitySettings::Fusion { crossover_hz: tuning },
+            #[cfg(feature = "foaw")]
+            Self::FoawEnd | Self::FoawBest => VelocitySettings::Foaw {
+                best: self == Self::FoawBest,
+                window_samples: whole(tuning),
+                noise_counts: second,
+            },
+            #[cfg(feature = "levant")]
+            Self::LevantExplicit | Self::LevantImplicit => VelocitySettings::Levant {
+                implicit: self == Self::LevantImplicit,
+                acceleration_max_m_per_s2: tuning,
+                lambda_ratio: second,
+            },
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 => VelocitySettings::Kalman2 { acceleration_rms_m_per_s2: tuning },
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 => VelocitySettings::Kalman3 { jerk_rms_m_per_s3: tuning },
         }
     }
 
@@ -326,7 +434,7 @@ impl VelocitySettings {
 }
 
 /// The nearest whole number; what is none, or beyond `u32`, becomes 0 and is refused as such.
-#[cfg(any(feature = "least-squares", feature = "time-stamps"))]
+#[cfg(any(feature = "least-squares", feature = "foaw", feature = "time-stamps"))]
 fn whole(value: f64) -> u32 {
     if value >= 0.0 && value <= f64::from(u32::MAX) {
         #[expect(

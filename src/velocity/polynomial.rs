@@ -24,7 +24,10 @@
 //!
 //! Degree 1 is late by half its window; degree 2 follows a constant acceleration without delay.
 
-use super::fir::{FRACTION_BITS, Fir, LENGTH, WINDOW_MAX};
+use super::{
+    fir::{FRACTION_BITS, Fir},
+    history::{LENGTH, WINDOW_MAX},
+};
 use crate::settings::{SettingsError, within};
 
 impl Fir {

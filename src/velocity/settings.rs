@@ -3,6 +3,12 @@
 
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 use super::Fir;
+#[cfg(feature = "foaw")]
+use super::Foaw;
+#[cfg(feature = "kalman")]
+use super::KalmanDesign;
+#[cfg(feature = "levant")]
+use super::LevantDesign;
 #[cfg(any(feature = "observer", feature = "fusion"))]
 use super::ObserverDesign;
 #[cfg(feature = "tracking-loop")]
@@ -71,6 +77,38 @@ pub enum VelocitySettings {
         /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
         crossover_hz: f64,
     },
+    /// First-order adaptive windowing: the longest window that a line fits to within the noise.
+    #[cfg(feature = "foaw")]
+    Foaw {
+        /// The slope is the least-squares fit of the window (best fit), not the line through its ends.
+        best: bool,
+        /// Longest window: samples from its oldest to its newest, 1 to 32.
+        window_samples: u32,
+        /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
+        noise_counts: f64,
+    },
+    /// Levant's robust exact differentiator.
+    #[cfg(feature = "levant")]
+    Levant {
+        /// Discretised by the implicit, not the explicit Euler method.
+        implicit: bool,
+        /// Largest acceleration C of the handle, m/s^2.
+        acceleration_max_m_per_s2: f64,
+        /// Gain of the square root over sqrt(C), 0.5 to 3.
+        lambda_ratio: f64,
+    },
+    /// Steady-state Kalman filter with two states: position and velocity.
+    #[cfg(feature = "kalman")]
+    Kalman2 {
+        /// Acceleration that differs from sample to sample, RMS, m/s^2.
+        acceleration_rms_m_per_s2: f64,
+    },
+    /// Steady-state Kalman filter with three states: position, velocity and acceleration.
+    #[cfg(feature = "kalman")]
+    Kalman3 {
+        /// Jerk that differs from sample to sample, RMS, m/s^3.
+        jerk_rms_m_per_s3: f64,
+    },
 }
 
 impl VelocitySettings {
@@ -114,6 +152,23 @@ impl VelocitySettings {
             Self::Fusion { crossover_hz } => Estimator::Fusion(
                 ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?.quantise(),
             ),
+            #[cfg(feature = "foaw")]
+            Self::Foaw { best, window_samples, noise_counts } => {
+                Estimator::Foaw(Foaw::new(best, window_samples, noise_counts)?)
+            }
+            #[cfg(feature = "levant")]
+            Self::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+                let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
+                Estimator::Levant(sizes.quantise(implicit))
+            }
+            #[cfg(feature = "kalman")]
+            Self::Kalman2 { acceleration_rms_m_per_s2 } => Estimator::Kalman(
+                KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?.quantise(),
+            ),
+            #[cfg(feature = "kalman")]
+            Self::Kalman3 { jerk_rms_m_per_s3 } => {
+                Estimator::Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise())
+            }
         })
     }
 }

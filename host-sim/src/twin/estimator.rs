@@ -3,10 +3,19 @@
 use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
-    velocity::{self, Fir, FirstOrder, ObserverDesign, Senses, TrackingLoop},
+    velocity::{
+        self, Fir, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
+    },
 };
 
-use super::{loops::Loop, stamps::Stamps};
+use super::{
+    FLUSH_BELOW,
+    foaw::Foaw,
+    kalman::KalmanState,
+    levant::{Levant, LevantState},
+    loops::Loop,
+    stamps::Stamps,
+};
 
 /// An estimator in `f64`; velocities in counts per sample.
 #[derive(Clone, Copy, Debug)]
@@ -14,18 +23,21 @@ pub struct TwinEstimator {
     kind: Kind,
     inputs: [f64; 2],
     outputs: [f64; 2],
-    fir: [f64; LENGTH],
     rest: Rest,
 }
 
-/// What the estimators of one's own file remember.
+/// What the estimators with a file of their own remember.
 #[derive(Clone, Copy, Debug)]
 struct Rest {
+    /// Last differences, newest first.
+    past: [f64; LENGTH],
+    levant: LevantState,
+    kalman: KalmanState,
     loops: Loop,
     stamps: Stamps,
 }
 
-const LENGTH: usize = velocity::WINDOW_MAX as usize;
+pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
 
 /// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
 /// numbers can live in registers.
@@ -42,10 +54,10 @@ enum Kind {
     Fusion(ObserverDesign),
     /// Span in samples.
     TimeStamps(f64),
+    Foaw(Foaw),
+    Levant(Levant),
+    Kalman(KalmanDesign),
 }
-
-/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
-const FLUSH_BELOW: f64 = 1e-30;
 
 impl TwinEstimator {
     /// The estimator of those settings at rest.
@@ -53,6 +65,7 @@ impl TwinEstimator {
     /// # Errors
     /// A parameter is out of range.
     pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
+        settings.build(design)?; // the ranges
         let rate_hz = design.rate_hz;
         let kind = match *settings {
             VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
@@ -79,9 +92,29 @@ impl TwinEstimator {
             VelocitySettings::Fusion { crossover_hz } => {
                 Kind::Fusion(ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?)
             }
+            VelocitySettings::Foaw { best, window_samples: window, noise_counts } => {
+                let noise = (16.0 * noise_counts).round() / 16.0; // as the setting is documented
+                Kind::Foaw(Foaw { best, window, noise })
+            }
+            VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+                let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
+                Kind::Levant(Levant { implicit, sizes })
+            }
+            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+                Kind::Kalman(KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?)
+            }
+            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+                Kind::Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?)
+            }
         };
-        let rest = Rest { loops: Loop::default(), stamps: Stamps::REST };
-        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], fir: [0.0; LENGTH], rest })
+        let rest = Rest {
+            past: [0.0; LENGTH],
+            levant: LevantState::default(),
+            kalman: KalmanState::default(),
+            loops: Loop::default(),
+            stamps: Stamps::REST,
+        };
+        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
     }
 
     /// The velocity after a move by `difference` counts.
@@ -108,7 +141,6 @@ impl TwinEstimator {
                 output
             }
             Kind::Difference => input,
-            Kind::Fir(weights) => weighted(weights, &mut self.fir, input),
             other => self.rest.update(other, difference, senses),
         }
     }
@@ -117,6 +149,7 @@ impl TwinEstimator {
 impl Rest {
     #[inline(never)] // so that the other estimators' state stays in registers
     fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
+        let input = f64::from(difference);
         match kind {
             Kind::TrackingLoop(gains) => self.loops.track(gains, difference.into()),
             Kind::Observer(observer) => {
@@ -130,7 +163,11 @@ impl Rest {
                 self.loops.observe(observer, difference.into(), known)
             }
             Kind::TimeStamps(span) => self.stamps.update(*span, difference, senses.edge),
-            _ => 0.0,
+            Kind::Fir(weights) => weighted(weights, &mut self.past, input),
+            Kind::Foaw(foaw) => foaw.update(&mut self.past, input),
+            Kind::Levant(levant) => levant.update(&mut self.levant, input),
+            Kind::Kalman(gains) => self.kalman.update(gains, input),
+            Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Difference => input,
         }
     }
 }

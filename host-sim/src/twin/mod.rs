@@ -2,6 +2,9 @@
 //! gains or forces. What differs between it and the core is what fixed point costs.
 
 mod estimator;
+mod foaw;
+mod kalman;
+mod levant;
 mod loops;
 mod stamps;
 
@@ -9,6 +12,9 @@ pub use estimator::TwinEstimator;
 use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
 
 use crate::controller::{Controller, Rendered};
+
+/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
+const FLUSH_BELOW: f64 = 1e-30;
 
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,0 +1,49 @@
+//! First-order adaptive windowing as published: every window against every sample in it.
+
+use super::estimator::LENGTH;
+
+/// Its parameters.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Foaw {
+    pub best: bool,
+    pub window: u32,
+    pub noise: f64,
+}
+
+impl Foaw {
+    /// The velocity after a move by `input` counts; `past` holds the differences, newest first.
+    #[inline(never)] // so that the other estimators' state stays in registers
+    pub(super) fn update(&self, past: &mut [f64; LENGTH], input: f64) -> f64 {
+        past.rotate_right(1);
+        past[0] = input;
+        // s[j]: counts since j samples ago
+        let mut s = [0.0; LENGTH];
+        for j in 1..LENGTH {
+            s[j] = s[j - 1] + past[j - 1];
+        }
+        let mut velocity = past[0];
+        for i in 2..=self.window {
+            let (number, over) = self.slope(&s, i);
+            // whole numbers, so that a sample exactly on the edge of the noise is inside
+            let within = (0..i)
+                .zip(&s)
+                .all(|(j, s)| (s * over - f64::from(j) * number).abs() <= self.noise * over);
+            if !within {
+                break;
+            }
+            velocity = number / over;
+        }
+        velocity
+    }
+
+    /// Slope over `i` samples, as a fraction.
+    fn slope(&self, s: &[f64; LENGTH], i: u32) -> (f64, f64) {
+        let n = f64::from(i);
+        if self.best {
+            let sum: f64 = (0..=i).zip(s).map(|(j, s)| (2.0 * f64::from(j) - n) * s).sum();
+            (sum, n * (n + 1.0) * (n + 2.0) / 6.0)
+        } else {
+            (s[i as usize], n)
+        }
+    }
+}

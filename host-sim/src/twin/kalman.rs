@@ -1,0 +1,27 @@
+//! The steady-state Kalman filter; the equations stand in the core's `velocity/kalman.rs`.
+
+use zwidth::velocity::KalmanDesign;
+
+/// Position less the count, velocity and acceleration, in counts and samples.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct KalmanState {
+    distance: f64,
+    velocity: f64,
+    acceleration: f64,
+}
+
+impl KalmanState {
+    /// The velocity after a move by `input` counts.
+    #[inline(never)] // so that the other estimators' state stays in registers
+    pub(super) fn update(&mut self, gains: &KalmanDesign, input: f64) -> f64 {
+        let predicted = self.distance + self.velocity + self.acceleration / 2.0 - input;
+        self.distance = predicted * (1.0 - gains.alpha);
+        self.velocity += self.acceleration - gains.beta * predicted;
+        self.acceleration -= gains.gamma * predicted;
+        // subnormal numbers would slow the loop down
+        if predicted.abs() + self.velocity.abs() + self.acceleration.abs() < super::FLUSH_BELOW {
+            *self = Self::default();
+        }
+        self.velocity
+    }
+}

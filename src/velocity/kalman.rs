@@ -1,0 +1,258 @@
+//! Steady-state Kalman filter: position and velocity (two states), or acceleration too (three), of a
+//! handle that noise drives, seen through an encoder whose rounding counts as white noise of
+//! `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
+//!
+//! In counts and samples, with `r` the count less the predicted position:
+//!
+//! ```text
+//! predict: x += v + a/2,  v += a
+//! correct: x += alpha r,  v += beta r,  a += gamma r          (two states: a = gamma = 0)
+//! ```
+//!
+//! **Gains.** The motion noise is an acceleration that differs from sample to sample (two states), or
+//! an acceleration that changes by a random amount with every sample, its jerk times T (three). The
+//! steady gains are then closed forms of one number, `L` = motion noise / measurement noise
+//! (Kalata, IEEE T-AES 20(2), 1984; Gray and Murray, IEEE T-AES 29(3), 1993). With
+//! `u = 1 - sqrt(1 - alpha)`:
+//!
+//! ```text
+//! alpha = u (2 - u),  beta = 2 u^2,  gamma = beta^2 / (2 alpha)
+//! two states:   2 u^2 = L (1 - u),            L = acceleration T^2 / (resolution / sqrt(12))
+//! three states: 2 u^3 = L (1 - u) (2 - u),    L = jerk T^3 / (resolution / sqrt(12))
+//! ```
+//!
+//! Nothing is computed per sample but the gains' products. Delay at low frequency: two states
+//! `alpha / beta - 1/2` samples; three states none.
+//!
+//! **Fixed point.** The position is kept as its distance from the count, so that nothing wraps. A
+//! constant speed leaves `r` at zero whatever the gains' rounding. What rounding the output drops is
+//! carried into the next one, and the rounding of the products leaves the mean velocity within 2^-23
+//! counts per sample, the 128th part of an LSB.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use crate::{
+    Design, Gain,
+    settings::{SettingsError, within},
+    units::Velocity,
+};
+
+/// Gains as real numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KalmanDesign {
+    /// Of the position.
+    pub alpha: f64,
+    /// Of the velocity, per sample.
+    pub beta: f64,
+    /// Of the acceleration, per sample^2; 0 with two states.
+    pub gamma: f64,
+}
+
+/// Smallest and largest `u` that are accepted: from some 2 Hz at 10 kHz to almost the difference.
+const U: [f64; 2] = [1e-3, 0.95];
+
+#[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
+impl KalmanDesign {
+    /// Two states, for that RMS acceleration.
+    ///
+    /// # Errors
+    /// Names the parameter and its range, which follows from rate and resolution.
+    pub fn two_states(acceleration: f64, design: &Design) -> Result<Self, SettingsError> {
+        let unit = noise_m(design) * design.rate_hz * design.rate_hz;
+        let [low, high] = U.map(|u| 2.0 * u * u / (1.0 - u) * unit);
+        let l = within("acceleration_rms_m_per_s2", acceleration, low..=high)? / unit;
+        Ok(Self { gamma: 0.0, ..Self::of(2.0 * l / (l + libm::sqrt(l * l + 8.0 * l))) })
+    }
+
+    /// Three states, for that RMS jerk.
+    ///
+    /// # Errors
+    /// Names the parameter and its range, which follows from rate and resolution.
+    pub fn three_states(jerk: f64, design: &Design) -> Result<Self, SettingsError> {
+        /// Halvings of the interval: as many as an `f64` has bits.
+        const STEPS: u32 = 53;
+        let unit = noise_m(design) * design.rate_hz * design.rate_hz * design.rate_hz;
+        let [low, high] = U.map(|u| 2.0 * u * u * u / ((1.0 - u) * (2.0 - u)) * unit);
+        let l = within("jerk_rms_m_per_s3", jerk, low..=high)? / unit;
+        let (mut below, mut above) = (0.0, 1.0);
+        for _ in 0..STEPS {
+            let u = (below + above) / 2.0;
+            if 2.0 * u * u * u < l * (1.0 - u) * (2.0 - u) { below = u } else { above = u }
+        }
+        Ok(Self::of((below + above) / 2.0))
+    }
+
+    fn of(u: f64) -> Self {
+        let (alpha, beta) = (u * (2.0 - u), 2.0 * u * u);
+        Self { alpha, beta, gamma: beta * beta / (2.0 * alpha) }
+    }
+
+    /// The gains in integers, each within 2^-31 of itself.
+    pub fn quantise(&self) -> Kalman {
+        // 2^-32 and more by the limits of u
+        let gain = |value| Gain::from_f64(value).unwrap_or_default();
+        Kalman { alpha: gain(self.alpha), beta: gain(self.beta), gamma: gain(self.gamma * GAMMA) }
+    }
+}
+
+/// Measurement noise, m RMS.
+#[expect(clippy::float_arithmetic, reason = "design time: settings to coefficients")]
+fn noise_m(design: &Design) -> f64 {
+    design.resolution_m / libm::sqrt(12.0)
+}
+
+/// Fractional bits of position and velocity.
+const FRACTION_BITS: u32 = 32;
+/// Of these, those that the output has not.
+const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
+/// Further fractional bits of the acceleration, which small gains change little.
+const ACCELERATION_BITS: u32 = 12;
+/// The same as a factor.
+const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
+/// Largest distance from the count: more than the smallest gains leave of a stop from full speed.
+const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);
+/// Largest velocity of the state: twice that of the output, for its overshoot.
+const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
+/// Largest acceleration of the state: what the largest gain makes of a reversal at full speed.
+const ACCELERATION_MAX: i64 = 1 << (18 + FRACTION_BITS + ACCELERATION_BITS);
+
+/// Gains; made by [`KalmanDesign::quantise`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kalman {
+    alpha: Gain,
+    beta: Gain,
+    gamma: Gain,
+}
+
+/// Estimates after the last sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct KalmanState {
+    /// Position less the count.
+    distance: i64,
+    velocity: i64,
+    acceleration: i64,
+    /// What rounding the last output dropped, 0 to 2^16 - 1.
+    residue: u16,
+}
+
+impl Kalman {
+    /// The velocity after a move by `difference` counts.
+    #[inline(never)] // so that the state of the usual estimator stays in registers
+    pub(super) fn update(&self, state: &mut KalmanState, difference: i32) -> Velocity {
+        let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
+        let speed_up = rounded(state.acceleration, ACCELERATION_BITS);
+        let ahead = state.velocity + (speed_up >> 1) - (moved << FRACTION_BITS);
+        let predicted = (state.distance + ahead).clamp(-DISTANCE_MAX, DISTANCE_MAX);
+        state.distance = predicted - self.alpha.apply_wide(predicted);
+        state.velocity = (state.velocity + speed_up - self.beta.apply_wide(predicted))
+            .clamp(-VELOCITY_MAX, VELOCITY_MAX);
+        state.acceleration = (state.acceleration - self.gamma.apply_wide(predicted))
+            .clamp(-ACCELERATION_MAX, ACCELERATION_MAX);
+        state.output()
+    }
+}
+
+impl KalmanState {
+    pub(super) const REST: Self =
+        Self { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
+
+    /// As after many samples at that velocity.
+    pub(super) fn at(velocity: Velocity) -> Self {
+        Self { velocity: i64::from(velocity.bits()) << DROPPED_BITS, ..Self::REST }
+    }
+
+    /// The velocity, with what was dropped of it before.
+    #[inline]
+    fn output(&mut self) -> Velocity {
+        let bits = self.velocity + i64::from(self.residue);
+        let limit = i64::from(Velocity::LIMIT_BITS);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "the last 16 bits are wanted; the others are clamped to 31"
+        )]
+        let (residue, nearest) = (bits as u16, (bits >> DROPPED_BITS).clamp(-limit, limit) as i32);
+        self.residue = residue;
+        Velocity::saturating_from_bits(nearest)
+    }
+}
+
+/// `value` without its last `bits` bits, rounded to nearest.
+#[inline]
+fn rounded(value: i64, bits: u32) -> i64 {
+    (value + (1 << (bits - 1))) >> bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Output;
+
+    const DESIGN: Design = Design {
+        rate_hz: 1e4,
+        resolution_m: 1e-6,
+        full_scale_n: 1.0,
+        period: 10,
+        output: Output::Continuous,
+    };
+
+    /// Steady gains by the Riccati recursion, in counts and samples.
+    fn riccati(gain: [f64; 3], ratio: f64, order: usize) -> [f64; 3] {
+        let step = [[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
+        let mut p = [[0.0; 3]; 3];
+        for (n, row) in p.iter_mut().enumerate().take(order) {
+            row[n] = 1.0;
+        }
+        let mut k = [0.0; 3];
+        for _ in 0..20_000 {
+            let mut next = [[0.0; 3]; 3];
+            for i in 0..order {
+                for j in 0..order {
+                    for m in 0..order {
+                        for n in 0..order {
+                            next[i][j] += step[i][m] * p[m][n] * step[j][n];
+                        }
+                    }
+                    next[i][j] += ratio * ratio * gain[i] * gain[j];
+                }
+            }
+            for i in 0..order {
+                k[i] = next[i][0] / (next[0][0] + 1.0);
+            }
+            for i in 0..order {
+                for j in 0..order {
+                    p[i][j] = next[i][j] - k[i] * next[0][j];
+                }
+            }
+        }
+        k
+    }
+
+    #[test]
+    fn the_gains_are_those_of_the_riccati_recursion() {
+        let noise = 1e-6 / 12f64.sqrt();
+        for ratio in [1e-4, 1e-3, 0.03, 0.7, 5.0, 30.0] {
+            let two = KalmanDesign::two_states(ratio * noise * 1e8, &DESIGN).unwrap();
+            let three = KalmanDesign::three_states(ratio * noise * 1e12, &DESIGN).unwrap();
+            let of = |d: &KalmanDesign| [d.alpha, d.beta, d.gamma];
+            for (got, want) in [
+                (of(&two), riccati([0.5, 1.0, 0.0], ratio, 2)),
+                (of(&three), riccati([0.5, 1.0, 1.0], ratio, 3)),
+            ] {
+                for (got, want) in got.into_iter().zip(want) {
+                    assert!((got - want).abs() <= 1e-9 * want, "{ratio}: {got} against {want}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn accelerations_and_jerks_out_of_range_are_refused_by_name() {
+        for bad in [0.0, -1.0, 1e-9, 1e18, f64::NAN, f64::INFINITY] {
+            let two = KalmanDesign::two_states(bad, &DESIGN).unwrap_err();
+            assert_eq!(two.parameter, "acceleration_rms_m_per_s2");
+            let three = KalmanDesign::three_states(bad, &DESIGN).unwrap_err();
+            assert_eq!(three.parameter, "jerk_rms_m_per_s3");
+        }
+    }
+}

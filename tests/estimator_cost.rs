@@ -1,0 +1,164 @@
+//! Every estimator on the board's core: the velocities are those of the host bit for bit, and no
+//! input takes more than a quarter of the sample period. Cycles are the emulator's: zero wait
+//! states, compared with no silicon.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly"
+)]
+
+mod common;
+
+use virtual_board::{
+    elf::Elf,
+    mcu::{Chip, Listeners, Mcu},
+};
+use zwidth::{
+    Design, Output,
+    units::Position,
+    velocity::{EstimatorName, Senses, State},
+};
+
+/// A quarter of 100 us at 180 MHz.
+const CYCLES_MAX: u32 = 4500;
+const SAMPLES: usize = 4096;
+const DESIGN: Design = Design {
+    rate_hz: 1e4,
+    resolution_m: 1e-6,
+    full_scale_n: 5.906,
+    period: 10,
+    output: Output::Continuous,
+};
+
+/// The program on the emulated core, and its mailbox.
+struct Target {
+    mcu: Mcu,
+    job: u32,
+    sample: u32,
+    cycles: u32,
+}
+
+impl Target {
+    fn new() -> Self {
+        common::cargo(&["build", "--profile", "firmware", "--package", "estimator-cost"]);
+        let folder = common::target_folder().join(common::TARGET).join("firmware");
+        let elf = Elf::load(&folder.join("estimator-cost")).unwrap();
+        let chip = Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true };
+        let [job, sample, cycles] =
+            ["JOB", "SAMPLE", "CYCLES"].map(|name| elf.address_of(name).unwrap());
+        let mut mcu = Mcu::new(chip, &elf.flash, Listeners::default());
+        mcu.run_until(1_000_000).unwrap();
+        Self { mcu, job, sample, cycles }
+    }
+
+    fn words(&self, address: u32, count: usize) -> Vec<u32> {
+        let mut bytes = vec![0; 4 * count];
+        self.mcu.read(address, &mut bytes);
+        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
+    }
+
+    fn set(&mut self, address: u32, words: &[u32]) {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        self.mcu.write(address, &bytes);
+    }
+
+    /// Velocities and cycles of each update, and bytes of an estimator.
+    fn run(
+        &mut self,
+        name: EstimatorName,
+        parameters: [f64; 2],
+        differences: &[i32],
+    ) -> (Vec<i32>, Vec<u32>, u32) {
+        let differences: Vec<u32> = differences.iter().map(|d| d.cast_unsigned()).collect();
+        self.set(self.sample, &differences);
+        let [a, b] = parameters.map(f64::to_bits);
+        let job = [name.number(), a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32];
+        self.set(self.job + 4, &job);
+        self.set(self.job + 24, &[differences.len() as u32]);
+        self.set(self.job, &[1]);
+        for _ in 0..1000 {
+            self.mcu.run_until(self.mcu.now() + 100_000).unwrap();
+            let state = self.words(self.job, 1)[0];
+            assert_ne!(state, 3, "{name:?} is refused by the target");
+            if state == 2 {
+                let velocities = self.words(self.sample, differences.len());
+                let velocities = velocities.into_iter().map(u32::cast_signed).collect();
+                let cycles = self.words(self.cycles, differences.len());
+                return (velocities, cycles, self.words(self.job + 28, 1)[0]);
+            }
+        }
+        panic!("{name:?} does not end");
+    }
+}
+
+/// What may make an update long: standstill, whole windows, ends of the range, reversals, chatter,
+/// noise of every size, random jumps.
+fn inputs() -> Vec<i32> {
+    let mut seed = 1u32;
+    let mut random = move || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (seed >> 4) as i32
+    };
+    let mut all = vec![0; 100];
+    all.extend((0..200).map(|n| i32::from(n % 3 == 0)));
+    all.extend([1; 100]);
+    all.extend([32_767; 150]);
+    all.extend([-32_767; 150]);
+    all.extend((0..200).map(|n| if n % 2 == 0 { 32_767 } else { -32_767 }));
+    all.extend([0; 300]);
+    // a line and, about it, ever closer bounds
+    all.extend((0..64).map(|n| 100 + if n % 2 == 0 { 1 } else { -1 } * (64 - n) / 8));
+    all.extend((0..200).map(|n| n * n / 40));
+    for bits in 1..16 {
+        all.extend((0..100).map(|_| (random() & ((1 << bits) - 1)) - (1 << (bits - 1))));
+    }
+    all.extend([i32::MAX, i32::MIN, 0, i32::MIN, i32::MAX]);
+    all.resize(SAMPLES, 0);
+    all
+}
+
+/// Least, usual and largest values of a tuning.
+fn tunings(name: EstimatorName) -> Vec<[f64; 2]> {
+    let [tuning, second] = name.parameters().map(|p| p.map_or(0.0, |parameter| parameter.default));
+    let mut all = vec![[tuning, second]];
+    for factor in [0.05, 0.2, 2.0, 30.0] {
+        let settings = name.settings([tuning * factor, second]);
+        if settings.build(&DESIGN).is_ok() && tuning != 0.0 {
+            all.push([tuning * factor, second]);
+        }
+    }
+    if name.text().starts_with("foaw") {
+        all.push([32.0, 1000.0]); // every window is tried
+    }
+    all
+}
+
+#[test]
+fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_period_at_most() {
+    let mut target = Target::new();
+    let inputs = inputs();
+    for &name in EstimatorName::ALL {
+        let (mut most, mut usual, mut bytes) = (0, 0, 0);
+        for parameters in tunings(name) {
+            let (velocities, cycles, size) = target.run(name, parameters, &inputs);
+            let estimator = name.settings(parameters).build(&DESIGN).unwrap();
+            let mut state = State::at_rest(Position::default());
+            let mut count = 0i32;
+            for (n, (input, velocity)) in inputs.iter().zip(velocities).enumerate() {
+                count = count.wrapping_add(*input);
+                let position = Position::from_counts(count);
+                let host = estimator.update(&mut state, position, &Senses::default());
+                assert_eq!(velocity, host.bits(), "{name:?} {parameters:?}, sample {n}");
+            }
+            most = most.max(*cycles.iter().max().unwrap());
+            if usual == 0 {
+                usual = cycles.iter().sum::<u32>() / SAMPLES as u32;
+            }
+            bytes = size;
+        }
+        println!("{}: at most {most} cycles, mean {usual} at the default; {bytes} B", name.text());
+        assert!(most > 0 && most <= CYCLES_MAX, "{name:?}: {most} cycles");
+    }
+}
