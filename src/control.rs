@@ -2,6 +2,8 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use crate::{
     CounterWidth,
     actuator::Actuator,
@@ -88,7 +90,12 @@ impl Sampler {
         let sample = self.sample;
         self.sample = sample.wrapping_add(1);
         let due = self.until_due == 0;
-        self.until_due = if due { control.period } else { self.until_due }.saturating_sub(1);
+        if due {
+            cold_path();
+            self.until_due = control.period.saturating_sub(1);
+        } else {
+            self.until_due -= 1;
+        }
         Motion { sample, position, velocity, due }
     }
 }

@@ -25,6 +25,7 @@ mod enable;
 mod encoder;
 mod fault_memory;
 mod halt;
+mod latest;
 mod logger;
 pub mod mask;
 mod pace;
@@ -39,6 +40,7 @@ mod watchdog;
 
 pub use encoder::Encoder;
 pub use fault_memory::FaultMemory;
+pub use latest::{Latest, Newest, Publisher};
 pub use pace::Pace;
 pub use queue::{Queue, Reader, Writer};
 pub use rtt::Link;

@@ -146,7 +146,8 @@ impl Supervisor {
         #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
         let sample = up.motion.sample as u32;
         self.down.rendered = sample;
-        self.down.on = self.state.is_on();
+        let on = self.state.is_on();
+        self.tell(|down| down.on = on);
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
         Rendered { grant, drive, down: self.down, memory: self.memory.take(), record }
@@ -182,7 +183,7 @@ impl Supervisor {
             Request::Unlock => self.unlock(),
             Request::Stall(true) if self.state.is_on() => Err(Refusal::On),
             Request::Stall(stall) => {
-                self.down.stall = stall;
+                self.tell(|down| down.stall = stall);
                 Ok(())
             }
             Request::Trip(fault) => {
@@ -240,7 +241,8 @@ impl Supervisor {
         self.state = State::Off;
         self.fault = None;
         self.causes = FaultSet::EMPTY;
-        self.down.acknowledged = self.seen;
+        let seen = self.seen;
+        self.tell(|down| down.acknowledged = seen);
         self.memory = Some(MemoryUpdate::Erase);
         Ok(())
     }
@@ -251,7 +253,7 @@ impl Supervisor {
             State::Armed if self.contact => return Err(Refusal::Contact),
             State::Armed | State::Off | State::Fault => {}
         }
-        self.down.zeros = self.down.zeros.wrapping_add(1);
+        self.tell(|down| down.zeros = down.zeros.wrapping_add(1));
         Ok(())
     }
 
@@ -285,6 +287,14 @@ impl Supervisor {
         }
         self.state = State::Fault;
         self.unlocked = false;
+    }
+
+    /// Changes what the guard has to know, and counts it if it is a change.
+    #[inline]
+    fn tell(&mut self, change: impl FnOnce(&mut Down)) {
+        let before = self.down;
+        change(&mut self.down);
+        self.down.changes = before.changes.wrapping_add(u32::from(self.down != before));
     }
 
     /// A zero is asked for that `sample` has not carried out yet.

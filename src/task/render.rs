@@ -1,21 +1,24 @@
 //! `render`: with every period-th sample, priority 14, pended by `sample`.
 
+use core::sync::atomic::Ordering::Relaxed;
+
 use zwidth::{
     Control,
     experiment::Hit,
     link::Activity,
-    safety::{BlackBox, Grant, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up},
+    safety::{BlackBox, Down, Grant, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up},
     store::Signs,
     telemetry::{Flags, Record},
-    units::{Force, Position},
+    units::Force,
 };
 
 use super::{
-    CONTROLS, FLAGS, ORDERS, POSITIONS, REPORTS, UPS,
+    FLAGS, ORDERS, REPORTS, UPS,
     device::PERIOD,
     order::{Event, Gains, Order, Report},
+    trail::Follower,
 };
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Reader, Supply, Writer};
+use crate::board::{self, Drive, EmergencyStop, FaultMemory, Publisher, Reader, Supply, Writer};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;
@@ -36,10 +39,10 @@ pub struct Outputs {
 pub struct Ends {
     /// From `sample`, one per output.
     pub ups: Reader<Up, UPS>,
-    /// From `sample`, one per sample.
-    pub positions: Reader<Position, POSITIONS>,
     /// To `sample`.
-    pub controls: Writer<Control, CONTROLS>,
+    pub control: Publisher<Control>,
+    /// To `sample`, with every output.
+    pub down: Publisher<Down>,
     /// From `link`.
     pub orders: Reader<Order, ORDERS>,
     /// To `link`.
@@ -51,6 +54,8 @@ pub struct Render {
     outputs: Outputs,
     ends: Ends,
     supervisor: Supervisor,
+    /// The positions of all samples.
+    positions: Follower,
     control: Control,
     gains: Gains,
     /// Counts up with every change of the settings.
@@ -78,6 +83,7 @@ impl Render {
             outputs,
             ends,
             supervisor,
+            positions: Follower::new(),
             control,
             gains: Gains::Outside,
             settings: 0,
@@ -104,7 +110,8 @@ impl Render {
         let inputs = self.inputs();
         let rendered = self.supervisor.render(&self.control, &up, push, inputs);
         self.put_out(rendered.grant);
-        FLAGS.publish(&rendered.down);
+        self.ends.down.publish(rendered.down);
+        FLAGS.rendered.store(rendered.down.rendered, Relaxed);
 
         match rendered.memory {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
@@ -113,9 +120,9 @@ impl Render {
         }
         let record = Record { settings: self.settings, ..rendered.record };
         self.history.push(record, record.flags.contains(Flags::FAULT));
+        self.positions.follow_to(up.motion.sample);
         self.experiment(rendered.grant);
         if matches!(self.event, Event::None)
-            && self.ends.controls.has_room()
             && let Some(order) = self.ends.orders.read()
         {
             self.event = Event::Answer(self.meet(order));
@@ -162,7 +169,7 @@ impl Render {
             self.hit = None;
             self.event = Event::HitBroken;
         }
-        while let Some(position) = self.ends.positions.read() {
+        while let Some(position) = self.positions.read() {
             let Some(hit) = &mut self.hit else { continue };
             let contact = self.control.wall.penetration(position) > 0;
             if let Some(verdict) = hit.sample(position, contact) {
@@ -182,8 +189,7 @@ impl Render {
                 result
             }
             Order::Control(control, gains) => {
-                // There is room: `run` looked. From the next sample on, whole.
-                self.ends.controls.write(control);
+                self.ends.control.publish(control); // from the next sample on, whole
                 self.control = control;
                 self.gains = gains;
                 self.settings = self.settings.wrapping_add(1);

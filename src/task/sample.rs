@@ -2,22 +2,20 @@
 
 use zwidth::{
     Control,
-    safety::{GuardedSampler, Up},
-    units::Position,
+    safety::{Down, GuardedSampler, Up},
 };
 
-use super::{CONTROLS, FLAGS, POSITIONS, UPS};
-use crate::board::{self, Encoder, Pace, Reader, Writer};
+use super::{UPS, trail};
+use crate::board::{self, Encoder, Newest, Pace, Writer};
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
     encoder: Encoder,
     pace: Pace,
     sampler: GuardedSampler,
-    control: Control,
-    controls: Reader<Control, CONTROLS>,
+    control: Newest<Control>,
+    down: Newest<Down>,
     ups: Writer<Up, UPS>,
-    positions: Writer<Position, POSITIONS>,
 }
 
 impl Sample {
@@ -25,12 +23,11 @@ impl Sample {
         encoder: Encoder,
         pace: Pace,
         sampler: GuardedSampler,
-        control: Control,
-        controls: Reader<Control, CONTROLS>,
+        control: Newest<Control>,
+        down: Newest<Down>,
         ups: Writer<Up, UPS>,
-        positions: Writer<Position, POSITIONS>,
     ) -> Self {
-        Self { encoder, pace, sampler, control, controls, ups, positions }
+        Self { encoder, pace, sampler, control, down, ups }
     }
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
@@ -41,16 +38,13 @@ impl Sample {
     pub fn run(&mut self) {
         let count = self.encoder.count();
         self.pace.acknowledge();
-        if let Some(control) = self.controls.read() {
-            self.control = control;
-        }
-        let (motion, cut) = self.sampler.step(&self.control, count, &FLAGS.down());
+        let (motion, cut) = self.sampler.step(self.control.get(), count, self.down.get());
         if cut {
             board::off();
         }
-        // A queue that is full means that `render` is late, which the guard sees by itself.
-        self.positions.write(motion.position);
+        trail::note(motion.sample, motion.position);
         if motion.due {
+            // A queue that is full means that `render` is late, which the guard sees by itself.
             self.ups.write_with(|| self.sampler.up(motion, cut));
             super::pend_render();
         }

@@ -2,8 +2,15 @@
 #![allow(clippy::unwrap_used, reason = "a test may stop")]
 #![allow(dead_code, reason = "each test uses a part of it")]
 
+use std::collections::BTreeSet;
+
+use addr2line::{
+    Context,
+    gimli::{Dwarf, EndianSlice, LittleEndian},
+};
 use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
+use object::{Object as _, ObjectSection as _};
 use virtual_board::{board::Board, elf::Elf, image, log, world::World};
 
 /// A board's release ELF, built if need be.
@@ -22,6 +29,32 @@ impl Firmware {
         let table = log::table(&elf.bytes).unwrap();
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         Self { board, elf, table, scene }
+    }
+
+    /// Instructions of the sampling task that come from [`zwidth::Sampler::sample`], inlined as it
+    /// is: what the debug information says of each address.
+    pub fn core_of_sample(&self) -> BTreeSet<u32> {
+        let file = object::File::parse(&*self.elf.bytes).unwrap();
+        let section = |name| file.section_by_name(name).map_or(&[][..], |s| s.data().unwrap());
+        let dwarf =
+            Dwarf::load(|id| Ok::<_, ()>(EndianSlice::new(section(id.name()), LittleEndian)));
+        let lines = Context::from_dwarf(dwarf.unwrap()).unwrap();
+        let of_core = |address: u32| {
+            let mut frames = lines.find_frames(u64::from(address)).skip_all_loads().unwrap();
+            while let Some(frame) = frames.next().unwrap() {
+                if frame.function.is_some_and(|function| {
+                    function.raw_name().unwrap().contains("7control7Sampler6sample")
+                }) {
+                    return true;
+                }
+            }
+            false
+        };
+        let (_, start, size) = self.elf.symbols.iter().find(|(name, ..)| name == "TIM5").unwrap();
+        let marks: BTreeSet<u32> =
+            (*start..start + size).step_by(2).filter(|&address| of_core(address)).collect();
+        assert!(marks.len() > 50, "no debug information of the core: {}", marks.len());
+        marks
     }
 
     /// Switched on and booted, with the handle at rest where the device rests.
