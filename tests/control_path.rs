@@ -148,7 +148,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     let total = |name: &str| -> usize {
         let called = reachable(&graph, name);
         let often = called.iter().filter(|function| {
-            function.contains("zwidth")
+            (function.contains("zwidth") || *function == name)
                 && graph.contains_key(*function)
                 && !["4look", "6follow"].iter().any(|f| function.contains(f))
         });
@@ -159,6 +159,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
     assert!((80..=130).contains(&total("zwidth_sample")));
-    // The guard and its record come on top.
-    assert!((130..=220).contains(&total("zwidth_guarded_sample")));
+    // The guard, its record and branches that are rarely taken come on top; what they cost is
+    // counted in tests/elf_control.rs.
+    assert!((130..=240).contains(&total("zwidth_guarded_sample")));
 }

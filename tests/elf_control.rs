@@ -13,7 +13,11 @@ mod elf;
 
 use std::sync::OnceLock;
 
-use elf::{Firmware, arm, ok};
+use elf::{
+    Firmware, arm,
+    code::{Code, Instruction},
+    ok,
+};
 use virtual_board::{
     board::BOARDS,
     elf::Elf,
@@ -264,63 +268,30 @@ fn tasks_and_memory_stay_in_their_budget() {
     }
 }
 
-/// Machine code of the sampling task, and of what it calls (the guard's rare case): nothing in it
+/// Machine code of the sampling task, and of what it calls (the guard's rare cases): nothing in it
 /// disables interrupts, raises a mask or calls through a pointer.
 #[test]
 fn the_sampling_task_enters_no_critical_section() {
     for board in BOARDS {
         let elf = Firmware::of(board).elf;
+        let code = Code::of(&elf);
         let mut functions = vec![elf.address_of("TIM5").unwrap()];
         let mut n = 0;
         while n < functions.len() {
-            for called in calls_of(&elf, functions[n]) {
-                if !functions.contains(&called) {
-                    functions.push(called);
-                }
+            for Instruction { at, first, second } in code.instructions(functions[n]) {
+                assert!(first != 0xB672 && first != 0xB671, "cpsid at {at:#x}");
+                // MSR PRIMASK or BASEPRI_MAX
+                let msr = first & 0xFFF0 == 0xF380 && second & 0xFF00 == 0x8800;
+                assert!(!(msr && matches!(second & 0xFF, 16 | 18)), "mask raised at {at:#x}");
             }
+            let flow = code.flow(functions[n]);
+            assert!(!flow.indirect, "{}", code.name(functions[n]));
+            let new: Vec<u32> = flow.to.into_iter().filter(|f| !functions.contains(f)).collect();
+            functions.extend(new);
             n += 1;
         }
-        println!("{}: {} functions", board.name, functions.len());
-        assert!(functions.len() <= 2, "{functions:x?}");
+        let names: Vec<_> = functions.iter().map(|&function| code.name(function)).collect();
+        println!("{}: {names:?}", board.name);
+        assert!(functions.len() <= 3, "{names:?}");
     }
-}
-
-/// Checks the function at `start` and returns what it calls.
-fn calls_of(elf: &Elf, start: u32) -> Vec<u32> {
-    let size = |at: u32| elf.symbols.iter().filter(|s| s.1 == at).map(|s| s.2).max().unwrap();
-    let holds =
-        |piece: &&(u32, Vec<u8>)| (piece.0..piece.0 + piece.1.len() as u32).contains(&start);
-    let (base, text) = elf.flash.iter().find(holds).unwrap();
-    let from = (start - base) as usize;
-    let code = &text[from..from + size(start) as usize];
-    let halves: Vec<u16> =
-        code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]])).collect();
-    let (mut n, mut called) = (0, Vec::new());
-    while n < halves.len() {
-        let first = halves[n];
-        let wide = first >> 11 >= 0b11101;
-        let second = if wide { halves.get(n + 1).copied().unwrap_or(0) } else { 0 };
-        let at = start + 2 * n as u32;
-        assert!(first != 0xB672 && first != 0xB671, "cpsid at {at:#x}");
-        assert!(first & 0xFF80 != 0x4780, "blx at {at:#x}");
-        if first >> 11 == 0b11110 && second >> 14 == 0b11 && second >> 12 & 1 == 1 {
-            called.push(target(at, first, second));
-        }
-        // MSR PRIMASK or BASEPRI_MAX
-        let msr = first & 0xFFF0 == 0xF380 && second & 0xFF00 == 0x8800;
-        assert!(!(msr && matches!(second & 0xFF, 16 | 18)), "mask raised at {at:#x}");
-        n += if wide { 2 } else { 1 };
-    }
-    called
-}
-
-/// Where a BL at `at` goes (Armv7-M, encoding T1).
-fn target(at: u32, first: u16, second: u16) -> u32 {
-    let (first, second) = (u32::from(first), u32::from(second));
-    let sign = first >> 10 & 1;
-    let bit = |j: u32| 1 ^ (second >> j & 1) ^ sign;
-    let offset =
-        sign << 24 | bit(13) << 23 | bit(11) << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
-    let extended = (offset << 7).cast_signed() >> 7;
-    at.wrapping_add(4).wrapping_add_signed(extended)
 }

@@ -1,6 +1,9 @@
 //! What the tests of the ELF share.
 #![allow(clippy::unwrap_used, reason = "a test may stop")]
+#![allow(clippy::cast_possible_truncation, reason = "addresses of 32 bits")]
 #![allow(dead_code, reason = "each test uses a part of it")]
+
+pub mod code;
 
 use std::collections::BTreeSet;
 
