@@ -26,7 +26,9 @@ mod encoder;
 mod fault_memory;
 mod halt;
 mod latest;
+#[cfg(not(feature = "usual-logger"))]
 mod logger;
+#[cfg(not(feature = "usual-logger"))]
 pub mod mask;
 mod pace;
 #[cfg(feature = "discovery-f407")]

@@ -75,7 +75,7 @@ static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new
 /// Makes the tasks of a board that has just been set up.
 ///
 /// Settings that cannot be built leave the defaults in force, with the fault `settings` latched.
-pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
+pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (ups_in, ups_out) = queues.ups.split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
@@ -90,6 +90,10 @@ pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link
     };
     let fault = boot_fault(&board.memory.read(), board.reset_cause)
         .or_else(|| (loaded.stored != stored).then(|| FaultRecord::bare(Fault::Settings)));
+    if let Some(record) = fault {
+        // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
+        board.memory.write(&record.to_words());
+    }
     let (control_in, control_out) = queues.control.split(control);
     let (down_in, down_out) = queues.down.split(Down::START);
     // The two timers start next to each other: their distance sets the phase of the PWM.

@@ -27,7 +27,12 @@ pub struct Firmware {
 impl Firmware {
     /// The firmware of that board.
     pub fn of(board: Board) -> Self {
-        let path = image::build(board.name).unwrap();
+        Self::variant(board, &[])
+    }
+
+    /// The same with further features.
+    pub fn variant(board: Board, features: &[&str]) -> Self {
+        let path = image::build_variant(board.name, features).unwrap();
         let elf = Elf::load(&path).unwrap();
         let table = log::table(&elf.bytes).unwrap();
         let scene = NamedScene::load("paper-1um").unwrap().scene;
