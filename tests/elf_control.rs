@@ -20,7 +20,6 @@ use elf::{
 };
 use virtual_board::{
     board::BOARDS,
-    elf::Elf,
     mcu::{Cycles, LINK, RENDER, SAMPLE, Watch},
 };
 use zwidth::{
@@ -189,20 +188,58 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
 /// Longest difference between two delays, cycles: instructions that cannot be interrupted.
 const SPREAD: u64 = 64;
 
+/// What is wrong with the samples' time.
+fn delayed(watch: &Watch) -> Result<(), String> {
+    if watch.delay_spread() > SPREAD {
+        return Err(format!("spread {} cycles", watch.delay_spread()));
+    }
+    match (watch.primask, watch.forbidden_basepri) {
+        (0, 0) => Ok(()),
+        (primask, basepri) => Err(format!("PRIMASK in {primask} steps, BASEPRI in {basepri}")),
+    }
+}
+
 #[test]
 fn nothing_delays_the_samples() {
     for (firmware, session) in sessions() {
         let watch = &session.watch;
         println!("{}: cycles from event to count: {:?}", firmware.board.name, watch.delays);
         assert!(watch.delays.values().sum::<u64>() >= SAMPLES);
-        assert!(watch.delay_spread() <= SPREAD, "{:?}", watch.delays);
-        assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
+        assert_eq!(delayed(watch), Ok(()), "{:?}", watch.delays);
         // The positive control: samples did come while the logger masked the lower tasks.
         let masked: u64 = watch.events_by_basepri.range(1..).map(|(_, n)| n).sum();
         println!("events by BASEPRI: {:?}", watch.events_by_basepri);
         assert!(masked >= 1, "{:?}", watch.events_by_basepri);
         assert!(session.lines > 500, "{}", session.lines);
     }
+}
+
+/// With the logger that everybody uses, which logs inside a critical section, the same look finds
+/// delays: by the spread of the delays alone, and by the mask.
+#[test]
+fn the_usual_logger_would_be_noticed() {
+    let mut spreads = Vec::new();
+    for features in [&[][..], &["usual-logger"]] {
+        let firmware = Firmware::variant(BOARDS[0], features);
+        let mut world = firmware.boot();
+        arm(&mut world);
+        world.powered.mcu.watch_mut().clear();
+        for n in 0..4_000 {
+            if n % 20 == 0 {
+                world.send(["status\n", "get\n", "help\n"][n / 20 % 3]).unwrap();
+            }
+            world.sample().unwrap();
+            if n % 50 == 0 {
+                world.probe().unwrap();
+            }
+        }
+        let watch = world.powered.mcu.watch();
+        println!("{features:?}: spread {}, {:?}", watch.delay_spread(), delayed(watch));
+        assert_eq!(delayed(watch).is_ok(), features.is_empty());
+        assert_eq!(watch.primask == 0, features.is_empty());
+        spreads.push(watch.delay_spread());
+    }
+    assert!(spreads[0] <= SPREAD && spreads[1] > 10 * SPREAD, "{spreads:?}");
 }
 
 /// The DAC's register is written this long after the sampling event at the latest, in samples. The

@@ -37,6 +37,7 @@ mod queue;
 mod reset;
 mod rtt;
 mod settings;
+mod snapshot;
 mod supply;
 mod watchdog;
 
@@ -47,6 +48,7 @@ pub use pace::Pace;
 pub use queue::{Queue, Reader, Writer};
 pub use rtt::Link;
 pub use settings::{FlashError, SettingsFlash};
+pub use snapshot::{Reading, Snapshot, Writing};
 pub use supply::Supply;
 pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, take};
 pub use watchdog::Watchdog;

@@ -75,6 +75,8 @@ pub struct GuardedSampler {
     stalled: bool,
     /// Something is there, or was and is not cleared: every sample is looked at closely.
     alert: bool,
+    /// The guard's findings may have changed.
+    news: bool,
 }
 
 impl GuardedSampler {
@@ -89,6 +91,7 @@ impl GuardedSampler {
             down: Down::START,
             stalled: false,
             alert: false,
+            news: false,
         }
     }
 
@@ -107,6 +110,17 @@ impl GuardedSampler {
     #[inline]
     pub fn up(&self, motion: Motion, cut: bool) -> Up {
         Up { motion, guard: self.guard, cut }
+    }
+
+    /// What the guard found, if it has changed since this was last asked.
+    #[inline]
+    pub fn news(&mut self) -> Option<Guard> {
+        if !self.news {
+            return None;
+        }
+        cold_path();
+        self.news = false;
+        Some(self.guard)
     }
 
     /// [`sample`](Self::sample) without the copy for `render`, which only a due sample needs:
@@ -145,6 +159,7 @@ impl GuardedSampler {
             self.guard.zeros = down.zeros;
         }
         self.down = *down;
+        self.news = true;
         // Whether it still has a reason is found out with this sample.
         self.alert = true;
     }
@@ -178,6 +193,7 @@ impl GuardedSampler {
             .with_if(Fault::LateRender, self.missed > 0)
             .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS);
         self.stalled = down.stall;
+        self.news = true;
         let noted = self.guard.present.union(self.guard.causes);
         if !present.union(noted).is_empty() {
             self.note(present, motion.sample);

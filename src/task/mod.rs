@@ -1,13 +1,14 @@
 //! The work of the tasks, and what goes between them.
 //!
 //! ```text
-//!           Up, positions            Report
+//!      Motion, Guard, positions      Report
 //! sample ───────────────▶ render ───────────────▶ link
 //!        ◀───────────────        ◀───────────────
 //!           Control, Down            Order
 //! ```
-//! Nothing is waited for. `Up`, `Report` and `Order` go through single-producer, single-consumer
-//! queues, positions through a [`trail`], `Control` and `Down` through
+//! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
+//! positions through a [`trail`]. Of all else only the newest counts: `Motion` and `Guard` go up
+//! through [`Snapshot`](crate::board::Snapshot), `Control` and `Down` come down through
 //! [`Latest`](crate::board::Latest).
 
 mod device;
@@ -27,14 +28,12 @@ pub use render::Render;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
-    Control, CounterWidth,
-    safety::{Down, Fault, FaultRecord, GuardedSampler, Supervisor, Up, boot_fault},
+    Control, CounterWidth, Motion,
+    safety::{Down, Fault, FaultRecord, Guard, GuardedSampler, Supervisor, boot_fault},
 };
 
-use crate::board::{Board, Latest, Queue};
+use crate::board::{Board, Latest, Queue, Snapshot};
 
-/// Outputs that may wait for `render`.
-const UPS: usize = 4;
 /// Outputs that may wait for `link`, which at 1 kHz is 15 ms.
 const REPORTS: usize = 16;
 /// Orders come one at a time.
@@ -42,7 +41,8 @@ const ORDERS: usize = 2;
 
 /// Memory of what goes between the tasks.
 pub struct Queues {
-    ups: Queue<Up, UPS>,
+    due: Snapshot<(Motion, bool)>,
+    guard: Snapshot<Guard>,
     control: Latest<Control>,
     down: Latest<Down>,
     reports: Queue<Report, REPORTS>,
@@ -53,7 +53,8 @@ impl Queues {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            ups: Queue::new(),
+            due: Snapshot::new(),
+            guard: Snapshot::new(),
             control: Latest::new(),
             down: Latest::new(),
             reports: Queue::new(),
@@ -76,7 +77,8 @@ static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new
 ///
 /// Settings that cannot be built leave the defaults in force, with the fault `settings` latched.
 pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
-    let (ups_in, ups_out) = queues.ups.split();
+    let (due_in, due_out) = queues.due.split();
+    let (guard_in, guard_out) = queues.guard.split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
@@ -104,14 +106,15 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     let outputs =
         render::Outputs { drive, stop: board.stop, supply: board.supply, memory: board.memory };
     let ends = render::Ends {
-        ups: ups_out,
+        due: due_out,
+        guard: guard_out,
         control: control_in,
         down: down_in,
         orders: orders_out,
         reports: reports_in,
     };
     (
-        Sample::new(encoder, pace, sampler, control_out, down_out, ups_in),
+        Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, loaded.source),
         Idle::new(board.watchdog),

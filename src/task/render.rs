@@ -3,22 +3,26 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use zwidth::{
-    Control,
+    Control, Motion,
     experiment::Hit,
     link::Activity,
-    safety::{BlackBox, Down, Grant, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up},
+    safety::{
+        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up,
+    },
     store::Signs,
     telemetry::{Flags, Record},
     units::Force,
 };
 
 use super::{
-    FLAGS, ORDERS, REPORTS, UPS,
+    FLAGS, ORDERS, REPORTS,
     device::PERIOD,
     order::{Event, Gains, Order, Report},
     trail::Follower,
 };
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Publisher, Reader, Supply, Writer};
+use crate::board::{
+    self, Drive, EmergencyStop, FaultMemory, Publisher, Reader, Reading, Supply, Writer,
+};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;
@@ -37,8 +41,10 @@ pub struct Outputs {
 
 /// Its ends of the queues.
 pub struct Ends {
-    /// From `sample`, one per output.
-    pub ups: Reader<Up, UPS>,
+    /// From `sample`, one per output: the motion, and whether it has switched off.
+    pub due: Reading<(Motion, bool)>,
+    /// From `sample`: what the guard found, when it has changed.
+    pub guard: Reading<Guard>,
     /// To `sample`.
     pub control: Publisher<Control>,
     /// To `sample`, with every output.
@@ -54,6 +60,8 @@ pub struct Render {
     outputs: Outputs,
     ends: Ends,
     supervisor: Supervisor,
+    /// What the guard found, as far as it has told.
+    guard: Guard,
     /// The positions of all samples.
     positions: Follower,
     control: Control,
@@ -83,6 +91,7 @@ impl Render {
             outputs,
             ends,
             supervisor,
+            guard: Guard::default(),
             positions: Follower::new(),
             control,
             gains: Gains::Outside,
@@ -101,11 +110,11 @@ impl Render {
     /// Late by a period: `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {
-        let mut newest = None;
-        while let Some(up) = self.ends.ups.read() {
-            newest = Some(up);
+        let Some((motion, cut)) = self.ends.due.read() else { return };
+        if let Some(guard) = self.ends.guard.read() {
+            self.guard = guard;
         }
-        let Some(up) = newest else { return };
+        let up = Up { motion, guard: self.guard, cut };
         let push = self.hit.as_ref().map_or(Force::ZERO, Hit::push);
         let inputs = self.inputs();
         let rendered = self.supervisor.render(&self.control, &up, push, inputs);

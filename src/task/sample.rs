@@ -1,12 +1,12 @@
 //! `sample`: 10 kHz, priority 15, interrupt of the sampling timer.
 
 use zwidth::{
-    Control,
-    safety::{Down, GuardedSampler, Up},
+    Control, Motion,
+    safety::{Down, Guard, GuardedSampler},
 };
 
-use super::{UPS, trail};
-use crate::board::{self, Encoder, Newest, Pace, Writer};
+use super::trail;
+use crate::board::{self, Encoder, Newest, Pace, Writing};
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
@@ -15,7 +15,8 @@ pub struct Sample {
     sampler: GuardedSampler,
     control: Newest<Control>,
     down: Newest<Down>,
-    ups: Writer<Up, UPS>,
+    due: Writing<(Motion, bool)>,
+    guard: Writing<Guard>,
 }
 
 impl Sample {
@@ -25,9 +26,10 @@ impl Sample {
         sampler: GuardedSampler,
         control: Newest<Control>,
         down: Newest<Down>,
-        ups: Writer<Up, UPS>,
+        due: Writing<(Motion, bool)>,
+        guard: Writing<Guard>,
     ) -> Self {
-        Self { encoder, pace, sampler, control, down, ups }
+        Self { encoder, pace, sampler, control, down, due, guard }
     }
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
@@ -44,8 +46,10 @@ impl Sample {
         }
         trail::note(motion.sample, motion.position);
         if motion.due {
-            // A queue that is full means that `render` is late, which the guard sees by itself.
-            self.ups.write_with(|| self.sampler.up(motion, cut));
+            if let Some(guard) = self.sampler.news() {
+                self.guard.write(guard);
+            }
+            self.due.write((motion, cut));
             super::pend_render();
         }
     }

@@ -38,7 +38,7 @@ fn lead(world: &mut World<'_>, to_m: f64) {
 
 /// Armed or not, as the trouble wants it; off its place by 0.1 mm, so that the position is not the
 /// counter's reading.
-fn prepare(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>) {
+fn prepare(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>, depth: Depth) {
     let rest_m = firmware.scene.device.rest_position_m;
     lead(world, rest_m + 100e-6);
     let zero_m = world.position_m();
@@ -53,7 +53,8 @@ fn prepare(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>) {
             world.hold(zero_m, false);
             arm(world);
             lead(world, zero_m + 5.3e-3);
-            world.run(50).unwrap();
+            // Long enough for the black box to be full.
+            world.run(if depth == Depth::Full { 1_000 } else { 50 }).unwrap();
             assert_ne!(world.powered.mcu.force_registers(), zero_registers(world));
         }
         Before::Moving => {
@@ -84,8 +85,9 @@ pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered 
     let name = trouble.name;
     let mut world = firmware.boot();
     let world = &mut world;
-    prepare(firmware, trouble, world);
+    prepare(firmware, trouble, world, depth);
     let settings = ok(world, "get");
+    let outputs = world.powered.mcu.events() / 10;
     let begun = (trouble.begin)(firmware, world);
     let patience = if trouble.limit_us > 20_000.0 { 1_100 } else { 40 };
     for _ in 0..patience {
@@ -121,7 +123,7 @@ pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered 
     if !trouble.resets {
         assert_eq!(ok(world, "get"), settings, "{name}");
         kept.push("settings");
-        black_box(world, trouble, depth);
+        black_box(world, trouble, depth, outputs);
         kept.push("black box");
     }
     for line in if trouble.stays { &["arm", "clear"][..] } else { &["arm"] } {
@@ -141,7 +143,7 @@ pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered 
 }
 
 /// The records of the black box come, marked as such, without a gap, and end with the fault.
-fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth) {
+fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth, outputs: u64) {
     let name = trouble.name;
     let samples = if depth == Depth::Full { 5_200 } else { 300 };
     world.run(samples).unwrap();
@@ -153,7 +155,7 @@ fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth) {
         .map(|frame| frame.record)
         .filter(|record| record.flags.contains(Flags::REPLAY))
         .collect();
-    let least = if depth == Depth::Full { 500 } else { 20 };
+    let least = if depth == Depth::Full { outputs.min(500) } else { 20 } as usize;
     assert!(records.len() >= least, "{name}: {} records", records.len());
     for pair in records.windows(2) {
         // A `render` that was kept away is a gap of its own.

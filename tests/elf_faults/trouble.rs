@@ -191,7 +191,7 @@ pub const TROUBLES: [Trouble; 27] = [
     },
     Trouble {
         name: "stuck render, for ever",
-        code: 20,
+        code: 22, // `render` itself would have written 20 into the fault memory
         limit_us: RENDER_US,
         begin: |_, world| mask_render(world, 700),
         resets: true,
