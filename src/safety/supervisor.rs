@@ -201,6 +201,17 @@ impl Supervisor {
         }
     }
 
+    /// Whether settings may be exchanged between this output and the next sample. Gains always may,
+    /// their change is faded in; where the wall is, and how velocity is estimated, not in contact:
+    /// the link asked for it with an older output in view.
+    ///
+    /// # Errors
+    /// In contact.
+    pub fn may_change(&self, from: &Control, to: &Control) -> Result<(), Refusal> {
+        let same = from.estimator == to.estimator && from.wall.surface() == to.wall.surface();
+        if same || !(self.state.is_on() && self.contact) { Ok(()) } else { Err(Refusal::Contact) }
+    }
+
     fn arm(&mut self) -> Result<(), Refusal> {
         let inputs = self.inputs;
         if let (State::Fault, Some(record)) = (self.state, self.fault) {

@@ -198,6 +198,7 @@ impl Render {
                 result
             }
             Order::Control(control, gains) => {
+                self.supervisor.may_change(&self.control, &control)?;
                 self.ends.control.publish(control); // from the next sample on, whole
                 self.control = control;
                 self.gains = gains;
