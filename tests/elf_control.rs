@@ -24,6 +24,7 @@ use virtual_board::{
 };
 use zwidth::{
     Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
+    safety::SLEW,
     telemetry::{Decoder, Flags, Record},
     units::Force,
 };
@@ -145,6 +146,7 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
         let mut records = session.records.iter().peekable();
         let (mut number, mut zeroed) = (0u16, false);
         let (mut compared, mut forces, mut contacts, mut saturated, mut below) = (0, 0, 0, 0, 0);
+        let (mut exchanged, mut large, mut before) = (0, 0, None::<Record>);
         let skipped = records.peek().unwrap().sample;
         for (n, &count) in (0u64..).zip(counts) {
             // What was asked for at an output holds from the next sample on, and the next record
@@ -170,6 +172,19 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
             compared += 1;
             below += u64::from(motion.position.counts() < 0);
             let drive = control.render(motion, Force::ZERO);
+            // New settings: from what the old ones ask for here, the force steps by 5 % at most.
+            let quiet = |record: &Record| {
+                record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING)
+            };
+            if let Some(old) = before.replace(*record).filter(quiet)
+                && old.settings != record.settings
+            {
+                let kept = session.controls[usize::from(old.settings)].render(motion, Force::ZERO);
+                let from_kept = |force: Force| (force.bits() - kept.force.bits()).abs();
+                assert!(from_kept(record.force) <= SLEW, "{n}");
+                exchanged += 1;
+                large += u32::from(from_kept(drive.force) > SLEW);
+            }
             if record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING) {
                 assert_eq!((record.force, record.command), (drive.force, drive.command), "{n}");
                 forces += 1;
@@ -178,9 +193,10 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
             }
         }
         assert!(compared * 10 >= SAMPLES, "{compared}");
+        assert!(exchanged > 80 && large > 5, "{exchanged} {large}");
         assert!(forces > 3_000 && contacts > 500 && saturated > 100 && below > 1_000);
         println!(
-            "{compared} outputs equal, {forces} with force, {contacts} in contact, {saturated} saturated, {below} below zero"
+            "{compared} outputs equal, {forces} with force, {contacts} in contact, {saturated} saturated, {below} below zero, {exchanged} changes, {large} by more than 5 %"
         );
     }
 }

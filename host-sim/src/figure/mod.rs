@@ -1,9 +1,10 @@
-//! Figures of a sweep and of a wall hit, drawn from plain data.
+//! Figures of a sweep, of a wall hit and of a board's telemetry, drawn from plain data.
 //!
 //! ```text
-//! ZwidthPlot -> zwidth    ┐
-//! AreaPlot   -> area      ├─> Figure ─> svg(), png()
-//! TracePlot  -> hit_trace ┘
+//! ZwidthPlot    -> zwidth    ┐
+//! AreaPlot      -> area      ├─> Figure ─> svg(), png()
+//! TracePlot     -> hit_trace │
+//! TelemetryPlot -> telemetry ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
 //! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
@@ -20,6 +21,7 @@ mod colour;
 mod cutoffs;
 mod panel;
 mod render;
+mod telemetry;
 mod text;
 mod trace;
 mod zwidth;
@@ -34,6 +36,7 @@ use plotters_backend::DrawingErrorKind;
 
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, number, scaled_unit};
+pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
 pub(crate) use text::escape;
 pub use trace::{TracePlot, hit_trace};
 pub use zwidth::{Curve, ZwidthPlot, zwidth};
@@ -86,6 +89,7 @@ enum Plot {
     Zwidth(ZwidthPlot),
     Area(AreaPlot),
     Trace(TracePlot),
+    Telemetry(TelemetryPlot),
 }
 
 impl Plot {
@@ -94,6 +98,7 @@ impl Plot {
             Self::Zwidth(plot) => &plot.title,
             Self::Area(plot) => &plot.title,
             Self::Trace(plot) => &plot.title,
+            Self::Telemetry(plot) => &plot.title,
         }
     }
 
@@ -102,6 +107,7 @@ impl Plot {
             Self::Zwidth(_) => zwidth::HEIGHT,
             Self::Area(plot) => area::height(plot),
             Self::Trace(_) => trace::HEIGHT,
+            Self::Telemetry(plot) => telemetry::height(plot),
         }
     }
 
@@ -110,6 +116,7 @@ impl Plot {
             Self::Zwidth(plot) => zwidth::draw(plot, page),
             Self::Area(plot) => area::draw(plot, page),
             Self::Trace(plot) => trace::draw(plot, page),
+            Self::Telemetry(plot) => telemetry::draw(plot, page),
         }
     }
 
@@ -117,7 +124,7 @@ impl Plot {
     fn names(&self) -> Vec<(RGBColor, u32, String)> {
         match self {
             Self::Zwidth(plot) => zwidth::names(plot),
-            Self::Area(_) | Self::Trace(_) => vec![],
+            Self::Area(_) | Self::Trace(_) | Self::Telemetry(_) => vec![],
         }
     }
 }

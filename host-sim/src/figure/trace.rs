@@ -147,7 +147,7 @@ fn draw_hit<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(),
 }
 
 /// The line through the samples, reduced.
-fn draw_trace<DB: DrawingBackend>(
+pub(super) fn draw_trace<DB: DrawingBackend>(
     page: &Page<DB>,
     chart: &TimeChart<'_, DB>,
     samples: impl Iterator<Item = (f64, f64)>,
@@ -217,7 +217,7 @@ fn draw_window<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<
 }
 
 /// Lowest and highest value; a range of one value grows, so that an axis has a length.
-fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]
     });
