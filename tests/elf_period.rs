@@ -69,8 +69,13 @@ fn an_output_with_every_sample_works_and_has_the_time() {
         let [sample, render] = [SAMPLE, RENDER].map(|task| watch.tasks[&task]);
         assert!(render.runs + 1 >= sample.runs, "{render:?} {sample:?}");
         let load = (sample.most + render.most) as f64 / board.cycles_per_sample() as f64;
+        // Of a PWM the pin's edges tell nothing about when a command was written.
+        let to_dac = match board.wiring.force {
+            virtual_board::board::Force::Dac { .. } => format!("{least}..{latest}"),
+            virtual_board::board::Force::Pwm { .. } => "-".to_owned(),
+        };
         println!(
-            "{:15} {}..{}   {}..{} {:5.1} % {least}..{latest}    {:?} {:5.1} %",
+            "{:15} {}..{}   {}..{} {:5.1} % {to_dac:12}  {:?} {:5.1} %",
             board.name,
             sample.least,
             sample.most,
