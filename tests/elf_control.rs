@@ -146,7 +146,6 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
         let mut records = session.records.iter().peekable();
         let (mut number, mut zeroed) = (0u16, false);
         let (mut compared, mut forces, mut contacts, mut saturated, mut below) = (0, 0, 0, 0, 0);
-        let (mut exchanged, mut large, mut before) = (0, 0, None::<Record>);
         let skipped = records.peek().unwrap().sample;
         for (n, &count) in (0u64..).zip(counts) {
             // What was asked for at an output holds from the next sample on, and the next record
@@ -172,19 +171,6 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
             compared += 1;
             below += u64::from(motion.position.counts() < 0);
             let drive = control.render(motion, Force::ZERO);
-            // New settings: from what the old ones ask for here, the force steps by 5 % at most.
-            let quiet = |record: &Record| {
-                record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING)
-            };
-            if let Some(old) = before.replace(*record).filter(quiet)
-                && old.settings != record.settings
-            {
-                let kept = session.controls[usize::from(old.settings)].render(motion, Force::ZERO);
-                let from_kept = |force: Force| (force.bits() - kept.force.bits()).abs();
-                assert!(from_kept(record.force) <= SLEW, "{n}");
-                exchanged += 1;
-                large += u32::from(from_kept(drive.force) > SLEW);
-            }
             if record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING) {
                 assert_eq!((record.force, record.command), (drive.force, drive.command), "{n}");
                 forces += 1;
@@ -193,11 +179,51 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
             }
         }
         assert!(compared * 10 >= SAMPLES, "{compared}");
-        assert!(exchanged > 80 && large > 5, "{exchanged} {large}");
         assert!(forces > 3_000 && contacts > 500 && saturated > 100 && below > 1_000);
         println!(
-            "{compared} outputs equal, {forces} with force, {contacts} in contact, {saturated} saturated, {below} below zero, {exchanged} changes, {large} by more than 5 %"
+            "{compared} outputs equal, {forces} with force, {contacts} in contact, {saturated} saturated, {below} below zero"
         );
+    }
+}
+
+/// With the handle held still 0.3 mm inside the wall nothing but a change moves the force. What may
+/// not change there is refused. Random instants and changes are in tests/force_step.rs.
+#[test]
+fn a_change_in_contact_moves_the_force_by_five_per_cent_an_output_at_most() {
+    for board in BOARDS {
+        let firmware = Firmware::of(board);
+        let mut world = firmware.boot();
+        arm(&mut world);
+        let free_m = world.position_m();
+        for n in 1..=106 {
+            world.hold(free_m + 50e-6 * f64::from(n), true);
+            world.sample().unwrap();
+        }
+        world.run(200).unwrap();
+        world.telemetry.clear();
+        for (line, allowed) in [
+            ("k 1000", true),
+            ("k 19000", true),
+            ("b 900", true),
+            ("cutoff 100", false),
+            ("wall 0.001", false),
+            ("estimator butterworth-prewarped", false),
+            ("k 0", true),
+            ("k 12000", true),
+        ] {
+            let reply = world.ask(line).unwrap();
+            assert_eq!(reply.starts_with("ok"), allowed, "{line}: {reply}");
+            world.run(230).unwrap();
+        }
+        let mut decoder = Decoder::new();
+        let telemetry = std::mem::take(&mut world.telemetry);
+        let records = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
+        let forces: Vec<i32> = records.map(|frame| frame.record.force.bits()).collect();
+        let steps: Vec<i32> = forces.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+        let moved = steps.iter().filter(|step| **step > SLEW / 2).count();
+        println!("{}: {moved} steps, the largest {:?}", board.name, steps.iter().max());
+        assert!(steps.iter().all(|step| *step <= SLEW));
+        assert!(moved > 40, "{moved}");
     }
 }
 
