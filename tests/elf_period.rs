@@ -39,7 +39,7 @@ fn an_output_with_every_sample_works_and_has_the_time() {
         // In closed loop: the push drives the handle against the wall, where it comes to rest.
         ok(&mut world, "hit");
         let (mut latest, mut least) = (0, u64::MAX);
-        for n in 0..8_000 {
+        for n in 0..5_000 {
             let before = world.powered.amplifier.changes().commands;
             world.sample().unwrap();
             let changes = world.powered.amplifier.changes();
@@ -63,7 +63,7 @@ fn an_output_with_every_sample_works_and_has_the_time() {
         }
         let sent = found.len() as f64 / (found.len() as u64 + dropped) as f64;
         let consecutive = found.windows(2).filter(|p| p[1].sample == p[0].sample + 1).count();
-        assert!(consecutive > 6_000, "{consecutive}");
+        assert!(consecutive > 4_000, "{consecutive}");
 
         let watch = world.powered.mcu.watch().clone();
         let [sample, render] = [SAMPLE, RENDER].map(|task| watch.tasks[&task]);

@@ -126,7 +126,7 @@ impl GuardedSampler {
     /// [`sample`](Self::sample) without the copy for `render`, which only a due sample needs:
     /// the motion, and whether the output has to be off.
     ///
-    /// Nearly every sample passes three comparisons and is done; all else is [`look`](Self::look).
+    /// Nearly every sample passes three comparisons and is done; all else is rare.
     #[inline]
     pub fn step(&mut self, control: &Control, counter: u32, down: &Down) -> (Motion, bool) {
         if down.changes != self.down.changes {
