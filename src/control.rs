@@ -2,6 +2,8 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use crate::{
     CounterWidth,
     actuator::Actuator,
@@ -80,13 +82,6 @@ impl Sampler {
         self.velocity.rebase(self.encoder.position());
     }
 
-    /// Goes on under `new` where `old` was in force: an estimator of another kind is warmed up.
-    pub fn adopt(&mut self, old: &Control, new: &Control) {
-        if !old.estimator.continues(&new.estimator) {
-            new.estimator.start(&mut self.velocity);
-        }
-    }
-
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {
@@ -101,7 +96,12 @@ impl Sampler {
         let sample = self.sample;
         self.sample = sample.wrapping_add(1);
         let due = self.until_due == 0;
-        self.until_due = if due { control.period } else { self.until_due }.saturating_sub(1);
+        if due {
+            cold_path();
+            self.until_due = control.period.saturating_sub(1);
+        } else {
+            self.until_due -= 1;
+        }
         Motion { sample, position, velocity, due }
     }
 }

@@ -145,6 +145,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     common::cargo(&["build", "--profile", "firmware", "--package", "control-path"]);
     let built = common::target_folder().join(common::TARGET).join("firmware/libcontrol_path.a");
     let archive = fs::read(built).unwrap();
+    let graph = call_graph(&archive);
     let names = [
         "zwidth_filter",
         "idsp_dither",
@@ -154,11 +155,22 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         "zwidth_guarded_sample",
         "zwidth_supervised_render",
     ];
+    // With what it calls of this project, but for what is rare by name.
+    let total = |name: &str| -> usize {
+        let called = reachable(&graph, name);
+        let often = called.iter().filter(|function| {
+            (function.contains("zwidth") || *function == name)
+                && graph.contains_key(*function)
+                && !["4look", "6follow"].iter().any(|f| function.contains(f))
+        });
+        often.map(|function| instructions(&archive, function)).sum()
+    };
     for name in names {
-        println!("{name}: {} instructions", instructions(&archive, name));
+        println!("{name}: {} instructions", total(name));
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
-    assert!(instructions(&archive, "zwidth_sample") <= 130);
-    // The guard and its record come on top; what is rare lies outside of it.
-    assert!(instructions(&archive, "zwidth_guarded_sample") <= 220);
+    assert!((80..=130).contains(&total("zwidth_sample")));
+    // The guard, its record and branches that are rarely taken come on top; what they cost is
+    // counted in tests/elf_control.rs.
+    assert!((130..=240).contains(&total("zwidth_guarded_sample")));
 }

@@ -35,6 +35,14 @@ fn a_capture_becomes_csv_and_one_json_object() {
     assert_eq!((of("first_sample"), of("last_sample")), (40, 60));
     let csv = fs::read_to_string(folder.path().join("out.csv")).unwrap();
     assert_eq!(csv.lines().last(), Some("6,60,0,0,0,0,0,0,0"));
+    // and a figure, in the units of the control or of a scene
+    for more in [&["--plot", "a.svg"][..], &["--plot", "b.png", "--scene", "paper-1um"]] {
+        let args = [&["telemetry", "capture.bin"][..], more].concat();
+        assert!(sim(folder.path(), &args).status.success());
+        assert!(fs::metadata(folder.path().join(more[1])).unwrap().len() > 1000);
+    }
+    let args_gif = ["telemetry", "capture.bin", "--plot", "c.gif"];
+    assert_eq!(sim(folder.path(), &args_gif).status.code(), Some(2));
     // a second run does not replace it
     assert_eq!(sim(folder.path(), &args).status.code(), Some(2));
 }

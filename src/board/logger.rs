@@ -41,11 +41,12 @@ static STATE: Shared = Shared(UnsafeCell::new(State {
 impl State {
     /// Appends to the frame; past its end only the length grows, which drops the frame.
     fn stage(frame: &mut [u8; FRAME_BYTES], length: &mut usize, bytes: &[u8]) {
-        let end = length.saturating_add(bytes.len());
-        if let Some(room) = frame.get_mut(*length..end) {
+        // In this order the compiler sees that the lengths are equal, and leaves no panic.
+        let rest = frame.get_mut(*length..);
+        if let Some(room) = rest.and_then(|rest| rest.get_mut(..bytes.len())) {
             room.copy_from_slice(bytes);
         }
-        *length = end;
+        *length = length.saturating_add(bytes.len());
     }
 }
 

@@ -25,7 +25,10 @@ mod enable;
 mod encoder;
 mod fault_memory;
 mod halt;
+mod latest;
+#[cfg(not(feature = "usual-logger"))]
 mod logger;
+#[cfg(not(feature = "usual-logger"))]
 pub mod mask;
 mod pace;
 #[cfg(feature = "discovery-f407")]
@@ -34,15 +37,18 @@ mod queue;
 mod reset;
 mod rtt;
 mod settings;
+mod snapshot;
 mod supply;
 mod watchdog;
 
 pub use encoder::Encoder;
 pub use fault_memory::FaultMemory;
+pub use latest::{Latest, Newest, Publisher};
 pub use pace::Pace;
 pub use queue::{Queue, Reader, Writer};
 pub use rtt::Link;
 pub use settings::{FlashError, SettingsFlash};
+pub use snapshot::{Reading, Snapshot, Writing};
 pub use supply::Supply;
 pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, take};
 pub use watchdog::Watchdog;

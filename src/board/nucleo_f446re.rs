@@ -28,7 +28,7 @@ pub(super) use dac::{Output, zero};
 pub const NAME: &str = "nucleo-f446re";
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 180_000_000;
-/// From the sampling event to the force, samples: 8 us to the DAC's register (1511 cycles on the
+/// From the sampling event to the force, samples: 7.5 us to the DAC's register (1348 cycles on the
 /// virtual board), 3 us for its buffer to settle (data sheet, typical).
 pub const LATENCY_SAMPLES: f64 = 0.11;
 /// What the force output makes of a force.

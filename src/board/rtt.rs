@@ -44,6 +44,9 @@ pub(super) fn init() -> Link {
             0: { size: 256, mode: ChannelMode::NoBlockSkip, name: "commands" }
         }
     };
+    #[cfg(not(feature = "usual-logger"))]
     super::logger::start(channels.up.0);
+    #[cfg(feature = "usual-logger")]
+    rtt_target::set_defmt_channel(channels.up.0);
     Link { telemetry: Up(channels.up.1), replies: Up(channels.up.2), commands: channels.down.0 }
 }

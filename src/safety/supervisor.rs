@@ -147,7 +147,8 @@ impl Supervisor {
         let sample = up.motion.sample as u32;
         self.down.rendered = sample;
         self.down.force = grant.force().unwrap_or_default();
-        self.down.on = self.state.is_on();
+        let on = self.state.is_on();
+        self.tell(|down| down.on = on);
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
         Rendered { grant, drive, down: self.down, memory: self.memory.take(), record }
@@ -183,7 +184,7 @@ impl Supervisor {
             Request::Unlock => self.unlock(),
             Request::Stall(true) if self.state.is_on() => Err(Refusal::On),
             Request::Stall(stall) => {
-                self.down.stall = stall;
+                self.tell(|down| down.stall = stall);
                 Ok(())
             }
             Request::Trip(fault) => {
@@ -199,6 +200,17 @@ impl Supervisor {
                 Ok(())
             }
         }
+    }
+
+    /// Whether settings may be exchanged between this output and the next sample. Gains always may,
+    /// their change is faded in; where the wall is, and how velocity is estimated, not in contact:
+    /// the link asked for it with an older output in view.
+    ///
+    /// # Errors
+    /// In contact.
+    pub fn may_change(&self, from: &Control, to: &Control) -> Result<(), Refusal> {
+        let same = from.estimator == to.estimator && from.wall.surface() == to.wall.surface();
+        if same || !(self.state.is_on() && self.contact) { Ok(()) } else { Err(Refusal::Contact) }
     }
 
     fn arm(&mut self) -> Result<(), Refusal> {
@@ -241,7 +253,8 @@ impl Supervisor {
         self.state = State::Off;
         self.fault = None;
         self.causes = FaultSet::EMPTY;
-        self.down.acknowledged = self.seen;
+        let seen = self.seen;
+        self.tell(|down| down.acknowledged = seen);
         self.memory = Some(MemoryUpdate::Erase);
         Ok(())
     }
@@ -252,7 +265,7 @@ impl Supervisor {
             State::Armed if self.contact => return Err(Refusal::Contact),
             State::Armed | State::Off | State::Fault => {}
         }
-        self.down.zeros = self.down.zeros.wrapping_add(1);
+        self.tell(|down| down.zeros = down.zeros.wrapping_add(1));
         Ok(())
     }
 
@@ -286,6 +299,14 @@ impl Supervisor {
         }
         self.state = State::Fault;
         self.unlocked = false;
+    }
+
+    /// Changes what the guard has to know, and counts it if it is a change.
+    #[inline]
+    fn tell(&mut self, change: impl FnOnce(&mut Down)) {
+        let before = self.down;
+        change(&mut self.down);
+        self.down.changes = before.changes.wrapping_add(u32::from(self.down != before));
     }
 
     /// A zero is asked for that `sample` has not carried out yet.

@@ -25,7 +25,7 @@ pub const DESIGN: Design = Design {
 };
 
 /// Samples per output.
-pub const PERIOD: u32 = 10;
+pub const PERIOD: u32 = if cfg!(feature = "period-1") { 1 } else { 10 };
 
 /// From the counter's reading to the force, in samples: computing, and on a board with PWM the
 /// way to the next PWM period and half of that period (docs/firmware.md has the measurement).

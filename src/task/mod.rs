@@ -1,12 +1,15 @@
 //! The work of the tasks, and what goes between them.
 //!
 //! ```text
-//!           Up, positions            Report                   single-producer,
-//! sample ───────────────▶ render ───────────────▶ link        single-consumer queues
+//!      Motion, Guard, positions      Report
+//! sample ───────────────▶ render ───────────────▶ link
 //!        ◀───────────────        ◀───────────────
 //!           Control, Down            Order
 //! ```
-//! No queue is waited for. [`Down`] is a handful of single words in [`Flags`], each read on its own.
+//! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
+//! positions through a [`trail`]. Of all else only the newest counts: `Motion` and `Guard` go up
+//! through [`Snapshot`](crate::board::Snapshot), `Control` and `Down` come down through
+//! [`Latest`](crate::board::Latest).
 
 mod device;
 mod idle;
@@ -14,10 +17,9 @@ mod link;
 mod order;
 mod render;
 mod sample;
+mod trail;
 
-#[cfg(feature = "observer")]
-use core::sync::atomic::AtomicI32;
-use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::AtomicU32;
 
 pub use idle::Idle;
 pub use link::Link;
@@ -26,27 +28,23 @@ pub use render::Render;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
-    Control, CounterWidth,
-    safety::{Down, Fault, FaultRecord, GuardedSampler, Supervisor, Up, boot_fault},
-    units::{Force, Position},
+    Control, CounterWidth, Motion,
+    safety::{Down, Fault, FaultRecord, Guard, GuardedSampler, Supervisor, boot_fault},
 };
 
-use crate::board::{self, Board, Queue};
+use crate::board::{self, Board, Latest, Queue, Snapshot};
 
-/// Outputs that may wait for `render`, and the positions that belong to them.
-const UPS: usize = 4;
-const POSITIONS: usize = 64;
 /// Outputs that may wait for `link`, which at 1 kHz is 15 ms.
 const REPORTS: usize = 16;
-/// Settings and orders come one at a time.
-const CONTROLS: usize = 2;
+/// Orders come one at a time.
 const ORDERS: usize = 2;
 
-/// Memory of the queues.
+/// Memory of what goes between the tasks.
 pub struct Queues {
-    ups: Queue<Up, UPS>,
-    positions: Queue<Position, POSITIONS>,
-    controls: Queue<Control, CONTROLS>,
+    due: Snapshot<(Motion, bool)>,
+    guard: Snapshot<Guard>,
+    control: Latest<Control>,
+    down: Latest<Down>,
     reports: Queue<Report, REPORTS>,
     orders: Queue<Order, ORDERS>,
 }
@@ -55,73 +53,33 @@ impl Queues {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            ups: Queue::new(),
-            positions: Queue::new(),
-            controls: Queue::new(),
+            due: Snapshot::new(),
+            guard: Snapshot::new(),
+            control: Latest::new(),
+            down: Latest::new(),
             reports: Queue::new(),
             orders: Queue::new(),
         }
     }
 }
 
-/// Single words that one task writes and others read.
+/// What the watchdog has to know.
 struct Flags {
-    /// [`Down`], written by `render`.
+    /// [`Down::rendered`].
     rendered: AtomicU32,
-    #[cfg(feature = "observer")]
-    force: AtomicI32,
-    acknowledged: AtomicU32,
-    zeros: AtomicU32,
-    /// Bit 0: force is on; bit 1: flash is being written.
-    facts: AtomicU32,
-    /// Passes of `link`, for the watchdog.
+    /// Passes of `link`.
     links: AtomicU32,
 }
 
-static FLAGS: Flags = Flags {
-    rendered: AtomicU32::new(0),
-    #[cfg(feature = "observer")]
-    force: AtomicI32::new(0),
-    acknowledged: AtomicU32::new(0),
-    zeros: AtomicU32::new(0),
-    facts: AtomicU32::new(0),
-    links: AtomicU32::new(0),
-};
-
-impl Flags {
-    fn publish(&self, down: &Down) {
-        self.acknowledged.store(down.acknowledged, Relaxed);
-        self.zeros.store(down.zeros, Relaxed);
-        self.facts.store(u32::from(down.on) | u32::from(down.stall) << 1, Relaxed);
-        #[cfg(feature = "observer")]
-        self.force.store(down.force.bits(), Relaxed);
-        self.rendered.store(down.rendered, Relaxed);
-    }
-
-    #[inline(always)]
-    fn down(&self) -> Down {
-        let facts = self.facts.load(Relaxed);
-        Down {
-            rendered: self.rendered.load(Relaxed),
-            #[cfg(feature = "observer")]
-            force: Force::saturating_from_bits(self.force.load(Relaxed)),
-            #[cfg(not(feature = "observer"))]
-            force: Force::ZERO, // nobody asks, and a load costs
-            acknowledged: self.acknowledged.load(Relaxed),
-            zeros: self.zeros.load(Relaxed),
-            on: facts & 1 != 0,
-            stall: facts & 2 != 0,
-        }
-    }
-}
+static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new(0) };
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the defaults in force, with the fault `settings` latched.
-pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
-    let (ups_in, ups_out) = queues.ups.split();
-    let (positions_in, positions_out) = queues.positions.split();
-    let (controls_in, controls_out) = queues.controls.split();
+/// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the
+/// defaults in force, with the fault `settings` latched.
+pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
+    let (due_in, due_out) = queues.due.split();
+    let (guard_in, guard_out) = queues.guard.split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
@@ -137,6 +95,12 @@ pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link
     };
     let fault = boot_fault(&board.memory.read(), board.reset_cause)
         .or_else(|| (loaded.stored != stored).then(|| FaultRecord::bare(Fault::Settings)));
+    if let Some(record) = fault {
+        // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
+        board.memory.write(&record.to_words());
+    }
+    let (control_in, control_out) = queues.control.split(control);
+    let (down_in, down_out) = queues.down.split(Down::START);
     // The two timers start next to each other: their distance sets the phase of the PWM.
     let Board { mut drive, mut pace, encoder, .. } = board;
     drive.start();
@@ -145,14 +109,15 @@ pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link
     let outputs =
         render::Outputs { drive, stop: board.stop, supply: board.supply, memory: board.memory };
     let ends = render::Ends {
-        ups: ups_out,
-        positions: positions_out,
-        controls: controls_in,
+        due: due_out,
+        guard: guard_out,
+        control: control_in,
+        down: down_in,
         orders: orders_out,
         reports: reports_in,
     };
     (
-        Sample::new(encoder, pace, sampler, control, controls_out, ups_in, positions_in),
+        Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, loaded.source),
         Idle::new(board.watchdog),

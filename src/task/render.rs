@@ -1,21 +1,28 @@
 //! `render`: with every period-th sample, priority 14, pended by `sample`.
 
+use core::sync::atomic::Ordering::Relaxed;
+
 use zwidth::{
-    Control,
+    Control, Motion,
     experiment::Hit,
     link::Activity,
-    safety::{BlackBox, Grant, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up},
+    safety::{
+        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up,
+    },
     store::Signs,
     telemetry::{Flags, Record},
-    units::{Force, Position},
+    units::Force,
 };
 
 use super::{
-    CONTROLS, FLAGS, ORDERS, POSITIONS, REPORTS, UPS,
+    FLAGS, ORDERS, REPORTS,
     device::PERIOD,
     order::{Event, Gains, Order, Report},
+    trail::Follower,
 };
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Reader, Supply, Writer};
+use crate::board::{
+    self, Drive, EmergencyStop, FaultMemory, Publisher, Reader, Reading, Supply, Writer,
+};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;
@@ -34,12 +41,14 @@ pub struct Outputs {
 
 /// Its ends of the queues.
 pub struct Ends {
-    /// From `sample`, one per output.
-    pub ups: Reader<Up, UPS>,
-    /// From `sample`, one per sample.
-    pub positions: Reader<Position, POSITIONS>,
+    /// From `sample`, one per output: the motion, and whether it has switched off.
+    pub due: Reading<(Motion, bool)>,
+    /// From `sample`: what the guard found, when it has changed.
+    pub guard: Reading<Guard>,
     /// To `sample`.
-    pub controls: Writer<Control, CONTROLS>,
+    pub control: Publisher<Control>,
+    /// To `sample`, with every output.
+    pub down: Publisher<Down>,
     /// From `link`.
     pub orders: Reader<Order, ORDERS>,
     /// To `link`.
@@ -51,6 +60,10 @@ pub struct Render {
     outputs: Outputs,
     ends: Ends,
     supervisor: Supervisor,
+    /// What the guard found, as far as it has told.
+    guard: Guard,
+    /// The positions of all samples.
+    positions: Follower,
     control: Control,
     gains: Gains,
     /// Counts up with every change of the settings.
@@ -78,6 +91,8 @@ impl Render {
             outputs,
             ends,
             supervisor,
+            guard: Guard::default(),
+            positions: Follower::new(),
             control,
             gains: Gains::Outside,
             settings: 0,
@@ -95,16 +110,17 @@ impl Render {
     /// Late by a period: `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {
-        let mut newest = None;
-        while let Some(up) = self.ends.ups.read() {
-            newest = Some(up);
+        let Some((motion, cut)) = self.ends.due.read() else { return };
+        if let Some(guard) = self.ends.guard.read() {
+            self.guard = guard;
         }
-        let Some(up) = newest else { return };
+        let up = Up { motion, guard: self.guard, cut };
         let push = self.hit.as_ref().map_or(Force::ZERO, Hit::push);
         let inputs = self.inputs();
         let rendered = self.supervisor.render(&self.control, &up, push, inputs);
         self.put_out(rendered.grant);
-        FLAGS.publish(&rendered.down);
+        self.ends.down.publish(rendered.down);
+        FLAGS.rendered.store(rendered.down.rendered, Relaxed);
 
         match rendered.memory {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
@@ -113,9 +129,9 @@ impl Render {
         }
         let record = Record { settings: self.settings, ..rendered.record };
         self.history.push(record, record.flags.contains(Flags::FAULT));
+        self.positions.follow_to(up.motion.sample);
         self.experiment(rendered.grant);
         if matches!(self.event, Event::None)
-            && self.ends.controls.has_room()
             && let Some(order) = self.ends.orders.read()
         {
             self.event = Event::Answer(self.meet(order));
@@ -162,7 +178,7 @@ impl Render {
             self.hit = None;
             self.event = Event::HitBroken;
         }
-        while let Some(position) = self.ends.positions.read() {
+        while let Some(position) = self.positions.read() {
             let Some(hit) = &mut self.hit else { continue };
             let contact = self.control.wall.penetration(position) > 0;
             if let Some(verdict) = hit.sample(position, contact) {
@@ -182,8 +198,8 @@ impl Render {
                 result
             }
             Order::Control(control, gains) => {
-                // There is room: `run` looked. From the next sample on, whole.
-                self.ends.controls.write(control);
+                self.supervisor.may_change(&self.control, &control)?;
+                self.ends.control.publish(control); // from the next sample on, whole
                 self.control = control;
                 self.gains = gains;
                 self.settings = self.settings.wrapping_add(1);

@@ -1,23 +1,22 @@
 //! `sample`: 10 kHz, priority 15, interrupt of the sampling timer.
 
 use zwidth::{
-    Control,
-    safety::{GuardedSampler, Up},
-    units::Position,
+    Control, Motion,
+    safety::{Down, Guard, GuardedSampler},
 };
 
-use super::{CONTROLS, FLAGS, POSITIONS, UPS};
-use crate::board::{self, Encoder, Pace, Reader, Writer};
+use super::trail;
+use crate::board::{self, Encoder, Newest, Pace, Writing};
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
     encoder: Encoder,
     pace: Pace,
     sampler: GuardedSampler,
-    control: Control,
-    controls: Reader<Control, CONTROLS>,
-    ups: Writer<Up, UPS>,
-    positions: Writer<Position, POSITIONS>,
+    control: Newest<Control>,
+    down: Newest<Down>,
+    due: Writing<(Motion, bool)>,
+    guard: Writing<Guard>,
 }
 
 impl Sample {
@@ -25,12 +24,12 @@ impl Sample {
         encoder: Encoder,
         pace: Pace,
         sampler: GuardedSampler,
-        control: Control,
-        controls: Reader<Control, CONTROLS>,
-        ups: Writer<Up, UPS>,
-        positions: Writer<Position, POSITIONS>,
+        control: Newest<Control>,
+        down: Newest<Down>,
+        due: Writing<(Motion, bool)>,
+        guard: Writing<Guard>,
     ) -> Self {
-        Self { encoder, pace, sampler, control, controls, ups, positions }
+        Self { encoder, pace, sampler, control, down, due, guard }
     }
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
@@ -41,18 +40,16 @@ impl Sample {
     pub fn run(&mut self) {
         let count = self.encoder.count();
         self.pace.acknowledge();
-        if let Some(control) = self.controls.read() {
-            self.sampler.adopt(&self.control, &control);
-            self.control = control;
-        }
-        let (motion, cut) = self.sampler.step(&self.control, count, &FLAGS.down());
+        let (motion, cut) = self.sampler.step(self.control.get(), count, self.down.get());
         if cut {
             board::off();
         }
-        // A queue that is full means that `render` is late, which the guard sees by itself.
-        self.positions.write(motion.position);
+        trail::note(motion.sample, motion.position);
         if motion.due {
-            self.ups.write_with(|| self.sampler.up(motion, cut));
+            if let Some(guard) = self.sampler.news() {
+                self.guard.write(guard);
+            }
+            self.due.write((motion, cut));
             super::pend_render();
         }
     }

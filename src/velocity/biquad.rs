@@ -24,6 +24,8 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use dsp_fixedpoint::Q32;
 
 use crate::units::Velocity;
@@ -80,11 +82,14 @@ impl Biquad {
         let carried = e1 + (self.second & (e1 - e2));
         let total = sum.into_bits() + i64::from(carried) + HALF;
         let rounded = total >> Self::FRACTION_BITS;
-        let rounded = rounded.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
+        let y0 = i32::try_from(rounded).unwrap_or_else(|_| {
+            cold_path();
+            if rounded < 0 { i32::MIN } else { i32::MAX }
+        });
         // What rounding dropped, -2^29 .. 2^29. What saturation cuts off is not carried.
         let residue = (total & (2 * HALF - 1)) - HALF;
-        #[expect(clippy::cast_possible_truncation, reason = "within 30 bits by the lines above")]
-        let (y0, e0) = (rounded as i32, residue as i32);
+        #[expect(clippy::cast_possible_truncation, reason = "within 30 bits by the line above")]
+        let e0 = residue as i32;
         state.x = [x0, x1];
         state.y = [y0, y1];
         state.residue = [e0, e1];

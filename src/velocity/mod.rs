@@ -2,7 +2,7 @@
 //!
 //! An [`Estimator`] holds what a person chose (integer coefficients); a [`State`] holds what the
 //! samples left behind, so that an estimator can be retuned between two samples without a kick. One
-//! of another kind starts from the velocity that the old one left ([`Estimator::start`]).
+//! of another kind starts from the velocity that the old one left and warms itself up.
 
 mod biquad;
 mod butterworth;
@@ -110,6 +110,9 @@ impl Estimator {
     #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         let _ = senses; // some builds have no estimator that looks at them
+        if self.kind() != state.kind {
+            self.take_over(state);
+        }
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
         let velocity = match self {
@@ -168,13 +171,34 @@ impl Estimator {
         }
     }
 
-    /// Whether `other` can go on with what this one left behind: the same kind, retuned.
-    pub fn continues(&self, other: &Self) -> bool {
-        core::mem::discriminant(self) == core::mem::discriminant(other)
+    /// Which kind it is. The numbers follow the order of the variants, so that this is one load.
+    #[inline]
+    const fn kind(&self) -> u8 {
+        match self {
+            Self::LowPass(_) => 0,
+            Self::Difference => 1,
+            #[cfg(any(feature = "taylor", feature = "least-squares"))]
+            Self::Fir(_) => 2,
+            #[cfg(feature = "observer")]
+            Self::Observer(_) => 3,
+            #[cfg(feature = "fusion")]
+            Self::Fusion(_) => 4,
+            #[cfg(feature = "time-stamps")]
+            Self::TimeStamps(_) => 5,
+            #[cfg(feature = "foaw")]
+            Self::Foaw(_) => 6,
+            #[cfg(feature = "levant")]
+            Self::Levant(_) => 7,
+            #[cfg(feature = "kalman")]
+            Self::Kalman(_) => 8,
+        }
     }
 
-    /// Warms up: the state as if the handle had always moved at the velocity of the last sample.
-    pub fn start(&self, state: &mut State) {
+    /// Takes over from an estimator of another kind: warms up as if the handle had always moved at
+    /// the velocity of the last sample.
+    #[cold]
+    fn take_over(&self, state: &mut State) {
+        state.kind = self.kind();
         match self {
             Self::LowPass(_) => state.filter = BiquadState::at(state.velocity),
             Self::Difference => {}
@@ -205,6 +229,8 @@ impl Estimator {
 /// compiler can keep the few words of the usual one in registers.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
+    /// Kind of the estimator that has run.
+    kind: u8,
     previous: Position,
     /// Of the last sample.
     velocity: Velocity,
@@ -233,6 +259,7 @@ impl State {
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
         Self {
+            kind: Estimator::Difference.kind(),
             previous: position,
             velocity: Velocity::ZERO,
             filter: BiquadState::default(),
@@ -296,9 +323,6 @@ mod tests {
                     estimator.update(state, Position::from_counts(count), &Senses::default())
                 };
                 let was = (0..2000).map(|_| step(&old, &mut state)).last().unwrap();
-                if !old.continues(&new) {
-                    new.start(&mut state);
-                }
                 for n in 0..200 {
                     let is = step(&new, &mut state);
                     let off = (is.bits() - was.bits()).abs();

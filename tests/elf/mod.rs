@@ -1,9 +1,19 @@
 //! What the tests of the ELF share.
 #![allow(clippy::unwrap_used, reason = "a test may stop")]
+#![allow(clippy::cast_possible_truncation, reason = "addresses of 32 bits")]
 #![allow(dead_code, reason = "each test uses a part of it")]
 
+pub mod code;
+
+use std::collections::BTreeSet;
+
+use addr2line::{
+    Context,
+    gimli::{Dwarf, EndianSlice, LittleEndian},
+};
 use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
+use object::{Object as _, ObjectSection as _};
 use virtual_board::{board::Board, elf::Elf, image, log, world::World};
 
 /// A board's release ELF, built if need be.
@@ -17,11 +27,42 @@ pub struct Firmware {
 impl Firmware {
     /// The firmware of that board.
     pub fn of(board: Board) -> Self {
-        let path = image::build(board.name).unwrap();
+        Self::variant(board, &[])
+    }
+
+    /// The same with further features.
+    pub fn variant(board: Board, features: &[&str]) -> Self {
+        let path = image::build_variant(board.name, features).unwrap();
         let elf = Elf::load(&path).unwrap();
         let table = log::table(&elf.bytes).unwrap();
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         Self { board, elf, table, scene }
+    }
+
+    /// Instructions of the sampling task that come from [`zwidth::Sampler::sample`], inlined as it
+    /// is: what the debug information says of each address.
+    pub fn core_of_sample(&self) -> BTreeSet<u32> {
+        let file = object::File::parse(&*self.elf.bytes).unwrap();
+        let section = |name| file.section_by_name(name).map_or(&[][..], |s| s.data().unwrap());
+        let dwarf =
+            Dwarf::load(|id| Ok::<_, ()>(EndianSlice::new(section(id.name()), LittleEndian)));
+        let lines = Context::from_dwarf(dwarf.unwrap()).unwrap();
+        let of_core = |address: u32| {
+            let mut frames = lines.find_frames(u64::from(address)).skip_all_loads().unwrap();
+            while let Some(frame) = frames.next().unwrap() {
+                if frame.function.is_some_and(|function| {
+                    function.raw_name().unwrap().contains("7control7Sampler6sample")
+                }) {
+                    return true;
+                }
+            }
+            false
+        };
+        let (_, start, size) = self.elf.symbols.iter().find(|(name, ..)| name == "TIM5").unwrap();
+        let marks: BTreeSet<u32> =
+            (*start..start + size).step_by(2).filter(|&address| of_core(address)).collect();
+        assert!(marks.len() > 50, "no debug information of the core: {}", marks.len());
+        marks
     }
 
     /// Switched on and booted, with the handle at rest where the device rests.

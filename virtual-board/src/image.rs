@@ -20,6 +20,15 @@ fn workspace() -> PathBuf {
 /// # Errors
 /// What `cargo` or `rustup` said.
 pub fn build(board: &str) -> Result<PathBuf, String> {
+    build_variant(board, &[])
+}
+
+/// The same with further features of the firmware.
+///
+/// # Errors
+/// What `cargo` or `rustup` said.
+pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> {
+    let name = [&[board], features].concat().join(",");
     let target_dir = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), PathBuf::from);
     let target_dir = target_dir.join("firmware-images");
@@ -43,11 +52,17 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
             "--bin",
             "zwidth",
         ])
-        .args(["--target", TARGET, "--no-default-features", "--features", board])
+        .args(["--target", TARGET, "--no-default-features", "--features", &name])
         .arg("--target-dir")
         .arg(&target_dir);
     run(&mut cargo)?;
-    Ok(target_dir.join(TARGET).join("firmware").join("zwidth"))
+    let built = target_dir.join(TARGET).join("firmware").join("zwidth");
+    // Under its own name, and at one stroke: the next build, of another variant, replaces the file.
+    let (draft, elf) = (target_dir.join("draft.elf"), target_dir.join(format!("{name}.elf")));
+    std::fs::copy(&built, &draft)
+        .and_then(|_| std::fs::rename(&draft, &elf))
+        .map_err(|error| format!("{}: {error}", elf.display()))?;
+    Ok(elf)
 }
 
 /// Adds the target through `rustup`, if the tool chain lacks it.

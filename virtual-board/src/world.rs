@@ -33,6 +33,10 @@ pub struct World<'a> {
     full_scale_n: f64,
     /// The handle is held where it is.
     held: Option<f64>,
+    /// The motor's wires are swapped.
+    pub motor_reversed: bool,
+    /// A and B are swapped since the encoder stood at this count.
+    swapped_at: Option<i32>,
     log: log::Decoder<'a>,
     /// Cycle up to which the plant has moved.
     moved_to: u64,
@@ -95,6 +99,8 @@ impl<'a> World<'a> {
             encoder,
             full_scale_n: scene.full_scale_n(),
             held: Some(start_m),
+            motor_reversed: false,
+            swapped_at: None,
             log: log::Decoder::new(table),
             moved_to: 0,
             lines: Vec::new(),
@@ -139,15 +145,28 @@ impl<'a> World<'a> {
             self.powered.mcu.run_until(to)?;
             self.powered.mcu.settle();
             let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
+            let force_n = if self.motor_reversed { -force_n } else { force_n };
             if self.held.is_none() {
                 self.state = self.plant.advance(&self.state, force_n);
             }
-            let count = count(&self.encoder, self.position_m());
+            let count = self.shown_count();
             self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
             self.moved_to = to;
         }
         self.align();
         Ok(())
+    }
+
+    /// Swaps the encoder's channels, so that from here on it counts the other way round, or puts
+    /// them right.
+    pub fn swap_channels(&mut self, swapped: bool) {
+        self.swapped_at = swapped.then(|| count(&self.encoder, self.position_m()));
+    }
+
+    /// What A and B stand for.
+    fn shown_count(&self) -> i32 {
+        let count = count(&self.encoder, self.position_m());
+        self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 
     /// Puts the plant's steps in phase with the samples, once those have begun.

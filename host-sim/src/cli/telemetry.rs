@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Common, SCHEMA_VERSION, print_json, print_text};
-use crate::{error::Error, output, telemetry::Capture};
+use crate::{error::Error, output, scene::NamedScene, telemetry::Capture};
 
 /// Decodes a capture of a board's binary telemetry (RTT up channel 1).
 #[derive(Debug, Args)]
@@ -16,6 +16,12 @@ pub struct TelemetryArgs {
     /// Write every frame as CSV, in the integers of the control.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Draw position, velocity, force and flags over time; the ending, .svg or .png, says the format.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// The scene that the board is built for: the figure is in SI units then.
+    #[arg(long, requires = "plot")]
+    scene: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -32,9 +38,16 @@ struct Json {
 
 pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     let name = args.capture.display();
-    if let Some(path) = &args.csv {
+    for path in [&args.csv, &args.plot].into_iter().flatten() {
         output::refuse_existing(path, common.force)?;
     }
+    if let Some(path) = &args.plot {
+        output::refuse_ending(path)?;
+    }
+    if args.csv.is_some() && args.csv == args.plot {
+        return Err(Error::input("--csv and --plot name the same file"));
+    }
+    let scene = args.scene.as_ref().map(|scene| NamedScene::load(scene)).transpose()?;
     let bytes = fs::read(&args.capture)
         .map_err(|error| Error::Input(format!("{name} cannot be read: {error}")))?;
     let capture = Capture::decode(&bytes);
@@ -46,6 +59,14 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     };
     if let Some(path) = &args.csv {
         output::write_file(path, capture.csv().as_bytes(), common.force)?;
+    }
+    if let Some(path) = &args.plot {
+        let file = args
+            .capture
+            .file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let figure = capture.figure(&file, scene.as_ref().map(|scene| &scene.scene))?;
+        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
     }
     let json = Json {
         schema_version: SCHEMA_VERSION,

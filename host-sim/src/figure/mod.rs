@@ -1,10 +1,11 @@
-//! Figures of a sweep, a wall hit and an identification, drawn from plain data.
+//! Figures of a sweep, a wall hit, an identification and a board's telemetry, drawn from plain data.
 //!
 //! ```text
-//! ZwidthPlot   -> zwidth         ┐
-//! AreaPlot     -> area           ├─> Figure ─> svg(), png()
-//! TracePlot    -> hit_trace      │
-//! ResponsePlot -> pulse_response ┘
+//! ZwidthPlot    -> zwidth         ┐
+//! AreaPlot      -> area           │
+//! TracePlot     -> hit_trace      ├─> Figure ─> svg(), png()
+//! ResponsePlot  -> pulse_response │
+//! TelemetryPlot -> telemetry      ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
 //! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
@@ -22,6 +23,7 @@ mod cutoffs;
 mod panel;
 mod render;
 mod response;
+mod telemetry;
 mod text;
 mod trace;
 mod zwidth;
@@ -37,6 +39,7 @@ use plotters_backend::DrawingErrorKind;
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, number, scaled_unit};
 pub use response::{ResponsePlot, pulse_response};
+pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
 pub(crate) use text::escape;
 pub use trace::{TracePlot, hit_trace};
 pub use zwidth::{Curve, ZwidthPlot, zwidth};
@@ -90,6 +93,7 @@ enum Plot {
     Area(AreaPlot),
     Trace(TracePlot),
     Response(ResponsePlot),
+    Telemetry(TelemetryPlot),
 }
 
 impl Plot {
@@ -99,6 +103,7 @@ impl Plot {
             Self::Area(plot) => &plot.title,
             Self::Trace(plot) => &plot.title,
             Self::Response(plot) => &plot.title,
+            Self::Telemetry(plot) => &plot.title,
         }
     }
 
@@ -108,6 +113,7 @@ impl Plot {
             Self::Area(plot) => area::height(plot),
             Self::Trace(_) => trace::HEIGHT,
             Self::Response(_) => response::HEIGHT,
+            Self::Telemetry(plot) => telemetry::height(plot),
         }
     }
 
@@ -117,6 +123,7 @@ impl Plot {
             Self::Area(plot) => area::draw(plot, page),
             Self::Trace(plot) => trace::draw(plot, page),
             Self::Response(plot) => response::draw(plot, page),
+            Self::Telemetry(plot) => telemetry::draw(plot, page),
         }
     }
 
@@ -124,7 +131,7 @@ impl Plot {
     fn names(&self) -> Vec<(RGBColor, u32, String)> {
         match self {
             Self::Zwidth(plot) => zwidth::names(plot),
-            Self::Area(_) | Self::Trace(_) | Self::Response(_) => vec![],
+            Self::Area(_) | Self::Trace(_) | Self::Response(_) | Self::Telemetry(_) => vec![],
         }
     }
 }

@@ -147,7 +147,7 @@ fn draw_hit<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(),
 }
 
 /// The line through the samples, reduced.
-fn draw_trace<DB: DrawingBackend>(
+pub(super) fn draw_trace<DB: DrawingBackend>(
     page: &Page<DB>,
     chart: &TimeChart<'_, DB>,
     samples: impl Iterator<Item = (f64, f64)>,

@@ -383,7 +383,6 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
     let late = |told: bool| {
         let mut bench = Bench::armed();
         let observer = Settings { velocity, wall }.build(&DESIGN).unwrap();
-        bench.sampler.adopt(&bench.control, &observer);
         bench.control = observer;
         bench.run(2000);
         bench.push = Force::saturating_from_bits(1 << 28); // a quarter of full scale: 370 counts in 10 ms

@@ -259,8 +259,13 @@ impl Dac {
     const CR: u64 = 0x00;
     const DHR12R1: u64 = 0x08;
 
-    pub(super) fn region(clock: &Arc<Clock>, listener: Option<Arc<dyn DacListener>>) -> Region {
-        let dac = Self { registers: Storage::new(), clock: Arc::clone(clock), listener };
+    pub(super) fn region(
+        registers: &Arc<Storage>,
+        clock: &Arc<Clock>,
+        listener: Option<Arc<dyn DacListener>>,
+    ) -> Region {
+        let registers = Arc::clone(registers);
+        let dac = Self { registers, clock: Arc::clone(clock), listener };
         Region::io("dac", 0x400, Arc::new(dac))
     }
 }

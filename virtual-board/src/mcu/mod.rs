@@ -7,6 +7,7 @@
 //! and automatic output enable, the voltage detector, ITSTATE in a stacked xPSR, time while asleep.
 
 mod bus;
+mod inject;
 mod soc;
 mod watch;
 
@@ -204,8 +205,10 @@ impl Mcu {
             .map(bus::Lazy::next_event)
             .fold(self.soc.pace.next_event(), u64::min);
         self.next = self.next.max(self.now + 1);
-        if self.soc.watchdog_bites.take() || self.soc.cpu.reset_requested() {
-            self.reset();
+        if self.soc.watchdog_bites.take() {
+            self.restart("iwdgrst");
+        } else if self.soc.cpu.reset_requested() {
+            self.restart("sftrst");
         }
     }
 
@@ -244,8 +247,13 @@ impl Mcu {
         }
     }
 
-    /// A reset: everything but the memories and what is outside the chip starts anew.
+    /// The reset pin is pulled.
     pub fn reset(&mut self) {
+        self.restart("pinrst");
+    }
+
+    /// A reset: everything but the memories and what is outside the chip starts anew.
+    fn restart(&mut self, cause: &str) {
         self.memories.flash = self.soc.flash.contents();
         let (open, low) = (self.soc.stop.load(Relaxed), self.soc.supply_low.load(Relaxed));
         self.clock = Arc::new(Clock::default());
@@ -253,6 +261,7 @@ impl Mcu {
         self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners);
         self.soc.set_break(open);
         self.soc.supply_low.store(low, Relaxed);
+        self.soc.note_reset(cause);
         self.next = self.now;
         self.event = (0, false);
         self.resets += 1;

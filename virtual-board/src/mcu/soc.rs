@@ -42,12 +42,14 @@ pub(super) struct Soc {
     pub(super) pwm: Lazy,
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) flash: Arc<Flash>,
+    rcc: Lazy,
     pub(super) others: Vec<Lazy>,
     pub(super) pace_line: Arc<Flag>,
     pub(super) watchdog_bites: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
     pub(super) supply_low: Arc<AtomicBool>,
     pub(super) dbgmcu: Arc<Storage>,
+    pub(super) dac: Arc<Storage>,
     gpio: Vec<Arc<Gpio>>,
 }
 
@@ -108,6 +110,8 @@ struct Break {
     open: Arc<AtomicBool>,
 }
 
+const RCC_CSR: u64 = 0x74;
+const RMVF: u32 = 1 << 24;
 pub(super) const BDTR: u64 = 0x44;
 pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
@@ -149,6 +153,8 @@ struct Edges {
     /// What A and B stand for, and what they will.
     shown: i32,
     last: i32,
+    /// Channels that do not move.
+    dead: [bool; 2],
 }
 
 impl EncoderInput {
@@ -170,8 +176,8 @@ impl EncoderInput {
 
     /// Shows `count` at once: the place that the firmware's counter starts from.
     pub(super) fn start_at(&self, count: i32) {
-        *self.edges() = Edges { waiting: VecDeque::new(), shown: count, last: count };
-        self.show(count);
+        *self.edges() = Edges { shown: count, last: count, ..Edges::default() };
+        self.show(count, [false; 2]);
     }
 
     /// Delivers the edges that are due by `now`.
@@ -184,15 +190,25 @@ impl EncoderInput {
             edges.waiting.pop_front();
             edges.shown = count;
             self.lazy.advance_to(at);
-            self.show(count);
+            self.show(count, edges.dead);
         }
         self.lazy.advance_to(now);
     }
 
+    /// A channel stays as it is, or is shown again.
+    pub(super) fn kill(&self, channel: usize, dead: bool) {
+        let mut edges = self.edges();
+        edges.dead[channel & 1] = dead;
+        self.show(edges.shown, edges.dead);
+    }
+
     /// Gray code: A leads B while the count rises.
-    fn show(&self, count: i32) {
+    fn show(&self, count: i32, dead: [bool; 2]) {
         let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
-        for ((id, pin), level) in self.pins.iter().zip(levels) {
+        for (((id, pin), level), dead) in self.pins.iter().zip(levels).zip(dead) {
+            if dead {
+                continue;
+            }
             pin.sink.set_level(*id, pin.line, Level::from_bool(level == 1));
         }
     }
@@ -352,7 +368,8 @@ impl Soc {
             ),
             0x4000_7000,
         );
-        map(Dac::region(clock, listeners.dac.clone()), 0x4000_7400);
+        let dac = Storage::new();
+        map(Dac::region(&dac, clock, listeners.dac.clone()), 0x4000_7400);
         map(
             Registers::region(&pwm, Break { lazy: pwm.clone(), open: Arc::clone(&stop) }),
             0x4001_0000,
@@ -375,13 +392,27 @@ impl Soc {
             pwm,
             encoder,
             flash,
+            rcc: rcc.clone(),
             others: vec![rcc, pwr, flash_registers, watchdog],
             pace_line,
             watchdog_bites,
             stop,
             supply_low,
             dbgmcu,
+            dac,
             gpio,
+        }
+    }
+
+    /// Sets RCC's flags as a reset by `cause` leaves them: it pulls the reset pin as well.
+    pub(super) fn note_reset(&self, cause: &str) {
+        // Out of its own reset the block has those of power-on: RMVF clears them.
+        self.rcc.poke(RCC_CSR, RMVF);
+        for input in ["pinrst", cause] {
+            let id = WireIdAllocator::new().alloc();
+            let pin = self.rcc.device.sink(input, &[id]).expect(WIRED);
+            pin.sink.set_level(id, pin.line, Level::from_bool(true));
+            pin.sink.set_level(id, pin.line, Level::from_bool(false));
         }
     }
 

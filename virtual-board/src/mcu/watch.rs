@@ -1,7 +1,7 @@
 //! What is seen from outside, instruction by instruction, without touching the program: interrupt
 //! masks, the sampling delay, cycles per task, the lowest stack pointer.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Exception number of the sampling task: TIM5 is interrupt 50.
 pub const SAMPLE: u16 = 16 + 50;
@@ -66,6 +66,11 @@ pub struct Watch {
     pub lowest_stack: u32,
     /// Cycles of the sampling task by the address of the instruction, if asked for.
     pub profile: Option<BTreeMap<u32, u64>>,
+    /// Instructions of the sampling task whose cycles are to be told apart.
+    pub marks: BTreeSet<u32>,
+    /// The cycles of those, by run of the sampling task.
+    pub marked: Cycles,
+    in_marks: u64,
     running: bool,
     /// Running exceptions, innermost last: number, cycles spent in it.
     nested: Vec<(u16, u64)>,
@@ -91,7 +96,8 @@ impl Watch {
     pub fn clear(&mut self) {
         let running = self.running;
         let nested = std::mem::take(&mut self.nested);
-        *self = Self { running, nested, ..Self::new() };
+        let marks = std::mem::take(&mut self.marks);
+        *self = Self { running, nested, marks, ..Self::new() };
     }
 
     /// Longest minus shortest sampling delay, cycles.
@@ -126,6 +132,9 @@ impl Watch {
         {
             *profile.entry(step.pc).or_default() += step.cycles;
         }
+        if step.exception == SAMPLE && self.marks.contains(&step.pc) {
+            self.in_marks += step.cycles;
+        }
         let inside = self.nested.last().map_or(0, |(number, _)| *number);
         if step.exception == inside {
             if let Some((_, spent)) = self.nested.last_mut() {
@@ -144,6 +153,9 @@ impl Watch {
                     break;
                 }
                 self.tasks.entry(number).or_default().add(spent);
+                if number == SAMPLE && !self.marks.is_empty() {
+                    self.marked.add(std::mem::take(&mut self.in_marks));
+                }
                 self.nested.pop();
             }
             if !returns {

@@ -1,0 +1,85 @@
+//! The newest value of something, from a task to one that preempts it: two buffers and a pointer to
+//! the one that counts.
+//!
+//! The reader takes a reference and nothing else: no copy, no check, one load. That is sound only
+//! because of who uses it. The reader runs above the writer on a single core, so from where the
+//! writer stands a whole pass of the reader takes no time: it comes before the pointer is changed,
+//! and sees the old buffer, or after it, and sees the new one. The buffer that is written is never
+//! the one that counts. For the same reason the order of the stores is the compiler's matter only.
+
+use core::{
+    cell::UnsafeCell,
+    marker::PhantomData,
+    mem::MaybeUninit,
+    ptr,
+    sync::atomic::{
+        AtomicPtr,
+        Ordering::{Acquire, Relaxed, Release},
+        compiler_fence,
+    },
+};
+
+/// The newest `T`.
+pub struct Latest<T> {
+    buffers: [UnsafeCell<MaybeUninit<T>>; 2],
+    /// The buffer that counts. Stored by the publisher only; null before the ends are made.
+    newest: AtomicPtr<T>,
+}
+
+// SAFETY: see the module: the buffer that counts is only read, the other one only written, each by
+// one task.
+unsafe impl<T: Send + Sync> Sync for Latest<T> {}
+
+/// The writing end.
+pub struct Publisher<T: 'static>(&'static Latest<T>);
+
+/// The reading end, for a task of higher priority than the publisher's.
+pub struct Newest<T: 'static>(&'static Latest<T>, PhantomData<*const ()>);
+
+// SAFETY: it is moved to its task once, before the task first runs; `*const ()` only keeps it from
+// being shared.
+unsafe impl<T: Send + Sync> Send for Newest<T> {}
+
+impl<T: Copy> Latest<T> {
+    /// Without a value yet.
+    pub const fn new() -> Self {
+        Self {
+            buffers: [const { UnsafeCell::new(MaybeUninit::uninit()) }; 2],
+            newest: AtomicPtr::new(ptr::null_mut()),
+        }
+    }
+
+    /// Its two ends, with `value` published.
+    pub fn split(&'static mut self, value: T) -> (Publisher<T>, Newest<T>) {
+        *self.newest.get_mut() = self.buffers[0].get_mut().write(value);
+        (Publisher(self), Newest(self, PhantomData))
+    }
+}
+
+impl<T: Copy> Publisher<T> {
+    /// From the reader's next pass on this is what counts, whole.
+    #[inline(always)]
+    pub fn publish(&mut self, value: T) {
+        let [first, second] = &self.0.buffers;
+        let newest = self.0.newest.load(Relaxed);
+        let [first, second] = [first, second].map(|buffer| buffer.get().cast::<T>());
+        let free = if ptr::eq(newest, first) { second } else { first };
+        // SAFETY: nobody reads this buffer, see the module.
+        unsafe { free.write(value) };
+        compiler_fence(Release);
+        self.0.newest.store(free, Relaxed);
+    }
+}
+
+impl<T: Copy> Newest<T> {
+    /// What counts now. The reference must not outlive this pass of the task, which the borrow of
+    /// `self` sees to as long as the task's function ends.
+    #[inline(always)]
+    pub fn get(&mut self) -> &T {
+        let newest = self.0.newest.load(Relaxed);
+        compiler_fence(Acquire);
+        // SAFETY: not null, because the ends exist; nobody writes this buffer while this task runs,
+        // see the module.
+        unsafe { &*newest }
+    }
+}

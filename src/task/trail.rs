@@ -1,0 +1,57 @@
+//! Where the handle was at the last samples, for experiments, which need every one of them.
+//!
+//! `sample` writes without a check, by the number of the sample; `render` follows. A place is
+//! written anew [`LENGTH`] samples later: a `render` that is so late has lost its output long ago.
+
+use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
+
+use zwidth::units::Position;
+
+use super::device::PERIOD;
+
+/// Samples that are kept.
+const LENGTH: usize = 64;
+const _: () = assert!(LENGTH.is_power_of_two() && (PERIOD as usize) < LENGTH / 2);
+
+static COUNTS: [AtomicI32; LENGTH] = [const { AtomicI32::new(0) }; LENGTH];
+
+#[inline(always)]
+fn place(sample: u64) -> &'static AtomicI32 {
+    #[expect(clippy::cast_possible_truncation, reason = "modulo the length")]
+    &COUNTS[sample as usize & (LENGTH - 1)]
+}
+
+/// Notes the position at a sample.
+#[inline(always)]
+pub fn note(sample: u64, position: Position) {
+    place(sample).store(position.counts(), Relaxed);
+}
+
+/// Follows the samples, one by one.
+pub struct Follower {
+    next: u64,
+    end: u64,
+}
+
+impl Follower {
+    /// Before the first sample.
+    pub const fn new() -> Self {
+        Self { next: 0, end: 0 }
+    }
+
+    /// Goes up to `sample`, which has been noted. What is too long ago is left out.
+    pub fn follow_to(&mut self, sample: u64) {
+        self.end = sample.wrapping_add(1);
+        self.next = self.next.max(self.end.saturating_sub(LENGTH as u64 / 2));
+    }
+
+    /// The position at the next sample, if it is not beyond the one that was followed to.
+    pub fn read(&mut self) -> Option<Position> {
+        if self.next >= self.end {
+            return None;
+        }
+        let counts = place(self.next).load(Relaxed);
+        self.next += 1;
+        Some(Position::from_counts(counts))
+    }
+}

@@ -1,0 +1,206 @@
+//! Machine code of an ELF, as far as the tests have to read it: where a function branches to, and
+//! which functions' addresses are taken. Armv7-M architecture reference manual, A5.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use virtual_board::elf::Elf;
+
+/// One instruction: its address, its first half-word and the second one, or 0.
+#[derive(Clone, Copy, Debug)]
+pub struct Instruction {
+    pub at: u32,
+    pub first: u16,
+    pub second: u16,
+}
+
+/// The functions of an ELF.
+pub struct Code<'a> {
+    elf: &'a Elf,
+    /// Size and name by address.
+    functions: BTreeMap<u32, (u32, &'a str)>,
+}
+
+/// Where a function goes.
+#[derive(Debug, Default)]
+pub struct Flow {
+    /// Functions that it calls or jumps to.
+    pub to: BTreeSet<u32>,
+    /// It calls or jumps through a register.
+    pub indirect: bool,
+}
+
+impl<'a> Code<'a> {
+    pub fn of(elf: &'a Elf) -> Self {
+        let text = elf.section(".text").unwrap();
+        let inside = |address: u32| (text.0..text.0 + text.1).contains(&address);
+        let mut functions = BTreeMap::new();
+        for (name, address, size) in &elf.symbols {
+            let known = functions.get(address).map_or(0, |&(size, _)| size);
+            if inside(*address) && *size > known {
+                functions.insert(*address, (*size, name.as_str()));
+            }
+        }
+        Self { elf, functions }
+    }
+
+    /// Its name as the linker has it.
+    pub fn name(&self, function: u32) -> &'a str {
+        self.functions.get(&function).map_or("?", |&(_, name)| name)
+    }
+
+    /// The functions whose name contains `part`.
+    pub fn named(&self, part: &str) -> Vec<u32> {
+        let found = self.functions.iter().filter(|(_, (_, name))| name.contains(part));
+        found.map(|(address, _)| *address).collect()
+    }
+
+    /// The function that holds `address`.
+    fn holding(&self, address: u32) -> Option<u32> {
+        let (&start, &(size, _)) = self.functions.range(..=address).next_back()?;
+        (address < start + size).then_some(start)
+    }
+
+    fn bytes(&self, from: u32, length: u32) -> &'a [u8] {
+        let holds =
+            |piece: &&(u32, Vec<u8>)| (piece.0..piece.0 + piece.1.len() as u32).contains(&from);
+        let (base, bytes) = self.elf.flash.iter().find(holds).unwrap();
+        &bytes[(from - base) as usize..(from - base + length) as usize]
+    }
+
+    /// All words in flash that are no code: constants, tables, the image of `.data`. Not the vector
+    /// table, through which only the hardware calls.
+    pub fn constants(&self) -> Vec<u32> {
+        let (vectors, size) = self.elf.section(".vector_table").unwrap();
+        let mut words = Vec::new();
+        for (base, bytes) in &self.elf.flash {
+            for (n, word) in bytes.chunks_exact(4).enumerate() {
+                let at = base + 4 * n as u32;
+                if self.holding(at).is_none() && !(vectors..vectors + size).contains(&at) {
+                    words.push(u32::from_le_bytes(word.try_into().unwrap()));
+                }
+            }
+        }
+        words
+    }
+
+    /// The handlers in the vector table but for the reset, each once.
+    pub fn handlers(&self) -> BTreeSet<u32> {
+        let (base, size) = self.elf.section(".vector_table").unwrap();
+        let words = self.bytes(base, size).chunks_exact(4);
+        let words = words.map(|word| u32::from_le_bytes(word.try_into().unwrap()));
+        words.skip(2).filter(|word| word & 1 == 1).map(|word| word & !1).collect()
+    }
+
+    /// The instructions of the function at `start`, and whatever data lies between them.
+    pub fn instructions(&self, start: u32) -> Vec<Instruction> {
+        let (size, _) = self.functions[&start];
+        let halves: Vec<u16> = self
+            .bytes(start, size)
+            .chunks_exact(2)
+            .map(|half| u16::from_le_bytes([half[0], half[1]]))
+            .collect();
+        let (mut n, mut all) = (0, Vec::new());
+        while n < halves.len() {
+            let first = halves[n];
+            let wide = first >> 11 >= 0b11101;
+            let second = if wide { halves.get(n + 1).copied().unwrap_or(0) } else { 0 };
+            all.push(Instruction { at: start + 2 * n as u32, first, second });
+            n += if wide { 2 } else { 1 };
+        }
+        all
+    }
+
+    /// Where the function at `start` goes; branches inside of it do not count.
+    pub fn flow(&self, start: u32) -> Flow {
+        let mut flow = Flow::default();
+        for instruction in self.instructions(start) {
+            flow.indirect |= instruction.is_indirect();
+            let target = instruction.target().and_then(|target| self.holding(target));
+            flow.to.extend(target.filter(|&function| function != start));
+        }
+        flow
+    }
+
+    /// Functions whose address is put together in code (`movw`, `movt`), stands in a literal behind
+    /// code or in a constant.
+    pub fn address_taken(&self) -> BTreeSet<u32> {
+        let mut words: BTreeSet<u32> = self.constants().into_iter().collect();
+        for (&start, &(size, _)) in &self.functions {
+            let mut low = [0u32; 16];
+            for instruction in self.instructions(start) {
+                match instruction.move_16() {
+                    Some((false, to, value)) => low[to] = value,
+                    Some((true, to, value)) => {
+                        words.insert(value << 16 | low[to]);
+                    }
+                    None => {}
+                }
+            }
+            for at in (start.next_multiple_of(4)..(start + size) & !3).step_by(4) {
+                words.insert(u32::from_le_bytes(self.bytes(at, 4).try_into().unwrap()));
+            }
+        }
+        let functions = words.into_iter().filter(|word| word & 1 == 1).map(|word| word & !1);
+        functions.filter(|function| self.functions.contains_key(function)).collect()
+    }
+}
+
+impl Instruction {
+    /// `blx` or `bx` of a register other than the return address, or a load of the program counter
+    /// other than a return.
+    pub fn is_indirect(self) -> bool {
+        let register = (self.first >> 3) & 0xF;
+        let branch = self.first & 0xFF00 == 0x4700 && register != 14;
+        let moved = self.first & 0xFF87 == 0x4687 && register != 14; // mov pc, register
+        // ldr pc, [...]; with the stack pointer it is a return
+        let load =
+            self.first & 0xFF70 == 0xF850 && self.second >> 12 == 15 && self.first & 15 != 13;
+        branch || moved || load
+    }
+
+    /// Whether it calls (`bl`).
+    pub fn is_call(self) -> bool {
+        self.first >> 11 == 0b11110 && self.second >> 14 == 0b11 && self.second >> 12 & 1 == 1
+    }
+
+    /// Where a direct branch or call goes.
+    pub fn target(self) -> Option<u32> {
+        let (first, second) = (u32::from(self.first), u32::from(self.second));
+        let signed = |value: u32, bits: u32| (value << (32 - bits)).cast_signed() >> (32 - bits);
+        let offset = if first >> 11 == 0b11110 && second >> 15 == 1 {
+            let sign = first >> 10 & 1;
+            if second >> 12 & 1 == 1 {
+                // bl, or b of 24 bits
+                let bit = |j: u32| 1 ^ (second >> j & 1) ^ sign;
+                let low = (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
+                signed(sign << 24 | bit(13) << 23 | bit(11) << 22 | low, 25)
+            } else if second >> 14 == 0b10 && first >> 7 & 7 != 7 {
+                // conditional, 20 bits
+                let high = (second >> 11 & 1) << 19 | (second >> 13 & 1) << 18;
+                signed(sign << 20 | high | (first & 0x3F) << 12 | (second & 0x7FF) << 1, 21)
+            } else {
+                return None;
+            }
+        } else if first >> 12 == 0b1101 && first >> 8 & 0xF < 14 {
+            signed((first & 0xFF) << 1, 9)
+        } else if first >> 11 == 0b11100 {
+            signed((first & 0x7FF) << 1, 12)
+        } else {
+            return None; // cbz and cbnz reach 126 bytes forward and never leave a function
+        };
+        Some(self.at.wrapping_add(4).wrapping_add_signed(offset))
+    }
+
+    /// A move of 16 bits into a register: the upper half, which register, the value.
+    fn move_16(self) -> Option<(bool, usize, u32)> {
+        let (first, second) = (u32::from(self.first), u32::from(self.second));
+        let upper = match first & 0xFBF0 {
+            0xF240 => false,
+            0xF2C0 => true,
+            _ => return None,
+        };
+        let value =
+            (first & 15) << 12 | (first >> 10 & 1) << 11 | (second >> 12 & 7) << 8 | second & 0xFF;
+        Some((upper, (second >> 8 & 15) as usize, value))
+    }
+}

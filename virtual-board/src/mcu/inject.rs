@@ -1,0 +1,67 @@
+//! What can go wrong inside the chip, done to it from outside: bits that flip, an interrupt that stays
+//! away, a program counter that is somewhere else. The program itself is left as it is.
+
+use rsemu::cpu::arm::v7m::sys::Exception;
+
+use super::{Mcu, RAM, Stopped, exception_of};
+
+/// ITSTATE and the Thumb bit in xPSR.
+const IT_BITS: u32 = super::IT_BITS;
+
+impl Mcu {
+    /// Keeps an interrupt from being taken: its enable bit in the NVIC is 0, or 1 again.
+    pub fn mask(&mut self, exception: u16, masked: bool) {
+        self.soc.cpu.with_sys(|sys| sys.set_enable(Exception(exception), !masked));
+    }
+
+    /// Runs until the core executes in `exception` (0: in no exception, and awake).
+    ///
+    /// # Errors
+    /// The core locked up.
+    ///
+    /// # Panics
+    /// That does not happen within a quarter of a second.
+    pub fn run_into(&mut self, exception: u16) -> Result<(), Stopped> {
+        let limit = self.now + self.core_hz() / 4;
+        loop {
+            // Not with the first instruction: the entry is over then.
+            self.run_until(self.now + 1)?;
+            let inside = exception_of(self.soc.cpu.xpsr()) == exception;
+            if inside && !self.soc.cpu.is_asleep() {
+                return Ok(());
+            }
+            assert!(self.now < limit, "exception {exception} is never taken");
+        }
+    }
+
+    /// The program counter points to `address` all at once.
+    pub fn jump(&mut self, address: u32) {
+        let cpu = &self.soc.cpu;
+        cpu.set_xpsr(cpu.xpsr() & !IT_BITS);
+        cpu.set_pc(address & !1);
+    }
+
+    /// Flips bits of the words in `from .. to` of RAM that hold `value`; returns how many.
+    pub fn flip_words(&mut self, from: u32, to: u32, value: u32, bits: u32) -> usize {
+        let mut flipped = 0;
+        for address in (from..to).step_by(4) {
+            let mut word = [0; 4];
+            self.read(address, &mut word);
+            if address >= RAM && u32::from_le_bytes(word) == value {
+                self.write(address, &(value ^ bits).to_le_bytes());
+                flipped += 1;
+            }
+        }
+        flipped
+    }
+
+    /// One of the encoder's channels (0: A, 1: B) stays at the level that it has, or works again.
+    pub fn kill_channel(&mut self, channel: usize, dead: bool) {
+        self.soc.encoder.kill(channel, dead);
+    }
+
+    /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), and the DAC's code.
+    pub fn force_registers(&self) -> [u32; 3] {
+        [self.soc.pwm.peek(0x34), self.soc.pwm.peek(0x38), self.soc.dac.get(0x08)]
+    }
+}
