@@ -10,7 +10,7 @@ use std::{fs, ops::RangeInclusive, path::Path};
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, VelocitySettings, WallSettings,
-    experiment::WalkPlan, limits, shorten,
+    experiment::WalkPlan, shorten,
 };
 
 use crate::error::Error;
@@ -33,15 +33,18 @@ pub mod ranges {
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Delay from encoder reading to force, in samples.
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
-    /// Most points that one walk may have along either axis.
-    pub const WALK_STEPS: f64 = 1e6;
 }
 
 /// The built-in scenes: name and text.
-pub const BUILT_IN: [(&str, &str); 2] = [
+pub const BUILT_IN: [(&str, &str); 4] = [
     ("paper-1um", include_str!("../../scenes/paper-1um.toml")),
     ("paper-2um", include_str!("../../scenes/paper-2um.toml")),
+    ("nucleo-f446re", include_str!("../../scenes/nucleo-f446re.toml")),
+    ("discovery-f407", include_str!("../../scenes/discovery-f407.toml")),
 ];
+
+/// The built-in scenes of the paper's study.
+pub const STUDY: [&str; 2] = ["paper-1um", "paper-2um"];
 
 /// A scene as read, with its name and text.
 #[derive(Clone, Debug)]
@@ -276,7 +279,9 @@ impl Scene {
         let keyed = |error: SettingsError| in_scene(&error);
         self.design().check().map_err(keyed)?;
         self.hit_settings().build(&self.design()).map_err(keyed)?;
-        self.check_walk()?;
+        self.walk_plan().check().map_err(|error| {
+            refused(&format!("walk.{}", error.parameter), error.value, &error.range)
+        })?;
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
         }
@@ -284,45 +289,6 @@ impl Scene {
             self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
         }
         Ok(())
-    }
-
-    fn check_walk(&self) -> Result<(), String> {
-        let walk = &self.walk;
-        let axes = [
-            (
-                [
-                    "walk.stiffness_start_n_per_m",
-                    "walk.stiffness_step_n_per_m",
-                    "walk.stiffness_max_n_per_m",
-                ],
-                [
-                    walk.stiffness_start_n_per_m,
-                    walk.stiffness_step_n_per_m,
-                    walk.stiffness_max_n_per_m,
-                ],
-                limits::STIFFNESS_N_PER_M,
-            ),
-            (
-                [
-                    "walk.damping_start_n_s_per_m",
-                    "walk.damping_step_n_s_per_m",
-                    "walk.damping_max_n_s_per_m",
-                ],
-                [
-                    walk.damping_start_n_s_per_m,
-                    walk.damping_step_n_s_per_m,
-                    walk.damping_max_n_s_per_m,
-                ],
-                limits::DAMPING_N_S_PER_M,
-            ),
-        ];
-        for ([start_key, step_key, max_key], [start, step, max], range) in axes {
-            within(max_key, max, range)?;
-            within(start_key, start, 0.0..=max)?;
-            within(step_key, step, (max / ranges::WALK_STEPS).max(f64::MIN_POSITIVE)..=max)?;
-        }
-        let smallest = f64::MIN_POSITIVE..=walk.stiffness_max_n_per_m;
-        within("walk.stiffness_start_n_per_m", walk.stiffness_start_n_per_m, smallest)
     }
 
     /// Force at full command, N.

@@ -37,7 +37,7 @@ mod settings;
 mod supply;
 mod watchdog;
 
-pub use encoder::Encoder;
+pub use encoder::{Encoder, turn as turn_encoder};
 pub use fault_memory::FaultMemory;
 pub use pace::Pace;
 pub use queue::{Queue, Reader, Writer};

@@ -9,6 +9,7 @@
 //! No queue is waited for. [`Down`] is a handful of single words in [`Flags`], each read on its own.
 
 mod device;
+mod envelope;
 mod idle;
 mod link;
 mod order;
@@ -29,7 +30,7 @@ use zwidth::{
     units::Position,
 };
 
-use crate::board::{Board, Queue};
+use crate::board::{self, Board, Queue};
 
 /// Outputs that may wait for `render`, and the positions that belong to them.
 const UPS: usize = 4;
@@ -114,15 +115,17 @@ pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link
     let (orders_in, orders_out) = queues.orders.split();
 
     let loaded = zwidth::store::load(&board.settings, device::defaults());
-    let built = loaded.stored.settings.build(&device::DESIGN);
+    let built = link::control(&loaded.stored);
     let stored = if built.is_ok() { loaded.stored } else { device::defaults() };
-    let control = built.or_else(|_| device::defaults().settings.build(&device::DESIGN));
-    let (Ok(control), Ok(plan)) = (control, device::safety()) else {
+    let control = built.or_else(|_| link::control(&device::defaults()));
+    let duty = device::trial(&device::defaults(), false).map(|trial| trial.duty);
+    let (Ok(control), Ok(plan), Ok(duty)) = (control, device::safety(), duty) else {
         // The defaults are constants that every board is tested with.
         panic!();
     };
     let fault = boot_fault(&board.memory.read(), board.reset_cause)
         .or_else(|| (loaded.stored != stored).then(|| FaultRecord::bare(Fault::Settings)));
+    board::turn_encoder(stored.signs.encoder_reversed);
     // The two timers start next to each other: their distance sets the phase of the PWM.
     let Board { mut drive, mut pace, encoder, .. } = board;
     drive.start();
@@ -139,7 +142,7 @@ pub fn start(board: Board, queues: &'static mut Queues) -> (Sample, Render, Link
     };
     (
         Sample::new(encoder, pace, sampler, control, controls_out, ups_in, positions_in),
-        Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs),
+        Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, loaded.source),
         Idle::new(board.watchdog),
     )
