@@ -56,6 +56,9 @@ const RETURN: ReturnSettings = ReturnSettings {
 /// for a motor of a hundred grams; enter those of yours.
 const DUTY: DutySettings = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
 
+/// Furthest start in front of the wall, m: so that a message names a finite range.
+const REACH_M: f64 = 1.0;
+
 /// The force at full command may differ from the one above by this factor; more is a typing error.
 const FULL_SCALE_FACTOR: f64 = 3.0;
 
@@ -76,15 +79,15 @@ pub fn design(full_scale_n: f64) -> Result<Design, SettingsError> {
 /// A hit with those settings and what comes before it.
 ///
 /// # Errors
-/// Names what is out of range; a start behind the wall is.
+/// Names what is out of range; a start at or behind the wall is.
 pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
     let design = design(stored.full_scale_n)?;
     let hit = hit(stored.push_n).build(&design)?;
     let start_m = stored.start_m;
     let wall_m = stored.settings.wall.position_m;
     let back = ReturnSettings { start_m, ..RETURN }.build(&design)?;
-    if start_m >= wall_m {
-        let range = f64::NEG_INFINITY..=wall_m;
+    let range = wall_m - REACH_M..=wall_m;
+    if !range.contains(&start_m) || start_m == wall_m {
         return Err(SettingsError { parameter: "start_m", value: start_m, range });
     }
     let duty = DUTY.build(&design, hit.settle.saturating_add(hit.window))?;

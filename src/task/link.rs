@@ -35,6 +35,10 @@ use crate::board::{self, FlashError, Reader, SettingsFlash, Writer};
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
 
+/// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
+/// copies one.
+const LOG_LINE: usize = 200;
+
 /// What the answer of `render` is awaited for.
 #[derive(Clone, Copy)]
 enum Awaited {
@@ -175,10 +179,15 @@ impl Link {
         self.link.telemetry.write(&frame.encode());
     }
 
-    /// One line on both channels for people.
+    /// One line on both channels for people; several on the log, if it is longer than a frame there.
     fn write(&mut self, line: &dyn fmt::Display) {
         let text = Text::<REPLY_MAX>::of(line);
-        defmt::info!("{=str}", text.as_str());
+        let mut rest = text.as_str();
+        while let Some((piece, after)) = rest.split_at_checked(LOG_LINE) {
+            defmt::info!("{=str}~", piece);
+            rest = after;
+        }
+        defmt::info!("{=str}", rest);
         let text = Text::<{ REPLY_MAX + 1 }>::of(format_args!("{}\n", text.as_str()));
         self.link.replies.write(text.as_bytes());
     }
