@@ -58,6 +58,12 @@ pub enum Command {
     FullScale(f64),
     /// Where hits start, m.
     Start(f64),
+    /// Time before a hit is judged, s.
+    Settle(f64),
+    /// Time over which it is judged, s.
+    Window(f64),
+    /// Limit of a stable hit's RMS, m.
+    RmsLimit(f64),
     /// Grid of the walk.
     Grid(GridValue, f64),
     /// The motor is mounted the other way round.
@@ -197,7 +203,7 @@ enum Form {
 /// Name, use, form.
 type Entry = (&'static str, &'static str, Form);
 
-static TABLE: [Entry; 33] = {
+static TABLE: [Entry; 36] = {
     use Command as C;
     use Form::{Number, Plain, Word};
     use GridValue as G;
@@ -234,6 +240,9 @@ static TABLE: [Entry; 33] = {
         ("calibrate", "calibrate PERCENT", Number(C::Calibrate)),
         ("fullscale", "fullscale NEWTONS", Number(C::FullScale)),
         ("start", "start METRES", Number(C::Start)),
+        ("settle", "settle SECONDS", Number(C::Settle)),
+        ("window", "window SECONDS", Number(C::Window)),
+        ("rms", "rms METRES", Number(C::RmsLimit)),
         ("kstart", "kstart N_PER_M", Number(|k| C::Grid(G::StiffnessStart, k))),
         ("kstep", "kstep N_PER_M", Number(|k| C::Grid(G::StiffnessStep, k))),
         ("kmax", "kmax N_PER_M", Number(|k| C::Grid(G::StiffnessMax, k))),
@@ -326,6 +335,9 @@ mod tests {
             ("calibrate -20", C::Calibrate(-20.0)),
             ("fullscale 5.9", C::FullScale(5.9)),
             ("start 0", C::Start(0.0)),
+            ("settle 4", C::Settle(4.0)),
+            ("window 2", C::Window(2.0)),
+            ("rms 1.5e-5", C::RmsLimit(1.5e-5)),
             ("motor -", C::MotorReversed(true)),
             ("motor +", C::MotorReversed(false)),
             ("encoder -", C::EncoderReversed(true)),
@@ -334,7 +346,7 @@ mod tests {
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), 33);
+        assert_eq!(usages().count(), 36);
     }
 
     #[test]
@@ -451,6 +463,9 @@ mod tests {
                         | Command::Calibrate(value)
                         | Command::FullScale(value)
                         | Command::Start(value)
+                        | Command::Settle(value)
+                        | Command::Window(value)
+                        | Command::RmsLimit(value)
                         | Command::Grid(_, value),
                     ) => prop_assert!(value.is_finite()),
                     Ok(_) => {}

@@ -136,9 +136,12 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
     let grid = &stored.grid;
     write!(
         f,
-        ", full scale {} N, start {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m",
+        ", full scale {} N, start {} m, settle {} s, window {} s, rms {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m",
         Decimal(stored.full_scale_n),
         Decimal(stored.start_m),
+        Decimal(stored.settle_s),
+        Decimal(stored.window_s),
+        Decimal(stored.rms_limit_m),
         Decimal(grid.stiffness_start_n_per_m),
         Decimal(grid.stiffness_step_n_per_m),
         Decimal(grid.stiffness_max_n_per_m),
@@ -294,6 +297,9 @@ mod tests {
             push_n: -1.234_567_890_12e-5,
             signs: Signs { motor_reversed: true, encoder_reversed: false },
             start_m: -1.234_567_890_12e-5,
+            settle_s: 1.234_567_890_12e-5,
+            window_s: 1.234_567_890_12e-5,
+            rms_limit_m: 1.234_567_890_12e-5,
             full_scale_n: 1.234_567_890_12e-5,
             grid: WalkPlan {
                 stiffness_start_n_per_m: 1.234_567_890_12e-5,

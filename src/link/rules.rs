@@ -92,7 +92,9 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::Stiffness(_) | Command::Damping(_) | Command::Push(_) | Command::Grid(..) => {
             &[N::NoWalk]
         }
-        Command::Start(_) => &[N::Idle],
+        Command::Start(_) | Command::Settle(_) | Command::Window(_) | Command::RmsLimit(_) => {
+            &[N::Idle]
+        }
         // A turned sign makes every wall pull, another full scale moves every force.
         Command::MotorReversed(_) | Command::EncoderReversed(_) | Command::FullScale(_) => {
             &[N::Off]
@@ -177,7 +179,7 @@ mod tests {
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 29] = [
+    const COMMANDS: [Command; 32] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -204,6 +206,9 @@ mod tests {
         Command::Calibrate(10.0),
         Command::FullScale(5.0),
         Command::Start(0.0),
+        Command::Settle(4.0),
+        Command::Window(2.0),
+        Command::RmsLimit(1e-5),
         Command::Grid(GridValue::StiffnessStep, 1.0),
         Command::MotorReversed(true),
         Command::EncoderReversed(true),
@@ -309,7 +314,9 @@ mod tests {
         for command in [Command::Stiffness(1.0), Command::Damping(1.0), Command::Push(1.0), grid] {
             met(command, |now| now.activity != Activity::Walk);
         }
-        met(Command::Start(0.0), |now| now.activity == Activity::None);
+        for n in [25, 26, 27, 28] {
+            met(COMMANDS[n], |now| now.activity == Activity::None);
+        }
     }
 
     #[test]

@@ -15,6 +15,12 @@ pub struct Stored {
     pub signs: Signs,
     /// Where hits start, m.
     pub start_m: f64,
+    /// Time before a hit is judged, s.
+    pub settle_s: f64,
+    /// Time over which it is judged, s.
+    pub window_s: f64,
+    /// Limit of a stable hit's RMS, m.
+    pub rms_limit_m: f64,
     /// Force at full command, N: what the calibration found.
     pub full_scale_n: f64,
     /// Grid and caps of the walk.
@@ -56,10 +62,10 @@ pub struct Signs {
 }
 
 /// Flash words of a record.
-pub const RECORD_WORDS: usize = 40;
+pub const RECORD_WORDS: usize = 44;
 
 /// Numbers in a record, two words each.
-const NUMBERS: usize = 14;
+const NUMBERS: usize = 17;
 
 /// First word of a record: "ZWS" and the version of the layout.
 const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x02");
@@ -118,6 +124,9 @@ impl Stored {
             self.grid.damping_start_n_s_per_m,
             self.grid.damping_step_n_s_per_m,
             self.grid.damping_max_n_s_per_m,
+            self.settle_s,
+            self.window_s,
+            self.rms_limit_m,
         ];
         let name = self.device.0.as_chunks::<4>().0;
         let body = [HEAD, sequence]
@@ -152,7 +161,7 @@ impl Stored {
         let numbers: [f64; NUMBERS] = core::array::from_fn(|n| {
             pairs.get(n).map_or(0.0, |&[low, high]| whole(low, high))
         });
-        let [p, q, k, b, wall, push_n, start_m, full_scale_n, k0, dk, k_max, b0, db, b_max] = numbers;
+        let [p, q, k, b, wall, push_n, start_m, full_scale_n, k0, dk, k_max, b0, db, b_max, settle_s, window_s, rms_limit_m] = numbers;
         let stored = Self {
             device,
             settings: Settings {
@@ -170,6 +179,9 @@ impl Stored {
                 encoder_reversed: flags & ENCODER_REVERSED != 0,
             },
             start_m,
+            settle_s,
+            window_s,
+            rms_limit_m,
             full_scale_n,
             grid: WalkPlan {
                 stiffness_start_n_per_m: k0,
@@ -204,6 +216,9 @@ pub(super) mod tests {
             push_n: 2.835,
             signs: Signs { motor_reversed: true, encoder_reversed: false },
             start_m: 0.0,
+            settle_s: 4.0,
+            window_s: 2.0,
+            rms_limit_m: 1.5e-5,
             full_scale_n: 5.906,
             grid: grid([2000.0, 1000.0, 1e7, 10.0, 20.0, 4000.0]),
         }
@@ -244,7 +259,7 @@ pub(super) mod tests {
     proptest! {
         #[test]
         fn a_record_comes_back_bit_for_bit(
-            numbers in any::<[f64; 7]>(), walk in any::<[f64; 6]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
+            numbers in any::<[f64; 10]>(), walk in any::<[f64; 6]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
             name in "[a-z0-9-]{0,16}",
         ) {
             let record = Stored {
@@ -261,6 +276,9 @@ pub(super) mod tests {
                 push_n: numbers[4],
                 signs: Signs { motor_reversed: flags[2], encoder_reversed: flags[3] },
                 start_m: numbers[5],
+                settle_s: numbers[7],
+                window_s: numbers[8],
+                rms_limit_m: numbers[9],
                 full_scale_n: numbers[6],
                 grid: grid(walk),
             };
@@ -268,6 +286,7 @@ pub(super) mod tests {
             let (number, back) = Stored::from_words(&words).unwrap();
             prop_assert_eq!((number, back.to_words(number)), (sequence, words));
             prop_assert_eq!(back.device.name(), name);
+            prop_assert_eq!(back.rms_limit_m.to_bits(), numbers[9].to_bits());
             prop_assert_eq!(back.full_scale_n.to_bits(), numbers[6].to_bits());
             prop_assert_eq!(back.grid.damping_max_n_s_per_m.to_bits(), walk[5].to_bits());
         }

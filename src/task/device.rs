@@ -34,11 +34,6 @@ pub const PERIOD: u32 = 10;
 /// way to the next PWM period and half of that period (docs/firmware.md has the measurement).
 pub const LATENCY_SAMPLES: f64 = board::LATENCY_SAMPLES;
 
-/// The wall hit of the paper; the push is tuned.
-const fn hit(push_n: f64) -> HitSettings {
-    HitSettings { push_n, settle_s: 4.0, window_s: 2.0, rms_limit_m: 1.5e-5 }
-}
-
 /// The way back to the start. Soft enough for a hand to stop it: tuned on the paper's device and on
 /// handles of 0.05 to 2 kg (src/experiment/back.rs).
 const RETURN: ReturnSettings = ReturnSettings {
@@ -82,7 +77,8 @@ pub fn design(full_scale_n: f64) -> Result<Design, SettingsError> {
 /// Names what is out of range; a start at or behind the wall is.
 pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
     let design = design(stored.full_scale_n)?;
-    let hit = hit(stored.push_n).build(&design)?;
+    let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
+    let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
     let start_m = stored.start_m;
     let wall_m = stored.settings.wall.position_m;
     let back = ReturnSettings { start_m, ..RETURN }.build(&design)?;
@@ -124,7 +120,7 @@ pub fn safety() -> Result<SafetyPlan, SettingsError> {
     SAFETY.build(&DESIGN)
 }
 
-/// Settings of a board to which nothing was ever saved: no wall at all.
+/// Settings of a board to which nothing was ever saved: no wall at all; hit and grid of the paper.
 pub fn defaults() -> Stored {
     Stored {
         device: DeviceKey::new(NAME).unwrap_or_default(),
@@ -140,6 +136,9 @@ pub fn defaults() -> Stored {
         push_n: 0.0,
         signs: Signs::default(),
         start_m: 0.0,
+        settle_s: 4.0,
+        window_s: 2.0,
+        rms_limit_m: 1.5e-5,
         full_scale_n: DESIGN.full_scale_n,
         grid: WalkPlan {
             stiffness_start_n_per_m: 2000.0,

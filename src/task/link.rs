@@ -270,20 +270,27 @@ impl Link {
                 Change::Estimator(name),
             ),
             Command::Push(push_n) => {
-                let stored = Stored { push_n, ..self.stored };
-                let valid = device::trial(&stored, false).map(|_| ());
-                self.keep(stored, valid, Reply::Value("push", push_n, "N"));
+                self.keep(Stored { push_n, ..self.stored }, Reply::Value("push", push_n, "N"));
             }
             Command::Start(start_m) => {
-                let stored = Stored { start_m, ..self.stored };
-                let valid = device::trial(&stored, false).map(|_| ());
-                self.keep(stored, valid, Reply::Value("start", start_m, "m"));
+                self.keep(Stored { start_m, ..self.stored }, Reply::Value("start", start_m, "m"));
+            }
+            Command::Settle(settle_s) => {
+                let stored = Stored { settle_s, ..self.stored };
+                self.keep(stored, Reply::Value("settle", settle_s, "s"));
+            }
+            Command::Window(window_s) => {
+                let stored = Stored { window_s, ..self.stored };
+                self.keep(stored, Reply::Value("window", window_s, "s"));
+            }
+            Command::RmsLimit(rms_limit_m) => {
+                let stored = Stored { rms_limit_m, ..self.stored };
+                self.keep(stored, Reply::Value("rms", rms_limit_m, "m"));
             }
             Command::Grid(value, number) => {
                 let mut stored = self.stored;
                 *value.of(&mut stored.grid) = number;
-                let valid = stored.grid.check();
-                self.keep(stored, valid, Reply::Value(value.text(), number, value.unit()));
+                self.keep(stored, Reply::Value(value.text(), number, value.unit()));
             }
             Command::FullScale(full_scale_n) => {
                 let stored = Stored { full_scale_n, ..self.stored };
@@ -324,8 +331,8 @@ impl Link {
     }
 
     /// Keeps a setting that only the next experiment looks at.
-    fn keep(&mut self, stored: Stored, valid: Result<(), SettingsError>, reply: Reply<'_>) {
-        match valid {
+    fn keep(&mut self, stored: Stored, reply: Reply<'_>) {
+        match device::trial(&stored, false).and_then(|_| stored.grid.check()) {
             Ok(()) => {
                 self.stored = stored;
                 self.reply(reply);

@@ -92,6 +92,9 @@ impl Session {
             format!("wall {}", scene.wall.position_m),
             format!("start {}", scene.device.start_position_m),
             format!("push {}", scene.wall_hit.push_n),
+            format!("settle {}", scene.wall_hit.settle_s),
+            format!("window {}", scene.wall_hit.window_s),
+            format!("rms {}", scene.wall_hit.rms_limit_m),
         ] {
             ask(&mut world, &line)?;
         }
