@@ -180,10 +180,7 @@ pub static TABLE: Envelope<'static> = Envelope {
         assert!(error("a,b,NaN,2,3,0,4\n").starts_with("line 2: cutoff_hz"));
         assert!(error("a\",b,1,2,3,0,4\n").starts_with("line 2: device"));
         assert!(error("a,b,1,2,3,0,4\na,b,1,2,3,0,5\n").ends_with("3 stands there twice"));
-        assert_eq!(
-            error("a,b,1,2,3,5,4\n"),
-            "line 2: stiffness_low_n_per_m is above the high one"
-        );
+        assert_eq!(error("a,b,1,2,3,5,4\n"), "line 2: stiffness_low_n_per_m is above the high one");
         assert!(generate("TABLE", "x,y\n").unwrap_err().starts_with("line 1"));
     }
 }

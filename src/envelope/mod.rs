@@ -139,7 +139,11 @@ impl Envelope<'_> {
             .find(|boundary| boundary.key.is(key))
             .ok_or(Outside::UnknownKey)?;
         let [lowest, highest] = interval_at(boundary.points, b)?;
-        if k >= lowest && k <= highest { Ok(()) } else { Err(Outside::Stiffness { lowest, highest }) }
+        if k >= lowest && k <= highest {
+            Ok(())
+        } else {
+            Err(Outside::Stiffness { lowest, highest })
+        }
     }
 }
 
@@ -183,11 +187,7 @@ mod tests {
     use proptest::prelude::*;
 
     const fn point(b: f64, low: f64, high: f64) -> Point {
-        Point {
-            damping_n_s_per_m: b,
-            stiffness_low_n_per_m: low,
-            stiffness_high_n_per_m: high,
-        }
+        Point { damping_n_s_per_m: b, stiffness_low_n_per_m: low, stiffness_high_n_per_m: high }
     }
 
     const KEY: Key<'static> = Key {

@@ -152,8 +152,12 @@ mod tests {
     use super::*;
     use crate::experiment::back::tests::DESIGN;
 
-    const SETTINGS: CalibrationSettings =
-        CalibrationSettings { percent: 20.0, rise_percent_per_s: 2.0, hold_s: 20.0, travel_m: 1e-3 };
+    const SETTINGS: CalibrationSettings = CalibrationSettings {
+        percent: 20.0,
+        rise_percent_per_s: 2.0,
+        hold_s: 20.0,
+        travel_m: 1e-3,
+    };
 
     fn at(counts: i32) -> Position {
         Position::from_counts(counts)

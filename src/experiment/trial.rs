@@ -230,7 +230,8 @@ mod tests {
         // a motor that stays warm, because the wall goes on asking for force
         let mut trial = Trial::new(plan);
         let at = Position::from_counts(80_000);
-        let ended = (0..1_000_000).find_map(|n| trial.output(at, true, &warm).err().map(|b| (n, b)));
+        let ended =
+            (0..1_000_000).find_map(|n| trial.output(at, true, &warm).err().map(|b| (n, b)));
         assert_eq!(ended, Some((plan.duty.patience(), Broken::TooWarm)));
     }
 }

@@ -8,10 +8,7 @@
 use core::fmt;
 
 use super::Verdict;
-use crate::{
-    SettingsError, limits,
-    settings::within,
-};
+use crate::{SettingsError, limits, settings::within};
 
 /// Grid and caps of a walk, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -347,10 +344,7 @@ mod tests {
         assert_eq!((totals.hits, totals.points), (4, 1));
         totals.add(&PLAN, &walk.report(Verdict::Stable).unwrap());
         assert_eq!((totals.points, totals.area), (2, (4000.0 + 2000.0) * 10.0));
-        assert_eq!(
-            (totals.stiffness_peak_n_per_m, totals.damping_max_n_s_per_m),
-            (4000.0, 20.0)
-        );
+        assert_eq!((totals.stiffness_peak_n_per_m, totals.damping_max_n_s_per_m), (4000.0, 20.0));
     }
 
     #[test]

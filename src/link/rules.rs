@@ -321,9 +321,8 @@ mod tests {
 
     #[test]
     fn experiments_need_full_force_and_a_walk_the_key() {
-        let ready = |now: &Situation| {
-            now.status.state == State::Armed && now.activity == Activity::None
-        };
+        let ready =
+            |now: &Situation| now.status.state == State::Armed && now.activity == Activity::None;
         met(Command::Hit, ready);
         met(Command::Walk, |now| ready(now) && now.status.unlocked);
         met(Command::Calibrate(10.0), |now| {

@@ -162,7 +162,7 @@ impl Supervisor {
             fault: self.fault,
             causes: self.causes,
             present: self.present,
-            zeroed: self.zeroed,
+            zeroed: self.zeroed || self.zero_pending(),
             unlocked: self.unlocked,
             contact: self.contact,
             inputs: self.inputs,

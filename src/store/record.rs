@@ -158,10 +158,27 @@ impl Stored {
             *place = *byte;
         }
         let (pairs, _) = numbers.as_chunks::<2>();
-        let numbers: [f64; NUMBERS] = core::array::from_fn(|n| {
-            pairs.get(n).map_or(0.0, |&[low, high]| whole(low, high))
-        });
-        let [p, q, k, b, wall, push_n, start_m, full_scale_n, k0, dk, k_max, b0, db, b_max, settle_s, window_s, rms_limit_m] = numbers;
+        let numbers: [f64; NUMBERS] =
+            core::array::from_fn(|n| pairs.get(n).map_or(0.0, |&[low, high]| whole(low, high)));
+        let [
+            p,
+            q,
+            k,
+            b,
+            wall,
+            push_n,
+            start_m,
+            full_scale_n,
+            k0,
+            dk,
+            k_max,
+            b0,
+            db,
+            b_max,
+            settle_s,
+            window_s,
+            rms_limit_m,
+        ] = numbers;
         let stored = Self {
             device,
             settings: Settings {

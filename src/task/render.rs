@@ -300,12 +300,7 @@ impl Render {
         };
         let event = core::mem::replace(event, Event::None);
         let record = self.replayed().unwrap_or(record);
-        let report = Report {
-            record,
-            status: self.supervisor.status(),
-            activity,
-            event,
-        };
+        let report = Report { record, status: self.supervisor.status(), activity, event };
         self.ends.reports.write(report);
     }
 

@@ -141,7 +141,9 @@ fn run(session: &Session, telemetry: Option<&Path>) -> Result<(), Failed> {
     let lines = stdin();
     let (start, mut samples) = (Instant::now(), 0u64);
     if live {
-        eprintln!("type help; hand METRES, hand off, wait SECONDS are not the board's; end with Ctrl-D");
+        eprintln!(
+            "type help; hand METRES, hand off, wait SECONDS are not the board's; end with Ctrl-D"
+        );
     }
     let mut waiting = 0u64;
     let mut ended = false;
@@ -151,7 +153,11 @@ fn run(session: &Session, telemetry: Option<&Path>) -> Result<(), Failed> {
                 return Ok(());
             }
             // From a pipe the next line is waited for, so that a run is the same every time.
-            let line = if live { lines.try_recv() } else { lines.recv().map_err(|_| TryRecvError::Disconnected) };
+            let line = if live {
+                lines.try_recv()
+            } else {
+                lines.recv().map_err(|_| TryRecvError::Disconnected)
+            };
             match line {
                 Ok(line) => waiting = typed(&mut world, line.trim())?,
                 Err(TryRecvError::Empty) => {}
@@ -246,7 +252,11 @@ fn hit(session: &Session, wall: [f64; 3]) -> Result<(), Failed> {
 fn walk(session: &Session, cutoff_hz: f64, csv: Option<&Path>) -> Result<(), Failed> {
     let begun = Instant::now();
     let report = session.walk(cutoff_hz, |line| println!("{line}"))?;
-    eprintln!("{:.0} s on the board, {:.0} s here", report.virtual_s, begun.elapsed().as_secs_f64());
+    eprintln!(
+        "{:.0} s on the board, {:.0} s here",
+        report.virtual_s,
+        begun.elapsed().as_secs_f64()
+    );
     let Some(path) = csv else { return Ok(()) };
     let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n");
     for [b, k] in &report.points {

@@ -139,8 +139,8 @@ impl Session {
                 points.push([number(&line, ", b ")?, number(&line, ": k ")?]);
             } else if line.starts_with("ok walk over") {
                 #[expect(clippy::cast_precision_loss, reason = "for people")]
-                let virtual_s = (world.powered.mcu.now() - begun) as f64
-                    / world.powered.mcu.core_hz() as f64;
+                let virtual_s =
+                    (world.powered.mcu.now() - begun) as f64 / world.powered.mcu.core_hz() as f64;
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
@@ -186,5 +186,9 @@ fn number(line: &str, name: &str) -> Result<f64, Failed> {
 /// The firmware said no, or its program ended.
 pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
     let reply = world.ask(line)?;
-    if reply.starts_with("ok") { Ok(reply) } else { Err(Failed::Refused(format!("{line}: {reply}"))) }
+    if reply.starts_with("ok") {
+        Ok(reply)
+    } else {
+        Err(Failed::Refused(format!("{line}: {reply}")))
+    }
 }

@@ -118,9 +118,7 @@ impl Link {
                 }
             }
             Err(error) => self.break_walk(match error {
-                WalkError::FirstUnstable => {
-                    "the first point is unstable: lower kstart or bstart"
-                }
+                WalkError::FirstUnstable => "the first point is unstable: lower kstart or bstart",
                 WalkError::NoContact(_) => {
                     "the push does not bring the handle to the wall: raise push"
                 }
