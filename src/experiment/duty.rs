@@ -105,7 +105,7 @@ impl Duty {
     #[inline]
     pub fn add(&mut self, plan: &DutyPlan, force: Force) {
         let force = i64::from(force.bits());
-        let square = force * force >> (2 * Force::FRACTION_BITS - FRACTION);
+        let square = (force * force) >> (2 * Force::FRACTION_BITS - FRACTION);
         let change = (square - self.heat) * plan.exchange; // below 2^40 times 2^23
         self.heat += (change + (1 << 31)) >> 32;
     }
@@ -122,7 +122,7 @@ impl Duty {
 
     /// Heat in thousandths of what full force would lead to.
     pub fn per_mille(&self) -> u32 {
-        u32::try_from(self.heat * 1000 >> FRACTION).unwrap_or_default()
+        u32::try_from((self.heat * 1000) >> FRACTION).unwrap_or_default()
     }
 }
 
