@@ -152,7 +152,11 @@ impl Design {
     ///
     /// # Errors
     /// The position is beyond 2^30 counts.
-    fn position(&self, parameter: &'static str, metres: f64) -> Result<Position, SettingsError> {
+    pub(crate) fn position(
+        &self,
+        parameter: &'static str,
+        metres: f64,
+    ) -> Result<Position, SettingsError> {
         let reach = f64::from(Position::LIMIT) * self.resolution_m;
         within(parameter, metres, -reach..=reach)?;
         #[expect(clippy::cast_possible_truncation, reason = "at most 2^30 by the check above")]

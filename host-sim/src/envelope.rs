@@ -2,14 +2,16 @@
 //!
 //! The boundary walk records the largest stable K at each B, as the paper does. Below it not every
 //! wall is stable: at large B a soft wall chatters where a stiffer one holds (the walk comes down
-//! from above and never sees it). A person who turns K up from zero passes through all of them, so
-//! the envelope is stricter: from the first K on, hits at rising K until one is unstable or the
-//! smallest boundary of all repeats is reached.
+//! from above and never sees it). So the envelope has an interval of K at each B, the longest one in
+//! which every hit is stable, up to the smallest boundary of all repeats.
 //!
 //! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which bounds
-//! their number; between two lines the firmware takes the lower one.
+//! their number; between two B the firmware takes what both of them allow.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    fmt::Write as _,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use rayon::prelude::*;
 use zwidth::experiment::{Cell, Verdict};
@@ -17,21 +19,49 @@ use zwidth::experiment::{Cell, Verdict};
 use crate::{
     error::Error,
     rig::{HitError, Numeric, Rig, WallHit},
+    scene::NamedScene,
     sweep::{CutoffResult, SweepResult},
-    walk::BoundaryPoint,
 };
 
 /// Steps of the walk's grid between two lines that are hit.
 pub const STRIDE: i32 = 5;
+
+/// The walls that are stable at one B.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Lowest K, N/m; 0 if the softest wall of the grid is stable.
+    pub low_n_per_m: f64,
+    /// Highest K, N/m; 0 if no hit was stable.
+    pub high_n_per_m: f64,
+}
 
 /// The envelope at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
     /// Nominal cutoff, Hz.
     pub cutoff_hz: f64,
-    /// The largest K below which every hit was stable, per B ascending; 0 if none was.
-    pub points: Vec<BoundaryPoint>,
+    /// Its intervals, B ascending.
+    pub intervals: Vec<Interval>,
 }
+
+/// Rows of `envelope.csv` for the firmware, without the header.
+pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
+    let estimator = scene.scene.velocity.name();
+    let (device, latency) = (&scene.name, scene.scene.actuator.latency);
+    let mut text = String::new();
+    for Envelope { cutoff_hz, intervals } in envelopes {
+        for Interval { damping_n_s_per_m: b, low_n_per_m: low, high_n_per_m: high } in intervals {
+            let _ = writeln!(text, "{device},{estimator},{cutoff_hz},{latency},{b},{low},{high}");
+        }
+    }
+    text
+}
+
+/// The columns of `envelope.csv`.
+pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,damping_n_s_per_m,\
+     stiffness_low_n_per_m,stiffness_high_n_per_m\n";
 
 /// The envelopes of all cutoffs of a sweep, on all threads of the current pool.
 ///
@@ -59,7 +89,7 @@ pub fn envelopes(
             .collect::<Vec<_>>()
     };
     let jobs: Vec<(f64, i32, f64)> = sweep.cutoffs.iter().flat_map(columns).collect();
-    let points: Vec<Result<(f64, BoundaryPoint), Error>> = jobs
+    let points: Vec<Result<(f64, Interval), Error>> = jobs
         .into_par_iter()
         .map(|(cutoff_hz, damping, boundary)| {
             Ok((cutoff_hz, column(rig, numeric, cutoff_hz, damping, boundary, stop)?))
@@ -69,14 +99,14 @@ pub fn envelopes(
     for point in points {
         let (cutoff_hz, point) = point?;
         match envelopes.last_mut() {
-            Some(envelope) if envelope.cutoff_hz == cutoff_hz => envelope.points.push(point),
-            _ => envelopes.push(Envelope { cutoff_hz, points: vec![point] }),
+            Some(envelope) if envelope.cutoff_hz == cutoff_hz => envelope.intervals.push(point),
+            _ => envelopes.push(Envelope { cutoff_hz, intervals: vec![point] }),
         }
     }
     Ok(envelopes)
 }
 
-/// Hits at rising K at one B, up to `boundary_n_per_m`.
+/// Hits at rising K at one B, up to `boundary_n_per_m`; the longest run of stable ones.
 fn column(
     rig: &Rig,
     numeric: Numeric,
@@ -84,10 +114,12 @@ fn column(
     damping: i32,
     boundary_n_per_m: f64,
     stop: &AtomicBool,
-) -> Result<BoundaryPoint, Error> {
+) -> Result<Interval, Error> {
     let plan = rig.scene().walk_plan();
     let damping_n_s_per_m = plan.damping_n_s_per_m(Cell { stiffness: 0, damping });
-    let mut stable_n_per_m = 0.0;
+    let mut longest = Interval { damping_n_s_per_m, low_n_per_m: 0.0, high_n_per_m: 0.0 };
+    // Lowest K of the run that goes on; below the first line of the grid there is none.
+    let mut run_n_per_m = Some(0.0);
     for stiffness in (0..).step_by(STRIDE.unsigned_abs() as usize) {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
@@ -101,14 +133,61 @@ fn column(
             start_offset_counts: 0.0,
         };
         match rig.verdict(numeric, &hit) {
-            Ok(Verdict::Stable) => {}
-            Ok(_) | Err(HitError::OutOfRange(_)) => break,
+            Ok(Verdict::Stable) => {
+                let low_n_per_m = *run_n_per_m.get_or_insert(next);
+                if next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m {
+                    longest = Interval { low_n_per_m, high_n_per_m: next, ..longest };
+                }
+            }
+            Ok(_) | Err(HitError::OutOfRange(_)) => run_n_per_m = None,
             Err(error) => return Err(error.into()),
         }
-        stable_n_per_m = next;
         if next >= boundary_n_per_m {
-            break;
+            return Ok(longest);
         }
     }
-    Ok(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m: stable_n_per_m })
+    Ok(longest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::{Plan, sweep};
+
+    /// The cutoff whose rows are made anew; every other one is made by the same code.
+    const CUTOFF_HZ: f64 = 1500.0;
+
+    #[test]
+    fn the_tables_of_the_boards_are_what_a_sweep_of_their_scenes_says() {
+        for (board, table) in [
+            ("nucleo-f446re", include_str!("../../scenes/nucleo-f446re.envelope.csv")),
+            ("discovery-f407", include_str!("../../scenes/discovery-f407.envelope.csv")),
+        ] {
+            let scene = NamedScene::load(board).unwrap();
+            let rig = Rig::new(&scene.scene).unwrap();
+            let plan = Plan { name: board, rig: &rig, cutoffs_hz: &[CUTOFF_HZ] };
+            let stop = AtomicBool::new(false);
+            let swept = sweep(&[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
+            let made = envelopes(&rig, Numeric::Fixed, &swept[0], &stop).unwrap();
+            let made = rows(&scene, &made);
+            let (header, lines) = table.split_once('\n').unwrap();
+            assert_eq!(header, HEADER.trim_end());
+            let of_cutoff = |line: &&str| line.split(',').nth(2) == Some("1500");
+            let committed: Vec<&str> = lines.lines().filter(of_cutoff).collect();
+            assert!(committed.len() >= 10, "{}", committed.len());
+            assert_eq!(made.lines().collect::<Vec<_>>(), committed, "{board}");
+        }
+    }
+
+    #[test]
+    fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {
+        // 4000 Hz, 2 um, B = 390 N s/m: K = 52,000 N/m is stable, 2000 to 40,000 are not.
+        let scene = NamedScene::load("paper-2um").unwrap();
+        let rig = Rig::new(&scene.scene).unwrap();
+        let stop = AtomicBool::new(false);
+        let interval = column(&rig, Numeric::Fixed, 4000.0, 38, 52_000.0, &stop).unwrap();
+        assert_eq!(interval.damping_n_s_per_m, 390.0);
+        assert!(interval.low_n_per_m > 40_000.0, "{interval:?}");
+        assert_eq!(interval.high_n_per_m, 52_000.0);
+    }
 }

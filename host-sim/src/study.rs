@@ -7,7 +7,7 @@ use zwidth::experiment::Ended;
 
 use crate::{
     cli::SCHEMA_VERSION,
-    envelope::Envelope,
+    envelope::{self, Envelope},
     error::Error,
     figure::{self, AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot},
     manifest::Manifest,
@@ -309,19 +309,7 @@ impl Study {
 
     /// For the firmware, see [`crate::envelope`].
     fn envelope_csv(&self) -> String {
-        let mut text = String::from(
-            "device,estimator,cutoff_hz,latency_samples,damping_n_s_per_m,stiffness_n_per_m\n",
-        );
-        let scene = &self.scene.scene;
-        let estimator = scene.velocity.name();
-        let (device, latency) = (&self.scene.name, scene.actuator.latency);
-        for Envelope { cutoff_hz, points } in &self.envelopes {
-            for point in points {
-                let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
-                let _ = writeln!(text, "{device},{estimator},{cutoff_hz},{latency},{b},{k}");
-            }
-        }
-        text
+        format!("{}{}", envelope::HEADER, envelope::rows(&self.scene, &self.envelopes))
     }
 
     fn sensitivity_csv(&self) -> String {

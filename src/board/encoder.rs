@@ -34,3 +34,11 @@ impl Encoder {
         self.0.cnt().read().bits()
     }
 }
+
+/// Turns the counter's direction round, or back: TI1's polarity (reference manual, TIMx_CCER, CC1P).
+/// The count goes on from where it is, so this is no jump; but what is zero is lost.
+pub fn turn(reversed: bool) {
+    // SAFETY: of this timer `sample` only reads the counter, and nothing else writes this register.
+    let timer = unsafe { &*pac::TIM2::ptr() };
+    timer.ccer().modify(|_, w| w.cc1p().bit(reversed));
+}

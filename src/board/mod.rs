@@ -41,7 +41,7 @@ mod snapshot;
 mod supply;
 mod watchdog;
 
-pub use encoder::Encoder;
+pub use encoder::{Encoder, turn as turn_encoder};
 pub use fault_memory::FaultMemory;
 pub use latest::{Latest, Newest, Publisher};
 pub use pace::Pace;

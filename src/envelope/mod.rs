@@ -1,22 +1,24 @@
 //! Which walls the simulator predicts to be stable, per device, estimator, cutoff and latency.
 //!
 //! The table is made when the firmware is built, from the `envelope.csv` of a sweep, by
-//! `src/envelope/generate.rs`. Its points are the largest stable K at rising B, the smallest of all
-//! repeats. A gain outside is refused until unlocked; so is every gain of a key that the table does
-//! not have, because nothing is known about it.
+//! `src/envelope/generate.rs`. At each B it has an interval of K, and not only its upper end: at large B
+//! a soft wall chatters where a stiffer one holds. A gain outside is refused until unlocked; so is
+//! every gain of a key that the table does not have, because nothing is known about it.
 
 #[cfg(test)]
 mod generate;
 
 use core::fmt;
 
-/// The largest stable stiffness at one damping.
+/// The stable stiffnesses at one damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     /// B, N s/m.
     pub damping_n_s_per_m: f64,
-    /// K, N/m.
-    pub stiffness_n_per_m: f64,
+    /// Lowest K, N/m; 0 if the softest wall that was tried is stable.
+    pub stiffness_low_n_per_m: f64,
+    /// Highest K, N/m; 0 if none is stable.
+    pub stiffness_high_n_per_m: f64,
 }
 
 /// What a boundary holds for.
@@ -58,39 +60,45 @@ pub enum Outside {
         /// Largest B.
         highest: f64,
     },
-    /// K is above the boundary at this B, N/m.
+    /// K is outside the interval of this B, N/m.
     Stiffness {
+        /// Lowest K.
+        lowest: f64,
         /// Largest K.
         highest: f64,
     },
+    /// No K is predicted to be stable at this B.
+    NoStiffness,
     /// K or B is negative or not a number.
     NotAWall,
 }
 
 impl Outside {
-    /// What is wrong, without the number.
+    /// What is wrong, without the numbers.
     pub const fn text(self) -> &'static str {
         match self {
             Self::UnknownKey => "no envelope for this device, estimator, cutoff and latency",
-            Self::Damping { .. } => "beyond the envelope: largest b",
-            Self::Stiffness { .. } => "beyond the envelope: largest k at this b",
+            Self::Damping { .. } => "beyond the envelope: b is allowed from",
+            Self::Stiffness { .. } => "beyond the envelope: k at this b is allowed from",
+            Self::NoStiffness => "beyond the envelope: no k is allowed at this b",
             Self::NotAWall => "k and b must be numbers from 0",
         }
     }
 
-    /// The largest value that would do.
-    pub const fn highest(self) -> Option<f64> {
+    /// The lowest and the highest value that would do.
+    pub const fn allowed(self) -> Option<[f64; 2]> {
         match self {
-            Self::Damping { highest } | Self::Stiffness { highest } => Some(highest),
-            Self::UnknownKey | Self::NotAWall => None,
+            Self::Damping { highest } => Some([0.0, highest]),
+            Self::Stiffness { lowest, highest } => Some([lowest, highest]),
+            Self::UnknownKey | Self::NoStiffness | Self::NotAWall => None,
         }
     }
 }
 
 impl fmt::Display for Outside {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.highest() {
-            Some(highest) => write!(f, "{} {highest}", self.text()),
+        match self.allowed() {
+            Some([low, high]) => write!(f, "{} {low} to {high}", self.text()),
             None => f.write_str(self.text()),
         }
     }
@@ -109,10 +117,11 @@ impl Envelope<'_> {
 
     /// Whether the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
-    /// Between two points the smaller of their K counts, never the line between them. Below the
+    /// Between two points the K that both allow count, never the line between them. Below the
     /// first B it is the line from K = 0 at B = 0 to the first point: there the boundary is no
-    /// lower than this chord, since K grows from at least 0 by a slope that falls. A wall without K
-    /// and B exerts no force and is always allowed.
+    /// lower than this chord, since K grows from at least 0 by a slope that falls; if the first
+    /// point has a lowest K, nothing is known below it. A wall without K and B exerts no force and
+    /// is always allowed.
     ///
     /// # Errors
     /// Says what is allowed.
@@ -129,8 +138,12 @@ impl Envelope<'_> {
             .iter()
             .find(|boundary| boundary.key.is(key))
             .ok_or(Outside::UnknownKey)?;
-        let highest = stiffness_at(boundary.points, b)?;
-        if k <= highest { Ok(()) } else { Err(Outside::Stiffness { highest }) }
+        let [lowest, highest] = interval_at(boundary.points, b)?;
+        if k >= lowest && k <= highest {
+            Ok(())
+        } else {
+            Err(Outside::Stiffness { lowest, highest })
+        }
     }
 }
 
@@ -143,23 +156,29 @@ impl Key<'_> {
     }
 }
 
-/// Largest K at `b`.
-fn stiffness_at(points: &[Point], b: f64) -> Result<f64, Outside> {
+/// Lowest and highest K at `b`.
+fn interval_at(points: &[Point], b: f64) -> Result<[f64; 2], Outside> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return Err(Outside::UnknownKey);
     };
     if b > last.damping_n_s_per_m {
         return Err(Outside::Damping { highest: last.damping_n_s_per_m });
     }
-    if b < first.damping_n_s_per_m {
-        return Ok(first.stiffness_n_per_m * b / first.damping_n_s_per_m);
-    }
-    let below = points.iter().rfind(|point| point.damping_n_s_per_m <= b);
-    let above = points.iter().find(|point| point.damping_n_s_per_m >= b);
-    match (below, above) {
-        (Some(below), Some(above)) => Ok(below.stiffness_n_per_m.min(above.stiffness_n_per_m)),
-        _ => Err(Outside::UnknownKey),
-    }
+    let interval = if b < first.damping_n_s_per_m {
+        let part = b / first.damping_n_s_per_m;
+        let known = first.stiffness_low_n_per_m == 0.0;
+        [0.0, if known { first.stiffness_high_n_per_m * part } else { 0.0 }]
+    } else {
+        let below = points.iter().rfind(|point| point.damping_n_s_per_m <= b);
+        let above = points.iter().find(|point| point.damping_n_s_per_m >= b);
+        let (Some(below), Some(above)) = (below, above) else { return Err(Outside::UnknownKey) };
+        [
+            f64::max(below.stiffness_low_n_per_m, above.stiffness_low_n_per_m),
+            f64::min(below.stiffness_high_n_per_m, above.stiffness_high_n_per_m),
+        ]
+    };
+    let [lowest, highest] = interval;
+    if highest > 0.0 && lowest <= highest { Ok(interval) } else { Err(Outside::NoStiffness) }
 }
 
 #[cfg(test)]
@@ -167,8 +186,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const fn point(damping_n_s_per_m: f64, stiffness_n_per_m: f64) -> Point {
-        Point { damping_n_s_per_m, stiffness_n_per_m }
+    const fn point(b: f64, low: f64, high: f64) -> Point {
+        Point { damping_n_s_per_m: b, stiffness_low_n_per_m: low, stiffness_high_n_per_m: high }
     }
 
     const KEY: Key<'static> = Key {
@@ -181,7 +200,13 @@ mod tests {
     static TABLE: Envelope<'static> = Envelope {
         boundaries: &[Boundary {
             key: KEY,
-            points: &[point(10.0, 8000.0), point(20.0, 20_000.0), point(30.0, 6000.0)],
+            points: &[
+                point(10.0, 0.0, 8000.0),
+                point(20.0, 0.0, 20_000.0),
+                point(30.0, 3000.0, 6000.0),
+                point(40.0, 7000.0, 9000.0),
+                point(50.0, 0.0, 0.0),
+            ],
         }],
     };
 
@@ -190,22 +215,40 @@ mod tests {
     }
 
     #[test]
-    fn points_themselves_are_allowed_and_the_lower_neighbour_counts_between_them() {
-        for (b, highest) in [
-            (10.0, 8000.0),
-            (10.1, 8000.0),
-            (19.9, 8000.0),
-            (20.0, 20_000.0),
-            (20.1, 6000.0),
-            (30.0, 6000.0),
-            (5.0, 4000.0),
+    fn points_themselves_are_allowed_and_what_both_neighbours_allow_between_them() {
+        for (b, lowest, highest) in [
+            (10.0, 0.0, 8000.0),
+            (10.1, 0.0, 8000.0),
+            (19.9, 0.0, 8000.0),
+            (20.0, 0.0, 20_000.0),
+            (20.1, 3000.0, 6000.0),
+            (30.0, 3000.0, 6000.0),
+            (40.0, 7000.0, 9000.0),
+            (5.0, 0.0, 4000.0),
         ] {
+            let outside = Outside::Stiffness { lowest, highest };
             assert_eq!(allows(highest, b), Ok(()), "{b}");
-            assert_eq!(allows(highest + 0.5, b), Err(Outside::Stiffness { highest }), "{b}");
+            assert_eq!(allows(lowest, b), Ok(()), "{b}");
+            assert_eq!(allows(highest + 0.5, b), Err(outside), "{b}");
+            if lowest > 0.0 {
+                assert_eq!(allows(lowest - 0.5, b), Err(outside), "{b}");
+            }
         }
-        assert_eq!(allows(0.0, 30.1), Err(Outside::Damping { highest: 30.0 }));
-        assert_eq!(allows(1.0, 0.0), Err(Outside::Stiffness { highest: 0.0 }));
+        assert_eq!(allows(0.0, 50.1), Err(Outside::Damping { highest: 50.0 }));
+        // neighbours that have no K in common, a point without any, and K without B
+        for (k, b) in [(6500.0, 35.0), (0.0, 50.0), (1.0, 45.0), (1.0, 0.0)] {
+            assert_eq!(allows(k, b), Err(Outside::NoStiffness), "{b}");
+        }
         assert_eq!(allows(0.0, 0.0), Ok(()));
+    }
+
+    #[test]
+    fn below_a_first_point_with_a_lowest_k_nothing_is_known() {
+        let points = [point(10.0, 500.0, 8000.0)];
+        let boundaries = [Boundary { key: KEY, points: &points }];
+        let envelope = Envelope { boundaries: &boundaries };
+        assert_eq!(envelope.allows(&KEY, 100.0, 5.0), Err(Outside::NoStiffness));
+        assert_eq!(envelope.allows(&KEY, 600.0, 10.0), Ok(()));
     }
 
     #[test]
@@ -237,11 +280,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_never_allows_more_than_both_neighbours(k in 0.0..30_000.0f64, b in 10.0..40.0f64) {
-            let [p, q, r]: [f64; 3] = [8000.0, 20_000.0, 6000.0];
-            let bound = if b == 10.0 { p } else if b < 20.0 { p.min(q) }
-                else if b == 20.0 { q } else if b <= 30.0 { q.min(r) } else { -1.0 };
-            prop_assert_eq!(allows(k, b).is_ok(), k <= bound);
+        fn it_never_allows_what_a_neighbour_does_not(k in 0.0..30_000.0f64, b in 10.0..60.0f64) {
+            let points = TABLE.boundaries[0].points;
+            let holds = |p: &Point| {
+                k >= p.stiffness_low_n_per_m && k <= p.stiffness_high_n_per_m
+                    && p.stiffness_high_n_per_m > 0.0
+            };
+            let near = |p: &Point| (p.damping_n_s_per_m - b).abs() < 10.0;
+            let expected = b <= 50.0 && points.iter().filter(|p| near(p)).all(holds);
+            prop_assert_eq!(allows(k, b).is_ok(), expected);
         }
     }
 }

@@ -8,6 +8,7 @@
 use core::fmt;
 
 use super::Verdict;
+use crate::{SettingsError, limits, settings::within};
 
 /// Grid and caps of a walk, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +37,27 @@ pub struct Cell {
 }
 
 impl WalkPlan {
+    /// Most points that a walk may have along either axis.
+    const STEPS_MAX: f64 = 1e6;
+
+    /// Checks every field. A walk begins at a K above 0.
+    ///
+    /// # Errors
+    /// Names the first parameter that is out of range, and the range.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let k_max = self.stiffness_max_n_per_m;
+        within("stiffness_max_n_per_m", k_max, limits::STIFFNESS_N_PER_M)?;
+        let smallest = f64::MIN_POSITIVE..=k_max;
+        within("stiffness_start_n_per_m", self.stiffness_start_n_per_m, smallest)?;
+        let steps = |max: f64| f64::max(max / Self::STEPS_MAX, f64::MIN_POSITIVE)..=max;
+        within("stiffness_step_n_per_m", self.stiffness_step_n_per_m, steps(k_max))?;
+        let b_max = self.damping_max_n_s_per_m;
+        within("damping_max_n_s_per_m", b_max, limits::DAMPING_N_S_PER_M)?;
+        within("damping_start_n_s_per_m", self.damping_start_n_s_per_m, 0.0..=b_max)?;
+        within("damping_step_n_s_per_m", self.damping_step_n_s_per_m, steps(b_max))?;
+        Ok(())
+    }
+
     /// K of a cell, N/m.
     pub fn stiffness_n_per_m(&self, cell: Cell) -> f64 {
         self.stiffness_start_n_per_m + f64::from(cell.stiffness) * self.stiffness_step_n_per_m
@@ -235,6 +257,34 @@ impl Walk {
     }
 }
 
+/// What a walk has come to so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WalkTotals {
+    /// Hits.
+    pub hits: u32,
+    /// Points of the boundary.
+    pub points: u32,
+    /// Sum of K dB over them, N^2 s/m^2.
+    pub area: f64,
+    /// Largest K of them, N/m.
+    pub stiffness_peak_n_per_m: f64,
+    /// Largest B of them, N s/m.
+    pub damping_max_n_s_per_m: f64,
+}
+
+impl WalkTotals {
+    /// Takes what a hit led to.
+    pub fn add(&mut self, plan: &WalkPlan, step: &Step) {
+        self.hits = self.hits.saturating_add(1);
+        let Some(cell) = step.boundary else { return };
+        let (k, b) = (plan.stiffness_n_per_m(cell), plan.damping_n_s_per_m(cell));
+        self.points = self.points.saturating_add(1);
+        self.area += k * plan.damping_step_n_s_per_m;
+        self.stiffness_peak_n_per_m = f64::max(self.stiffness_peak_n_per_m, k);
+        self.damping_max_n_s_per_m = f64::max(self.damping_max_n_s_per_m, b);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -281,6 +331,38 @@ mod tests {
         assert_eq!(ended, Ended::Closed);
         // B=10: 2, 4, 6; B=20: 4, 6, 8, 10; B=30: 8, 6, 4, 2; B=40: 2
         assert_eq!(hits, 12);
+    }
+
+    #[test]
+    fn totals_add_up_the_points_and_count_the_hits() {
+        let mut walk = Walk::new(PLAN);
+        let mut totals = WalkTotals::default();
+        for verdict in [Verdict::Stable, Verdict::Stable, Verdict::Unstable, Verdict::Unstable] {
+            totals.add(&PLAN, &walk.report(verdict).unwrap());
+        }
+        // B=10: 2, 4, 6 (unstable); B=20: 4 (unstable), so down to 2
+        assert_eq!((totals.hits, totals.points), (4, 1));
+        totals.add(&PLAN, &walk.report(Verdict::Stable).unwrap());
+        assert_eq!((totals.points, totals.area), (2, (4000.0 + 2000.0) * 10.0));
+        assert_eq!((totals.stiffness_peak_n_per_m, totals.damping_max_n_s_per_m), (4000.0, 20.0));
+    }
+
+    #[test]
+    fn a_grid_that_cannot_be_is_refused_by_name() {
+        assert_eq!(PLAN.check(), Ok(()));
+        let named = |plan: WalkPlan| plan.check().unwrap_err().parameter;
+        let base = PLAN;
+        for (plan, name) in [
+            (WalkPlan { stiffness_start_n_per_m: 0.0, ..base }, "stiffness_start_n_per_m"),
+            (WalkPlan { stiffness_step_n_per_m: f64::NAN, ..base }, "stiffness_step_n_per_m"),
+            (WalkPlan { stiffness_step_n_per_m: 0.01, ..base }, "stiffness_step_n_per_m"),
+            (WalkPlan { stiffness_max_n_per_m: 1e8, ..base }, "stiffness_max_n_per_m"),
+            (WalkPlan { damping_start_n_s_per_m: -1.0, ..base }, "damping_start_n_s_per_m"),
+            (WalkPlan { damping_step_n_s_per_m: 2000.0, ..base }, "damping_step_n_s_per_m"),
+            (WalkPlan { damping_max_n_s_per_m: 2e4, ..base }, "damping_max_n_s_per_m"),
+        ] {
+            assert_eq!(named(plan), name);
+        }
     }
 
     #[test]

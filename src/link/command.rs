@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::number;
-use crate::velocity::EstimatorName;
+use crate::{experiment::WalkPlan, velocity::EstimatorName};
 
 /// What a person asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,8 +54,75 @@ pub enum Command {
     Faults,
     /// Forget the fault.
     Clear,
-    /// Calibrate the force.
-    Calibrate,
+    /// Hold a constant force for calibration, percent of full scale.
+    Calibrate(f64),
+    /// What the calibration found: the force at full command, N.
+    FullScale(f64),
+    /// Where hits start, m.
+    Start(f64),
+    /// Time before a hit is judged, s.
+    Settle(f64),
+    /// Time over which it is judged, s.
+    Window(f64),
+    /// Limit of a stable hit's RMS, m.
+    RmsLimit(f64),
+    /// Grid of the walk.
+    Grid(GridValue, f64),
+    /// The motor is mounted the other way round.
+    MotorReversed(bool),
+    /// The encoder is mounted the other way round.
+    EncoderReversed(bool),
+}
+
+/// A value of the walk's grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GridValue {
+    /// First K, N/m.
+    StiffnessStart,
+    /// Step of K, N/m.
+    StiffnessStep,
+    /// Largest K, N/m.
+    StiffnessMax,
+    /// First B, N s/m.
+    DampingStart,
+    /// Step of B, N s/m.
+    DampingStep,
+    /// Largest B, N s/m.
+    DampingMax,
+}
+
+impl GridValue {
+    /// As it is typed.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::StiffnessStart => "kstart",
+            Self::StiffnessStep => "kstep",
+            Self::StiffnessMax => "kmax",
+            Self::DampingStart => "bstart",
+            Self::DampingStep => "bstep",
+            Self::DampingMax => "bmax",
+        }
+    }
+
+    /// Its unit.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::StiffnessStart | Self::StiffnessStep | Self::StiffnessMax => "N/m",
+            Self::DampingStart | Self::DampingStep | Self::DampingMax => "N s/m",
+        }
+    }
+
+    /// Its place in a plan.
+    pub const fn of(self, plan: &mut WalkPlan) -> &mut f64 {
+        match self {
+            Self::StiffnessStart => &mut plan.stiffness_start_n_per_m,
+            Self::StiffnessStep => &mut plan.stiffness_step_n_per_m,
+            Self::StiffnessMax => &mut plan.stiffness_max_n_per_m,
+            Self::DampingStart => &mut plan.damping_start_n_s_per_m,
+            Self::DampingStep => &mut plan.damping_step_n_s_per_m,
+            Self::DampingMax => &mut plan.damping_max_n_s_per_m,
+        }
+    }
 }
 
 /// Why a line is no command.
@@ -107,9 +174,10 @@ enum Form {
 /// Name, use, form.
 type Entry = (&'static str, &'static str, Form);
 
-static TABLE: [Entry; 24] = {
+static TABLE: [Entry; 37] = {
     use Command as C;
     use Form::{Number, Plain, Word};
+    use GridValue as G;
     [
         ("help", "help", Plain(C::Help)),
         ("version", "version", Plain(C::Version)),
@@ -134,7 +202,28 @@ static TABLE: [Entry; 24] = {
         ("load", "load", Plain(C::Load)),
         ("faults", "faults", Plain(C::Faults)),
         ("clear", "clear", Plain(C::Clear)),
-        ("calibrate", "calibrate", Plain(C::Calibrate)),
+        ("calibrate", "calibrate PERCENT", Number(C::Calibrate)),
+        ("fullscale", "fullscale NEWTONS", Number(C::FullScale)),
+        ("start", "start METRES", Number(C::Start)),
+        ("settle", "settle SECONDS", Number(C::Settle)),
+        ("window", "window SECONDS", Number(C::Window)),
+        ("rms", "rms METRES", Number(C::RmsLimit)),
+        ("kstart", "kstart N_PER_M", Number(|k| C::Grid(G::StiffnessStart, k))),
+        ("kstep", "kstep N_PER_M", Number(|k| C::Grid(G::StiffnessStep, k))),
+        ("kmax", "kmax N_PER_M", Number(|k| C::Grid(G::StiffnessMax, k))),
+        ("bstart", "bstart N_S_PER_M", Number(|b| C::Grid(G::DampingStart, b))),
+        ("bstep", "bstep N_S_PER_M", Number(|b| C::Grid(G::DampingStep, b))),
+        ("bmax", "bmax N_S_PER_M", Number(|b| C::Grid(G::DampingMax, b))),
+        (
+            "motor",
+            "motor +|-",
+            Word(&[("+", C::MotorReversed(false)), ("-", C::MotorReversed(true))]),
+        ),
+        (
+            "encoder",
+            "encoder +|-",
+            Word(&[("+", C::EncoderReversed(false)), ("-", C::EncoderReversed(true))]),
+        ),
     ]
 };
 
@@ -213,12 +302,47 @@ mod tests {
             ("load", C::Load),
             ("faults", C::Faults),
             ("clear", C::Clear),
-            ("calibrate", C::Calibrate),
+            ("calibrate -20", C::Calibrate(-20.0)),
+            ("fullscale 5.9", C::FullScale(5.9)),
+            ("start 0", C::Start(0.0)),
+            ("settle 4", C::Settle(4.0)),
+            ("window 2", C::Window(2.0)),
+            ("rms 1.5e-5", C::RmsLimit(1.5e-5)),
+            ("motor -", C::MotorReversed(true)),
+            ("motor +", C::MotorReversed(false)),
+            ("encoder -", C::EncoderReversed(true)),
+            ("encoder +", C::EncoderReversed(false)),
             ("  K\t-1e3  ", C::Stiffness(-1000.0)),
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), 24);
+        assert_eq!(usages().count(), 37);
+    }
+
+    #[test]
+    fn every_value_of_the_grid_has_a_command_of_its_name() {
+        use GridValue as G;
+        let mut plan = WalkPlan {
+            stiffness_start_n_per_m: 1.0,
+            stiffness_step_n_per_m: 2.0,
+            stiffness_max_n_per_m: 3.0,
+            damping_start_n_s_per_m: 4.0,
+            damping_step_n_s_per_m: 5.0,
+            damping_max_n_s_per_m: 6.0,
+        };
+        let values = [
+            (G::StiffnessStart, 1.0),
+            (G::StiffnessStep, 2.0),
+            (G::StiffnessMax, 3.0),
+            (G::DampingStart, 4.0),
+            (G::DampingStep, 5.0),
+            (G::DampingMax, 6.0),
+        ];
+        for (value, expected) in values {
+            let line = std::format!("{} 7", value.text());
+            assert_eq!(parse(line.as_bytes()), Ok(Command::Grid(value, 7.0)));
+            assert_eq!(*value.of(&mut plan), expected);
+        }
     }
 
     #[test]
@@ -236,6 +360,8 @@ mod tests {
             ("unlock", E::Missing("unlock envelope")),
             ("unlock all", E::Word("unlock envelope")),
             ("arm now", E::Extra("arm")),
+            ("calibrate", E::Missing("calibrate PERCENT")),
+            ("motor reversed", E::Word("motor +|-")),
             ("estimator none", E::Estimator),
             ("estimator", E::Missing("estimator NAME")),
         ] {
@@ -272,6 +398,9 @@ mod tests {
                 "\t",
                 "disarm\n",
                 "push 2.835\n",
+                "kstep ",
+                "encoder -\n",
+                "calibrate ",
                 "1e22",
                 "999999999999999",
             ])
@@ -301,7 +430,14 @@ mod tests {
                         | Command::Wall(value)
                         | Command::Cutoff(value)
                         | Command::Tuning(value)
-                        | Command::Push(value),
+                        | Command::Push(value)
+                        | Command::Calibrate(value)
+                        | Command::FullScale(value)
+                        | Command::Start(value)
+                        | Command::Settle(value)
+                        | Command::Window(value)
+                        | Command::RmsLimit(value)
+                        | Command::Grid(_, value),
                     ) => prop_assert!(value.is_finite()),
                     Ok(_) => {}
                     Err(error) => {

@@ -13,7 +13,7 @@ mod number;
 mod reply;
 mod rules;
 
-pub use command::{Command, ParseError, parse, usages};
+pub use command::{Command, GridValue, ParseError, parse, usages};
 pub use line::{Line, LineReader, Text};
 pub use number::Decimal;
 pub use reply::Reply;
@@ -23,4 +23,4 @@ pub use rules::{Activity, Situation, allowed, signs_allowed};
 pub const LINE_MAX: usize = 64;
 
 /// Longest reply, bytes; `help` is the longest.
-pub const REPLY_MAX: usize = 384;
+pub const REPLY_MAX: usize = 640;

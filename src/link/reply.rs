@@ -87,8 +87,8 @@ impl fmt::Display for Reply<'_> {
             ),
             Self::Outside(outside) => {
                 write!(f, "error: {}", outside.text())?;
-                if let Some(highest) = outside.highest() {
-                    write!(f, " {}", Decimal(highest))?;
+                if let Some([low, high]) = outside.allowed() {
+                    write!(f, " {} to {}", Decimal(low), Decimal(high))?;
                 }
                 f.write_str(", or unlock envelope")
             }
@@ -101,6 +101,7 @@ fn status(f: &mut fmt::Formatter<'_>, now: &Situation, record: &Record) -> fmt::
     let status = &now.status;
     write!(f, "ok status {}, fault ", status.state.name())?;
     fault(f, status.fault.map(|record| record.fault))?;
+    write!(f, ", {}", now.activity.name())?;
     write!(
         f,
         ", sample {}, position {} counts, velocity {} counts/sample, force {} %, code {}",
@@ -148,6 +149,22 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
         stored.device.name(),
         plus(stored.signs.motor_reversed),
         plus(stored.signs.encoder_reversed),
+    )?;
+    let grid = &stored.grid;
+    write!(
+        f,
+        ", full scale {} N, start {} m, settle {} s, window {} s, rms {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m",
+        Decimal(stored.full_scale_n),
+        Decimal(stored.start_m),
+        Decimal(stored.settle_s),
+        Decimal(stored.window_s),
+        Decimal(stored.rms_limit_m),
+        Decimal(grid.stiffness_start_n_per_m),
+        Decimal(grid.stiffness_step_n_per_m),
+        Decimal(grid.stiffness_max_n_per_m),
+        Decimal(grid.damping_start_n_s_per_m),
+        Decimal(grid.damping_step_n_s_per_m),
+        Decimal(grid.damping_max_n_s_per_m),
     )
 }
 
@@ -195,6 +212,7 @@ mod tests {
     use super::*;
     use crate::{
         Settings, WallSettings,
+        experiment::WalkPlan,
         link::{Activity, Command, REPLY_MAX, Text, allowed},
         safety::{FaultRecord, FaultSet, Inputs, State, Status},
         store::{DeviceKey, Signs},
@@ -240,8 +258,8 @@ mod tests {
             "error: something is missing: k N_PER_M",
         );
         shows(
-            Reply::Outside(Outside::Stiffness { highest: 8000.0 }),
-            "error: beyond the envelope: largest k at this b 8000, or unlock envelope",
+            Reply::Outside(Outside::Stiffness { lowest: 0.0, highest: 8000.0 }),
+            "error: beyond the envelope: k at this b is allowed from 0 to 8000, or unlock envelope",
         );
         let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
         shows(Reply::Range(&range), "error: stiffness_n_per_m is 20000000, allowed 0 to 10000000");
@@ -295,6 +313,19 @@ mod tests {
             },
             push_n: -1.234_567_890_12e-5,
             signs: Signs { motor_reversed: true, encoder_reversed: false },
+            start_m: -1.234_567_890_12e-5,
+            settle_s: 1.234_567_890_12e-5,
+            window_s: 1.234_567_890_12e-5,
+            rms_limit_m: 1.234_567_890_12e-5,
+            full_scale_n: 1.234_567_890_12e-5,
+            grid: WalkPlan {
+                stiffness_start_n_per_m: 1.234_567_890_12e-5,
+                stiffness_step_n_per_m: 1.234_567_890_12e-5,
+                stiffness_max_n_per_m: 1.234_567_890_12e-5,
+                damping_start_n_s_per_m: 1.234_567_890_12e-5,
+                damping_step_n_s_per_m: 1.234_567_890_12e-5,
+                damping_max_n_s_per_m: 1.234_567_890_12e-5,
+            },
         };
         for reply in [
             Reply::Status(&now, &output),

@@ -17,6 +17,18 @@ pub enum Activity {
     Calibration,
 }
 
+impl Activity {
+    /// Name in replies.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "idle",
+            Self::Hit => "hit",
+            Self::Walk => "walk",
+            Self::Calibration => "calibration",
+        }
+    }
+}
+
 /// All that decides whether a command is met.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Situation {
@@ -39,6 +51,8 @@ enum Need {
     NoContact,
     /// No experiment.
     Idle,
+    /// No experiment but a calibration, which goes on with another force.
+    IdleOrCalibration,
     /// No walk.
     NoWalk,
     /// No fault.
@@ -75,15 +89,25 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::Clear => &[N::Fault, N::CauseGone],
         Command::UnlockEnvelope => &[N::NoFault],
         Command::Zero => &[N::NotArming, N::Idle, N::NoContact],
-        Command::Stiffness(_) | Command::Damping(_) | Command::Push(_) => &[N::NoWalk],
+        Command::Stiffness(_) | Command::Damping(_) | Command::Push(_) | Command::Grid(..) => {
+            &[N::NoWalk]
+        }
+        Command::Start(_) | Command::Settle(_) | Command::Window(_) | Command::RmsLimit(_) => {
+            &[N::Idle]
+        }
+        // A turned sign makes every wall pull, another full scale moves every force.
+        Command::MotorReversed(_) | Command::EncoderReversed(_) | Command::FullScale(_) => {
+            &[N::Off]
+        }
         Command::Wall(_)
         | Command::Cutoff(_)
         | Command::Tuning(_)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
         Command::Save => &[N::Off],
-        Command::Hit | Command::Calibrate => &[N::NoFault, N::Armed, N::Idle, N::NoContact],
-        Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::NoContact, N::Unlocked],
+        Command::Hit => &[N::NoFault, N::Armed, N::Idle],
+        Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],
+        Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::Unlocked],
     }
 }
 
@@ -105,6 +129,10 @@ impl Need {
             }
             Self::NoContact => unmet(!(state.is_on() && status.contact), Refusal::Contact),
             Self::Idle => unmet(now.activity == Activity::None, Refusal::Busy),
+            Self::IdleOrCalibration => {
+                let free = matches!(now.activity, Activity::None | Activity::Calibration);
+                unmet(free, Refusal::Busy)
+            }
             Self::NoWalk => unmet(now.activity != Activity::Walk, Refusal::Busy),
             Self::NoFault => (state == State::Fault).then(|| {
                 let fault = status.fault.map_or(Fault::Settings, |record| record.fault);
@@ -135,8 +163,8 @@ pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
     }
 }
 
-/// Whether the directions of motor or encoder may change now, as they may with
-/// [`Command::Load`]: only with the force off, for a turned sign makes every wall pull.
+/// Whether [`Command::Load`] may change the directions of motor or encoder or the full scale now:
+/// as their own commands may, only with the force off.
 ///
 /// # Errors
 /// The force is on.
@@ -148,12 +176,13 @@ pub fn signs_allowed(now: &Situation) -> Result<(), Refusal> {
 mod tests {
     use super::*;
     use crate::{
+        link::GridValue,
         safety::{FaultRecord, FaultSet, Inputs},
         velocity::EstimatorName,
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 24] = [
+    const COMMANDS: [Command; 32] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -177,7 +206,15 @@ mod tests {
         Command::Load,
         Command::Faults,
         Command::Clear,
-        Command::Calibrate,
+        Command::Calibrate(10.0),
+        Command::FullScale(5.0),
+        Command::Start(0.0),
+        Command::Settle(4.0),
+        Command::Window(2.0),
+        Command::RmsLimit(1e-5),
+        Command::Grid(GridValue::StiffnessStep, 1.0),
+        Command::MotorReversed(true),
+        Command::EncoderReversed(true),
     ];
 
     /// Every situation: 5 states x 4 activities x 2^7 facts.
@@ -275,27 +312,39 @@ mod tests {
     }
 
     #[test]
-    fn gains_and_push_are_free_but_for_a_walk() {
-        for command in [Command::Stiffness(1.0), Command::Damping(1.0), Command::Push(1.0)] {
+    fn gains_push_and_grid_are_free_but_for_a_walk() {
+        let grid = Command::Grid(GridValue::DampingMax, 1.0);
+        for command in [Command::Stiffness(1.0), Command::Damping(1.0), Command::Push(1.0), grid] {
             met(command, |now| now.activity != Activity::Walk);
+        }
+        for n in [25, 26, 27, 28] {
+            met(COMMANDS[n], |now| now.activity == Activity::None);
         }
     }
 
     #[test]
-    fn experiments_need_full_force_and_free_motion_and_a_walk_the_key() {
-        let ready = |now: &Situation| {
-            now.status.state == State::Armed
-                && now.activity == Activity::None
-                && !now.status.contact
-        };
+    fn experiments_need_full_force_and_a_walk_the_key() {
+        let ready =
+            |now: &Situation| now.status.state == State::Armed && now.activity == Activity::None;
         met(Command::Hit, ready);
-        met(Command::Calibrate, ready);
         met(Command::Walk, |now| ready(now) && now.status.unlocked);
+        met(Command::Calibrate(10.0), |now| {
+            now.status.state == State::Armed
+                && matches!(now.activity, Activity::None | Activity::Calibration)
+                && !now.status.contact
+        });
     }
 
     #[test]
-    fn flash_is_written_and_signs_turn_only_with_the_force_off() {
-        met(Command::Save, |now| !now.status.state.is_on());
+    fn flash_is_written_and_signs_and_full_scale_change_only_with_the_force_off() {
+        for command in [
+            Command::Save,
+            Command::MotorReversed(true),
+            Command::EncoderReversed(false),
+            Command::FullScale(5.0),
+        ] {
+            met(command, |now| !now.status.state.is_on());
+        }
         for now in situations() {
             assert_eq!(signs_allowed(&now).is_ok(), !now.status.state.is_on());
         }

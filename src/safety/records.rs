@@ -62,6 +62,8 @@ pub enum Request {
     Zero,
     /// Allow gains beyond the envelope, until the force goes off.
     Unlock,
+    /// Motor or encoder are turned round: the zero is lost.
+    Turn,
     /// Flash is about to be written (`true`), or was (`false`).
     Stall(bool),
     /// Fault with that code: for what only the board can see.

@@ -78,6 +78,8 @@ pub struct Supervisor {
     ramp: u32,
     change: Option<Change>,
     watch: PushWatch,
+    /// The handle is held on purpose.
+    still: bool,
     /// The grant of the last output.
     last: Grant,
     fault: Option<FaultRecord>,
@@ -107,6 +109,7 @@ impl Supervisor {
             ramp: 0,
             change: None,
             watch: PushWatch::default(),
+            still: false,
             last: Grant::Off,
             fault: boot,
             causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
@@ -161,11 +164,18 @@ impl Supervisor {
             fault: self.fault,
             causes: self.causes,
             present: self.present,
-            zeroed: self.zeroed,
+            zeroed: self.zeroed || self.zero_pending(),
             unlocked: self.unlocked,
             contact: self.contact,
             inputs: self.inputs,
         }
+    }
+
+    /// Whether the handle is held on purpose, as in a calibration: a push without motion is then no
+    /// sign of a dead encoder.
+    #[inline]
+    pub fn expect_still(&mut self, still: bool) {
+        self.still = still;
     }
 
     /// Meets a request between two outputs.
@@ -182,6 +192,11 @@ impl Supervisor {
             Request::Clear => self.clear(),
             Request::Zero => self.zero(),
             Request::Unlock => self.unlock(),
+            Request::Turn if self.state.is_on() => Err(Refusal::On),
+            Request::Turn => {
+                self.zeroed = false;
+                Ok(())
+            }
             Request::Stall(true) if self.state.is_on() => Err(Refusal::On),
             Request::Stall(stall) => {
                 self.tell(|down| down.stall = stall);
@@ -347,7 +362,7 @@ impl Supervisor {
             }));
         }
         let pushed = self.watch.failed(
-            self.last.force(),
+            self.last.force().filter(|_| !self.still),
             self.contact,
             up.motion.position,
             self.plan.push_renders,

@@ -1,6 +1,6 @@
 //! One settings record as flash words.
 
-use crate::{Settings, WallSettings, crc, velocity::EstimatorName};
+use crate::{Settings, WallSettings, crc, experiment::WalkPlan, velocity::EstimatorName};
 
 /// What is kept: everything that a person sets, and what belongs to the device it was set for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +13,18 @@ pub struct Stored {
     pub push_n: f64,
     /// Directions of motor and encoder.
     pub signs: Signs,
+    /// Where hits start, m.
+    pub start_m: f64,
+    /// Time before a hit is judged, s.
+    pub settle_s: f64,
+    /// Time over which it is judged, s.
+    pub window_s: f64,
+    /// Limit of a stable hit's RMS, m.
+    pub rms_limit_m: f64,
+    /// Force at full command, N: what the calibration found.
+    pub full_scale_n: f64,
+    /// Grid and caps of the walk.
+    pub grid: WalkPlan,
 }
 
 /// Name of a device, up to 16 bytes, as in the scene and in the envelope.
@@ -50,10 +62,13 @@ pub struct Signs {
 }
 
 /// Flash words of a record.
-pub const RECORD_WORDS: usize = 24;
+pub const RECORD_WORDS: usize = 44;
+
+/// Numbers in a record, two words each.
+const NUMBERS: usize = 17;
 
 /// First word of a record: "ZWS" and the version of the layout.
-const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x01");
+const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x02");
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
@@ -85,6 +100,17 @@ impl Stored {
             wall.damping_n_s_per_m,
             wall.position_m,
             self.push_n,
+            self.start_m,
+            self.full_scale_n,
+            self.grid.stiffness_start_n_per_m,
+            self.grid.stiffness_step_n_per_m,
+            self.grid.stiffness_max_n_per_m,
+            self.grid.damping_start_n_s_per_m,
+            self.grid.damping_step_n_s_per_m,
+            self.grid.damping_max_n_s_per_m,
+            self.settle_s,
+            self.window_s,
+            self.rms_limit_m,
         ];
         let name = self.device.0.as_chunks::<4>().0;
         let body = [HEAD, sequence]
@@ -106,31 +132,7 @@ impl Stored {
         if crc::of_words(body) != *check {
             return None;
         }
-        let [
-            head,
-            sequence,
-            n0,
-            n1,
-            n2,
-            n3,
-            estimator,
-            flags,
-            p0,
-            p1,
-            q0,
-            q1,
-            k0,
-            k1,
-            b0,
-            b1,
-            w0,
-            w1,
-            f0,
-            f1,
-            _,
-            _,
-            _,
-        ] = *body;
+        let [head, sequence, n0, n1, n2, n3, estimator, flags, numbers @ ..] = *body;
         if head != HEAD {
             return None;
         }
@@ -139,22 +141,56 @@ impl Stored {
         for (place, byte) in device.0.iter_mut().zip(name.as_flattened()) {
             *place = *byte;
         }
+        let (pairs, _) = numbers.as_chunks::<2>();
+        let numbers: [f64; NUMBERS] =
+            core::array::from_fn(|n| pairs.get(n).map_or(0.0, |&[low, high]| whole(low, high)));
+        let [
+            p,
+            q,
+            k,
+            b,
+            wall,
+            push_n,
+            start_m,
+            full_scale_n,
+            k0,
+            dk,
+            k_max,
+            b0,
+            db,
+            b_max,
+            settle_s,
+            window_s,
+            rms_limit_m,
+        ] = numbers;
         let stored = Self {
             device,
             settings: Settings {
-                velocity: EstimatorName::of_number(estimator)?
-                    .settings([whole(p0, p1), whole(q0, q1)]),
+                velocity: EstimatorName::of_number(estimator)?.settings([p, q]),
                 wall: WallSettings {
-                    position_m: whole(w0, w1),
-                    stiffness_n_per_m: whole(k0, k1),
-                    damping_n_s_per_m: whole(b0, b1),
+                    position_m: wall,
+                    stiffness_n_per_m: k,
+                    damping_n_s_per_m: b,
                     push_only: flags & PUSH_ONLY != 0,
                 },
             },
-            push_n: whole(f0, f1),
+            push_n,
             signs: Signs {
                 motor_reversed: flags & MOTOR_REVERSED != 0,
                 encoder_reversed: flags & ENCODER_REVERSED != 0,
+            },
+            start_m,
+            settle_s,
+            window_s,
+            rms_limit_m,
+            full_scale_n,
+            grid: WalkPlan {
+                stiffness_start_n_per_m: k0,
+                stiffness_step_n_per_m: dk,
+                stiffness_max_n_per_m: k_max,
+                damping_start_n_s_per_m: b0,
+                damping_step_n_s_per_m: db,
+                damping_max_n_s_per_m: b_max,
             },
         };
         Some((sequence, stored))
@@ -181,6 +217,23 @@ pub(super) mod tests {
             },
             push_n: 2.835,
             signs: Signs { motor_reversed: true, encoder_reversed: false },
+            start_m: 0.0,
+            settle_s: 4.0,
+            window_s: 2.0,
+            rms_limit_m: 1.5e-5,
+            full_scale_n: 5.906,
+            grid: grid([2000.0, 1000.0, 1e7, 10.0, 20.0, 4000.0]),
+        }
+    }
+
+    pub fn grid([k0, dk, k_max, b0, db, b_max]: [f64; 6]) -> WalkPlan {
+        WalkPlan {
+            stiffness_start_n_per_m: k0,
+            stiffness_step_n_per_m: dk,
+            stiffness_max_n_per_m: k_max,
+            damping_start_n_s_per_m: b0,
+            damping_step_n_s_per_m: db,
+            damping_max_n_s_per_m: b_max,
         }
     }
 
@@ -208,7 +261,7 @@ pub(super) mod tests {
     proptest! {
         #[test]
         fn a_record_comes_back_bit_for_bit(
-            numbers in any::<[f64; 5]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
+            numbers in any::<[f64; 10]>(), walk in any::<[f64; 6]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
             name in "[a-z0-9-]{0,16}",
         ) {
             let record = Stored {
@@ -224,11 +277,20 @@ pub(super) mod tests {
                 },
                 push_n: numbers[4],
                 signs: Signs { motor_reversed: flags[2], encoder_reversed: flags[3] },
+                start_m: numbers[5],
+                settle_s: numbers[7],
+                window_s: numbers[8],
+                rms_limit_m: numbers[9],
+                full_scale_n: numbers[6],
+                grid: grid(walk),
             };
             let words = record.to_words(sequence);
             let (number, back) = Stored::from_words(&words).unwrap();
             prop_assert_eq!((number, back.to_words(number)), (sequence, words));
             prop_assert_eq!(back.device.name(), name);
+            prop_assert_eq!(back.rms_limit_m.to_bits(), numbers[9].to_bits());
+            prop_assert_eq!(back.full_scale_n.to_bits(), numbers[6].to_bits());
+            prop_assert_eq!(back.grid.damping_max_n_s_per_m.to_bits(), walk[5].to_bits());
         }
 
         #[test]

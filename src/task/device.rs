@@ -1,11 +1,14 @@
 //! The device that the firmware controls: what cannot be tuned while it runs.
 //!
-//! These are the numbers of the scene `paper-1um`. Another device is another set of them here; its
-//! `envelope.csv`, from `cargo sim sweep`, goes with it.
+//! These are the numbers of the scene with the board's name: the paper's device on this board. Another
+//! device is another set of them here; its envelope, from `cargo sim sweep`, goes with it
+//! (`scenes/BOARD.envelope.csv`, taken in by build.rs).
 
 use zwidth::{
     Design, HitSettings, Settings, SettingsError, VelocitySettings, WallSettings,
-    envelope::Envelope,
+    experiment::{
+        CalibrationPlan, CalibrationSettings, DutySettings, ReturnSettings, TrialPlan, WalkPlan,
+    },
     safety::{SafetyPlan, SafetySettings},
     store::{DeviceKey, Signs, Stored},
 };
@@ -13,7 +16,7 @@ use zwidth::{
 use crate::board;
 
 /// Name, as in the scene and in the envelope.
-pub const NAME: &str = "paper-1um";
+pub const NAME: &str = board::NAME;
 
 /// What is built and does not change.
 pub const DESIGN: Design = Design {
@@ -31,12 +34,74 @@ pub const PERIOD: u32 = if cfg!(feature = "period-1") { 1 } else { 10 };
 /// way to the next PWM period and half of that period (docs/firmware.md has the measurement).
 pub const LATENCY_SAMPLES: f64 = board::LATENCY_SAMPLES;
 
-/// Walls that are predicted to be stable. None yet: every wall needs `unlock envelope`.
-pub const ENVELOPE: Envelope<'static> = Envelope::EMPTY;
+/// The way back to the start. Soft enough for a hand to stop it: tuned on the paper's device and on
+/// handles of 0.05 to 2 kg (src/experiment/back.rs).
+const RETURN: ReturnSettings = ReturnSettings {
+    start_m: 0.0, // replaced by the setting
+    speed_m_per_s: 0.15,
+    force_n: 1.4,
+    stiffness_n_per_m: 300.0,
+    damping_n_s_per_m: 15.0,
+    integral_n_per_m_s: 600.0,
+    tolerance_m: 5e-5,
+    timeout_s: 10.0,
+};
 
-/// The wall hit of the paper; the push is tuned.
-pub const fn hit(push_n: f64) -> HitSettings {
-    HitSettings { push_n, settle_s: 4.0, window_s: 2.0, rms_limit_m: 1.5e-5 }
+/// What the motor stands. The paper gives no rating: 70 % of full scale and half a minute are a guess
+/// for a motor of a hundred grams; enter those of yours.
+const DUTY: DutySettings = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+
+/// Furthest start in front of the wall, m: so that a message names a finite range.
+const REACH_M: f64 = 1.0;
+
+/// The force at full command may differ from the one above by this factor; more is a typing error.
+const FULL_SCALE_FACTOR: f64 = 3.0;
+
+/// [`DESIGN`] with the force at full command that was calibrated.
+///
+/// # Errors
+/// It is too far from that of [`DESIGN`].
+pub fn design(full_scale_n: f64) -> Result<Design, SettingsError> {
+    let nominal = DESIGN.full_scale_n;
+    let range = nominal / FULL_SCALE_FACTOR..=nominal * FULL_SCALE_FACTOR;
+    if range.contains(&full_scale_n) {
+        Ok(Design { full_scale_n, ..DESIGN })
+    } else {
+        Err(SettingsError { parameter: "full_scale_n", value: full_scale_n, range })
+    }
+}
+
+/// A hit with those settings and what comes before it.
+///
+/// # Errors
+/// Names what is out of range; a start at or behind the wall is.
+pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
+    let design = design(stored.full_scale_n)?;
+    let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
+    let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
+    let start_m = stored.start_m;
+    let wall_m = stored.settings.wall.position_m;
+    let back = ReturnSettings { start_m, ..RETURN }.build(&design)?;
+    let range = wall_m - REACH_M..=wall_m;
+    if !range.contains(&start_m) || start_m == wall_m {
+        return Err(SettingsError { parameter: "start_m", value: start_m, range });
+    }
+    let duty = DUTY.build(&design, hit.settle.saturating_add(hit.window))?;
+    Ok(TrialPlan { hit, back, duty, early })
+}
+
+/// A calibration at that part of full scale.
+///
+/// # Errors
+/// It is too much.
+pub fn calibration(percent: f64) -> Result<CalibrationPlan, SettingsError> {
+    let settings = CalibrationSettings {
+        percent,
+        rise_percent_per_s: 2.0, // a person can follow it and stop
+        hold_s: 30.0,
+        travel_m: 1e-3,
+    };
+    settings.build(&DESIGN)
 }
 
 const SAFETY: SafetySettings = SafetySettings {
@@ -55,7 +120,7 @@ pub fn safety() -> Result<SafetyPlan, SettingsError> {
     SAFETY.build(&DESIGN)
 }
 
-/// Settings of a board to which nothing was ever saved: no wall at all.
+/// Settings of a board to which nothing was ever saved: no wall at all; hit and grid of the paper.
 pub fn defaults() -> Stored {
     Stored {
         device: DeviceKey::new(NAME).unwrap_or_default(),
@@ -70,5 +135,18 @@ pub fn defaults() -> Stored {
         },
         push_n: 0.0,
         signs: Signs::default(),
+        start_m: 0.0,
+        settle_s: 4.0,
+        window_s: 2.0,
+        rms_limit_m: 1.5e-5,
+        full_scale_n: DESIGN.full_scale_n,
+        grid: WalkPlan {
+            stiffness_start_n_per_m: 2000.0,
+            stiffness_step_n_per_m: 2000.0,
+            stiffness_max_n_per_m: 1e7,
+            damping_start_n_s_per_m: 10.0,
+            damping_step_n_s_per_m: 10.0,
+            damping_max_n_s_per_m: 4000.0,
+        },
     }
 }

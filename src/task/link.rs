@@ -3,15 +3,18 @@
 //! One command at a time: what `render` has to decide is asked of it, and the reply waits for its
 //! answer, which comes with the next output.
 
+mod lines;
+mod walk;
+
 use core::{fmt, sync::atomic::Ordering::Relaxed};
 
 use zwidth::{
     Control, Settings, SettingsError,
-    envelope::Key,
-    experiment::{Scatter, Verdict},
+    envelope::{Key, Outside},
+    experiment::CalibrationEnd,
     link::{
-        Command, Decimal, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Reply, Situation,
-        Text, allowed, parse,
+        Activity, Command, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Reply, Situation,
+        Text, allowed, parse, signs_allowed,
     },
     safety::{Refusal, Request, State},
     store::{self, SaveError, Source, Stored},
@@ -19,15 +22,23 @@ use zwidth::{
     velocity::{EstimatorName, Parameter},
 };
 
+use self::{
+    lines::{CalibrationHolds, CalibrationOver, HitOver},
+    walk::Walking,
+};
 use super::{
-    FLAGS, ORDERS, REPORTS,
-    device::{self, DESIGN, ENVELOPE},
+    FLAGS, ORDERS, REPORTS, device,
+    envelope::ENVELOPE,
     order::{Event, Gains, Order, Report},
 };
 use crate::board::{self, FlashError, Reader, SettingsFlash, Writer};
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
+
+/// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
+/// copies one.
+const LOG_LINE: usize = 200;
 
 /// What the answer of `render` is awaited for.
 #[derive(Clone, Copy)]
@@ -40,6 +51,10 @@ enum Awaited {
     Save,
     /// Flash is written; the reply is out.
     Resume,
+    /// The wall of a walk's next cell.
+    Cell,
+    /// The hit at it.
+    CellHit,
     /// Nothing is replied.
     Quiet,
 }
@@ -49,6 +64,7 @@ enum Awaited {
 enum Change {
     Value(&'static str, f64, &'static str),
     Estimator(EstimatorName),
+    Signs(&'static str, bool),
     Loaded(Source),
 }
 
@@ -62,6 +78,9 @@ pub struct Link {
     stored: Stored,
     awaited: Option<Awaited>,
     latest: Option<Report>,
+    walking: Option<Walking>,
+    /// Another wall than the stored one is in force: a walk has just ended.
+    strayed: bool,
     streaming: bool,
     sequence: u32,
     passes: u32,
@@ -85,6 +104,8 @@ impl Link {
             stored,
             awaited: None,
             latest: None,
+            walking: None,
+            strayed: false,
             streaming: true,
             sequence: 0,
             passes: 0,
@@ -105,11 +126,24 @@ impl Link {
             match report.event {
                 Event::None => {}
                 Event::Answer(answer) => self.answer(answer),
+                Event::HitOver(verdict, scatter) if self.walking.is_some() => {
+                    self.judged(verdict, &scatter);
+                }
                 Event::HitOver(verdict, scatter) => self.write(&HitOver(verdict, scatter)),
-                Event::HitBroken => self.write(&"error: the hit ended without a verdict"),
+                Event::HitBroken(broken) if self.walking.is_some() => {
+                    self.break_walk(broken.text());
+                }
+                Event::HitBroken(broken) => {
+                    self.write(&format_args!("error: hit: {}", broken.text()));
+                }
+                Event::CalibrationHolds => {
+                    let full_scale_n = self.stored.full_scale_n;
+                    self.write(&CalibrationHolds(report.record, full_scale_n));
+                }
+                Event::CalibrationOver(end) => self.calibrated(end, report.record),
             }
         }
-        if self.awaited.is_none() && self.latest.is_some() {
+        if self.awaited.is_none() && self.latest.is_some() && !self.pursue() {
             self.listen();
         }
         self.passes = self.passes.wrapping_add(1);
@@ -146,10 +180,15 @@ impl Link {
         self.link.telemetry.write(&frame.encode());
     }
 
-    /// One line on both channels for people.
+    /// One line on both channels for people; several on the log, if it is longer than a frame there.
     fn write(&mut self, line: &dyn fmt::Display) {
         let text = Text::<REPLY_MAX>::of(line);
-        defmt::info!("{=str}", text.as_str());
+        let mut rest = text.as_str();
+        while let Some((piece, after)) = rest.split_at_checked(LOG_LINE) {
+            defmt::info!("{=str}~", piece);
+            rest = after;
+        }
+        defmt::info!("{=str}", rest);
         let text = Text::<{ REPLY_MAX + 1 }>::of(format_args!("{}\n", text.as_str()));
         self.link.replies.write(text.as_bytes());
     }
@@ -160,7 +199,9 @@ impl Link {
 
     fn situation(&self) -> Option<(Situation, Record)> {
         self.latest.map(|report| {
-            let situation = Situation { status: report.status, activity: report.activity };
+            let walking = self.walking.is_some();
+            let activity = if walking { Activity::Walk } else { report.activity };
+            let situation = Situation { status: report.status, activity };
             (situation, report.record)
         })
     }
@@ -221,27 +262,64 @@ impl Link {
                 |settings| settings.velocity = name.following(&settings.velocity),
                 Change::Estimator(name),
             ),
-            Command::Push(push_n) => match device::hit(push_n).build(&DESIGN) {
-                Ok(_) => {
-                    self.stored.push_n = push_n;
-                    self.reply(Reply::Value("push", push_n, "N"));
-                }
-                Err(error) => self.reply(Reply::Range(&error)),
-            },
-            Command::Hit => match device::hit(self.stored.push_n).build(&DESIGN) {
+            Command::Push(push_n) => {
+                self.keep(Stored { push_n, ..self.stored }, Reply::Value("push", push_n, "N"));
+            }
+            Command::Start(start_m) => {
+                self.keep(Stored { start_m, ..self.stored }, Reply::Value("start", start_m, "m"));
+            }
+            Command::Settle(settle_s) => {
+                let stored = Stored { settle_s, ..self.stored };
+                self.keep(stored, Reply::Value("settle", settle_s, "s"));
+            }
+            Command::Window(window_s) => {
+                let stored = Stored { window_s, ..self.stored };
+                self.keep(stored, Reply::Value("window", window_s, "s"));
+            }
+            Command::RmsLimit(rms_limit_m) => {
+                let stored = Stored { rms_limit_m, ..self.stored };
+                self.keep(stored, Reply::Value("rms", rms_limit_m, "m"));
+            }
+            Command::Grid(value, number) => {
+                let mut stored = self.stored;
+                *value.of(&mut stored.grid) = number;
+                self.keep(stored, Reply::Value(value.text(), number, value.unit()));
+            }
+            Command::FullScale(full_scale_n) => {
+                let stored = Stored { full_scale_n, ..self.stored };
+                self.propose(stored, Change::Value("fullscale", full_scale_n, "N"));
+            }
+            Command::MotorReversed(reversed) => {
+                let mut stored = self.stored;
+                stored.signs.motor_reversed = reversed;
+                self.turn(stored, Change::Signs("motor", reversed));
+            }
+            Command::EncoderReversed(reversed) => {
+                let mut stored = self.stored;
+                stored.signs.encoder_reversed = reversed;
+                self.turn(stored, Change::Signs("encoder", reversed));
+            }
+            Command::Hit => match device::trial(&self.stored, false) {
                 Ok(plan) => self.order(Order::Hit(plan), Awaited::Done("hit")),
                 Err(error) => self.reply(Reply::Range(&error)),
             },
-            Command::Stop => self.order(Order::Stop, Awaited::Done("stop")),
+            Command::Walk => self.begin_walk(),
+            Command::Calibrate(percent) => match device::calibration(percent) {
+                Ok(plan) => self.order(Order::Calibrate(plan), Awaited::Done("calibrate")),
+                Err(error) => self.reply(Reply::Range(&error)),
+            },
+            Command::Stop => {
+                if self.walking.is_some() {
+                    self.break_walk("stopped");
+                }
+                self.order(Order::Stop, Awaited::Done("stop"));
+            }
             Command::Stream(on) => {
                 self.streaming = on;
                 self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
             }
             Command::Save => self.order(request(Request::Stall(true)), Awaited::Save),
-            Command::Load => self.load(),
-            Command::Walk | Command::Calibrate => {
-                self.write(&"error: this firmware cannot do that yet");
-            }
+            Command::Load => self.load(&situation),
         }
     }
 
@@ -258,6 +336,22 @@ impl Link {
         }
     }
 
+    /// Keeps a setting that only the next experiment looks at.
+    fn keep(&mut self, stored: Stored, reply: Reply<'_>) {
+        match device::trial(&stored, false).and_then(|_| stored.grid.check()) {
+            Ok(()) => {
+                self.stored = stored;
+                self.reply(reply);
+            }
+            Err(error) => self.reply(Reply::Range(&error)),
+        }
+    }
+
+    /// Turns motor and encoder as `stored` says; in force at once, and the zero is lost.
+    fn turn(&mut self, stored: Stored, change: Change) {
+        self.order(Order::Signs(stored.signs), Awaited::Settings(stored, change));
+    }
+
     /// Builds changed settings and proposes them; they are kept once `render` has taken them.
     fn change(&mut self, settings: Settings, edit: impl FnOnce(&mut Settings), change: Change) {
         let mut stored = Stored { settings, ..self.stored };
@@ -271,32 +365,61 @@ impl Link {
             return self.reply(Reply::NoSense(estimator, sense));
         }
         match build(&stored) {
-            Ok((control, gains)) => {
-                self.order(Order::Control(control, gains), Awaited::Settings(stored, change));
+            Ok((_, Err(outside))) if self.is_locked() => self.reply(Reply::Outside(outside)),
+            Ok((control, inside)) => {
+                let order = Order::Control(control, gains(&inside));
+                self.order(order, Awaited::Settings(stored, change));
             }
             Err(error) => self.reply(Reply::Range(&error)),
         }
     }
 
-    /// Settings out of flash. Signs are taken over at the next reset only: turned while the loop
-    /// runs they would look like a jump of the count.
-    fn load(&mut self) {
+    /// Force acts, and the envelope was not unlocked for it. With the force off a wall outside is
+    /// taken, and `arm` refused.
+    fn is_locked(&self) -> bool {
+        self.latest.is_some_and(|report| report.status.state.is_on() && !report.status.unlocked)
+    }
+
+    /// Settings out of flash. Signs and full scale are taken over only with the force off.
+    fn load(&mut self, now: &Situation) {
         let loaded = store::load(&self.flash, device::defaults());
-        self.propose(loaded.stored, Change::Loaded(loaded.source));
+        let (old, new) = (self.stored, loaded.stored);
+        let turned = new.signs != old.signs;
+        if (turned || new.full_scale_n != old.full_scale_n)
+            && let Err(refusal) = signs_allowed(now)
+        {
+            return self.reply(Reply::Refused(refusal));
+        }
+        self.propose(new, Change::Loaded(loaded.source));
+    }
+
+    fn calibrated(&mut self, end: CalibrationEnd, record: Record) {
+        self.write(&CalibrationOver(end, record, self.stored.full_scale_n));
     }
 
     fn answer(&mut self, answer: Result<(), Refusal>) {
         let Some(awaited) = self.awaited.take() else { return };
         match (awaited, answer) {
             (Awaited::Quiet | Awaited::Resume, _) => {}
+            (Awaited::Cell | Awaited::CellHit, Err(refusal)) => self.break_walk(refusal.text()),
+            (Awaited::Cell | Awaited::CellHit, Ok(())) => self.advance(),
             (_, Err(refusal)) => self.reply(Reply::Refused(refusal)),
             (Awaited::Done(name), Ok(())) => self.reply(Reply::Done(name)),
             (Awaited::Settings(stored, change), Ok(())) => {
+                let signs = self.stored.signs;
                 self.stored = stored;
                 match change {
                     Change::Value(name, value, unit) => self.reply(Reply::Value(name, value, unit)),
                     Change::Estimator(name) => self.reply(Reply::Word("estimator", name.text())),
-                    Change::Loaded(source) => self.reply(Reply::Loaded(source)),
+                    Change::Signs(name, reversed) => {
+                        self.reply(Reply::Word(name, if reversed { "-" } else { "+" }));
+                    }
+                    Change::Loaded(source) => {
+                        self.reply(Reply::Loaded(source));
+                        if stored.signs != signs {
+                            self.order(Order::Signs(stored.signs), Awaited::Quiet);
+                        }
+                    }
                 }
             }
             (Awaited::Save, Ok(())) => {
@@ -316,9 +439,17 @@ impl Link {
     }
 }
 
-/// The integers of those settings, and where their gains lie.
-fn build(stored: &Stored) -> Result<(Control, Gains), SettingsError> {
-    let control = stored.settings.build(&DESIGN)?;
+/// The integers of those settings.
+///
+/// # Errors
+/// Names what is out of range.
+pub(super) fn control(stored: &Stored) -> Result<Control, SettingsError> {
+    stored.settings.build(&device::design(stored.full_scale_n)?)
+}
+
+/// The integers of those settings, and whether their gains lie inside the envelope.
+fn build(stored: &Stored) -> Result<(Control, Result<(), Outside>), SettingsError> {
+    let control = control(stored)?;
     let velocity = &stored.settings.velocity;
     let key = Key {
         device: stored.device.name(),
@@ -327,23 +458,9 @@ fn build(stored: &Stored) -> Result<(Control, Gains), SettingsError> {
         latency_samples: device::LATENCY_SAMPLES,
     };
     let wall = &stored.settings.wall;
-    let inside = ENVELOPE.allows(&key, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
-    Ok((control, if inside.is_ok() { Gains::Inside } else { Gains::Outside }))
+    Ok((control, ENVELOPE.allows(&key, wall.stiffness_n_per_m, wall.damping_n_s_per_m)))
 }
 
-/// The line that ends a hit.
-struct HitOver(Verdict, Scatter);
-
-impl fmt::Display for HitOver {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(verdict, scatter) = self;
-        let verdict = match verdict {
-            Verdict::Stable => "stable",
-            Verdict::Unstable => "unstable",
-            Verdict::NoContact => "no contact",
-        };
-        let metres = |counts: f64| Decimal(counts * DESIGN.resolution_m);
-        let (rms, mean) = (metres(scatter.rms_counts()), metres(scatter.mean_counts()));
-        write!(f, "ok hit {verdict}, rms {rms} m, mean {mean} m")
-    }
+fn gains(inside: &Result<(), Outside>) -> Gains {
+    if inside.is_ok() { Gains::Inside } else { Gains::Outside }
 }

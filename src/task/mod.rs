@@ -12,6 +12,7 @@
 //! [`Latest`](crate::board::Latest).
 
 mod device;
+mod envelope;
 mod idle;
 mod link;
 mod order;
@@ -84,12 +85,12 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     let (orders_in, orders_out) = queues.orders.split();
 
     let loaded = zwidth::store::load(&board.settings, device::defaults());
-    let settings = loaded.stored.settings;
-    let sensed = settings.velocity.name().missing(board::SENSES).is_none();
-    let built = settings.build(&device::DESIGN).ok().filter(|_| sensed);
+    let sensed = loaded.stored.settings.velocity.name().missing(board::SENSES).is_none();
+    let built = link::control(&loaded.stored).ok().filter(|_| sensed);
     let stored = if built.is_some() { loaded.stored } else { device::defaults() };
-    let control = built.or_else(|| device::defaults().settings.build(&device::DESIGN).ok());
-    let (Some(control), Ok(plan)) = (control, device::safety()) else {
+    let control = built.or_else(|| link::control(&device::defaults()).ok());
+    let duty = device::trial(&device::defaults(), false).map(|trial| trial.duty);
+    let (Some(control), Ok(plan), Ok(duty)) = (control, device::safety(), duty) else {
         // The defaults are constants that every board is tested with.
         panic!();
     };
@@ -101,6 +102,7 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     }
     let (control_in, control_out) = queues.control.split(control);
     let (down_in, down_out) = queues.down.split(Down::START);
+    board::turn_encoder(stored.signs.encoder_reversed);
     // The two timers start next to each other: their distance sets the phase of the PWM.
     let Board { mut drive, mut pace, encoder, .. } = board;
     drive.start();
@@ -118,7 +120,7 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     };
     (
         Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
-        Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs),
+        Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, loaded.source),
         Idle::new(board.watchdog),
     )

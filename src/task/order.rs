@@ -2,9 +2,10 @@
 
 use zwidth::{
     Control,
-    experiment::{HitPlan, Scatter, Verdict},
+    experiment::{Broken, CalibrationEnd, CalibrationPlan, Scatter, TrialPlan, Verdict},
     link::Activity,
     safety::{Refusal, Request, Status},
+    store::Signs,
     telemetry::Record,
 };
 
@@ -20,7 +21,11 @@ pub enum Order {
     /// New settings, and whether their gains are inside the envelope or need it unlocked.
     Control(Control, Gains),
     /// Run a wall hit.
-    Hit(HitPlan),
+    Hit(TrialPlan),
+    /// Hold a constant force, or go on with another one.
+    Calibrate(CalibrationPlan),
+    /// Turn motor and encoder.
+    Signs(Signs),
     /// End the experiment.
     Stop,
     /// Send what the black box holds.
@@ -45,8 +50,12 @@ pub enum Event {
     Answer(Result<(), Refusal>),
     /// A hit is over: its verdict, and the window it was judged by.
     HitOver(Verdict, Scatter),
-    /// A hit ended without a verdict: stopped, or the force went off.
-    HitBroken,
+    /// A hit ended without a verdict.
+    HitBroken(Broken),
+    /// The force of a calibration is complete.
+    CalibrationHolds,
+    /// A calibration is over.
+    CalibrationOver(CalibrationEnd),
 }
 
 /// One output, as `link` sees it.

@@ -4,14 +4,14 @@ use core::sync::atomic::Ordering::Relaxed;
 
 use zwidth::{
     Control, Motion,
-    experiment::Hit,
+    experiment::{Broken, Calibration, CalibrationEnd, Duty, DutyPlan, Trial},
     link::Activity,
     safety::{
-        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, Supervisor, Up,
+        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor, Up,
     },
     store::Signs,
     telemetry::{Flags, Record},
-    units::Force,
+    units::{Force, Position},
 };
 
 use super::{
@@ -55,6 +55,13 @@ pub struct Ends {
     pub reports: Writer<Report, REPORTS>,
 }
 
+/// The experiment that is going on.
+enum Experiment {
+    None,
+    Hit(Trial),
+    Calibration(Calibration),
+}
+
 /// The output task. It alone writes the force output.
 pub struct Render {
     outputs: Outputs,
@@ -69,14 +76,17 @@ pub struct Render {
     /// Counts up with every change of the settings.
     settings: u16,
     motor_reversed: bool,
-    hit: Option<Hit>,
+    experiment: Experiment,
+    duty: Duty,
+    duty_plan: DutyPlan,
     history: BlackBox<HISTORY>,
     /// Next record of the black box to send, while it is read out.
     replay: Option<usize>,
     /// The amplifier was switched on with the last output.
     was_on: bool,
-    /// What the next report says; kept until there is room for it.
-    event: Event,
+    /// What the next reports say; kept until there is room for it.
+    answer: Event,
+    news: Event,
 }
 
 impl Render {
@@ -86,6 +96,7 @@ impl Render {
         supervisor: Supervisor,
         control: Control,
         signs: Signs,
+        duty_plan: DutyPlan,
     ) -> Self {
         Self {
             outputs,
@@ -97,11 +108,14 @@ impl Render {
             gains: Gains::Outside,
             settings: 0,
             motor_reversed: signs.motor_reversed,
-            hit: None,
+            experiment: Experiment::None,
+            duty: Duty::default(),
+            duty_plan,
             history: BlackBox::new(BlackBox::<HISTORY>::every(board::RATE_HZ, PERIOD)),
             replay: None,
             was_on: false,
-            event: Event::None,
+            answer: Event::None,
+            news: Event::None,
         }
     }
 
@@ -115,7 +129,7 @@ impl Render {
             self.guard = guard;
         }
         let up = Up { motion, guard: self.guard, cut };
-        let push = self.hit.as_ref().map_or(Force::ZERO, Hit::push);
+        let push = self.push(up.motion.position);
         let inputs = self.inputs();
         let rendered = self.supervisor.render(&self.control, &up, push, inputs);
         self.put_out(rendered.grant);
@@ -130,11 +144,12 @@ impl Render {
         let record = Record { settings: self.settings, ..rendered.record };
         self.history.push(record, record.flags.contains(Flags::FAULT));
         self.positions.follow_to(up.motion.sample);
-        self.experiment(rendered.grant);
-        if matches!(self.event, Event::None)
+        self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
+        self.observe(rendered.grant);
+        if matches!(self.answer, Event::None)
             && let Some(order) = self.ends.orders.read()
         {
-            self.event = Event::Answer(self.meet(order));
+            self.answer = Event::Answer(self.meet(order));
         }
         self.report(record);
         super::pend_link();
@@ -171,20 +186,66 @@ impl Render {
         }
     }
 
-    /// Feeds the samples since the last output to the experiment.
-    fn experiment(&mut self, grant: Grant) {
-        let on = matches!(grant, Grant::On(_));
-        if self.hit.is_some() && !on {
-            self.hit = None;
-            self.event = Event::HitBroken;
+    /// What the experiment pushes with now.
+    fn push(&mut self, position: Position) -> Force {
+        let contact = self.control.wall.penetration(position) > 0;
+        let (push, news) = match &mut self.experiment {
+            Experiment::None => return Force::ZERO,
+            Experiment::Hit(trial) => match trial.output(position, contact, &self.duty) {
+                Ok(push) => (push, None),
+                Err(broken) => (Force::ZERO, Some(Event::HitBroken(broken))),
+            },
+            Experiment::Calibration(calibration) => match calibration.output(position, contact) {
+                Ok(push) if calibration.is_complete_now() => {
+                    self.news = Event::CalibrationHolds;
+                    (push, None)
+                }
+                Ok(push) => (push, None),
+                Err(end) => (Force::ZERO, Some(Event::CalibrationOver(end))),
+            },
+        };
+        if let Some(news) = news {
+            self.end(news);
         }
-        while let Some(position) = self.positions.read() {
-            let Some(hit) = &mut self.hit else { continue };
-            let contact = self.control.wall.penetration(position) > 0;
-            if let Some(verdict) = hit.sample(position, contact) {
-                self.event = Event::HitOver(verdict, *hit.scatter());
-                self.hit = None;
+        push
+    }
+
+    /// The experiment is over; what it pushed with fades.
+    fn end(&mut self, news: Event) {
+        self.experiment = Experiment::None;
+        self.supervisor.expect_still(false);
+        self.news = news;
+    }
+
+    /// Feeds the samples since the last output to the experiment.
+    fn observe(&mut self, grant: Grant) {
+        let on = matches!(grant, Grant::On(_));
+        match self.experiment {
+            Experiment::Hit(_) if !on => self.end(Event::HitBroken(Broken::Off)),
+            Experiment::Calibration(_) if !on => {
+                self.end(Event::CalibrationOver(CalibrationEnd::Off));
             }
+            _ => {}
+        }
+        let Experiment::Hit(trial) = &mut self.experiment else {
+            while self.positions.read().is_some() {}
+            return;
+        };
+        let (mut verdict, mut newest, fresh) = (None, None, trial.is_fresh());
+        while let Some(position) = self.positions.read() {
+            newest = Some(position);
+            if !fresh {
+                let contact = self.control.wall.penetration(position) > 0;
+                verdict = verdict.or(trial.sample(position, contact));
+            }
+        }
+        if let Some(position) = newest.filter(|_| fresh) {
+            let contact = self.control.wall.penetration(position) > 0;
+            verdict = trial.sample(position, contact);
+        }
+        if let Some(verdict) = verdict.or_else(|| trial.early_verdict()) {
+            let scatter = trial.scatter();
+            self.end(Event::HitOver(verdict, scatter));
         }
     }
 
@@ -205,12 +266,31 @@ impl Render {
                 self.settings = self.settings.wrapping_add(1);
                 Ok(())
             }
+            Order::Hit(_) | Order::Calibrate(_)
+                if self.supervisor.status().state != State::Armed =>
+            {
+                Err(Refusal::NotArmed)
+            }
             Order::Hit(plan) => {
-                self.hit = Some(Hit::new(plan));
+                self.experiment = Experiment::Hit(Trial::new(plan));
+                Ok(())
+            }
+            Order::Calibrate(plan) => {
+                match &mut self.experiment {
+                    Experiment::Calibration(calibration) => calibration.retarget(plan),
+                    _ => self.experiment = Experiment::Calibration(Calibration::new(plan)),
+                }
+                self.supervisor.expect_still(true);
+                Ok(())
+            }
+            Order::Signs(signs) => {
+                self.supervisor.request(Request::Turn)?;
+                self.motor_reversed = signs.motor_reversed;
+                board::turn_encoder(signs.encoder_reversed);
                 Ok(())
             }
             Order::Stop => {
-                self.hit = None;
+                self.end(Event::None);
                 Ok(())
             }
             Order::Replay => {
@@ -225,17 +305,18 @@ impl Render {
         if !self.ends.reports.has_room() {
             return;
         }
-        let activity = match self.hit {
-            Some(_) => Activity::Hit,
-            None => Activity::None,
+        let activity = match self.experiment {
+            Experiment::None => Activity::None,
+            Experiment::Hit(_) => Activity::Hit,
+            Experiment::Calibration(_) => Activity::Calibration,
         };
+        let event = match &mut self.answer {
+            Event::None => &mut self.news,
+            answer => answer,
+        };
+        let event = core::mem::replace(event, Event::None);
         let record = self.replayed().unwrap_or(record);
-        let report = Report {
-            record,
-            status: self.supervisor.status(),
-            activity,
-            event: core::mem::replace(&mut self.event, Event::None),
-        };
+        let report = Report { record, status: self.supervisor.status(), activity, event };
         self.ends.reports.write(report);
     }
 

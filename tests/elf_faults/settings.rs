@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use virtual_board::{board::Powered, world::World};
 use zwidth::{
     Settings, VelocitySettings, WallSettings,
+    experiment::WalkPlan,
     store::{DeviceKey, RECORD_WORDS, Signs, Stored},
 };
 
@@ -29,6 +30,19 @@ fn record(sequence: u32, stiffness_n_per_m: f64) -> [u32; RECORD_WORDS] {
         },
         push_n: 1.5,
         signs: Signs::default(),
+        start_m: 0.0,
+        settle_s: 4.0,
+        window_s: 2.0,
+        rms_limit_m: 1.5e-5,
+        full_scale_n: 5.906,
+        grid: WalkPlan {
+            stiffness_start_n_per_m: 2000.0,
+            stiffness_step_n_per_m: 2000.0,
+            stiffness_max_n_per_m: 1e5,
+            damping_start_n_s_per_m: 10.0,
+            damping_step_n_s_per_m: 10.0,
+            damping_max_n_s_per_m: 1000.0,
+        },
     };
     stored.to_words(sequence)
 }

@@ -1,8 +1,9 @@
 //! The command line: `cargo board run|hit|walk SCENE`.
 
 use std::{
-    io::BufRead as _,
-    path::PathBuf,
+    fs::File,
+    io::{BufRead as _, IsTerminal as _, Write as _},
+    path::{Path, PathBuf},
     process::ExitCode,
     sync::mpsc::{Receiver, TryRecvError, channel},
     thread,
@@ -10,19 +11,15 @@ use std::{
 };
 
 use clap::{Args, Parser, Subcommand};
-use defmt_decoder::Table;
-use host_sim::scene::{NamedScene, Scene};
-use zwidth::{
-    telemetry,
-    velocity::{EstimatorName, Sense},
-};
+use host_sim::scene::NamedScene;
 
 use crate::{
     board::{BOARDS, Board},
     elf::Elf,
     image, log,
     mcu::{LINK, RENDER, SAMPLE},
-    world::{Ended, World},
+    session::{Failed, Session},
+    world::World,
 };
 
 /// Runs the firmware's release ELF in closed loop with a simulated device.
@@ -35,8 +32,15 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// A console: type the commands that a real board takes; an empty line asks for the status.
-    Run(Common),
+    /// A console: type the commands that a real board takes. An empty line asks for the status;
+    /// `hand METRES` holds the handle there, `hand off` lets it go, `wait SECONDS` waits.
+    Run {
+        #[command(flatten)]
+        common: Common,
+        /// Write the telemetry as it comes, for `cargo sim telemetry FILE`.
+        #[arg(long, value_name = "FILE")]
+        telemetry: Option<PathBuf>,
+    },
     /// One wall hit, run by the firmware itself.
     Hit {
         #[command(flatten)]
@@ -51,8 +55,17 @@ enum Command {
         #[arg(long)]
         damping: f64,
     },
-    /// A boundary walk (the firmware cannot do that yet).
-    Walk(Common),
+    /// A boundary walk over the scene's grid, run by the firmware itself.
+    Walk {
+        #[command(flatten)]
+        common: Common,
+        /// Nominal cutoff, Hz.
+        #[arg(long)]
+        cutoff: f64,
+        /// Write the boundary: cutoff_hz,damping_n_s_per_m,stiffness_n_per_m.
+        #[arg(long, value_name = "FILE")]
+        csv: Option<PathBuf>,
+    },
 }
 
 #[derive(Args)]
@@ -67,27 +80,23 @@ struct Common {
     elf: Option<PathBuf>,
 }
 
-/// What every subcommand needs.
-struct Ready {
-    board: Board,
-    scene: NamedScene,
-    elf: Elf,
-    table: Table,
-}
-
 /// Runs the command line; 2 for bad input, 1 for a program that ended.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
-        Command::Run(common) => ready(&common).and_then(|ready| run(&ready)),
-        Command::Hit { common, cutoff, stiffness, damping } => {
-            ready(&common).and_then(|ready| hit(&ready, [cutoff, stiffness, damping]))
+        Command::Run { common, telemetry } => {
+            session(&common).and_then(|session| run(&session, telemetry.as_deref()))
         }
-        Command::Walk(common) => ready(&common).and_then(|ready| walk(&ready)),
+        Command::Hit { common, cutoff, stiffness, damping } => {
+            session(&common).and_then(|session| hit(&session, [cutoff, stiffness, damping]))
+        }
+        Command::Walk { common, cutoff, csv } => {
+            session(&common).and_then(|session| walk(&session, cutoff, csv.as_deref()))
+        }
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failed::Input(text)) => {
-            eprintln!("error: {text}");
+        Err(Failed::Refused(text)) => {
+            eprintln!("error: {}", text.trim_start_matches("error: "));
             ExitCode::from(2)
         }
         Err(Failed::Program(ended)) => {
@@ -97,24 +106,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-enum Failed {
-    Input(String),
-    Program(Ended),
-}
-
-impl From<Ended> for Failed {
-    fn from(ended: Ended) -> Self {
-        Self::Program(ended)
-    }
-}
-
-impl From<String> for Failed {
-    fn from(text: String) -> Self {
-        Self::Input(text)
-    }
-}
-
-fn ready(common: &Common) -> Result<Ready, Failed> {
+fn session(common: &Common) -> Result<Session, Failed> {
     let board = Board::named(&common.board).ok_or_else(|| {
         let names = BOARDS.map(|board| board.name).join(", ");
         format!("--board is {}, allowed {names}", common.board)
@@ -126,51 +118,111 @@ fn ready(common: &Common) -> Result<Ready, Failed> {
     };
     let elf = Elf::load(&path).map_err(|error| format!("{}: {error}", path.display()))?;
     let table = log::table(&elf.bytes)?;
-    Ok(Ready { board, scene, elf, table })
+    Ok(Session { board, scene, elf, table })
 }
 
-impl Ready {
-    /// A board with the handle at rest at the scene's rest position, booted.
-    fn boot(&self) -> Result<World<'_>, Failed> {
-        let scene = &self.scene.scene;
-        let start_m = scene.device.rest_position_m;
-        let mut world = World::new(self.board, &self.elf, &self.table, scene, start_m)?;
-        world.run(500)?;
-        world.hold(start_m, false);
-        Ok(world)
-    }
-}
+/// Samples between two looks at the keyboard.
+const SLICE: u64 = 100;
+/// Samples that are still run after the last line, so that its reply comes.
+const LAST: u64 = 2_000;
+/// Longest `wait`, s.
+const WAIT_MAX_S: f64 = 3600.0;
 
-/// As fast as it goes, at most as fast as real time.
-fn run(ready: &Ready) -> Result<(), Failed> {
-    let mut world = ready.boot()?;
-    let lines = stdin();
-    let mut decoder = telemetry::Decoder::new();
-    let (start, mut samples) = (Instant::now(), 0u64);
-    eprintln!("type help; end with Ctrl-D");
-    loop {
-        match lines.try_recv() {
-            Ok(line) => {
-                let line = if line.trim().is_empty() { "status".to_owned() } else { line };
-                world.send(&format!("{line}\n"))?;
-            }
-            Err(TryRecvError::Empty) => {}
-            Err(TryRecvError::Disconnected) => return Ok(()),
+/// As fast as it goes, at most as fast as real time; out of a file or pipe as fast as it goes.
+fn run(session: &Session, telemetry: Option<&Path>) -> Result<(), Failed> {
+    let mut world = session.boot()?;
+    let mut capture = match telemetry {
+        None => None,
+        Some(path) => {
+            Some(File::create(path).map_err(|error| format!("{}: {error}", path.display()))?)
         }
-        world.run(100)?;
-        samples += 100;
-        for byte in world.telemetry.drain(..) {
-            decoder.push(byte);
+    };
+    let live = std::io::stdin().is_terminal();
+    let lines = stdin();
+    let (start, mut samples) = (Instant::now(), 0u64);
+    if live {
+        eprintln!(
+            "type help; hand METRES, hand off, wait SECONDS are not the board's; end with Ctrl-D"
+        );
+    }
+    let mut waiting = 0u64;
+    let mut ended = false;
+    loop {
+        if waiting == 0 {
+            if ended {
+                return Ok(());
+            }
+            // From a pipe the next line is waited for, so that a run is the same every time.
+            let line = if live {
+                lines.try_recv()
+            } else {
+                lines.recv().map_err(|_| TryRecvError::Disconnected)
+            };
+            match line {
+                Ok(line) => waiting = typed(&mut world, line.trim())?,
+                Err(TryRecvError::Empty) => {}
+                Err(TryRecvError::Disconnected) => (waiting, ended) = (LAST, true),
+            }
+        }
+        world.run(SLICE)?;
+        samples += SLICE;
+        waiting = waiting.saturating_sub(SLICE);
+        let bytes = std::mem::take(&mut world.telemetry);
+        if let Some(file) = &mut capture {
+            file.write_all(&bytes).map_err(|error| format!("telemetry: {error}"))?;
         }
         for line in world.lines.drain(..) {
             println!("{line}");
         }
         world.replies.clear();
         let ahead = Duration::from_micros(100 * samples).saturating_sub(start.elapsed());
-        if ahead > Duration::from_millis(20) {
+        if live && ahead > Duration::from_millis(20) {
             thread::sleep(ahead);
         }
     }
+}
+
+/// What a person typed: for the board, or for the hand. Returns the samples to wait for.
+fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Failed> {
+    let mut words = line.split_whitespace();
+    let number = |text: Option<&str>| text.and_then(|text| text.parse::<f64>().ok());
+    match words.next() {
+        Some("hand") => match words.next() {
+            Some("off") => world.hold(world.position_m(), false),
+            place => match number(place).filter(|place| place.abs() <= 1.0) {
+                Some(place) => move_by_hand(world, place)?,
+                None => println!("error: hand METRES, -1 to 1, or hand off"),
+            },
+        },
+        Some("wait") => match number(words.next()).filter(|s| (0.0..=WAIT_MAX_S).contains(s)) {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "0 to 36 million"
+            )]
+            Some(seconds) => return Ok((seconds * 10_000.0) as u64),
+            None => println!("error: wait SECONDS, 0 to {WAIT_MAX_S}"),
+        },
+        _ => {
+            let line = if line.is_empty() { "status" } else { line };
+            world.send(&format!("{line}\n"))?;
+        }
+    }
+    Ok(SLICE)
+}
+
+/// Speed of the hand, m per sample: 0.1 m/s.
+const HAND_M: f64 = 1e-5;
+
+/// Takes the handle to `place_m` and holds it there.
+fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Failed> {
+    let mut at_m = world.position_m();
+    while at_m != place_m {
+        at_m += (place_m - at_m).clamp(-HAND_M, HAND_M);
+        world.hold(at_m, true);
+        world.run(1)?;
+    }
+    Ok(())
 }
 
 /// Lines from the keyboard, until its end.
@@ -186,57 +238,9 @@ fn stdin() -> Receiver<String> {
     receive
 }
 
-/// Asks, and takes an error of the firmware as bad input.
-fn ask(world: &mut World<'_>, line: &str) -> Result<(), Failed> {
-    let reply = world.ask(line)?;
-    if reply.starts_with("ok") { Ok(()) } else { Err(format!("{line}: {reply}").into()) }
-}
-
-/// What the firmware is told of the scene's estimator: the command that tunes it, and its name. Whether
-/// it has that estimator is for the firmware to say.
-fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<(String, &'static str), Failed> {
-    let settings = scene.velocity.settings(cutoff_hz);
-    let estimator = settings.name();
-    if let Some(sense) = estimator.missing(&[Sense::Force]) {
-        let (name, sense) = (estimator.text(), sense.text());
-        return Err(format!("velocity.estimator {name} needs {sense}, which no board has").into());
-    }
-    // The firmware knows no second parameter but its device's own.
-    let (_, [_, asked]) = EstimatorName::of(&settings);
-    let (_, [_, known]) = EstimatorName::of(&estimator.defaults());
-    if asked != known {
-        return Err(
-            format!("velocity: the firmware has {known} where the scene has {asked}").into()
-        );
-    }
-    let line = settings.tuning().map_or_else(String::new, |(_, value)| format!("tuning {value}"));
-    Ok((line, estimator.text()))
-}
-
-fn hit(ready: &Ready, [cutoff, stiffness, damping]: [f64; 3]) -> Result<(), Failed> {
-    let scene = &ready.scene.scene;
-    let (tuning, estimator) = tuning(scene, cutoff)?;
-    let mut world = ready.boot()?;
-    // The firmware counts from where it was zeroed: the rest position.
-    let wall_m = scene.wall.position_m - scene.device.rest_position_m;
-    for line in [
-        "zero".to_owned(),
-        "unlock envelope".to_owned(),
-        format!("estimator {estimator}"),
-        tuning,
-        format!("wall {wall_m:.6}"),
-        format!("k {stiffness}"),
-        format!("b {damping}"),
-        format!("push {}", scene.wall_hit.push_n),
-        "arm".to_owned(),
-    ] {
-        if !line.is_empty() {
-            ask(&mut world, &line)?;
-        }
-    }
-    world.run(4_000)?;
-    ask(&mut world, "hit")?;
-    println!("{}", world.reply(100_000)?);
+fn hit(session: &Session, wall: [f64; 3]) -> Result<(), Failed> {
+    let (line, world) = session.hit(wall)?;
+    println!("{line}");
     let watch = world.powered.mcu.watch();
     for (name, exception) in [("sample", SAMPLE), ("render", RENDER), ("link", LINK)] {
         let cycles = watch.tasks.get(&exception).copied().unwrap_or_default();
@@ -245,8 +249,18 @@ fn hit(ready: &Ready, [cutoff, stiffness, damping]: [f64; 3]) -> Result<(), Fail
     Ok(())
 }
 
-/// Not in the firmware yet: what it answers.
-fn walk(ready: &Ready) -> Result<(), Failed> {
-    let mut world = ready.boot()?;
-    ask(&mut world, "walk")
+fn walk(session: &Session, cutoff_hz: f64, csv: Option<&Path>) -> Result<(), Failed> {
+    let begun = Instant::now();
+    let report = session.walk(cutoff_hz, |line| println!("{line}"))?;
+    eprintln!(
+        "{:.0} s on the board, {:.0} s here",
+        report.virtual_s,
+        begun.elapsed().as_secs_f64()
+    );
+    let Some(path) = csv else { return Ok(()) };
+    let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n");
+    for [b, k] in &report.points {
+        text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
+    }
+    Ok(std::fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))?)
 }

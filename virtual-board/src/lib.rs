@@ -10,4 +10,5 @@ pub mod image;
 pub mod log;
 pub mod mcu;
 pub mod rtt;
+pub mod session;
 pub mod world;

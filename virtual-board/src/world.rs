@@ -216,14 +216,20 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// Sends a line and returns the reply to it.
+    /// Sends a line and returns the reply to it: the next line that is `ok` or `error`, and no
+    /// report of an experiment.
     ///
     /// # Errors
     /// No reply within 0.1 s, or as [`sample`](Self::sample).
     pub fn ask(&mut self, line: &str) -> Result<String, Ended> {
         self.replies.clear();
         self.send(&format!("{line}\n"))?;
-        self.reply(1_000)
+        loop {
+            let reply = self.reply(1_000)?;
+            if reply.starts_with("ok") || reply.starts_with("error") {
+                return Ok(reply);
+            }
+        }
     }
 
     /// Puts bytes into the command channel.

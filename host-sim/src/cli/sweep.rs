@@ -15,7 +15,7 @@ use crate::{
     error::Error,
     output::Staging,
     rig::{Rig, WallHit},
-    scene::{BUILT_IN, NamedScene},
+    scene::{NamedScene, STUDY},
     sensitivity::{Variant, variants},
     study::{self, Study, Summary, VariantResult},
     sweep::{Plan, SweepResult, ascending, sweep},
@@ -110,7 +110,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
 /// Everything that can be refused is refused here, before the first walk.
 fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     let names: Vec<String> = if args.scenes.is_empty() {
-        BUILT_IN.map(|(name, _)| name.to_owned()).to_vec()
+        STUDY.map(str::to_owned).to_vec()
     } else {
         args.scenes.clone()
     };

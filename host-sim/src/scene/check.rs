@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use zwidth::{SettingsError, limits, shorten};
+use zwidth::{SettingsError, shorten};
 
 use super::Scene;
 
@@ -24,8 +24,6 @@ pub mod ranges {
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Delay from encoder reading to force, in samples.
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
-    /// Most points that one walk may have along either axis.
-    pub const WALK_STEPS: f64 = 1e6;
 }
 
 impl Scene {
@@ -49,7 +47,9 @@ impl Scene {
         self.hit_settings().build(&self.design()).map_err(keyed)?;
         self.check_elements()?;
         self.check_accelerometer()?;
-        self.check_walk()?;
+        self.walk_plan().check().map_err(|error| {
+            refused(&format!("walk.{}", error.parameter), error.value, &error.range)
+        })?;
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
         }
@@ -57,45 +57,6 @@ impl Scene {
             self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
         }
         Ok(())
-    }
-
-    fn check_walk(&self) -> Result<(), String> {
-        let walk = &self.walk;
-        let axes = [
-            (
-                [
-                    "walk.stiffness_start_n_per_m",
-                    "walk.stiffness_step_n_per_m",
-                    "walk.stiffness_max_n_per_m",
-                ],
-                [
-                    walk.stiffness_start_n_per_m,
-                    walk.stiffness_step_n_per_m,
-                    walk.stiffness_max_n_per_m,
-                ],
-                limits::STIFFNESS_N_PER_M,
-            ),
-            (
-                [
-                    "walk.damping_start_n_s_per_m",
-                    "walk.damping_step_n_s_per_m",
-                    "walk.damping_max_n_s_per_m",
-                ],
-                [
-                    walk.damping_start_n_s_per_m,
-                    walk.damping_step_n_s_per_m,
-                    walk.damping_max_n_s_per_m,
-                ],
-                limits::DAMPING_N_S_PER_M,
-            ),
-        ];
-        for ([start_key, step_key, max_key], [start, step, max], range) in axes {
-            within(max_key, max, range)?;
-            within(start_key, start, 0.0..=max)?;
-            within(step_key, step, (max / ranges::WALK_STEPS).max(f64::MIN_POSITIVE)..=max)?;
-        }
-        let smallest = f64::MIN_POSITIVE..=walk.stiffness_max_n_per_m;
-        within("walk.stiffness_start_n_per_m", walk.stiffness_start_n_per_m, smallest)
     }
 }
 

@@ -29,10 +29,15 @@ pub use check::{ranges, refused};
 pub use elements::Quantisation;
 
 /// The built-in scenes: name and text.
-pub const BUILT_IN: [(&str, &str); 2] = [
+pub const BUILT_IN: [(&str, &str); 4] = [
     ("paper-1um", include_str!("../../../scenes/paper-1um.toml")),
     ("paper-2um", include_str!("../../../scenes/paper-2um.toml")),
+    ("nucleo-f446re", include_str!("../../../scenes/nucleo-f446re.toml")),
+    ("discovery-f407", include_str!("../../../scenes/discovery-f407.toml")),
 ];
+
+/// The built-in scenes of the paper's study.
+pub const STUDY: [&str; 2] = ["paper-1um", "paper-2um"];
 
 /// A scene as read, with its name and text.
 #[derive(Clone, Debug)]

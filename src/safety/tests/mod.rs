@@ -307,6 +307,31 @@ fn an_encoder_that_dies_in_free_motion_is_found_by_the_push() {
 }
 
 #[test]
+fn a_handle_that_is_held_on_purpose_is_no_dead_encoder() {
+    let mut bench = Bench::armed();
+    bench.held = true;
+    bench.supervisor.expect_still(true);
+    bench.push = Force::saturating_from_bits(1 << 28);
+    bench.run(20_000);
+    assert_eq!((bench.state(), bench.fault()), (State::Armed, None));
+    bench.supervisor.expect_still(false);
+    let samples = bench.samples_until_off();
+    assert!((500..=540).contains(&samples), "{samples}");
+    assert_eq!(bench.fault(), Some(Fault::PushWithoutMotion));
+}
+
+#[test]
+fn a_turned_sign_loses_the_zero_and_is_refused_while_on() {
+    let mut bench = Bench::armed();
+    assert_eq!(bench.ask(Request::Turn), Err(Refusal::On));
+    assert!(bench.supervisor.status().zeroed);
+    bench.ask(Request::Disarm).unwrap();
+    bench.ask(Request::Turn).unwrap();
+    assert!(!bench.supervisor.status().zeroed);
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::NotZeroed));
+}
+
+#[test]
 fn the_first_fault_stays_and_later_ones_are_noted() {
     let mut bench = Bench::armed();
     bench.inputs.stop_closed = false;

@@ -29,6 +29,7 @@ fn event() -> impl Strategy<Value = Event> {
         Request::Zero,
         Request::Zero,
         Request::Unlock,
+        Request::Turn,
         Request::Stall(true),
         Request::Stall(false),
         Request::Trip(Fault::Settings),
@@ -74,6 +75,7 @@ impl Bench {
                     Request::Clear => (Command::Clear, false),
                     Request::Zero => (Command::Zero, false),
                     Request::Unlock => (Command::UnlockEnvelope, false),
+                    Request::Turn => (Command::MotorReversed(true), false),
                     _ => (Command::Help, false),
                 };
                 // What the link refuses is refused here too; but arm waits for a zero on its way.

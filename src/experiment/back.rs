@@ -1,0 +1,361 @@
+//! The way back: between two hits the handle is brought to the start slowly, by a soft spring whose
+//! far end moves there at a limited speed.
+//!
+//! ```text
+//! r     moves from the handle to the start, by at most `speed`, while r is within `lead` of x
+//! e     = r - x
+//! force = clamp(K e + I + B (e - e_8) / 8 outputs, +-limit)      I gathers Ki e, within +-limit
+//! ```
+//!
+//! The speed comes from the last eight outputs, not from the estimator: a return works with whatever
+//! cutoff is tried. The integral finds the force that holds the handle at the start, against a spring
+//! or its weight.
+//! In contact the force only ever points out of the wall.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use crate::{
+    Design, Gain,
+    settings::{SettingsError, within},
+    units::{Force, Position},
+};
+
+/// Outputs over which the speed is measured.
+const SPAN: usize = 8;
+/// Outputs for which the handle has to stand at the start, s.
+const REST_S: f64 = 0.02;
+/// Fractional bits of the moving reference.
+const FRACTION: u32 = 16;
+
+/// The return in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReturnSettings {
+    /// Where a hit starts, m.
+    pub start_m: f64,
+    /// Speed of the reference, m/s: 0.001 to 1.
+    pub speed_m_per_s: f64,
+    /// Largest force, N: up to half of full scale.
+    pub force_n: f64,
+    /// Stiffness of the soft spring, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Damping, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Integral gain, N/(m s).
+    pub integral_n_per_m_s: f64,
+    /// Distance from the start that will do, m.
+    pub tolerance_m: f64,
+    /// Longest time that it may take, s: 0.1 to 60.
+    pub timeout_s: f64,
+}
+
+/// The return in counts, outputs and fractions of full scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReturnPlan {
+    start: Position,
+    /// Counts per output, 16 fractional bits.
+    step: i64,
+    /// Largest distance of the reference from the handle, counts.
+    lead: i32,
+    limit: i64,
+    /// Force LSB per count.
+    stiffness: Gain,
+    /// Force LSB per count by which the error changes in [`SPAN`] outputs.
+    damping: Gain,
+    /// Force LSB per count and output.
+    integral: Gain,
+    tolerance: u32,
+    rest_outputs: u32,
+    timeout_outputs: u32,
+}
+
+impl ReturnSettings {
+    /// Checks, and converts.
+    ///
+    /// # Errors
+    /// Names the first parameter that is out of range, and the range.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::float_arithmetic,
+        reason = "design time; every value is bounded by the check before it"
+    )]
+    pub fn build(&self, design: &Design) -> Result<ReturnPlan, SettingsError> {
+        design.check()?;
+        let outputs_per_s = design.rate_hz / f64::from(design.period);
+        within("return_speed_m_per_s", self.speed_m_per_s, 1e-3..=1.0)?;
+        let half = design.full_scale_n / 2.0;
+        within("return_force_n", self.force_n, 1e-3 * design.full_scale_n..=half)?;
+        within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=1e4)?;
+        within("return_damping_n_s_per_m", self.damping_n_s_per_m, 0.0..=1e3)?;
+        within("return_integral_n_per_m_s", self.integral_n_per_m_s, 0.0..=1e5)?;
+        within("return_timeout_s", self.timeout_s, 0.1..=60.0)?;
+        let counts = |metres: f64| metres / design.resolution_m;
+        // At most 2^20 counts, so that products with the gains stay far from the ends.
+        let widest = f64::from(1 << 20) * design.resolution_m;
+        within("return_tolerance_m", self.tolerance_m, 4.0 * design.resolution_m..=widest)?;
+        let lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n;
+        let lsb_per_count = lsb_per_n * design.resolution_m;
+        let gain = |name, value: f64, lsb: f64| {
+            let range = 0.0..=libm::scalbn(1.0, 50) / lsb;
+            Gain::from_f64(value * lsb).ok_or(SettingsError { parameter: name, value, range })
+        };
+        #[expect(clippy::cast_precision_loss, reason = "8")]
+        let span_s = SPAN as f64 / outputs_per_s;
+        let step = counts(self.speed_m_per_s) / outputs_per_s * f64::from(1u32 << FRACTION);
+        Ok(ReturnPlan {
+            start: design.position("start_m", self.start_m)?,
+            step: (libm::ceil(step) as i64).max(1),
+            lead: libm::ceil(counts(self.force_n / self.stiffness_n_per_m)) as i32,
+            limit: (self.force_n * lsb_per_n) as i64,
+            stiffness: gain("return_stiffness_n_per_m", self.stiffness_n_per_m, lsb_per_count)?,
+            damping: gain(
+                "return_damping_n_s_per_m",
+                self.damping_n_s_per_m,
+                lsb_per_count / span_s,
+            )?,
+            integral: gain(
+                "return_integral_n_per_m_s",
+                self.integral_n_per_m_s,
+                lsb_per_count / outputs_per_s,
+            )?,
+            tolerance: counts(self.tolerance_m) as u32,
+            rest_outputs: libm::ceil(REST_S * outputs_per_s) as u32,
+            timeout_outputs: libm::ceil(self.timeout_s * outputs_per_s) as u32,
+        })
+    }
+}
+
+impl ReturnPlan {
+    /// Where it ends.
+    pub fn start(&self) -> Position {
+        self.start
+    }
+
+    /// The largest force.
+    pub fn force(&self) -> Force {
+        Force::saturating_from_bits(i32::try_from(self.limit).unwrap_or(i32::MAX))
+    }
+}
+
+/// What one output of a return leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReturnStep {
+    /// Go on, with this force.
+    Push(Force),
+    /// The handle stands at the start.
+    Arrived,
+    /// It took too long: the handle is held, or something is in its way.
+    TooLong,
+}
+
+/// A return in progress.
+#[derive(Clone, Copy, Debug)]
+pub struct Return {
+    plan: ReturnPlan,
+    /// Counts, 16 fractional bits; `None` before the first output.
+    reference: Option<i64>,
+    integral: i64,
+    /// The last errors, newest first, counts.
+    past: [i32; SPAN],
+    /// Where the handle has stood, within the tolerance, for that many outputs.
+    rest: (Position, u32),
+    outputs: u32,
+}
+
+impl Return {
+    /// A return whose first output is still to come.
+    pub fn new(plan: ReturnPlan) -> Self {
+        Self {
+            plan,
+            reference: None,
+            integral: 0,
+            past: [0; SPAN],
+            rest: (Position::default(), 0),
+            outputs: 0,
+        }
+    }
+
+    /// The force for this output. `contact`: the handle is inside the wall.
+    pub fn output(&mut self, position: Position, contact: bool) -> ReturnStep {
+        let plan = self.plan;
+        let x = i64::from(position.counts());
+        let start = i64::from(plan.start.counts());
+        let mut reference = match self.reference {
+            Some(reference) => reference,
+            None => {
+                self.rest = (position, 0);
+                x << FRACTION
+            }
+        };
+        let target = start << FRACTION;
+        let next = reference + (target - reference).clamp(-plan.step, plan.step);
+        // It waits for a handle that is held.
+        if ((next >> FRACTION) - x).abs() <= i64::from(plan.lead) {
+            reference = next;
+        }
+        self.reference = Some(reference);
+        let error = (reference >> FRACTION) - x;
+        let error = i32::try_from(error).unwrap_or(if error < 0 { i32::MIN } else { i32::MAX });
+        let widened = error.saturating_sub(self.past.last().copied().unwrap_or_default());
+        self.past.copy_within(..SPAN - 1, 1);
+        if let Some(first) = self.past.first_mut() {
+            *first = error;
+        }
+        let limit = plan.limit;
+        self.integral = (self.integral + plan.integral.apply(error)).clamp(-limit, limit);
+        // each within +-2^61
+        let soft = plan.stiffness.apply(error) + plan.damping.apply(widened);
+        let mut force = soft.saturating_add(self.integral).clamp(-limit, limit);
+        if contact {
+            (force, self.integral) = (force.min(0), self.integral.min(0));
+        }
+        self.outputs = self.outputs.saturating_add(1);
+        if self.has_arrived(position, reference == target) {
+            return ReturnStep::Arrived;
+        }
+        if self.outputs > plan.timeout_outputs {
+            return ReturnStep::TooLong;
+        }
+        // within the limit, which is at most half of full scale
+        ReturnStep::Push(Force::saturating_from_bits(i32::try_from(force).unwrap_or_default()))
+    }
+
+    /// Near the start, and no further than half the tolerance from where it was all the time.
+    fn has_arrived(&mut self, position: Position, at_end: bool) -> bool {
+        let tolerance = self.plan.tolerance;
+        let (anchor, outputs) = self.rest;
+        let still = position.wrapping_since(anchor).unsigned_abs() <= tolerance / 2;
+        self.rest = if still { (anchor, outputs.saturating_add(1)) } else { (position, 0) };
+        let near = position.wrapping_since(self.plan.start).unsigned_abs() <= tolerance;
+        at_end && near && self.rest.1 >= self.plan.rest_outputs
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::Output;
+
+    pub const DESIGN: Design = Design {
+        rate_hz: 1e4,
+        resolution_m: 1e-6,
+        full_scale_n: 5.906,
+        period: 10,
+        output: Output::Continuous,
+    };
+    pub const SETTINGS: ReturnSettings = ReturnSettings {
+        start_m: 0.0,
+        speed_m_per_s: 0.15,
+        force_n: 1.4,
+        stiffness_n_per_m: 300.0,
+        damping_n_s_per_m: 15.0,
+        integral_n_per_m_s: 600.0,
+        tolerance_m: 5e-5,
+        timeout_s: 10.0,
+    };
+
+    /// A handle on a spring to `rest_m`.
+    pub struct Handle {
+        pub mass_kg: f64,
+        pub damping: f64,
+        pub spring: f64,
+        pub rest_m: f64,
+        pub x: f64,
+        pub v: f64,
+    }
+
+    impl Handle {
+        /// The paper's, at `x`.
+        pub fn at(x: f64) -> Self {
+            Self { mass_kg: 0.416, damping: 5.5195, spring: 11.0626, rest_m: 0.0517, x, v: 0.0 }
+        }
+
+        pub fn position(&self) -> Position {
+            #[expect(clippy::cast_possible_truncation, reason = "a metre at most")]
+            Position::from_counts((self.x / 1e-6).floor() as i32)
+        }
+
+        /// One output period with that force.
+        pub fn go(&mut self, force: Force) {
+            for _ in 0..10 {
+                let force = f64::from(force.bits()) / 2f64.powi(30) * DESIGN.full_scale_n;
+                let spring = self.spring * (self.x - self.rest_m);
+                self.v += (force - spring - self.damping * self.v) / self.mass_kg * 1e-4;
+                self.x += self.v * 1e-4;
+            }
+        }
+    }
+
+    /// How it ended, after how many outputs, the highest speed, the largest force (fraction).
+    fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
+        let mut back = Return::new(SETTINGS.build(&DESIGN).unwrap());
+        let (mut fastest, mut strongest) = (0f64, 0f64);
+        for outputs in 0.. {
+            match back.output(handle.position(), false) {
+                ReturnStep::Push(force) => {
+                    strongest = strongest.max(f64::from(force.bits()).abs() / 2f64.powi(30));
+                    if !held {
+                        handle.go(force);
+                    }
+                }
+                end => {
+                    assert!(end == ReturnStep::TooLong || handle.x.abs() < 6e-5, "{}", handle.x);
+                    return (end, outputs, fastest, strongest);
+                }
+            }
+            fastest = fastest.max(handle.v.abs());
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn it_comes_back_slowly_from_either_side_and_from_the_start_itself() {
+        for from_m in [0.07, 0.0517, 0.01, 0.0, -0.03] {
+            let (end, outputs, fastest, strongest) = bring_back(Handle::at(from_m), false);
+            assert_eq!(end, ReturnStep::Arrived, "{from_m}");
+            assert!(outputs < 2_000, "{from_m}: {outputs}");
+            assert!(fastest < 0.25, "{from_m}: {fastest}");
+            assert!(strongest <= 1.4 / 5.906 + 1e-9);
+        }
+    }
+
+    #[test]
+    fn light_heavy_and_undamped_handles_come_back_as_well() {
+        for mass_kg in [0.05, 0.4, 2.0] {
+            for (damping, spring) in [(0.5, 0.0), (5.0, 11.0)] {
+                let handle = Handle { mass_kg, damping, spring, ..Handle::at(0.07) };
+                let (end, outputs, fastest, _) = bring_back(handle, false);
+                assert_eq!(end, ReturnStep::Arrived, "{mass_kg} {damping}");
+                assert!(outputs < 4_000 && fastest < 0.3, "{mass_kg} {outputs} {fastest}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_handle_that_is_held_ends_it_and_never_feels_more_than_the_limit() {
+        let (end, outputs, _, strongest) = bring_back(Handle::at(0.05), true);
+        assert_eq!((end, outputs), (ReturnStep::TooLong, 10_000));
+        assert!(strongest <= 1.4 / 5.906 + 1e-9);
+    }
+
+    #[test]
+    fn in_the_wall_it_only_pulls_out() {
+        let mut back = Return::new(SETTINGS.build(&DESIGN).unwrap());
+        for _ in 0..100 {
+            let ReturnStep::Push(force) = back.output(Position::from_counts(-20_000), true) else {
+                panic!("it is not back yet");
+            };
+            assert!(force.bits() <= 0, "{force:?}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let named = |settings: ReturnSettings| settings.build(&DESIGN).unwrap_err().parameter;
+        let base = SETTINGS;
+        assert_eq!(named(ReturnSettings { force_n: 3.0, ..base }), "return_force_n");
+        assert_eq!(named(ReturnSettings { start_m: f64::NAN, ..base }), "start_m");
+        assert_eq!(named(ReturnSettings { tolerance_m: 1e-6, ..base }), "return_tolerance_m");
+        assert_eq!(named(ReturnSettings { speed_m_per_s: 0.0, ..base }), "return_speed_m_per_s");
+    }
+}

@@ -1,0 +1,225 @@
+//! Force calibration: a constant force outside the wall that comes up slowly and is held, so that a
+//! weight or a force gauge can be set against it. It ends by itself as soon as the handle moves.
+//!
+//! Two ways to use it, both in docs/tuning.md: a gauge holds the handle and is read while the force
+//! is held; or a weight rests on the handle, and the force at which it lifts is reported.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use crate::{
+    Design,
+    settings::{SettingsError, within},
+    units::{Force, Position},
+};
+
+/// The calibration in units for people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibrationSettings {
+    /// Force to go to, percent of full scale: -30 to 30.
+    pub percent: f64,
+    /// How fast it comes up, percent of full scale per second.
+    pub rise_percent_per_s: f64,
+    /// How long it is held, s.
+    pub hold_s: f64,
+    /// A handle that is further from where it was than this has moved, m.
+    pub travel_m: f64,
+}
+
+impl CalibrationSettings {
+    /// Allowed forces, percent of full scale.
+    pub const PERCENT: core::ops::RangeInclusive<f64> = -30.0..=30.0;
+
+    /// Checks, and converts.
+    ///
+    /// # Errors
+    /// Names the first parameter that is out of range, and the range.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::float_arithmetic,
+        reason = "design time; every value is bounded by the check before it"
+    )]
+    pub fn build(&self, design: &Design) -> Result<CalibrationPlan, SettingsError> {
+        design.check()?;
+        let outputs_per_s = design.rate_hz / f64::from(design.period);
+        let percent = within("calibrate", self.percent, Self::PERCENT)?;
+        let rise = within("rise_percent_per_s", self.rise_percent_per_s, 0.1..=100.0)?;
+        let hold_s = within("hold_s", self.hold_s, 1.0..=60.0)?;
+        let widest = f64::from(1 << 20) * design.resolution_m;
+        within("travel_m", self.travel_m, 4.0 * design.resolution_m..=widest)?;
+        let lsb = f64::from(Force::FULL_SCALE.bits()) / 100.0;
+        Ok(CalibrationPlan {
+            target: (percent * lsb) as i32,
+            step: ((rise * lsb / outputs_per_s) as i32).max(1),
+            hold: libm::ceil(hold_s * outputs_per_s) as u32,
+            travel: (self.travel_m / design.resolution_m) as u32,
+        })
+    }
+}
+
+/// The calibration in integers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CalibrationPlan {
+    /// LSB of [`Force`].
+    target: i32,
+    /// The same per output.
+    step: i32,
+    /// Outputs.
+    hold: u32,
+    /// Counts.
+    travel: u32,
+}
+
+/// Why a calibration ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CalibrationEnd {
+    /// The handle moved: with a weight on it, this force lifts it.
+    Moved,
+    /// The handle is in the wall.
+    Contact,
+    /// The time is up.
+    TimeUp,
+    /// The force went off.
+    Off,
+}
+
+impl CalibrationEnd {
+    /// In plain words.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Moved => "the handle moved",
+            Self::Contact => "the handle is in the wall",
+            Self::TimeUp => "the time is up",
+            Self::Off => "the force went off: see status and faults",
+        }
+    }
+}
+
+/// A calibration in progress.
+#[derive(Clone, Copy, Debug)]
+pub struct Calibration {
+    plan: CalibrationPlan,
+    /// Where the handle was at the first output.
+    origin: Option<Position>,
+    force: i32,
+    /// Outputs since the force is complete.
+    held: u32,
+}
+
+impl Calibration {
+    /// A calibration whose first output is still to come.
+    pub fn new(plan: CalibrationPlan) -> Self {
+        Self { plan, origin: None, force: 0, held: 0 }
+    }
+
+    /// Goes on from the present force to another one.
+    pub fn retarget(&mut self, plan: CalibrationPlan) {
+        (self.plan, self.held) = (plan, 0);
+    }
+
+    /// The push for this output. `contact`: the handle is inside the wall.
+    ///
+    /// # Errors
+    /// It is over; there is no push any more.
+    pub fn output(&mut self, position: Position, contact: bool) -> Result<Force, CalibrationEnd> {
+        let origin = *self.origin.get_or_insert(position);
+        if contact {
+            return Err(CalibrationEnd::Contact);
+        }
+        if position.wrapping_since(origin).unsigned_abs() > self.plan.travel {
+            return Err(CalibrationEnd::Moved);
+        }
+        let step = self.plan.step;
+        // both within +-0.3 full scale
+        self.force += (self.plan.target - self.force).clamp(-step, step);
+        if self.force == self.plan.target {
+            self.held = self.held.saturating_add(1);
+            if self.held > self.plan.hold {
+                return Err(CalibrationEnd::TimeUp);
+            }
+        }
+        Ok(Force::saturating_from_bits(self.force))
+    }
+
+    /// The force was complete with this output for the first time.
+    pub fn is_complete_now(&self) -> bool {
+        self.held == 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::back::tests::DESIGN;
+
+    const SETTINGS: CalibrationSettings = CalibrationSettings {
+        percent: 20.0,
+        rise_percent_per_s: 2.0,
+        hold_s: 20.0,
+        travel_m: 1e-3,
+    };
+
+    fn at(counts: i32) -> Position {
+        Position::from_counts(counts)
+    }
+
+    #[test]
+    fn it_rises_slowly_holds_and_ends() {
+        for percent in [20.0, -20.0] {
+            let plan = CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
+            let mut calibration = Calibration::new(plan);
+            let (mut last, mut complete) = (0i32, None);
+            for n in 0.. {
+                match calibration.output(at(100 + n % 900), false) {
+                    Ok(force) => {
+                        assert!((force.bits() - last).abs() <= (1 << 30) / 50_000 + 1);
+                        last = force.bits();
+                        if calibration.is_complete_now() {
+                            complete = Some(n);
+                        }
+                    }
+                    Err(end) => {
+                        assert_eq!((end, n - complete.unwrap()), (CalibrationEnd::TimeUp, 20_000));
+                        break;
+                    }
+                }
+            }
+            assert!((f64::from(last) / 2f64.powi(30) - percent / 100.0).abs() < 1e-6);
+            assert!((9_990..10_010).contains(&complete.unwrap()), "{complete:?}");
+        }
+    }
+
+    #[test]
+    fn motion_either_way_and_contact_end_it_at_once() {
+        for moved in [1_001, -1_001] {
+            let mut calibration = Calibration::new(SETTINGS.build(&DESIGN).unwrap());
+            for n in 0..=10 {
+                assert!(calibration.output(at(moved / 11 * n), false).is_ok());
+            }
+            assert_eq!(calibration.output(at(moved), false), Err(CalibrationEnd::Moved));
+        }
+        let mut calibration = Calibration::new(SETTINGS.build(&DESIGN).unwrap());
+        assert_eq!(calibration.output(at(0), true), Err(CalibrationEnd::Contact));
+    }
+
+    #[test]
+    fn another_force_is_reached_from_the_present_one() {
+        let mut calibration = Calibration::new(SETTINGS.build(&DESIGN).unwrap());
+        let mut last = 0;
+        for _ in 0..12_000 {
+            last = calibration.output(at(0), false).unwrap().bits();
+        }
+        let less = CalibrationSettings { percent: 10.0, ..SETTINGS }.build(&DESIGN).unwrap();
+        calibration.retarget(less);
+        let next = calibration.output(at(0), false).unwrap().bits();
+        assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
+    }
+
+    #[test]
+    fn only_a_part_of_full_scale_is_allowed() {
+        for percent in [30.1, -31.0, f64::NAN, 100.0] {
+            let error = CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap_err();
+            assert_eq!((error.parameter, *error.range.end()), ("calibrate", 30.0));
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat
+//! it.
+//!
+//! A motor's loss grows with the square of its current, and with a current-mode amplifier the force
+//! is proportional to the current. The winding is one thermal mass (IEC 60034-11 calls the
+//! protection "thermal model"; drives call it I^2 t):
+//!
+//! ```text
+//! heat' = (u^2 - heat) / tau          u = force / full scale
+//! ```
+//!
+//! `heat` is the mean of u^2, weighted by exp(-age / tau). [`Duty::is_ready`] lets a hit begin only
+//! if `heat` stays at or below its limit even when the hit takes full force from its first output to
+//! its last. So no sequence of hits exceeds the limit, and none is broken off: they wait.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use crate::{
+    Design,
+    settings::{SettingsError, within},
+    units::Force,
+};
+
+/// Fractional bits of the heat.
+const FRACTION: u32 = 40;
+
+/// What the motor stands, SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DutySettings {
+    /// Force that it can give for ever, N; the limit is its square over that of full scale.
+    pub continuous_force_n: f64,
+    /// Thermal time constant of the winding, s: 1 to 3600.
+    pub time_constant_s: f64,
+}
+
+/// The limit in integers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DutyPlan {
+    /// Part of the heat that one output exchanges, LSB of 2^-32.
+    exchange: i64,
+    /// Heat that must not be exceeded, 40 fractional bits.
+    limit: i64,
+    /// Heat at which a hit may begin.
+    ready: i64,
+    /// Outputs in which a motor without force is ready for certain.
+    patience: u32,
+}
+
+impl DutyPlan {
+    /// Outputs in which a motor without force is ready for certain, however warm it was.
+    pub fn patience(&self) -> u32 {
+        self.patience
+    }
+}
+
+impl DutySettings {
+    /// Checks, and converts; a hit lasts `samples`.
+    ///
+    /// # Errors
+    /// Names the first parameter that is out of range, and the range. A force so small that even a
+    /// cold motor would be too hot after a hit at full force is one of them.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::float_arithmetic,
+        reason = "design time; every value is bounded by the check before it"
+    )]
+    pub fn build(&self, design: &Design, samples: u32) -> Result<DutyPlan, SettingsError> {
+        design.check()?;
+        let tau = within("duty_time_constant_s", self.time_constant_s, 1.0..=3600.0)?;
+        let exchange = f64::from(design.period) / design.rate_hz / tau;
+        let outputs = libm::ceil(f64::from(samples) / f64::from(design.period)) + SPARE_OUTPUTS;
+        let kept = libm::exp(outputs * libm::log1p(-exchange));
+        // 0.1 % for rounding, and for a return before the hit that warms a cold motor.
+        let least = libm::sqrt(1.0 - kept + 1e-3 * kept) * design.full_scale_n;
+        let force = self.continuous_force_n;
+        within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
+        let limit = (force / design.full_scale_n) * (force / design.full_scale_n);
+        let ready = (limit - (1.0 - kept)) / kept - 1e-4;
+        let bits = |value: f64| libm::floor(libm::scalbn(value, FRACTION.cast_signed())) as i64;
+        Ok(DutyPlan {
+            exchange: libm::round(libm::scalbn(exchange, 32)) as i64,
+            limit: bits(limit),
+            ready: bits(ready),
+            patience: libm::ceil(PATIENCE / exchange) as u32,
+        })
+    }
+}
+
+/// Outputs beyond a hit's own in which its force comes and goes.
+const SPARE_OUTPUTS: f64 = 50.0;
+
+/// Time constants after which nothing of the heat is left: exp(-9.3) is 1e-4, the smallest `ready`.
+const PATIENCE: f64 = 9.3;
+
+/// How warm the motor is, by the model; cold at reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Duty {
+    /// 40 fractional bits, 0 to 1.
+    heat: i64,
+}
+
+impl Duty {
+    /// Takes the force of one output.
+    #[inline]
+    pub fn add(&mut self, plan: &DutyPlan, force: Force) {
+        let force = i64::from(force.bits());
+        let square = (force * force) >> (2 * Force::FRACTION_BITS - FRACTION);
+        let change = (square - self.heat) * plan.exchange; // below 2^40 times 2^23
+        self.heat += (change + (1 << 31)) >> 32;
+    }
+
+    /// Whether a hit may begin.
+    pub fn is_ready(&self, plan: &DutyPlan) -> bool {
+        self.heat <= plan.ready
+    }
+
+    /// Whether the limit is exceeded.
+    pub fn is_too_warm(&self, plan: &DutyPlan) -> bool {
+        self.heat > plan.limit
+    }
+
+    /// Heat in thousandths of what full force would lead to.
+    pub fn per_mille(&self) -> u32 {
+        u32::try_from((self.heat * 1000) >> FRACTION).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::back::tests::DESIGN;
+    use proptest::prelude::*;
+
+    const SETTINGS: DutySettings = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+    /// A hit of 6 s.
+    const SAMPLES: u32 = 60_000;
+    const OUTPUTS: u32 = 6_000;
+
+    fn force(part: f64) -> Force {
+        #[expect(clippy::cast_possible_truncation, reason = "within +-1")]
+        Force::saturating_from_bits((part * 2f64.powi(30)) as i32)
+    }
+
+    #[test]
+    fn it_follows_the_differential_equation() {
+        let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
+        let mut duty = Duty::default();
+        for n in 1..=60_000 {
+            duty.add(&plan, force(-0.6));
+            let exact = 0.36 * (1.0 - (-f64::from(n) * 1e-3 / 30.0).exp());
+            assert!((duty.heat as f64 / 2f64.powi(40) - exact).abs() < 1e-5);
+        }
+        for _ in 0..600_000 {
+            duty.add(&plan, Force::ZERO);
+        }
+        assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
+    }
+
+    #[test]
+    fn a_motor_too_weak_for_one_hit_is_refused_with_the_least_force() {
+        let weak = DutySettings { continuous_force_n: 2.0, ..SETTINGS };
+        let error = weak.build(&DESIGN, SAMPLES).unwrap_err();
+        assert_eq!(error.parameter, "duty_continuous_force_n");
+        // 1 - exp(-6.05 s / 30 s) is 0.183
+        assert!((*error.range.start() / 5.906 - 0.184f64.sqrt()).abs() < 2e-3, "{error}");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+
+        /// Whatever force the hits take, for whatever time, and however soon the next is asked for:
+        /// the weighted mean square never exceeds the limit, and every hit gets its turn.
+        #[test]
+        fn no_sequence_of_hits_exceeds_the_limit(
+            hits in prop::collection::vec((0.0..=1.0f64, 1u32..=OUTPUTS, 0.0..0.25f64), 1..25)
+        ) {
+            let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
+            let mut duty = Duty::default();
+            // the same in floats, not by recursion but as the sum that it stands for
+            let (mut mean, decay) = (0.0, (-1e-3f64 / 30.0).exp());
+            let limit = (4.1f64 / 5.906).powi(2);
+            for (part, outputs, hold) in hits {
+                let mut waited = 0;
+                while !duty.is_ready(&plan) {
+                    duty.add(&plan, force(hold)); // the return holds the handle meanwhile
+                    mean = mean * decay + (1.0 - decay) * hold * hold;
+                    waited += 1;
+                    prop_assert!(waited < 100_000, "it never gets its turn");
+                }
+                // worse than any real hit: full force for a while, then that part of it
+                for n in 0..outputs {
+                    let part = if n % 2 == 0 { 1.0 } else { part };
+                    duty.add(&plan, force(part));
+                    mean = mean * decay + (1.0 - decay) * part * part;
+                    prop_assert!(!duty.is_too_warm(&plan));
+                    prop_assert!(mean <= limit, "{mean}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn full_force_hits_one_after_the_other_just_keep_the_limit() {
+        let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
+        let mut duty = Duty::default();
+        let mut warmest = 0;
+        for _ in 0..20 {
+            while !duty.is_ready(&plan) {
+                duty.add(&plan, Force::ZERO);
+            }
+            for _ in 0..OUTPUTS + 50 {
+                duty.add(&plan, Force::FULL_SCALE);
+            }
+            assert!(!duty.is_too_warm(&plan));
+            warmest = warmest.max(duty.heat);
+        }
+        // not by far too careful either
+        assert!(warmest as f64 > 0.995 * plan.limit as f64);
+    }
+}

@@ -1,0 +1,237 @@
+//! One hit on the device, with all that comes before it: cooling down if the motor is warm, the way
+//! back to the start, the hit.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use super::{Duty, DutyPlan, Hit, HitPlan, Return, ReturnPlan, ReturnStep, Scatter, Verdict};
+use crate::units::{Force, Position};
+
+/// What a trial is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrialPlan {
+    /// The hit.
+    pub hit: HitPlan,
+    /// The way back before it.
+    pub back: ReturnPlan,
+    /// What the motor stands.
+    pub duty: DutyPlan,
+    /// Give the verdict as soon as it is certain to equal the one at the end of the window.
+    pub early: bool,
+}
+
+/// Why a trial ended without a verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Broken {
+    /// The force went off.
+    Off,
+    /// The handle did not come back to the start in time.
+    NotBack,
+    /// The motor does not cool down: something else asks for force.
+    TooWarm,
+}
+
+impl Broken {
+    /// What is wrong and what helps.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Off => "the force went off: see status and faults",
+            Self::NotBack => "the handle did not come back to the start in time: is it held?",
+            Self::TooWarm => "the motor does not cool down: does the handle rest in a wall?",
+        }
+    }
+}
+
+/// Outputs between two looks for an early verdict.
+const LOOK_OUTPUTS: u32 = 32;
+
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    Cool,
+    Back(Return),
+    Hit(Hit),
+}
+
+/// A trial in progress.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    plan: TrialPlan,
+    phase: Phase,
+    /// Outputs spent cooling down.
+    cooled: u32,
+    /// Outputs since the last look for an early verdict.
+    looked: u32,
+    /// The hit began with the last output.
+    fresh: bool,
+}
+
+impl Trial {
+    /// A trial whose first output is still to come.
+    pub fn new(plan: TrialPlan) -> Self {
+        Self { plan, phase: Phase::Cool, cooled: 0, looked: 0, fresh: false }
+    }
+
+    /// The push for this output. `contact`: the handle is inside the wall.
+    ///
+    /// # Errors
+    /// It cannot go on; there is no push any more.
+    pub fn output(
+        &mut self,
+        position: Position,
+        contact: bool,
+        duty: &Duty,
+    ) -> Result<Force, Broken> {
+        self.fresh = false;
+        if let Phase::Cool = self.phase {
+            if !duty.is_ready(&self.plan.duty) {
+                self.cooled = self.cooled.saturating_add(1);
+                let patient = self.cooled <= self.plan.duty.patience();
+                return if patient { Ok(Force::ZERO) } else { Err(Broken::TooWarm) };
+            }
+            self.phase = Phase::Back(Return::new(self.plan.back));
+        }
+        if let Phase::Back(back) = &mut self.phase {
+            match back.output(position, contact) {
+                ReturnStep::Push(force) => return Ok(force),
+                ReturnStep::TooLong => return Err(Broken::NotBack),
+                // Whatever warmed the motor on the way, the hit has its reserve.
+                ReturnStep::Arrived if !duty.is_ready(&self.plan.duty) => {
+                    self.phase = Phase::Cool;
+                    return Ok(Force::ZERO);
+                }
+                ReturnStep::Arrived => {
+                    self.phase = Phase::Hit(Hit::new(self.plan.hit));
+                    self.fresh = true;
+                }
+            }
+        }
+        self.looked = self.looked.saturating_add(1);
+        Ok(self.plan.hit.push)
+    }
+
+    /// The hit began with the last output: of the samples up to it only the last one is the hit's.
+    pub fn is_fresh(&self) -> bool {
+        self.fresh
+    }
+
+    /// Takes one sample: the position, and whether it is inside the wall.
+    #[inline]
+    pub fn sample(&mut self, position: Position, contact: bool) -> Option<Verdict> {
+        match &mut self.phase {
+            Phase::Hit(hit) => hit.sample(position, contact),
+            Phase::Cool | Phase::Back(_) => None,
+        }
+    }
+
+    /// The verdict before the end of the window, if the plan allows it and it is certain.
+    pub fn early_verdict(&mut self) -> Option<Verdict> {
+        let Phase::Hit(hit) = &self.phase else { return None };
+        if !self.plan.early || self.looked < LOOK_OUTPUTS {
+            return None;
+        }
+        self.looked = 0;
+        hit.certain_verdict()
+    }
+
+    /// The window so far; empty before the hit.
+    pub fn scatter(&self) -> Scatter {
+        match &self.phase {
+            Phase::Hit(hit) => *hit.scatter(),
+            Phase::Cool | Phase::Back(_) => Scatter::default(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        HitSettings,
+        experiment::{
+            DutySettings,
+            back::tests::{DESIGN, Handle, SETTINGS as BACK},
+        },
+    };
+
+    const HIT: HitSettings =
+        HitSettings { push_n: 2.835, settle_s: 1.0, window_s: 0.5, rms_limit_m: 1.5e-5 };
+
+    fn plan(early: bool) -> TrialPlan {
+        let hit = HIT.build(&DESIGN).unwrap();
+        let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+        let duty = duty.build(&DESIGN, hit.settle + hit.window).unwrap();
+        TrialPlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, early }
+    }
+
+    /// A soft stop at 0.07 m that trembles by `chatter_m`: the verdict, and outputs of each phase.
+    fn run(mut duty: Duty, early: bool, chatter_m: f64) -> (Result<Verdict, Broken>, [u32; 3]) {
+        let plan = plan(early);
+        let mut trial = Trial::new(plan);
+        let mut handle = Handle::at(0.0517);
+        let mut spent = [0; 3];
+        for n in 0..200_000 {
+            let push = match trial.output(handle.position(), handle.x > 0.07, &duty) {
+                Ok(push) => push,
+                Err(broken) => return (Err(broken), spent),
+            };
+            let phase = match trial.phase {
+                Phase::Cool => 0,
+                Phase::Back(_) => 1,
+                Phase::Hit(_) => 2,
+            };
+            spent[phase] += 1;
+            if trial.is_fresh() {
+                assert!(handle.x.abs() < 6e-5, "{}", handle.x);
+            }
+            duty.add(&plan.duty, push);
+            handle.go(push);
+            if handle.x > 0.07 {
+                let sign = if n % 2 == 0 { 1.0 } else { -1.0 };
+                (handle.x, handle.v) = (0.0702 + sign * chatter_m, 0.0);
+            }
+            for _ in 0..10 {
+                if let Some(verdict) = trial.sample(handle.position(), handle.x > 0.07) {
+                    return (Ok(verdict), spent);
+                }
+            }
+            if let Some(verdict) = trial.early_verdict() {
+                return (Ok(verdict), spent);
+            }
+        }
+        panic!("it never ends");
+    }
+
+    #[test]
+    fn a_cold_motor_goes_back_and_hits_at_once() {
+        let (verdict, [cool, back, hit]) = run(Duty::default(), false, 0.0);
+        assert_eq!((verdict, cool, hit), (Ok(Verdict::Stable), 0, 1_500));
+        assert!((300..2_000).contains(&back), "{back}");
+    }
+
+    #[test]
+    fn an_unstable_verdict_may_come_early_and_a_stable_one_never() {
+        let (verdict, [_, _, hit]) = run(Duty::default(), true, 0.0);
+        assert_eq!((verdict, hit), (Ok(Verdict::Stable), 1_500));
+        assert_eq!(run(Duty::default(), false, 5e-5).1[2], 1_500);
+        let (verdict, [_, _, hit]) = run(Duty::default(), true, 5e-5);
+        assert_eq!(verdict, Ok(Verdict::Unstable));
+        assert!((1_000..1_200).contains(&hit), "{hit}");
+    }
+
+    #[test]
+    fn a_warm_motor_waits_first() {
+        let plan = plan(false);
+        let mut warm = Duty::default();
+        while !warm.is_too_warm(&plan.duty) {
+            warm.add(&plan.duty, Force::FULL_SCALE);
+        }
+        let (verdict, [cool, _, hit]) = run(warm, false, 0.0);
+        assert_eq!((verdict, hit), (Ok(Verdict::Stable), 1_500));
+        assert!(cool > 100, "{cool}");
+        // a motor that stays warm, because the wall goes on asking for force
+        let mut trial = Trial::new(plan);
+        let at = Position::from_counts(80_000);
+        let ended =
+            (0..1_000_000).find_map(|n| trial.output(at, true, &warm).err().map(|b| (n, b)));
+        assert_eq!(ended, Some((plan.duty.patience(), Broken::TooWarm)));
+    }
+}

@@ -1,0 +1,123 @@
+//! The lines of the experiments, one each, on both channels for people.
+
+use core::fmt;
+
+use zwidth::{
+    experiment::{CalibrationEnd, Cell, Ended, Scatter, Verdict, WalkPlan, WalkTotals},
+    link::Decimal,
+    telemetry::Record,
+};
+
+use crate::task::device::DESIGN;
+
+fn name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Stable => "stable",
+        Verdict::Unstable => "unstable",
+        Verdict::NoContact => "no contact",
+    }
+}
+
+fn metres(counts: f64) -> Decimal {
+    Decimal(counts * DESIGN.resolution_m)
+}
+
+/// The line that ends a hit.
+pub struct HitOver(pub Verdict, pub Scatter);
+
+impl fmt::Display for HitOver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(verdict, scatter) = self;
+        let (rms, mean) = (metres(scatter.rms_counts()), metres(scatter.mean_counts()));
+        write!(f, "ok hit {}, rms {rms} m, mean {mean} m", name(*verdict))
+    }
+}
+
+/// K and B of a cell.
+struct Wall<'a>(&'a WalkPlan, Cell);
+
+impl fmt::Display for Wall<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(plan, cell) = *self;
+        let (k, b) = (plan.stiffness_n_per_m(cell), plan.damping_n_s_per_m(cell));
+        write!(f, "k {} N/m, b {} N s/m", Decimal(k), Decimal(b))
+    }
+}
+
+/// One verdict of a walk: number of the hit, plan, cell, verdict, window.
+pub struct CellJudged<'a>(pub u32, pub &'a WalkPlan, pub Cell, pub Verdict, pub &'a Scatter);
+
+impl fmt::Display for CellJudged<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(hits, plan, cell, verdict, scatter) = self;
+        let rms = metres(scatter.rms_counts());
+        write!(f, "walk hit {hits}: {}, {}, rms {rms} m", Wall(plan, *cell), name(*verdict))
+    }
+}
+
+/// One point of the boundary: number, plan, cell.
+pub struct Boundary<'a>(pub u32, pub &'a WalkPlan, pub Cell);
+
+impl fmt::Display for Boundary<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(number, plan, cell) = self;
+        write!(f, "walk boundary {number}: {}", Wall(plan, *cell))
+    }
+}
+
+/// The line that ends a walk.
+pub struct WalkOver(pub WalkTotals, pub Result<Ended, &'static str>);
+
+impl fmt::Display for WalkOver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(totals, ended) = self;
+        f.write_str(if ended.is_ok() { "ok walk over" } else { "error: walk" })?;
+        if let Err(why) = ended {
+            write!(f, ": {why}")?;
+        }
+        write!(
+            f,
+            ", area {} N^2 s/m^2, peak k {} N/m, largest b {} N s/m, hits {}, points {}",
+            Decimal(totals.area),
+            Decimal(totals.stiffness_peak_n_per_m),
+            Decimal(totals.damping_max_n_s_per_m),
+            totals.hits,
+            totals.points,
+        )?;
+        match ended {
+            Ok(ended) => write!(f, ", ended by {}", ended.name()),
+            Err(_) => f.write_str(", ended by an error"),
+        }
+    }
+}
+
+/// The force of an output: part of full scale, code, and newtons as far as they are known.
+struct Output(Record, f64);
+
+impl fmt::Display for Output {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let part = f64::from(self.0.force.bits()) / f64::from(1u32 << 30);
+        let (percent, newtons) = (Decimal(part * 100.0), Decimal(part * self.1));
+        let code = self.0.command.code();
+        write!(f, "{percent} % of full scale, code {code}, {newtons} N")?;
+        write!(f, " with full scale {} N", Decimal(self.1))
+    }
+}
+
+/// The force of a calibration is complete: the output, full scale as it is set.
+pub struct CalibrationHolds(pub Record, pub f64);
+
+impl fmt::Display for CalibrationHolds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "calibrate holds {}", Output(self.0, self.1))
+    }
+}
+
+/// A calibration is over: why, the last output, full scale as it is set.
+pub struct CalibrationOver(pub CalibrationEnd, pub Record, pub f64);
+
+impl fmt::Display for CalibrationOver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ok calibrate over: {}, at {}", self.0.text(), Output(self.1, self.2))
+    }
+}

@@ -1,0 +1,220 @@
+//! Experiments as a person runs them: the same commands, typed into a virtual board.
+
+use defmt_decoder::Table;
+use host_sim::scene::{NamedScene, Scene};
+use zwidth::velocity::{EstimatorName, Sense};
+
+use crate::{
+    board::Board,
+    elf::Elf,
+    world::{Ended, World},
+};
+
+/// A board, its program and the device on it.
+pub struct Session {
+    /// The board.
+    pub board: Board,
+    /// The device, and its name.
+    pub scene: NamedScene,
+    /// The program.
+    pub elf: Elf,
+    /// Its log's strings.
+    pub table: Table,
+}
+
+/// Why a session ended.
+#[derive(Debug)]
+pub enum Failed {
+    /// The firmware refused this, with these words.
+    Refused(String),
+    /// The program ended, or did not answer.
+    Program(Ended),
+}
+
+impl From<Ended> for Failed {
+    fn from(ended: Ended) -> Self {
+        Self::Program(ended)
+    }
+}
+
+impl From<String> for Failed {
+    fn from(text: String) -> Self {
+        Self::Refused(text)
+    }
+}
+
+/// A walk as the firmware reports it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WalkReport {
+    /// Sum of K dB over the points, N^2 s/m^2.
+    pub area: f64,
+    /// Hits.
+    pub hits: u32,
+    /// B, K of each point of the boundary.
+    pub points: Vec<[f64; 2]>,
+    /// Why it ended.
+    pub ended_by: String,
+    /// Time that it took on the board, s.
+    pub virtual_s: f64,
+}
+
+/// Samples until the handle has come to rest after it was let go.
+const REST_SAMPLES: u64 = 15_000;
+/// Samples that `arm` takes.
+const ARM_SAMPLES: u64 = 4_000;
+/// Longest wait for a line of an experiment, samples: cooling down, way back and hit.
+const LINE_SAMPLES: u64 = 3_000_000;
+
+impl Session {
+    /// Switched on and booted, with the handle at rest where the device rests.
+    ///
+    /// # Errors
+    /// The ELF is not this firmware, or its program ended.
+    pub fn boot(&self) -> Result<World<'_>, Failed> {
+        let rest_m = self.scene.scene.device.rest_position_m;
+        let mut world = World::new(self.board, &self.elf, &self.table, &self.scene.scene, rest_m)?;
+        world.run(500)?;
+        world.hold(rest_m, false);
+        Ok(world)
+    }
+
+    /// Zeroed at the scene's 0, with its wall, push and start, armed and free.
+    fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
+        let scene = &self.scene.scene;
+        let (tuning, estimator) = tuning(scene, cutoff_hz)?;
+        let mut world = World::new(self.board, &self.elf, &self.table, scene, 0.0)?;
+        world.run(500)?;
+        // A hand holds it there meanwhile; its count is 0 from then on, so positions are the scene's.
+        ask(&mut world, "zero")?;
+        world.hold(0.0, false);
+        world.run(REST_SAMPLES)?;
+        for line in [
+            "unlock envelope".to_owned(),
+            format!("estimator {estimator}"),
+            tuning,
+            format!("wall {}", scene.wall.position_m),
+            format!("start {}", scene.device.start_position_m),
+            format!("push {}", scene.wall_hit.push_n),
+            format!("settle {}", scene.wall_hit.settle_s),
+            format!("window {}", scene.wall_hit.window_s),
+            format!("rms {}", scene.wall_hit.rms_limit_m),
+        ] {
+            if !line.is_empty() {
+                ask(&mut world, &line)?;
+            }
+        }
+        Ok(world)
+    }
+
+    /// One hit; what the firmware says about it, and the board after it.
+    ///
+    /// # Errors
+    /// The firmware refused a value, or its program ended.
+    pub fn hit(&self, [cutoff_hz, k, b]: [f64; 3]) -> Result<(String, World<'_>), Failed> {
+        let mut world = self.ready(cutoff_hz)?;
+        for line in [format!("k {k}"), format!("b {b}"), "arm".to_owned()] {
+            ask(&mut world, &line)?;
+        }
+        world.run(ARM_SAMPLES)?;
+        ask(&mut world, "hit")?;
+        let line = world.reply(LINE_SAMPLES)?;
+        Ok((line, world))
+    }
+
+    /// The boundary walk over the scene's grid; `each` sees every line of it.
+    ///
+    /// # Errors
+    /// The firmware refused a value, its walk ended with an error, or its program ended.
+    pub fn walk(&self, cutoff_hz: f64, mut each: impl FnMut(&str)) -> Result<WalkReport, Failed> {
+        let mut world = self.ready(cutoff_hz)?;
+        for line in grid(&self.scene.scene) {
+            ask(&mut world, &line)?;
+        }
+        ask(&mut world, "stream off")?;
+        ask(&mut world, "arm")?;
+        world.run(ARM_SAMPLES)?;
+        ask(&mut world, "walk")?;
+        let begun = world.powered.mcu.now();
+        let mut points = vec![];
+        loop {
+            let line = world.reply(LINE_SAMPLES)?;
+            world.lines.clear();
+            each(&line);
+            if line.starts_with("walk boundary") {
+                points.push([number(&line, ", b ")?, number(&line, ": k ")?]);
+            } else if line.starts_with("ok walk over") {
+                #[expect(clippy::cast_precision_loss, reason = "for people")]
+                let virtual_s =
+                    (world.powered.mcu.now() - begun) as f64 / world.powered.mcu.core_hz() as f64;
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a count of hits"
+                )]
+                return Ok(WalkReport {
+                    area: number(&line, "area ")?,
+                    hits: number(&line, "hits ")? as u32,
+                    points,
+                    ended_by: line.rsplit(' ').next().unwrap_or_default().to_owned(),
+                    virtual_s,
+                });
+            } else if line.starts_with("error") {
+                return Err(Failed::Refused(line));
+            }
+        }
+    }
+}
+
+/// The commands that set a scene's grid: caps first, so that each step lies below its cap.
+fn grid(scene: &Scene) -> [String; 6] {
+    let walk = &scene.walk;
+    [
+        format!("kmax {}", walk.stiffness_max_n_per_m),
+        format!("kstart {}", walk.stiffness_start_n_per_m),
+        format!("kstep {}", walk.stiffness_step_n_per_m),
+        format!("bstart {}", walk.damping_start_n_s_per_m),
+        format!("bstep {}", walk.damping_step_n_s_per_m),
+        format!("bmax {}", walk.damping_max_n_s_per_m),
+    ]
+}
+
+/// The number behind `name` in a line of the firmware.
+fn number(line: &str, name: &str) -> Result<f64, Failed> {
+    let rest = line.split_once(name).map_or("", |(_, rest)| rest);
+    let word = rest.split([' ', ',']).next().unwrap_or_default();
+    word.parse().map_err(|_| Failed::Refused(format!("no number behind {name:?} in: {line}")))
+}
+
+/// Asks, and takes an error of the firmware for a refusal.
+///
+/// # Errors
+/// The firmware said no, or its program ended.
+pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
+    let reply = world.ask(line)?;
+    if reply.starts_with("ok") {
+        Ok(reply)
+    } else {
+        Err(Failed::Refused(format!("{line}: {reply}")))
+    }
+}
+
+/// What the firmware is told of the scene's estimator: the command that tunes it, and its name. Whether
+/// it has that estimator is for the firmware to say.
+fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<(String, &'static str), Failed> {
+    let settings = scene.velocity.settings(cutoff_hz);
+    let estimator = settings.name();
+    if let Some(sense) = estimator.missing(&[Sense::Force]) {
+        let (name, sense) = (estimator.text(), sense.text());
+        let text = format!("velocity.estimator {name} needs {sense}, which no board has");
+        return Err(Failed::Refused(text));
+    }
+    // The firmware knows no second parameter but its device's own.
+    let (_, [_, asked]) = EstimatorName::of(&settings);
+    let (_, [_, known]) = EstimatorName::of(&estimator.defaults());
+    if asked != known {
+        let text = format!("velocity: the firmware has {known} where the scene has {asked}");
+        return Err(Failed::Refused(text));
+    }
+    let line = settings.tuning().map_or_else(String::new, |(_, value)| format!("tuning {value}"));
+    Ok((line, estimator.text()))
+}
