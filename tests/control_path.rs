@@ -148,6 +148,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
     assert!(instructions(&archive, "zwidth_sample") <= 130);
-    // The guard and its record come on top; what is rare lies outside of it.
-    assert!(instructions(&archive, "zwidth_guarded_sample") <= 220);
+    // The guard and its record come on top; what is rare lies outside of it. All is inlined: where the
+    // sampler was a call, this count (126 then) missed the 100 of it.
+    assert!(instructions(&archive, "zwidth_guarded_sample") <= 230);
 }
