@@ -85,7 +85,7 @@ impl Sampler {
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {
-        self.sense(control, counter, &Senses::default())
+        self.sense(control, counter, &Senses::NONE)
     }
 
     /// [`sample`](Self::sample) for estimators that look at more than the count.

@@ -294,3 +294,77 @@ impl Sensing for AnySensing {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn full(edit: impl FnOnce(&mut Scene)) -> Full {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        edit(&mut scene);
+        Full::new(&scene)
+    }
+
+    fn handle(position_m: f64, speed_m_per_s: f64) -> Handle {
+        Handle { position_m, speed_m_per_s }
+    }
+
+    #[test]
+    fn the_force_is_the_mean_of_what_acted_over_the_sample() {
+        let mut sensing = full(|scene| scene.actuator.latency = 10.25);
+        let at = handle(0.0, 0.0);
+        // full scale 5.906 N: a quarter of it for a quarter of the sample, then half of it
+        sensing.moved(at, at, 5.906 / 4.0, 5.906 / 2.0);
+        assert_eq!(sensing.senses.force.bits(), (1 << 26) + 3 * (1 << 27));
+        sensing.moved(at, at, -99.0, -99.0);
+        assert_eq!(sensing.senses.force.bits(), -(1 << 30));
+    }
+
+    #[test]
+    fn an_edge_gets_older_until_the_next_one() {
+        let (at, on) = (handle(0.5e-6, 0.01), handle(1.5e-6, 0.01)); // one count per sample
+        let mut rest = full(|_| {});
+        rest.moved(handle(0.5e-6, 0.0), handle(0.5e-6, 0.0), 0.0, 0.0);
+        assert_eq!(rest.senses.edge, None);
+        rest.moved(at, on, 0.0, 0.0);
+        let half = rest.senses.edge.unwrap();
+        assert!(half.up && half.age.abs_diff(1 << 15) <= 1, "{half:?}");
+        let still = handle(1.5e-6, 0.0);
+        rest.moved(still, still, 0.0, 0.0);
+        assert_eq!(rest.senses.edge, Some(Edge { age: half.age + (1 << 16), up: true }));
+    }
+
+    #[test]
+    fn an_accelerometer_has_bias_range_resolution_bandwidth_and_noise() {
+        let with = |edit: fn(&mut Accelerometer)| {
+            let mut sensor = Accelerometer {
+                full_scale_m_per_s2: 50.0,
+                resolution_m_per_s2: 0.0,
+                noise_m_per_s2_per_sqrt_hz: 0.0,
+                bias_m_per_s2: 0.0,
+                bandwidth_hz: None,
+            };
+            edit(&mut sensor);
+            full(|scene| scene.accelerometer = Some(sensor))
+        };
+        // one m/s^2 is 0.01 counts per sample^2
+        let read = |sensing: &mut Full, m_per_s2: f64| {
+            sensing.moved(handle(0.0, 0.0), handle(0.0, m_per_s2 * 1e-4), 0.0, 0.0);
+            f64::from(sensing.senses.acceleration.bits()) / 2f64.powi(24) * 100.0
+        };
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-5, "{a} {b}");
+        near(read(&mut with(|_| {}), 3.0), 3.0);
+        near(read(&mut with(|s| s.bias_m_per_s2 = -0.5), 3.0), 2.5);
+        near(read(&mut with(|_| {}), -70.0), -50.0);
+        near(read(&mut with(|s| s.resolution_m_per_s2 = 0.4), 3.0), 3.2);
+        let mut slow = with(|s| s.bandwidth_hz = Some(100.0));
+        near(read(&mut slow, 3.0), 3.0 * (1.0 - (-2.0 * core::f64::consts::PI * 0.01).exp()));
+        let mut noisy = with(|s| s.noise_m_per_s2_per_sqrt_hz = 0.01);
+        let readings: Vec<f64> = (0..20_000).map(|_| read(&mut noisy, 0.0)).collect();
+        let mean = readings.iter().sum::<f64>() / 20_000.0;
+        let rms = (readings.iter().map(|x| x * x).sum::<f64>() / 20_000.0).sqrt();
+        // density times the root of half the rate: 0.7071; five standard errors
+        assert!((rms / 0.5f64.sqrt() - 1.0).abs() < 0.025 && mean.abs() < 0.025, "{rms} {mean}");
+    }
+}

@@ -88,12 +88,12 @@ impl Twin {
 }
 
 impl Controller for Twin {
-    #[inline]
+    #[inline(always)] // called, it would keep the state of the loop in memory
     fn sample(&mut self, count: i32) -> bool {
         self.sense(count, &Senses::NONE)
     }
 
-    #[inline(always)] // for the same reason
+    #[inline(always)] // as sample
     fn sense(&mut self, count: i32, senses: &Senses) -> bool {
         let difference = count.wrapping_sub(self.count);
         self.count = count;
