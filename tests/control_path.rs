@@ -78,6 +78,8 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
         "zwidth_sample",
         "zwidth_render",
         "zwidth_hit",
+        "zwidth_trial",
+        "zwidth_calibration",
         "zwidth_guarded_sample",
         "zwidth_supervised_render",
         "zwidth_request",

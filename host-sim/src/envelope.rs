@@ -135,7 +135,8 @@ fn column(
         match rig.verdict(numeric, &hit) {
             Ok(Verdict::Stable) => {
                 let low_n_per_m = *run_n_per_m.get_or_insert(next);
-                if next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m {
+                let longer = next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m;
+                if longer || longest.high_n_per_m == 0.0 {
                     longest = Interval { low_n_per_m, high_n_per_m: next, ..longest };
                 }
             }

@@ -188,7 +188,7 @@ impl Return {
             }
         };
         let target = start << FRACTION;
-        let next = reference + (target - reference).clamp(-plan.step, plan.step);
+        let next = reference + between(target - reference, plan.step);
         // It waits for a handle that is held.
         if ((next >> FRACTION) - x).abs() <= i64::from(plan.lead) {
             reference = next;
@@ -202,10 +202,10 @@ impl Return {
             *first = error;
         }
         let limit = plan.limit;
-        self.integral = (self.integral + plan.integral.apply(error)).clamp(-limit, limit);
+        self.integral = between(self.integral + plan.integral.apply(error), limit);
         // each within +-2^61
         let soft = plan.stiffness.apply(error) + plan.damping.apply(widened);
-        let mut force = soft.saturating_add(self.integral).clamp(-limit, limit);
+        let mut force = between(soft.saturating_add(self.integral), limit);
         if contact {
             (force, self.integral) = (force.min(0), self.integral.min(0));
         }
@@ -229,6 +229,11 @@ impl Return {
         let near = position.wrapping_since(self.plan.start).unsigned_abs() <= tolerance;
         at_end && near && self.rest.1 >= self.plan.rest_outputs
     }
+}
+
+/// `value` within +-`limit`; unlike `clamp` without a way to panic.
+fn between(value: i64, limit: i64) -> i64 {
+    value.max(-limit).min(limit)
 }
 
 #[cfg(test)]

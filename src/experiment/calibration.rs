@@ -131,7 +131,7 @@ impl Calibration {
         }
         let step = self.plan.step;
         // both within +-0.3 full scale
-        self.force += (self.plan.target - self.force).clamp(-step, step);
+        self.force += (self.plan.target - self.force).max(-step).min(step); // clamp could panic
         if self.force == self.plan.target {
             self.held = self.held.saturating_add(1);
             if self.held > self.plan.hold {

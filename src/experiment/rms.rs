@@ -72,11 +72,10 @@ impl Scatter {
     /// Whether the RMS is certain to reach `limit` once `total` positions are in, whatever comes:
     /// the sum of squares about the mean never falls.
     pub fn must_reach(&self, limit: RmsLimit, total: u32) -> bool {
-        if self.samples == 0 {
-            return false;
-        }
-        let spread = self.scatter() / u128::from(self.samples);
-        spread >= limit.scatter_limit(total).div_ceil(u128::from(total))
+        // scatter / samples is that sum; at the end it has to be at least limit / total. The right
+        // side stays below 2^104, so a left side that saturates is greater.
+        let limit = limit.scatter_limit(total) * u128::from(self.samples);
+        self.samples > 0 && self.scatter().saturating_mul(u128::from(total)) >= limit
     }
 
     /// `n * sum(d^2) - sum(d)^2`, which is n^2 times the variance.

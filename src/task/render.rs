@@ -56,6 +56,7 @@ pub struct Ends {
 }
 
 /// The experiment that is going on.
+#[expect(clippy::large_enum_variant, reason = "there is one, in its place, and no heap")]
 enum Experiment {
     None,
     Hit(Trial),

@@ -9,7 +9,7 @@ use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
 use zwidth::{
     Control, Drive, Motion, Sampler, Settings,
-    experiment::{Hit, Verdict},
+    experiment::{Calibration, Duty, DutyPlan, Hit, Trial, Verdict},
     units::{Force, Position, Velocity},
     velocity::{Biquad, BiquadState},
 };
@@ -45,6 +45,32 @@ pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) 
         Some(Verdict::Unstable) => 2,
         Some(Verdict::NoContact) => 3,
     }
+}
+
+/// A trial's share of an output.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_trial(
+    trial: &mut Trial,
+    position: &Position,
+    contact: bool,
+    duty: &mut Duty,
+    plan: &DutyPlan,
+    push: &mut Force,
+) -> bool {
+    *push = trial.output(*position, contact, duty).unwrap_or_default();
+    duty.add(plan, *push);
+    trial.sample(*position, contact).or_else(|| trial.early_verdict()).is_some()
+}
+
+/// A calibration's share of an output.
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_calibration(
+    calibration: &mut Calibration,
+    position: &Position,
+    push: &mut Force,
+) -> bool {
+    *push = calibration.output(*position, false).unwrap_or_default();
+    calibration.is_complete_now()
 }
 
 /// The velocity filter alone, to be counted against idsp's.
