@@ -197,6 +197,7 @@ impl Estimator {
     /// Takes over from an estimator of another kind: warms up as if the handle had always moved at
     /// the velocity of the last sample.
     #[cold]
+    #[inline(never)]
     fn take_over(&self, state: &mut State) {
         state.kind = self.kind();
         match self {
