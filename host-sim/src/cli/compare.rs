@@ -76,7 +76,7 @@ struct JsonRow {
 
 pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
-    let entries = entries(&args.estimators)?;
+    let entries = entries(&args.estimators, &scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
     if !range.contains(&args.damping) {
@@ -115,8 +115,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
 }
 
 /// The estimators of the command line, butterworth first: it gives the wall to compare at.
-fn entries(asked: &[String]) -> Result<Vec<Entry>, Error> {
-    let all = Entry::all();
+fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
+    let all = Entry::all(&scene.scene);
     if asked.is_empty() {
         return Ok(all);
     }
@@ -126,6 +126,13 @@ fn entries(asked: &[String]) -> Result<Vec<Entry>, Error> {
             let names: Vec<&str> = EstimatorName::ALL.iter().map(|name| name.text()).collect();
             Error::Input(format!("--estimators: {name} is unknown, allowed {}", names.join(", ")))
         })?;
+        if !all.contains(&Entry::Tuned(found)) {
+            return Err(Error::Input(format!(
+                "--estimators: {name} needs a sense that {} has not, or differs from another one by \
+                 pre-warping only",
+                scene.name
+            )));
+        }
         if !entries.contains(&Entry::Tuned(found)) {
             entries.push(Entry::Tuned(found));
         }

@@ -19,6 +19,7 @@ use crate::{
     controller::{Controller, Fixed},
     error::Error,
     rig::{Numeric, Rig, WallHit},
+    sensing::{Full, Handle, Sensing},
 };
 
 /// What a contact showed.
@@ -143,6 +144,16 @@ fn impedance(rig: &Rig, wall: &WallHit, frequency_hz: f64) -> Result<Complex<f64
     #[expect(clippy::cast_possible_truncation, reason = "within 2^30 by the scene's check")]
     let count = |sample: f64| position(sample).floor() as i32;
     let mut core = Fixed::new(&settings, &design, Force::ZERO, count(0.0)).map_err(Error::input)?;
+    let mut senses = Full::new(scene);
+    let handle = |sample: f64| Handle {
+        position_m: position(sample) * design.resolution_m,
+        speed_m_per_s: AMPLITUDE_COUNTS
+            * omega
+            * (omega * sample).cos()
+            * design.resolution_m
+            * design.rate_hz,
+    };
+    let mut held_n = 0.0;
     let settle = (SETTLE_S * design.rate_hz).round();
     let periods = (frequency_hz * 2.0).ceil().max(2.0);
     let end = settle + periods * design.rate_hz / frequency_hz;
@@ -151,8 +162,9 @@ fn impedance(rig: &Rig, wall: &WallHit, frequency_hz: f64) -> Result<Complex<f64
     let mut outputs = 0.0;
     let mut sample = 0.0;
     while sample < end {
-        if core.sample(count(sample)) {
+        if senses.sample(&mut core, count(sample)) {
             let force_n = core.render().output * design.full_scale_n;
+            held_n = force_n;
             if sample >= settle {
                 // A held step of force acts as if it came at the middle of its hold, with the
                 // gain of a hold, which at these frequencies is one to within 1e-2.
@@ -161,6 +173,7 @@ fn impedance(rig: &Rig, wall: &WallHit, frequency_hz: f64) -> Result<Complex<f64
                 outputs += 1.0;
             }
         }
+        senses.moved(handle(sample), handle(sample + 1.0), held_n, held_n);
         sample += 1.0;
     }
     // x = A sin = A (e - e*) / 2j: its coefficient is A / 2j; the wall pushes back, hence the sign

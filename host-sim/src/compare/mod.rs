@@ -18,7 +18,10 @@ pub mod table;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
-use zwidth::{VelocitySettings, velocity::EstimatorName};
+use zwidth::{
+    VelocitySettings,
+    velocity::{EstimatorName, Sense},
+};
 
 pub use contact::Contact;
 pub use cost::Cost;
@@ -41,15 +44,22 @@ pub enum Entry {
     AdHoc,
 }
 
+/// The acceleration only with an accelerometer, hence last.
+const ALL_SENSES: &[Sense] = &[Sense::Force, Sense::Edge, Sense::Acceleration];
+
 /// Cutoff of [`Entry::AdHoc`], Hz.
 const AD_HOC_HZ: f64 = 50.0;
 
 impl Entry {
     /// Every estimator that the scene can feed, each once (pre-warping moves a cutoff, nothing else),
     /// and the ad-hoc one last.
-    pub fn all() -> Vec<Self> {
+    pub fn all(scene: &Scene) -> Vec<Self> {
         let twice = [EstimatorName::ButterworthPrewarped, EstimatorName::FirstOrderPrewarped];
-        let tuned = EstimatorName::ALL.iter().filter(|name| !twice.contains(name));
+        let can = |name: &EstimatorName| {
+            let acceleration = scene.accelerometer.is_some();
+            name.missing(if acceleration { ALL_SENSES } else { &ALL_SENSES[..2] }).is_none()
+        };
+        let tuned = EstimatorName::ALL.iter().filter(|name| !twice.contains(name) && can(name));
         tuned.map(|&name| Self::Tuned(name)).chain([Self::AdHoc]).collect()
     }
 
@@ -134,7 +144,7 @@ pub fn compare(
         .map(|(&entry, (settings, tuned))| {
             let (with, cutoff_hz) = with_estimator(scene, &settings);
             let rig = Rig::new(&with)?;
-            let signal = signal::measure(&settings, rig.design()).map_err(Error::input)?;
+            let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
             let contact = contact::measure(&rig, Numeric::Fixed, cutoff_hz, &place)?;
             let cost = cost::of(settings.name());
             Ok(Compared { entry, settings, tuned, signal, contact, cost })
@@ -143,9 +153,15 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-fn settings_of(entry: Entry, _scene: &Scene) -> VelocitySettings {
+/// Where the search starts. What is known of the device is told: the observer gets its mass.
+fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     match entry {
-        Entry::Tuned(name) => name.defaults(),
+        Entry::Tuned(name) => match name.defaults() {
+            VelocitySettings::Observer { bandwidth_hz, .. } => {
+                VelocitySettings::Observer { bandwidth_hz, mass_kg: scene.device.mass_kg }
+            }
+            defaults => defaults,
+        },
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ, prewarp: false },
     }
 }

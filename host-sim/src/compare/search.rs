@@ -102,6 +102,18 @@ fn range(parameter: &Parameter, rate_hz: f64) -> [f64; 2] {
     }
 }
 
+/// The part of the range that the core accepts, to within 5 %.
+fn narrowed([mut low, mut high]: [f64; 2], accepted: impl Fn(f64) -> bool) -> [f64; 2] {
+    const STEP: f64 = 1.05;
+    while low < high && !accepted(low) {
+        low *= STEP;
+    }
+    while high > low && !accepted(high) {
+        high /= STEP;
+    }
+    [low, high]
+}
+
 /// Tunes `start`; with `fixed` it is only walked. `done` is called after each walk.
 ///
 /// # Errors
@@ -132,9 +144,9 @@ pub fn tune(
             Tuned { tried: vec![], boundaries, left_when_mistuned: [1.0; 2], at_edge: false };
         return Ok((*start, tuned));
     };
-    let range = range(&parameter, scene.control.rate_hz);
     let whole = parameter.unit == "samples";
     let accepted = |tuning: f64| start.with_tuning(tuning).build(&scene.design()).is_ok();
+    let range = narrowed(range(&parameter, scene.control.rate_hz), accepted);
     let mut tried = Tried { points: vec![], whole };
     let look = |tuning: f64| -> Result<f64, Error> {
         if accepted(tuning) { Ok(boundary(&start.with_tuning(tuning), 0.0)?.area) } else { Ok(0.0) }

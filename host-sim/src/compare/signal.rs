@@ -2,15 +2,18 @@
 //!
 //! | figure | motion |
 //! |--------|--------|
-//! | delay, phase | a sine of 100 counts per sample at its fastest, so that counting hardly matters |
+//! | delay, phase | a sine of up to 100 counts per sample, as fast as the actuator's force can make it |
 //! | noise at rest | the count flickers between two neighbours at random, the worst place to rest |
 //! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction |
 
 use std::f64::consts::PI;
 
-use zwidth::{
-    Control, CounterWidth, Design, Sampler, Settings, SettingsError, VelocitySettings,
-    WallSettings, units::Velocity, velocity::Senses,
+use zwidth::{SettingsError, units::Force};
+
+use crate::{
+    controller::{Controller, Fixed},
+    scene::Scene,
+    sensing::{Full, Handle, Sensing},
 };
 
 /// Delay and noise.
@@ -36,95 +39,128 @@ const SAMPLES: u32 = 40_000;
 /// Speeds, counts per sample.
 const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7];
 
-/// Measures one estimator.
+/// A motion: position in counts and speed in counts per sample, at a sample.
+type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
+
+/// Measures the estimator of that scene at that cutoff. What it needs beside the position it is
+/// given: the force that a free mass would need for the motion, its acceleration, its edges.
 ///
 /// # Errors
 /// A parameter is out of range.
-pub fn measure(settings: &VelocitySettings, design: &Design) -> Result<Signal, SettingsError> {
-    let wall = WallSettings {
-        position_m: 0.0,
-        stiffness_n_per_m: 0.0,
-        damping_n_s_per_m: 0.0,
-        push_only: true,
-    };
-    let control = Settings { velocity: *settings, wall }.build(design)?;
-    let count_per_sample = design.resolution_m * design.rate_hz;
-    let slow_hz = SLOW * design.rate_hz;
-    let (_, slow) = sine(&control, SLOW);
-    let (_, fast) = sine(&control, 100.0 / design.rate_hz);
-    let noise = |motion: &mut dyn FnMut(u32) -> f64, speed: f64| {
-        let error = |velocity: f64| (velocity - speed).powi(2);
-        (run(&control, motion, |_, velocity| error(velocity)) / f64::from(SAMPLES)).sqrt()
-    };
+pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
+    let bench = Bench { scene, cutoff_hz };
+    let count_per_sample = scene.encoder.resolution_m * scene.control.rate_hz;
+    let rate_hz = scene.control.rate_hz;
+    let slow = bench.sine(SLOW)?;
+    let fast = bench.sine(100.0 / rate_hz)?;
     let mut state = 0x2545_f491_4f6c_dd1du64;
     let mut flicker = |_| {
         // xorshift64: the flicker must be the same in every run and on every machine
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
-        f64::from(u8::from(state >> 40 & 1 == 1))
+        [if state >> 40 & 1 == 1 { 1.25 } else { 0.75 }, 0.0]
     };
-    let at_rest = noise(&mut flicker, 0.0);
-    let in_motion = SPEEDS.map(|speed| noise(&mut |n| speed * f64::from(n), speed));
+    let at_rest = bench.noise(&mut flicker, 0.0)?;
+    let mut in_motion = 0f64;
+    for speed in SPEEDS {
+        in_motion = in_motion.max(bench.noise(&mut |n| [speed * f64::from(n), speed], speed)?);
+    }
     Ok(Signal {
-        delay_s: -slow / (2.0 * PI * slow_hz),
+        delay_s: -slow / (2.0 * PI * SLOW * rate_hz),
         phase_100_hz_deg: fast.to_degrees(),
         noise_at_rest_m_per_s: at_rest * count_per_sample,
-        noise_in_motion_m_per_s: in_motion.into_iter().fold(0.0, f64::max) * count_per_sample,
+        noise_in_motion_m_per_s: in_motion * count_per_sample,
     })
 }
 
-/// Gain and phase in radians at `frequency` cycles per sample, against the true velocity.
-fn sine(control: &Control, frequency: f64) -> (f64, f64) {
-    let omega = 2.0 * PI * frequency;
-    let amplitude = FAST_COUNTS / omega;
-    // a whole number of periods
-    let samples = (f64::from(SAMPLES) * frequency).floor() / frequency;
-    let (mut re, mut im) = (0.0, 0.0);
-    run(control, &mut |n| amplitude * (omega * f64::from(n)).sin(), |n, velocity| {
-        if f64::from(n) < samples {
-            let angle = omega * f64::from(n + WARM_UP);
-            re += velocity * angle.cos();
-            im += velocity * angle.sin();
-        }
-        0.0
-    });
-    // the true velocity is FAST_COUNTS cos(angle); late by phi it is cos(angle + phi), phi < 0
-    ((re * re + im * im).sqrt() * 2.0 / samples / FAST_COUNTS, (-im).atan2(re))
+struct Bench<'a> {
+    scene: &'a Scene,
+    cutoff_hz: f64,
 }
 
-/// Feeds `motion`, in counts over samples, and sums `each` of sample number and velocity in counts
-/// per sample after the warm-up.
-fn run(
-    control: &Control,
-    motion: &mut dyn FnMut(u32) -> f64,
-    mut each: impl FnMut(u32, f64) -> f64,
-) -> f64 {
-    let lsb = 1.0 / f64::from(1u32 << Velocity::FRACTION_BITS);
-    let count = |position: f64| -> u32 {
-        #[expect(clippy::cast_possible_truncation, reason = "far within i32")]
-        let count = position.floor() as i32;
-        count.cast_unsigned()
-    };
-    let mut sampler = Sampler::new(count(motion(0)), CounterWidth::Bits32);
-    let mut sum = 0.0;
-    for n in 1..WARM_UP + SAMPLES {
-        let motion = sampler.sense(control, count(motion(n)), &Senses::default());
-        if n >= WARM_UP {
-            sum += each(n - WARM_UP, f64::from(motion.velocity.bits()) * lsb);
-        }
+impl Bench<'_> {
+    /// RMS of the velocity's distance from `speed`, counts per sample.
+    fn noise(&self, motion: &mut Motion<'_>, speed: f64) -> Result<f64, SettingsError> {
+        let mut sum = 0.0;
+        self.run(motion, |_, velocity| sum += (velocity - speed).powi(2))?;
+        Ok((sum / f64::from(SAMPLES)).sqrt())
     }
-    sum
+
+    /// Speed of a sine whose acceleration takes 80 % of the actuator's force, counts per sample: an
+    /// observer cannot be told more.
+    fn fastest(&self, omega: f64) -> f64 {
+        let (scene, rate_hz) = (self.scene, self.scene.control.rate_hz);
+        let acceleration = 0.8 * scene.full_scale_n() / scene.device.mass_kg;
+        acceleration / (rate_hz * rate_hz * scene.encoder.resolution_m) / omega
+    }
+
+    /// Phase in radians at `frequency` cycles per sample, against the true velocity.
+    fn sine(&self, frequency: f64) -> Result<f64, SettingsError> {
+        let omega = 2.0 * PI * frequency;
+        let fast = FAST_COUNTS.min(self.fastest(omega));
+        let amplitude = fast / omega;
+        // a whole number of periods
+        let samples = (f64::from(SAMPLES) * frequency).floor() / frequency;
+        let (mut re, mut im) = (0.0, 0.0);
+        let mut motion = |n| {
+            let angle = omega * f64::from(n);
+            [amplitude * angle.sin(), fast * angle.cos()]
+        };
+        self.run(&mut motion, |n, velocity| {
+            if f64::from(n) < samples {
+                let angle = omega * f64::from(n + WARM_UP);
+                re += velocity * angle.cos();
+                im += velocity * angle.sin();
+            }
+        })?;
+        // the true velocity is in phase with cos(angle); late by phi it is cos(angle + phi), phi < 0
+        Ok((-im).atan2(re))
+    }
+
+    /// Feeds the motion; `each` sees sample number and velocity, counts per sample, after the warm-up.
+    fn run(
+        &self,
+        motion: &mut Motion<'_>,
+        mut each: impl FnMut(u32, f64),
+    ) -> Result<(), SettingsError> {
+        let scene = self.scene;
+        let (resolution_m, rate_hz) = (scene.encoder.resolution_m, scene.control.rate_hz);
+        let handle = |[position, speed]: [f64; 2]| Handle {
+            position_m: position * resolution_m,
+            speed_m_per_s: speed * resolution_m * rate_hz,
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "far within i32")]
+        let count = |[position, _]: [f64; 2]| position.floor() as i32;
+        let mut here = motion(0);
+        let settings = scene.settings(self.cutoff_hz, 0.0, 0.0);
+        let mut core = Fixed::new(&settings, &scene.design(), Force::ZERO, count(here))?;
+        let mut senses = Full::new(scene);
+        for n in 1..WARM_UP + SAMPLES {
+            let there = motion(n);
+            let acceleration = (there[1] - here[1]) * resolution_m * rate_hz * rate_hz;
+            let force_n = scene.device.mass_kg * acceleration;
+            senses.moved(handle(here), handle(there), force_n, force_n);
+            here = there;
+            senses.sample(&mut core, count(here));
+            if n >= WARM_UP {
+                each(n - WARM_UP, core.velocity());
+            }
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
+    use zwidth::VelocitySettings;
 
     fn signal(settings: VelocitySettings) -> Signal {
-        let design = NamedScene::load("paper-1um").unwrap().scene.design();
-        measure(&settings, &design).unwrap()
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let (scene, cutoff_hz) = crate::compare::with_estimator(&scene, &settings);
+        measure(&scene, cutoff_hz).unwrap()
     }
 
     #[test]
@@ -143,5 +179,14 @@ mod tests {
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares { degree: 1, window_samples: 20 };
         assert!((signal(window).delay_s / 1e-3 - 1.0).abs() < 0.01);
+        // told the force, the observer is not late, and edge times tell a constant speed
+        let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
+        assert!(observer.delay_s.abs() < 2e-5, "{observer:?}");
+        assert!(observer.phase_100_hz_deg.abs() < 1.0, "{observer:?}");
+        let stamps = signal(VelocitySettings::TimeStamps { span_samples: 8 });
+        assert!(
+            stamps.noise_in_motion_m_per_s < 1e-2 * plain.noise_in_motion_m_per_s,
+            "{stamps:?}"
+        );
     }
 }
