@@ -10,9 +10,14 @@
 //!
 //! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
 
+mod regime;
+
+pub use regime::Regime;
+use regime::{Event, Motion, Stop};
+
 use super::{AnyState, Plant, augmented::still};
 use crate::{
-    element::{Chain, Cogging, End, Friction, Nonlinear, REST_SPEED_M_PER_S, Travel},
+    element::{Chain, Cogging, Friction, Nonlinear, Travel},
     integrator::{Field, Integrator, dormand_prince},
 };
 
@@ -23,44 +28,6 @@ const EVENTS_MAX: u32 = 200;
 const SHORTEST: f64 = 1e-6;
 /// Time that is too short to matter, as a share of the sample.
 const NO_TIME: f64 = 1e-13;
-
-/// Which equation holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Regime {
-    motion: Motion,
-    stop: Stop,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Motion {
-    /// Free to move; with friction, in this direction.
-    #[default]
-    Up,
-    Down,
-    /// Stuck, or at rest on a rigid stop.
-    Held,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Stop {
-    #[default]
-    Clear,
-    /// The stop's spring and damper push.
-    Pushing(End),
-    /// Beyond the end, moving back faster than the stop follows.
-    Parting(End),
-}
-
-/// What ends a regime.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Event {
-    Rest,
-    Breakaway,
-    Reaches(End),
-    Parts(End),
-    Leaves(End),
-    MeetsAgain(End),
-}
 
 /// The plant of N linear states with its non-linear elements and its integrator.
 #[derive(Clone, Debug, PartialEq)]
@@ -184,136 +151,6 @@ impl<const N: usize> IntegratedStep<N> {
             force_n -= end.outward() * travel.push_n(end, position_m, z[1]);
         }
         force_n
-    }
-
-    /// All forces on the device but friction and rigid stops, N.
-    fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
-        let smooth = self.linear(&state.z, force_n)[1] * self.mass_kg;
-        smooth + self.position_force_n(&state.z, state.regime.stop)
-    }
-
-    /// The rigid stop that the device is on.
-    fn rigid_stop(&self, z: &[f64; N]) -> Option<End> {
-        let travel = self.travel.filter(|travel| matches!(travel, Travel::Rigid { .. }))?;
-        let position_m = self.absolute_m(z);
-        [End::Low, End::High].into_iter().find(|end| travel.depth_m(*end, position_m) >= 0.0)
-    }
-
-    /// How far the device at rest is from moving, N: up and down. Infinite into a rigid stop.
-    fn holds_n(&self, state: &HybridState<N>, force_n: f64) -> (f64, f64) {
-        let pull_n = self.pull_n(state, force_n);
-        let hold_n = self.friction.map_or(0.0, |friction| friction.static_n);
-        let (mut up, mut down) = (hold_n - pull_n, hold_n + pull_n);
-        match self.rigid_stop(&state.z) {
-            Some(End::High) => up = f64::INFINITY,
-            Some(End::Low) => down = f64::INFINITY,
-            None => {}
-        }
-        (up, down)
-    }
-
-    /// Decides on the motion of a device that stands still.
-    fn settle(&self, state: &mut HybridState<N>, force_n: f64) {
-        let can_hold = self.friction.is_some() || self.rigid_stop(&state.z).is_some();
-        let (up, down) = self.holds_n(state, force_n);
-        state.regime.motion = if up < 0.0 || !can_hold {
-            Motion::Up
-        } else if down < 0.0 {
-            Motion::Down
-        } else {
-            Motion::Held
-        };
-    }
-
-    /// The guard that is nearest to being violated, negative if it is.
-    fn guard(&self, regime: Regime, z: &[f64; N], force_n: f64) -> (f64, Event) {
-        let mut least = (f64::INFINITY, Event::Rest);
-        let mut guard = |value: f64, event: Event| {
-            if value < least.0 {
-                least = (value, event);
-            }
-        };
-        match regime.motion {
-            Motion::Held => {
-                let state = HybridState { z: *z, regime, step_s: 0.0 };
-                let (up, down) = self.holds_n(&state, force_n);
-                guard(up.min(down), Event::Breakaway);
-                return least;
-            }
-            Motion::Up if self.friction.is_some() => guard(z[1], Event::Rest),
-            Motion::Down if self.friction.is_some() => guard(-z[1], Event::Rest),
-            Motion::Up | Motion::Down => {}
-        }
-        if let Some(travel) = self.travel {
-            let position_m = self.absolute_m(z);
-            match regime.stop {
-                Stop::Clear => {
-                    for end in [End::Low, End::High] {
-                        guard(-travel.depth_m(end, position_m), Event::Reaches(end));
-                    }
-                }
-                Stop::Pushing(end) => {
-                    guard(travel.push_n(end, position_m, z[1]), Event::Parts(end));
-                }
-                Stop::Parting(end) => {
-                    guard(travel.depth_m(end, position_m), Event::Leaves(end));
-                    guard(-travel.push_n(end, position_m, z[1]), Event::MeetsAgain(end));
-                }
-            }
-        }
-        least
-    }
-
-    /// Changes the regime at its end.
-    fn transit(&self, state: &mut HybridState<N>, event: Event, force_n: f64) {
-        match event {
-            Event::Rest => {
-                state.z[1] = 0.0;
-                self.settle(state, force_n);
-            }
-            Event::Breakaway => self.settle(state, force_n),
-            Event::Parts(end) => state.regime.stop = Stop::Parting(end),
-            Event::MeetsAgain(end) => state.regime.stop = Stop::Pushing(end),
-            Event::Leaves(end) => {
-                self.put_on(&mut state.z, end);
-                state.regime.stop = Stop::Clear;
-            }
-            Event::Reaches(end) => {
-                self.put_on(&mut state.z, end);
-                match self.travel {
-                    Some(Travel::Rigid { restitution, .. }) => {
-                        self.bounce(state, end, restitution, force_n);
-                    }
-                    _ => state.regime.stop = Stop::Pushing(end),
-                }
-            }
-        }
-    }
-
-    fn bounce(&self, state: &mut HybridState<N>, end: End, restitution: f64, force_n: f64) {
-        let back = -restitution * state.z[1] * end.outward(); // negative: away from the stop
-        if back < -REST_SPEED_M_PER_S {
-            state.z[1] = back * end.outward();
-            state.regime.motion = match end {
-                End::High => Motion::Down,
-                End::Low => Motion::Up,
-            };
-        } else {
-            state.z[1] = 0.0;
-            self.settle(state, force_n);
-        }
-    }
-
-    /// Puts the device exactly on an end.
-    fn put_on(&self, z: &mut [f64; N], end: End) {
-        if let Some(travel) = self.travel {
-            let end_m = travel.end_m(end);
-            z[0] = end_m - self.rest_m[0];
-            // The difference rounds: a rigid stop is on the end or beyond it, never short of it.
-            while travel.depth_m(end, self.absolute_m(z)) < 0.0 {
-                z[0] = if end == End::High { z[0].next_up() } else { z[0].next_down() };
-            }
-        }
     }
 
     /// One step of at most `left_s`: its length and where it ends.

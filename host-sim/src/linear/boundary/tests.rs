@@ -157,6 +157,37 @@ fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) {
 }
 
 #[test]
+fn narrow_resonances_are_not_stepped_over() {
+    let mut dice = Dice(5);
+    let mut stable = 0;
+    for _ in 0..150 {
+        let mut of = dice.augmented();
+        let frequency = 2.0 * PI * of.rate_hz * dice.logarithmic(1e-3, 0.4);
+        let mass_kg = of.device.mass_kg * dice.logarithmic(1e-4, 1e-1);
+        of.elements.mode = Some(Mode {
+            mass_kg,
+            stiffness_n_per_m: mass_kg * frequency * frequency,
+            damping_n_s_per_m: mass_kg * frequency * dice.logarithmic(1e-6, 1e-3),
+        });
+        let boundary = Boundary::new(&of).unwrap();
+        let monodromy = Monodromy::new(&of).unwrap();
+        let damping = dice.damping(&of);
+        let found = boundary.intervals(&boundary.points, damping);
+        assert!(found.consistent, "{of:?} B {damping}");
+        let limit = boundary.at(damping).unwrap();
+        stable += u32::from(limit.stiffness_max > 0.0);
+        for share in [0.01, 0.1, 0.3, 0.9, 0.999] {
+            let radius = monodromy.spectral_radius(limit.stiffness_max * share, damping);
+            assert!(
+                limit.stiffness_max == 0.0 || radius < 1.0 + 1e-9,
+                "{of:?} B {damping} {limit:?} {share}: {radius}"
+            );
+        }
+    }
+    assert!(stable > 30, "{stable}");
+}
+
+#[test]
 fn no_interval_escapes_a_scan() {
     // Eigenvalues on a dense grid of K find no stable or unstable stretch that the crossings do not.
     let mut dice = Dice(2);
