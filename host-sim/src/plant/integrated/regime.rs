@@ -74,6 +74,10 @@ impl<const N: usize> IntegratedStep<N> {
 
     /// Decides on the motion of a device that stands still.
     pub(super) fn settle(&self, state: &mut HybridState<N>, force_n: f64) {
+        if let Some(end) = self.rigid_stop(&state.z) {
+            // It may have come to rest a rounding of the event's time beyond.
+            self.put_on(&mut state.z, end);
+        }
         let can_hold = self.friction.is_some() || self.rigid_stop(&state.z).is_some();
         let (up, down) = self.holds_n(state, force_n);
         state.regime.motion = if up < 0.0 || !can_hold {
