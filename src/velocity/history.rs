@@ -38,15 +38,21 @@ impl History {
 
     /// As after many samples at that velocity: differences whose sums follow it to within a count.
     pub(super) fn at(velocity: Velocity) -> Self {
+        const FRACTION: i32 = (1 << Velocity::FRACTION_BITS) - 1;
+        let bits = velocity.bits();
         let mut state = Self::REST;
-        let mut whole = 0;
-        for n in 1..=WINDOW_MAX.cast_signed() {
-            let position = (i64::from(velocity.bits()) * i64::from(n)) >> Velocity::FRACTION_BITS;
-            #[expect(clippy::cast_possible_truncation, reason = "at most 2^15 * 64")]
-            let position = position as i32;
-            state.push(position - whole);
-            whole = position;
+        let mut rest = 0;
+        for place in &mut state.differences {
+            rest += bits & FRACTION;
+            #[expect(clippy::cast_possible_truncation, reason = "Velocity is within +-32767")]
+            let difference =
+                ((bits >> Velocity::FRACTION_BITS) + (rest >> Velocity::FRACTION_BITS)) as i16;
+            rest &= FRACTION;
+            *place = difference;
         }
+        #[expect(clippy::cast_possible_truncation, reason = "63")]
+        let newest = WINDOW_MAX as u8 - 1;
+        state.newest = newest;
         state
     }
 }

@@ -159,11 +159,11 @@ fn save(firmware: &Firmware, older: &[u32; RECORD_WORDS]) -> Vec<[u32; RECORD_WO
 /// The next record goes to the other sector, which is erased for it: what a cut leaves there is
 /// worth nothing, and the newest record is not in it.
 pub fn cut_an_erase(firmware: &Firmware) -> usize {
-    let full: Vec<u32> = (0..(SECTOR_WORDS / RECORD_WORDS) as u32)
-        .flat_map(|n| record(200 + n, if n < 169 { 700.0 } else { 1000.0 }))
+    let records = (SECTOR_WORDS / RECORD_WORDS) as u32;
+    let full: Vec<u32> = (0..records)
+        .flat_map(|n| record(200 + n, if n + 1 < records { 700.0 } else { 1000.0 }))
         .collect();
-    let old: Vec<u32> =
-        (0..(SECTOR_WORDS / RECORD_WORDS) as u32).flat_map(|n| record(1 + n, 500.0)).collect();
+    let old: Vec<u32> = (0..records).flat_map(|n| record(1 + n, 500.0)).collect();
     let cuts: [fn(usize, u32) -> u32; 4] = [
         |_, word| word,
         |n, word| if n < 2000 { u32::MAX } else { word },
