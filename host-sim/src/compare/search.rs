@@ -28,7 +28,7 @@ pub struct Budget {
 }
 
 /// Share of the walks that go into the first look.
-const FIRST_LOOK: f64 = 0.6;
+const FIRST_LOOK: (u32, u32) = (3, 5);
 /// How much the tuning is put wrong to see how much it matters.
 pub const MISTUNED_BY: f64 = 1.5;
 
@@ -151,7 +151,7 @@ pub fn tune(
     let look = |tuning: f64| -> Result<f64, Error> {
         if accepted(tuning) { Ok(boundary(&start.with_tuning(tuning), 0.0)?.area) } else { Ok(0.0) }
     };
-    let first = ((f64::from(budget.walks) * FIRST_LOOK).round() as u32).clamp(2, budget.walks);
+    let first = (budget.walks * FIRST_LOOK.0 / FIRST_LOOK.1).clamp(2, budget.walks);
     for n in 0..first {
         let share = f64::from(n) / f64::from(first - 1);
         tried.add(range[0] * (range[1] / range[0]).powf(share), look)?;

@@ -99,7 +99,6 @@ pub const CRITERIA: [Criterion; 16] = [
     }),
 ];
 
-#[expect(clippy::too_many_arguments, reason = "one row of a table")]
 const fn column(
     key: &'static str,
     name: &'static str,
