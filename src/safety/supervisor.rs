@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Control, Drive, Motion,
     telemetry::{Flags, Record},
-    units::{Command, Demand, Force},
+    units::{Command, Demand, Force, Position},
 };
 
 /// What the output may do. A force comes only out of a supervisor that is on.
@@ -92,6 +92,8 @@ pub struct Supervisor {
     zeroed: bool,
     unlocked: bool,
     contact: bool,
+    /// The wall of the last output reaches over count 0: zeroed there, the handle would be inside.
+    inside_at_zero: bool,
     inputs: Inputs,
     /// The last output.
     record: Record,
@@ -119,6 +121,7 @@ impl Supervisor {
             zeroed: false,
             unlocked: false,
             contact: false,
+            inside_at_zero: false,
             inputs: Inputs {
                 stop_closed: false,
                 supply_good: false,
@@ -138,6 +141,7 @@ impl Supervisor {
         let drive = control.render(up.motion, push);
         self.inputs = inputs;
         self.contact = drive.contact;
+        self.inside_at_zero = control.wall.penetration(Position::default()) > 0;
         let held = self.follow_zero(up);
         self.look(up, inputs);
         let force = self.force(control, up, push, &drive, held);
@@ -219,13 +223,20 @@ impl Supervisor {
 
     /// Whether settings may be exchanged between this output and the next sample. Gains always may,
     /// their change is faded in; where the wall is, and how velocity is estimated, not in contact:
-    /// the link asked for it with an older output in view.
+    /// the link asked for it with an older output in view. Nor may a wall be put where the handle is:
+    /// it would throw it out.
     ///
     /// # Errors
-    /// In contact.
+    /// In contact, before or after.
     pub fn may_change(&self, from: &Control, to: &Control) -> Result<(), Refusal> {
-        let same = from.estimator == to.estimator && from.wall.surface() == to.wall.surface();
-        if same || !(self.state.is_on() && self.contact) { Ok(()) } else { Err(Refusal::Contact) }
+        let moved = from.wall.surface() != to.wall.surface();
+        let same = from.estimator == to.estimator && !moved;
+        let inside = moved && to.wall.penetration(self.record.position) > 0;
+        if same || !(self.state.is_on() && (self.contact || inside)) {
+            Ok(())
+        } else {
+            Err(Refusal::Contact)
+        }
     }
 
     fn arm(&mut self) -> Result<(), Refusal> {
@@ -277,7 +288,7 @@ impl Supervisor {
     fn zero(&mut self) -> Result<(), Refusal> {
         match self.state {
             State::SignTest | State::RampIn => return Err(Refusal::Arming),
-            State::Armed if self.contact => return Err(Refusal::Contact),
+            State::Armed if self.contact || self.inside_at_zero => return Err(Refusal::Contact),
             State::Armed | State::Off | State::Fault => {}
         }
         self.tell(|down| down.zeros = down.zeros.wrapping_add(1));

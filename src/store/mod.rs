@@ -72,6 +72,10 @@ pub enum Source {
     Empty,
     /// The defaults, because all that was saved is damaged.
     Defaults,
+    /// The defaults, because what was saved is for another device.
+    OtherDevice,
+    /// The defaults, because this firmware cannot take what was saved.
+    Unusable,
 }
 
 impl fmt::Display for Source {
@@ -81,6 +85,8 @@ impl fmt::Display for Source {
             Self::Older => "older settings: the newest copy is damaged",
             Self::Empty => "defaults: nothing was saved yet",
             Self::Defaults => "defaults: every saved copy is damaged",
+            Self::OtherDevice => "defaults: what was saved is for another device",
+            Self::Unusable => "defaults: this firmware cannot take what was saved",
         })
     }
 }
@@ -198,6 +204,7 @@ pub fn load<F: Flash>(flash: &F, defaults: Stored) -> Loaded {
     // any, its damage is a save or an erase that came later and was cut short.
     let later = active.damaged_behind + if other.newest.is_none() { other.damaged } else { 0 };
     let (stored, source) = match found {
+        Some((_, stored)) if stored.device != defaults.device => (defaults, Source::OtherDevice),
         Some((_, stored)) if later == 0 => (stored, Source::Newest),
         Some((_, stored)) => (stored, Source::Older),
         None if damaged == 0 => (defaults, Source::Empty),

@@ -31,6 +31,7 @@ use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
     Control, CounterWidth, Motion,
     safety::{Down, Fault, FaultRecord, Guard, GuardedSampler, Supervisor, boot_fault},
+    store::Source,
 };
 
 use crate::board::{self, Board, Latest, Queue, Snapshot};
@@ -94,8 +95,15 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
         // The defaults are constants that every board is tested with.
         panic!();
     };
-    let fault = boot_fault(&board.memory.read(), board.reset_cause)
-        .or_else(|| (loaded.stored != stored).then(|| FaultRecord::bare(Fault::Settings)));
+    let usable = loaded.stored == stored;
+    let source = if usable { loaded.source } else { Source::Unusable };
+    let refused = (!usable).then(|| FaultRecord::bare(Fault::Settings));
+    let fault = match (boot_fault(&board.memory.read(), board.reset_cause), refused) {
+        (Some(boot), Some(refused)) => {
+            Some(FaultRecord { causes: boot.causes.union(refused.causes), ..boot })
+        }
+        (boot, refused) => boot.or(refused),
+    };
     if let Some(record) = fault {
         // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
         board.memory.write(&record.to_words());
@@ -121,7 +129,7 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     (
         Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
-        Link::new(board.link, board.settings, reports_out, orders_in, stored, loaded.source),
+        Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
         Idle::new(board.watchdog),
     )
 }

@@ -131,7 +131,7 @@ impl Render {
         }
         let up = Up { motion, guard: self.guard, cut };
         let push = self.push(up.motion.position);
-        let inputs = self.inputs();
+        let inputs = self.inputs(cut);
         let rendered = self.supervisor.render(&self.control, &up, push, inputs);
         self.put_out(rendered.grant);
         self.ends.down.publish(rendered.down);
@@ -157,16 +157,16 @@ impl Render {
     }
 
     /// What the board says at this output.
-    fn inputs(&self) -> Inputs {
+    fn inputs(&self, cut: bool) -> Inputs {
         let stop_closed = self.outputs.stop.is_closed();
         let supply_good = !self.outputs.supply.is_low();
         Inputs {
             stop_closed,
             supply_good,
             settings_valid: self.gains == Gains::Inside || self.supervisor.status().unlocked,
-            // Nobody else drops enable while force is on, but for the emergency stop and `sample`,
-            // which have faults of their own.
-            halted: self.was_on && stop_closed && !self.outputs.drive.is_on(),
+            // Nobody else drops enable while force is on, but for the emergency stop and `sample`
+            // (it cut), which have faults of their own.
+            halted: self.was_on && stop_closed && !cut && !self.outputs.drive.is_on(),
         }
     }
 

@@ -15,10 +15,10 @@ const SECTOR_A: u32 = 0x0800_4000;
 const SECTOR_B: u32 = 0x0800_8000;
 const SECTOR_WORDS: usize = 4096;
 
-/// A record with that stiffness.
-fn record(sequence: u32, stiffness_n_per_m: f64) -> [u32; RECORD_WORDS] {
+/// A record of that board's device with that stiffness.
+fn record(firmware: &Firmware, sequence: u32, stiffness_n_per_m: f64) -> [u32; RECORD_WORDS] {
     let stored = Stored {
-        device: DeviceKey::new("paper-1um").unwrap(),
+        device: DeviceKey::new(firmware.board.name).unwrap(),
         settings: Settings {
             velocity: VelocitySettings::Butterworth { cutoff_hz: 1200.0, prewarp: false },
             wall: WallSettings {
@@ -74,7 +74,7 @@ fn stiffness(world: &mut World<'_>) -> String {
 
 /// Each byte of the newest of two records, every bit of it turned, or of the only one.
 pub fn flip_every_byte(firmware: &Firmware, step: usize) -> usize {
-    let (older, newest) = (record(1, 1000.0), record(2, 2000.0));
+    let (older, newest) = (record(firmware, 1, 1000.0), record(firmware, 2, 2000.0));
     let both = |newest: &[u32]| {
         let words: Vec<u32> = older.iter().chain(newest).copied().collect();
         boot(firmware, &[(SECTOR_A, &words)])
@@ -98,7 +98,7 @@ pub fn flip_every_byte(firmware: &Firmware, step: usize) -> usize {
 
 /// The ELF saves, and the power goes before, in and after each word that it writes.
 pub fn cut_every_word(firmware: &Firmware, step: usize) -> usize {
-    let older = record(1, 1000.0);
+    let older = record(firmware, 1, 1000.0);
     let states = save(firmware, &older);
     assert_eq!(states.len(), RECORD_WORDS + 1, "one state more than words");
     let newest = *states.last().unwrap();
@@ -161,9 +161,9 @@ fn save(firmware: &Firmware, older: &[u32; RECORD_WORDS]) -> Vec<[u32; RECORD_WO
 pub fn cut_an_erase(firmware: &Firmware) -> usize {
     let records = (SECTOR_WORDS / RECORD_WORDS) as u32;
     let full: Vec<u32> = (0..records)
-        .flat_map(|n| record(200 + n, if n + 1 < records { 700.0 } else { 1000.0 }))
+        .flat_map(|n| record(firmware, 200 + n, if n + 1 < records { 700.0 } else { 1000.0 }))
         .collect();
-    let old: Vec<u32> = (0..records).flat_map(|n| record(1 + n, 500.0)).collect();
+    let old: Vec<u32> = (0..records).flat_map(|n| record(firmware, 1 + n, 500.0)).collect();
     let cuts: [fn(usize, u32) -> u32; 4] = [
         |_, word| word,
         |n, word| if n < 2000 { u32::MAX } else { word },
