@@ -226,7 +226,9 @@ fn scene(base: &Scene, found: &Identification, options: &Options, args: &Identif
         scene.device.rest_position_m = spring.rest_position_m.value;
     }
     scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
-    if args.latency.is_some() || args.fit_latency {
+    // A latency that was said belongs to the log (0 for a voltage measured at the motor); the loop's
+    // is another, and a shorter one would promise walls that the device cannot render.
+    if args.fit_latency {
         scene.actuator.latency = (found.latency_s.value * scene.control.rate_hz).max(0.0);
     }
     if options.resolution_m > 0.0 {

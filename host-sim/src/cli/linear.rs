@@ -160,7 +160,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             simulated,
         });
     }
-    let mut text = table(&analyses) + &explanation(&analyses, scene.scene.wall_hit.rms_limit_m);
+    let mut text = table(&analyses) + &explanation(&analyses, &scene.scene);
     if !left_out.is_empty() {
         let _ = write!(text, "\nnot linear, left out: {}", left_out.join(", "));
     }
@@ -180,7 +180,8 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
 }
 
 /// What the points of the simulated boundary are, a sentence for each cutoff.
-fn explanation(analyses: &[Analysis], rms_limit_m: f64) -> String {
+fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
+    let rms_limit_m = scene.wall_hit.rms_limit_m;
     let mut text = String::new();
     for Analysis { cutoff_hz, simulated, .. } in analyses {
         if simulated.is_empty() {
@@ -201,11 +202,18 @@ fn explanation(analyses: &[Analysis], rms_limit_m: f64) -> String {
             largest_um(&below)
         );
         if !above.is_empty() {
+            // At rest between two counts the RMS is below half of one.
+            let at_rest = smallest_um < 0.5e6 * scene.encoder.resolution_m;
+            let what = match (at_rest, scene.nonlinear_elements().is_empty()) {
+                (false, true) => "limit cycles, since the handle cannot come to rest there",
+                (_, false) => "limit cycles, or at rest by what the linear analysis leaves out",
+                (true, true) => "limit cycles, some of them smaller than half a count",
+            };
             let _ = write!(
                 text,
-                "; {} are above it, where the handle cannot come to rest: limit cycles of \
-                 {smallest_um:.2} to {:.2} um RMS, stable by the limit of {} um",
+                "; {} are above it, {}: {smallest_um:.2} to {:.2} um RMS, stable by the limit of {} um",
                 above.len(),
+                what,
                 largest_um(&above),
                 rms_limit_m * 1e6
             );
@@ -360,7 +368,7 @@ fn table(analyses: &[Analysis]) -> String {
         );
         if let Some(passive) = row.stiffness_passive_n_per_m {
             let separator = if remark.is_empty() { "" } else { "; " };
-            let _ = write!(text, "{separator}passive up to {passive:.1}");
+            let _ = write!(text, "{separator}passive up to {passive:.1} (single-rate, no latency)");
         }
         for (from, to) in &row.further_stable_n_per_m {
             let _ = write!(text, "; stable again from {from:.1} to {to:.1}");

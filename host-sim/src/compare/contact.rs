@@ -6,8 +6,9 @@
 //! **Fidelity** (Chawda, Celik, O'Malley, IEEE/ASME T-Mech 23(2), 2018, plot it over the Z-width): the
 //! impedance that is rendered against the one that is commanded, `K + j w B`. The handle is moved
 //! inside the wall by a sine, the very loop of the scene (encoder, estimator, wall, output period,
-//! latency) answers with a force, and the ratio of their Fourier coefficients is the impedance. Only
-//! saturation is put out of reach.
+//! latency) answers with a force, and the ratio of their Fourier coefficients is the impedance.
+//! Saturation is put out of reach and the wall may pull; the encoder floors, and the scene's elements
+//! are left out.
 
 use std::f64::consts::PI;
 
@@ -135,7 +136,9 @@ fn impedance(rig: &Rig, wall: &WallHit, frequency_hz: f64) -> Result<Complex<f64
     const OUT_OF_REACH: f64 = 1000.0;
     let scene = rig.scene();
     let design = Design { full_scale_n: rig.design().full_scale_n * OUT_OF_REACH, ..*rig.design() };
-    let settings = scene.settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
+    let mut settings =
+        scene.settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
+    settings.wall.push_only = false; // it would clip at high B, where velocity outweighs depth
     let surface = settings.build(&design).map_err(Error::input)?.wall.surface().counts();
     let omega = 2.0 * PI * frequency_hz / design.rate_hz;
     let position = |sample: f64| {

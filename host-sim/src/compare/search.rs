@@ -40,8 +40,9 @@ pub struct Tuned {
     /// Boundaries at the best tuning, one per start.
     pub boundaries: Vec<Boundary>,
     /// Area that is left when the tuning is too low and too high by [`MISTUNED_BY`], as a fraction of
-    /// the best; 1 where there is nothing to tune.
-    pub left_when_mistuned: [f64; 2],
+    /// that of the best, both walked from the scene's own start; `None` where there is nothing to
+    /// tune, or the core refuses that tuning.
+    pub left_when_mistuned: [Option<f64>; 2],
     /// The best tuning is an end of what was tried.
     pub at_edge: bool,
 }
@@ -141,7 +142,7 @@ pub fn tune(
     let Some((parameter, _)) = start.tuning().filter(|_| !fixed) else {
         let boundaries = repeats(start)?;
         let tuned =
-            Tuned { tried: vec![], boundaries, left_when_mistuned: [1.0; 2], at_edge: false };
+            Tuned { tried: vec![], boundaries, left_when_mistuned: [None; 2], at_edge: false };
         return Ok((*start, tuned));
     };
     let whole = parameter.unit == "samples";
@@ -167,12 +168,15 @@ pub fn tune(
         at_edge: tried.is_edge(best),
         tried: tried.points,
         boundaries,
-        left_when_mistuned: [0.0; 2],
+        left_when_mistuned: [None; 2],
     };
-    let area = tuned.area();
+    let area = tuned.boundaries.first().map_or(0.0, |first| first.area);
     for (left, factor) in tuned.left_when_mistuned.iter_mut().zip([1.0 / MISTUNED_BY, MISTUNED_BY])
     {
-        *left = look(tried_value(best * factor, whole))? / area;
+        let wrong = tried_value(best * factor, whole);
+        if area > 0.0 && accepted(wrong) {
+            *left = Some(look(wrong)? / area);
+        }
     }
     Ok((settings, tuned))
 }

@@ -83,13 +83,13 @@ pub const CRITERIA: [Criterion; 16] = [
         c.contact.stable.then_some(c.contact.roughness_n)
     }),
     column("impedance_error", "impedance error", "%", 1e2, 2, Some(Better::Less), |c, _| {
-        Some(c.contact.impedance_error)
+        c.contact.stable.then_some(c.contact.impedance_error)
     }),
     column("left_when_too_low", "left if tuned /1.5", "%", 1e2, 0, None, |c, _| {
-        Some(c.tuned.left_when_mistuned[0])
+        c.tuned.left_when_mistuned[0]
     }),
     column("left_when_too_high", "left if tuned x1.5", "%", 1e2, 0, None, |c, _| {
-        Some(c.tuned.left_when_mistuned[1])
+        c.tuned.left_when_mistuned[1]
     }),
     column("cycles", "cycles, Cortex-M4", "", 1.0, 0, Some(Better::Less), |c, _| {
         c.cost.map(|cost| cost.cycles)
@@ -184,7 +184,7 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
 /// What roughness means, for captions.
 pub fn roughness_note(place: &Place) -> String {
     format!(
-        "Force above {} Hz is its RMS in a wall hit at K = {} N/m, B = {} N s/m; it is empty where that wall is not stable.",
+        "Force above {} Hz is its RMS in a wall hit at K = {} N/m, B = {} N s/m; it is empty, as is the impedance error, where that wall is not stable.",
         contact::ROUGH_ABOVE_HZ,
         place.stiffness_n_per_m,
         place.damping_n_s_per_m
