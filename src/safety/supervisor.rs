@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Control, Drive, Motion,
     telemetry::{Flags, Record},
-    units::{Command, Demand, Force, Position},
+    units::{Command, Demand, Force},
 };
 
 /// What the output may do. A force comes only out of a supervisor that is on.
@@ -92,8 +92,6 @@ pub struct Supervisor {
     zeroed: bool,
     unlocked: bool,
     contact: bool,
-    /// The wall of the last output reaches over count 0: zeroed there, the handle would be inside.
-    inside_at_zero: bool,
     inputs: Inputs,
     /// The last output.
     record: Record,
@@ -121,7 +119,6 @@ impl Supervisor {
             zeroed: false,
             unlocked: false,
             contact: false,
-            inside_at_zero: false,
             inputs: Inputs {
                 stop_closed: false,
                 supply_good: false,
@@ -141,7 +138,6 @@ impl Supervisor {
         let drive = control.render(up.motion, push);
         self.inputs = inputs;
         self.contact = drive.contact;
-        self.inside_at_zero = control.wall.penetration(Position::default()) > 0;
         let held = self.follow_zero(up);
         self.look(up, inputs);
         let force = self.force(control, up, push, &drive, held);
@@ -288,7 +284,7 @@ impl Supervisor {
     fn zero(&mut self) -> Result<(), Refusal> {
         match self.state {
             State::SignTest | State::RampIn => return Err(Refusal::Arming),
-            State::Armed if self.contact || self.inside_at_zero => return Err(Refusal::Contact),
+            State::Armed if self.contact => return Err(Refusal::Contact),
             State::Armed | State::Off | State::Fault => {}
         }
         self.tell(|down| down.zeros = down.zeros.wrapping_add(1));
