@@ -69,6 +69,8 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
         (["--estimators", "best"], "allowed butterworth"),
         (["--damping", "1e9"], "--damping is 1000000000, allowed 10 to 4000"),
         (["--budget", "2"], "--budget"),
+        (["--numeric", "f64"], "--numeric"),
+        (["--estimators", "fusion"], "[accelerometer]"),
         (["--repeat", "0"], "--repeat"),
     ] {
         let (code, out, error) = compare(folder.path(), &extra);

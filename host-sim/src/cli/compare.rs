@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use zwidth::velocity::EstimatorName;
 
-use super::{Common, SCHEMA_VERSION, STOP, print_json, print_text, progress};
+use super::{Common, NumericArg, SCHEMA_VERSION, STOP, print_json, print_text, progress};
 use crate::{
     compare::{
         Compared, Entry, Place, compare,
@@ -76,6 +76,11 @@ struct JsonRow {
 
 pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
+    if !matches!(common.numeric, NumericArg::Fixed) {
+        return Err(Error::input(
+            "--numeric: compare runs the fixed-point core only, allowed fixed",
+        ));
+    }
     let entries = entries(&args.estimators, &scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
@@ -127,11 +132,12 @@ fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
             Error::Input(format!("--estimators: {name} is unknown, allowed {}", names.join(", ")))
         })?;
         if !all.contains(&Entry::Tuned(found)) {
-            return Err(Error::Input(format!(
-                "--estimators: {name} needs a sense that {} has not, or differs from another one by \
-                 pre-warping only",
-                scene.name
-            )));
+            let reason = if found.text().ends_with("prewarped") {
+                "differs from the one without pre-warping by its cutoff only".to_owned()
+            } else {
+                format!("needs a table [accelerometer], which {} has not", scene.name)
+            };
+            return Err(Error::Input(format!("--estimators: {name} {reason}")));
         }
         if !entries.contains(&Entry::Tuned(found)) {
             entries.push(Entry::Tuned(found));
