@@ -31,8 +31,8 @@ pub const CORE_HZ: u32 = 168_000_000;
 /// Timer ticks per PWM period.
 #[expect(clippy::cast_possible_truncation, reason = "4200")]
 const STEPS: u16 = (CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
-/// From the counter's reading to the force, samples: 10 us to the next PWM period and half of
-/// that period.
+/// From the counter's reading to the force, samples: an upper bound for the PWM period that begins
+/// 14 us after the sample; identified from telemetry it is less (docs/firmware.md).
 pub const LATENCY_SAMPLES: f64 = 0.225;
 /// What the force output makes of a force.
 pub const OUTPUT: zwidth::Output = zwidth::Output::Pwm { steps: STEPS as u32 };
