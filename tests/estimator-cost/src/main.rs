@@ -1,6 +1,7 @@
 //! On the board's core: builds an estimator, gives it differences, hands back the velocities and the
 //! cycles of each update. The other side of the mailbox is a test.
 //!
+//! `SENSES`: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up) of each sample.
 //! `JOB`: state (1: do it, 2: done, 3: settings refused), number of the estimator, its two parameters
 //! (each two words, low first), samples, bytes of an [`Estimator`].
 #![cfg_attr(target_os = "none", no_std, no_main)]
@@ -20,8 +21,8 @@ mod target {
     use cortex_m::peripheral::DWT;
     use zwidth::{
         Design, Output,
-        units::Position,
-        velocity::{EstimatorName, Senses, State},
+        units::{Acceleration, Force, Position},
+        velocity::{Edge, EstimatorName, Senses, State},
     };
 
     const SAMPLES: usize = 4096;
@@ -34,6 +35,8 @@ mod target {
     static SAMPLE: [AtomicU32; SAMPLES] = [ZERO; SAMPLES];
     #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
     static CYCLES: [AtomicU32; SAMPLES] = [ZERO; SAMPLES];
+    #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+    static SENSES: [[AtomicU32; 4]; SAMPLES] = [const { [ZERO; 4] }; SAMPLES];
 
     const DESIGN: Design = Design {
         rate_hz: 1e4,
@@ -66,6 +69,18 @@ mod target {
         f64::from_bits(high << 32 | low)
     }
 
+    fn senses([force, acceleration, age, kind]: &[AtomicU32; 4]) -> Senses {
+        let kind = kind.load(Relaxed);
+        let edge = Edge { age: age.load(Relaxed), up: kind == 2 };
+        Senses {
+            force: Force::saturating_from_bits(force.load(Relaxed).cast_signed()),
+            acceleration: Acceleration::saturating_from_bits(
+                acceleration.load(Relaxed).cast_signed(),
+            ),
+            edge: (kind != 0).then_some(edge),
+        }
+    }
+
     fn run() -> bool {
         let Some(name) = EstimatorName::of_number(JOB[1].load(Relaxed)) else { return false };
         let Ok(estimator) = name.settings([number(2), number(4)]).build(&DESIGN) else {
@@ -74,13 +89,17 @@ mod target {
         let estimator = black_box(estimator);
         let mut state = black_box(State::at_rest(Position::default()));
         let mut count = 0i32;
-        for (sample, cycles) in SAMPLE.iter().zip(&CYCLES).take(JOB[6].load(Relaxed) as usize) {
+        let count_of_samples = JOB[6].load(Relaxed) as usize;
+        for ((sample, cycles), sensed) in
+            SAMPLE.iter().zip(&CYCLES).zip(&SENSES).take(count_of_samples)
+        {
             count = count.wrapping_add(sample.load(Relaxed).cast_signed());
             let position = Position::from_counts(count);
+            let senses = black_box(senses(sensed));
             let before = DWT::cycle_count();
             let empty = DWT::cycle_count().wrapping_sub(before);
             let start = DWT::cycle_count();
-            let velocity = estimator.update(&mut state, black_box(position), &Senses::default());
+            let velocity = estimator.update(&mut state, black_box(position), &senses);
             let velocity = black_box(velocity);
             let end = DWT::cycle_count();
             sample.store(velocity.bits().cast_unsigned(), Relaxed);
