@@ -53,6 +53,8 @@ faults! {
     PushWithoutMotion = 13, "push without motion";
     /// The small force at `arm` moved the count the wrong way, or not at all.
     SignTestFailed = 14, "sign test failed";
+    /// The handle is further from zero than the device's travel, while force is on.
+    BeyondTravel = 15, "beyond travel";
     /// An output was not ready when the next one was due.
     LateRender = 20, "late render";
     /// No output was ready for ten periods.
@@ -177,7 +179,7 @@ mod tests {
     #[test]
     fn codes_are_stable_and_come_back() {
         let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
-        assert_eq!(codes, [10, 11, 12, 13, 14, 20, 21, 22, 23, 30, 31, 32, 40, 41, 42]);
+        assert_eq!(codes, [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 30, 31, 32, 40, 41, 42]);
         for code in 0..=u8::MAX {
             let fault = Fault::from_code(code);
             assert_eq!(fault.is_some(), codes.contains(&code));

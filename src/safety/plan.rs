@@ -5,7 +5,7 @@ use core::ops::RangeInclusive;
 use crate::{
     Design,
     settings::{SettingsError, within},
-    units::{Force, Velocity},
+    units::{Force, Position, Velocity},
 };
 
 /// Largest step of the force per output that is not asked for by position or velocity: 5 % of full
@@ -35,6 +35,9 @@ pub struct SafetySettings {
     /// Fastest speed that the handle can have at all, m/s, at least `speed_max_m_per_s`: a larger
     /// move from one sample to the next is a count jump. One count is added for quantisation.
     pub speed_believable_m_per_s: f64,
+    /// Furthest that the handle may be from zero, to either side, while force is on, m: at least one
+    /// count, at most 2^30 counts.
+    pub travel_m: f64,
     /// Time over which the force comes in after `arm`, s: 0.02 to 10.
     pub ramp_in_s: f64,
     /// Force of the sign test, as a fraction of full scale: 0.001 to 0.05.
@@ -76,6 +79,8 @@ impl SafetySettings {
         within("speed_max_m_per_s", speed, slowest..=fastest)?;
         let believable = self.speed_believable_m_per_s;
         within("speed_believable_m_per_s", believable, speed..=fastest)?;
+        let widest = design.resolution_m * f64::from(Position::LIMIT);
+        within("travel_m", self.travel_m, design.resolution_m..=widest)?;
         within("ramp_in_s", self.ramp_in_s, Self::RAMP_IN_S)?;
         within("sign_test_force", self.sign_test_force, Self::SIGN_TEST_FORCE)?;
         let counts = f64::from(self.sign_test_counts);
@@ -87,6 +92,7 @@ impl SafetySettings {
         Ok(SafetyPlan {
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
+            travel: libm::floor(self.travel_m / design.resolution_m) as u32,
             ramp_renders,
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders,
             sign_quarter: (SIGN_TEST_S / period_s / 4.0) as u32,
@@ -106,6 +112,8 @@ pub struct SafetyPlan {
     pub(super) jump: u32,
     /// Largest allowed speed, LSB of [`Velocity`].
     pub(super) speed: u32,
+    /// Furthest allowed place to either side of zero, counts.
+    pub(super) travel: u32,
     /// Outputs over which the force comes in.
     pub(super) ramp_renders: u32,
     /// Part of the force that one output of the ramp adds, LSB of 2^-30, rounded down.
@@ -135,6 +143,7 @@ pub(super) mod tests {
     pub const SETTINGS: SafetySettings = SafetySettings {
         speed_max_m_per_s: 1.0,
         speed_believable_m_per_s: 5.0,
+        travel_m: 0.2,
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 20,
@@ -145,6 +154,7 @@ pub(super) mod tests {
         let plan = SETTINGS.build(&DESIGN).unwrap();
         assert_eq!(plan.jump, 501); // 5 m/s are 500 counts of 1 um in 100 us, and one more
         assert_eq!(plan.speed, 100 << 16);
+        assert_eq!(plan.travel, 200_000);
         assert_eq!(plan.ramp_renders, 200);
         assert_eq!(plan.sign_quarter, 25);
         assert_eq!(plan.push_renders, 50);
@@ -163,6 +173,9 @@ pub(super) mod tests {
             named(SafetySettings { speed_believable_m_per_s: 0.9, ..base }),
             "speed_believable_m_per_s"
         );
+        for bad in [0.0, -0.1, 1e-7, 1100.0, f64::NAN] {
+            assert_eq!(named(SafetySettings { travel_m: bad, ..base }), "travel_m", "{bad}");
+        }
         assert_eq!(named(SafetySettings { ramp_in_s: 0.01, ..base }), "ramp_in_s");
         assert_eq!(named(SafetySettings { sign_test_force: 0.06, ..base }), "sign_test_force");
         assert_eq!(named(SafetySettings { sign_test_counts: 9, ..base }), "sign_test_counts");

@@ -97,6 +97,10 @@ pub enum Refusal {
     NotArmed,
     /// The handle is in contact; leave the wall first.
     Contact,
+    /// The wall reaches over where the handle would be after `zero`.
+    WallThere,
+    /// A zero is under way.
+    Zeroing,
     /// An experiment is running; `stop` comes first.
     Busy,
     /// It needs `unlock envelope` first.
@@ -121,6 +125,8 @@ impl Refusal {
             Self::Arming => "arming: wait for the ramp to end",
             Self::NotArmed => "not armed: arm first and wait for the ramp",
             Self::Contact => "in contact: leave the wall first",
+            Self::WallThere => "the wall reaches over 0: move it or disarm first",
+            Self::Zeroing => "a zero is under way: try again",
             Self::Busy => "an experiment is running: stop first",
             Self::Locked => "the envelope is locked: unlock envelope first",
             Self::Stalled => "flash is being written: wait",

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Control, Drive, Motion,
     telemetry::{Flags, Record},
-    units::{Command, Demand, Force},
+    units::{Command, Demand, Force, Position},
 };
 
 /// What the output may do. A force comes only out of a supervisor that is on.
@@ -92,6 +92,8 @@ pub struct Supervisor {
     zeroed: bool,
     unlocked: bool,
     contact: bool,
+    /// A handle at count 0 would be in the wall.
+    wall_over_zero: bool,
     inputs: Inputs,
     /// The last output.
     record: Record,
@@ -119,6 +121,7 @@ impl Supervisor {
             zeroed: false,
             unlocked: false,
             contact: false,
+            wall_over_zero: false,
             inputs: Inputs {
                 stop_closed: false,
                 supply_good: false,
@@ -138,6 +141,7 @@ impl Supervisor {
         let drive = control.render(up.motion, push);
         self.inputs = inputs;
         self.contact = drive.contact;
+        self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
         let held = self.follow_zero(up);
         self.look(up, inputs);
         let force = self.force(control, up, push, &drive, held);
@@ -178,6 +182,12 @@ impl Supervisor {
         self.still = still;
     }
 
+    /// For the sampling task, as the last [`request`](Self::request) left it. Publish it at once
+    /// where the request is not to wait for the next output: a stall, a zero.
+    pub fn down(&self) -> Down {
+        self.down
+    }
+
     /// Meets a request between two outputs.
     ///
     /// # Errors
@@ -193,6 +203,8 @@ impl Supervisor {
             Request::Zero => self.zero(),
             Request::Unlock => self.unlock(),
             Request::Turn if self.state.is_on() => Err(Refusal::On),
+            // It would be carried out with the new direction of the count.
+            Request::Turn if self.zero_pending() => Err(Refusal::Zeroing),
             Request::Turn => {
                 self.zeroed = false;
                 Ok(())
@@ -285,6 +297,7 @@ impl Supervisor {
         match self.state {
             State::SignTest | State::RampIn => return Err(Refusal::Arming),
             State::Armed if self.contact => return Err(Refusal::Contact),
+            State::Armed if self.wall_over_zero => return Err(Refusal::WallThere),
             State::Armed | State::Off | State::Fault => {}
         }
         self.tell(|down| down.zeros = down.zeros.wrapping_add(1));
@@ -376,7 +389,11 @@ impl Supervisor {
         );
         if on {
             // What the guard still sees counts again, whatever `clear` made of its event.
-            let found = outside.with_if(Fault::PushWithoutMotion, pushed).union(up.guard.present);
+            let away = up.motion.position.wrapping_since(Position::default()).unsigned_abs();
+            let found = outside
+                .with_if(Fault::PushWithoutMotion, pushed)
+                .with_if(Fault::BeyondTravel, away > self.plan.travel)
+                .union(up.guard.present);
             self.trip(self.here(up.motion, found));
         }
     }

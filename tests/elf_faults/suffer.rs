@@ -27,7 +27,7 @@ pub struct Suffered {
 }
 
 /// The handle is led to `to_m` at 0.5 m/s.
-fn lead(world: &mut World<'_>, to_m: f64) {
+pub fn lead(world: &mut World<'_>, to_m: f64) {
     let from_m = world.position_m();
     let steps = ((to_m - from_m).abs() / 50e-6).ceil().max(1.0);
     for n in 1..=steps as u32 {

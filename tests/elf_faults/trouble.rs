@@ -5,7 +5,10 @@ use virtual_board::{
     world::World,
 };
 
-use crate::elf::{Firmware, ok};
+use crate::{
+    elf::{Firmware, ok},
+    suffer::lead,
+};
 
 /// Where the device is when it happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,7 +76,7 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 27] = [
+pub const TROUBLES: [Trouble; 28] = [
     Trouble {
         name: "count jump",
         code: 10,
@@ -111,10 +114,7 @@ pub const TROUBLES: [Trouble; 27] = [
             let name = "local_resource_sample";
             let mut symbols = firmware.elf.symbols.iter();
             let (_, from, size) = symbols.find(|(symbol, ..)| symbol.contains(name)).unwrap();
-            let status = ok(world, "status");
-            let words: Vec<&str> = status.split(' ').collect();
-            let place = words.iter().position(|word| *word == "position").unwrap();
-            let position: u32 = words[place + 1].parse().unwrap();
+            let position = counts(world).cast_unsigned();
             let begun = world.powered.mcu.now();
             let flipped = world.powered.mcu.flip_words(*from, from + size, position, 1 << 30);
             assert_eq!(flipped, 2, "the position stands in the encoder and in the estimator");
@@ -172,6 +172,21 @@ pub const TROUBLES: [Trouble; 27] = [
             enabled_by_arm(world)
         },
         end: |world| world.motor_reversed = false,
+        ..PLAIN
+    },
+    Trouble {
+        name: "beyond travel",
+        code: 15,
+        limit_us: RENDER_US,
+        begin: |_, world| {
+            let zero_m = world.position_m() - 1e-6 * f64::from(counts(world));
+            lead(world, zero_m - 0.139_99);
+            assert!(world.powered.amplifier.is_enabled());
+            let begun = world.powered.mcu.now();
+            lead(world, zero_m - 0.14002);
+            begun
+        },
+        end: |world| lead(world, world.position_m() + 0.1),
         ..PLAIN
     },
     Trouble {
@@ -335,6 +350,14 @@ const fn hard_fault(
     short: bool,
 ) -> Trouble {
     Trouble { name, code: 42, limit_us: HANDLER_US, begin, resets: true, short, ..PLAIN }
+}
+
+/// The position that the firmware has, counts from its zero.
+fn counts(world: &mut World<'_>) -> i32 {
+    let status = ok(world, "status");
+    let words: Vec<&str> = status.split(' ').collect();
+    let place = words.iter().position(|word| *word == "position").unwrap();
+    words[place + 1].parse().unwrap()
 }
 
 /// Sends `arm` and returns the cycle at which enable became active.

@@ -116,7 +116,9 @@ impl Bench {
     }
 
     fn ask(&mut self, request: Request) -> Result<(), Refusal> {
-        self.supervisor.request(request)
+        let result = self.supervisor.request(request);
+        self.down = self.supervisor.down(); // at once, as the rendering task does
+        result
     }
 
     fn state(&self) -> State {
@@ -326,6 +328,9 @@ fn a_turned_sign_loses_the_zero_and_is_refused_while_on() {
     assert_eq!(bench.ask(Request::Turn), Err(Refusal::On));
     assert!(bench.supervisor.status().zeroed);
     bench.ask(Request::Disarm).unwrap();
+    bench.ask(Request::Zero).unwrap();
+    assert_eq!(bench.ask(Request::Turn), Err(Refusal::Zeroing));
+    bench.run(20);
     bench.ask(Request::Turn).unwrap();
     assert!(!bench.supervisor.status().zeroed);
     assert_eq!(bench.ask(Request::Arm), Err(Refusal::NotZeroed));
@@ -357,23 +362,76 @@ fn a_fault_of_the_last_run_waits_for_clear() {
 #[test]
 fn a_zero_while_armed_makes_no_step_and_no_jump() {
     let mut bench = Bench::armed();
+    bench.held = true;
+    bench.control = control(0.01, 1e5);
+    bench.supervisor.expect_still(true);
+    bench.push = Force::saturating_from_bits(-(1 << 29));
+    bench.run(200);
+    let mut last = bench.output.unwrap().bits();
+    assert_eq!(last, -(1 << 29));
+    bench.push = Force::ZERO; // fades, and the zero comes in the midst of it
+    for n in 0..15 {
+        if n == 4 {
+            bench.ask(Request::Zero).unwrap();
+        }
+        bench.run(10);
+        let force = bench.output.unwrap().bits();
+        assert!((force - last).abs() <= SLEW, "{n}: {last} {force}");
+        last = force;
+    }
+    assert_eq!((bench.state(), last), (State::Armed, 0));
+    assert_eq!(bench.last.unwrap().record.position.counts(), 0);
+}
+
+#[test]
+fn a_zero_that_would_put_the_handle_into_the_wall_is_refused_while_armed() {
+    let mut bench = Bench::armed();
     bench.velocity_m_per_s = -0.1;
     bench.run(200);
     bench.held = true;
     bench.control = control(-0.000_5, 1e5); // free here, but 500 counts deep once this place is 0
     bench.run(20);
+    assert_eq!(bench.ask(Request::Zero), Err(Refusal::WallThere));
+    bench.run(200);
     assert_eq!(bench.output, Some(Force::ZERO));
+    bench.control = control(0.000_5, 1e5);
+    bench.run(20);
     bench.ask(Request::Zero).unwrap();
-    let mut last = 0;
-    for _ in 0..25 {
-        bench.run(10);
-        let force = bench.output.unwrap().bits();
-        assert!((force - last).abs() <= SLEW);
-        last = force;
-    }
-    assert_eq!((bench.state(), last), (State::Armed, -(1 << 30)));
-    assert_eq!(bench.last.unwrap().record.position.counts(), 0);
+    bench.control = control(-0.01, 1e5);
+    bench.run(20);
     assert_eq!(bench.ask(Request::Zero), Err(Refusal::Contact));
+}
+
+#[test]
+fn beyond_its_travel_the_handle_gets_no_force_and_may_be_moved_back() {
+    let carry = |bench: &mut Bench, to_m: f64| {
+        while (bench.position_m - to_m).abs() > 1e-9 {
+            bench.position_m += (to_m - bench.position_m).clamp(-5e-5, 5e-5); // 0.5 m/s
+            bench.run(1);
+        }
+        bench.run(200); // the estimate comes to rest
+    };
+    for side in [1.0, -1.0] {
+        let mut bench = Bench::armed();
+        bench.control = control(1.0, 2000.0); // out of reach
+        bench.held = true;
+        let zero_m =
+            bench.position_m - f64::from(bench.last.unwrap().record.position.counts()) * 1e-6;
+        carry(&mut bench, zero_m + side * 0.1999);
+        assert_eq!(bench.state(), State::Armed);
+        carry(&mut bench, zero_m + side * 0.2001);
+        assert_eq!((bench.fault(), bench.output), (Some(Fault::BeyondTravel), None));
+        assert!(bench.supervisor.status().zeroed);
+        bench.ask(Request::Clear).unwrap();
+        bench.run(20);
+        bench.ask(Request::Arm).unwrap();
+        bench.run(20);
+        assert_eq!((bench.fault(), bench.output), (Some(Fault::BeyondTravel), None));
+        carry(&mut bench, zero_m + side * 0.1);
+        bench.held = false;
+        bench.velocity_m_per_s = 0.0;
+        bench.recover();
+    }
 }
 
 #[test]
@@ -381,8 +439,13 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     let mut bench = Bench::armed();
     assert_eq!(bench.ask(Request::Stall(true)), Err(Refusal::On));
     bench.ask(Request::Disarm).unwrap();
-    bench.ask(Request::Stall(true)).unwrap();
     bench.run(20);
+    bench.ask(Request::Stall(true)).unwrap();
+    // The very next sample may be the first one after the stall.
+    bench.offset = bench.offset.wrapping_add(5000);
+    bench.run(1);
+    assert!(bench.sampler.news().is_none_or(|guard| guard.causes.is_empty()));
+    bench.run(19);
     assert_eq!(bench.ask(Request::Arm), Err(Refusal::Stalled));
     bench.offset = bench.offset.wrapping_add(5000);
     bench.run(20);
