@@ -49,18 +49,22 @@ pub struct Envelope {
 /// Rows of `envelope.csv` for the firmware, without the header.
 pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
     let estimator = scene.scene.velocity.name();
-    let (device, latency) = (&scene.name, scene.scene.actuator.latency);
+    let (device, actuator) = (&scene.name, scene.scene.actuator);
+    let (latency, period) = (actuator.latency, actuator.period);
     let mut text = String::new();
     for Envelope { cutoff_hz, intervals } in envelopes {
         for Interval { damping_n_s_per_m: b, low_n_per_m: low, high_n_per_m: high } in intervals {
-            let _ = writeln!(text, "{device},{estimator},{cutoff_hz},{latency},{b},{low},{high}");
+            let _ = writeln!(
+                text,
+                "{device},{estimator},{cutoff_hz},{latency},{period},{b},{low},{high}"
+            );
         }
     }
     text
 }
 
 /// The columns of `envelope.csv`.
-pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,damping_n_s_per_m,\
+pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samples,damping_n_s_per_m,\
      stiffness_low_n_per_m,stiffness_high_n_per_m\n";
 
 /// The envelopes of all cutoffs of a sweep, on all threads of the current pool.

@@ -4,14 +4,14 @@
 use std::{fmt::Write as _, format, string::String, vec::Vec};
 
 /// Columns of `envelope.csv`.
-pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,damping_n_s_per_m,\
+pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samples,damping_n_s_per_m,\
      stiffness_low_n_per_m,stiffness_high_n_per_m";
 
 struct Row<'a> {
     device: &'a str,
     estimator: &'a str,
-    /// Cutoff, latency, B, lowest K, highest K.
-    numbers: [f64; 5],
+    /// Cutoff, latency, period, B, lowest K, highest K.
+    numbers: [f64; 6],
 }
 
 /// An item `pub static NAME: Envelope<'static>` with the table in `csv`, for `include!` where
@@ -31,14 +31,14 @@ pub fn generate(name: &str, csv: &str) -> Result<String, String> {
     let mut boundaries: Vec<(Row<'_>, Vec<[f64; 3]>)> = Vec::new();
     for (n, line) in lines {
         let row = parse(line).map_err(|why| format!("line {}: {why}", n + 1))?;
-        let [cutoff, latency, damping, low, high] = row.numbers;
+        let [cutoff, latency, period, damping, low, high] = row.numbers;
         if low > high {
             return Err(format!("line {}: stiffness_low_n_per_m is above the high one", n + 1));
         }
         let known = boundaries.iter_mut().find(|(key, _)| {
             key.device == row.device
                 && key.estimator == row.estimator
-                && key.numbers[..2] == [cutoff, latency]
+                && key.numbers[..3] == [cutoff, latency, period]
         });
         match known {
             Some((_, points)) => points.push([damping, low, high]),
@@ -59,8 +59,8 @@ pub fn generate(name: &str, csv: &str) -> Result<String, String> {
         // {:?} of a float is the shortest text that reads back to the same bits.
         let _ = writeln!(
             text,
-            "        Boundary {{\n            key: Key {{ device: {:?}, estimator: {:?}, cutoff_hz: {:?}, latency_samples: {:?} }},\n            points: &[",
-            key.device, key.estimator, key.numbers[0], key.numbers[1]
+            "        Boundary {{\n            key: Key {{ device: {:?}, estimator: {:?}, cutoff_hz: {:?}, latency_samples: {:?}, period_samples: {:?} }},\n            points: &[",
+            key.device, key.estimator, key.numbers[0], key.numbers[1], key.numbers[2]
         );
         for [damping, low, high] in points {
             let _ = writeln!(
@@ -76,18 +76,20 @@ pub fn generate(name: &str, csv: &str) -> Result<String, String> {
 
 fn parse(line: &str) -> Result<Row<'_>, String> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-    let &[device, estimator, cutoff, latency, damping, low, high] = fields.as_slice() else {
-        return Err(format!("{} fields, 7 are allowed", fields.len()));
+    let &[device, estimator, cutoff, latency, period, damping, low, high] = fields.as_slice()
+    else {
+        return Err(format!("{} fields, 8 are allowed", fields.len()));
     };
-    let mut numbers = [0.0; 5];
+    let mut numbers = [0.0; 6];
     let names = [
         "cutoff_hz",
         "latency_samples",
+        "period_samples",
         "damping_n_s_per_m",
         "stiffness_low_n_per_m",
         "stiffness_high_n_per_m",
     ];
-    let texts = [cutoff, latency, damping, low, high];
+    let texts = [cutoff, latency, period, damping, low, high];
     for ((place, text), name) in numbers.iter_mut().zip(texts).zip(names) {
         *place = text
             .parse()
@@ -119,19 +121,19 @@ mod tests {
 
     #[test]
     fn rows_become_a_static_table() {
-        let text = with_rows("a,butterworth,1500,10.5,20,0.05,0.1\na,butterworth,50,10.5,10,0,7\na,butterworth,1500,10.5,10,0,5000\n").unwrap();
+        let text = with_rows("a,butterworth,1500,10.5,10,20,0.05,0.1\na,butterworth,50,10.5,10,10,0,7\na,butterworth,1500,10.5,10,10,0,5000\n").unwrap();
         let expected = "/// Predicted-stable walls, from a sweep.
 pub static TABLE: Envelope<'static> = Envelope {
     boundaries: &[
         Boundary {
-            key: Key { device: \"a\", estimator: \"butterworth\", cutoff_hz: 1500.0, latency_samples: 10.5 },
+            key: Key { device: \"a\", estimator: \"butterworth\", cutoff_hz: 1500.0, latency_samples: 10.5, period_samples: 10.0 },
             points: &[
                 Point { damping_n_s_per_m: 10.0, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m: 5000.0 },
                 Point { damping_n_s_per_m: 20.0, stiffness_low_n_per_m: 0.05, stiffness_high_n_per_m: 0.1 },
             ],
         },
         Boundary {
-            key: Key { device: \"a\", estimator: \"butterworth\", cutoff_hz: 50.0, latency_samples: 10.5 },
+            key: Key { device: \"a\", estimator: \"butterworth\", cutoff_hz: 50.0, latency_samples: 10.5, period_samples: 10.0 },
             points: &[
                 Point { damping_n_s_per_m: 10.0, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m: 7.0 },
             ],
@@ -155,6 +157,7 @@ pub static TABLE: Envelope<'static> = Envelope {
             estimator: "butterworth",
             cutoff_hz: 1500.0,
             latency_samples: 10.0,
+            period_samples: 10.0,
         };
         assert!(GOLDEN.allows(&key, 4000.0, 10.0).is_ok());
         assert!(GOLDEN.allows(&key, 4001.0, 10.0).is_err());
@@ -172,15 +175,18 @@ pub static TABLE: Envelope<'static> = Envelope {
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         let error = |rows| with_rows(rows).unwrap_err();
-        assert_eq!(error("a,b,1,2,3,4\n"), "line 2: 6 fields, 7 are allowed");
+        assert_eq!(error("a,b,1,2,10,3,4\n"), "line 2: 7 fields, 8 are allowed");
         assert_eq!(
-            error("\na,b,1,2,3,0,x\n"),
+            error("\na,b,1,2,10,3,0,x\n"),
             "line 3: stiffness_high_n_per_m is x, a number from 0 is allowed"
         );
-        assert!(error("a,b,NaN,2,3,0,4\n").starts_with("line 2: cutoff_hz"));
-        assert!(error("a\",b,1,2,3,0,4\n").starts_with("line 2: device"));
-        assert!(error("a,b,1,2,3,0,4\na,b,1,2,3,0,5\n").ends_with("3 stands there twice"));
-        assert_eq!(error("a,b,1,2,3,5,4\n"), "line 2: stiffness_low_n_per_m is above the high one");
+        assert!(error("a,b,NaN,2,10,3,0,4\n").starts_with("line 2: cutoff_hz"));
+        assert!(error("a\",b,1,2,10,3,0,4\n").starts_with("line 2: device"));
+        assert!(error("a,b,1,2,10,3,0,4\na,b,1,2,10,3,0,5\n").ends_with("3 stands there twice"));
+        assert_eq!(
+            error("a,b,1,2,10,3,5,4\n"),
+            "line 2: stiffness_low_n_per_m is above the high one"
+        );
         assert!(generate("TABLE", "x,y\n").unwrap_err().starts_with("line 1"));
     }
 }

@@ -1,4 +1,5 @@
-//! Which walls the simulator predicts to be stable, per device, estimator, cutoff and latency.
+//! Which walls the simulator predicts to be stable, per device, estimator, cutoff, latency and output
+//! period.
 //!
 //! The table is made when the firmware is built, from the `envelope.csv` of a sweep, by
 //! `src/envelope/generate.rs`. At each B it has an interval of K, and not only its upper end: at large B
@@ -32,6 +33,8 @@ pub struct Key<'a> {
     pub cutoff_hz: f64,
     /// Latency from sample to force, samples.
     pub latency_samples: f64,
+    /// Samples per output.
+    pub period_samples: f64,
 }
 
 /// The boundary for one key.
@@ -53,7 +56,7 @@ pub struct Envelope<'a> {
 /// Why a wall is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outside {
-    /// The table says nothing about this device, estimator, cutoff and latency.
+    /// The table says nothing about this device, estimator, cutoff, latency and output period.
     UnknownKey,
     /// B is beyond the last point, N s/m.
     Damping {
@@ -77,7 +80,9 @@ impl Outside {
     /// What is wrong, without the numbers.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::UnknownKey => "no envelope for this device, estimator, cutoff and latency",
+            Self::UnknownKey => {
+                "no envelope for this device, estimator, cutoff, latency and output period"
+            }
             Self::Damping { .. } => "beyond the envelope: b is allowed from",
             Self::Stiffness { .. } => "beyond the envelope: k at this b is allowed from",
             Self::NoStiffness => "beyond the envelope: no k is allowed at this b",
@@ -153,6 +158,7 @@ impl Key<'_> {
             && self.estimator == other.estimator
             && same(self.cutoff_hz, other.cutoff_hz)
             && same(self.latency_samples, other.latency_samples)
+            && same(self.period_samples, other.period_samples)
     }
 }
 
@@ -195,6 +201,7 @@ mod tests {
         estimator: "butterworth",
         cutoff_hz: 1500.0,
         latency_samples: 10.0,
+        period_samples: 10.0,
     };
 
     static TABLE: Envelope<'static> = Envelope {
@@ -258,6 +265,7 @@ mod tests {
             Key { estimator: "butterworth-prewarped", ..KEY },
             Key { cutoff_hz: 1500.1, ..KEY },
             Key { latency_samples: 9.0, ..KEY },
+            Key { period_samples: 1.0, ..KEY },
             Key { cutoff_hz: f64::NAN, ..KEY },
         ];
         for key in others {
