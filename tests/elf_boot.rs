@@ -7,10 +7,13 @@ mod elf;
 use std::ops::Range;
 
 use elf::{Firmware, arm, ok};
+use host_sim::element::{EncoderError, EncoderNoise, Jitter};
 use virtual_board::{
     board::{BOARDS, Board, Force},
     elf::Elf,
+    world::World,
 };
+use zwidth::telemetry::Decoder;
 
 /// Sectors 1 and 2 of the flash: settings.
 const SETTINGS: Range<u32> = 0x0800_4000..0x0800_C000;
@@ -105,4 +108,46 @@ fn force_reaches_the_plant_and_disarm_takes_it_away() {
 fn an_unknown_board_has_no_name() {
     assert_eq!(Board::named("nucleo-f446re"), Some(BOARDS[0]));
     assert_eq!(Board::named("nucleo"), None);
+}
+
+/// The wires carry what the scene's encoder gets wrong.
+#[test]
+fn the_encoders_error_and_noise_reach_the_board_and_jitter_is_refused() {
+    let mut firmware = Firmware::of(BOARDS[0]);
+    let at_m = firmware.scene.device.rest_position_m;
+    let counts = |firmware: &Firmware, moved_m: f64| {
+        let mut world = firmware.boot();
+        world.hold(at_m, true);
+        world.run(20).unwrap();
+        ok(&mut world, "zero");
+        world.hold(at_m + moved_m, true);
+        world.telemetry.clear();
+        world.run(1_000).unwrap();
+        let mut decoder = Decoder::new();
+        let frames = std::mem::take(&mut world.telemetry);
+        let records = frames.into_iter().filter_map(|byte| decoder.push(byte));
+        records.map(|frame| frame.record.position.counts()).skip(50).collect::<Vec<_>>()
+    };
+    let still = counts(&firmware, 100e-6);
+    assert!(still.len() > 30 && still.iter().all(|&count| count == 100), "{still:?}");
+
+    let error = EncoderError { cycle_m: 4e-4, first_m: 2e-5, second_m: 0.0, phase_rad: 0.0 };
+    firmware.scene.encoder_error = Some(error);
+    let wrong = counts(&firmware, 100e-6);
+    let expected = 100.0 + (error.error_m(at_m + 100e-6) - error.error_m(at_m)) / 1e-6;
+    assert!((expected - 100.0).abs() > 5.0, "{expected}");
+    assert!(wrong.iter().all(|&count| (f64::from(count) - expected).abs() <= 1.0), "{wrong:?}");
+
+    firmware.scene.encoder_error = None;
+    firmware.scene.encoder_noise = Some(EncoderNoise { rms_m: 2e-6, seed: 1 });
+    let noisy = counts(&firmware, 100e-6);
+    let square = |count: &i32| f64::from(count - 100).powi(2);
+    #[expect(clippy::cast_precision_loss, reason = "a hundred")]
+    let rms = (noisy.iter().map(square).sum::<f64>() / noisy.len() as f64).sqrt();
+    assert!((1.0..6.0).contains(&rms), "{rms}"); // the zero has an error of its own
+
+    firmware.scene.jitter = Some(Jitter { peak_s: 1e-6, seed: 1 });
+    let Firmware { board, elf, table, scene } = &firmware;
+    let refused = World::new(*board, elf, table, scene, 0.0).err().unwrap();
+    assert!(refused.contains("[jitter]"), "{refused}");
 }

@@ -11,7 +11,8 @@ use std::{
 };
 
 use clap::{Args, Parser, Subcommand};
-use host_sim::scene::NamedScene;
+use host_sim::{cli::SCHEMA_VERSION, error::Error, output, scene::NamedScene};
+use serde::Serialize;
 
 use crate::{
     board::{BOARDS, Board},
@@ -45,6 +46,9 @@ enum Command {
     Hit {
         #[command(flatten)]
         common: Common,
+        /// One JSON object on stdout, and nothing else there.
+        #[arg(long)]
+        json: bool,
         /// Nominal cutoff, Hz.
         #[arg(long)]
         cutoff: f64,
@@ -65,6 +69,12 @@ enum Command {
         /// Write the boundary: cutoff_hz,damping_n_s_per_m,stiffness_n_per_m.
         #[arg(long, value_name = "FILE")]
         csv: Option<PathBuf>,
+        /// Replace FILE if it is there.
+        #[arg(long)]
+        force: bool,
+        /// One JSON object on stdout, and nothing else there.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -86,11 +96,15 @@ pub fn main() -> ExitCode {
         Command::Run { common, telemetry } => {
             session(&common).and_then(|session| run(&session, telemetry.as_deref()))
         }
-        Command::Hit { common, cutoff, stiffness, damping } => {
-            session(&common).and_then(|session| hit(&session, [cutoff, stiffness, damping]))
+        Command::Hit { common, json, cutoff, stiffness, damping } => {
+            session(&common).and_then(|session| hit(&session, [cutoff, stiffness, damping], json))
         }
-        Command::Walk { common, cutoff, csv } => {
-            session(&common).and_then(|session| walk(&session, cutoff, csv.as_deref()))
+        Command::Walk { common, cutoff, csv, force, json } => {
+            let csv = csv.as_deref();
+            let free = csv.map_or(Ok(()), |path| output::refuse_existing(path, force));
+            free.map_err(refused)
+                .and_then(|()| session(&common))
+                .and_then(|session| walk(&session, cutoff, csv, force, json))
         }
     };
     match result {
@@ -238,29 +252,109 @@ fn stdin() -> Receiver<String> {
     receive
 }
 
-fn hit(session: &Session, wall: [f64; 3]) -> Result<(), Failed> {
-    let (line, world) = session.hit(wall)?;
-    println!("{line}");
+#[derive(Serialize)]
+struct HitJson<'a> {
+    schema_version: u32,
+    command: &'static str,
+    scene: &'a str,
+    board: &'static str,
+    cutoff_hz: f64,
+    stiffness_n_per_m: f64,
+    damping_n_s_per_m: f64,
+    verdict: &'a str,
+    stable: bool,
+    rms_m: f64,
+    mean_m: f64,
+}
+
+#[derive(Serialize)]
+struct WalkJson<'a> {
+    schema_version: u32,
+    command: &'static str,
+    scene: &'a str,
+    board: &'static str,
+    cutoff_hz: f64,
+    area: f64,
+    stiffness_peak_n_per_m: f64,
+    damping_max_n_s_per_m: f64,
+    hits: u32,
+    ended_by: &'a str,
+    virtual_s: f64,
+}
+
+fn print(json: &impl Serialize) -> Result<(), Failed> {
+    let text = serde_json::to_string_pretty(json).map_err(|error| error.to_string())?;
+    println!("{text}");
+    Ok(())
+}
+
+fn refused(error: Error) -> Failed {
+    Failed::Refused(error.to_string())
+}
+
+fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Failed> {
+    let (report, world) = session.hit(wall)?;
     let watch = world.powered.mcu.watch();
     for (name, exception) in [("sample", SAMPLE), ("render", RENDER), ("link", LINK)] {
         let cycles = watch.tasks.get(&exception).copied().unwrap_or_default();
         eprintln!("{name}: {} to {} cycles", cycles.least, cycles.most);
     }
-    Ok(())
+    if !json {
+        println!("{}", report.line);
+        return Ok(());
+    }
+    let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
+    print(&HitJson {
+        schema_version: SCHEMA_VERSION,
+        command: "hit",
+        scene: &session.scene.name,
+        board: session.board.name,
+        cutoff_hz,
+        stiffness_n_per_m,
+        damping_n_s_per_m,
+        verdict: &report.verdict,
+        stable: report.verdict == "stable",
+        rms_m: report.rms_m,
+        mean_m: report.mean_m,
+    })
 }
 
-fn walk(session: &Session, cutoff_hz: f64, csv: Option<&Path>) -> Result<(), Failed> {
+fn walk(
+    session: &Session,
+    cutoff_hz: f64,
+    csv: Option<&Path>,
+    force: bool,
+    json: bool,
+) -> Result<(), Failed> {
     let begun = Instant::now();
-    let report = session.walk(cutoff_hz, |line| println!("{line}"))?;
+    let report = session
+        .walk(cutoff_hz, |line| if json { eprintln!("{line}") } else { println!("{line}") })?;
     eprintln!(
         "{:.0} s on the board, {:.0} s here",
         report.virtual_s,
         begun.elapsed().as_secs_f64()
     );
-    let Some(path) = csv else { return Ok(()) };
-    let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n");
-    for [b, k] in &report.points {
-        text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
+    if let Some(path) = csv {
+        let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n");
+        for [b, k] in &report.points {
+            text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
+        }
+        output::write_file(path, text.as_bytes(), force).map_err(refused)?;
     }
-    Ok(std::fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))?)
+    if !json {
+        return Ok(());
+    }
+    print(&WalkJson {
+        schema_version: SCHEMA_VERSION,
+        command: "walk",
+        scene: &session.scene.name,
+        board: session.board.name,
+        cutoff_hz,
+        area: report.area,
+        stiffness_peak_n_per_m: report.stiffness_peak_n_per_m,
+        damping_max_n_s_per_m: report.damping_max_n_s_per_m,
+        hits: report.hits,
+        ended_by: &report.ended_by,
+        virtual_s: report.virtual_s,
+    })
 }

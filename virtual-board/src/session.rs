@@ -43,11 +43,39 @@ impl From<String> for Failed {
     }
 }
 
+/// A hit as the firmware reports it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HitReport {
+    /// The firmware's line.
+    pub line: String,
+    /// `stable`, `unstable` or `no_contact`.
+    pub verdict: String,
+    /// RMS of the position about its mean, m.
+    pub rms_m: f64,
+    /// Mean position, m.
+    pub mean_m: f64,
+}
+
+impl HitReport {
+    /// # Errors
+    /// The line is an error, or no result of a hit.
+    fn read(line: String) -> Result<Self, Failed> {
+        let Some(rest) = line.strip_prefix("ok hit ") else { return Err(Failed::Refused(line)) };
+        let verdict = rest.split(',').next().unwrap_or_default().replace(' ', "_");
+        let (rms_m, mean_m) = (number(&line, "rms ")?, number(&line, "mean ")?);
+        Ok(Self { verdict, rms_m, mean_m, line })
+    }
+}
+
 /// A walk as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WalkReport {
     /// Sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
+    /// Largest K of the boundary, N/m.
+    pub stiffness_peak_n_per_m: f64,
+    /// Largest B of the boundary, N s/m.
+    pub damping_max_n_s_per_m: f64,
     /// Hits.
     pub hits: u32,
     /// B, K of each point of the boundary.
@@ -109,8 +137,8 @@ impl Session {
     /// One hit; what the firmware says about it, and the board after it.
     ///
     /// # Errors
-    /// The firmware refused a value, or its program ended.
-    pub fn hit(&self, [cutoff_hz, k, b]: [f64; 3]) -> Result<(String, World<'_>), Failed> {
+    /// The firmware refused a value, its hit ended without a verdict, or its program ended.
+    pub fn hit(&self, [cutoff_hz, k, b]: [f64; 3]) -> Result<(HitReport, World<'_>), Failed> {
         let mut world = self.ready(cutoff_hz)?;
         for line in [format!("k {k}"), format!("b {b}"), "arm".to_owned()] {
             ask(&mut world, &line)?;
@@ -118,7 +146,7 @@ impl Session {
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "hit")?;
         let line = world.reply(LINE_SAMPLES)?;
-        Ok((line, world))
+        Ok((HitReport::read(line)?, world))
     }
 
     /// The boundary walk over the scene's grid; `each` sees every line of it.
@@ -153,6 +181,8 @@ impl Session {
                 )]
                 return Ok(WalkReport {
                     area: number(&line, "area ")?,
+                    stiffness_peak_n_per_m: number(&line, "peak k ")?,
+                    damping_max_n_s_per_m: number(&line, "largest b ")?,
                     hits: number(&line, "hits ")? as u32,
                     points,
                     ended_by: line.rsplit(' ').next().unwrap_or_default().to_owned(),

@@ -5,6 +5,7 @@
 //! that a count that is read belongs to the plant [`LEAD_S`] earlier. That is part of the latency.
 
 use host_sim::{
+    element::{EncoderError, EncoderNoise},
     plant::{AnyPlant, AnyState, Plant as _},
     scene::{Encoder, Rounding, Scene},
 };
@@ -30,6 +31,10 @@ pub struct World<'a> {
     plant: AnyPlant,
     state: AnyState,
     encoder: Encoder,
+    error: Option<EncoderError>,
+    noise: Option<EncoderNoise>,
+    /// Samples since it was switched on.
+    samples: u64,
     full_scale_n: f64,
     /// The handle is held where it is.
     held: Option<f64>,
@@ -76,7 +81,7 @@ impl<'a> World<'a> {
     /// its count starts from 0.
     ///
     /// # Errors
-    /// The ELF is not this firmware.
+    /// The ELF is not this firmware, or the scene has `[jitter]`.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -84,6 +89,9 @@ impl<'a> World<'a> {
         scene: &Scene,
         start_m: f64,
     ) -> Result<Self, String> {
+        if scene.jitter.is_some() {
+            return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
+        }
         let mut powered = Powered::on(board, elf)?;
         let sample_s = 1.0 / scene.control.rate_hz;
         #[expect(clippy::cast_precision_loss, reason = "10")]
@@ -97,6 +105,9 @@ impl<'a> World<'a> {
             state: plant.at_rest(start_m),
             plant,
             encoder,
+            error: scene.encoder_error,
+            noise: scene.encoder_noise,
+            samples: 0,
             full_scale_n: scene.full_scale_n(),
             held: Some(start_m),
             motor_reversed: false,
@@ -126,7 +137,7 @@ impl<'a> World<'a> {
         self.powered.mcu.settle();
         self.powered.mcu.reset();
         // The handle has not moved: the chip finds A and B as they are.
-        let count = count(&self.encoder, self.position_m());
+        let count = self.shown_count();
         self.powered.mcu.encoder_at(count);
     }
 
@@ -156,6 +167,7 @@ impl<'a> World<'a> {
             self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
             self.moved_to = to;
         }
+        self.samples += 1;
         self.align();
         Ok(())
     }
@@ -168,7 +180,10 @@ impl<'a> World<'a> {
 
     /// What A and B stand for.
     fn shown_count(&self) -> i32 {
-        let count = count(&self.encoder, self.position_m());
+        let place_m = self.position_m();
+        let error_m = self.error.map_or(0.0, |error| error.error_m(place_m));
+        let noise_m = self.noise.map_or(0.0, |noise| noise.error_m(0, self.samples));
+        let count = count(&self.encoder, place_m + error_m + noise_m);
         self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 

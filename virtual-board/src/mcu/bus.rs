@@ -246,6 +246,7 @@ impl MemOps for Storage {
 pub(super) struct Dac {
     registers: Arc<Storage>,
     clock: Arc<Clock>,
+    written_at: Arc<AtomicU64>,
     listener: Option<Arc<dyn DacListener>>,
 }
 
@@ -262,10 +263,11 @@ impl Dac {
     pub(super) fn region(
         registers: &Arc<Storage>,
         clock: &Arc<Clock>,
+        written_at: &Arc<AtomicU64>,
         listener: Option<Arc<dyn DacListener>>,
     ) -> Region {
-        let registers = Arc::clone(registers);
-        let dac = Self { registers, clock: Arc::clone(clock), listener };
+        let (registers, clock) = (Arc::clone(registers), Arc::clone(clock));
+        let dac = Self { registers, clock, written_at: Arc::clone(written_at), listener };
         Region::io("dac", 0x400, Arc::new(dac))
     }
 }
@@ -277,6 +279,7 @@ impl MemOps for Dac {
 
     fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
         self.registers.write(offset, from, attributes)?;
+        self.written_at.store(self.clock.now(), Relaxed);
         if let Some(listener) = &self.listener {
             let on = self.registers.get(Self::CR) & 1 != 0;
             let code = self.registers.get(Self::DHR12R1) & 0xFFF;

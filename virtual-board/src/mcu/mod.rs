@@ -102,6 +102,8 @@ pub struct Mcu {
     /// Cycle of the last sampling event, and whether its counter reading is still to come.
     event: (u64, bool),
     events: u64,
+    /// Cycle at which a force was last written, as far as it was looked at.
+    commanded_at: u64,
     /// Program counters at which hard faults came.
     hard_faults: Vec<u32>,
     watch: Watch,
@@ -138,6 +140,7 @@ impl Mcu {
             resets: 0,
             event: (0, false),
             events: 0,
+            commanded_at: 0,
             hard_faults: Vec::new(),
             watch: Watch::new(),
         }
@@ -238,6 +241,13 @@ impl Mcu {
             pc: before.r[15],
         };
         self.watch.step(&step, |number| cpu.with_sys(|sys| sys.is_active(Exception(number))));
+        let commanded_at = self.soc.commanded_at.load(Relaxed);
+        if commanded_at != self.commanded_at {
+            self.commanded_at = commanded_at;
+            if exception == RENDER {
+                self.watch.command(commanded_at.saturating_sub(self.event.0));
+            }
+        }
         if self.event.1 && exception == SAMPLE {
             let read = self.soc.encoder.read_at.load(Relaxed);
             if read >= self.event.0 {

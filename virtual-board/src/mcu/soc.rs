@@ -50,6 +50,8 @@ pub(super) struct Soc {
     pub(super) supply_low: Arc<AtomicBool>,
     pub(super) dbgmcu: Arc<Storage>,
     pub(super) dac: Arc<Storage>,
+    /// Cycle at which a force was last written, to the DAC or to a compare register.
+    pub(super) commanded_at: Arc<AtomicU64>,
     gpio: Vec<Arc<Gpio>>,
 }
 
@@ -103,15 +105,20 @@ impl WireSink for ToListener {
     }
 }
 
-/// TIM1's port: BDTR and the break input, which the emulator's timer stores but does not act on.
+/// TIM1's port: BDTR and the break input, which the emulator's timer stores but does not act on, and
+/// when the duty was written.
 #[derive(Debug)]
 struct Break {
     lazy: Lazy,
     open: Arc<AtomicBool>,
+    clock: Arc<Clock>,
+    written_at: Arc<AtomicU64>,
 }
 
 const RCC_CSR: u64 = 0x74;
 const RMVF: u32 = 1 << 24;
+const CCR1: u64 = 0x34;
+const CCR2: u64 = 0x38;
 pub(super) const BDTR: u64 = 0x44;
 pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
@@ -123,6 +130,9 @@ impl Port for Break {
     }
 
     fn write(&self, offset: u64, value: u32) -> u32 {
+        if matches!(offset, CCR1 | CCR2) {
+            self.written_at.store(self.clock.now(), Relaxed);
+        }
         if offset != BDTR {
             value
         } else if value & BREAK_ENABLE != 0 && self.open.load(Relaxed) {
@@ -369,9 +379,12 @@ impl Soc {
             0x4000_7000,
         );
         let dac = Storage::new();
-        map(Dac::region(&dac, clock, listeners.dac.clone()), 0x4000_7400);
+        let commanded_at = Arc::new(AtomicU64::new(0));
+        let written_at = Arc::clone(&commanded_at);
+        map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
+        let (open, clock) = (Arc::clone(&stop), Arc::clone(clock));
         map(
-            Registers::region(&pwm, Break { lazy: pwm.clone(), open: Arc::clone(&stop) }),
+            Registers::region(&pwm, Break { lazy: pwm.clone(), open, clock, written_at }),
             0x4001_0000,
         );
         for (index, port) in gpio.iter().enumerate() {
@@ -400,6 +413,7 @@ impl Soc {
             supply_low,
             dbgmcu,
             dac,
+            commanded_at,
             gpio,
         }
     }

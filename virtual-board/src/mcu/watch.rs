@@ -58,6 +58,9 @@ pub struct Watch {
     pub events_by_basepri: BTreeMap<u8, u64>,
     /// Cycles from the sampling event to the reading of the counter: how often each.
     pub delays: BTreeMap<u64, u64>,
+    /// Cycles from the sampling event to each writing of a force to the output's registers by the
+    /// output task.
+    pub commands: Cycles,
     /// By exception number.
     pub tasks: BTreeMap<u16, Cycles>,
     /// Times that the emulator's loss of ITSTATE was mended.
@@ -122,6 +125,10 @@ impl Watch {
 
     pub(super) fn delay(&mut self, cycles: u64) {
         *self.delays.entry(cycles).or_default() += 1;
+    }
+
+    pub(super) fn command(&mut self, cycles: u64) {
+        self.commands.add(cycles);
     }
 
     /// `still_active` says whether an exception is still active, if the number changes.
