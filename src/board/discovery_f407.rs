@@ -31,9 +31,10 @@ pub const CORE_HZ: u32 = 168_000_000;
 /// Timer ticks per PWM period.
 #[expect(clippy::cast_possible_truncation, reason = "4200")]
 const STEPS: u16 = (CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
-/// From the counter's reading to the force, samples: an upper bound for the PWM period that begins
-/// 14 us after the sample; identified from telemetry it is less (docs/firmware.md).
-pub const LATENCY_SAMPLES: f64 = 0.225;
+/// From the counter's reading to the force, samples: to the PWM period that takes the command over.
+/// A pulse stands at the beginning of its period, so a small force acts up to half a period
+/// (0.125) sooner; docs/firmware.md has the measurement.
+pub const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (CORE_HZ / RATE_HZ) as f64;
 /// What the force output makes of a force.
 pub const OUTPUT: zwidth::Output = zwidth::Output::Pwm { steps: STEPS as u32 };
 

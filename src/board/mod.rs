@@ -33,7 +33,6 @@ pub mod mask;
 mod pace;
 #[cfg(feature = "discovery-f407")]
 mod pwm;
-mod queue;
 mod reset;
 mod rtt;
 mod settings;
@@ -45,7 +44,6 @@ pub use encoder::{Encoder, turn as turn_encoder};
 pub use fault_memory::FaultMemory;
 pub use latest::{Latest, Newest, Publisher};
 pub use pace::Pace;
-pub use queue::{Queue, Reader, Writer};
 pub use rtt::Link;
 pub use settings::{FlashError, SettingsFlash};
 pub use snapshot::{Reading, Snapshot, Writing};

@@ -51,8 +51,9 @@ const RETURN: ReturnSettings = ReturnSettings {
 /// for a motor of a hundred grams; enter those of yours.
 const DUTY: DutySettings = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
 
-/// Furthest start in front of the wall, m: so that a message names a finite range.
-const REACH_M: f64 = 1.0;
+/// Furthest that the handle may be from zero while force is on, m. The paper does not give the travel of
+/// its device: twice the way to its wall is a guess; enter that of yours.
+const TRAVEL_M: f64 = 0.14;
 
 /// The force at full command may differ from the one above by this factor; more is a typing error.
 const FULL_SCALE_FACTOR: f64 = 3.0;
@@ -81,12 +82,17 @@ pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
     let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
     let start_m = stored.start_m;
     let wall_m = stored.settings.wall.position_m;
-    let back = ReturnSettings { start_m, ..RETURN }.build(&design)?;
-    let range = wall_m - REACH_M..=wall_m;
+    // A motor weaker than it was taken for brings the handle back with what it has.
+    let force_n = RETURN.force_n.min(design.full_scale_n / 2.0);
+    let back = ReturnSettings { start_m, force_n, ..RETURN }.build(&design)?;
+    let range = -TRAVEL_M..=wall_m.min(TRAVEL_M);
     if !range.contains(&start_m) || start_m == wall_m {
         return Err(SettingsError { parameter: "start_m", value: start_m, range });
     }
-    let duty = DUTY.build(&design, hit.settle.saturating_add(hit.window))?;
+    // What heats is the current: its part of full scale stays, whatever force a calibration found there.
+    let continuous_force_n = DUTY.continuous_force_n * (design.full_scale_n / DESIGN.full_scale_n);
+    let duty = DutySettings { continuous_force_n, ..DUTY }
+        .build(&design, hit.settle.saturating_add(hit.window))?;
     Ok(TrialPlan { hit, back, duty, early })
 }
 
@@ -107,6 +113,7 @@ pub fn calibration(percent: f64) -> Result<CalibrationPlan, SettingsError> {
 const SAFETY: SafetySettings = SafetySettings {
     speed_max_m_per_s: 1.0,
     speed_believable_m_per_s: 5.0,
+    travel_m: TRAVEL_M,
     ramp_in_s: 0.2,
     sign_test_force: 0.05,
     sign_test_counts: 20,

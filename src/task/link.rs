@@ -8,6 +8,7 @@ mod walk;
 
 use core::{fmt, sync::atomic::Ordering::Relaxed};
 
+use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     Control, Settings, SettingsError,
     envelope::{Key, Outside},
@@ -31,7 +32,7 @@ use super::{
     envelope::ENVELOPE,
     order::{Event, Gains, Order, Report},
 };
-use crate::board::{self, FlashError, Reader, SettingsFlash, Writer};
+use crate::board::{self, FlashError, SettingsFlash};
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
@@ -47,6 +48,8 @@ enum Awaited {
     Done(&'static str),
     /// New settings: what to keep and how to reply.
     Settings(Stored, Change),
+    /// The end of what was going on.
+    Stop,
     /// Leave to write flash.
     Save,
     /// Flash is written; the reply is out.
@@ -72,8 +75,8 @@ enum Change {
 pub struct Link {
     link: board::Link,
     flash: SettingsFlash,
-    reports: Reader<Report, REPORTS>,
-    orders: Writer<Order, ORDERS>,
+    reports: Consumer<'static, Report, REPORTS>,
+    orders: Producer<'static, Order, ORDERS>,
     reader: LineReader<LINE_MAX>,
     stored: Stored,
     awaited: Option<Awaited>,
@@ -90,8 +93,8 @@ impl Link {
     pub(super) fn new(
         link: board::Link,
         flash: SettingsFlash,
-        reports: Reader<Report, REPORTS>,
-        orders: Writer<Order, ORDERS>,
+        reports: Consumer<'static, Report, REPORTS>,
+        orders: Producer<'static, Order, ORDERS>,
         stored: Stored,
         source: Source,
     ) -> Self {
@@ -120,7 +123,7 @@ impl Link {
 
     /// Passes on what has come since. Late: `render` drops reports, counted by gaps in telemetry.
     pub fn run(&mut self) {
-        while let Some(report) = self.reports.read() {
+        while let Some(report) = self.reports.dequeue() {
             self.stream(report.record);
             self.latest = Some(report);
             match report.event {
@@ -208,7 +211,7 @@ impl Link {
 
     fn order(&mut self, order: Order, awaited: Awaited) {
         // Only one order is under way, so there is room.
-        if self.orders.write(order) {
+        if self.orders.enqueue(order).is_ok() {
             self.awaited = Some(awaited);
         }
     }
@@ -287,7 +290,10 @@ impl Link {
             }
             Command::FullScale(full_scale_n) => {
                 let stored = Stored { full_scale_n, ..self.stored };
-                self.propose(stored, Change::Value("fullscale", full_scale_n, "N"));
+                match device::trial(&stored, false) {
+                    Ok(_) => self.propose(stored, Change::Value("fullscale", full_scale_n, "N")),
+                    Err(error) => self.reply(Reply::Range(&error)),
+                }
             }
             Command::MotorReversed(reversed) => {
                 let mut stored = self.stored;
@@ -308,12 +314,7 @@ impl Link {
                 Ok(plan) => self.order(Order::Calibrate(plan), Awaited::Done("calibrate")),
                 Err(error) => self.reply(Reply::Range(&error)),
             },
-            Command::Stop => {
-                if self.walking.is_some() {
-                    self.break_walk("stopped");
-                }
-                self.order(Order::Stop, Awaited::Done("stop"));
-            }
+            Command::Stop => self.order(Order::Stop, Awaited::Stop),
             Command::Stream(on) => {
                 self.streaming = on;
                 self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
@@ -403,6 +404,10 @@ impl Link {
             (Awaited::Quiet | Awaited::Resume, _) => {}
             (Awaited::Cell | Awaited::CellHit, Err(refusal)) => self.break_walk(refusal.text()),
             (Awaited::Cell | Awaited::CellHit, Ok(())) => self.advance(),
+            (Awaited::Stop, _) => {
+                self.break_walk("stopped");
+                self.reply(Reply::Done("stop"));
+            }
             (_, Err(refusal)) => self.reply(Reply::Refused(refusal)),
             (Awaited::Done(name), Ok(())) => self.reply(Reply::Done(name)),
             (Awaited::Settings(stored, change), Ok(())) => {
@@ -456,6 +461,7 @@ fn build(stored: &Stored) -> Result<(Control, Result<(), Outside>), SettingsErro
         estimator: velocity.name().text(),
         cutoff_hz: velocity.tuning().map_or(0.0, |(_, value)| value),
         latency_samples: device::LATENCY_SAMPLES,
+        period_samples: f64::from(device::PERIOD),
     };
     let wall = &stored.settings.wall;
     Ok((control, ENVELOPE.allows(&key, wall.stiffness_n_per_m, wall.damping_n_s_per_m)))

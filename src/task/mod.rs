@@ -22,6 +22,7 @@ mod trail;
 
 use core::sync::atomic::AtomicU32;
 
+use heapless::spsc::Queue;
 pub use idle::Idle;
 pub use link::Link;
 use order::{Order, Report};
@@ -34,11 +35,11 @@ use zwidth::{
     store::Source,
 };
 
-use crate::board::{self, Board, Latest, Queue, Snapshot};
+use crate::board::{self, Board, Latest, Snapshot};
 
-/// Outputs that may wait for `link`, which at 1 kHz is 15 ms.
+/// One more than the outputs that may wait for `link`: at 1 kHz 15 ms.
 const REPORTS: usize = 16;
-/// Orders come one at a time.
+/// One more than the orders that may wait for `render`: they come one at a time.
 const ORDERS: usize = 2;
 
 /// Memory of what goes between the tasks.

@@ -2,6 +2,7 @@
 
 use core::sync::atomic::Ordering::Relaxed;
 
+use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     Control, Motion,
     experiment::{Broken, Calibration, CalibrationEnd, Duty, DutyPlan, Trial},
@@ -20,9 +21,7 @@ use super::{
     order::{Event, Gains, Order, Report},
     trail::Follower,
 };
-use crate::board::{
-    self, Drive, EmergencyStop, FaultMemory, Publisher, Reader, Reading, Supply, Writer,
-};
+use crate::board::{self, Drive, EmergencyStop, FaultMemory, Publisher, Reading, Supply};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;
@@ -50,9 +49,9 @@ pub struct Ends {
     /// To `sample`, with every output.
     pub down: Publisher<Down>,
     /// From `link`.
-    pub orders: Reader<Order, ORDERS>,
+    pub orders: Consumer<'static, Order, ORDERS>,
     /// To `link`.
-    pub reports: Writer<Report, REPORTS>,
+    pub reports: Producer<'static, Report, REPORTS>,
 }
 
 /// The experiment that is going on.
@@ -78,6 +77,8 @@ pub struct Render {
     settings: u16,
     motor_reversed: bool,
     experiment: Experiment,
+    /// What it pushes with at the next output.
+    push: Force,
     duty: Duty,
     duty_plan: DutyPlan,
     history: BlackBox<HISTORY>,
@@ -110,6 +111,7 @@ impl Render {
             settings: 0,
             motor_reversed: signs.motor_reversed,
             experiment: Experiment::None,
+            push: Force::ZERO,
             duty: Duty::default(),
             duty_plan,
             history: BlackBox::new(BlackBox::<HISTORY>::every(board::RATE_HZ, PERIOD)),
@@ -130,9 +132,8 @@ impl Render {
             self.guard = guard;
         }
         let up = Up { motion, guard: self.guard, cut };
-        let push = self.push(up.motion.position);
         let inputs = self.inputs(cut);
-        let rendered = self.supervisor.render(&self.control, &up, push, inputs);
+        let rendered = self.supervisor.render(&self.control, &up, self.push, inputs);
         self.put_out(rendered.grant);
         self.ends.down.publish(rendered.down);
         FLAGS.rendered.store(rendered.down.rendered, Relaxed);
@@ -147,8 +148,9 @@ impl Render {
         self.positions.follow_to(up.motion.sample);
         self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
         self.observe(rendered.grant);
+        self.prepare(up.motion.position);
         if matches!(self.answer, Event::None)
-            && let Some(order) = self.ends.orders.read()
+            && let Some(order) = self.ends.orders.dequeue()
         {
             self.answer = Event::Answer(self.meet(order));
         }
@@ -187,35 +189,44 @@ impl Render {
         }
     }
 
-    /// What the experiment pushes with now.
-    fn push(&mut self, position: Position) -> Force {
+    /// What the experiment pushes with at the next output. Found out after this one, so that it costs no
+    /// latency: a way back does not mind a millisecond, and a hit begins with the output of its push.
+    fn prepare(&mut self, position: Position) {
         let contact = self.control.wall.penetration(position) > 0;
-        let (push, news) = match &mut self.experiment {
-            Experiment::None => return Force::ZERO,
+        let over = match &mut self.experiment {
+            Experiment::None => return,
             Experiment::Hit(trial) => match trial.output(position, contact, &self.duty) {
-                Ok(push) => (push, None),
-                Err(broken) => (Force::ZERO, Some(Event::HitBroken(broken))),
+                Ok(push) => {
+                    self.push = push;
+                    return;
+                }
+                Err(broken) => Event::HitBroken(broken),
             },
             Experiment::Calibration(calibration) => match calibration.output(position, contact) {
-                Ok(push) if calibration.is_complete_now() => {
-                    self.news = Event::CalibrationHolds;
-                    (push, None)
+                Ok(push) => {
+                    self.push = push;
+                    if calibration.is_complete_now() {
+                        self.news = Event::CalibrationHolds;
+                    }
+                    return;
                 }
-                Ok(push) => (push, None),
-                Err(end) => (Force::ZERO, Some(Event::CalibrationOver(end))),
+                Err(end) => Event::CalibrationOver(end),
             },
         };
-        if let Some(news) = news {
-            self.end(news);
-        }
-        push
+        self.end(over);
     }
 
     /// The experiment is over; what it pushed with fades.
     fn end(&mut self, news: Event) {
-        self.experiment = Experiment::None;
-        self.supervisor.expect_still(false);
+        self.stop();
         self.news = news;
+    }
+
+    /// No experiment any more, without a word.
+    fn stop(&mut self) {
+        self.experiment = Experiment::None;
+        self.push = Force::ZERO;
+        self.supervisor.expect_still(false);
     }
 
     /// Feeds the samples since the last output to the experiment.
@@ -254,6 +265,8 @@ impl Render {
         match order {
             Order::Request(request) => {
                 let result = self.supervisor.request(request);
+                // Now, not with the next output: flash may be written as soon as this is answered.
+                self.ends.down.publish(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
                     self.history.release();
                 }
@@ -291,7 +304,7 @@ impl Render {
                 Ok(())
             }
             Order::Stop => {
-                self.end(Event::None);
+                self.stop(); // what has just ended by itself is told all the same
                 Ok(())
             }
             Order::Replay => {
@@ -303,7 +316,7 @@ impl Render {
 
     /// A queue that is full loses records, never outputs or events.
     fn report(&mut self, record: Record) {
-        if !self.ends.reports.has_room() {
+        if !self.ends.reports.ready() {
             return;
         }
         let activity = match self.experiment {
@@ -311,14 +324,16 @@ impl Render {
             Experiment::Hit(_) => Activity::Hit,
             Experiment::Calibration(_) => Activity::Calibration,
         };
-        let event = match &mut self.answer {
-            Event::None => &mut self.news,
-            answer => answer,
+        // The news first: they may be the end of what a `stop` is answered for.
+        let event = match &mut self.news {
+            Event::None => &mut self.answer,
+            news => news,
         };
         let event = core::mem::replace(event, Event::None);
         let record = self.replayed().unwrap_or(record);
         let report = Report { record, status: self.supervisor.status(), activity, event };
-        self.ends.reports.write(report);
+        // There is room, and nobody else writes.
+        let _ = self.ends.reports.enqueue(report);
     }
 
     /// The next record of the black box in place of the present one, while it is read out.
