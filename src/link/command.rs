@@ -32,6 +32,8 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
+    /// The estimator's second parameter, in its own unit.
+    Second(f64),
     /// Velocity estimator.
     Estimator(EstimatorName),
     /// Push of the experiments, N; does nothing by itself.
@@ -174,7 +176,7 @@ enum Form {
 /// Name, use, form.
 type Entry = (&'static str, &'static str, Form);
 
-static TABLE: [Entry; 37] = {
+static TABLE: [Entry; 38] = {
     use Command as C;
     use Form::{Number, Plain, Word};
     use GridValue as G;
@@ -191,6 +193,7 @@ static TABLE: [Entry; 37] = {
         ("wall", "wall METRES", Number(C::Wall)),
         ("cutoff", "cutoff HZ", Number(C::Cutoff)),
         ("tuning", "tuning VALUE", Number(C::Tuning)),
+        ("tuning2", "tuning2 VALUE", Number(C::Second)),
         ("estimator", "estimator NAME", Form::Estimator),
         ("push", "push NEWTONS", Number(C::Push)),
         ("hit", "hit", Plain(C::Hit)),
@@ -289,6 +292,7 @@ mod tests {
             ("wall 0.07", C::Wall(0.07)),
             ("cutoff 1500", C::Cutoff(1500.0)),
             ("tuning 16", C::Tuning(16.0)),
+            ("tuning2 0.4", C::Second(0.4)),
             ("estimator butterworth", C::Estimator(EstimatorName::Butterworth)),
             ("estimator butterworth-prewarped", C::Estimator(EstimatorName::ButterworthPrewarped)),
             ("push 2.835", C::Push(2.835)),
@@ -316,7 +320,7 @@ mod tests {
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), 37);
+        assert_eq!(usages().count(), 38);
     }
 
     #[test]
@@ -430,6 +434,7 @@ mod tests {
                         | Command::Wall(value)
                         | Command::Cutoff(value)
                         | Command::Tuning(value)
+                        | Command::Second(value)
                         | Command::Push(value)
                         | Command::Calibrate(value)
                         | Command::FullScale(value)

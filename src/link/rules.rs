@@ -102,6 +102,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::Wall(_)
         | Command::Cutoff(_)
         | Command::Tuning(_)
+        | Command::Second(_)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
         Command::Save => &[N::Off],
@@ -182,7 +183,7 @@ mod tests {
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 32] = [
+    const COMMANDS: [Command; 33] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -215,6 +216,7 @@ mod tests {
         Command::Grid(GridValue::StiffnessStep, 1.0),
         Command::MotorReversed(true),
         Command::EncoderReversed(true),
+        Command::Second(1.0),
     ];
 
     /// Every situation: 5 states x 4 activities x 2^7 facts.
@@ -297,7 +299,9 @@ mod tests {
 
     #[test]
     fn nothing_that_moves_the_wall_or_the_velocity_is_met_in_contact() {
-        for command in [Command::Wall(1.0), Command::Cutoff(1.0), Command::Load, COMMANDS[11]] {
+        for command in
+            [Command::Wall(1.0), Command::Cutoff(1.0), Command::Load, COMMANDS[11], COMMANDS[32]]
+        {
             met(command, |now| {
                 !in_contact(now)
                     && now.activity != Activity::Walk

@@ -260,6 +260,14 @@ impl Link {
             ),
             Command::Cutoff(cutoff_hz) => self.tune(cutoff_hz, Parameter::is_frequency),
             Command::Tuning(value) => self.tune(value, |_| true),
+            Command::Second(value) => match self.stored.settings.velocity.second() {
+                Some((parameter, _)) => self.change(
+                    self.stored.settings,
+                    |settings| settings.velocity = settings.velocity.with_second(value),
+                    Change::Value(parameter.name, value, parameter.unit),
+                ),
+                None => self.write(&"error: this estimator has no second parameter, see get"),
+            },
             Command::Estimator(name) => self.change(
                 self.stored.settings,
                 |settings| settings.velocity = name.following(&settings.velocity),
@@ -459,7 +467,11 @@ fn build(stored: &Stored) -> Result<(Control, Result<(), Outside>), SettingsErro
     let key = Key {
         device: stored.device.name(),
         estimator: velocity.name().text(),
-        cutoff_hz: velocity.tuning().map_or(0.0, |(_, value)| value),
+        // A table holds for the default of the second parameter; of another one nothing is known.
+        cutoff_hz: match velocity.second() {
+            Some((parameter, value)) if value != parameter.default => f64::NAN,
+            _ => velocity.tuning().map_or(0.0, |(_, value)| value),
+        },
         latency_samples: device::LATENCY_SAMPLES,
         period_samples: f64::from(device::PERIOD),
     };

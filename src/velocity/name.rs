@@ -425,6 +425,22 @@ impl VelocitySettings {
         }
     }
 
+    /// The second parameter, and its value.
+    pub const fn second(&self) -> Option<(Parameter, f64)> {
+        let (name, [_, value]) = EstimatorName::of(self);
+        match name.parameters() {
+            [_, Some(parameter)] => Some((parameter, value)),
+            _ => None,
+        }
+    }
+
+    /// The same estimator with that second parameter.
+    #[must_use]
+    pub fn with_second(&self, second: f64) -> Self {
+        let (name, [tuning, _]) = EstimatorName::of(self);
+        name.settings([tuning, second])
+    }
+
     /// The same estimator with that tuning.
     #[must_use]
     pub fn with_tuning(&self, tuning: f64) -> Self {

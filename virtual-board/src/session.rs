@@ -2,7 +2,7 @@
 
 use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
-use zwidth::velocity::{EstimatorName, Sense};
+use zwidth::velocity::Sense;
 
 use crate::{
     board::Board,
@@ -109,7 +109,7 @@ impl Session {
     /// Zeroed at the scene's 0, with its wall, push and start, armed and free.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
-        let (tuning, estimator) = tuning(scene, cutoff_hz)?;
+        let ([tuning, second], estimator) = tuning(scene, cutoff_hz)?;
         let mut world = World::new(self.board, &self.elf, &self.table, scene, 0.0)?;
         world.run(500)?;
         // A hand holds it there meanwhile; its count is 0 from then on, so positions are the scene's.
@@ -120,6 +120,7 @@ impl Session {
             "unlock envelope".to_owned(),
             format!("estimator {estimator}"),
             tuning,
+            second,
             format!("wall {}", scene.wall.position_m),
             format!("start {}", scene.device.start_position_m),
             format!("push {}", scene.wall_hit.push_n),
@@ -228,9 +229,9 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
     }
 }
 
-/// What the firmware is told of the scene's estimator: the command that tunes it, and its name. Whether
+/// What the firmware is told of the scene's estimator: the commands that tune it, and its name. Whether
 /// it has that estimator is for the firmware to say.
-fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<(String, &'static str), Failed> {
+fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<([String; 2], &'static str), Failed> {
     let settings = scene.velocity.settings(cutoff_hz);
     let estimator = settings.name();
     if let Some(sense) = estimator.missing(&[Sense::Force]) {
@@ -238,13 +239,9 @@ fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<(String, &'static str), Faile
         let text = format!("velocity.estimator {name} needs {sense}, which no board has");
         return Err(Failed::Refused(text));
     }
-    // The firmware knows no second parameter but its device's own.
-    let (_, [_, asked]) = EstimatorName::of(&settings);
-    let (_, [_, known]) = EstimatorName::of(&estimator.defaults());
-    if asked != known {
-        let text = format!("velocity: the firmware has {known} where the scene has {asked}");
-        return Err(Failed::Refused(text));
-    }
-    let line = settings.tuning().map_or_else(String::new, |(_, value)| format!("tuning {value}"));
-    Ok((line, estimator.text()))
+    let line = |name: &str, parameter: Option<(_, f64)>| {
+        parameter.map_or_else(String::new, |(_, value)| format!("{name} {value}"))
+    };
+    let lines = [line("tuning", settings.tuning()), line("tuning2", settings.second())];
+    Ok((lines, estimator.text()))
 }
