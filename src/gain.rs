@@ -96,6 +96,18 @@ impl Gain {
 }
 
 #[cfg(test)]
+impl Gain {
+    /// Every shift of a gain that is not 0.
+    #[expect(clippy::cast_possible_truncation, reason = "-23 to 62")]
+    pub(crate) const SHIFTS: core::ops::RangeInclusive<i8> =
+        Self::SHIFT_MIN as i8..=Self::SHIFT_MAX as i8;
+
+    pub(crate) const fn from_parts(mantissa: i32, shift: i8) -> Self {
+        Self { mantissa, shift }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;

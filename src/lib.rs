@@ -47,6 +47,8 @@
 extern crate std;
 
 pub mod actuator;
+#[cfg(test)]
+mod bounds;
 mod control;
 mod crc;
 pub mod encoder;

@@ -102,6 +102,20 @@ impl Scatter {
 }
 
 #[cfg(test)]
+impl Scatter {
+    /// The sums that `samples` - 1 positions at the far ends of the range can have led to.
+    pub(crate) fn at_its_widest(samples: u32) -> Self {
+        let (before, widest) = (samples - 1, 1i64 << 32);
+        Self {
+            samples: before,
+            origin: Position::from_counts(i32::MIN),
+            sum: i64::from(before) * widest,
+            sum_of_squares: u128::from(before) * (1u128 << 64),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -108,6 +108,26 @@ pub struct BiquadState {
     residue: [i32; 2],
 }
 
+#[cfg(test)]
+impl Biquad {
+    /// Coefficients b0, b1, b2, a1, a2 and the mask of the second residue, as they are.
+    pub(crate) fn from_bits([b0, b1, b2, a1, a2]: [i32; 5], second: i32) -> Self {
+        let q = Coefficient::from_bits;
+        Self { b: [q(b0), q(b1), q(b2)], a: [q(a1), q(a2)], second }
+    }
+}
+
+#[cfg(test)]
+impl BiquadState {
+    pub(crate) fn from_bits(x: [i32; 2], y: [i32; 2], residue: [i32; 2]) -> Self {
+        Self { x, y, residue }
+    }
+
+    pub(crate) fn residue(&self) -> [i32; 2] {
+        self.residue
+    }
+}
+
 impl BiquadState {
     /// As after many samples at that velocity.
     pub(super) fn at(velocity: Velocity) -> Self {
