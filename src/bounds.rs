@@ -83,6 +83,7 @@ fn at_all_corners(coefficients: [[i32; 2]; 5]) {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "millions of corners")]
 fn a_low_pass_never_overflows_whatever_the_cutoff_and_its_state() {
     let boxes = coefficient_boxes();
     assert!(boxes.len() > 200, "{}", boxes.len());
@@ -93,12 +94,14 @@ fn a_low_pass_never_overflows_whatever_the_cutoff_and_its_state() {
 
 /// The positive control: with coefficients beyond all that is accepted the same look finds an overflow.
 #[test]
+#[cfg_attr(miri, ignore = "millions of corners")]
 #[should_panic(expected = "overflow")]
 fn coefficients_at_the_ends_of_their_format_would_overflow() {
     at_all_corners([[i32::MIN, i32::MAX]; 5]);
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "millions of corners")]
 fn products_walls_and_codes_never_overflow() {
     let mut gains = Vec::from([Gain::default()]);
     for shift in Gain::SHIFTS {
