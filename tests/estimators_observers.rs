@@ -1,4 +1,4 @@
-//! Tracking loop, observer, time stamps and fusion: what each promises, and the limits of it.
+//! Tracking loop, observer and fusion: what each promises, and the limits of it.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -8,28 +8,22 @@
     reason = "a test fails loudly"
 )]
 
+mod estimator_bench;
+
 use std::f64::consts::PI;
 
-use host_sim::{sensing::last_edge, twin::TwinEstimator};
+use estimator_bench::{
+    DESIGN, LSB, Motion, after_nonsense, hits_a_wall_like_its_twin, nonsense,
+    reads_zero_after_a_stop, sines, twin_is_off_by,
+};
+use host_sim::scene::NamedScene;
 use proptest::prelude::*;
 use zwidth::{
-    Design, Output, VelocitySettings,
+    Design, VelocitySettings,
     units::{Acceleration, Force, Position, Velocity},
-    velocity::{
-        Edge, Estimator, EstimatorName, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign, SPAN_MAX,
-        Senses, State, TrackingLoop,
-    },
+    velocity::{EstimatorName, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign, Senses, TrackingLoop},
 };
 
-const DESIGN: Design = Design {
-    rate_hz: 1e4,
-    resolution_m: 1e-6,
-    full_scale_n: 5.906,
-    period: 10,
-    output: Output::Continuous,
-};
-/// LSB of the velocity per count per sample.
-const LSB: f64 = 65_536.0;
 const MASS_KG: f64 = 0.416;
 
 fn tracking(bandwidth_hz: f64) -> VelocitySettings {
@@ -40,15 +34,11 @@ fn observer(bandwidth_hz: f64) -> VelocitySettings {
     VelocitySettings::Observer { bandwidth_hz, mass_kg: MASS_KG }
 }
 
-fn stamps(span_samples: u32) -> VelocitySettings {
-    VelocitySettings::TimeStamps { span_samples }
-}
-
 fn fusion(crossover_hz: f64) -> VelocitySettings {
     VelocitySettings::Fusion { crossover_hz }
 }
 
-/// Each of the four over its range of tunings, the ends included.
+/// Each of the three over its range of tunings, the ends included.
 fn all() -> Vec<VelocitySettings> {
     let mut all = Vec::new();
     for of_rate in [3.5e-5, 1e-3, 0.01, 0.1, 0.25] {
@@ -58,84 +48,14 @@ fn all() -> Vec<VelocitySettings> {
         all.push(observer(of_rate * DESIGN.rate_hz));
         all.push(fusion(of_rate * DESIGN.rate_hz));
     }
-    all.extend([1, 2, 8, 16, SPAN_MAX].map(stamps));
     all
-}
-
-/// A motion as the encoder and an ideal accelerometer see it, sample by sample.
-struct Motion<F> {
-    /// Position at a time in samples, counts.
-    at: F,
-    state: State,
-    estimator: Estimator,
-    twin: TwinEstimator,
-    sample: i64,
-    count: i32,
-    edge: Option<Edge>,
-}
-
-/// A sample, as core and twin see it.
-struct Seen {
-    core: f64,
-    twin: f64,
-}
-
-impl<F: Fn(f64) -> f64> Motion<F> {
-    fn new(settings: VelocitySettings, at: F) -> Self {
-        let count = at(0.0).floor() as i32;
-        Self {
-            at,
-            state: State::at_rest(Position::from_counts(count)),
-            estimator: settings.build(&DESIGN).unwrap(),
-            twin: TwinEstimator::new(&settings, &DESIGN).unwrap(),
-            sample: 0,
-            count,
-            edge: None,
-        }
-    }
-
-    /// Mean acceleration from central positions; speeds by differences of a thousandth of a sample.
-    fn speed(&self, t: f64) -> f64 {
-        const H: f64 = 1e-3;
-        ((self.at)(t + H) - (self.at)(t - H)) / (2.0 * H)
-    }
-
-    fn next(&mut self, force: Force) -> Seen {
-        let (t0, t1) = (self.sample as f64, (self.sample + 1) as f64);
-        self.sample += 1;
-        let ends = [t0, t1].map(|t| [(self.at)(t), self.speed(t)]);
-        self.edge = match last_edge(ends[0], ends[1]) {
-            Some((at, up)) => Some(Edge { age: ((1.0 - at) * LSB) as u32, up }),
-            None => self.edge.map(|e| Edge { age: e.age.saturating_add(Edge::SAMPLE), ..e }),
-        };
-        let acceleration = (ends[1][1] - ends[0][1]) * f64::from(1 << 24);
-        let senses = Senses {
-            force,
-            acceleration: Acceleration::saturating_from_bits(acceleration.round() as i32),
-            edge: self.edge,
-        };
-        let count = ends[1][0].floor() as i64 as i32; // wraps, as the counter does
-        let difference = count.wrapping_sub(self.count);
-        self.count = count;
-        let core = self.estimator.update(&mut self.state, Position::from_counts(count), &senses);
-        let twin = self.twin.update(difference, &senses);
-        Seen { core: f64::from(core.bits()) / LSB, twin }
-    }
-
-    fn free(&mut self) -> Seen {
-        self.next(Force::ZERO)
-    }
 }
 
 /// What is left of a start from rest after so many samples of a loop with poles at that bandwidth
 /// is far below an LSB.
 fn settled(settings: &VelocitySettings) -> i64 {
-    match *settings {
-        VelocitySettings::TrackingLoop { bandwidth_hz: hz }
-        | VelocitySettings::Observer { bandwidth_hz: hz, .. }
-        | VelocitySettings::Fusion { crossover_hz: hz } => (7.0 * DESIGN.rate_hz / hz) as i64 + 10,
-        _ => 200,
-    }
+    let (_, hz) = settings.tuning().unwrap();
+    (7.0 * DESIGN.rate_hz / hz) as i64 + 10
 }
 
 #[test]
@@ -148,15 +68,7 @@ fn constant_speed_is_measured_without_error() {
                 motion.free();
             }
             for _ in 0..300 {
-                let off = (motion.free().core - f64::from(speed)).abs() * LSB;
-                // time stamps: an age is rounded down to 2^-16 samples; see its module
-                let limit = match settings {
-                    VelocitySettings::TimeStamps { span_samples } => {
-                        f64::from(speed).abs() / (f64::from(span_samples) - 0.5) + 0.5
-                    }
-                    _ => 0.0,
-                };
-                assert!(off <= limit, "{settings:?} at {speed}: {off} LSB");
+                assert_eq!(motion.free().core, f64::from(speed), "{settings:?}");
             }
         }
     }
@@ -172,37 +84,17 @@ fn the_mean_at_a_constant_speed_between_counts_is_exact() {
             motion.free();
         }
         let samples = 20_000;
-        let (mut sum, mut worst) = (0.0, 0.0f64);
-        for _ in 0..samples {
-            let seen = motion.free().core;
-            sum += seen;
-            worst = worst.max((seen - speed).abs());
-        }
+        let sum: f64 = (0..samples).map(|_| motion.free().core).sum();
         let off = (sum / f64::from(samples) - speed).abs();
-        match settings {
-            VelocitySettings::TimeStamps { .. } => {
-                assert!(worst * LSB <= 1.2, "{settings:?}: {} LSB", worst * LSB);
-            }
-            // the sum of the output lies within a count or two of the position
-            _ => assert!(off * f64::from(samples) <= 2.0, "{settings:?}: {off}"),
-        }
+        // the sum of the output lies within a count or two of the position
+        assert!(off * f64::from(samples) <= 2.0, "{settings:?}: {off}");
     }
 }
 
 #[test]
 fn a_handle_that_stops_reads_exactly_zero() {
     for settings in all() {
-        let mut motion = Motion::new(settings, |t| 3.7 * t.min(500.0) + 0.5);
-        for _ in 0..500 + 2 * settled(&settings) {
-            motion.free();
-        }
-        let wait = if matches!(settings, VelocitySettings::TimeStamps { .. }) { 33_000 } else { 0 };
-        for _ in 0..wait {
-            motion.free();
-        }
-        for _ in 0..100 {
-            assert_eq!(motion.free().core, 0.0, "{settings:?}");
-        }
+        reads_zero_after_a_stop(&settings, 2 * settled(&settings));
     }
 }
 
@@ -251,10 +143,7 @@ fn the_delay_is_the_stated_one() {
         (tracking(1200.0), TrackingLoop::new(1200.0, 1e4).unwrap().delay_samples()),
         (observer(500.0), 0.0),
         (observer(100.0), 0.0),
-        (stamps(8), 4.0),
-        (stamps(32), 16.0),
     ] {
-        let nonlinear = matches!(settings, VelocitySettings::TimeStamps { .. });
         for hz in [10.0, 20.0, 40.0, 80.0] {
             let w = 2.0 * PI * hz / DESIGN.rate_hz;
             let period = (DESIGN.rate_hz / hz) as i64;
@@ -273,13 +162,6 @@ fn the_delay_is_the_stated_one() {
             let (magnitude, phase) = (real.hypot(imaginary), imaginary.atan2(real));
             let magnitude = magnitude / (5 * period) as f64 / (AMPLITUDE * w);
             let delay = -phase / w;
-            if nonlinear {
-                // The exact mean over the span, late by half of it. Where the handle slows down, half
-                // of the time, the bound between two edges is sometimes the better knowledge.
-                let range = 0.5 * stated..stated + 0.05;
-                assert!(range.contains(&delay), "{settings:?} {hz}: {delay}");
-                continue;
-            }
             let [re, im] = response(&settings, w);
             let expected = [re.hypot(im) / w, -(im.atan2(re) - PI / 2.0) / w];
             assert!((magnitude / expected[0] - 1.0).abs() < 2e-4, "{settings:?} {hz}: {magnitude}");
@@ -381,77 +263,18 @@ proptest! {
 
     /// Random walks of a smooth kind, at all speeds, under random forces.
     #[test]
-    fn the_core_follows_its_twin(
-        which in 0..20usize,
-        steps in prop::collection::vec((-2.0..2.0f64, -1.0..1.0f64), 20),
-        speed in 0.001..300.0f64,
-    ) {
+    fn the_core_follows_its_twin(which in 0..15usize, steps in sines(), speed in 0.001..300.0f64) {
         let settings = all()[which];
-        let at = |t: f64| {
-            let mut x = 0.3;
-            for (n, (amplitude, phase)) in steps.iter().enumerate() {
-                let w = 0.001 * 1.4f64.powi(n as i32);
-                x += speed * amplitude / w.max(0.01) / 20.0 * (w * t + 6.0 * phase).sin();
-            }
-            x
-        };
-        let mut motion = Motion::new(settings, at);
-        let (mut worst, mut fastest) = (0.0f64, 0.0f64);
-        for n in 0..3000usize {
-            let (_, force) = steps[n / 10 % steps.len()];
-            let force = Force::saturating_from_bits((force * f64::from(1 << 30)) as i32);
-            let seen = motion.next(force);
-            worst = worst.max((seen.core - seen.twin).abs() * LSB);
-            fastest = fastest.max(seen.twin.abs() * LSB);
-        }
+        let (worst, fastest) = twin_is_off_by(&settings, &steps, speed);
         let limit = twin_lsb(&settings, fastest);
         prop_assert!(worst <= limit, "{settings:?}: {worst} LSB of {limit}");
     }
 
-    /// No input does harm: counts that jump by anything, senses that make no sense.
+    /// No input does harm, and it ends at rest, at zero.
     #[test]
-    fn nothing_overflows_and_every_speed_stays_in_range(
-        which in 0..20usize,
-        jumps in prop::collection::vec(
-            prop_oneof![any::<i32>(), -3..4i32, Just(32_767), Just(-32_767), Just(0)], 1..400
-        ),
-        senses in prop::collection::vec(
-            (any::<i32>(), any::<i32>(), any::<u32>(), any::<bool>(), 0..4u8), 1..400
-        ),
-        held in 1..200usize,
-    ) {
+    fn nothing_overflows_and_every_speed_stays_in_range(which in 0..15usize, any in nonsense()) {
         let settings = all()[which];
-        let estimator = settings.build(&DESIGN).unwrap();
-        let mut state = State::at_rest(Position::from_counts(i32::MAX - 5));
-        let mut count = i32::MAX - 5;
-        for n in 0..2000 {
-            let jump = jumps[n / held % jumps.len()];
-            count = count.wrapping_add(jump);
-            let (force, acceleration, age, up, kind) = senses[n % senses.len()];
-            let senses = Senses {
-                force: Force::saturating_from_bits(force),
-                acceleration: Acceleration::saturating_from_bits(acceleration),
-                edge: match kind {
-                    0 => None,
-                    1 => Some(Edge { age, up }),
-                    2 => Some(Edge { age: age % Edge::SAMPLE, up }),
-                    _ => Some(Edge { age: 0, up }),
-                },
-            };
-            let velocity = estimator.update(&mut state, Position::from_counts(count), &senses);
-            prop_assert!(velocity.bits().abs() <= Velocity::LIMIT << 16);
-        }
-        // and it ends at rest, at zero, once the handle stays and nothing is sensed any more
-        let mut last = Velocity::ZERO;
-        let wait = match settings {
-            VelocitySettings::TimeStamps { .. } => 33_000,
-            _ => 12 * settled(&settings) + 60_000,
-        };
-        for n in 0..wait {
-            let age = Edge::SAMPLE.saturating_mul(n as u32 + 1);
-            let senses = Senses { edge: Some(Edge { age, up: true }), ..Senses::NONE };
-            last = estimator.update(&mut state, Position::from_counts(count), &senses);
-        }
+        let last = after_nonsense(&settings, &any, 12 * settled(&settings) + 60_000);
         prop_assert_eq!(last, Velocity::ZERO, "{:?}", settings);
     }
 }
@@ -474,9 +297,6 @@ fn what_is_out_of_range_is_refused_by_name() {
     let strong = Design { full_scale_n: 1e5, resolution_m: 1e-8, rate_hz: 1e3, ..DESIGN };
     let error = VelocitySettings::Observer { bandwidth_hz: 10.0, mass_kg: 1.0 }.build(&strong);
     assert_eq!(error.unwrap_err().parameter, "mass_kg");
-    for span in [0, 63] {
-        assert_eq!(refused(stamps(span)), "span_samples");
-    }
 }
 
 #[test]
@@ -494,96 +314,17 @@ fn estimators_say_what_they_need() {
     assert_eq!(EstimatorName::Observer.missing(&[]), Some(Sense::Force));
 }
 
-/// The encoder's edges in a scene: cubic between samples against the motion itself.
-#[test]
-fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
-    // a turn within a sample, over a border and back: the way back counts
-    assert_eq!(
-        last_edge([0.5, 3.0], [0.5, -3.0]).map(|(at, up)| (at > 0.5, up)),
-        Some((true, false))
-    );
-    assert_eq!(last_edge([0.5, 1.0], [0.5, -1.0]), None, "a turn within the cell");
-    let (at, up) = last_edge([0.25, 1.5], [1.75, 1.5]).unwrap();
-    assert!((at - 0.5).abs() < 1e-9 && up);
-    let (at, up) = last_edge([1.75, -2.5], [-0.75, -2.5]).unwrap();
-    assert!((at - 0.7).abs() < 1e-9 && !up);
-    // a force that steps by the whole range of the paper's device within the sample
-    let step = 2.0 * DESIGN.full_scale_n / MASS_KG / 1e-6 / 1e8; // counts / sample^2
-    let mut worst = 0.0f64;
-    for split in [0.1, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75, 0.9] {
-        for offset in 0..100 {
-            let start = 0.001 + 0.01 * f64::from(offset);
-            let at = |t: f64| start + t + 0.5 * step * (t - split).max(0.0).powi(2);
-            let end = [at(1.0), 1.0 + step * (1.0 - split)];
-            let (edge, up) = last_edge([start, 1.0], end).unwrap();
-            assert!(up);
-            worst = worst.max((at(edge) - end[0].floor()).abs());
-        }
-    }
-    println!("edge off by {worst} counts");
-    assert!(worst < 0.0186 * step, "{worst}");
-}
-
-/// A wall hit with each of them, and by whole stack: scene, senses, core, twin.
+/// A wall hit with each of them.
 #[test]
 fn scenes_with_senses_run_and_core_and_twin_agree() {
-    use host_sim::{
-        rig::{Numeric, Rig, WallHit},
-        scene::NamedScene,
-    };
-    let built_in = host_sim::scene::BUILT_IN[0].1;
     let accelerometer = "\n[accelerometer]\nfull_scale_m_per_s2 = 100.0\nbandwidth_hz = 1000.0\n\
                          noise_m_per_s2_per_sqrt_hz = 0.001\nbias_m_per_s2 = 0.3\n\
                          resolution_m_per_s2 = 0.005\n";
-    for (velocity, cutoff_hz) in [
-        ("estimator = \"tracking-loop\"", 1000.0),
-        ("estimator = \"observer\"\nmass_kg = 0.416", 300.0),
-        ("estimator = \"time-stamps\"\nspan_samples = 4", 0.0),
-        ("estimator = \"fusion\"", 100.0),
-    ] {
-        let usual = "estimator = \"butterworth\"\nprewarp = false";
-        assert!(built_in.contains(usual));
-        let mut text = built_in.replace(usual, velocity);
-        if cutoff_hz == 0.0 {
-            text = text.replace("[sweep]", "[sweep] # no cutoff");
-        }
-        if velocity.contains("fusion") {
-            let refused = NamedScene::parse("x".into(), text.clone(), "x").unwrap_err().to_string();
-            assert!(refused.contains("accelerometer"), "{refused}");
-            text.push_str(accelerometer);
-        }
-        // tunings in range of all
-        let list = text.lines().find(|line| line.starts_with("cutoffs_hz")).unwrap().to_owned();
-        let text = text.replace(&list, "cutoffs_hz = [100, 300, 1000]");
-        let scene = NamedScene::parse("x".into(), text, "x").unwrap().scene;
-        let rig = Rig::new(&scene).unwrap();
-        let hit = WallHit {
-            cutoff_hz,
-            stiffness_n_per_m: 10_000.0,
-            damping_n_s_per_m: 50.0,
-            start_offset_counts: 0.0,
-        };
-        let reports = [Numeric::Fixed, Numeric::F64].map(|numeric| {
-            let (mut worst, mut fastest, mut before) = (0.0f64, 0.0f64, None::<f64>);
-            let report = rig
-                .hit(numeric, &hit, |sample| {
-                    // on the way to the wall: the speed of the handle against the estimate
-                    if (1000..2500).contains(&sample.index)
-                        && let Some(before) = before
-                    {
-                        let speed = (sample.position_m - before) / DESIGN.resolution_m;
-                        worst = worst.max((sample.velocity - speed).abs());
-                        fastest = fastest.max(speed);
-                    }
-                    before = Some(sample.position_m);
-                })
-                .unwrap();
-            println!("{velocity}: off by {worst} of {fastest} counts per sample, {report:?}");
-            assert!(fastest > 30.0 && worst < 0.7, "{velocity}: {worst} of {fastest}");
-            report
-        });
-        assert!(reports[0].is_stable() && reports[1].is_stable(), "{velocity}: {reports:?}");
-        let off = (reports[0].peak_penetration_m - reports[1].peak_penetration_m).abs();
-        assert!(off < 0.05 * reports[1].peak_penetration_m, "{velocity}: {reports:?}");
-    }
+    hits_a_wall_like_its_twin("estimator = \"tracking-loop\"", 1000.0, "");
+    hits_a_wall_like_its_twin("estimator = \"observer\"\nmass_kg = 0.416", 300.0, "");
+    hits_a_wall_like_its_twin("estimator = \"fusion\"", 100.0, accelerometer);
+    let usual = "estimator = \"butterworth\"\nprewarp = false";
+    let without = host_sim::scene::BUILT_IN[0].1.replace(usual, "estimator = \"fusion\"");
+    let refused = NamedScene::parse("x".into(), without, "x").unwrap_err().to_string();
+    assert!(refused.contains("accelerometer") || refused.contains("cutoffs_hz"), "{refused}");
 }
