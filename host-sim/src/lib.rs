@@ -29,6 +29,7 @@ pub mod scene;
 pub mod sensing;
 pub mod sensitivity;
 pub mod simulation;
+pub mod statistics;
 pub mod study;
 pub mod sweep;
 pub mod telemetry;

@@ -17,20 +17,25 @@ use crate::{
 };
 
 /// A point of the simulated boundary and what the hit there showed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
     /// The wall.
     pub point: BoundaryPoint,
-    /// Largest K of the linear envelope at this B, N/m; infinite if no K is unstable.
+    /// Largest K of the linear envelope at this B, N/m: stable from 0 up to it; infinite if no K is
+    /// unstable.
     pub linear_n_per_m: f64,
+    /// Stretches of K, from and to, that are linearly stable beyond it.
+    pub further_stable_n_per_m: Vec<(f64, f64)>,
     /// The hit at this very wall.
     pub report: HitReport,
 }
 
 impl Explained {
-    /// The linear loop is unstable at this wall.
-    pub fn is_above(&self) -> bool {
-        self.point.stiffness_n_per_m > self.linear_n_per_m
+    /// The linear loop is unstable at this wall: above the envelope and in no further stable stretch.
+    pub fn is_unstable(&self) -> bool {
+        let k = self.point.stiffness_n_per_m;
+        let further = |&(from, to): &(f64, f64)| (from..=to).contains(&k);
+        k > self.linear_n_per_m && !self.further_stable_n_per_m.iter().any(further)
     }
 }
 
@@ -60,7 +65,12 @@ pub fn explain(
             let wall =
                 WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
             let report = rig.hit(numeric, &wall, |_| {})?;
-            Ok(Explained { point, linear_n_per_m: limit.stiffness_max, report })
+            Ok(Explained {
+                point,
+                linear_n_per_m: limit.stiffness_max,
+                further_stable_n_per_m: limit.further_stable,
+                report,
+            })
         })
         .collect()
 }
@@ -136,7 +146,7 @@ mod tests {
         let explained =
             explain(&Rig::new(&scene).unwrap(), Numeric::Fixed, cutoff_hz, &envelope, &stop)
                 .unwrap();
-        let above: Vec<&Explained> = explained.iter().filter(|e| e.is_above()).collect();
+        let above: Vec<&Explained> = explained.iter().filter(|e| e.is_unstable()).collect();
         assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
         // At rest between two counts the RMS is below half a count.
         let at_rest_m = 0.5 * scene.encoder.resolution_m;
@@ -151,6 +161,48 @@ mod tests {
                 start_offset_counts: 0.0,
             };
             assert!(!strict.hit(Numeric::Fixed, &wall, |_| {}).unwrap().is_stable(), "{e:?}");
+        }
+    }
+
+    /// Where the loop is unstable already at K = 0 and stable further up, a point there is no limit cycle.
+    #[test]
+    fn a_point_in_a_further_stable_stretch_is_stable() {
+        // a filter far slower than a sprung device, as in the linear analysis' own test
+        let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
+        let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
+        let envelope = linear::Boundary::new(&of).unwrap();
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let (damping_n_s_per_m, limit) = (250..320)
+            .map(|tenths| f64::from(tenths) / 10.0)
+            .map(|damping| (damping, envelope.at(damping).unwrap()))
+            .find(|(_, limit)| limit.unstable_at_zero && !limit.further_stable.is_empty())
+            .unwrap();
+        let &(from, to) = limit.further_stable.first().unwrap();
+        let report = Rig::new(&scene)
+            .unwrap()
+            .hit(
+                Numeric::Fixed,
+                &WallHit {
+                    cutoff_hz: 1500.0,
+                    stiffness_n_per_m: 20_000.0,
+                    damping_n_s_per_m: 50.0,
+                    start_offset_counts: 0.0,
+                },
+                |_| {},
+            )
+            .unwrap();
+        let at = |stiffness_n_per_m: f64| Explained {
+            point: BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m },
+            linear_n_per_m: limit.stiffness_max,
+            further_stable_n_per_m: limit.further_stable.clone(),
+            report,
+        };
+        for (k, unstable) in
+            [(0.99 * from, true), (1.01 * from, false), (0.99 * to, false), (1.01 * to, true)]
+        {
+            assert!(k > limit.stiffness_max);
+            assert_eq!(at(k).is_unstable(), unstable, "{k}");
+            assert_eq!(envelope.unstable_roots(k, damping_n_s_per_m) > 0, unstable, "{k}");
         }
     }
 

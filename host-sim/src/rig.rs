@@ -27,6 +27,24 @@ pub enum Numeric {
     F64,
     /// The `f64` twin with the velocity rounded to the fixed-point LSB.
     F64Rounded,
+    /// The `f64` twin with a first-order low-pass behind its estimator: a chain that the core does not
+    /// have, for comparison with laboratories that do.
+    F64Filtered {
+        /// Cutoff of the low-pass, Hz.
+        cutoff_hz: u32,
+    },
+}
+
+impl Numeric {
+    /// How the twin rounds, and the low-pass behind its estimator; `None` for the core.
+    fn twin(self) -> Option<(twin::Rounding, Option<u32>)> {
+        match self {
+            Self::Fixed => None,
+            Self::F64 => Some((twin::Rounding::Exact, None)),
+            Self::F64Rounded => Some((twin::Rounding::VelocityLsb, None)),
+            Self::F64Filtered { cutoff_hz } => Some((twin::Rounding::Exact, Some(cutoff_hz))),
+        }
+    }
 }
 
 /// One wall, hit from one place.
@@ -183,7 +201,7 @@ impl Rig {
         hit: &WallHit,
         rounding: twin::Rounding,
     ) -> Result<Simulation<Twin>, SettingsError> {
-        let twin = self.twin_of_core(hit, rounding)?;
+        let twin = self.twin_of_core(hit, rounding, None)?;
         Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
     }
 
@@ -196,10 +214,19 @@ impl Rig {
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
     }
 
-    fn twin_of_core(&self, hit: &WallHit, rounding: twin::Rounding) -> Result<Twin, SettingsError> {
+    fn twin_of_core(
+        &self,
+        hit: &WallHit,
+        rounding: twin::Rounding,
+        behind: Option<u32>,
+    ) -> Result<Twin, SettingsError> {
         let count = self.first_count(hit);
         let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
-        Twin::new(&self.settings(hit), &self.design, rounding, push, count)
+        let twin = Twin::new(&self.settings(hit), &self.design, rounding, push, count)?;
+        match behind {
+            None => Ok(twin),
+            Some(cutoff_hz) => twin.followed_by(cutoff_hz.into(), self.design.rate_hz),
+        }
     }
 
     /// What the encoder reads for sample 0: the controller starts at rest there.
@@ -220,13 +247,10 @@ impl Rig {
         hit: &WallHit,
         observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
-        match numeric {
-            Numeric::Fixed => self.whole_hit(hit, self.core(hit)?, observe),
-            Numeric::F64 => {
-                self.whole_hit(hit, self.twin_of_core(hit, twin::Rounding::Exact)?, observe)
-            }
-            Numeric::F64Rounded => {
-                self.whole_hit(hit, self.twin_of_core(hit, twin::Rounding::VelocityLsb)?, observe)
+        match numeric.twin() {
+            None => self.whole_hit(hit, self.core(hit)?, observe),
+            Some((rounding, behind)) => {
+                self.whole_hit(hit, self.twin_of_core(hit, rounding, behind)?, observe)
             }
         }
     }
@@ -236,11 +260,10 @@ impl Rig {
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
     pub fn verdict(&self, numeric: Numeric, hit: &WallHit) -> Result<Verdict, HitError> {
-        match numeric {
-            Numeric::Fixed => self.early_verdict(hit, self.core(hit)?),
-            Numeric::F64 => self.early_verdict(hit, self.twin_of_core(hit, twin::Rounding::Exact)?),
-            Numeric::F64Rounded => {
-                self.early_verdict(hit, self.twin_of_core(hit, twin::Rounding::VelocityLsb)?)
+        match numeric.twin() {
+            None => self.early_verdict(hit, self.core(hit)?),
+            Some((rounding, behind)) => {
+                self.early_verdict(hit, self.twin_of_core(hit, rounding, behind)?)
             }
         }
     }

@@ -8,17 +8,15 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use statrs::distribution::{ContinuousCDF as _, StudentsT};
 use zwidth::experiment::Ended;
 
+pub use crate::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
     error::Error,
     rig::{Numeric, Rig},
+    statistics::Repeats,
     walk::{Boundary, walk},
 };
-
-/// A cutoff is as good as the best if its mean area is at least this fraction of the largest.
-pub const AS_GOOD_AS_BEST: f64 = 0.98;
 
 /// All boundaries at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,9 +59,6 @@ pub enum RangeBasis {
     WithinTwoPercent,
 }
 
-/// Chance that the test drops a cutoff that is just as good as it must be.
-pub const LEVEL: f64 = 0.05;
-
 impl RangeBasis {
     /// Name in reports.
     pub fn name(self) -> &'static str {
@@ -79,22 +74,13 @@ impl CutoffResult {
         self.boundaries.iter().map(|boundary| boundary.area)
     }
 
+    fn repeats(&self) -> Repeats {
+        Repeats::of(self.boundaries.iter().map(|boundary| boundary.area))
+    }
+
     /// Mean area over the repeats, N^2 s/m^2.
     pub fn area(&self) -> f64 {
-        self.areas().sum::<f64>() / self.walks()
-    }
-
-    fn walks(&self) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "a handful of repeats")]
-        let walks = self.boundaries.len().max(1) as f64;
-        walks
-    }
-
-    /// Square of the standard error of the mean area; 0 with a single walk.
-    fn squared_error(&self) -> f64 {
-        let (mean, walks) = (self.area(), self.walks());
-        let squares: f64 = self.areas().map(|area| (area - mean).powi(2)).sum();
-        squares / (walks - 1.0).max(1.0) / walks
+        self.repeats().mean
     }
 
     /// Smallest area of the repeats, N^2 s/m^2.
@@ -205,29 +191,13 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
     let ideal = cutoffs.iter().find(|result| result.area() >= enough).filter(|_| enough > 0.0)?;
     let basis =
         if ideal.boundaries.len() > 1 { RangeBasis::Repeats } else { RangeBasis::WithinTwoPercent };
-    let alike = cutoffs.iter().filter(|result| !is_worse(result, best));
+    let is_worse =
+        |result: &CutoffResult| result.repeats().is_below(AS_GOOD_AS_BEST, &best.repeats());
+    let alike = cutoffs.iter().filter(|result| !is_worse(result));
     let range_hz = alike.fold([ideal.cutoff_hz; 2], |[low, high], result| {
         [low.min(result.cutoff_hz), high.max(result.cutoff_hz)]
     });
     Some(Ideal { cutoff_hz: ideal.cutoff_hz, range_hz, basis })
-}
-
-/// Whether the walks show `result` to be below 98 % of `best`: Welch's unequal variances t-test
-/// (Biometrika 34, 1947), one-sided. Without spread it is a plain comparison.
-fn is_worse(result: &CutoffResult, best: &CutoffResult) -> bool {
-    let lacking = AS_GOOD_AS_BEST * best.area() - result.area();
-    let errors = [result.squared_error(), AS_GOOD_AS_BEST.powi(2) * best.squared_error()];
-    let squared_error = errors[0] + errors[1];
-    if lacking <= 0.0 || squared_error == 0.0 {
-        return lacking > 0.0;
-    }
-    let weight = |walks: f64, error: f64| error * error / (walks - 1.0).max(1.0);
-    let weights = weight(result.walks(), errors[0]) + weight(best.walks(), errors[1]);
-    let freedom = squared_error * squared_error / weights;
-    match StudentsT::new(0.0, 1.0, freedom) {
-        Ok(distribution) => lacking > distribution.inverse_cdf(1.0 - LEVEL) * squared_error.sqrt(),
-        Err(_) => true, // the freedom is at least 1 by its definition
-    }
 }
 
 impl SweepResult {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{Fir, KalmanDesign, Sense, TrackingLoop, true_cutoff_hz},
+    velocity::{Fir, KalmanDesign, ObserverDesign, Sense, TrackingLoop, true_cutoff_hz},
 };
 
 use crate::linear::{Order, TransferFunction};
@@ -274,6 +274,44 @@ pub fn transfer_function(
             kalman(&KalmanDesign::three_states(jerk_rms_m_per_s3, design)?, &difference)
         }
         VelocitySettings::Foaw { .. } | VelocitySettings::Levant { .. } => return Ok(None),
+    }))
+}
+
+/// What the estimator makes of the position when it knows nothing else: the observers with a known
+/// acceleration of 0. Adaptive windowing with its longest window in use, time stamps with an edge in
+/// every sample. `None` for Levant's differentiator, which is linear nowhere.
+///
+/// # Errors
+/// A parameter is out of range.
+pub fn position_response(
+    settings: &VelocitySettings,
+    design: &Design,
+) -> Result<Option<TransferFunction>, SettingsError> {
+    settings.build(design)?;
+    let rate_hz = design.rate_hz;
+    let difference = TransferFunction::finite_difference(rate_hz);
+    let observer = |design: ObserverDesign| {
+        // the same recursion, its disturbance in the place of the acceleration
+        let [alpha, beta, gamma] = design.gains;
+        kalman(&KalmanDesign { alpha, beta, gamma }, &difference)
+    };
+    let ends = |samples: u32| {
+        let mut num = vec![0.0; samples as usize + 1];
+        num[0] = rate_hz / f64::from(samples);
+        num[samples as usize] = -num[0];
+        TransferFunction { num, den: vec![1.0] }
+    };
+    Ok(Some(match *settings {
+        VelocitySettings::Observer { bandwidth_hz: hz, .. }
+        | VelocitySettings::Fusion { crossover_hz: hz } => {
+            observer(ObserverDesign::of_accelerometer(hz, rate_hz)?)
+        }
+        VelocitySettings::TimeStamps { span_samples } => ends(span_samples),
+        VelocitySettings::Foaw { best: false, window_samples, .. } => ends(window_samples),
+        VelocitySettings::Foaw { best: true, window_samples, .. } => {
+            difference.then(&weights(&Fir::least_squares(1, window_samples)?))
+        }
+        _ => return transfer_function(settings, design),
     }))
 }
 

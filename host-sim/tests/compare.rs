@@ -51,14 +51,65 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     assert!(area("butterworth") > 1.5 * area("difference"), "2 um asks for a filter");
     let winners = json["winners"].as_array().unwrap();
     let winner = |key: &str| winners.iter().find(|winner| winner["criterion"] == key).unwrap();
-    assert_eq!(winner("delay_s")["estimators"][0], "difference");
-    assert!(winner("area_n2_s_per_m2")["butterworth_rank"].as_u64().unwrap() <= 2);
+    assert_eq!(winner("delay_hand_s")["best"][0], "difference");
+    let area_winner = winner("area_n2_s_per_m2");
+    assert!(area_winner["butterworth_rank"].as_u64().unwrap() <= 2);
+    assert_eq!(area_winner["class"], "position_only");
+    assert!(json["impedance_error_of_loop"].as_f64().unwrap() > 0.0);
     // every estimator was given the same number of walks
     let tuning = fs::read_to_string(folder.path().join("a/tuning.csv")).unwrap();
     let walks = |name: &str| tuning.lines().filter(|line| line.starts_with(name)).count();
     assert_eq!((walks("butterworth"), walks("difference")), (6, 0));
     let (code, _, error) = compare(folder.path(), &[few, "--out", "a"]);
     assert!(code == 2 && error.contains("--force"), "{error}");
+    // the wall at which contacts are compared is that of the tuned Butterworth, asked for or not
+    let (_, alone, _) =
+        compare(folder.path(), &["--json", "--estimators=difference", "--out", "c"]);
+    let alone: Value = serde_json::from_str(&alone).unwrap();
+    assert_eq!(alone["stiffness_n_per_m"], json["stiffness_n_per_m"]);
+    let difference = rows.iter().find(|row| row["estimator"] == "difference").unwrap();
+    assert_eq!(alone["estimators"][0], *difference);
+}
+
+#[test]
+fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_needs() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    let some = "--estimators=first-order,levant-explicit,observer,foaw-best,time-stamps,kalman-3";
+    let extra = [some, "--budget", "4", "--repeat", "2"];
+    let (code, text, error) = compare(folder.path(), &extra);
+    assert_eq!(code, 0, "{error}");
+    let widest = text.lines().map(|line| line.chars().count()).max().unwrap();
+    assert!((80..=120).contains(&widest), "{widest} columns:\n{text}");
+    for part in
+        ["position only", "commanded force + mass", "edge times", "lambda_ratio", "mass -20 %"]
+    {
+        assert!(text.contains(part), "{part}:\n{text}");
+    }
+    // with four walks a best tuning lies at an end sooner or later: a star for each, and its reason
+    let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let stars = text.matches('*').count() - 1; // one in the heading
+    assert!(stars > 0 && stars == words.matches("is an end of its range").count(), "{text}");
+    // each estimator had as many walks, with one parameter or with two
+    let tuning =
+        fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/tuning.csv")).unwrap();
+    for name in ["first-order", "levant-explicit", "observer", "foaw-best", "kalman-3"] {
+        let walks = tuning.lines().filter(|line| line.starts_with(&format!("{name},"))).count();
+        assert_eq!(walks, 4, "{name}");
+    }
+    let csv =
+        fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/compare.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "{csv}");
+    let column = |key: &str| rows[0].iter().position(|head| *head == key).unwrap();
+    for row in &rows[1..] {
+        let model = row[0] == "observer";
+        assert_eq!(!row[column("left_when_mass_low")].is_empty(), model, "{row:?}");
+        // who drives matters to what knows the motor's force, and to nothing else
+        let [hand, motor] =
+            ["phase_100_hz_hand_deg", "phase_100_hz_motor_deg"].map(|k| row[column(k)]);
+        assert_eq!(hand != motor, model, "{row:?}");
+    }
 }
 
 #[test]
@@ -90,14 +141,14 @@ fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {
     let peak = |json: &Value, name: &str| {
         let rows = json["estimators"].as_array().unwrap();
         let row = rows.iter().find(|row| row["estimator"] == name).unwrap();
-        row["stiffness_peak_n_per_m"].as_f64().unwrap()
+        row["stiffness_peak_mean_n_per_m"].as_f64().unwrap()
     };
     // the scene of 1 um, and enough walks to find the narrow window of Levant's explicit form
     let path = folder.path().join("coarse.toml");
     let fine =
         fs::read_to_string(&path).unwrap().replace("resolution_m = 2e-6", "resolution_m = 1e-6");
     fs::write(&path, fine).unwrap();
-    let extra = ["--json", "--out", "all", "--repeat", "1", "--budget", "20"];
+    let extra = ["--json", "--out", "all", "--repeat", "1", "--budget", "24"];
     let (code, all, error) = compare(folder.path(), &extra);
     assert_eq!(code, 0, "{error}");
     let json: Value = serde_json::from_str(&all).unwrap();

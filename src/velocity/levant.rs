@@ -25,11 +25,13 @@
 //! the estimate is u1
 //! ```
 //!
-//! (Acary, Brogliato, Orlov, IEEE TAC 57(5), 2012; Mojallizadeh, Brogliato, Acary, 2021.) Once `e` is
-//! zero it stays zero as long as the speed changes by at most alpha per sample: no chattering, exact at
-//! rest and at constant speed, late by the half sample of any backward difference. The integrator is
-//! the output of highest order, for which Seeber's proper discretisation (arXiv 2404.02770) takes the
-//! state itself; it changes by at most alpha per sample.
+//! The second line of each case follows from the first by solving the quadratic equation in sqrt(|e|).
+//! Implicit forms are known (arXiv 1911.09232, 2008.09863); Seeber (arXiv 2404.02770) shows that those
+//! published before are biased or chatter and proposes one that does neither, by outputs that are linear
+//! combinations of the states. This one is held against no implementation of his; what it does is
+//! measured: once `e` is zero it stays zero as long as the speed changes by at most alpha per sample, so
+//! that it does not chatter, is exact at rest and at constant speed, and late by the half sample of any
+//! backward difference.
 //!
 //! **Fixed point.** Only `e` (moved on by a step) and `u1` are kept, 32 fractional bits each; `e` is relative to the count,
 //! so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.

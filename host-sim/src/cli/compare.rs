@@ -9,12 +9,14 @@ use zwidth::velocity::EstimatorName;
 use super::{Common, NumericArg, SCHEMA_VERSION, STOP, print_json, print_text, progress};
 use crate::{
     compare::{
-        Compared, Entry, Place, compare,
-        search::{Budget, MISTUNED_BY},
-        table::{self, CRITERIA, Winner},
+        Class, Compared, Entry, Place, compare, most_walks,
+        search::{Budget, MASS_WRONG_BY, WRONG_BY},
+        table::{self, CRITERIA, Part},
+        terminal,
+        winners::{self, Winner},
     },
     error::Error,
-    figure::{self, Curve, Figure, ZwidthPlot, number},
+    figure::{self, Curve, Figure, ZwidthPlot},
     manifest::Manifest,
     output::{self, MANIFEST, Staging},
     report::{self, ReportFigure},
@@ -34,7 +36,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "N_S_PER_M", default_value_t = 100.0)]
     damping: f64,
     /// Walks that the search may make for each estimator.
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(3..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(3..=1000))]
     budget: u32,
     /// Walks at the result of each search, their starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -59,16 +61,26 @@ struct Json<'a> {
     scene: &'a str,
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
+    /// Impedance error of hold and latency alone, with the true velocity.
+    impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
     winners: Vec<Winner>,
+    notes: Vec<String>,
 }
 
 #[derive(Serialize)]
 struct JsonRow {
     estimator: String,
+    needs: &'static str,
+    class: &'static str,
     tuning: Option<f64>,
     tuning_unit: Option<&'static str>,
     tuning_at_edge: bool,
+    second: Option<f64>,
+    second_name: Option<&'static str>,
+    second_unit: Option<&'static str>,
+    second_at_edge: bool,
+    search_walks: usize,
     stable_at_wall: bool,
     #[serde(flatten)]
     criteria: serde_json::Map<String, serde_json::Value>,
@@ -91,12 +103,11 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let folder = common.out.clone().unwrap_or_else(default);
     let staging = Staging::new(&folder, &FILES, common.force)?;
     let budget = Budget { walks: args.budget, repeats: args.repeat };
-    let each = u64::from(budget.walks) + u64::from(budget.repeats) + 2;
-    let bar = progress::bar(entries.len() as u64 * each);
+    let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) =
-        compare(&scene.scene, &entries, args.damping, budget, &STOP, || bar.inc(1))?;
+        compare(&scene.scene, &entries, args.damping, budget, &STOP, |walks| bar.inc(walks))?;
     bar.finish_and_clear();
-    let winners = table::winners(&compared, &place);
+    let winners = winners::winners(&compared, &place);
     let manifest = Manifest::new(SCHEMA_VERSION, command_line(args, &scene), &scene);
     write(staging, &scene, &compared, &place, &winners, &manifest)?;
     if common.json {
@@ -107,19 +118,18 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
             scene: &scene.name,
             damping_n_s_per_m: place.damping_n_s_per_m,
             stiffness_n_per_m: place.stiffness_n_per_m,
+            impedance_error_of_loop: compared.first().map(|c| c.fidelity.of_loop),
             estimators,
             winners,
+            notes: table::notes(&compared, &place),
         });
     }
-    let mut text = text_table(&compared, &place);
-    for winner in &winners {
-        let _ = writeln!(text, "{}", sentence(winner));
-    }
-    let _ = write!(text, "{}\nresults in {}", table::roughness_note(&place), folder.display());
+    let mut text = terminal::text(&compared, &place, &winners);
+    let _ = write!(text, "\nresults in {}", folder.display());
     print_text(&text)
 }
 
-/// The estimators of the command line, butterworth first: it gives the wall to compare at.
+/// The estimators of the command line, in its order.
 fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
     let all = Entry::all(&scene.scene);
     if asked.is_empty() {
@@ -143,7 +153,6 @@ fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
             entries.push(Entry::Tuned(found));
         }
     }
-    entries.sort_by_key(|entry| *entry != Entry::Tuned(EstimatorName::Butterworth));
     Ok(entries)
 }
 
@@ -180,37 +189,57 @@ fn write(
     staging.commit()
 }
 
+/// Its parameters, for people.
 fn tuning(c: &Compared) -> String {
-    match c.settings.tuning() {
-        None => String::new(),
-        Some((parameter, value)) => format!("{} {}", number(value, 1), parameter.unit),
-    }
+    let parameters = table::parameters(c).into_iter().flatten();
+    let texts: Vec<String> = parameters
+        .enumerate()
+        .map(|(n, parameter)| {
+            let value = terminal::parameter(Some(parameter));
+            if n == 0 { value } else { format!("{} {value}", parameter.name) }
+        })
+        .collect();
+    texts.join(", ")
+}
+
+/// The largest mean area of those that look at the position only.
+fn best_by_position(compared: &[Compared]) -> Option<Entry> {
+    let like = compared.iter().filter(|c| c.class() == Class::PositionOnly);
+    like.max_by(|a, b| a.tuned.area().total_cmp(&b.tuned.area())).map(|c| c.entry)
 }
 
 fn zwidth(scene: &NamedScene, compared: &[Compared]) -> Result<Figure, Error> {
-    let best = compared.iter().map(|c| c.tuned.area()).fold(0.0, f64::max);
+    let best = best_by_position(compared);
     let curves = compared.iter().map(|c| Curve {
         name: c.entry.name(),
         detail: format!("{}, {}", c.entry.name(), tuning(c)),
-        ideal: c.tuned.area() == best,
+        ideal: best == Some(c.entry),
         points: c.tuned.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
     });
     figure::zwidth(&ZwidthPlot {
         title: format!("Z-width by estimator, {}", scene.name),
-        subtitle: "each at the tuning with the largest area".into(),
+        subtitle:
+            "each at the tuning with the largest area; ideal: the largest by the position only"
+                .into(),
         legend: "Estimator".into(),
         curves: curves.collect(),
     })
     .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
 }
 
-/// Every tuning that was tried.
+/// Every tuning that was tried, in that order.
 fn tuning_csv(compared: &[Compared]) -> String {
-    let mut text = String::from("estimator,tuning,tuning_unit,area_n2_s_per_m2\n");
+    let mut text =
+        String::from("estimator,tuning,tuning_unit,second,second_unit,area_n2_s_per_m2\n");
     for c in compared {
-        let unit = c.settings.tuning().map_or("", |(parameter, _)| parameter.unit);
-        for (value, area) in &c.tuned.tried {
-            let _ = writeln!(text, "{},{value},{unit},{area}", c.entry.name());
+        for tried in &c.tuned.tried {
+            let (name, values) = EstimatorName::of(&tried.settings);
+            let parameters = name.parameters();
+            let cells = [0, 1].map(|n| match parameters[n] {
+                Some(parameter) => format!("{},{}", values[n], parameter.unit),
+                None => ",".into(),
+            });
+            let _ = writeln!(text, "{},{},{}", c.entry.name(), cells.join(","), tried.area);
         }
     }
     text
@@ -230,55 +259,25 @@ fn boundary_csv(compared: &[Compared]) -> String {
 }
 
 fn json_row(c: &Compared, place: &Place) -> JsonRow {
-    let criteria = CRITERIA.iter().map(|criterion| {
-        (criterion.key.to_owned(), serde_json::json!((criterion.value)(c, place)))
-    });
+    let criteria = CRITERIA
+        .iter()
+        .map(|criterion| (criterion.key.to_owned(), serde_json::json!(criterion.value(c, place))));
+    let [tuning, second] = table::parameters(c);
     JsonRow {
         estimator: c.entry.name(),
-        tuning: c.settings.tuning().map(|(_, value)| value),
-        tuning_unit: c.settings.tuning().map(|(parameter, _)| parameter.unit),
-        tuning_at_edge: c.tuned.at_edge,
+        needs: c.needs(),
+        class: c.class().name(),
+        tuning: tuning.map(|p| p.value),
+        tuning_unit: tuning.map(|p| p.unit),
+        tuning_at_edge: tuning.is_some_and(|p| p.edge.is_some()),
+        second: second.map(|p| p.value),
+        second_name: second.map(|p| p.name),
+        second_unit: second.map(|p| p.unit),
+        second_at_edge: second.is_some_and(|p| p.edge.is_some()),
+        search_walks: c.tuned.tried.len(),
         stable_at_wall: c.contact.stable,
         criteria: criteria.collect(),
     }
-}
-
-fn cells(c: &Compared, place: &Place) -> Vec<String> {
-    CRITERIA
-        .iter()
-        .map(|criterion| match (criterion.value)(c, place) {
-            None => "-".into(),
-            Some(value) => number(value * criterion.scale, criterion.digits),
-        })
-        .collect()
-}
-
-fn text_table(compared: &[Compared], place: &Place) -> String {
-    let mut text = format!("{:<22} {:>14}", "estimator", "tuning");
-    for criterion in &CRITERIA {
-        let _ = write!(text, " {:>18}", criterion.name);
-    }
-    let _ = write!(text, "\n{:<22} {:>14}", "", "");
-    for criterion in &CRITERIA {
-        let _ = write!(text, " {:>18}", criterion.unit);
-    }
-    for c in compared {
-        let _ = write!(text, "\n{:<22} {:>14}", c.entry.name(), tuning(c));
-        for cell in cells(c, place) {
-            let _ = write!(text, " {cell:>18}");
-        }
-    }
-    text.push('\n');
-    text
-}
-
-fn sentence(winner: &Winner) -> String {
-    let name = CRITERIA.iter().find(|c| c.key == winner.criterion).map_or("", |c| c.name);
-    let rank = match winner.butterworth_rank {
-        Some(rank) => format!("; butterworth is number {rank}"),
-        None => String::new(),
-    };
-    format!("{name}: best is {}{rank}", winner.estimators.join(", "))
 }
 
 fn page(
@@ -289,29 +288,40 @@ fn page(
     figure: Figure,
     manifest: &Manifest,
 ) -> String {
-    let mut columns = vec![("Estimator", ""), ("Tuning", "")];
-    columns.extend(CRITERIA.iter().map(|criterion| (criterion.name, criterion.unit)));
-    let best = compared.iter().map(|c| c.tuned.area()).fold(0.0, f64::max);
-    let rows = compared.iter().map(|c| {
-        let class = if c.tuned.area() == best { " class=\"ideal\"" } else { "" };
-        let mut row = vec![c.entry.name(), tuning(c)];
-        row.extend(cells(c, place));
-        (class, row)
-    });
-    let mut notes = vec![
-        table::roughness_note(place),
-        format!(
-            "Left if tuned wrong: the area at {MISTUNED_BY} times less and more, as a share of the best."
-        ),
-    ];
-    notes.extend(compared.iter().filter(|c| c.tuned.at_edge).map(|c| {
-        format!("{}: the best tuning is the end of the range that was searched.", c.entry.name())
-    }));
-    let largest = compared.iter().max_by(|a, b| a.tuned.area().total_cmp(&b.tuned.area()));
-    let answer = match largest {
-        Some(c) => format!("Largest Z-width area: {} ({})", c.entry.name(), tuning(c)),
-        None => "Nothing was compared".into(),
+    let best = best_by_position(compared);
+    let class = |c: &Compared| if best == Some(c.entry) { " class=\"ideal\"" } else { "" };
+    let tunings = report::table(
+        &[("Estimator", ""), ("Needs", ""), ("Tuning (*: an end of the range)", "")],
+        compared.iter().map(|c| (class(c), vec![c.entry.name(), c.needs().into(), tuning(c)])),
+    );
+    let part = |part: Part| {
+        let criteria: Vec<_> = CRITERIA.iter().filter(|criterion| criterion.part == part).collect();
+        let mut columns = vec![("Estimator", "")];
+        columns.extend(criteria.iter().map(|criterion| (criterion.name, criterion.unit)));
+        let rows = compared.iter().map(|c| {
+            let mut row = vec![c.entry.name()];
+            row.extend(criteria.iter().map(|criterion| criterion.cell(c, place)));
+            (class(c), row)
+        });
+        (part.title(), report::table(&columns, rows))
     };
+    let mut notes = table::notes(compared, place);
+    notes.push(format!(
+        "Area that is left: at a -3 dB bandwidth {WRONG_BY} times lower and higher, and with a model's \
+         mass {} % too small and too large, as a share of the best.",
+        100.0 * MASS_WRONG_BY
+    ));
+    let mut sections = vec![
+        ("Winners", report::notes(&winners.iter().map(winners::sentence).collect::<Vec<_>>())),
+        ("Tunings", tunings),
+    ];
+    sections.extend(Part::ALL.map(part));
+    sections.push(("Notes", report::notes(&notes)));
+    sections.push(("Scene", report::scene(&scene.text)));
+    sections.push(("Provenance", report::provenance(&manifest.facts())));
+    let areas = winners.iter().filter(|winner| winner.criterion == "area_n2_s_per_m2");
+    let answers: Vec<String> = areas.map(winners::sentence).collect();
+    let answer = answers.join(". ");
     report::page(
         &format!("{}: velocity estimators", scene.name),
         &answer,
@@ -322,12 +332,6 @@ fn page(
                       largest area."
                     .into(),
         }],
-        &[
-            ("Winners", report::notes(&winners.iter().map(sentence).collect::<Vec<_>>())),
-            ("Table", report::table(&columns, rows)),
-            ("Notes", report::notes(&notes)),
-            ("Scene", report::scene(&scene.text)),
-            ("Provenance", report::provenance(&manifest.facts())),
-        ],
+        &sections,
     )
 }

@@ -63,6 +63,9 @@ struct Json<'a> {
     multirate: bool,
     /// Tables of the scene that have no place in a linear analysis.
     left_out: &'a [&'static str],
+    /// What of the scene the passivity condition does not know; only with `--passivity`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    passivity_left_out: Option<Vec<&'static str>>,
     rows: &'a [Row],
     /// The simulated boundary, if asked for.
     simulated: Vec<SimulatedRow>,
@@ -76,8 +79,10 @@ struct SimulatedRow {
     stiffness_n_per_m: f64,
     /// Largest K of the linear envelope at this B; `null` in JSON if no K is unstable.
     linear_n_per_m: f64,
-    /// Above the envelope: a limit cycle.
-    above: bool,
+    /// Stretches of K that are linearly stable beyond it.
+    further_stable_n_per_m: Vec<(f64, f64)>,
+    /// The linear loop is unstable at this wall: a limit cycle.
+    linearly_unstable: bool,
     rms_m: f64,
     saturated_fraction: f64,
 }
@@ -96,9 +101,10 @@ struct Row {
     gain_margin_holds: bool,
     /// Stretches of K, from and to, that are stable beyond the first one.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Largest K that is passive; 0 if none is; only with `--passivity`.
+    /// Largest K that is passive in a loop with a force for every sample, at once, by a plain mass; 0 if
+    /// none is; only with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    stiffness_passive_n_per_m: Option<f64>,
+    stiffness_passive_single_rate_n_per_m: Option<f64>,
 }
 
 /// What one cutoff's lines of the result are made of.
@@ -146,7 +152,8 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     }
     let left_out = scene.scene.nonlinear_elements();
     if common.json {
-        let (schema_version, scene) = (SCHEMA_VERSION, scene.name.as_str());
+        let (schema_version, loaded) = (SCHEMA_VERSION, &scene);
+        let scene = loaded.name.as_str();
         let multirate = args.multirate;
         let simulated = analyses.iter().flat_map(simulated_rows).collect();
         let rows: Vec<Row> = analyses.into_iter().flat_map(|analysis| analysis.rows).collect();
@@ -156,6 +163,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             scene,
             multirate,
             left_out: &left_out,
+            passivity_left_out: args.passivity.then(|| passivity_left_out(&loaded.scene)),
             rows: &rows,
             simulated,
         });
@@ -164,7 +172,27 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     if !left_out.is_empty() {
         let _ = write!(text, "\nnot linear, left out: {}", left_out.join(", "));
     }
+    if args.passivity {
+        let left_out = passivity_left_out(&scene.scene);
+        if !left_out.is_empty() {
+            let _ = write!(text, "\nnot part of the passivity condition: {}", left_out.join(", "));
+        }
+    }
     print_text(&text)
+}
+
+/// What of a scene Colgate and Schenkel's condition, for a force with every sample and at once on a
+/// damped mass, does not know.
+fn passivity_left_out(scene: &scene::Scene) -> Vec<&'static str> {
+    let linear = [
+        ("actuator.period", scene.actuator.period > 1),
+        ("actuator.latency", scene.actuator.latency > 0.0),
+        ("amplifier", scene.amplifier.is_some()),
+        ("mode", scene.mode.is_some()),
+        ("arm", scene.arm.is_some()),
+    ];
+    let present = linear.into_iter().filter_map(|(name, present)| present.then_some(name));
+    present.chain(scene.nonlinear_elements()).collect()
 }
 
 fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
@@ -173,7 +201,8 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
         damping_n_s_per_m: explained.point.damping_n_s_per_m,
         stiffness_n_per_m: explained.point.stiffness_n_per_m,
         linear_n_per_m: explained.linear_n_per_m,
-        above: explained.is_above(),
+        further_stable_n_per_m: explained.further_stable_n_per_m.clone(),
+        linearly_unstable: explained.is_unstable(),
         rms_m: explained.report.rms_m,
         saturated_fraction: explained.report.saturated_fraction,
     })
@@ -187,7 +216,7 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
         if simulated.is_empty() {
             continue;
         }
-        let (above, below): (Vec<&Explained>, _) = simulated.iter().partition(|e| e.is_above());
+        let (above, below): (Vec<&Explained>, _) = simulated.iter().partition(|e| e.is_unstable());
         let largest_um = |points: &[&Explained]| {
             points.iter().map(|point| point.report.rms_m).fold(0.0, f64::max) * 1e6
         };
@@ -195,8 +224,7 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
             above.iter().map(|point| point.report.rms_m).fold(f64::INFINITY, f64::min) * 1e6;
         let _ = write!(
             text,
-            "\n{cutoff_hz} Hz, simulated: {} of {} points are inside the linear envelope, RMS up to \
-             {:.2} um",
+            "\n{cutoff_hz} Hz, simulated: {} of {} points are linearly stable, RMS up to {:.2} um",
             below.len(),
             simulated.len(),
             largest_um(&below)
@@ -211,7 +239,7 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
             };
             let _ = write!(
                 text,
-                "; {} are above it, {}: {smallest_um:.2} to {:.2} um RMS, stable by the limit of {} um",
+                "; {} are not, {}: {smallest_um:.2} to {:.2} um RMS, stable by the limit of {} um",
                 above.len(),
                 what,
                 largest_um(&above),
@@ -269,7 +297,7 @@ fn analyse(
             unstable_at_zero: limit.unstable_at_zero,
             gain_margin_holds: limit.gain_margin_holds(),
             further_stable_n_per_m: limit.further_stable,
-            stiffness_passive_n_per_m: passive_at(damping_n_s_per_m)?,
+            stiffness_passive_single_rate_n_per_m: passive_at(damping_n_s_per_m)?,
         })
     });
     let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
@@ -282,12 +310,13 @@ fn analyse(
 
 fn csv(analyses: &[Analysis]) -> String {
     let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m");
-    let passivity = all_rows(analyses).any(|row| row.stiffness_passive_n_per_m.is_some());
-    text.push_str(if passivity { ",stiffness_passive_n_per_m\n" } else { "\n" });
+    let passivity =
+        all_rows(analyses).any(|row| row.stiffness_passive_single_rate_n_per_m.is_some());
+    text.push_str(if passivity { ",stiffness_passive_single_rate_n_per_m\n" } else { "\n" });
     for row in all_rows(analyses) {
         let (f, b, k) = (row.cutoff_hz, row.damping_n_s_per_m, row.stiffness_max_n_per_m);
         let _ = write!(text, "{f},{b},{k}");
-        if let Some(passive) = row.stiffness_passive_n_per_m {
+        if let Some(passive) = row.stiffness_passive_single_rate_n_per_m {
             let _ = write!(text, ",{passive}");
         }
         text.push('\n');
@@ -366,7 +395,7 @@ fn table(analyses: &[Analysis]) -> String {
             "\n{:>10} {:>10} {:>14.1}  {remark}",
             row.cutoff_hz, row.damping_n_s_per_m, row.stiffness_max_n_per_m
         );
-        if let Some(passive) = row.stiffness_passive_n_per_m {
+        if let Some(passive) = row.stiffness_passive_single_rate_n_per_m {
             let separator = if remark.is_empty() { "" } else { "; " };
             let _ = write!(text, "{separator}passive up to {passive:.1} (single-rate, no latency)");
         }

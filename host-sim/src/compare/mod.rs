@@ -1,19 +1,27 @@
 //! Every velocity estimator, tuned by the same search on the same boundary, and what each of them
 //! costs.
 //!
-//! * [`search`]: the tuning with the largest Z-width area, by the same number of walks for each;
+//! * [`search`]: the tuning with the largest Z-width area, by the same number of walks for each, over
+//!   the same decades of [`bandwidth`]; [`tuned`] is its result;
 //! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
-//! * [`contact`]: what the hand feels of it: how rough the force is in contact, and how far the
-//!   rendered impedance is from the commanded one;
-//! * [`cost`]: cycles and memory on the Cortex-M4.
+//! * [`contact`]: how rough the force is in contact;
+//! * [`fidelity`]: how far the rendered impedance is from the commanded one;
+//! * [`cost`]: cycles and memory on the Cortex-M4;
+//! * [`table`]: all of it as columns; [`winners`]: who is best by which.
 //!
 //! The core itself runs in all of them.
 
+pub mod axis;
+pub mod bandwidth;
 pub mod contact;
 pub mod cost;
+pub mod fidelity;
 pub mod search;
 pub mod signal;
 pub mod table;
+pub mod terminal;
+pub mod tuned;
+pub mod winners;
 
 use std::sync::atomic::AtomicBool;
 
@@ -23,15 +31,18 @@ use zwidth::{
     velocity::{EstimatorName, Sense},
 };
 
+pub use axis::Free;
 pub use contact::Contact;
 pub use cost::Cost;
-pub use search::Tuned;
+pub use fidelity::Fidelity;
 pub use signal::Signal;
+pub use tuned::Tuned;
 
 use crate::{
     error::Error,
-    rig::{Numeric, Rig},
+    rig::{Numeric, Rig, WallHit},
     scene::Scene,
+    statistics::Repeats,
     velocity::Velocity,
 };
 
@@ -40,6 +51,8 @@ use crate::{
 pub enum Entry {
     /// Tuned by the search.
     Tuned(EstimatorName),
+    /// The observer with the device's own mass, only its bandwidth tuned.
+    ObserverOfOwnMass,
     /// As it is often set without thinking: a first-order low-pass at 50 Hz.
     AdHoc,
 }
@@ -60,14 +73,46 @@ impl Entry {
             name.missing(if acceleration { ALL_SENSES } else { &ALL_SENSES[..2] }).is_none()
         };
         let tuned = EstimatorName::ALL.iter().filter(|name| !twice.contains(name) && can(name));
-        tuned.map(|&name| Self::Tuned(name)).chain([Self::AdHoc]).collect()
+        let more = [Self::ObserverOfOwnMass, Self::AdHoc];
+        tuned.map(|&name| Self::Tuned(name)).chain(more).collect()
     }
 
     /// Name in tables.
     pub fn name(self) -> String {
         match self {
             Self::Tuned(name) => name.text().into(),
+            Self::ObserverOfOwnMass => "observer of own mass".into(),
             Self::AdHoc => format!("first-order at {AD_HOC_HZ} Hz"),
+        }
+    }
+}
+
+/// What an estimator looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// The position only.
+    PositionOnly,
+    /// More: a force, an accelerometer, edge times.
+    MoreThanPosition,
+}
+
+impl Class {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::PositionOnly, Self::MoreThanPosition];
+
+    /// Name, as in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PositionOnly => "position_only",
+            Self::MoreThanPosition => "more_than_position",
+        }
+    }
+
+    /// Name for people.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::PositionOnly => "position only",
+            Self::MoreThanPosition => "with more than the position",
         }
     }
 }
@@ -94,8 +139,30 @@ pub struct Compared {
     pub signal: Signal,
     /// In contact.
     pub contact: Contact,
+    /// Rendered against commanded impedance.
+    pub fidelity: Fidelity,
     /// On the Cortex-M4; `None` if it was not measured.
     pub cost: Option<Cost>,
+}
+
+impl Compared {
+    /// What it looks at.
+    pub fn class(&self) -> Class {
+        match self.settings.name().sense() {
+            None => Class::PositionOnly,
+            Some(_) => Class::MoreThanPosition,
+        }
+    }
+
+    /// What it needs, for people.
+    pub fn needs(&self) -> &'static str {
+        match self.settings.name().sense() {
+            None => "position only",
+            Some(Sense::Force) => "commanded force + mass",
+            Some(Sense::Acceleration) => "accelerometer",
+            Some(Sense::Edge) => "edge times",
+        }
+    }
 }
 
 /// The scene with that estimator, and the cutoff to run it with.
@@ -109,8 +176,18 @@ pub fn with_estimator(scene: &Scene, settings: &VelocitySettings) -> (Scene, f64
     (scene, cutoff_hz.unwrap_or(0.0))
 }
 
-/// Compares `entries`. The first of them, tuned, also gives the wall at which contacts are compared:
-/// half of the K that it reaches at `damping_n_s_per_m`. `done` is called after each walk.
+/// The estimator that gives the wall at which contacts are compared.
+const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
+
+/// Most walks that comparing `entries` takes.
+pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
+    let reference = u64::from(!entries.contains(&REFERENCE));
+    (entries.len() as u64 + reference) * budget.most()
+}
+
+/// Compares `entries`. Finite difference and Butterworth, tuned, gives the wall at which contacts are
+/// compared, whether it is among them or not: half of the mean K that it reaches at
+/// `damping_n_s_per_m`. `done` is called with the number of walks made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -120,34 +197,49 @@ pub fn compare(
     damping_n_s_per_m: f64,
     budget: search::Budget,
     stop: &AtomicBool,
-    done: impl Fn() + Sync,
+    done: impl Fn(u64) + Sync,
 ) -> Result<(Place, Vec<Compared>), Error> {
-    let found: Vec<Result<(VelocitySettings, Tuned), Error>> = entries
+    let mut searched = entries.to_vec();
+    if !entries.contains(&REFERENCE) {
+        searched.push(REFERENCE);
+    }
+    let found: Vec<Result<(VelocitySettings, Tuned), Error>> = searched
         .par_iter()
         .with_max_len(1)
         .map(|&entry| {
             let start = settings_of(entry, scene);
-            let fixed = entry == Entry::AdHoc;
-            search::tune(scene, &start, fixed, budget, stop, &done)
+            let free = match entry {
+                Entry::Tuned(_) => Free::All,
+                Entry::ObserverOfOwnMass => Free::Tuning,
+                Entry::AdHoc => Free::Nothing,
+            };
+            search::tune(scene, &start, free, budget, stop, &done)
         })
         .collect();
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
-    let reference = found.first().and_then(|(_, tuned)| tuned.stiffness_at(damping_n_s_per_m));
-    let plan = scene.walk_plan();
-    let place = Place {
-        damping_n_s_per_m,
-        stiffness_n_per_m: reference.map_or(plan.stiffness_start_n_per_m, |k| k / 2.0),
-    };
+    let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
+    let reached = reference.map_or(0.0, |(_, (_, tuned))| {
+        Repeats::of(tuned.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+    });
+    let start_n_per_m = scene.walk_plan().stiffness_start_n_per_m;
+    let place = Place { damping_n_s_per_m, stiffness_n_per_m: (reached / 2.0).max(start_n_per_m) };
     let compared: Vec<Result<Compared, Error>> = entries
         .par_iter()
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
             let (with, cutoff_hz) = with_estimator(scene, &settings);
             let rig = Rig::new(&with)?;
+            let wall = WallHit {
+                cutoff_hz,
+                stiffness_n_per_m: place.stiffness_n_per_m,
+                damping_n_s_per_m: place.damping_n_s_per_m,
+                start_offset_counts: 0.0,
+            };
             let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
-            let contact = contact::measure(&rig, Numeric::Fixed, cutoff_hz, &place)?;
+            let contact = contact::measure(&rig, Numeric::Fixed, &wall);
+            let fidelity = fidelity::measure(&with, &wall)?;
             let cost = cost::of(settings.name());
-            Ok(Compared { entry, settings, tuned, signal, contact, cost })
+            Ok(Compared { entry, settings, tuned, signal, contact, fidelity, cost })
         })
         .collect();
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
@@ -156,12 +248,17 @@ pub fn compare(
 /// Where the search starts. What is known of the device is told: the observer gets its mass.
 fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     match entry {
-        Entry::Tuned(name) => match name.defaults() {
-            VelocitySettings::Observer { bandwidth_hz, .. } => {
-                VelocitySettings::Observer { bandwidth_hz, mass_kg: scene.device.mass_kg }
-            }
-            defaults => defaults,
-        },
+        Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
+        Entry::ObserverOfOwnMass => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ, prewarp: false },
+    }
+}
+
+fn with_own_mass(settings: VelocitySettings, scene: &Scene) -> VelocitySettings {
+    match settings {
+        VelocitySettings::Observer { bandwidth_hz, .. } => {
+            VelocitySettings::Observer { bandwidth_hz, mass_kg: scene.device.mass_kg }
+        }
+        other => other,
     }
 }

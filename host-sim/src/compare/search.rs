@@ -1,19 +1,30 @@
 //! The tuning with the largest Z-width area, found with the same number of walks for every estimator.
 //!
 //! The area over the tuning has one broad top and a rough surface. So the search looks at evenly
-//! spaced points on a logarithmic axis first and then halves the distance around the best one, again
-//! and again, until its walks are used up. The walks of the search all start at the same place; the
-//! result is walked again from the starts of a sweep, so that its area is not the luckiest of many.
+//! spaced bandwidths first ([`Axes`]) and then goes from the best point to its neighbours, along both
+//! axes if there are two, by steps that are halved where no neighbour is better, until its walks are
+//! used up (a compass search). What is refused, and a whole number that was tried already, costs no
+//! walk; a range of few whole numbers can be exhausted before the walks are.
+//!
+//! The walks of the search all start at the same place; the result is walked again from the starts of
+//! a sweep, so that its area is not the luckiest of many. What is left of it where the tuning is wrong
+//! is walked from the same starts.
 
 use std::sync::atomic::AtomicBool;
 
-use zwidth::{VelocitySettings, velocity::Parameter};
+use zwidth::{VelocitySettings, velocity::EstimatorName};
 
-use super::with_estimator;
+use super::{
+    axis::{Axes, Free},
+    bandwidth::bandwidth_hz,
+    tuned::{Edge, Tried, Tuned},
+    with_estimator,
+};
 use crate::{
     error::Error,
     rig::{Numeric, Rig},
     scene::Scene,
+    statistics::Repeats,
     sweep::start_offset_counts,
     walk::{Boundary, walk},
 };
@@ -27,238 +38,243 @@ pub struct Budget {
     pub repeats: u32,
 }
 
-/// Share of the walks that go into the first look.
-const FIRST_LOOK: (u32, u32) = (3, 5);
-/// How much the tuning is put wrong to see how much it matters.
-pub const MISTUNED_BY: f64 = 1.5;
-
-/// The result of a search.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Tuned {
-    /// Every tuning that was tried and its area, ascending; empty if there is nothing to tune.
-    pub tried: Vec<(f64, f64)>,
-    /// Boundaries at the best tuning, one per start.
-    pub boundaries: Vec<Boundary>,
-    /// Area that is left when the tuning is too low and too high by [`MISTUNED_BY`], as a fraction of
-    /// that of the best, both walked from the scene's own start; `None` where there is nothing to
-    /// tune, or the core refuses that tuning.
-    pub left_when_mistuned: [Option<f64>; 2],
-    /// The best tuning is an end of what was tried.
-    pub at_edge: bool,
-}
-
-impl Tuned {
-    fn areas(&self) -> impl Iterator<Item = f64> {
-        self.boundaries.iter().map(|boundary| boundary.area)
-    }
-
-    /// Mean area, N^2 s/m^2.
-    pub fn area(&self) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "a handful of repeats")]
-        let walks = self.boundaries.len().max(1) as f64;
-        self.areas().sum::<f64>() / walks
-    }
-
-    /// Smallest and largest area of the repeats, N^2 s/m^2.
-    pub fn area_range(&self) -> [f64; 2] {
-        let low = self.areas().reduce(f64::min).unwrap_or(0.0);
-        [low, self.areas().reduce(f64::max).unwrap_or(0.0)]
-    }
-
-    /// Largest K of any repeat, N/m.
-    pub fn stiffness_peak_n_per_m(&self) -> f64 {
-        self.boundaries.iter().map(Boundary::stiffness_peak_n_per_m).fold(0.0, f64::max)
-    }
-
-    /// Largest B of any repeat, N s/m.
-    pub fn damping_max_n_s_per_m(&self) -> f64 {
-        self.boundaries.iter().map(Boundary::damping_max_n_s_per_m).fold(0.0, f64::max)
-    }
-
-    /// Smallest K of the repeats at the grid's B nearest to this one, N/m; `None` if a boundary ends
-    /// before.
-    pub fn stiffness_at(&self, damping_n_s_per_m: f64) -> Option<f64> {
-        let at = |boundary: &Boundary| {
-            let distance = |b: f64| (b - damping_n_s_per_m).abs();
-            let reaches = boundary.damping_max_n_s_per_m() >= damping_n_s_per_m;
-            let nearest = boundary.points.iter().min_by(|p, q| {
-                distance(p.damping_n_s_per_m).total_cmp(&distance(q.damping_n_s_per_m))
-            });
-            nearest.filter(|_| reaches).map(|point| point.stiffness_n_per_m)
-        };
-        let all: Option<Vec<f64>> = self.boundaries.iter().map(at).collect();
-        all?.into_iter().reduce(f64::min)
+impl Budget {
+    /// Most walks that one estimator takes: its search, the result, and four wrong tunings.
+    pub fn most(&self) -> u64 {
+        u64::from(self.walks) + 5 * u64::from(self.repeats)
     }
 }
 
-/// The range of tunings that a search looks at: what the field uses, as far as the core accepts it.
-fn range(parameter: &Parameter, rate_hz: f64) -> [f64; 2] {
-    match parameter.unit {
-        "Hz" => [10.0, 0.45 * rate_hz],
-        "samples" => [2.0, 64.0],
-        // accelerations from a slow hand to a hard stop, and their rates of change
-        "m/s^2" => [0.1, 1e4],
-        "m/s^3" => [1e1, 1e7],
-        _ => [parameter.default / 30.0, parameter.default * 30.0],
-    }
-}
+/// Share of the walks that go into the first look, with one axis and with two.
+const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (1, 2)];
+/// First step along the second axis, of its range.
+const SECOND_STEP: f64 = 0.25;
+/// A step of that part of the range is the last one.
+const LEAST_STEP: f64 = 1e-4;
+/// How much the bandwidth is put wrong to see how much the tuning matters.
+pub const WRONG_BY: f64 = 1.2;
+/// How much the mass of a model is put wrong.
+pub const MASS_WRONG_BY: f64 = 0.2;
 
-/// The part of the range that the core accepts, to within 5 %.
-fn narrowed([mut low, mut high]: [f64; 2], accepted: impl Fn(f64) -> bool) -> [f64; 2] {
-    const STEP: f64 = 1.05;
-    while low < high && !accepted(low) {
-        low *= STEP;
-    }
-    while high > low && !accepted(high) {
-        high /= STEP;
-    }
-    [low, high]
-}
-
-/// Tunes `start`; with `fixed` it is only walked. `done` is called after each walk.
+/// Tunes what is free of `start`. `done` is called with the number of walks made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn tune(
     scene: &Scene,
     start: &VelocitySettings,
-    fixed: bool,
+    free: Free,
     budget: Budget,
     stop: &AtomicBool,
-    done: &(impl Fn() + Sync),
+    done: &(impl Fn(u64) + Sync),
 ) -> Result<(VelocitySettings, Tuned), Error> {
-    let boundary = |settings: &VelocitySettings, start_counts: f64| -> Result<Boundary, Error> {
+    let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Vec<Boundary>, Error> {
         let (scene, cutoff_hz) = with_estimator(scene, settings);
         let rig = Rig::new(&scene)?;
-        let boundary = walk(&rig, Numeric::Fixed, cutoff_hz, start_counts, stop)?;
-        done();
-        Ok(boundary)
+        let each = |&start: &f64| walk(&rig, Numeric::Fixed, cutoff_hz, start, stop);
+        let boundaries = starts.iter().map(each).collect();
+        done(starts.len() as u64);
+        boundaries
     };
-    let repeats = |settings: &VelocitySettings| -> Result<Vec<Boundary>, Error> {
-        (0..budget.repeats)
-            .map(|repeat| boundary(settings, start_offset_counts(repeat, budget.repeats)))
-            .collect()
-    };
-    let Some((parameter, _)) = start.tuning().filter(|_| !fixed) else {
-        let boundaries = repeats(start)?;
-        let tuned =
-            Tuned { tried: vec![], boundaries, left_when_mistuned: [None; 2], at_edge: false };
-        return Ok((*start, tuned));
-    };
-    let whole = parameter.unit == "samples";
-    let accepted = |tuning: f64| start.with_tuning(tuning).build(&scene.design()).is_ok();
-    let range = narrowed(range(&parameter, scene.control.rate_hz), accepted);
-    let mut tried = Tried { points: vec![], whole };
-    let look = |tuning: f64| -> Result<f64, Error> {
-        if accepted(tuning) { Ok(boundary(&start.with_tuning(tuning), 0.0)?.area) } else { Ok(0.0) }
-    };
-    let first = (budget.walks * FIRST_LOOK.0 / FIRST_LOOK.1).clamp(2, budget.walks);
-    for n in 0..first {
-        let share = f64::from(n) / f64::from(first - 1);
-        tried.add(range[0] * (range[1] / range[0]).powf(share), look)?;
-    }
-    for _ in first..budget.walks {
-        let Some(next) = tried.next() else { break };
-        tried.add(next, look)?;
-    }
-    let best = tried.best();
-    let settings = start.with_tuning(best);
-    let boundaries = repeats(&settings)?;
+    let starts: Vec<f64> =
+        (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
+    let design = scene.design();
+    let axes = Axes::new(start, &design, scene.device.mass_kg, free);
     let mut tuned = Tuned {
-        at_edge: tried.is_edge(best),
-        tried: tried.points,
-        boundaries,
+        tried: vec![],
+        boundaries: vec![],
+        bandwidth_hz: 0.0,
         left_when_mistuned: [None; 2],
+        left_when_mass_is_wrong: [None; 2],
+        edges: [None; 2],
     };
-    let area = tuned.boundaries.first().map_or(0.0, |first| first.area);
-    for (left, factor) in tuned.left_when_mistuned.iter_mut().zip([1.0 / MISTUNED_BY, MISTUNED_BY])
-    {
-        let wrong = tried_value(best * factor, whole);
-        if area > 0.0 && accepted(wrong) {
-            *left = Some(look(wrong)? / area);
-        }
-    }
-    Ok((settings, tuned))
-}
-
-fn tried_value(tuning: f64, whole: bool) -> f64 {
-    if whole { tuning.round() } else { tuning }
-}
-
-/// Tunings and areas, ascending.
-struct Tried {
-    points: Vec<(f64, f64)>,
-    /// The tuning is a whole number.
-    whole: bool,
-}
-
-impl Tried {
-    fn add(&mut self, tuning: f64, look: impl Fn(f64) -> Result<f64, Error>) -> Result<(), Error> {
-        let tuning = tried_value(tuning, self.whole);
-        let place = self.points.partition_point(|(known, _)| *known < tuning);
-        if self.points.get(place).is_none_or(|(known, _)| *known != tuning) {
-            self.points.insert(place, (tuning, look(tuning)?));
-        }
-        Ok(())
-    }
-
-    fn best_index(&self) -> usize {
-        let best = self.points.iter().enumerate().max_by(|(_, p), (_, q)| p.1.total_cmp(&q.1));
-        best.map_or(0, |(index, _)| index)
-    }
-
-    fn best(&self) -> f64 {
-        self.points.get(self.best_index()).map_or(f64::NAN, |point| point.0)
-    }
-
-    fn is_edge(&self, tuning: f64) -> bool {
-        let ends = [self.points.first(), self.points.last()];
-        ends.into_iter().flatten().any(|end| end.0 == tuning)
-    }
-
-    /// The middle of the wider gap beside the best point; `None` if there is no room left.
-    fn next(&self) -> Option<f64> {
-        let best = self.best_index();
-        let gap = |low: usize, high: usize| {
-            let (low, high) = (self.points.get(low)?.0, self.points.get(high)?.0);
-            let middle = tried_value((low * high).sqrt(), self.whole);
-            (middle > low && middle < high).then_some((high / low, middle))
+    let mut best = *start;
+    if let Some(axes) = &axes {
+        let look = |settings: &VelocitySettings| {
+            Ok(walks(settings, &[0.0])?.first().map_or(0.0, |boundary| boundary.area))
         };
-        let gaps = [best.checked_sub(1).and_then(|low| gap(low, best)), gap(best, best + 1)];
-        let widest = gaps.into_iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
-        widest.map(|(_, middle)| middle)
+        let search = Search::over(axes, budget.walks, look)?;
+        best = search.best().map_or(best, |tried| tried.settings);
+        tuned.edges = edges(axes, &best);
+        tuned.tried = search.tried;
+    }
+    tuned.bandwidth_hz = bandwidth_hz(&best, &design).map_err(Error::input)?;
+    tuned.boundaries = walks(&best, &starts)?;
+    let area = tuned.area();
+    let left = |wrong: &VelocitySettings| -> Result<f64, Error> {
+        Ok(Repeats::of(walks(wrong, &starts)?.iter().map(|b| b.area)).mean / area)
+    };
+    for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
+        let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
+        if let Some((wrong, reached)) = wrong.filter(|_| area > 0.0) {
+            // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
+            let share = factor.ln() / reached.ln();
+            tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left(&wrong)?));
+        }
+    }
+    for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
+        if let VelocitySettings::Observer { bandwidth_hz, mass_kg } = best {
+            let wrong = VelocitySettings::Observer { bandwidth_hz, mass_kg: factor * mass_kg };
+            if area > 0.0 && wrong.build(&design).is_ok() {
+                tuned.left_when_mass_is_wrong[side] = Some(left(&wrong)?);
+            }
+        }
+    }
+    Ok((best, tuned))
+}
+
+/// Which parameters of `best` are at an end of what was searched, to within the last step.
+fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
+    let (_, [tuning, second]) = EstimatorName::of(best);
+    let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
+    let of = |refused: bool| if refused { Edge::Core } else { Edge::Search };
+    let mut edges = [None; 2];
+    for side in 0..2 {
+        if near(tuning, axes.tuning[side]) {
+            edges[0] = Some(of(axes.refused_beyond[side]));
+        }
+        if axes.second.is_some_and(|ends| near(second, ends[side])) {
+            edges[1] = Some(of(axes.second_refused_beyond));
+        }
+    }
+    edges
+}
+
+/// What was tried so far.
+struct Search {
+    tried: Vec<Tried>,
+}
+
+impl Search {
+    /// Spends that many walks, fewer if nothing is left to try.
+    fn over(
+        axes: &Axes,
+        walks: u32,
+        mut look: impl FnMut(&VelocitySettings) -> Result<f64, Error>,
+    ) -> Result<Self, Error> {
+        let mut search = Self { tried: vec![] };
+        let mut left = walks;
+        let mut look_at = |search: &mut Self, place: [f64; 2]| -> Result<bool, Error> {
+            let settings = axes.at(place);
+            let known = search.tried.iter().any(|tried| tried.settings == settings);
+            if known || !axes.accepts(&settings) || left == 0 {
+                return Ok(false);
+            }
+            left -= 1;
+            let area = look(&settings)?;
+            search.tried.push(Tried { place, settings, area });
+            Ok(true)
+        };
+        let (part, of) = FIRST_LOOK[usize::from(axes.second.is_some())];
+        let first = (walks * part / of).max(2);
+        let second = axes.start_second();
+        for n in 0..first {
+            look_at(&mut search, [f64::from(n) / f64::from(first - 1), second])?;
+        }
+        let mut steps = [0.5 / f64::from(first - 1), SECOND_STEP];
+        let directions = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+        let directions = if axes.second.is_some() { &directions[..] } else { &directions[..2] };
+        while steps[0] > LEAST_STEP {
+            let Some(best) = search.best() else { break };
+            let [x, y] = best.place;
+            let (mut looked, before) = (false, search.tried.len());
+            for [dx, dy] in directions {
+                let place = [x + dx * steps[0], y + dy * steps[1]].map(|at| at.clamp(0.0, 1.0));
+                looked = look_at(&mut search, place)?;
+                if looked {
+                    break;
+                }
+            }
+            if !looked && before == search.tried.len() {
+                steps = steps.map(|step| 0.5 * step);
+            }
+        }
+        Ok(search)
+    }
+
+    fn best(&self) -> Option<Tried> {
+        self.tried.iter().max_by(|a, b| a.area.total_cmp(&b.area)).copied()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::NamedScene;
 
-    fn search(area: impl Fn(f64) -> f64, whole: bool, walks: u32) -> f64 {
-        let mut tried = Tried { points: vec![], whole };
-        let look = |tuning: f64| Ok(area(tuning));
-        for n in 0..10 {
-            tried.add(10.0 * 450f64.powf(f64::from(n) / 9.0), look).unwrap();
-        }
-        for _ in 10..walks {
-            let Some(next) = tried.next() else { break };
-            tried.add(next, look).unwrap();
-        }
-        assert!(tried.points.is_sorted_by(|a, b| a.0 < b.0));
-        tried.best()
+    /// Searches a made-up surface; which settings were looked at, and the best of them.
+    fn search(
+        name: EstimatorName,
+        walks: u32,
+        area: impl Fn([f64; 2]) -> f64,
+    ) -> (Vec<[f64; 2]>, [f64; 2]) {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let axes = Axes::new(&name.defaults(), &scene.design(), 0.416, Free::All).unwrap();
+        let mut looked = vec![];
+        let search = Search::over(&axes, walks, |settings| {
+            looked.push(EstimatorName::of(settings).1);
+            Ok(area(EstimatorName::of(settings).1))
+        });
+        let best = search.unwrap().best().unwrap();
+        (looked, EstimatorName::of(&best.settings).1)
     }
 
     #[test]
-    fn it_finds_the_top_of_a_hill_on_a_logarithmic_axis() {
-        for top in [15.0, 120.0, 1700.0, 4000.0] {
-            let found = search(|tuning| -(tuning / top).ln().powi(2), false, 20);
-            assert!((found / top).ln().abs() < 0.05, "{found} for {top}");
+    fn it_finds_the_top_of_a_hill_with_the_walks_that_it_has() {
+        for top in [60.0, 120.0, 1700.0, 4000.0] {
+            let hill = |[hz, _]: [f64; 2]| -(hz / top).ln().powi(2);
+            let (looked, [found, _]) = search(EstimatorName::FirstOrder, 24, hill);
+            assert!((found / top).ln().abs() < 0.06, "{found} for {top}");
+            assert_eq!(looked.len(), 24);
         }
     }
 
     #[test]
-    fn whole_numbers_stay_whole_and_are_tried_once() {
-        let found = search(|tuning| -(tuning - 17.0).abs(), true, 40);
-        assert_eq!(found, 17.0);
+    fn a_second_parameter_is_found_with_the_same_number_of_walks() {
+        for (top, ratio) in [(3.0, 2.2), (40.0, 0.6), (15.0, 1.0)] {
+            let hill = |[c, lambda]: [f64; 2]| {
+                -(c / top).ln().powi(2) - 4.0 * (lambda / ratio).ln().powi(2)
+            };
+            let (looked, [c, lambda]) = search(EstimatorName::LevantExplicit, 24, hill);
+            assert_eq!(looked.len(), 24);
+            assert!((c / top).ln().abs() < 0.25, "{c} for {top}");
+            assert!((lambda / ratio).ln().abs() < 0.25, "{lambda} for {ratio}");
+        }
+    }
+
+    #[test]
+    fn whole_numbers_are_looked_at_once_from_the_smallest_that_is_accepted() {
+        for (name, smallest) in [
+            (EstimatorName::LeastSquares1, 1.0),
+            (EstimatorName::LeastSquares2, 2.0),
+            (EstimatorName::TimeStamps, 1.0),
+        ] {
+            for top in [smallest, 3.0, 17.0, 40.0] {
+                let (mut looked, [found, _]) = search(name, 24, |[n, _]| -(n / top).ln().abs());
+                assert_eq!(found, top, "{name:?}");
+                assert!(looked.iter().any(|[n, _]| *n == smallest), "{name:?}: {looked:?}");
+                let walks = looked.len();
+                looked.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                looked.dedup();
+                assert_eq!(looked.len(), walks, "one was looked at twice");
+            }
+        }
+        // few whole numbers, many walks: every one of them, and no more
+        let (looked, _) = search(EstimatorName::TimeStamps, 1000, |[n, _]| -n);
+        assert!(looked.len() <= 62, "{}", looked.len());
+    }
+
+    #[test]
+    fn an_end_of_the_range_is_named_with_its_reason() {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let of = |name: EstimatorName, place| {
+            let axes = Axes::new(&name.defaults(), &scene.design(), 0.416, Free::All).unwrap();
+            edges(&axes, &axes.at(place))
+        };
+        assert_eq!(of(EstimatorName::TrackingLoop, [1.0, 0.0]), [Some(Edge::Core), None]);
+        assert_eq!(of(EstimatorName::Butterworth, [0.0, 0.0]), [Some(Edge::Search), None]);
+        assert_eq!(of(EstimatorName::Butterworth, [0.5, 0.0]), [None; 2]);
+        assert_eq!(of(EstimatorName::LevantExplicit, [0.5, 1.0]), [None, Some(Edge::Core)]);
+        assert_eq!(of(EstimatorName::FoawEnd, [0.5, 0.0])[1], Some(Edge::Search));
     }
 }

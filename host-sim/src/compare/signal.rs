@@ -1,10 +1,15 @@
 //! Delay and noise of an estimator alone, on prescribed motions, by the core's own arithmetic.
 //!
-//! | figure | motion |
-//! |--------|--------|
-//! | delay, phase | a sine of up to 100 counts per sample, as fast as the actuator's force can make it |
-//! | noise at rest | the count flickers between two neighbours at random, the worst place to rest |
-//! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction |
+//! | figure | motion | driven by |
+//! |--------|--------|-----------|
+//! | delay, phase | a sine of up to 100 counts per sample, as fast as the actuator's force can make it | the hand, and again the motor |
+//! | noise at rest | the count flickers between two neighbours at random, the worst place to rest | nothing |
+//! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction | the hand |
+//!
+//! As on a device, an estimator that knows a force knows the *motor's*, never the hand's. Where the
+//! motor drives, that is the force which the device itself asks for: `m x'' + b x' + k x`, with the
+//! scene's own damping and spring, which the estimator does not model. What else it needs it is given
+//! as it is: an accelerometer's reading of the whole motion, the encoder's edges.
 
 use std::f64::consts::PI;
 
@@ -20,13 +25,28 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signal {
     /// Delay of a slow sine, s; negative if it leads.
-    pub delay_s: f64,
+    pub delay_s: Driven,
     /// Phase at 100 Hz against the true velocity, degrees; negative is late.
-    pub phase_100_hz_deg: f64,
+    pub phase_100_hz_deg: Driven,
     /// RMS of the velocity at rest with a flickering count, m/s.
     pub noise_at_rest_m_per_s: f64,
     /// RMS of the error at constant speeds, m/s: the largest over the speeds.
     pub noise_in_motion_m_per_s: f64,
+}
+
+/// The same figure of a motion that the hand makes and of one that the motor makes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Driven {
+    /// By the hand: no force is known.
+    pub hand: f64,
+    /// By the motor: all of the force is known.
+    pub motor: f64,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Drive {
+    Hand,
+    Motor,
 }
 
 /// Frequency at which the delay is read, as a fraction of the rate.
@@ -42,8 +62,7 @@ const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2
 /// A motion: position in counts and speed in counts per sample, at a sample.
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
-/// Measures the estimator of that scene at that cutoff. What it needs beside the position it is
-/// given: the force that a free mass would need for the motion, its acceleration, its edges.
+/// Measures the estimator of that scene at that cutoff.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -51,8 +70,12 @@ pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
     let bench = Bench { scene, cutoff_hz };
     let count_per_sample = scene.encoder.resolution_m * scene.control.rate_hz;
     let rate_hz = scene.control.rate_hz;
-    let slow = bench.sine(SLOW)?;
-    let fast = bench.sine(100.0 / rate_hz)?;
+    let driven = |frequency: f64, scale: f64| {
+        let [hand, motor] = [Drive::Hand, Drive::Motor].map(|by| bench.sine(frequency, by));
+        Ok::<_, SettingsError>(Driven { hand: scale * hand?, motor: scale * motor? })
+    };
+    let delay_s = driven(SLOW, -1.0 / (2.0 * PI * SLOW * rate_hz))?;
+    let phase_100_hz_deg = driven(100.0 / rate_hz, 180.0 / PI)?;
     let mut state = 0x2545_f491_4f6c_dd1du64;
     let mut flicker = |_| {
         // xorshift64: the flicker must be the same in every run and on every machine
@@ -67,8 +90,8 @@ pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
         in_motion = in_motion.max(bench.noise(&mut |n| [speed * f64::from(n), speed], speed)?);
     }
     Ok(Signal {
-        delay_s: -slow / (2.0 * PI * SLOW * rate_hz),
-        phase_100_hz_deg: fast.to_degrees(),
+        delay_s,
+        phase_100_hz_deg,
         noise_at_rest_m_per_s: at_rest * count_per_sample,
         noise_in_motion_m_per_s: in_motion * count_per_sample,
     })
@@ -83,20 +106,21 @@ impl Bench<'_> {
     /// RMS of the velocity's distance from `speed`, counts per sample.
     fn noise(&self, motion: &mut Motion<'_>, speed: f64) -> Result<f64, SettingsError> {
         let mut sum = 0.0;
-        self.run(motion, |_, velocity| sum += (velocity - speed).powi(2))?;
+        self.run(motion, Drive::Hand, |_, velocity| sum += (velocity - speed).powi(2))?;
         Ok((sum / f64::from(SAMPLES)).sqrt())
     }
 
-    /// Speed of a sine whose acceleration takes 80 % of the actuator's force, counts per sample: an
-    /// observer cannot be told more.
+    /// Speed of a sine that takes 80 % of the actuator's force, counts per sample.
     fn fastest(&self, omega: f64) -> f64 {
-        let (scene, rate_hz) = (self.scene, self.scene.control.rate_hz);
-        let acceleration = 0.8 * scene.full_scale_n() / scene.device.mass_kg;
-        acceleration / (rate_hz * rate_hz * scene.encoder.resolution_m) / omega
+        let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
+        let per_s = omega * rate_hz;
+        let reactance = device.mass_kg * per_s - device.stiffness_n_per_m / per_s;
+        let impedance = reactance.hypot(device.damping_n_s_per_m);
+        0.8 * self.scene.full_scale_n() / impedance / (rate_hz * self.scene.encoder.resolution_m)
     }
 
     /// Phase in radians at `frequency` cycles per sample, against the true velocity.
-    fn sine(&self, frequency: f64) -> Result<f64, SettingsError> {
+    fn sine(&self, frequency: f64, by: Drive) -> Result<f64, SettingsError> {
         let omega = 2.0 * PI * frequency;
         let fast = FAST_COUNTS.min(self.fastest(omega));
         let amplitude = fast / omega;
@@ -107,7 +131,7 @@ impl Bench<'_> {
             let angle = omega * f64::from(n);
             [amplitude * angle.sin(), fast * angle.cos()]
         };
-        self.run(&mut motion, |n, velocity| {
+        self.run(&mut motion, by, |n, velocity| {
             if f64::from(n) < samples {
                 let angle = omega * f64::from(n + WARM_UP);
                 re += velocity * angle.cos();
@@ -118,10 +142,20 @@ impl Bench<'_> {
         Ok((-im).atan2(re))
     }
 
+    /// Mean force over a sample that the device needs to move so, N.
+    fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
+        let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
+        let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz
+            + device.damping_n_s_per_m * (x1 - x0) * rate_hz
+            + device.stiffness_n_per_m * (x0 + x1) / 2.0;
+        counts * self.scene.encoder.resolution_m
+    }
+
     /// Feeds the motion; `each` sees sample number and velocity, counts per sample, after the warm-up.
     fn run(
         &self,
         motion: &mut Motion<'_>,
+        by: Drive,
         mut each: impl FnMut(u32, f64),
     ) -> Result<(), SettingsError> {
         let scene = self.scene;
@@ -138,8 +172,7 @@ impl Bench<'_> {
         let mut senses = Full::new(scene);
         for n in 1..WARM_UP + SAMPLES {
             let there = motion(n);
-            let acceleration = (there[1] - here[1]) * resolution_m * rate_hz * rate_hz;
-            let force_n = scene.device.mass_kg * acceleration;
+            let force_n = if by == Drive::Motor { self.force_n(here, there) } else { 0.0 };
             senses.moved(handle(here), handle(there), force_n, force_n);
             here = there;
             senses.sample(&mut core, count(here));
@@ -167,22 +200,34 @@ mod tests {
     fn delays_and_noise_are_those_of_theory() {
         // T/2 for the difference; T/2 + sqrt(2) / wc with the filter
         let plain = signal(VelocitySettings::Difference);
-        assert!((plain.delay_s / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
-        assert!((plain.phase_100_hz_deg + 1.8).abs() < 0.05, "{plain:?}");
+        assert!((plain.delay_s.hand / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
+        assert!((plain.phase_100_hz_deg.hand + 1.8).abs() < 0.05, "{plain:?}");
+        // who drives is the same to an estimator that looks at the position only
+        assert_eq!(plain.delay_s.hand, plain.delay_s.motor);
         let butterworth =
             signal(VelocitySettings::Butterworth { cutoff_hz: 500.0, prewarp: false });
-        assert!((butterworth.delay_s / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
-        assert!((butterworth.phase_100_hz_deg + 18.2).abs() < 0.1, "{butterworth:?}");
+        assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
+        assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
         // a fair coin per sample: half of the differences are +-1 count, 10 mm/s each
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares { degree: 1, window_samples: 20 };
-        assert!((signal(window).delay_s / 1e-3 - 1.0).abs() < 0.01);
-        // told the force, the observer is not late, and edge times tell a constant speed
+        assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
+        // Told the motor's force, the observer is hardly late. Of a hand's it knows nothing: then it is
+        // what its poles w make of the position, late by 3 atan(x) - atan(3 x) at x = 100 Hz over the
+        // bandwidth.
         let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
-        assert!(observer.delay_s.abs() < 2e-5, "{observer:?}");
-        assert!(observer.phase_100_hz_deg.abs() < 1.0, "{observer:?}");
+        // what the device's damping b takes of that force it does not know of: it leads by 3 b / (m w^2)
+        let lead = 3.0 * 5.5195 / 0.416 / (2.0 * PI * 100.0).powi(2);
+        assert!((observer.delay_s.motor / -lead - 1.0).abs() < 0.1, "{observer:?} {lead}");
+        assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
+        let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
+        assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
+        // told of a mass that is 20 % too large, it takes a sixth of the acceleration for a hand's
+        let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };
+        let off = signal(wrong).phase_100_hz_deg;
+        assert!(off.motor < -2.0 && off.motor > off.hand, "{off:?}");
         let stamps = signal(VelocitySettings::TimeStamps { span_samples: 8 });
         assert!(
             stamps.noise_in_motion_m_per_s < 1e-2 * plain.noise_in_motion_m_per_s,

@@ -1,16 +1,47 @@
 //! The comparison as a table: one list of criteria for CSV, JSON, the page and the winners.
 
-use serde::Serialize;
+use zwidth::velocity::EstimatorName;
 
-use super::{Compared, Place, contact};
+use super::{Compared, Place, contact, fidelity, tuned::Edge};
+use crate::statistics::Repeats;
 
 /// Which end of a criterion is good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
-    /// The larger.
+    /// The larger; it comes from walks, so that repeats scatter.
     More,
     /// The smaller.
     Less,
+    /// The nearer to 0, from either side.
+    NearerToZero,
+}
+
+/// Which of the tables for people a criterion stands in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The Z-width.
+    Boundary,
+    /// The estimator alone.
+    Signal,
+    /// In contact.
+    Contact,
+    /// Wrong settings, and cost.
+    Robustness,
+}
+
+impl Part {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Boundary, Self::Signal, Self::Contact, Self::Robustness];
+
+    /// Heading.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Boundary => "Z-width (means of the repeats)",
+            Self::Signal => "The estimator alone (h: moved by the hand, m: by the motor)",
+            Self::Contact => "In contact",
+            Self::Robustness => "Area that is left with wrong settings, and cost on the Cortex-M4",
+        }
+    }
 }
 
 /// One column.
@@ -25,155 +56,199 @@ pub struct Criterion {
     pub scale: f64,
     /// Digits after the point for people.
     pub digits: usize,
+    /// Where it stands.
+    pub part: Part,
     /// Which end is good; `None` for what is neither.
     pub better: Option<Better>,
-    /// Its value; `None` where it does not apply.
-    pub value: fn(&Compared, &Place) -> Option<f64>,
+    /// Its value in each repeat; one if it is measured once, none where it does not apply.
+    pub values: fn(&Compared, &Place) -> Vec<f64>,
 }
 
+impl Criterion {
+    /// The mean of its values.
+    pub fn value(&self, c: &Compared, place: &Place) -> Option<f64> {
+        let values = (self.values)(c, place);
+        (!values.is_empty()).then(|| Repeats::of(values.iter().copied()).mean)
+    }
+
+    /// The value for people.
+    pub fn cell(&self, c: &Compared, place: &Place) -> String {
+        self.value(c, place)
+            .map_or_else(|| "-".into(), |v| crate::figure::number(v * self.scale, self.digits))
+    }
+}
+
+use Better::{Less, More, NearerToZero};
+use Part::{Boundary, Robustness, Signal};
+
+const AREA: &str = "10^6 N² s/m²";
+
 /// All columns.
-pub const CRITERIA: [Criterion; 16] = [
-    column(
-        "area_n2_s_per_m2",
-        "Z-width area",
-        "10^6 N² s/m²",
-        1e-6,
-        3,
-        Some(Better::More),
-        |c, _| Some(c.tuned.area()),
-    ),
-    column("area_low_n2_s_per_m2", "lowest", "10^6 N² s/m²", 1e-6, 3, None, |c, _| {
-        Some(c.tuned.area_range()[0])
+pub const CRITERIA: [Criterion; 22] = [
+    column("area_n2_s_per_m2", "area", (AREA, 1e-6, 2), Boundary, Some(More), |c, _| {
+        c.tuned.areas()
     }),
-    column("area_high_n2_s_per_m2", "highest", "10^6 N² s/m²", 1e-6, 3, None, |c, _| {
-        Some(c.tuned.area_range()[1])
+    column("area_low_n2_s_per_m2", "lowest", (AREA, 1e-6, 2), Boundary, None, |c, _| {
+        vec![c.tuned.area_range()[0]]
     }),
-    column("stiffness_peak_n_per_m", "peak K", "kN/m", 1e-3, 1, Some(Better::More), |c, _| {
-        Some(c.tuned.stiffness_peak_n_per_m())
+    column("area_high_n2_s_per_m2", "highest", (AREA, 1e-6, 2), Boundary, None, |c, _| {
+        vec![c.tuned.area_range()[1]]
     }),
     column(
-        "stiffness_at_damping_n_per_m",
-        "K at given B",
-        "kN/m",
-        1e-3,
-        1,
-        Some(Better::More),
-        |c, place| Some(c.tuned.stiffness_at(place.damping_n_s_per_m).unwrap_or(0.0)),
+        "stiffness_peak_mean_n_per_m",
+        "peak K",
+        ("kN/m", 1e-3, 1),
+        Boundary,
+        Some(More),
+        |c, _| c.tuned.stiffness_peaks_n_per_m(),
     ),
-    column("damping_max_n_s_per_m", "largest B", "N s/m", 1.0, 0, Some(Better::More), |c, _| {
-        Some(c.tuned.damping_max_n_s_per_m())
+    column(
+        "stiffness_at_damping_mean_n_per_m",
+        "K at B",
+        ("kN/m", 1e-3, 1),
+        Boundary,
+        Some(More),
+        |c, place| c.tuned.stiffnesses_at(place.damping_n_s_per_m),
+    ),
+    column(
+        "damping_max_mean_n_s_per_m",
+        "largest B",
+        ("N s/m", 1.0, 0),
+        Boundary,
+        Some(More),
+        |c, _| c.tuned.dampings_max_n_s_per_m(),
+    ),
+    column("bandwidth_hz", "-3 dB", ("Hz", 1.0, 0), Signal, None, |c, _| {
+        vec![c.tuned.bandwidth_hz]
     }),
-    column("delay_s", "delay", "ms", 1e3, 3, Some(Better::Less), |c, _| Some(c.signal.delay_s)),
-    column("phase_100_hz_deg", "phase at 100 Hz", "deg", 1.0, 1, None, |c, _| {
-        Some(c.signal.phase_100_hz_deg)
+    column("delay_hand_s", "delay h", ("ms", 1e3, 3), Signal, Some(NearerToZero), |c, _| {
+        vec![c.signal.delay_s.hand]
     }),
-    column("noise_at_rest_m_per_s", "noise at rest", "mm/s", 1e3, 3, Some(Better::Less), |c, _| {
-        Some(c.signal.noise_at_rest_m_per_s)
+    column("delay_motor_s", "delay m", ("ms", 1e3, 3), Signal, Some(NearerToZero), |c, _| {
+        vec![c.signal.delay_s.motor]
+    }),
+    column("phase_100_hz_hand_deg", "100 Hz h", ("deg", 1.0, 1), Signal, None, |c, _| {
+        vec![c.signal.phase_100_hz_deg.hand]
+    }),
+    column("phase_100_hz_motor_deg", "100 Hz m", ("deg", 1.0, 1), Signal, None, |c, _| {
+        vec![c.signal.phase_100_hz_deg.motor]
+    }),
+    column("noise_at_rest_m_per_s", "noise, rest", ("mm/s", 1e3, 3), Signal, Some(Less), |c, _| {
+        vec![c.signal.noise_at_rest_m_per_s]
     }),
     column(
         "noise_in_motion_m_per_s",
-        "noise in motion",
-        "mm/s",
-        1e3,
-        3,
-        Some(Better::Less),
-        |c, _| Some(c.signal.noise_in_motion_m_per_s),
+        "noise, motion",
+        ("mm/s", 1e3, 3),
+        Signal,
+        Some(Less),
+        |c, _| vec![c.signal.noise_in_motion_m_per_s],
     ),
-    column("roughness_n", "force above 100 Hz", "N", 1.0, 4, Some(Better::Less), |c, _| {
-        c.contact.stable.then_some(c.contact.roughness_n)
+    column("roughness_n", "force > 100 Hz", ("mN", 1e3, 1), Part::Contact, Some(Less), |c, _| {
+        in_contact(c, c.contact.roughness_n)
     }),
-    column("impedance_error", "impedance error", "%", 1e2, 2, Some(Better::Less), |c, _| {
-        c.contact.stable.then_some(c.contact.impedance_error)
+    column(
+        "impedance_error",
+        "impedance error",
+        ("%", 1e2, 2),
+        Part::Contact,
+        Some(Less),
+        |c, _| in_contact(c, c.fidelity.error),
+    ),
+    column(
+        "impedance_error_of_estimator",
+        "estimator's share",
+        ("%", 1e2, 2),
+        Part::Contact,
+        Some(Less),
+        |c, _| in_contact(c, c.fidelity.of_estimator),
+    ),
+    column("left_when_bandwidth_low", "-3 dB /1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mistuned[0].into_iter().collect()
     }),
-    column("left_when_too_low", "left if tuned /1.5", "%", 1e2, 0, None, |c, _| {
-        c.tuned.left_when_mistuned[0]
+    column("left_when_bandwidth_high", "-3 dB x1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mistuned[1].into_iter().collect()
     }),
-    column("left_when_too_high", "left if tuned x1.5", "%", 1e2, 0, None, |c, _| {
-        c.tuned.left_when_mistuned[1]
+    column("left_when_mass_low", "mass -20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mass_is_wrong[0].into_iter().collect()
     }),
-    column("cycles", "cycles, Cortex-M4", "", 1.0, 0, Some(Better::Less), |c, _| {
-        c.cost.map(|cost| cost.cycles)
+    column("left_when_mass_high", "mass +20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mass_is_wrong[1].into_iter().collect()
     }),
-    column("ram_bytes", "RAM, Cortex-M4", "bytes", 1.0, 0, Some(Better::Less), |c, _| {
-        c.cost.map(|cost| cost.ram_bytes)
+    column("cycles", "cycles", ("", 1.0, 0), Robustness, Some(Less), |c, _| {
+        c.cost.map(|cost| cost.cycles).into_iter().collect()
+    }),
+    column("ram_bytes", "RAM", ("bytes", 1.0, 0), Robustness, Some(Less), |c, _| {
+        c.cost.map(|cost| cost.ram_bytes).into_iter().collect()
     }),
 ];
+
+fn in_contact(c: &Compared, value: f64) -> Vec<f64> {
+    if c.contact.stable { vec![value] } else { vec![] }
+}
 
 const fn column(
     key: &'static str,
     name: &'static str,
-    unit: &'static str,
-    scale: f64,
-    digits: usize,
+    (unit, scale, digits): (&'static str, f64, usize),
+    part: Part,
     better: Option<Better>,
-    value: fn(&Compared, &Place) -> Option<f64>,
+    values: fn(&Compared, &Place) -> Vec<f64>,
 ) -> Criterion {
-    Criterion { key, name, unit, scale, digits, better, value }
+    Criterion { key, name, unit, scale, digits, part, better, values }
 }
 
-/// Who wins a criterion.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Winner {
-    /// The criterion.
-    pub criterion: &'static str,
-    /// Name of the estimator, and those that are as good to the last digit.
-    pub estimators: Vec<String>,
-    /// Its value.
+/// A parameter that was tuned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What the search found.
     pub value: f64,
-    /// Rank of finite difference and Butterworth, from 1; `null` if it is not compared or has no
-    /// value.
-    pub butterworth_rank: Option<usize>,
+    /// The end of what was searched, if it lies there.
+    pub edge: Option<Edge>,
 }
 
-/// The winner of every criterion that has a good end.
-pub fn winners(compared: &[Compared], place: &Place) -> Vec<Winner> {
-    CRITERIA.iter().filter_map(|criterion| winner(criterion, compared, place)).collect()
-}
-
-fn winner(criterion: &Criterion, compared: &[Compared], place: &Place) -> Option<Winner> {
-    let sign = match criterion.better? {
-        Better::More => -1.0,
-        Better::Less => 1.0,
-    };
-    let mut ranked: Vec<(f64, String)> = compared
-        .iter()
-        .filter_map(|c| {
-            let value = (criterion.value)(c, place)?;
-            // a delay is good when it is near 0, from either side
-            let goodness = if criterion.key == "delay_s" { value.abs() } else { sign * value };
-            Some((goodness, c.entry.name()))
-        })
-        .collect();
-    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let best = ranked.first()?.0;
-    let rank = ranked.iter().position(|(_, name)| name == "butterworth");
-    let better_than = |goodness: f64| ranked.iter().filter(|(other, _)| *other < goodness).count();
-    Some(Winner {
-        criterion: criterion.key,
-        estimators: ranked.iter().filter(|(g, _)| *g == best).map(|(_, n)| n.clone()).collect(),
-        value: if criterion.key == "delay_s" { best } else { sign * best },
-        butterworth_rank: rank.and_then(|index| Some(better_than(ranked.get(index)?.0) + 1)),
-    })
+/// The tuning and the second parameter, as far as the estimator has them.
+pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
+    let (name, values) = EstimatorName::of(&c.settings);
+    let mut found = [None; 2];
+    for (n, parameter) in name.parameters().into_iter().enumerate() {
+        found[n] = parameter.map(|parameter| Parameter {
+            name: parameter.name,
+            unit: parameter.unit,
+            value: values[n],
+            edge: c.tuned.edges[n],
+        });
+    }
+    found
 }
 
 /// The table as CSV.
 pub fn csv(compared: &[Compared], place: &Place) -> String {
     let keys: Vec<&str> = CRITERIA.iter().map(|criterion| criterion.key).collect();
-    let mut text =
-        format!("estimator,tuning,tuning_unit,tuning_at_edge,stable_at_wall,{}\n", keys.join(","));
+    let mut text = format!(
+        "estimator,needs,tuning,tuning_unit,tuning_at_edge,second,second_unit,second_at_edge,\
+         search_walks,stable_at_wall,{}\n",
+        keys.join(",")
+    );
     for c in compared {
-        let (value, unit) = match c.settings.tuning() {
-            Some((parameter, value)) => (value.to_string(), parameter.unit),
-            None => (String::new(), ""),
-        };
+        let parameters = parameters(c).map(|parameter| match parameter {
+            Some(p) => format!("{},{},{}", p.value, p.unit, p.edge.is_some()),
+            None => ",,false".into(),
+        });
         let cells = CRITERIA.iter().map(|criterion| {
-            (criterion.value)(c, place).map(|value| value.to_string()).unwrap_or_default()
+            criterion.value(c, place).map(|value| value.to_string()).unwrap_or_default()
         });
         let cells: Vec<String> = cells.collect();
         text.push_str(&format!(
-            "{},{value},{unit},{},{},{}\n",
+            "{},{},{},{},{},{}\n",
             c.entry.name(),
-            c.tuned.at_edge,
+            c.needs(),
+            parameters.join(","),
+            c.tuned.tried.len(),
             c.contact.stable,
             cells.join(",")
         ));
@@ -181,12 +256,45 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
     text
 }
 
-/// What roughness means, for captions.
-pub fn roughness_note(place: &Place) -> String {
-    format!(
-        "Force above {} Hz is its RMS in a wall hit at K = {} N/m, B = {} N s/m; it is empty, as is the impedance error, where that wall is not stable.",
-        contact::ROUGH_ABOVE_HZ,
-        place.stiffness_n_per_m,
-        place.damping_n_s_per_m
-    )
+/// What a reader must know beside the numbers, one sentence each.
+pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
+    let (k, b) = (place.stiffness_n_per_m, place.damping_n_s_per_m);
+    let mut notes = vec![
+        format!(
+            "K at B is at B = {b} N s/m. Force above {} Hz is its RMS in a wall hit at K = {k} N/m, \
+             B = {b} N s/m; it is empty, as are the impedance errors, where that wall is not stable.",
+            contact::ROUGH_ABOVE_HZ
+        ),
+        format!(
+            "Impedance from 1 to 50 Hz at that wall, under a prescribed motion. Left out: {}.",
+            fidelity::LEFT_OUT
+        ),
+    ];
+    if let Some(first) = compared.first() {
+        notes.push(format!(
+            "Hold and latency of the loop alone, with the true velocity, make an impedance error of \
+             {:.2} %; the estimator's share is the distance from that.",
+            100.0 * first.fidelity.of_loop
+        ));
+    }
+    notes.push(
+        "An estimator that knows a force knows the motor's only. Delay and phase are given for a \
+         motion made by the hand and for one made by the motor; noise with no force."
+            .into(),
+    );
+    for c in compared {
+        for parameter in parameters(c).into_iter().flatten() {
+            let why = match parameter.edge {
+                None => continue,
+                Some(Edge::Core) => "the core accepts nothing beyond",
+                Some(Edge::Search) => "nothing beyond was searched",
+            };
+            let name = c.entry.name();
+            notes.push(format!(
+                "{name}: the best {} is an end of its range; {why}.",
+                parameter.name
+            ));
+        }
+    }
+    notes
 }

@@ -5,9 +5,8 @@
 //! ```
 //! Part of the exact step, whatever its bandwidth.
 //!
-//! Source: R. Krishnan, "Permanent Magnet Synchronous and Brushless DC Motor Drives", CRC Press 2010, chapter 4: a
-//! current loop with a PI controller that cancels the winding's pole has one pole, at its bandwidth. As a part of
-//! haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
+//! A standard model: a current loop with a PI controller that cancels the winding's pole has one pole, at its
+//! bandwidth. As a part of haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
 
 use core::f64::consts::TAU;
 

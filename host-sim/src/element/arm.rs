@@ -8,9 +8,7 @@
 //! a posture, chosen by the person. The person does not react: impedance is constant over a hit. Part of the exact
 //! step.
 //!
-//! Source: Hogan, "Controlling impedance at the man/machine interface", IEEE ICRA 1989 (arm as a passive second-order
-//! impedance); Kuchenbecker, Park, Niemeyer, "Characterizing the human wrist for improved haptic interaction",
-//! ASME IMECE 2003 (hand behind the compliance of its grip).
+//! A standard model of an arm: a passive impedance of second order, behind the compliance of the grip.
 
 use serde::{Deserialize, Serialize};
 

@@ -5,8 +5,7 @@
 //! ```
 //! Conservative: it derives from the energy `amplitude pitch / (2 pi) cos(2 pi x / pitch + phase)`.
 //!
-//! Source: Hanselman, "Brushless Permanent Magnet Motor Design", 2nd ed. 2003, chapter 9: cogging as a Fourier series
-//! over the angle, of which this is the first term. At the handle: pitch = 2 pi r / (N cogs), r and N as in docs/scenes.md.
+//! The first term of a Fourier series over the motor's angle. At the handle: pitch = 2 pi r / (N cogs), r and N as in docs/scenes.md.
 
 use core::f64::consts::TAU;
 

@@ -6,8 +6,8 @@
 //! An offset of the two signals makes an error once per cycle, unequal amplitudes or a phase between them other than
 //! 90 degrees one twice per cycle. Quantisation follows.
 //!
-//! Source: Heydemann, "Determination and correction of quadrature fringe measurement errors in interferometers",
-//! Applied Optics 20(19), 1981.
+//! The first two terms of the error's Fourier series; to first order in small errors the arctangent of the two
+//! signals has no others.
 
 use core::f64::consts::TAU;
 

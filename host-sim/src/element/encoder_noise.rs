@@ -3,8 +3,7 @@
 //! A function of seed, start of the hit and sample number: the same on any number of threads, the same for all
 //! walls that are compared, another one for each repeat of a sweep.
 //!
-//! Source: the model of measurement noise in Belanger, Dobrovolny, Helmy, Zhang, "Estimation of angular velocity and
-//! acceleration from shaft-encoder measurements", Int. J. Robotics Research 17(11), 1998, with the quantiser apart.
+//! White measurement noise as Kalman filters suppose it, with the quantiser apart.
 
 use serde::{Deserialize, Serialize};
 

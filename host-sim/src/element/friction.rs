@@ -7,9 +7,8 @@
 //! Viscous friction is the device's damping. The instants at which the device comes to rest and
 //! breaks away are located, so there is no band of speeds around zero that counts as rest.
 //!
-//! Source: Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and compensation methods
-//! for the control of machines with friction", Automatica 30(7), 1994, section 2.1 (Gaussian Stribeck curve);
-//! sticking as a state of its own: Karnopp, ASME J. Dyn. Syst. Meas. Control 107, 1985.
+//! The standard Stribeck curve in its Gaussian form; sticking as a state of its own, as in Karnopp's model, but
+//! without his band of speeds.
 
 use serde::{Deserialize, Serialize};
 

@@ -5,7 +5,7 @@
 //! is shorter than a sample. The 256 steps stand for the timer's ticks; they let the position be
 //! computed exactly, from a table.
 //!
-//! Source: Wittenmark, Nilsson, Torngren, "Timing problems in real-time control systems", ACC 1995 (sampling jitter).
+//! Evenly spread because nothing else is known of it.
 
 use serde::{Deserialize, Serialize};
 

@@ -7,8 +7,8 @@
 //! ```
 //! Motor and encoder stay collocated. Part of the exact step.
 //!
-//! Source: Diaz, Gil, "Influence of vibration modes and human operator on the stability of haptic rendering",
-//! IEEE T-RO 26(1), 2010: motor inertia, cable transmission, body inertia.
+//! The standard two-mass model of motor, cable transmission and body; vibration modes in haptic stability: Diaz,
+//! Gil, IEEE T-RO 26(1), 2010.
 
 use serde::{Deserialize, Serialize};
 

@@ -10,8 +10,8 @@
 //! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. Below
 //! [`REST_SPEED_M_PER_S`] it stays and rests on the stop until a force takes it away.
 //!
-//! Source: Goldsmith, "Impact", 1960, chapter 1 (coefficient of restitution); the clamped spring and damper: Hunt,
-//! Crossley, ASME J. Appl. Mech. 42(2), 1975, whose criticism (a damper alone would pull) the clamp answers in part.
+//! The standard coefficient of restitution, and a Kelvin-Voigt contact whose force is clamped, because its damper
+//! would pull as the device leaves.
 
 use serde::{Deserialize, Serialize};
 

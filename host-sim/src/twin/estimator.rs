@@ -35,6 +35,25 @@ struct Rest {
     kalman: KalmanState,
     loops: Loop,
     stamps: Stamps,
+    behind: Option<Behind>,
+}
+
+/// A first-order low-pass behind an estimator.
+#[derive(Clone, Copy, Debug)]
+struct Behind {
+    filter: FirstOrder,
+    input: f64,
+    output: f64,
+}
+
+impl Behind {
+    fn update(&mut self, input: f64) -> f64 {
+        let FirstOrder { b0, a1 } = self.filter;
+        let raw = b0 * (input + self.input) - a1 * self.output;
+        self.input = input;
+        self.output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+        self.output
+    }
 }
 
 pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
@@ -113,8 +132,23 @@ impl TwinEstimator {
             kalman: KalmanState::default(),
             loops: Loop::default(),
             stamps: Stamps::REST,
+            behind: None,
         };
         Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
+    }
+
+    /// The same with a first-order low-pass behind it, for any but the finite difference with or without
+    /// a low-pass of its own.
+    ///
+    /// # Errors
+    /// The cutoff is out of range; for the others `estimator` is refused.
+    pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        let filter = FirstOrder::new(cutoff_hz, rate_hz, false)?;
+        if let Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Difference = self.kind {
+            return Err(SettingsError { parameter: "estimator", value: 0.0, range: 1.0..=1.0 });
+        }
+        self.rest.behind = Some(Behind { filter, input: 0.0, output: 0.0 });
+        Ok(self)
     }
 
     /// The velocity after a move by `difference` counts.
@@ -141,7 +175,13 @@ impl TwinEstimator {
                 output
             }
             Kind::Difference => input,
-            other => self.rest.update(other, difference, senses),
+            other => {
+                let velocity = self.rest.update(other, difference, senses);
+                match &mut self.rest.behind {
+                    None => velocity,
+                    Some(behind) => behind.update(velocity),
+                }
+            }
         }
     }
 }

@@ -1,0 +1,307 @@
+//! The tunings that a search may take: along the bandwidth, and along a second parameter, 0 to 1 each.
+//!
+//! **First axis**: the same decades of [bandwidth](super::bandwidth) for every estimator, [`LOW`] to
+//! half of the rate, as far as the core accepts the tuning. A window is the whole number nearest to it.
+//!
+//! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
+//! as the core accepts it; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
+//! to twice the device's.
+
+use zwidth::{
+    Design, VelocitySettings,
+    velocity::{EstimatorName, Parameter},
+};
+
+use super::bandwidth::bandwidth_hz;
+
+/// Lowest bandwidth that is searched, of the rate: 20 Hz at 10 kHz.
+const LOW: f64 = 2e-3;
+/// Numbers beyond every tuning that the core accepts.
+const TUNINGS: [f64; 2] = [1e-9, 1e12];
+/// Halvings, on a logarithmic scale, of what lies between those.
+const HALVINGS: u32 = 60;
+
+/// What a search may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Free {
+    /// Tuning and second parameter.
+    All,
+    /// The tuning.
+    Tuning,
+    /// Nothing: it is walked as it is.
+    Nothing,
+}
+
+/// Tunings of one estimator.
+#[derive(Clone, Debug)]
+pub struct Axes {
+    start: VelocitySettings,
+    design: Design,
+    /// The tuning is a whole number.
+    whole: bool,
+    /// Tuning at the lowest and at the highest bandwidth.
+    pub tuning: [f64; 2],
+    /// Those bandwidths, Hz.
+    pub bandwidth_hz: [f64; 2],
+    /// The core accepts nothing beyond each of these ends.
+    pub refused_beyond: [bool; 2],
+    /// Lowest and highest second parameter.
+    pub second: Option<[f64; 2]>,
+    /// The core accepts no second parameter beyond those.
+    pub second_refused_beyond: bool,
+}
+
+impl Axes {
+    /// Those of that estimator, which the core accepts as it is; `None` if there is nothing to tune.
+    pub fn new(
+        start: &VelocitySettings,
+        design: &Design,
+        mass_kg: f64,
+        free: Free,
+    ) -> Option<Self> {
+        let (parameter, default) = start.tuning().filter(|_| free != Free::Nothing)?;
+        let second = start.name().parameters()[1].filter(|_| free == Free::All);
+        let second = second.and_then(|p| second_range(&p, mass_kg));
+        let mut axes = Self {
+            start: *start,
+            design: *design,
+            whole: parameter.unit == "samples",
+            tuning: [default; 2],
+            bandwidth_hz: [0.0; 2],
+            refused_beyond: [true; 2],
+            second,
+            second_refused_beyond: false,
+        };
+        axes.second_refused_beyond = second.is_some_and(|[low, high]| {
+            let (_, [tuning, _]) = EstimatorName::of(start);
+            let beyond = [low / 1.001, high * 1.001];
+            beyond.iter().all(|&second| !axes.accepts(&start.name().settings([tuning, second])))
+        });
+        let mut ends = TUNINGS.map(|far| axes.last_accepted(default, far));
+        let mut reached = [axes.bandwidth_at(ends[0])?, axes.bandwidth_at(ends[1])?];
+        if reached[0] > reached[1] {
+            ends.reverse();
+            reached.reverse();
+        }
+        (axes.tuning, axes.bandwidth_hz) = (ends, reached);
+        let wanted = [LOW * design.rate_hz, 0.5 * design.rate_hz];
+        axes.bandwidth_hz = [reached[0].max(wanted[0]), reached[1].min(wanted[1])];
+        for (side, hz) in axes.bandwidth_hz.into_iter().enumerate() {
+            axes.tuning[side] = if axes.whole {
+                axes.nearest_whole(ends, hz)
+            } else {
+                axes.between(ends, hz).unwrap_or(ends[side])
+            };
+            axes.refused_beyond[side] = (axes.tuning[side] / ends[side] - 1.0).abs() < 1e-9;
+        }
+        Some(axes)
+    }
+
+    /// The estimator at a place of the axes.
+    pub fn at(&self, [along, second]: [f64; 2]) -> VelocitySettings {
+        let [low, high] = self.bandwidth_hz;
+        let hz = low * (high / low).powf(along);
+        let (_, [_, before]) = EstimatorName::of(&self.start);
+        let second = self.second.map_or(before, |[low, high]| low * (high / low).powf(second));
+        self.start.name().settings([self.tuning_of(hz), second])
+    }
+
+    /// The place of the estimator's second parameter as it started.
+    pub fn start_second(&self) -> f64 {
+        let (_, [_, before]) = EstimatorName::of(&self.start);
+        self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
+    }
+
+    /// Its bandwidth off by a factor, and what that factor is: whole numbers reach their own only.
+    /// `None` where the core accepts no such tuning.
+    pub fn off_by(
+        &self,
+        settings: &VelocitySettings,
+        factor: f64,
+    ) -> Option<(VelocitySettings, f64)> {
+        let (_, tuning) = settings.tuning()?;
+        let here = bandwidth_hz(settings, &self.design).ok()?;
+        let other = if self.whole {
+            let step = if (factor > 1.0) == (self.tuning[1] > self.tuning[0]) { 1.0 } else { -1.0 };
+            let off = |tuning: f64| {
+                let hz = self.bandwidth_at(tuning)?;
+                Some((hz / here / factor).ln().abs())
+            };
+            let (mut other, mut least) = (tuning + step, off(tuning + step)?);
+            while let Some(next) = off(other + step).filter(|next| *next < least) {
+                (other, least) = (other + step, next);
+            }
+            other
+        } else {
+            let ends = TUNINGS.map(|far| self.last_accepted(tuning, far));
+            self.between(ends, here * factor)?
+        };
+        let wrong = settings.with_tuning(other);
+        let reached = bandwidth_hz(&wrong, &self.design).ok()? / here;
+        Some((wrong, reached))
+    }
+
+    /// Whether the core takes those settings.
+    pub fn accepts(&self, settings: &VelocitySettings) -> bool {
+        settings.build(&self.design).is_ok()
+    }
+
+    fn accepts_tuning(&self, tuning: f64) -> bool {
+        self.accepts(&self.start.with_tuning(tuning))
+    }
+
+    fn bandwidth_at(&self, tuning: f64) -> Option<f64> {
+        bandwidth_hz(&self.start.with_tuning(tuning), &self.design).ok()
+    }
+
+    /// The tuning nearest to `far` that is accepted, `near` being accepted.
+    fn last_accepted(&self, near: f64, far: f64) -> f64 {
+        let (mut good, mut bad) = (near, far);
+        for _ in 0..HALVINGS {
+            let middle = (good * bad).sqrt();
+            if self.accepts_tuning(middle) { good = middle } else { bad = middle }
+        }
+        if self.whole { good.round() } else { good }
+    }
+
+    /// The tuning of that bandwidth, within the ends.
+    fn tuning_of(&self, hz: f64) -> f64 {
+        let [low, high] = self.bandwidth_hz;
+        if hz <= low {
+            return self.tuning[0];
+        }
+        if hz >= high {
+            return self.tuning[1];
+        }
+        if self.whole {
+            return self.nearest_whole(self.tuning, hz);
+        }
+        self.between(self.tuning, hz).unwrap_or(self.tuning[0])
+    }
+
+    /// The whole number between two whose bandwidth is nearest.
+    fn nearest_whole(&self, [one, other]: [f64; 2], hz: f64) -> f64 {
+        let (mut tuning, last) = (one.min(other), one.max(other));
+        let (mut nearest, mut least) = (tuning, f64::INFINITY);
+        while tuning <= last {
+            let off = self.bandwidth_at(tuning).map_or(f64::INFINITY, |at| (at / hz).ln().abs());
+            if off < least {
+                (nearest, least) = (tuning, off);
+            }
+            tuning += 1.0;
+        }
+        nearest
+    }
+
+    /// The tuning of that bandwidth between two; `None` if it lies outside.
+    fn between(&self, ends: [f64; 2], hz: f64) -> Option<f64> {
+        let (mut slow, mut fast) = (ends[0], ends[1]);
+        if self.bandwidth_at(slow)? > hz || self.bandwidth_at(fast)? < hz {
+            return None;
+        }
+        for _ in 0..HALVINGS {
+            let middle = (slow * fast).sqrt();
+            if self.bandwidth_at(middle)? < hz { slow = middle } else { fast = middle }
+        }
+        Some(fast)
+    }
+}
+
+fn second_range(parameter: &Parameter, mass_kg: f64) -> Option<[f64; 2]> {
+    match parameter.name {
+        "lambda_ratio" => Some([0.5, 3.0]),
+        "noise" => Some([0.25, 8.0]),
+        "mass" => Some([0.5 * mass_kg, 2.0 * mass_kg]),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn axes(name: EstimatorName) -> Axes {
+        let design = NamedScene::load("paper-1um").unwrap().scene.design();
+        Axes::new(&name.defaults(), &design, 0.416, Free::All).unwrap()
+    }
+
+    fn hz(axes: &Axes, settings: &VelocitySettings) -> f64 {
+        bandwidth_hz(settings, &axes.design).unwrap()
+    }
+
+    #[test]
+    fn every_estimator_is_searched_over_the_same_decades_as_far_as_the_core_accepts() {
+        for &name in EstimatorName::ALL {
+            let Some((_, _)) = name.defaults().tuning() else { continue };
+            let axes = axes(name);
+            let ends = [0.0, 1.0].map(|along| hz(&axes, &axes.at([along, axes.start_second()])));
+            println!(
+                "{}: {:?} is {ends:?} Hz, refused beyond {:?}",
+                name.text(),
+                axes.tuning,
+                axes.refused_beyond
+            );
+            for (side, wanted) in [20.0, 5000.0].into_iter().enumerate() {
+                let outside = match side {
+                    0 => ends[0] > 1.001 * wanted,
+                    _ => ends[1] < wanted,
+                };
+                assert!(ends[0] >= 0.999 * 20.0 && ends[1] <= 5000.0);
+                // an end inside the decades is one that the core sets: one step on is refused
+                if outside {
+                    assert!(axes.refused_beyond[side], "{name:?} {ends:?}");
+                    let other = axes.tuning[1 - side];
+                    let on = if axes.whole {
+                        axes.tuning[side] + (axes.tuning[side] - other).signum()
+                    } else {
+                        axes.tuning[side] * (axes.tuning[side] / other).powf(1e-3)
+                    };
+                    assert!(!axes.accepts_tuning(on), "{name:?}: {on} is accepted");
+                }
+            }
+        }
+        for name in
+            [EstimatorName::FoawEnd, EstimatorName::LeastSquares1, EstimatorName::TimeStamps]
+        {
+            assert_eq!(axes(name).tuning[1], 1.0, "{name:?}");
+        }
+    }
+
+    #[test]
+    fn a_tuning_is_off_by_as_much_bandwidth_whatever_its_unit() {
+        for (name, tuning) in [
+            (EstimatorName::Butterworth, 700.0),
+            (EstimatorName::LevantExplicit, 5.0),
+            (EstimatorName::Kalman3, 1e4),
+            (EstimatorName::Observer, 100.0),
+        ] {
+            let axes = axes(name);
+            let best = name.defaults().with_tuning(tuning);
+            for factor in [1.0 / 1.2, 1.2] {
+                let (wrong, reached) = axes.off_by(&best, factor).unwrap();
+                assert!((reached / factor - 1.0).abs() < 1e-6, "{name:?}: {reached}");
+                assert!((hz(&axes, &wrong) / hz(&axes, &best) / factor - 1.0).abs() < 1e-6);
+            }
+        }
+        // sqrt(C): 44 % of it
+        let levant = axes(EstimatorName::LevantImplicit);
+        let best = EstimatorName::LevantImplicit.defaults();
+        let (wrong, _) = levant.off_by(&best, 1.2).unwrap();
+        assert!((wrong.tuning().unwrap().1 / (20.0 * 1.44) - 1.0).abs() < 1e-6);
+        // whole numbers: the nearest, never the same
+        let window = axes(EstimatorName::FoawEnd);
+        let off = |samples: f64, factor| {
+            let best = EstimatorName::FoawEnd.defaults().with_tuning(samples);
+            window.off_by(&best, factor).map(|(wrong, by)| (wrong.tuning().unwrap().1, by))
+        };
+        assert_eq!(off(3.0, 1.2).unwrap().0, 2.0);
+        assert_eq!(off(12.0, 1.2).unwrap().0, 10.0);
+        assert_eq!(off(12.0, 1.0 / 1.2).unwrap().0, 14.0);
+        assert!((off(2.0, 1.2).unwrap().1 - 2.0).abs() < 1e-6);
+        assert_eq!(off(1.0, 1.2), None);
+        // beyond what the core accepts
+        let fast = EstimatorName::TrackingLoop.defaults().with_tuning(2400.0);
+        assert_eq!(axes(EstimatorName::TrackingLoop).off_by(&fast, 1.2), None);
+    }
+}

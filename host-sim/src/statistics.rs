@@ -1,0 +1,81 @@
+//! Whether the walks tell two results apart: Welch's unequal variances t-test (Biometrika 34, 1947).
+
+use statrs::distribution::{ContinuousCDF as _, StudentsT};
+
+/// A result is as good as the best if its mean is at least this fraction of the best one's.
+pub const AS_GOOD_AS_BEST: f64 = 0.98;
+/// Chance that the test drops a result that is just as good as it must be.
+pub const LEVEL: f64 = 0.05;
+
+/// Mean and squared standard error of a few repeats.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Repeats {
+    /// How many.
+    pub count: f64,
+    /// Their mean; 0 without any.
+    pub mean: f64,
+    /// Square of the standard error of the mean; 0 with a single one.
+    pub squared_error: f64,
+}
+
+impl Repeats {
+    /// Of those values.
+    pub fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "a handful of repeats")]
+        let count = values.clone().count().max(1) as f64;
+        let mean = values.clone().sum::<f64>() / count;
+        let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
+        Self { count, mean, squared_error: squares / (count - 1.0).max(1.0) / count }
+    }
+
+    /// Whether the repeats show the mean to be below `share` of the mean of `best`: one-sided, at
+    /// [`LEVEL`]. Without spread it is a plain comparison.
+    pub fn is_below(&self, share: f64, best: &Self) -> bool {
+        let lacking = share * best.mean - self.mean;
+        let errors = [self.squared_error, share * share * best.squared_error];
+        let squared_error = errors[0] + errors[1];
+        if lacking <= 0.0 || squared_error == 0.0 {
+            return lacking > 0.0;
+        }
+        let weight = |count: f64, error: f64| error * error / (count - 1.0).max(1.0);
+        let weights = weight(self.count, errors[0]) + weight(best.count, errors[1]);
+        let freedom = squared_error * squared_error / weights;
+        match StudentsT::new(0.0, 1.0, freedom) {
+            Ok(distribution) => {
+                lacking > distribution.inverse_cdf(1.0 - LEVEL) * squared_error.sqrt()
+            }
+            Err(_) => true, // the freedom is at least 1 by its definition
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_counts_only_where_it_exceeds_the_spread() {
+        let of = |values: &[f64]| Repeats::of(values.iter().copied());
+        let best = of(&[99.0, 100.0, 101.0, 100.0]);
+        // t = 4 / sqrt(0.167 + 2 * 0.98^2 ..): far below and far above what 5 % asks for
+        assert!(of(&[93.0, 94.0, 95.0, 94.0]).is_below(AS_GOOD_AS_BEST, &best));
+        assert!(!of(&[80.0, 108.0, 95.0, 93.0]).is_below(AS_GOOD_AS_BEST, &best));
+        assert!(!of(&[98.5; 4]).is_below(AS_GOOD_AS_BEST, &best));
+        // without spread: a plain comparison
+        assert!(of(&[97.9]).is_below(AS_GOOD_AS_BEST, &of(&[100.0])));
+        assert!(!of(&[98.1]).is_below(AS_GOOD_AS_BEST, &of(&[100.0])));
+        assert_eq!(of(&[]).mean, 0.0);
+    }
+
+    #[test]
+    fn the_threshold_is_that_of_the_t_distribution() {
+        // Two of equal spread and count 4: 6 degrees of freedom, t(95 %) = 1.9432; the squared error
+        // of each mean is 1/6, of their difference 1/3.
+        let around = |mean: f64| Repeats::of([-0.5, 0.5, -0.5, 0.5].map(|d| mean + d).into_iter());
+        let spread = around(0.0).squared_error;
+        assert!((spread - 1.0 / 12.0).abs() < 1e-12, "{spread}");
+        let least = 1.943_2 * (2.0 * spread).sqrt();
+        assert!(!around(100.0 - 0.99 * least).is_below(1.0, &around(100.0)));
+        assert!(around(100.0 - 1.01 * least).is_below(1.0, &around(100.0)));
+    }
+}
