@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use zwidth::experiment::{Ended, Verdict, Walk, WalkError};
+use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 
 use crate::{
     error::Error,
@@ -43,6 +43,75 @@ impl Boundary {
     }
 }
 
+/// A walk in progress, with what it has found.
+#[derive(Clone, Debug)]
+pub struct Progress {
+    walk: Walk,
+    boundary: Boundary,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+}
+
+impl Progress {
+    /// The walk of that scene at `cutoff_hz`, its first hit still to come.
+    pub fn new(rig: &Rig, cutoff_hz: f64, start_offset_counts: f64) -> Self {
+        let walk = Walk::new(rig.scene().walk_plan());
+        let boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
+        Self { walk, boundary, cutoff_hz, start_offset_counts }
+    }
+
+    /// The next hit.
+    pub fn hit(&self) -> WallHit {
+        self.hit_at(self.walk.cell())
+    }
+
+    fn hit_at(&self, cell: Cell) -> WallHit {
+        WallHit {
+            cutoff_hz: self.cutoff_hz,
+            stiffness_n_per_m: self.walk.plan().stiffness_n_per_m(cell),
+            damping_n_s_per_m: self.walk.plan().damping_n_s_per_m(cell),
+            start_offset_counts: self.start_offset_counts,
+        }
+    }
+
+    /// Takes the verdict of [`hit`](Self::hit). `Some` once the walk is over: its boundary, or why there is none.
+    /// A first point that is unstable gives an empty boundary; a hit that leaves the core's range counts as unstable.
+    pub fn report(
+        &mut self,
+        verdict: Result<Verdict, HitError>,
+    ) -> Option<Result<Boundary, Error>> {
+        let hit = self.hit();
+        self.boundary.hits += 1;
+        let verdict = match verdict {
+            // an early verdict may end the hit before the handle leaves; both are unstable
+            Err(HitError::OutOfRange(_)) => Verdict::Unstable,
+            Err(error) => return Some(Err(error.into())),
+            Ok(verdict) => verdict,
+        };
+        let step = match self.walk.report(verdict) {
+            Ok(step) => step,
+            Err(WalkError::FirstUnstable) => return Some(Ok(self.boundary.clone())),
+            Err(error @ WalkError::NoContact(_)) => {
+                let (k, b) = (hit.stiffness_n_per_m, hit.damping_n_s_per_m);
+                return Some(Err(Error::Input(format!(
+                    "no_contact at {} Hz, K = {k} N/m, B = {b} N s/m: {error}; \
+                     raise wall_hit.push_n or move wall.position_m closer",
+                    self.cutoff_hz
+                ))));
+            }
+        };
+        let plan = self.walk.plan();
+        if let Some(cell) = step.boundary {
+            let stiffness_n_per_m = plan.stiffness_n_per_m(cell);
+            let damping_n_s_per_m = plan.damping_n_s_per_m(cell);
+            self.boundary.area += stiffness_n_per_m * plan.damping_step_n_s_per_m;
+            self.boundary.points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
+        }
+        self.boundary.ended = step.ended;
+        step.ended.map(|_| Ok(self.boundary.clone()))
+    }
+}
+
 /// Follows the boundary at `cutoff_hz`. A first point that is unstable gives an empty boundary; a
 /// hit that leaves the core's range counts as unstable.
 /// `stop` is looked at between two hits.
@@ -56,46 +125,14 @@ pub fn walk(
     start_offset_counts: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    let plan = rig.scene().walk_plan();
-    let mut walk = Walk::new(plan);
-    let mut boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
+    let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let cell = walk.cell();
-        let hit = WallHit {
-            cutoff_hz,
-            stiffness_n_per_m: plan.stiffness_n_per_m(cell),
-            damping_n_s_per_m: plan.damping_n_s_per_m(cell),
-            start_offset_counts,
-        };
-        boundary.hits += 1;
-        let verdict = match rig.verdict(numeric, &hit) {
-            // an early verdict may end the hit before the handle leaves; both are unstable
-            Err(HitError::OutOfRange(_)) => Verdict::Unstable,
-            verdict => verdict?,
-        };
-        let step = match walk.report(verdict) {
-            Ok(step) => step,
-            Err(WalkError::FirstUnstable) => return Ok(boundary),
-            Err(error @ WalkError::NoContact(_)) => {
-                let (k, b) = (hit.stiffness_n_per_m, hit.damping_n_s_per_m);
-                return Err(Error::Input(format!(
-                    "no_contact at {cutoff_hz} Hz, K = {k} N/m, B = {b} N s/m: {error}; \
-                     raise wall_hit.push_n or move wall.position_m closer"
-                )));
-            }
-        };
-        if let Some(cell) = step.boundary {
-            let stiffness_n_per_m = plan.stiffness_n_per_m(cell);
-            let damping_n_s_per_m = plan.damping_n_s_per_m(cell);
-            boundary.area += stiffness_n_per_m * plan.damping_step_n_s_per_m;
-            boundary.points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
-        }
-        if step.ended.is_some() {
-            boundary.ended = step.ended;
-            return Ok(boundary);
+        let verdict = rig.verdict(numeric, &progress.hit());
+        if let Some(ended) = progress.report(verdict) {
+            return ended;
         }
     }
 }
