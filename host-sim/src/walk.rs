@@ -1,10 +1,14 @@
 //! The boundary of the stable walls at one cutoff, followed by the core's walk.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 
 use crate::{
+    batch::{Backend, Depth, Outcome, Work, lanes_for, run},
     error::Error,
     rig::{HitError, Numeric, Rig, WallHit},
 };
@@ -126,13 +130,110 @@ pub fn walk(
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
     let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
+    let mut known = BTreeMap::new();
     loop {
+        while let Some(verdict) = known.remove(&place(progress.walk.cell())) {
+            if let Some(ended) = progress.report(verdict) {
+                return ended;
+            }
+        }
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let verdict = rig.verdict(numeric, &progress.hit());
-        if let Some(ended) = progress.report(verdict) {
-            return ended;
+        let backend = Backend::best();
+        let lanes = if lanes_for(rig) { backend.lanes() } else { 1 };
+        let cells = ahead(&progress.walk, &known, lanes);
+        let mut work =
+            Ahead { progress: &progress, cells, begun: 0, lanes: vec![], known: &mut known };
+        run(backend, rig, numeric, Depth::Verdict, &mut work);
+    }
+}
+
+type Known = BTreeMap<(i32, i32), Result<Verdict, HitError>>;
+
+fn place(cell: Cell) -> (i32, i32) {
+    (cell.stiffness, cell.damping)
+}
+
+/// A walk alone would fill one lane, so the others run what it may ask for next: the cells that are the fewest
+/// unknown verdicts away. The first is the one that it asks for now. Which of them are ever used, and so the
+/// boundary and its count of hits, does not depend on how many there are.
+fn ahead(walk: &Walk, known: &Known, lanes: usize) -> Vec<Cell> {
+    let mut cells: Vec<Cell> = vec![];
+    let mut next = VecDeque::from([*walk]);
+    while let Some(walk) = next.pop_front().filter(|_| cells.len() < lanes) {
+        let cell = walk.cell();
+        let verdicts = match known.get(&place(cell)) {
+            Some(Ok(verdict)) => vec![*verdict],
+            Some(Err(_)) => vec![Verdict::Unstable],
+            None if cells.contains(&cell) => vec![Verdict::Stable, Verdict::Unstable],
+            None => {
+                cells.push(cell);
+                vec![Verdict::Stable, Verdict::Unstable]
+            }
+        };
+        for verdict in verdicts {
+            let mut later = walk;
+            if later.report(verdict).is_ok_and(|step| step.ended.is_none())
+                && next.len() < AHEAD_MAX
+            {
+                next.push_back(later);
+            }
+        }
+    }
+    cells
+}
+
+/// Bounds the look ahead where walks meet in the same cells again.
+const AHEAD_MAX: usize = 1000;
+
+struct Ahead<'a> {
+    progress: &'a Progress,
+    cells: Vec<Cell>,
+    begun: usize,
+    /// Which cell each lane has.
+    lanes: Vec<Cell>,
+    known: &'a mut Known,
+}
+
+impl Work for Ahead<'_> {
+    fn next(&mut self, lane: usize) -> Option<WallHit> {
+        let cell = *self.cells.get(self.begun)?;
+        self.begun += 1;
+        if self.lanes.len() <= lane {
+            self.lanes.resize(lane + 1, cell);
+        }
+        *self.lanes.get_mut(lane)? = cell;
+        Some(self.progress.hit_at(cell))
+    }
+
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        if let Some(cell) = self.lanes.get(lane) {
+            self.known.insert(place(*cell), outcome.map(|outcome| outcome.verdict));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    #[test]
+    fn a_walk_that_looks_ahead_is_the_walk_hit_by_hit() {
+        for (name, cutoff_hz, offset) in [("paper-1um", 200.0, 0.0), ("paper-2um", 1500.0, 0.75)] {
+            let rig = Rig::new(&NamedScene::load(name).unwrap().scene).unwrap();
+            let stop = AtomicBool::new(false);
+            let ahead = walk(&rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap();
+            let mut one_by_one = Progress::new(&rig, cutoff_hz, offset);
+            let plain = loop {
+                let verdict = rig.verdict(Numeric::Fixed, &one_by_one.hit());
+                if let Some(ended) = one_by_one.report(verdict) {
+                    break ended.unwrap();
+                }
+            };
+            assert_eq!(ahead, plain);
+            assert!(plain.hits > 40 && plain.points.len() > 10, "{}", plain.hits);
         }
     }
 }

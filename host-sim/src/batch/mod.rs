@@ -12,9 +12,15 @@
 //! and here for vectors. The core's own functions, called per lane in a loop over arrays, are not vectorised
 //! by the compiler (8.6 ns a sample with AVX-512 enabled, as slow as one lane at a time), and making the core
 //! generic over the machine would put a type parameter on every quantity in it. So only the hot stages are here:
-//! quantiser and difference, filter ([`fixed`], [`twin`]), wall, saturation, output code, plant, sums. Everything
+//! quantiser and difference, filter (`fixed.rs`, `twin.rs`), wall, saturation, output code, plant, sums. Everything
 //! else (settings, gains, coefficients, verdicts, walks) is the core's. Random scenes hold the two together
 //! (`tests.rs`), on every backend that the machine has.
+//!
+//! # Stages
+//! Between two events (an output, an arriving command) the plant needs nothing of the controller. So a block of
+//! up to 16 samples is taken stage by stage: the plant moves on, the positions become counts, the counts are
+//! filtered. A whole sample waits for its own results some forty cycles; a stage waits ten, and two vectors side
+//! by side fill them.
 //!
 //! # What is taken
 //! See [`lanes_for`]: linear plants (with amplifier, mode, arm), any latency, rounding, resolution and output

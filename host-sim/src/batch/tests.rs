@@ -299,3 +299,62 @@ proptest! {
         hold(&rig, &hits);
     }
 }
+
+/// The files of a sweep are made of this: it must not depend on backend or threads.
+#[test]
+fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
+    use crate::sweep::{Plan, sweep_with};
+    let mut scenes = [paper(), NamedScene::load("paper-2um").unwrap().scene];
+    for scene in &mut scenes {
+        scene.wall_hit.settle_s = 1.0;
+        scene.wall_hit.window_s = 0.5;
+        scene.walk.stiffness_step_n_per_m = 8000.0;
+        scene.walk.damping_step_n_s_per_m = 80.0;
+    }
+    let rigs = scenes.map(|scene| Rig::new(&scene).unwrap());
+    let plans: Vec<Plan<'_>> = rigs
+        .iter()
+        .map(|rig| Plan { name: "s", rig, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
+        .collect();
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    for numeric in [Numeric::Fixed, Numeric::F64] {
+        let mut all = vec![];
+        for backend in backends() {
+            for threads in [1, 2, 5] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let swept = pool.install(|| sweep_with(backend, &plans, numeric, 3, &stop, |_| {}));
+                all.push(format!("{:?}", swept.unwrap()));
+            }
+        }
+        let points = all[0].matches("BoundaryPoint").count();
+        assert!(points > 20, "{points}");
+        assert!(all.iter().all(|swept| *swept == all[0]));
+    }
+}
+
+#[test]
+fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    let mut scene = short(paper());
+    scene.wall_hit.settle_s = 0.001;
+    scene.wall_hit.window_s = 0.001;
+    let rig = Rig::new(&scene).unwrap();
+    let stop = AtomicBool::new(false);
+    let hit = |number: u64| WallHit {
+        stiffness_n_per_m: number as f64,
+        ..grid(&[900.0], &[0.0], &[10.0])[0]
+    };
+    let mut next = 0;
+    let mut take = |number, _| {
+        assert_eq!(number, next);
+        next += 1;
+        if number == 7000 {
+            stop.store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    };
+    let ended =
+        stream(Backend::best(), &rig, Numeric::Fixed, Depth::Whole, 20_000, hit, &stop, &mut take);
+    assert!(matches!(ended, Err(crate::error::Error::Interrupted)));
+    assert!(next > 7000 && next < 20_000);
+}
