@@ -45,6 +45,16 @@ impl Gain {
         Some(Self { mantissa: mantissa as i32, shift: shift as i8 })
     }
 
+    /// 2^30 to 2^31, or 0.
+    pub const fn mantissa(self) -> i32 {
+        self.mantissa
+    }
+
+    /// Bits by which a product with the mantissa is shifted right; to the left if negative.
+    pub const fn shift(self) -> i8 {
+        self.shift
+    }
+
     /// The factor as a float, exact.
     pub fn as_f64(self) -> f64 {
         libm::scalbn(f64::from(self.mantissa), -i32::from(self.shift))

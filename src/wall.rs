@@ -25,6 +25,16 @@ impl Wall {
         self.surface
     }
 
+    /// K: force LSB per count of penetration.
+    pub fn stiffness(&self) -> Gain {
+        self.stiffness
+    }
+
+    /// B: force LSB per LSB of velocity.
+    pub fn damping(&self) -> Gain {
+        self.damping
+    }
+
     /// Counts of `position` behind the surface; contact is where this is positive.
     #[inline]
     pub fn penetration(&self, position: Position) -> i32 {

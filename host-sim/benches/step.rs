@@ -9,13 +9,16 @@
     reason = "a test fails loudly"
 )]
 
-use std::{f64::consts::PI, hint::black_box};
+mod plain;
+
+use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use host_sim::{
     rig::{Numeric, Rig, WallHit},
     scene::NamedScene,
 };
+use plain::{SAMPLES, plain};
 
 const HIT: WallHit = WallHit {
     cutoff_hz: 1500.0,
@@ -23,49 +26,6 @@ const HIT: WallHit = WallHit {
     damping_n_s_per_m: 300.0, // on the boundary: a limit cycle, so no state ever gets subnormal
     start_offset_counts: 0.0,
 };
-const SAMPLES: usize = 60_000;
-
-/// Mass, quantiser, difference, biquad, wall, saturation, latency: straight from the formulas.
-fn plain(stiffness: f64, damping: f64) -> f64 {
-    let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);
-    let (t, resolution, full_scale, push) = (1e-4, 1e-6, 5.906, 2.835);
-    let w = 2.0 * PI * 1500.0 * t;
-    let a0 = 4.0 + 8f64.sqrt() * w + w * w;
-    let (b0, a1, a2) = (w * w / a0, (2.0 * w * w - 8.0) / a0, (4.0 - 8f64.sqrt() * w + w * w) / a0);
-    // four terms of the matrix exponential: enough for the same work per step
-    let (kk, bb) = (k / mass, b / mass);
-    let xx = 1.0 - kk * t * t / 2.0;
-    let xv = t - bb * t * t / 2.0;
-    let (gx, gv) = (t * t / 2.0 / mass, (t - bb * t * t / 2.0) / mass);
-    let (vx, vv) = (-kk * xv, 1.0 - bb * t + (bb * bb - kk) * t * t / 2.0);
-    let wall = (0.07f64 / resolution).round();
-    let (mut x, mut v, mut last) = (-rest, 0.0, 0.0);
-    let (mut x1, mut x2, mut y1, mut y2) = (0.0, 0.0, 0.0, 0.0);
-    let (mut force, mut next) = (0.0, 0.0);
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for n in 0..SAMPLES {
-        let exact = (x + rest) / resolution;
-        let towards_zero = exact as i64 as f64;
-        let count = towards_zero - f64::from(u8::from(towards_zero > exact));
-        let difference = count - last;
-        last = count;
-        let y = b0 * (difference + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
-        (x2, x1, y2, y1) = (x1, difference, y1, y);
-        if n % 10 == 0 {
-            force = next; // one output of latency
-            let depth = (count - wall) * resolution;
-            let reaction = stiffness * depth + damping * y * resolution / t;
-            let reaction = if depth > 0.0 { reaction.max(0.0) } else { 0.0 };
-            next = (push - reaction).clamp(-full_scale, full_scale);
-        }
-        (x, v) = (xx * x + xv * v + gx * force, vx * x + vv * v + gv * force);
-        if n >= 40_000 {
-            sum += count - wall;
-            squares += (count - wall) * (count - wall);
-        }
-    }
-    (squares / 20_000.0 - (sum / 20_000.0).powi(2)).sqrt()
-}
 
 fn step(c: &mut Criterion) {
     let rig = Rig::new(&NamedScene::load("paper-1um").expect("built in").scene).expect("valid");

@@ -67,6 +67,11 @@ impl Fixed {
         })
     }
 
+    /// The core's settings, folded into integers.
+    pub fn control(&self) -> &Control {
+        &self.control
+    }
+
     /// The last sample as the core saw it.
     pub fn motion(&self) -> Motion {
         self.motion

@@ -8,17 +8,14 @@
 //! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which bounds
 //! their number; between two B the firmware takes what both of them allow.
 
-use std::{
-    fmt::Write as _,
-    sync::atomic::{AtomicBool, Ordering},
-};
+use std::{fmt::Write as _, sync::atomic::AtomicBool};
 
-use rayon::prelude::*;
 use zwidth::experiment::{Cell, Verdict};
 
 use crate::{
+    batch::{Backend, Depth, stream},
     error::Error,
-    rig::{HitError, Numeric, Rig, WallHit},
+    rig::{Numeric, Rig, WallHit},
     scene::NamedScene,
     sweep::{CutoffResult, SweepResult},
 };
@@ -97,66 +94,81 @@ pub fn envelopes(
             .map(move |(n, low)| (cutoff_hz, n, low))
             .collect::<Vec<_>>()
     };
-    let jobs: Vec<(f64, i32, f64)> = sweep.cutoffs.iter().flat_map(columns).collect();
-    let points: Vec<Result<(f64, Interval), Error>> = jobs
-        .into_par_iter()
-        .map(|(cutoff_hz, damping, boundary)| {
-            Ok((cutoff_hz, column(rig, numeric, cutoff_hz, damping, boundary, stop)?))
-        })
-        .collect();
+    let columns = sweep
+        .cutoffs
+        .iter()
+        .flat_map(columns)
+        .map(|(cutoff_hz, damping, boundary)| (cutoff_hz, Column::new(rig, damping, boundary)));
+    let columns: Vec<(f64, Column)> = columns.collect();
+    let mut hits = vec![];
+    for (cutoff_hz, column) in &columns {
+        hits.extend(column.stiffnesses_n_per_m.iter().map(|&stiffness_n_per_m| WallHit {
+            cutoff_hz: *cutoff_hz,
+            stiffness_n_per_m,
+            damping_n_s_per_m: column.damping_n_s_per_m,
+            start_offset_counts: 0.0,
+        }));
+    }
+    let mut stable = vec![];
+    #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
+    let hit = |number: u64| hits[number as usize];
+    let (backend, depth) = (Backend::best(), Depth::Verdict);
+    stream(backend, rig, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
+        stable.push(outcome?.verdict == Verdict::Stable);
+        Ok(())
+    })?;
+    let mut stable = stable.into_iter();
     let mut envelopes: Vec<Envelope> = vec![];
-    for point in points {
-        let (cutoff_hz, point) = point?;
+    for (cutoff_hz, column) in columns {
+        let interval = column.longest(stable.by_ref());
         match envelopes.last_mut() {
-            Some(envelope) if envelope.cutoff_hz == cutoff_hz => envelope.intervals.push(point),
-            _ => envelopes.push(Envelope { cutoff_hz, intervals: vec![point] }),
+            Some(envelope) if envelope.cutoff_hz == cutoff_hz => envelope.intervals.push(interval),
+            _ => envelopes.push(Envelope { cutoff_hz, intervals: vec![interval] }),
         }
     }
     Ok(envelopes)
 }
 
-/// Hits at rising K at one B, up to `boundary_n_per_m`; the longest run of stable ones.
-fn column(
-    rig: &Rig,
-    numeric: Numeric,
-    cutoff_hz: f64,
-    damping: i32,
-    boundary_n_per_m: f64,
-    stop: &AtomicBool,
-) -> Result<Interval, Error> {
-    let plan = rig.scene().walk_plan();
-    let damping_n_s_per_m = plan.damping_n_s_per_m(Cell { stiffness: 0, damping });
-    let mut longest = Interval { damping_n_s_per_m, low_n_per_m: 0.0, high_n_per_m: 0.0 };
-    // Lowest K of the run that goes on; below the first line of the grid there is none.
-    let mut run_n_per_m = Some(0.0);
-    for stiffness in (0..).step_by(STRIDE.unsigned_abs() as usize) {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
-        // the last hit is at the boundary itself
-        let next = plan.stiffness_n_per_m(Cell { stiffness, damping }).min(boundary_n_per_m);
-        let hit = WallHit {
-            cutoff_hz,
-            stiffness_n_per_m: next,
-            damping_n_s_per_m,
-            start_offset_counts: 0.0,
-        };
-        match rig.verdict(numeric, &hit) {
-            Ok(Verdict::Stable) => {
-                let low_n_per_m = *run_n_per_m.get_or_insert(next);
-                let longer = next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m;
-                if longer || longest.high_n_per_m == 0.0 {
-                    longest = Interval { low_n_per_m, high_n_per_m: next, ..longest };
-                }
+/// Hits at rising K at one B, the last at the boundary itself.
+struct Column {
+    damping_n_s_per_m: f64,
+    stiffnesses_n_per_m: Vec<f64>,
+}
+
+impl Column {
+    fn new(rig: &Rig, damping: i32, boundary_n_per_m: f64) -> Self {
+        let plan = rig.scene().walk_plan();
+        let damping_n_s_per_m = plan.damping_n_s_per_m(Cell { stiffness: 0, damping });
+        let mut stiffnesses_n_per_m = vec![];
+        for stiffness in (0..).step_by(STRIDE.unsigned_abs() as usize) {
+            let next = plan.stiffness_n_per_m(Cell { stiffness, damping }).min(boundary_n_per_m);
+            stiffnesses_n_per_m.push(next);
+            if next >= boundary_n_per_m {
+                break;
             }
-            Ok(_) | Err(HitError::OutOfRange(_)) => run_n_per_m = None,
-            Err(error) => return Err(error.into()),
         }
-        if next >= boundary_n_per_m {
-            return Ok(longest);
-        }
+        Self { damping_n_s_per_m, stiffnesses_n_per_m }
     }
-    Ok(longest)
+
+    /// The longest run of stable hits; takes as many verdicts as there are hits.
+    fn longest(&self, verdicts: impl Iterator<Item = bool>) -> Interval {
+        let damping_n_s_per_m = self.damping_n_s_per_m;
+        let mut longest = Interval { damping_n_s_per_m, low_n_per_m: 0.0, high_n_per_m: 0.0 };
+        // Lowest K of the run that goes on; below the first line of the grid there is none.
+        let mut run_n_per_m = Some(0.0);
+        for (&next, stable) in self.stiffnesses_n_per_m.iter().zip(verdicts) {
+            if !stable {
+                run_n_per_m = None;
+                continue;
+            }
+            let low_n_per_m = *run_n_per_m.get_or_insert(next);
+            let longer = next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m;
+            if longer || longest.high_n_per_m == 0.0 {
+                longest = Interval { low_n_per_m, high_n_per_m: next, ..longest };
+            }
+        }
+        longest
+    }
 }
 
 #[cfg(test)]
@@ -194,8 +206,15 @@ mod tests {
         // 4000 Hz, 2 um, B = 390 N s/m: K = 52,000 N/m is stable, 2000 to 40,000 are not.
         let scene = NamedScene::load("paper-2um").unwrap();
         let rig = Rig::new(&scene.scene).unwrap();
-        let stop = AtomicBool::new(false);
-        let interval = column(&rig, Numeric::Fixed, 4000.0, 38, 52_000.0, &stop).unwrap();
+        let column = Column::new(&rig, 38, 52_000.0);
+        let hit = |stiffness_n_per_m: &f64| WallHit {
+            cutoff_hz: 4000.0,
+            stiffness_n_per_m: *stiffness_n_per_m,
+            damping_n_s_per_m: column.damping_n_s_per_m,
+            start_offset_counts: 0.0,
+        };
+        let verdict = |hit| rig.verdict(Numeric::Fixed, &hit) == Ok(Verdict::Stable);
+        let interval = column.longest(column.stiffnesses_n_per_m.iter().map(hit).map(verdict));
         assert_eq!(interval.damping_n_s_per_m, 390.0);
         assert!(interval.low_n_per_m > 40_000.0, "{interval:?}");
         assert_eq!(interval.high_n_per_m, 52_000.0);

@@ -8,6 +8,7 @@
 //! controller in `f64`, to show what fixed point costs.
 #![forbid(unsafe_code)]
 
+pub mod batch;
 pub mod cli;
 pub mod compare;
 pub mod controller;

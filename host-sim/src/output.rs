@@ -38,18 +38,61 @@ pub fn refuse_existing(path: &Path, force: bool) -> Result<(), Error> {
 /// [`Error::Input`] if its folder cannot be written or [`refuse_existing`] refuses,
 /// [`Error::File`] if writing fails half-way.
 pub fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
-    refuse_existing(path, force)?;
-    let folder = match path.parent() {
+    let mut file = GrowingFile::new(path, force)?;
+    file.write(bytes)?;
+    file.finish()
+}
+
+/// A file that is written piece by piece beside its place, and is there when it is whole.
+#[derive(Debug)]
+pub struct GrowingFile {
+    path: PathBuf,
+    force: bool,
+    file: io::BufWriter<NamedTempFile>,
+}
+
+impl GrowingFile {
+    /// Nothing appears at `path` before [`finish`](Self::finish).
+    ///
+    /// # Errors
+    /// [`Error::Input`] if its folder cannot be written or [`refuse_existing`] refuses.
+    pub fn new(path: &Path, force: bool) -> Result<Self, Error> {
+        refuse_existing(path, force)?;
+        let folder = folder_of(path);
+        fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
+        let file = temporary_file(folder).map_err(|error| unwritable(folder, &error))?;
+        Ok(Self { path: path.into(), force, file: io::BufWriter::new(file) })
+    }
+
+    /// The next piece.
+    ///
+    /// # Errors
+    /// [`Error::File`], on a full disk for example.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        self.file.write_all(bytes).map_err(Error::file(&self.path))
+    }
+
+    /// Moves the file into its place.
+    ///
+    /// # Errors
+    /// [`Error::File`] if writing or moving fails; there is then no file, or the old one.
+    pub fn finish(self) -> Result<(), Error> {
+        let Self { path, force, file } = self;
+        let file = file.into_inner().map_err(io::IntoInnerError::into_error);
+        let file = file.map_err(Error::file(&path))?;
+        file.as_file().sync_all().map_err(Error::file(&path))?;
+        let placed = if force { file.persist(&path) } else { file.persist_noclobber(&path) };
+        placed.map_err(|error| Error::File { path: path.clone(), source: error.error })?;
+        sync_folder(folder_of(&path));
+        Ok(())
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
-    };
-    fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
-    let mut file = temporary_file(folder).map_err(|error| unwritable(folder, &error))?;
-    file.write_all(bytes).and_then(|()| file.as_file().sync_all()).map_err(Error::file(path))?;
-    let placed = if force { file.persist(path) } else { file.persist_noclobber(path) };
-    placed.map_err(|error| Error::File { path: path.into(), source: error.error })?;
-    sync_folder(folder);
-    Ok(())
+    }
 }
 
 /// A temporary file as readable as any other that the user makes.

@@ -178,6 +178,11 @@ impl Rig {
         &self.design
     }
 
+    /// The loop around the controller.
+    pub(crate) fn parts(&self) -> &Parts<AnyPlant> {
+        &self.parts
+    }
+
     /// The hit in samples.
     pub fn plan(&self) -> &HitPlan {
         &self.plan
@@ -205,16 +210,16 @@ impl Rig {
         Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
     }
 
-    fn sensing(&self) -> AnySensing {
+    pub(crate) fn sensing(&self) -> AnySensing {
         AnySensing::of(&self.scene)
     }
 
-    fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
+    pub(crate) fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
         let count = self.first_count(hit);
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
     }
 
-    fn twin_of_core(
+    pub(crate) fn twin_of_core(
         &self,
         hit: &WallHit,
         rounding: twin::Rounding,
@@ -230,7 +235,7 @@ impl Rig {
     }
 
     /// What the encoder reads for sample 0: the controller starts at rest there.
-    fn first_count(&self, hit: &WallHit) -> i32 {
+    pub(crate) fn first_count(&self, hit: &WallHit) -> i32 {
         let plant = &self.parts.plant;
         let (index, before_n, after_n) = (0, 0.0, 0.0);
         let state = plant.at_rest(self.start_m(hit));
@@ -367,7 +372,7 @@ impl Rig {
         self.plan.settle + self.plan.window
     }
 
-    fn start_m(&self, hit: &WallHit) -> f64 {
+    pub(crate) fn start_m(&self, hit: &WallHit) -> f64 {
         self.scene.device.start_position_m + hit.start_offset_counts * self.design.resolution_m
     }
 

@@ -5,17 +5,21 @@
 //! area by 0.2 to 2 %. So every walk is repeated from starts spread over one count, and the
 //! result is the mean with its low and high.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use rayon::prelude::*;
 use zwidth::experiment::Ended;
 
 pub use crate::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
+    batch::{Backend, Queue, Start, walks},
     error::Error,
     rig::{Numeric, Rig},
     statistics::Repeats,
-    walk::{Boundary, walk},
+    walk::Boundary,
 };
 
 /// All boundaries at one cutoff.
@@ -133,36 +137,61 @@ pub fn sweep(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<Vec<SweepResult>, Error> {
+    sweep_with(Backend::best(), plans, numeric, repeats, stop, done)
+}
+
+/// [`sweep`] with instructions of one's choice; the result does not depend on them.
+///
+/// # Errors
+/// As [`sweep`].
+pub fn sweep_with(
+    backend: Backend,
+    plans: &[Plan<'_>],
+    numeric: Numeric,
+    repeats: u32,
+    stop: &AtomicBool,
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<Vec<SweepResult>, Error> {
     let sorted: Vec<Vec<f64>> = plans.iter().map(|plan| ascending(plan.cutoffs_hz)).collect();
-    let mut jobs = vec![];
-    for (plan, cutoffs_hz) in plans.iter().zip(&sorted) {
-        for &cutoff_hz in cutoffs_hz {
-            for repeat in 0..repeats {
-                jobs.push((plan, cutoff_hz, start_offset_counts(repeat, repeats)));
-            }
-        }
-    }
+    let starts: Vec<Vec<Start>> = sorted.iter().map(|cutoffs| starts(cutoffs, repeats)).collect();
+    let queues: Vec<Queue<'_>> =
+        plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.rig, starts)).collect();
     // Every walk runs to its end or to the interruption, so that the error that is reported is the
     // first in this order, not the first in time.
-    let walks: Vec<Result<Boundary, Error>> = jobs
+    let threads = rayon::current_num_threads();
+    let made: Vec<_> = (0..threads)
         .into_par_iter()
         .with_max_len(1)
-        .map(|(plan, cutoff_hz, start_offset_counts)| {
-            let boundary = walk(plan.rig, numeric, cutoff_hz, start_offset_counts, stop)
-                .map_err(|error| error.of(plan.name))?;
-            done(&boundary);
-            Ok(boundary)
+        .flat_map_iter(|thread| {
+            let mut made = vec![];
+            for n in 0..queues.len() {
+                // threads begin with different scenes: fewer of them share the end of a queue
+                let plan = (n + thread) % queues.len();
+                walks(backend, numeric, &queues[plan], stop, |walk, boundary| {
+                    if let Ok(boundary) = &boundary {
+                        done(boundary);
+                    }
+                    made.push(((plan, walk), boundary));
+                });
+            }
+            made
         })
         .collect();
+    let mut made: BTreeMap<(usize, usize), Result<Boundary, Error>> = made.into_iter().collect();
     if stop.load(Ordering::Relaxed) {
         return Err(Error::Interrupted);
     }
-    let mut walks = walks.into_iter();
     let mut results = Vec::with_capacity(plans.len());
-    for (plan, cutoffs_hz) in plans.iter().zip(sorted) {
+    for (place, (plan, cutoffs_hz)) in plans.iter().zip(sorted).enumerate() {
         let mut cutoffs = Vec::with_capacity(cutoffs_hz.len());
+        let mut walks = 0..;
         for cutoff_hz in cutoffs_hz {
-            let boundaries = walks.by_ref().take(repeats as usize).collect::<Result<_, _>>()?;
+            let mut boundary = |walk| match made.remove(&(place, walk)) {
+                Some(boundary) => boundary.map_err(|error| error.of(plan.name)),
+                None => Err(Error::Internal("a walk has no result".into())),
+            };
+            let walks = walks.by_ref().take(repeats as usize);
+            let boundaries = walks.map(&mut boundary).collect::<Result<_, _>>()?;
             let true_cutoff_hz = plan.rig.scene().true_cutoff_hz(cutoff_hz);
             cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries });
         }
@@ -170,6 +199,17 @@ pub fn sweep(
         results.push(SweepResult { cutoffs, ideal });
     }
     Ok(results)
+}
+
+/// All walks of a scene, in the order of the result.
+fn starts(cutoffs_hz: &[f64], repeats: u32) -> Vec<Start> {
+    let of_cutoff = |&cutoff_hz: &f64| {
+        (0..repeats).map(move |repeat| {
+            let start_offset_counts = start_offset_counts(repeat, repeats);
+            Start { cutoff_hz, start_offset_counts }
+        })
+    };
+    cutoffs_hz.iter().flat_map(of_cutoff).collect()
 }
 
 /// Where a repeat starts: `repeat / repeats` of a count beyond the scene's start.

@@ -46,6 +46,11 @@ impl Hit {
         Self { plan, samples: 0, contact_samples: 0, scatter: Scatter::default() }
     }
 
+    /// A hit in its window, whose samples were taken elsewhere.
+    pub fn in_window(plan: HitPlan, contact_samples: u32, scatter: Scatter) -> Self {
+        Self { plan, samples: plan.settle, contact_samples, scatter }
+    }
+
     /// The push to render with, from the first sample to the last.
     #[inline]
     pub fn push(&self) -> Force {

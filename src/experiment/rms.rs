@@ -45,6 +45,12 @@ pub struct Scatter {
 }
 
 impl Scatter {
+    /// Positions that were summed up elsewhere: how many, the first of them, and the sums of their
+    /// differences from it and of the squares of those.
+    pub const fn of_sums(samples: u32, origin: i32, sum: i64, sum_of_squares: u128) -> Self {
+        Self { samples, origin: Position::from_counts(origin), sum, sum_of_squares }
+    }
+
     /// Takes one position.
     #[inline]
     pub fn push(&mut self, position: Position) {

@@ -1,6 +1,7 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
 mod compare;
+mod grid;
 mod hit;
 mod identify;
 mod linear;
@@ -45,6 +46,7 @@ struct Cli {
 enum Command {
     Hit(hit::HitArgs),
     Walk(walk::WalkArgs),
+    Grid(grid::GridArgs),
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
     Compare(compare::CompareArgs),
@@ -149,6 +151,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
     pool.install(|| match cli.command {
         Command::Hit(args) => hit::run(&args, &common),
         Command::Walk(args) => walk::run(&args, &common),
+        Command::Grid(args) => grid::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
         Command::Compare(args) => compare::run(&args, &common),

@@ -4,9 +4,15 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 /// A bar over `walks` walks.
 pub fn bar(walks: u64) -> ProgressBar {
-    let bar = ProgressBar::new(walks);
-    let template = "{msg} {wide_bar} {pos}/{len} walks, {elapsed} (left {eta})";
-    if let Ok(style) = ProgressStyle::with_template(template) {
+    bar_of(walks, "walks")
+}
+
+/// A bar over a number of things.
+pub fn bar_of(number: u64, things: &str) -> ProgressBar {
+    let bar = ProgressBar::new(number);
+    let template =
+        format!("{{msg}} {{wide_bar}} {{pos}}/{{len}} {things}, {{elapsed}} (left {{eta}})");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
     bar

@@ -5,7 +5,8 @@
 //! AreaPlot      -> area           │
 //! TracePlot     -> hit_trace      ├─> Figure ─> svg(), png()
 //! ResponsePlot  -> pulse_response │
-//! TelemetryPlot -> telemetry      ┘
+//! TelemetryPlot -> telemetry      │
+//! CostPlot      -> cost           ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
 //! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
@@ -19,6 +20,7 @@
 mod area;
 mod axis;
 mod colour;
+mod cost;
 mod cutoffs;
 mod panel;
 mod render;
@@ -38,6 +40,7 @@ use plotters_backend::DrawingErrorKind;
 
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, number, scaled_unit};
+pub use cost::{CostPanel, CostPlot, cost};
 pub use response::{ResponsePlot, pulse_response};
 pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
 pub(crate) use text::escape;
@@ -94,6 +97,7 @@ enum Plot {
     Trace(TracePlot),
     Response(ResponsePlot),
     Telemetry(TelemetryPlot),
+    Cost(CostPlot),
 }
 
 impl Plot {
@@ -104,6 +108,7 @@ impl Plot {
             Self::Trace(plot) => &plot.title,
             Self::Response(plot) => &plot.title,
             Self::Telemetry(plot) => &plot.title,
+            Self::Cost(plot) => &plot.title,
         }
     }
 
@@ -114,6 +119,7 @@ impl Plot {
             Self::Trace(_) => trace::HEIGHT,
             Self::Response(_) => response::HEIGHT,
             Self::Telemetry(plot) => telemetry::height(plot),
+            Self::Cost(_) => cost::HEIGHT,
         }
     }
 
@@ -124,6 +130,7 @@ impl Plot {
             Self::Trace(plot) => trace::draw(plot, page),
             Self::Response(plot) => response::draw(plot, page),
             Self::Telemetry(plot) => telemetry::draw(plot, page),
+            Self::Cost(plot) => cost::draw(plot, page),
         }
     }
 
@@ -131,7 +138,11 @@ impl Plot {
     fn names(&self) -> Vec<(RGBColor, u32, String)> {
         match self {
             Self::Zwidth(plot) => zwidth::names(plot),
-            Self::Area(_) | Self::Trace(_) | Self::Response(_) | Self::Telemetry(_) => vec![],
+            Self::Area(_)
+            | Self::Trace(_)
+            | Self::Response(_)
+            | Self::Telemetry(_)
+            | Self::Cost(_) => vec![],
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The exact step of a device with linear elements: as [`super::PlantStep`], with N states.
 
-use super::{AnyState, Plant};
+use super::{AnyState, LinearStep, Plant};
 use crate::{element::Chain, exact::discretise};
 
 /// The exact step of a [`Chain`] of N states over one sample.
@@ -50,6 +50,11 @@ impl<const N: usize> AugmentedStep<N> {
             after: late.into(),
             rest_m: chain.rest_m(),
         }
+    }
+
+    pub(crate) fn linear(&self) -> LinearStep<N> {
+        let Self { phi, gamma, before, after, rest_m } = *self;
+        LinearStep { phi, gamma, before, after, rest_m }
     }
 
     #[inline]

@@ -88,6 +88,25 @@ pub struct PlantStep {
     rest_position_m: f64,
 }
 
+/// The matrices of an exact step of N states, for those that step many handles at once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LinearStep<const N: usize> {
+    pub phi: [[f64; N]; N],
+    /// Effect of a force that acts over the whole sample, until the split, and from it on.
+    pub gamma: [f64; N],
+    pub before: [f64; N],
+    pub after: [f64; N],
+    /// Where the bodies rest, m; the handle is the first of them.
+    pub rest_m: [f64; 3],
+}
+
+impl<const N: usize> LinearStep<N> {
+    /// As [`Plant::at_rest`].
+    pub fn at_rest(&self, position_m: f64) -> [f64; N] {
+        augmented::still(&self.rest_m, position_m)
+    }
+}
+
 /// Position and speed of the handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantState {
@@ -114,6 +133,11 @@ impl PlantStep {
             after: per_force(late),
             rest_position_m: device.rest_position_m,
         }
+    }
+
+    pub(crate) fn linear(&self) -> LinearStep<2> {
+        let Self { phi, gamma, before, after, rest_position_m } = *self;
+        LinearStep { phi, gamma, before, after, rest_m: [rest_position_m; 3] }
     }
 
     #[inline]

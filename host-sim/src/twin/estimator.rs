@@ -78,7 +78,29 @@ enum Kind {
     Kalman(KalmanDesign),
 }
 
+/// `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`, the form of all usual estimators.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LowPass {
+    pub past: [f64; 2],
+    pub b0: f64,
+    pub a: [f64; 2],
+}
+
 impl TwinEstimator {
+    /// The usual estimators in one form; `None` for the others.
+    pub(crate) fn low_pass(&self) -> Option<LowPass> {
+        match self.kind {
+            Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
+                Some(LowPass { past: [2.0, 1.0], b0, a: [a1, a2] })
+            }
+            Kind::FirstOrder(FirstOrder { b0, a1 }) => {
+                Some(LowPass { past: [1.0, 0.0], b0, a: [a1, 0.0] })
+            }
+            Kind::Difference => Some(LowPass { past: [0.0; 2], b0: 1.0, a: [0.0; 2] }),
+            _ => None,
+        }
+    }
+
     /// The estimator of those settings at rest.
     ///
     /// # Errors

@@ -8,13 +8,14 @@ mod levant;
 mod loops;
 mod stamps;
 
+pub(crate) use estimator::LowPass;
 pub use estimator::TwinEstimator;
 use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
 
 use crate::controller::{Controller, Rendered};
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
-const FLUSH_BELOW: f64 = 1e-30;
+pub(crate) const FLUSH_BELOW: f64 = 1e-30;
 
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +48,7 @@ pub struct Twin {
 }
 
 /// Adding and subtracting this rounds to a multiple of 2^-16 (to even in ties).
-const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
+pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {
     /// The twin of the core with those settings, at rest at `count`; `push` is a fraction of full
@@ -93,6 +94,18 @@ impl Twin {
     pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         self.estimator = self.estimator.followed_by(cutoff_hz, rate_hz)?;
         Ok(self)
+    }
+}
+
+impl Twin {
+    /// The usual estimators in one form; `None` for the others.
+    pub(crate) fn low_pass(&self) -> Option<LowPass> {
+        self.estimator.low_pass()
+    }
+
+    /// Stiffness and damping, fraction of full scale per count and per count per sample.
+    pub(crate) fn wall_gains(&self) -> [f64; 2] {
+        [self.stiffness, self.damping]
     }
 }
 

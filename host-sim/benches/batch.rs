@@ -1,0 +1,232 @@
+//! Throughput of the lanes on one core, for each backend that this machine has, beside a plain scalar `f64`
+//! loop of the same maths; `cargo bench -p host-sim --bench batch -- --figure STEM` instead writes STEM.csv and
+//! STEM.png: time and memory against the number of hits and of samples. Rounds of all of them are interleaved, and the best round of each counts: other
+//! work on the machine only ever slows a round down.
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::cast_precision_loss,
+    reason = "a benchmark fails loudly"
+)]
+
+mod plain;
+
+use std::{
+    fmt::Write as _, fs, hint::black_box, path::Path, sync::atomic::AtomicBool, time::Instant,
+};
+
+use host_sim::{
+    batch::{Backend, Depth, Outcome, Work, run, stream},
+    figure::{CostPanel, CostPlot, cost},
+    rig::{HitError, Numeric, Rig, WallHit},
+    scene::NamedScene,
+};
+use plain::{SAMPLES, plain};
+
+const ROUNDS: usize = 25;
+/// Hits of a round; a multiple of every number of lanes.
+const HITS: u32 = 16;
+
+/// Hits around the boundary, all whole: limit cycles, so no state ever gets subnormal.
+struct Hits {
+    left: u32,
+    unstable: u32,
+}
+
+impl Work for Hits {
+    fn next(&mut self, _: usize) -> Option<WallHit> {
+        self.left = self.left.checked_sub(1)?;
+        Some(WallHit {
+            cutoff_hz: 1500.0,
+            stiffness_n_per_m: 60_000.0 + 50.0 * f64::from(self.left),
+            damping_n_s_per_m: 300.0,
+            start_offset_counts: 0.0,
+        })
+    }
+
+    fn done(&mut self, _: usize, outcome: Result<Outcome, HitError>) {
+        self.unstable += u32::from(outcome.unwrap().rms_m.unwrap() > 1.5e-5);
+    }
+}
+
+/// Samples per second of one run.
+fn throughput(rig: &Rig, backend: Backend, numeric: Numeric) -> f64 {
+    // the scalar loop is slow, and needs fewer hits for the same precision
+    let hits = if backend == Backend::Scalar { HITS / 4 } else { HITS };
+    let mut work = Hits { left: hits, unstable: 0 };
+    let began = Instant::now();
+    run(backend, rig, numeric, Depth::Whole, &mut work);
+    black_box(work.unstable);
+    f64::from(hits) * SAMPLES as f64 / began.elapsed().as_secs_f64()
+}
+
+fn plain_throughput() -> f64 {
+    let began = Instant::now();
+    for n in 0..8 {
+        black_box(plain(black_box(60_000.0 + 50.0 * f64::from(n)), black_box(300.0)));
+    }
+    8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
+}
+
+/// The undisturbed one: other work on the machine only ever slows a round down.
+fn best(values: &[f64]) -> f64 {
+    values.iter().copied().fold(0.0, f64::max)
+}
+
+fn main() {
+    if std::env::args().any(|argument| argument == "--test") {
+        return; // `cargo test --benches` only wants to know that it starts
+    }
+    let arguments: Vec<String> = std::env::args().collect();
+    if let Some(place) = arguments.iter().position(|argument| argument == "--figure") {
+        return figure(Path::new(&arguments[place + 1]));
+    }
+    let rig = Rig::new(&NamedScene::load("paper-1um").unwrap().scene).unwrap();
+    let mut rows = vec![];
+    for backend in Backend::ALL.into_iter().filter(|backend| backend.is_available()) {
+        for (name, numeric) in [("fixed", Numeric::Fixed), ("f64", Numeric::F64)] {
+            rows.push((backend, name, numeric, vec![]));
+        }
+    }
+    let mut yardstick = vec![];
+    for _ in 0..ROUNDS {
+        for (backend, _, numeric, speeds) in &mut rows {
+            yardstick.push(plain_throughput() / 1e6);
+            speeds.push(throughput(&rig, *backend, *numeric) / 1e6);
+        }
+    }
+    println!("plain f64 loop: {:.1} Msamples/s, one core", best(&yardstick));
+    println!(
+        "{:8} {:6} {:>5} {:>12} {:>16}",
+        "backend", "", "lanes", "Msamples/s", "times the loop"
+    );
+    for (backend, name, _, speeds) in rows {
+        println!(
+            "{:8} {name:6} {:5} {:12.1} {:16.2}",
+            backend.name(),
+            backend.lanes(),
+            best(&speeds),
+            best(&speeds) / best(&yardstick)
+        );
+    }
+}
+
+/// The paper's device with a hit of so many samples, the last half of them its window.
+fn rig_of(samples: u64) -> Rig {
+    let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+    scene.device.start_position_m = 0.0695;
+    scene.wall_hit.settle_s = samples as f64 * 0.5e-4;
+    scene.wall_hit.window_s = samples as f64 * 0.5e-4;
+    Rig::new(&scene).unwrap()
+}
+
+/// Processor time of one thread for so many hits, s.
+fn cost_of(rig: &Rig, numeric: Numeric, hits: u64) -> f64 {
+    let hit = |number: u64| WallHit {
+        cutoff_hz: 1500.0,
+        stiffness_n_per_m: 40_000.0 + 1e-2 * number as f64,
+        damping_n_s_per_m: 300.0,
+        start_offset_counts: 0.0,
+    };
+    let stop = AtomicBool::new(false);
+    let (began_s, mut rounds) = (processor_s(), 0.0);
+    loop {
+        let mut seen = 0;
+        stream(Backend::best(), rig, numeric, Depth::Whole, hits, hit, &stop, |number, outcome| {
+            black_box(outcome.unwrap());
+            seen = number + 1;
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(seen, hits);
+        rounds += 1.0;
+        let time_s = processor_s() - began_s;
+        if time_s > ENOUGH_S {
+            return time_s / rounds;
+        }
+    }
+}
+
+/// The system counts a thread's time in ticks of some milliseconds.
+const ENOUGH_S: f64 = 0.3;
+
+/// Time that this thread has run, s: other work on the machine does not count.
+fn processor_s() -> f64 {
+    let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap();
+    text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
+}
+
+/// Most memory that this process has had so far, MB.
+fn peak_mb() -> f64 {
+    let text = fs::read_to_string("/proc/self/status").unwrap();
+    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse::<f64>().unwrap() / 1024.0
+}
+
+/// Exponent of a power law through the points, least squares.
+fn slope(line: &[[f64; 2]]) -> f64 {
+    let logs = line.iter().map(|point| point.map(f64::log10));
+    let n = line.len() as f64;
+    let [x, y] = logs.clone().fold([0.0; 2], |sum, p| [sum[0] + p[0] / n, sum[1] + p[1] / n]);
+    let (mut xy, mut xx) = (0.0, 0.0);
+    for point in logs {
+        xy += (point[0] - x) * (point[1] - y);
+        xx += (point[0] - x).powi(2);
+    }
+    xy / xx
+}
+
+fn figure(stem: &Path) {
+    const NUMERICS: [(&str, Numeric); 2] = [("fixed", Numeric::Fixed), ("f64", Numeric::F64)];
+    const HITS: [u64; 7] = [1000, 3000, 10_000, 30_000, 100_000, 300_000, 1_000_000];
+    const LENGTHS: [u64; 7] = [1000, 3000, 10_000, 30_000, 100_000, 300_000, 1_000_000];
+    const SAMPLES_PER_HIT: u64 = 200;
+    const HITS_PER_LENGTH: u64 = 64;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let mut csv = String::from("numeric,hits,samples_per_hit,time_s,peak_mb\n");
+    let mut panels = ["Hits", "Hits", "Samples of a hit"].map(|x_title| CostPanel {
+        x_title: x_title.into(),
+        y_title: "Processor time [s]".into(),
+        lines: vec![],
+    });
+    panels[1].y_title = "Peak memory [MB]".into();
+    let short = rig_of(SAMPLES_PER_HIT);
+    for (name, numeric) in NUMERICS {
+        let (mut times, mut memory, mut lengths) = (vec![], vec![], vec![]);
+        for hits in HITS {
+            let time_s = pool.install(|| cost_of(&short, numeric, hits));
+            times.push([hits as f64, time_s]);
+            memory.push([hits as f64, peak_mb()]);
+            writeln!(csv, "{name},{hits},{SAMPLES_PER_HIT},{time_s},{:.1}", peak_mb()).unwrap();
+        }
+        for samples in LENGTHS {
+            let rig = rig_of(samples);
+            let time_s = pool.install(|| cost_of(&rig, numeric, HITS_PER_LENGTH));
+            lengths.push([samples as f64, time_s]);
+            writeln!(csv, "{name},{HITS_PER_LENGTH},{samples},{time_s},{:.1}", peak_mb()).unwrap();
+        }
+        println!(
+            "{name}: time ~ hits^{:.3}, ~ samples^{:.3}; at most {:.1} MB",
+            slope(&times),
+            slope(&lengths),
+            peak_mb()
+        );
+        for (panel, line) in panels.iter_mut().zip([times, memory, lengths]) {
+            panel.lines.push(line);
+        }
+    }
+    let figure = cost(&CostPlot {
+        title: "Cost of wall hits in lanes".into(),
+        subtitle: format!(
+            "One thread, {}; hits of {SAMPLES_PER_HIT} samples, then {HITS_PER_LENGTH} hits",
+            Backend::best().name()
+        ),
+        names: NUMERICS.map(|(name, _)| name.into()).to_vec(),
+        panels: panels.into(),
+    })
+    .unwrap();
+    fs::write(stem.with_extension("csv"), csv).unwrap();
+    fs::write(stem.with_extension("png"), figure.png().unwrap()).unwrap();
+}

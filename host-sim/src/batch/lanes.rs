@@ -1,0 +1,452 @@
+//! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), a lane for each hit.
+//!
+//! All lanes of a batch share scene and clock: outputs are due and commands take effect in the same sample
+//! for all of them. A hit therefore begins where an output is due. Commands that a lane's hit has not yet
+//! sent are 0, which adds exactly nothing.
+
+use std::array::from_fn;
+
+use pulp::WithSimd;
+
+use super::machine::Machine;
+
+/// Samples that are taken stage by stage: the plant runs ahead, because it does not wait for the filter. Sample
+/// by sample all of a step would wait for its own start, and take twice the time.
+const BLOCK: usize = 16;
+const BLOCK_SAMPLES: u32 = 16;
+
+/// A controller in lanes.
+pub trait Lanes<S: Machine>: Copy {
+    /// Coefficients and gains.
+    type Gains: Copy;
+    /// The scalar controller that a lane stands for.
+    type Controller;
+
+    /// Before the first sample.
+    fn at_rest(simd: S) -> Self;
+    /// Gains of lanes that are not in use.
+    fn no_gains(simd: S) -> Self::Gains;
+    /// Puts a controller at rest into a lane.
+    fn start(&mut self, gains: &mut Self::Gains, lane: usize, controller: &Self::Controller);
+    /// Takes a sample: counts moved since the last one.
+    fn filter(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s);
+    /// [`filter`](Self::filter) on the shortest way, right in lanes whose output's magnitude stays above
+    /// [`QUICK_ABOVE`](Self::QUICK_ABOVE); `smallest` takes note of it.
+    #[inline(always)]
+    fn quick(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s, smallest: &mut S::f64s) {
+        let _ = smallest;
+        self.filter(simd, gains, difference);
+    }
+    /// `None` if there is no shorter way.
+    const QUICK_ABOVE: Option<f64>;
+    /// Magnitude of the last output.
+    #[inline(always)]
+    fn output(&self, simd: S) -> S::f64s {
+        simd.splat_f64s(0.0)
+    }
+    /// The output that answers the last sample, fraction of full scale; `depth` in counts behind the surface.
+    fn render(&self, simd: S, gains: &Self::Gains, depth: S::f64s, command: &Command<S>)
+    -> S::f64s;
+    /// The hit came where these lanes do not do what the controller does.
+    fn is_lost(&self, lane: usize) -> bool;
+}
+
+/// What all lanes share at an output.
+#[derive(Clone, Copy)]
+pub struct Command<S: Machine> {
+    pub push: S::f64s,
+    pub push_bits: S::u64s,
+    /// 0 with `push_only`, else the least number there is.
+    pub least: S::u64s,
+    pub least_wall: S::f64s,
+    /// Codes to full scale; `None` without quantisation.
+    pub codes: Option<S::u64s>,
+    pub codes_f64: Option<S::f64s>,
+    pub per_code: S::f64s,
+    /// Rounds the twin's velocity, if it is to be rounded.
+    pub velocity_lsb: Option<S::f64s>,
+    pub full_scale_n: S::f64s,
+}
+
+/// What all lanes share at every sample.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub struct Shared<S: Machine, const P: usize> {
+    pub phi: [[S::f64s; P]; P],
+    pub gamma: [S::f64s; P],
+    pub before: [S::f64s; P],
+    pub after: [S::f64s; P],
+    pub rest_m: S::f64s,
+    pub resolution_m: S::f64s,
+    /// The encoder rounds; else it floors.
+    pub rounds: bool,
+    pub command: Command<S>,
+}
+
+/// What a sample changes in a vector of hits.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub struct Moving<S: Machine, C, const P: usize> {
+    pub state: [S::f64s; P],
+    /// What the acting force adds to the state in a sample.
+    pub pushed: [S::f64s; P],
+    /// Force that acts, N.
+    pub acting_n: S::f64s,
+    pub counted: Counted<S>,
+    pub controller: C,
+}
+
+/// What the encoder read, and sums over the window since they were last read, in counts from its first
+/// position. Whole numbers: exact while they stay below 2^53.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub struct Counted<S: Machine> {
+    pub count: S::f64s,
+    /// Longest way between two samples so far, counts.
+    pub jump: S::f64s,
+    pub sum: S::f64s,
+    pub squares: S::f64s,
+    pub deepest: S::f64s,
+}
+
+/// What a hit keeps.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub struct Kept<S: Machine, G> {
+    pub gains: G,
+    pub surface: S::f64s,
+    /// First position of the window.
+    pub origin: S::f64s,
+    /// All ones within the window.
+    pub within: S::u64s,
+}
+
+/// A vector that never straddles two cache lines.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub struct Aligned<V>(pub V);
+
+/// Where all lanes are between two outputs, and the commands on their way.
+pub struct Clock<S: Machine, const R: usize> {
+    pub period: u32,
+    /// Samples after an output at which a command takes effect.
+    pub arrival: u32,
+    /// Samples since the last output was due; `period` is 0 again.
+    pub phase: u32,
+    /// A ring of commands on their way, N.
+    pub commands_n: Vec<Row<S, R>>,
+    pub newest: usize,
+}
+
+/// The step without a force, in the order of the scalar plants.
+#[inline(always)]
+fn free<S: Machine, const P: usize>(
+    simd: S,
+    shared: &Shared<S, P>,
+    state: &[S::f64s; P],
+) -> [S::f64s; P] {
+    let mut next = [simd.splat_f64s(0.0); P];
+    for (next, row) in next.iter_mut().zip(&shared.phi) {
+        for (term, (entry, value)) in row.iter().zip(state).enumerate() {
+            let product = simd.mul_f64s(*entry, *value);
+            let first = P == 2 && term == 0; // `PlantStep` begins with it, `AugmentedStep` with 0
+            *next = if first { product } else { simd.add_f64s(*next, product) };
+        }
+    }
+    next
+}
+
+#[inline(always)]
+fn plus<S: Machine, const P: usize>(
+    simd: S,
+    mut state: [S::f64s; P],
+    pushed: [S::f64s; P],
+) -> [S::f64s; P] {
+    for (state, pushed) in state.iter_mut().zip(pushed) {
+        *state = simd.add_f64s(*state, pushed);
+    }
+    state
+}
+
+/// Some samples of all lanes.
+pub struct Chunk<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize> {
+    pub shared: &'a Shared<S, P>,
+    pub kept: &'a [Kept<S, C::Gains>; R],
+    pub moving: &'a mut [Moving<S, C, P>; R],
+    pub clock: &'a mut Clock<S, R>,
+    pub samples: u32,
+}
+
+/// A value of all lanes.
+type Row<S, const R: usize> = Aligned<[<S as pulp::Simd>::f64s; R]>;
+
+impl<S: Machine, C: Lanes<S>, const P: usize> Moving<S, C, P> {
+    /// A handle that does not move, before sample 0.
+    pub fn new(simd: S) -> Self {
+        let zero = simd.splat_f64s(0.0);
+        let counted = Counted { count: zero, jump: zero, sum: zero, squares: zero, deepest: zero };
+        let controller = C::at_rest(simd);
+        let (state, pushed) = ([zero; P], [zero; P]);
+        Self { state, pushed, acting_n: zero, counted, controller }
+    }
+
+    /// The force that the wall and the push ask for, N.
+    #[inline(always)]
+    fn render(&self, simd: S, shared: &Shared<S, P>, kept: &Kept<S, C::Gains>) -> S::f64s {
+        let depth = simd.sub_f64s(self.counted.count, kept.surface);
+        let output = self.controller.render(simd, &kept.gains, depth, &shared.command);
+        simd.mul_f64s(output, shared.command.full_scale_n)
+    }
+
+    #[inline(always)]
+    fn position_m(&self, simd: S, shared: &Shared<S, P>) -> S::f64s {
+        simd.add_f64s(self.state[0], shared.rest_m)
+    }
+
+    #[inline(always)]
+    fn advance(&mut self, simd: S, shared: &Shared<S, P>) {
+        let free = free(simd, shared, &self.state);
+        self.state = plus(simd, free, self.pushed);
+    }
+
+    #[inline(always)]
+    fn advance_split(&mut self, simd: S, shared: &Shared<S, P>, force_n: S::f64s) {
+        self.state = free(simd, shared, &self.state);
+        for (effect, force_n) in [(&shared.before, self.acting_n), (&shared.after, force_n)] {
+            for (state, effect) in self.state.iter_mut().zip(effect) {
+                *state = simd.add_f64s(*state, simd.mul_f64s(*effect, force_n));
+            }
+        }
+        self.acting_n = force_n;
+        for (pushed, gamma) in self.pushed.iter_mut().zip(shared.gamma) {
+            *pushed = simd.mul_f64s(gamma, force_n);
+        }
+    }
+}
+
+impl<S: Machine, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P, R> {
+    /// Runs it with the machine's instructions.
+    pub fn go(self, simd: S) {
+        struct Go<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize>(
+            Chunk<'a, S, C, P, R>,
+            S,
+        );
+        impl<S: Machine, C: Lanes<S>, const P: usize, const R: usize> WithSimd for Go<'_, S, C, P, R> {
+            type Output = ();
+
+            #[inline(always)]
+            fn with_simd<T: pulp::Simd>(mut self, _: T) {
+                self.0.run(self.1);
+            }
+        }
+        simd.vectorize(Go(self, simd));
+    }
+
+    #[inline(always)]
+    fn run(&mut self, simd: S) {
+        let mut buffer = [Aligned([simd.splat_f64s(0.0); R]); BLOCK + 1];
+        let mut left = self.samples;
+        while left > 0 {
+            let plain = left.min(self.clock.samples_to_event());
+            let samples = plain.min(BLOCK_SAMPLES);
+            left -= samples;
+            self.clock.phase += samples;
+            // A sample with an output or an arriving command ends the block, unless the chunk ends here.
+            let event = samples == plain && left > 0;
+            let Some(block) = buffer.get_mut(..=samples as usize) else { return };
+            self.move_on(simd, block);
+            let end = samples as usize + usize::from(event);
+            let Some(block) = buffer.get_mut(..end) else { return };
+            match self.shared.rounds {
+                true => self.count::<true>(simd, block),
+                false => self.count::<false>(simd, block),
+            }
+            self.filter(simd, block);
+            if event {
+                self.event(simd);
+                left -= 1;
+            }
+        }
+    }
+
+    /// The handle's positions, m, at the beginning and after each sample of a block that no command arrives in.
+    #[inline(always)]
+    fn move_on(&mut self, simd: S, block: &mut [Row<S, R>]) {
+        let Some((last, block)) = block.split_last_mut() else { return };
+        let mut state: [[S::f64s; P]; R] = from_fn(|r| self.moving[r].state);
+        let pushed: [[S::f64s; P]; R] = from_fn(|r| self.moving[r].pushed);
+        let shared = *self.shared;
+        for row in block {
+            for r in 0..R {
+                row.0[r] = simd.add_f64s(state[r][0], shared.rest_m);
+                state[r] = plus(simd, free(simd, &shared, &state[r]), pushed[r]);
+            }
+        }
+        for ((moving, state), last) in self.moving.iter_mut().zip(state).zip(&mut last.0) {
+            moving.state = state;
+            *last = moving.position_m(simd, &shared);
+        }
+    }
+
+    /// Positions of a block to counts moved, and the window's sums.
+    #[inline(always)]
+    fn count<const ROUND: bool>(&mut self, simd: S, block: &mut [Row<S, R>]) {
+        let (resolution_m, half) = (self.shared.resolution_m, simd.splat_f64s(0.5));
+        let mut counted: [Counted<S>; R] = from_fn(|r| self.moving[r].counted);
+        let window: [_; R] = from_fn(|r| (self.kept[r].origin, self.kept[r].within));
+        for row in block {
+            for r in 0..R {
+                let Counted { count: last, jump, sum, squares, deepest } = counted[r];
+                let exact = simd.div_f64s(row.0[r], resolution_m);
+                let count = simd.floor(if ROUND { simd.add_f64s(exact, half) } else { exact });
+                let difference = simd.sub_f64s(count, last);
+                let (origin, within) = window[r];
+                let away = simd.masked(simd.sub_f64s(count, origin), within);
+                counted[r] = Counted {
+                    count,
+                    jump: simd.max_f64s(jump, simd.magnitude(difference)),
+                    sum: simd.add_f64s(sum, away),
+                    // exact, so it does not matter whether the machine fuses it
+                    squares: simd.mul_add_e_f64s(away, away, squares),
+                    deepest: simd.max_f64s(deepest, away),
+                };
+                row.0[r] = difference;
+            }
+        }
+        for (moving, counted) in self.moving.iter_mut().zip(counted) {
+            moving.counted = counted;
+        }
+    }
+
+    /// The velocities of a block of counts moved.
+    #[inline(always)]
+    fn filter(&mut self, simd: S, block: &[Row<S, R>]) {
+        let mut controller: [C; R] = from_fn(|r| self.moving[r].controller);
+        let gains: [C::Gains; R] = from_fn(|r| self.kept[r].gains);
+        let quick = C::QUICK_ABOVE.is_some_and(|least| self.quick(simd, block, least));
+        if quick {
+            return;
+        }
+        for row in block {
+            for r in 0..R {
+                controller[r].filter(simd, &gains[r], row.0[r]);
+            }
+        }
+        for (moving, controller) in self.moving.iter_mut().zip(controller) {
+            moving.controller = controller;
+        }
+    }
+
+    /// The same on the shortest way; nothing is changed and the answer is `false` if that is not certain to
+    /// be right in all lanes.
+    #[inline(always)]
+    fn quick(&mut self, simd: S, block: &[Row<S, R>], least: f64) -> bool {
+        let mut controller: [C; R] = from_fn(|r| self.moving[r].controller);
+        let gains: [C::Gains; R] = from_fn(|r| self.kept[r].gains);
+        let mut smallest = [simd.splat_f64s(f64::INFINITY); R];
+        for (smallest, controller) in smallest.iter_mut().zip(&controller) {
+            *smallest = controller.output(simd);
+        }
+        if !is_above(simd, &smallest, least) {
+            return false;
+        }
+        for row in block {
+            for r in 0..R {
+                controller[r].quick(simd, &gains[r], row.0[r], &mut smallest[r]);
+            }
+        }
+        if !is_above(simd, &smallest, least) {
+            return false;
+        }
+        for (moving, controller) in self.moving.iter_mut().zip(controller) {
+            moving.controller = controller;
+        }
+        true
+    }
+
+    /// An output, an arriving command, or both, and the motion to the next sample.
+    #[inline(always)]
+    fn event(&mut self, simd: S) {
+        if self.clock.is_due() {
+            self.clock.phase = 0;
+            let shared = self.shared;
+            let mut forces_n = [simd.splat_f64s(0.0); R];
+            // no closure: one that is not inlined would not be compiled for the machine
+            for ((force_n, moving), kept) in forces_n.iter_mut().zip(&*self.moving).zip(self.kept) {
+                *force_n = moving.render(simd, shared, kept);
+            }
+            self.clock.send(forces_n);
+        }
+        let arriving = (self.clock.phase == self.clock.arrival).then(|| self.clock.oldest());
+        for r in 0..R {
+            match arriving {
+                Some(forces_n) => self.moving[r].advance_split(simd, self.shared, forces_n[r]),
+                None => self.moving[r].advance(simd, self.shared),
+            }
+        }
+        self.clock.phase += 1;
+    }
+}
+
+impl<S: Machine, const R: usize> Clock<S, R> {
+    /// Before the first sample.
+    pub fn new(simd: S, period: u32, latency: u32) -> Self {
+        let room = (latency / period + 1) as usize;
+        let commands_n = vec![Aligned([simd.splat_f64s(0.0); R]); room];
+        Self { period, arrival: latency % period, phase: 0, commands_n, newest: 0 }
+    }
+
+    /// An output is due with the next sample.
+    pub fn is_due(&self) -> bool {
+        self.phase == 0 || self.phase == self.period
+    }
+
+    /// Samples before the next one in which an output is due or a command arrives.
+    #[inline(always)]
+    fn samples_to_event(&self) -> u32 {
+        match self.phase {
+            0 => 0,
+            phase if phase <= self.arrival => self.arrival - phase,
+            phase => self.period - phase,
+        }
+    }
+
+    /// Samples before the next one in which an output is due.
+    pub fn samples_to_output(&self) -> u32 {
+        if self.is_due() { 0 } else { self.period - self.phase }
+    }
+
+    #[inline(always)]
+    fn send(&mut self, forces_n: [S::f64s; R]) {
+        self.newest = self.following();
+        if let Some(slot) = self.commands_n.get_mut(self.newest) {
+            slot.0 = forces_n;
+        }
+    }
+
+    #[inline(always)]
+    fn following(&self) -> usize {
+        if self.newest + 1 < self.commands_n.len() { self.newest + 1 } else { 0 }
+    }
+
+    /// The command that arrives when one does.
+    #[inline(always)]
+    fn oldest(&self) -> [S::f64s; R] {
+        self.commands_n[self.following()].0
+    }
+}
+
+/// Whether all lanes are at least `least`.
+#[inline(always)]
+fn is_above<S: Machine, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
+    let mut all = simd.splat_f64s(f64::INFINITY);
+    for &value in values {
+        all = simd.min_f64s(all, value);
+    }
+    simd.first_true_m64s(simd.less_than_f64s(all, simd.splat_f64s(least))) >= S::F64_LANES
+}
+
+/// All ones or all zeros.
+pub fn mask(set: bool) -> u64 {
+    if set { u64::MAX } else { 0 }
+}

@@ -1,0 +1,234 @@
+//! The vector operations that a lane needs beyond those of `pulp`: products of 32-bit halves, shifts, and
+//! the `u64` view of everything. Lanes are 64 bits wide, for floats and integers alike.
+
+use std::slice::{from_mut, from_ref};
+
+use pulp::{
+    Simd,
+    bytemuck::{cast, cast_slice, cast_slice_mut},
+};
+
+/// A vector machine. The bodies here work lane by lane and suit every machine; those with an instruction
+/// for it override them.
+pub trait Machine: Simd {
+    /// Product of the lower halves, taken as signed, as a signed 64-bit number. The upper halves may hold
+    /// anything.
+    #[inline(always)]
+    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        each::<Self>(a, b, |a, b| (low(a) * low(b)).cast_unsigned())
+    }
+
+    /// `a << 16`.
+    #[inline(always)]
+    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
+        each::<Self>(a, a, |a, _| a << 16)
+    }
+
+    /// `a >> 30`, zeros coming in.
+    #[inline(always)]
+    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
+        each::<Self>(a, a, |a, _| a >> 30)
+    }
+
+    /// `a << by`, `by` in 0 .. 63.
+    #[inline(always)]
+    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        each::<Self>(a, by, |a, by| a << (by & 63))
+    }
+
+    /// `a >> by`, zeros coming in, `by` in 0 .. 63.
+    #[inline(always)]
+    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        each::<Self>(a, by, |a, by| a >> (by & 63))
+    }
+
+    /// `a` where the mask is set, else `b`.
+    #[inline(always)]
+    fn choose(self, mask: Self::m64s, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        cast(self.select_u64s(mask, cast(a), cast(b)))
+    }
+
+    /// The bits of `a` that are set in `mask`.
+    #[inline(always)]
+    fn masked(self, a: Self::f64s, mask: Self::u64s) -> Self::f64s {
+        cast(self.and_u64s(cast(a), mask))
+    }
+
+    /// Magnitude.
+    #[inline(always)]
+    fn magnitude(self, a: Self::f64s) -> Self::f64s {
+        self.masked(a, self.splat_u64s(!SIGN))
+    }
+
+    /// Both are signed 64-bit numbers.
+    #[inline(always)]
+    fn is_above(self, a: Self::u64s, b: Self::u64s) -> Self::m64s {
+        self.greater_than_i64s(cast(a), cast(b))
+    }
+
+    /// The smaller of two signed 64-bit numbers.
+    #[inline(always)]
+    fn smaller(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        self.select_u64s(self.is_above(a, b), b, a)
+    }
+
+    /// The larger of two signed 64-bit numbers.
+    #[inline(always)]
+    fn larger(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        self.select_u64s(self.is_above(a, b), a, b)
+    }
+
+    /// Whole numbers below 2^51 in magnitude as integers in the lower 32 bits; above them is rubbish.
+    #[inline(always)]
+    fn to_low(self, whole: Self::f64s) -> Self::u64s {
+        cast(self.add_f64s(whole, self.splat_f64s(INTEGER)))
+    }
+
+    /// Signed 64-bit numbers below 2^51 in magnitude as floats; exact.
+    #[inline(always)]
+    fn to_float(self, number: Self::u64s) -> Self::f64s {
+        let bits = self.add_u64s(number, self.splat_u64s(INTEGER.to_bits()));
+        self.sub_f64s(cast(bits), self.splat_f64s(INTEGER))
+    }
+
+    /// The largest whole number not above `value`; right below 2^51 in magnitude.
+    #[inline(always)]
+    fn floor(self, value: Self::f64s) -> Self::f64s {
+        let integer = self.splat_f64s(INTEGER);
+        let nearest = self.sub_f64s(self.add_f64s(value, integer), integer);
+        let up = self.greater_than_f64s(nearest, value);
+        let less = self.sub_f64s(nearest, self.splat_f64s(1.0));
+        self.choose(up, less, nearest)
+    }
+}
+
+/// The sign of a float.
+pub const SIGN: u64 = 1 << 63;
+/// Adding it leaves the nearest integer in the low bits of the sum.
+pub const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
+
+#[inline(always)]
+fn low(bits: u64) -> i64 {
+    #[expect(clippy::cast_possible_truncation, reason = "the lower half is what is asked for")]
+    let low = bits as u32;
+    i64::from(low.cast_signed())
+}
+
+#[inline(always)]
+fn each<S: Simd>(mut a: S::u64s, b: S::u64s, f: impl Fn(u64, u64) -> u64) -> S::u64s {
+    for (a, b) in lanes_mut(&mut a).iter_mut().zip(lanes(&b)) {
+        *a = f(*a, *b);
+    }
+    a
+}
+
+/// The lanes of a vector.
+pub fn lanes<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &V) -> &[T] {
+    cast_slice(from_ref(vector))
+}
+
+/// The lanes of a vector.
+pub fn lanes_mut<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &mut V) -> &mut [T] {
+    cast_slice_mut(from_mut(vector))
+}
+
+impl Machine for pulp::Scalar {}
+
+#[cfg(target_arch = "aarch64")]
+impl Machine for pulp::aarch64::Neon {}
+
+#[cfg(target_arch = "x86_64")]
+impl Machine for pulp::x86::V3 {
+    #[inline(always)]
+    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        cast(self.avx2._mm256_mul_epi32(cast(a), cast(b)))
+    }
+
+    #[inline(always)]
+    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
+        cast(self.avx2._mm256_slli_epi64::<16>(cast(a)))
+    }
+
+    #[inline(always)]
+    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
+        cast(self.avx2._mm256_srli_epi64::<30>(cast(a)))
+    }
+
+    #[inline(always)]
+    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        cast(self.avx2._mm256_sllv_epi64(cast(a), cast(by)))
+    }
+
+    #[inline(always)]
+    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        cast(self.avx2._mm256_srlv_epi64(cast(a), cast(by)))
+    }
+}
+
+/// Two vectors side by side.
+#[cfg(target_arch = "x86_64")]
+impl Machine for pulp::x86::V3_512b {
+    #[inline(always)]
+    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        halves(a, b, |a, b| self.0.product(a, b))
+    }
+
+    #[inline(always)]
+    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
+        halves(a, a, |a, _| self.0.shift_left_16(a))
+    }
+
+    #[inline(always)]
+    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
+        halves(a, a, |a, _| self.0.shift_right_30(a))
+    }
+
+    #[inline(always)]
+    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        halves(a, by, |a, by| self.0.shift_left(a, by))
+    }
+
+    #[inline(always)]
+    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        halves(a, by, |a, by| self.0.shift_right(a, by))
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn halves(
+    a: pulp::u64x8,
+    b: pulp::u64x8,
+    f: impl Fn(pulp::u64x4, pulp::u64x4) -> pulp::u64x4,
+) -> pulp::u64x8 {
+    let ([a0, a1], [b0, b1]): ([pulp::u64x4; 2], [pulp::u64x4; 2]) = (cast(a), cast(b));
+    cast([f(a0, b0), f(a1, b1)])
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Machine for pulp::x86::V4 {
+    #[inline(always)]
+    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        cast(self.avx512f._mm512_mul_epi32(cast(a), cast(b)))
+    }
+
+    #[inline(always)]
+    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
+        cast(self.avx512f._mm512_slli_epi64::<16>(cast(a)))
+    }
+
+    #[inline(always)]
+    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
+        cast(self.avx512f._mm512_srli_epi64::<30>(cast(a)))
+    }
+
+    #[inline(always)]
+    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        cast(self.avx512f._mm512_sllv_epi64(cast(a), cast(by)))
+    }
+
+    #[inline(always)]
+    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        cast(self.avx512f._mm512_srlv_epi64(cast(a), cast(by)))
+    }
+}

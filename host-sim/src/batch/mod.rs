@@ -1,0 +1,53 @@
+//! Many wall hits side by side, a lane of a vector each, bit for bit as the scalar loop runs them.
+//!
+//! # What a lane is
+//! A lane holds one hit: plant, encoder, controller, commands on their way, the window's sums. All lanes of a
+//! batch share the scene and the clock (outputs are due in the same samples); cutoff, K, B and start differ
+//! from lane to lane. A lane whose hit is over takes the next hit at the next output; a walk keeps its lane to
+//! its end, so lanes hold different walks. `f64` lanes do the very operations of the scalar loop in the same
+//! order (nothing is contracted), fixed-point lanes the same integers.
+//!
+//! # One arithmetic or two
+//! The controller's arithmetic stands twice: once in the core, as a person reads it and as the board runs it,
+//! and here for vectors. The core's own functions, called per lane in a loop over arrays, are not vectorised
+//! by the compiler (8.6 ns a sample with AVX-512 enabled, as slow as one lane at a time), and making the core
+//! generic over the machine would put a type parameter on every quantity in it. So only the hot stages are here:
+//! quantiser and difference, filter (`fixed.rs`, `twin.rs`), wall, saturation, output code, plant, sums. Everything
+//! else (settings, gains, coefficients, verdicts, walks) is the core's. Random scenes hold the two together
+//! (`tests.rs`), on every backend that the machine has.
+//!
+//! # Stages
+//! Between two events (an output, an arriving command) the plant needs nothing of the controller. So a block of
+//! up to 16 samples is taken stage by stage: the plant moves on, the positions become counts, the counts are
+//! filtered. A whole sample waits for its own results some forty cycles; a stage waits ten, and two vectors side
+//! by side fill them.
+//!
+//! # What is taken
+//! See [`lanes_for`]: linear plants (with amplifier, mode, arm), any latency, rounding, resolution and output
+//! quantisation, the estimators `difference`, `first-order` and `butterworth`. What is not taken runs in the
+//! scalar loop behind the same interface. A hit that comes near the ends of the core's number ranges (more than
+//! 2^14 counts in a sample, 2^29 counts from zero, half the filter's range, a window whose sum of squares reaches
+//! 2^53) leaves its lane and is run anew by the scalar loop, which saturates and refuses as the core does. So
+//! lanes are exact wherever their outcome is used.
+//!
+//! # When a hit ends
+//! As in the scalar loop: `unstable` is certain once the sum of squares about the mean exceeds what the limit
+//! allows ([`Hit::certain_verdict`](zwidth::experiment::Hit::certain_verdict)), and is looked for every 512
+//! samples; only [`Depth::Whole`] runs on for the RMS.
+
+mod backend;
+mod engine;
+mod fixed;
+mod lanes;
+mod machine;
+mod stream;
+mod twin;
+mod walks;
+
+use backend::scalar;
+pub use backend::{Backend, Depth, Outcome, Tally, Work, lanes_for, run};
+pub use stream::stream;
+pub use walks::{Queue, Start, walks};
+
+#[cfg(test)]
+mod tests;
