@@ -56,6 +56,17 @@ pub fn walk(
     start_offset_counts: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
+    walk_with(rig, cutoff_hz, start_offset_counts, stop, |hit| rig.verdict(numeric, hit))
+}
+
+/// [`walk`] by other hits.
+pub(crate) fn walk_with(
+    rig: &Rig,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+    stop: &AtomicBool,
+    verdict: impl Fn(&WallHit) -> Result<Verdict, HitError>,
+) -> Result<Boundary, Error> {
     let plan = rig.scene().walk_plan();
     let mut walk = Walk::new(plan);
     let mut boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
@@ -71,7 +82,7 @@ pub fn walk(
             start_offset_counts,
         };
         boundary.hits += 1;
-        let verdict = match rig.verdict(numeric, &hit) {
+        let verdict = match verdict(&hit) {
             // an early verdict may end the hit before the handle leaves; both are unstable
             Err(HitError::OutOfRange(_)) => Verdict::Unstable,
             verdict => verdict?,

@@ -8,6 +8,7 @@ mod list;
 mod progress;
 mod sweep;
 mod telemetry;
+mod trade;
 mod walk;
 
 use std::{
@@ -48,6 +49,7 @@ enum Command {
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
     Compare(compare::CompareArgs),
+    Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
 }
@@ -152,6 +154,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
         Command::Compare(args) => compare::run(&args, &common),
+        Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
     })

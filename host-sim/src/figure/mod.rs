@@ -1,11 +1,12 @@
-//! Figures of a sweep, a wall hit, an identification and a board's telemetry, drawn from plain data.
+//! Figures of a sweep, a wall hit, an identification, a board's telemetry and a trade, drawn from plain data.
 //!
 //! ```text
 //! ZwidthPlot    -> zwidth         ┐
 //! AreaPlot      -> area           │
 //! TracePlot     -> hit_trace      ├─> Figure ─> svg(), png()
 //! ResponsePlot  -> pulse_response │
-//! TelemetryPlot -> telemetry      ┘
+//! TelemetryPlot -> telemetry      │
+//! TradePlot     -> trade          ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
 //! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
@@ -26,6 +27,7 @@ mod response;
 mod telemetry;
 mod text;
 mod trace;
+mod trade;
 mod zwidth;
 
 use std::fmt;
@@ -42,6 +44,7 @@ pub use response::{ResponsePlot, pulse_response};
 pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
 pub(crate) use text::escape;
 pub use trace::{TracePlot, hit_trace};
+pub use trade::{Mark, TradePanel, TradePlot, TradeSeries, trade};
 pub use zwidth::{Curve, ZwidthPlot, zwidth};
 
 /// Width of every figure in SVG user units; a font of 12 units is 4.7 pt on a column of 88 mm.
@@ -94,6 +97,7 @@ enum Plot {
     Trace(TracePlot),
     Response(ResponsePlot),
     Telemetry(TelemetryPlot),
+    Trade(TradePlot),
 }
 
 impl Plot {
@@ -104,6 +108,7 @@ impl Plot {
             Self::Trace(plot) => &plot.title,
             Self::Response(plot) => &plot.title,
             Self::Telemetry(plot) => &plot.title,
+            Self::Trade(plot) => &plot.title,
         }
     }
 
@@ -114,6 +119,7 @@ impl Plot {
             Self::Trace(_) => trace::HEIGHT,
             Self::Response(_) => response::HEIGHT,
             Self::Telemetry(plot) => telemetry::height(plot),
+            Self::Trade(plot) => trade::height(plot),
         }
     }
 
@@ -124,6 +130,7 @@ impl Plot {
             Self::Trace(plot) => trace::draw(plot, page),
             Self::Response(plot) => response::draw(plot, page),
             Self::Telemetry(plot) => telemetry::draw(plot, page),
+            Self::Trade(plot) => trade::draw(plot, page),
         }
     }
 
@@ -131,7 +138,11 @@ impl Plot {
     fn names(&self) -> Vec<(RGBColor, u32, String)> {
         match self {
             Self::Zwidth(plot) => zwidth::names(plot),
-            Self::Area(_) | Self::Trace(_) | Self::Response(_) | Self::Telemetry(_) => vec![],
+            Self::Area(_)
+            | Self::Trace(_)
+            | Self::Response(_)
+            | Self::Telemetry(_)
+            | Self::Trade(_) => vec![],
         }
     }
 }
