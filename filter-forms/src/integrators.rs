@@ -121,3 +121,84 @@ impl<W: Word + Signal> Step for Delta<W> {
         y
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::float;
+
+    /// Fractional bits of a signal: 16, or 15 for Q15 as it is asked for here.
+    fn lsb_bits<W: Word>() -> u32 {
+        if W::BITS == 16 { 15 } else { 16 }
+    }
+
+    const CUTOFFS_HZ: [f64; 6] = [0.1, 1.0, 20.0, 500.0, 2000.0, 4500.0];
+
+    /// A hand's motion up to `full` LSB: fast, slow, back, still.
+    fn speed(n: i32, full: f64) -> f64 {
+        let seed = n.wrapping_mul(1_103_515_245).wrapping_add(12_345);
+        let random = f64::from(seed >> 8) / f64::from(1 << 23);
+        round(match n / 5000 % 4 {
+            0 => full * random,
+            1 => 1e-3 * full * random,
+            2 => -0.7 * full,
+            _ => 0.0,
+        })
+    }
+
+    /// Largest distance of two forms on that motion, LSB.
+    fn distance<W: Word + Signal>(
+        form: &mut impl Step<Signal = W>,
+        exact: &mut impl Step<Signal = f64>,
+        full: f64,
+    ) -> f64 {
+        let mut worst = 0f64;
+        for n in 0..60_000 {
+            let x = speed(n, full);
+            let y = form.step(W::of_f64(x)).to_counts(15) * f64::from(1u32 << lsb_bits::<W>());
+            worst = worst.max((y - exact.step(x)).abs());
+        }
+        worst
+    }
+
+    /// The rounding of the output, and what the words of the coefficients leave of a speed.
+    #[test]
+    fn in_fixed_point_they_are_what_they_are_in_f64() {
+        for cutoff_hz in CUTOFFS_HZ {
+            let p = Prototype::new(cutoff_hz, 1e4);
+            let full = 8e6;
+            let mut form = StateVariable::<i32>::new(&p).unwrap();
+            let off = distance(&mut form, &mut float::StateVariable::<f64>::new(&p), full);
+            assert!(off < 0.51 + 5e-5 * full, "state-variable, {cutoff_hz}: {off}");
+            let mut form = Delta::<i32>::new(&p).unwrap();
+            let off = distance(&mut form, &mut float::Delta::<f64>::new(&p), full);
+            assert!(off < 5.0 + 5e-6 * full, "delta, {cutoff_hz}: {off}");
+            if cutoff_hz < 400.0 {
+                continue;
+            }
+            let full = 16_000.0;
+            let mut form = StateVariable::<i16>::new(&p).unwrap();
+            let off = distance(&mut form, &mut float::StateVariable::<f64>::new(&p), full);
+            assert!(off < 0.51 + 2e-3 * full, "state-variable in Q15, {cutoff_hz}: {off}");
+            let mut form = Delta::<i16>::new(&p).unwrap();
+            let off = distance(&mut form, &mut float::Delta::<f64>::new(&p), full);
+            assert!(off < 5.0 + 2e-3 * full, "delta in Q15, {cutoff_hz}: {off}");
+        }
+    }
+
+    #[test]
+    fn an_overload_saturates_and_ends_with_its_input() {
+        for cutoff_hz in [20.0, 500.0, 4500.0] {
+            let p = Prototype::new(cutoff_hz, 1e4);
+            let mut forms =
+                (StateVariable::<i32>::new(&p).unwrap(), Delta::<i32>::new(&p).unwrap());
+            let mut both = |x: i32| [forms.0.step(x), forms.1.step(x)];
+            for _ in 0..20_000 {
+                assert!(both(i32::MAX).iter().all(|&y| y >= 0), "{cutoff_hz}: it wraps");
+            }
+            assert!(both(i32::MAX).iter().all(|&y| y >= i32::MAX - 1), "{cutoff_hz}");
+            (0..20_000).for_each(|_| _ = both(0));
+            assert!(both(0).iter().all(|&y| y.abs() <= 2), "{cutoff_hz}: {:?}", both(0));
+        }
+    }
+}

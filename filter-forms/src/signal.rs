@@ -98,6 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[expect(clippy::cast_possible_truncation, reason = "the nearest f32 will do")]
     fn a_velocity_becomes_the_nearest_signal_and_comes_back() {
         assert_eq!(i16::of_velocity(127, 8), 0);
         assert_eq!(i16::of_velocity(128, 8), 1);
@@ -111,6 +112,10 @@ mod tests {
             assert_eq!(i32::of_velocity(bits, 0).to_velocity(0), bits);
         }
         assert_eq!(f32::of_velocity(8_388_607, 0).to_velocity(0), 8_388_607);
+        for (lsb, nearest) in [(1.6, 2), (-1.6, -2), (-1.4, -1)] {
+            assert_eq!((lsb / PER_COUNT).to_velocity(0), nearest);
+            assert_eq!((lsb as f32 / 65_536.0).to_velocity(0), nearest);
+        }
         assert_eq!(f32::of_velocity(-3, 0).to_counts(0), -3.0 / 65_536.0);
     }
 }

@@ -157,5 +157,7 @@ mod tests {
             }
         }
         assert_eq!((-3i16).times_wide(1 << 20, 14), -192);
+        assert_eq!(1i16.times_wide(1 << 13, 14), 1, "half an LSB goes up");
+        assert_eq!(1i16.times_wide((1 << 13) - 1, 14), 0);
     }
 }

@@ -22,6 +22,8 @@ const LEGEND_SWATCH: f64 = 18.0;
 const LINE_WIDTH: f64 = 1.4;
 const GRID_WIDTH: f64 = 0.7;
 const MARK: f64 = 3.4;
+/// Room between the ends of an axis and the frame, as a share of its length.
+const PAD: f64 = 0.025;
 /// Numbers on an axis.
 const MOST_TICKS: i32 = 6;
 const LIMIT: RGBColor = TEXT;
@@ -207,9 +209,11 @@ fn draw_panel<DB: DrawingBackend>(
     [x, y]: [Decades; 2],
     below: bool,
 ) -> Result<(), FigureError> {
+    // marks at the ends of the axes stay off the frame
+    let inside = |place: f64| PAD + place * (1.0 - 2.0 * PAD);
     let at = |[u, v]: [f64; 2]| {
-        let across = panel.left + x.place(u) * (panel.right - panel.left);
-        [across, panel.bottom - y.place(v) * (panel.bottom - panel.top)]
+        let across = panel.left + inside(x.place(u)) * (panel.right - panel.left);
+        [across, panel.bottom - inside(y.place(v)) * (panel.bottom - panel.top)]
     };
     for exponent in x.ticks() {
         let [place, _] = at([10f64.powi(exponent), 1.0]);
@@ -358,7 +362,7 @@ mod tests {
     fn it_names_axes_panels_and_series() {
         let figure = look(trade, &plot());
         for text in
-            ["error [mm/s], 20 Hz", "Cost [cycles]", "f32, direct form 1", "10⁻⁹", "not beaten"]
+            ["error [mm/s], 20 Hz", "Cost [cycles]", "f32, direct form 1", "10⁻⁸", "not beaten"]
         {
             assert!(figure.svg().contains(text), "{text} is missing");
         }

@@ -106,7 +106,7 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
     });
     drawn(&TradePlot {
         title: format!("Velocity filters, error over cost, {scene}"),
-        subtitle: "RMS distance from the exact filter on a quantised ramp; limit: a tenth of the encoder's noise"
+        subtitle: "RMS distance from the exact filter on a quantised ramp; limit: a tenth of the encoder's noise, or 1 LSB"
             .into(),
         legend: "Format, form".into(),
         x_title: "Cycles on the Cortex-M4".into(),

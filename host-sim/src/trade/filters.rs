@@ -106,14 +106,12 @@ pub fn measure(
     done: impl Fn() + Sync,
 ) -> Result<Filters, Error> {
     let bench = Bench::of(scene);
-    let signals: Vec<(Noise, Vec<Result<Measured, Refused>>)> = cutoffs_hz
+    let signals: Option<Vec<Signals>> = cutoffs_hz
         .par_iter()
         .with_max_len(1)
         .map(|&cutoff_hz| at_cutoff(&bench, cutoff_hz, stop, &done))
         .collect();
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
+    let signals = signals.ok_or(Error::Interrupted)?;
     let rig = area::rig(scene)?;
     let areas = area::measure(&rig, &bench, cutoffs_hz, repeats, stop, &done)?;
     let place = |variant: usize, cutoff: usize| variant * cutoffs_hz.len() + cutoff;
@@ -157,21 +155,24 @@ pub fn measure(
     Ok(Filters { exact, rows, host_ns: host_ns.collect() })
 }
 
+/// What the encoder leaves in the exact output, and what each variant makes of it.
+type Signals = (Noise, Vec<Result<Measured, Refused>>);
+
+/// `None` if `stop` was set.
 fn at_cutoff(
     bench: &Bench,
     cutoff_hz: f64,
     stop: &AtomicBool,
     done: &(impl Fn() + Sync),
-) -> (Noise, Vec<Result<Measured, Refused>>) {
+) -> Option<Signals> {
     let tones = Tones::new(bench, cutoff_hz);
     let motions = Motions::new(bench, cutoff_hz);
     let reversal = Reversal::new(bench, cutoff_hz);
-    let measured = Variant::ALL.par_iter().with_max_len(1).map(|&variant| {
-        let filter = bench.filter(variant, cutoff_hz)?;
+    let measure = |&variant: &Variant| {
         if stop.load(Ordering::Relaxed) {
-            return Err(Refused::Zero { coefficient: "nothing", fraction: 0 }); // thrown away
+            return None;
         }
-        let measured = Measured {
+        let measured = bench.filter(variant, cutoff_hz).map(|filter| Measured {
             response: tones.measure(&filter),
             drift_counts: drift::measure(bench, &filter, cutoff_hz),
             noise: motions.measure(&filter),
@@ -179,9 +180,10 @@ fn at_cutoff(
             headroom_counts: reversal.measure(&filter),
             area: None,
             area_change: None,
-        };
+        });
         done();
-        Ok(measured)
-    });
-    (motions.encoder, measured.collect())
+        Some(measured)
+    };
+    let measured = Variant::ALL.par_iter().with_max_len(1).map(measure).collect::<Option<_>>()?;
+    Some((motions.encoder, measured))
 }

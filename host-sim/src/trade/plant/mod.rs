@@ -227,19 +227,16 @@ pub fn measure(scene: &Scene, stop: &AtomicBool, done: impl Fn() + Sync) -> Resu
     let area = reference.area(first, 0.0)?;
     let area_chaotic = reference.area(first, NUDGE_COUNTS)? / area - 1.0;
     done();
-    // long ones first, so that no thread is left with one at the end
-    let mut rows: Vec<(usize, Result<PlantRow, Error>)> = methods
+    let rows: Vec<Result<PlantRow, Error>> = methods
         .par_iter()
-        .enumerate()
         .with_max_len(1)
-        .map(|(place, &method)| {
+        .map(|&method| {
             let row = reference.row(method, &expected, area);
             done();
-            (place, row)
+            row
         })
         .collect();
-    rows.sort_by_key(|(place, _)| *place);
-    let mut rows: Vec<PlantRow> = rows.into_iter().map(|(_, row)| row).collect::<Result<_, _>>()?;
+    let mut rows: Vec<PlantRow> = rows.into_iter().collect::<Result<_, _>>()?;
     for row in &mut rows {
         if let Ok(measured) = &mut row.measured {
             measured.host_ns = reference.recorded.host_ns(&row.method.plant(scene));
