@@ -76,6 +76,12 @@ impl Fixed {
     pub fn motion(&self) -> Motion {
         self.motion
     }
+
+    /// Another velocity for the last sample.
+    #[inline]
+    pub(crate) fn set_velocity(&mut self, velocity: Velocity) {
+        self.motion.velocity = velocity;
+    }
 }
 
 impl Controller for Fixed {

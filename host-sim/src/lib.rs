@@ -35,6 +35,7 @@ pub mod study;
 pub mod sweep;
 pub mod telemetry;
 pub mod trace;
+pub mod trade;
 pub mod twin;
 pub mod velocity;
 pub mod walk;

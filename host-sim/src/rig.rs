@@ -214,6 +214,7 @@ impl Rig {
         AnySensing::of(&self.scene)
     }
 
+    /// The core at rest where the hit starts.
     pub(crate) fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
         let count = self.first_count(hit);
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
@@ -294,7 +295,8 @@ impl Rig {
         })
     }
 
-    fn early_verdict<C: Controller + Copy>(
+    /// The verdict with any controller that is at rest where the hit starts.
+    pub(crate) fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,

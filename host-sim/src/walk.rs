@@ -149,6 +149,25 @@ pub fn walk(
     }
 }
 
+/// [`walk`] by other hits, one by one.
+pub(crate) fn walk_with(
+    rig: &Rig,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+    stop: &AtomicBool,
+    verdict: impl Fn(&WallHit) -> Result<Verdict, HitError>,
+) -> Result<Boundary, Error> {
+    let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
+    loop {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        if let Some(ended) = progress.report(verdict(&progress.hit())) {
+            return ended;
+        }
+    }
+}
+
 type Known = BTreeMap<(i32, i32), Result<Verdict, HitError>>;
 
 fn place(cell: Cell) -> (i32, i32) {
@@ -225,13 +244,8 @@ mod tests {
             let rig = Rig::new(&NamedScene::load(name).unwrap().scene).unwrap();
             let stop = AtomicBool::new(false);
             let ahead = walk(&rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap();
-            let mut one_by_one = Progress::new(&rig, cutoff_hz, offset);
-            let plain = loop {
-                let verdict = rig.verdict(Numeric::Fixed, &one_by_one.hit());
-                if let Some(ended) = one_by_one.report(verdict) {
-                    break ended.unwrap();
-                }
-            };
+            let verdict = |hit: &WallHit| rig.verdict(Numeric::Fixed, hit);
+            let plain = walk_with(&rig, cutoff_hz, offset, &stop, verdict).unwrap();
             assert_eq!(ahead, plain);
             assert!(plain.hits > 40 && plain.points.len() > 10, "{}", plain.hits);
         }

@@ -9,6 +9,7 @@ mod list;
 mod progress;
 mod sweep;
 mod telemetry;
+mod trade;
 mod walk;
 
 use std::{
@@ -50,6 +51,7 @@ enum Command {
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
     Compare(compare::CompareArgs),
+    Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
 }
@@ -155,6 +157,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
         Command::Compare(args) => compare::run(&args, &common),
+        Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
     })

@@ -172,7 +172,7 @@ pub(crate) fn scaled_unit(largest: f64, unit: &str) -> (f64, String) {
     (10_f64.powi(exponent), format!("10{raised} {unit}"))
 }
 
-fn superscript(digit: char) -> char {
+pub(super) fn superscript(digit: char) -> char {
     match digit {
         '-' => '⁻',
         '0' => '⁰',

@@ -1,4 +1,4 @@
-//! Figures of a sweep, a wall hit, an identification and a board's telemetry, drawn from plain data.
+//! Figures of a sweep, a wall hit, an identification, a board's telemetry and a trade, drawn from plain data.
 //!
 //! ```text
 //! ZwidthPlot    -> zwidth         ┐
@@ -6,7 +6,8 @@
 //! TracePlot     -> hit_trace      ├─> Figure ─> svg(), png()
 //! ResponsePlot  -> pulse_response │
 //! TelemetryPlot -> telemetry      │
-//! CostPlot      -> cost           ┘
+//! CostPlot      -> cost           │
+//! TradePlot     -> trade          ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
 //! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
@@ -28,6 +29,7 @@ mod response;
 mod telemetry;
 mod text;
 mod trace;
+mod trade;
 mod zwidth;
 
 use std::fmt;
@@ -45,6 +47,7 @@ pub use response::{ResponsePlot, pulse_response};
 pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
 pub(crate) use text::escape;
 pub use trace::{TracePlot, hit_trace};
+pub use trade::{Mark, TradePanel, TradePlot, TradeSeries, trade};
 pub use zwidth::{Curve, ZwidthPlot, zwidth};
 
 /// Width of every figure in SVG user units; a font of 12 units is 4.7 pt on a column of 88 mm.
@@ -98,6 +101,7 @@ enum Plot {
     Response(ResponsePlot),
     Telemetry(TelemetryPlot),
     Cost(CostPlot),
+    Trade(TradePlot),
 }
 
 impl Plot {
@@ -109,6 +113,7 @@ impl Plot {
             Self::Response(plot) => &plot.title,
             Self::Telemetry(plot) => &plot.title,
             Self::Cost(plot) => &plot.title,
+            Self::Trade(plot) => &plot.title,
         }
     }
 
@@ -120,6 +125,7 @@ impl Plot {
             Self::Response(_) => response::HEIGHT,
             Self::Telemetry(plot) => telemetry::height(plot),
             Self::Cost(_) => cost::HEIGHT,
+            Self::Trade(plot) => trade::height(plot),
         }
     }
 
@@ -131,6 +137,7 @@ impl Plot {
             Self::Response(plot) => response::draw(plot, page),
             Self::Telemetry(plot) => telemetry::draw(plot, page),
             Self::Cost(plot) => cost::draw(plot, page),
+            Self::Trade(plot) => trade::draw(plot, page),
         }
     }
 
@@ -142,7 +149,8 @@ impl Plot {
             | Self::Trace(_)
             | Self::Response(_)
             | Self::Telemetry(_)
-            | Self::Cost(_) => vec![],
+            | Self::Cost(_)
+            | Self::Trade(_) => vec![],
         }
     }
 }

@@ -141,7 +141,7 @@ impl AnyPlant {
 fn through<P: Plant>(
     plant: &P,
     state: &AnyState,
-    step: impl Fn(&P, &P::State) -> P::State,
+    step: impl FnOnce(&P, &P::State) -> P::State,
 ) -> AnyState {
     P::pack(&step(plant, &P::unpack(state)))
 }
@@ -197,6 +197,18 @@ impl Plant for AnyPlant {
     fn advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState {
         each_plant!(self, plant => through(plant, state, |plant, state| {
             plant.advance_split(state, before_n, after_n)
+        }))
+    }
+
+    fn advance_counting(
+        &self,
+        state: &AnyState,
+        before_n: f64,
+        after_n: Option<f64>,
+        steps: &mut u64,
+    ) -> AnyState {
+        each_plant!(self, plant => through(plant, state, |plant, state| {
+            plant.advance_counting(state, before_n, after_n, steps)
         }))
     }
 

@@ -55,6 +55,23 @@ pub struct HybridState<const N: usize> {
     step_s: f64,
 }
 
+/// Counts the steps that are tried.
+trait Tally {
+    fn step(&mut self);
+}
+
+/// Does not count.
+impl Tally for () {
+    #[inline]
+    fn step(&mut self) {}
+}
+
+impl Tally for u64 {
+    fn step(&mut self) {
+        *self += 1;
+    }
+}
+
 /// The plant in one regime under one force: smooth.
 struct Smooth<'a, const N: usize> {
     plant: &'a IntegratedStep<N>,
@@ -154,32 +171,36 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// One step of at most `left_s`: its length and where it ends.
-    fn trial(
+    fn trial<T: Tally>(
         &self,
         field: &Smooth<'_, N>,
         state: &mut HybridState<N>,
         left_s: f64,
+        tally: &mut T,
     ) -> (f64, [f64; N]) {
         let steps = match self.integrator {
             Integrator::SemiImplicitEuler { steps_per_sample }
             | Integrator::Rk4 { steps_per_sample } => f64::from(steps_per_sample),
             Integrator::DormandPrince { relative_tolerance, .. } => {
-                return self.adaptive(field, state, left_s, relative_tolerance);
+                return self.adaptive(field, state, left_s, relative_tolerance, tally);
             }
         };
+        tally.step();
         let h = left_s / libm::ceil(left_s * steps / self.sample_s - 1e-9).max(1.0);
         (h, self.integrator.step(field, &state.z, h))
     }
 
-    fn adaptive(
+    fn adaptive<T: Tally>(
         &self,
         field: &Smooth<'_, N>,
         state: &mut HybridState<N>,
         left_s: f64,
         relative: f64,
+        tally: &mut T,
     ) -> (f64, [f64; N]) {
         let shortest = SHORTEST * self.sample_s;
         loop {
+            tally.step();
             let h = state.step_s.min(left_s);
             let (next, error) = dormand_prince::step(field, &state.z, h);
             let mut worst = 0f64;
@@ -199,8 +220,15 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// Shortens a step until its guard is zero: length, end, what happens there.
-    fn locate(&self, field: &Smooth<'_, N>, z: &[f64; N], step_s: f64) -> (f64, [f64; N], Event) {
-        let guard = |h: f64| {
+    fn locate<T: Tally>(
+        &self,
+        field: &Smooth<'_, N>,
+        z: &[f64; N],
+        step_s: f64,
+        tally: &mut T,
+    ) -> (f64, [f64; N], Event) {
+        let mut guard = |h: f64| {
+            tally.step();
             let end = self.integrator.step(field, z, h);
             let (value, event) = self.guard(field.regime, &end, field.force_n);
             (value, end, event)
@@ -246,7 +274,13 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// Moves for `duration_s` under one force.
-    fn piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
+    fn piece<T: Tally>(
+        &self,
+        state: &mut HybridState<N>,
+        force_n: f64,
+        duration_s: f64,
+        tally: &mut T,
+    ) {
         if state.z[1] == 0.0 {
             self.settle(state, force_n);
         }
@@ -255,12 +289,12 @@ impl<const N: usize> IntegratedStep<N> {
         while left_s > NO_TIME * self.sample_s {
             let regime = state.regime;
             let field = Smooth { plant: self, regime, force_n };
-            let (step_s, end) = self.trial(&field, state, left_s);
+            let (step_s, end) = self.trial(&field, state, left_s, tally);
             if self.guard(regime, &end, force_n).0 >= 0.0 {
                 state.z = end;
                 left_s -= step_s;
             } else if events < EVENTS_MAX {
-                let (step_s, end, event) = self.locate(&field, &state.z, step_s);
+                let (step_s, end, event) = self.locate(&field, &state.z, step_s, tally);
                 state.z = end;
                 left_s -= step_s;
                 events += 1;
@@ -276,10 +310,15 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     #[inline(never)]
-    fn moved(&self, state: &HybridState<N>, pieces: [(f64, f64); 2]) -> HybridState<N> {
+    fn moved<T: Tally>(
+        &self,
+        state: &HybridState<N>,
+        pieces: [(f64, f64); 2],
+        tally: &mut T,
+    ) -> HybridState<N> {
         let mut state = *state;
         for (force_n, duration_s) in pieces {
-            self.piece(&mut state, force_n, duration_s);
+            self.piece(&mut state, force_n, duration_s, tally);
         }
         state
     }
@@ -306,11 +345,29 @@ impl<const N: usize> Plant for IntegratedStep<N> {
     }
 
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State {
-        self.moved(state, [(force_n, self.sample_s), (force_n, 0.0)])
+        self.moved(state, [(force_n, self.sample_s), (force_n, 0.0)], &mut ())
     }
 
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
-        self.moved(state, [(before_n, self.split_s), (after_n, self.sample_s - self.split_s)])
+        self.moved(
+            state,
+            [(before_n, self.split_s), (after_n, self.sample_s - self.split_s)],
+            &mut (),
+        )
+    }
+
+    fn advance_counting(
+        &self,
+        state: &Self::State,
+        before_n: f64,
+        after_n: Option<f64>,
+        steps: &mut u64,
+    ) -> Self::State {
+        let pieces = match after_n {
+            Some(after_n) => [(before_n, self.split_s), (after_n, self.sample_s - self.split_s)],
+            None => [(before_n, self.sample_s), (before_n, 0.0)],
+        };
+        self.moved(state, pieces, steps)
     }
 
     fn later_m(
@@ -321,7 +378,7 @@ impl<const N: usize> Plant for IntegratedStep<N> {
         after_n: f64,
     ) -> Option<f64> {
         let early_s = delay_s.min(self.split_s);
-        let later = self.moved(state, [(before_n, early_s), (after_n, delay_s - early_s)]);
+        let later = self.moved(state, [(before_n, early_s), (after_n, delay_s - early_s)], &mut ());
         Some(self.position_m(&later))
     }
 

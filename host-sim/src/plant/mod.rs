@@ -69,6 +69,20 @@ pub trait Plant: Clone {
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
     /// The state one sample later, with `before_n` commanded until the split and `after_n` from it on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
+    /// The state one sample later, with a split if `after_n` is given; adds the steps of its integrator that were
+    /// tried, if it has one.
+    fn advance_counting(
+        &self,
+        state: &Self::State,
+        before_n: f64,
+        after_n: Option<f64>,
+        _steps: &mut u64,
+    ) -> Self::State {
+        match after_n {
+            Some(after_n) => self.advance_split(state, before_n, after_n),
+            None => self.advance(state, before_n),
+        }
+    }
     /// A state as one that fits every plant.
     fn pack(state: &Self::State) -> AnyState;
     /// Back from [`pack`](Self::pack).

@@ -1,0 +1,309 @@
+//! The velocity filter, a second-order Butterworth, in every number format and form that could do its work: one source
+//! for the host, where `cargo sim trade` measures what each gets wrong, and for the board's core, where a test counts its
+//! cycles.
+//!
+//! ```text
+//! velocity bits -> signal of the format -> form -> velocity bits
+//! ```
+//!
+//! The core's own filter is called from the core. Left out, because they would show nothing:
+//!
+//! * error feedback in the transposed form: its sums are those of direct form 1, the outputs would be the core's to
+//!   the bit ([`fixed::Direct2Transposed`] shows it without feedback);
+//! * error feedback in the state-variable form: its rounded output does not go back, there is nothing to carry;
+//! * error feedback in the delta form: it has it by structure, see [`integrators`];
+//! * the state-variable form of Chamberlin (1980): another transfer function, unstable from about a sixth
+//!   of the rate on; the one here has the bilinear transform of all others;
+//! * 32-bit sums under 32-bit words, 16-bit ones under 16: the first product would overflow.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+pub mod fixed;
+pub mod float;
+pub mod integrators;
+pub mod peers;
+mod prototype;
+mod signal;
+mod variant;
+pub mod word;
+
+pub use prototype::Prototype;
+pub use signal::Signal;
+pub use variant::{Form, Format, Variant};
+
+use zwidth::{
+    SettingsError,
+    units::Velocity,
+    velocity::{Biquad, BiquadState, Design, Shaping},
+};
+
+use fixed::Coefficients;
+
+/// Why a format cannot have a cutoff.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Refused {
+    /// The core refuses it.
+    Core(SettingsError),
+    /// A coefficient without which nothing moves rounds to 0.
+    Zero {
+        /// Which one.
+        coefficient: &'static str,
+        /// Fractional bits that it has.
+        fraction: u32,
+    },
+}
+
+impl core::fmt::Display for Refused {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Core(error) => write!(f, "refused: {error}"),
+            Self::Zero { coefficient, fraction } => {
+                write!(f, "cannot hold: {coefficient} rounds to 0 with {fraction} fractional bits")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Refused {}
+
+/// A filter with its state.
+#[derive(Clone, Copy, Debug)]
+pub struct Filter {
+    kind: Kind,
+    /// Fractional bits of a signal in Q15.
+    fraction: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Core(Core),
+    Direct1(fixed::Direct1<i32>),
+    Direct2(fixed::Direct2Transposed<i32>),
+    StateVariable(integrators::StateVariable<i32>),
+    Delta(integrators::Delta<i32>),
+    HalfDirect1(fixed::Direct1<i16>),
+    HalfFeedback(fixed::Direct1Feedback<i16>),
+    HalfDirect2(fixed::Direct2Transposed<i16>),
+    HalfStateVariable(integrators::StateVariable<i16>),
+    HalfDelta(integrators::Delta<i16>),
+    SingleDirect1(float::Direct1<f32>),
+    SingleDirect2(float::Direct2Transposed<f32>),
+    SingleStateVariable(float::StateVariable<f32>),
+    SingleDelta(float::Delta<f32>),
+    DoubleDirect1(float::Direct1<f64>),
+    DoubleDirect2(float::Direct2Transposed<f64>),
+    DoubleStateVariable(float::StateVariable<f64>),
+    DoubleDelta(float::Delta<f64>),
+    IdspDither(peers::IdspDither),
+    IdspWide(peers::IdspWide),
+    CmsisQ31(peers::CmsisQ31),
+    Cmsis32x64(peers::Cmsis32x64),
+}
+
+/// The core's own filter.
+#[derive(Clone, Copy, Debug)]
+pub struct Core {
+    filter: Biquad,
+    state: BiquadState,
+}
+
+impl Step for Core {
+    type Signal = i32;
+
+    #[inline]
+    fn step(&mut self, x: i32) -> i32 {
+        self.filter.update(&mut self.state, Velocity::saturating_from_bits(x)).bits()
+    }
+}
+
+/// A form with its state.
+pub trait Step {
+    /// The number it works on.
+    type Signal: Signal;
+
+    /// One sample.
+    fn step(&mut self, x: Self::Signal) -> Self::Signal;
+
+    /// One sample, velocity in and out in LSB of the core's; `fraction` is for Q15.
+    #[inline]
+    fn velocity(&mut self, input: i32, fraction: u32) -> i32 {
+        self.step(Signal::of_velocity(input, fraction)).to_velocity(fraction)
+    }
+
+    /// The same with all digits of the output that the format has, counts per sample.
+    #[inline]
+    fn counts(&mut self, input: i32, fraction: u32) -> f64 {
+        self.step(Signal::of_velocity(input, fraction)).to_counts(fraction)
+    }
+}
+
+/// What is done with a form, compiled for each.
+pub trait Visit {
+    /// What comes of it.
+    type Output;
+
+    /// Does it.
+    fn visit<F: Step>(self, form: &mut F, fraction: u32) -> Self::Output;
+}
+
+impl Filter {
+    /// At rest. `q15_fraction`: fractional bits that Q15 gives to a signal, up to 15; its full scale is
+    /// `2^(15 - q15_fraction)` counts per sample.
+    ///
+    /// # Errors
+    /// The format cannot have this cutoff.
+    pub fn new(
+        variant: Variant,
+        cutoff_hz: f64,
+        rate_hz: f64,
+        q15_fraction: u32,
+    ) -> Result<Self, Refused> {
+        let p = Prototype::new(cutoff_hz, rate_hz);
+        let kind = match variant.format {
+            Format::I32Feedback => {
+                let design = Design::new(cutoff_hz, rate_hz, false).map_err(Refused::Core)?;
+                Kind::Core(Core { filter: design.quantise(), state: BiquadState::default() })
+            }
+            Format::I32 => match variant.form {
+                Form::Direct1 => {
+                    let c = Coefficients::exact_at_dc(&p)?;
+                    Kind::Direct1(fixed::Direct1::new(c))
+                }
+                Form::Direct2Transposed => {
+                    let c = Coefficients::exact_at_dc(&p)?;
+                    Kind::Direct2(fixed::Direct2Transposed::new(c))
+                }
+                Form::StateVariable => Kind::StateVariable(integrators::StateVariable::new(&p)?),
+                Form::Delta => Kind::Delta(integrators::Delta::new(&p)?),
+            },
+            Format::Q15 => match variant.form {
+                Form::Direct1 => {
+                    let c = Coefficients::exact_at_dc(&p)?;
+                    Kind::HalfDirect1(fixed::Direct1::new(c))
+                }
+                Form::Direct2Transposed => {
+                    let c = Coefficients::exact_at_dc(&p)?;
+                    Kind::HalfDirect2(fixed::Direct2Transposed::new(c))
+                }
+                Form::StateVariable => {
+                    Kind::HalfStateVariable(integrators::StateVariable::new(&p)?)
+                }
+                Form::Delta => Kind::HalfDelta(integrators::Delta::new(&p)?),
+            },
+            Format::Q15Feedback => {
+                let c = Coefficients::exact_at_dc(&p)?;
+                // the order that the core takes; where it refuses, the cutoff is low
+                let design = Design::new(cutoff_hz, rate_hz, false);
+                let shaping = design.map_or(Shaping::Second, |design| design.quantise().shaping());
+                Kind::HalfFeedback(fixed::Direct1Feedback::new(c, shaping))
+            }
+            Format::F32 => match variant.form {
+                Form::Direct1 => Kind::SingleDirect1(float::Direct1::new(&p)),
+                Form::Direct2Transposed => Kind::SingleDirect2(float::Direct2Transposed::new(&p)),
+                Form::StateVariable => Kind::SingleStateVariable(float::StateVariable::new(&p)),
+                Form::Delta => Kind::SingleDelta(float::Delta::new(&p)),
+            },
+            Format::F64 => match variant.form {
+                Form::Direct1 => Kind::DoubleDirect1(float::Direct1::new(&p)),
+                Form::Direct2Transposed => Kind::DoubleDirect2(float::Direct2Transposed::new(&p)),
+                Form::StateVariable => Kind::DoubleStateVariable(float::StateVariable::new(&p)),
+                Form::Delta => Kind::DoubleDelta(float::Delta::new(&p)),
+            },
+            Format::IdspDither => {
+                Kind::IdspDither(peers::IdspDither::new(&Coefficients::exact_at_dc(&p)?))
+            }
+            Format::IdspWide => {
+                Kind::IdspWide(peers::IdspWide::new(&Coefficients::exact_at_dc(&p)?))
+            }
+            Format::CmsisQ31 => {
+                Kind::CmsisQ31(peers::CmsisQ31::new(&Coefficients::exact_at_dc(&p)?))
+            }
+            Format::Cmsis32x64 => {
+                Kind::Cmsis32x64(peers::Cmsis32x64::new(&Coefficients::exact_at_dc(&p)?))
+            }
+        };
+        Ok(Self { kind, fraction: q15_fraction })
+    }
+
+    /// Does something with the form that this is, told apart once.
+    pub fn visit<V: Visit>(&mut self, visit: V) -> V::Output {
+        let fraction = self.fraction;
+        match &mut self.kind {
+            Kind::Core(form) => visit.visit(form, fraction),
+            Kind::Direct1(form) => visit.visit(form, fraction),
+            Kind::Direct2(form) => visit.visit(form, fraction),
+            Kind::StateVariable(form) => visit.visit(form, fraction),
+            Kind::Delta(form) => visit.visit(form, fraction),
+            Kind::HalfDirect1(form) => visit.visit(form, fraction),
+            Kind::HalfFeedback(form) => visit.visit(form, fraction),
+            Kind::HalfDirect2(form) => visit.visit(form, fraction),
+            Kind::HalfStateVariable(form) => visit.visit(form, fraction),
+            Kind::HalfDelta(form) => visit.visit(form, fraction),
+            Kind::SingleDirect1(form) => visit.visit(form, fraction),
+            Kind::SingleDirect2(form) => visit.visit(form, fraction),
+            Kind::SingleStateVariable(form) => visit.visit(form, fraction),
+            Kind::SingleDelta(form) => visit.visit(form, fraction),
+            Kind::DoubleDirect1(form) => visit.visit(form, fraction),
+            Kind::DoubleDirect2(form) => visit.visit(form, fraction),
+            Kind::DoubleStateVariable(form) => visit.visit(form, fraction),
+            Kind::DoubleDelta(form) => visit.visit(form, fraction),
+            Kind::IdspDither(form) => visit.visit(form, fraction),
+            Kind::IdspWide(form) => visit.visit(form, fraction),
+            Kind::CmsisQ31(form) => visit.visit(form, fraction),
+            Kind::Cmsis32x64(form) => visit.visit(form, fraction),
+        }
+    }
+
+    /// One sample, velocity in and out in LSB of the core's.
+    #[inline]
+    pub fn update(&mut self, input: i32) -> i32 {
+        let fraction = self.fraction;
+        match &mut self.kind {
+            Kind::Core(form) => form.velocity(input, fraction),
+            Kind::Direct1(form) => form.velocity(input, fraction),
+            Kind::Direct2(form) => form.velocity(input, fraction),
+            Kind::StateVariable(form) => form.velocity(input, fraction),
+            Kind::Delta(form) => form.velocity(input, fraction),
+            Kind::HalfDirect1(form) => form.velocity(input, fraction),
+            Kind::HalfFeedback(form) => form.velocity(input, fraction),
+            Kind::HalfDirect2(form) => form.velocity(input, fraction),
+            Kind::HalfStateVariable(form) => form.velocity(input, fraction),
+            Kind::HalfDelta(form) => form.velocity(input, fraction),
+            Kind::SingleDirect1(form) => form.velocity(input, fraction),
+            Kind::SingleDirect2(form) => form.velocity(input, fraction),
+            Kind::SingleStateVariable(form) => form.velocity(input, fraction),
+            Kind::SingleDelta(form) => form.velocity(input, fraction),
+            Kind::DoubleDirect1(form) => form.velocity(input, fraction),
+            Kind::DoubleDirect2(form) => form.velocity(input, fraction),
+            Kind::DoubleStateVariable(form) => form.velocity(input, fraction),
+            Kind::DoubleDelta(form) => form.velocity(input, fraction),
+            Kind::IdspDither(form) => form.velocity(input, fraction),
+            Kind::IdspWide(form) => form.velocity(input, fraction),
+            Kind::CmsisQ31(form) => form.velocity(input, fraction),
+            Kind::Cmsis32x64(form) => form.velocity(input, fraction),
+        }
+    }
+
+    /// `samples` samples: `input` gives LSB of the core's velocity, `each` sees counts per sample with all digits that
+    /// the format has.
+    pub fn run(&mut self, samples: u32, input: impl FnMut(u32) -> i32, each: impl FnMut(u32, f64)) {
+        self.visit(Run { samples, input, each });
+    }
+}
+
+struct Run<I, E> {
+    samples: u32,
+    input: I,
+    each: E,
+}
+
+impl<I: FnMut(u32) -> i32, E: FnMut(u32, f64)> Visit for Run<I, E> {
+    type Output = ();
+
+    fn visit<F: Step>(mut self, form: &mut F, fraction: u32) {
+        for n in 0..self.samples {
+            let output = form.counts((self.input)(n), fraction);
+            (self.each)(n, output);
+        }
+    }
+}

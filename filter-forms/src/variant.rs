@@ -1,0 +1,132 @@
+//! Names of all combinations.
+
+/// Number format, or whose filter it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Format {
+    /// The core: 32-bit coefficients, 64-bit sums, the residue carried.
+    I32Feedback,
+    /// The same words without the residue.
+    I32,
+    /// Words of 16 bits, sums of 32, the residue carried.
+    Q15Feedback,
+    /// Words of 16 bits, sums of 32.
+    Q15,
+    /// Single precision.
+    F32,
+    /// Double precision.
+    F64,
+    /// idsp: 32-bit words, 64-bit sums, first-order feedback.
+    IdspDither,
+    /// idsp: 32-bit words, past outputs of 64 bits.
+    IdspWide,
+    /// CMSIS-DSP: 32-bit words, 64-bit sums, truncated.
+    CmsisQ31,
+    /// CMSIS-DSP: 32-bit words, past outputs of 64 bits, truncated.
+    Cmsis32x64,
+}
+
+/// How the filter is written down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Form {
+    /// Direct form 1.
+    Direct1,
+    /// Transposed direct form 2.
+    Direct2Transposed,
+    /// State-variable form, trapezoidal integrators.
+    StateVariable,
+    /// Delta form.
+    Delta,
+}
+
+/// A format in a form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Variant {
+    /// Number format.
+    pub format: Format,
+    /// Form.
+    pub form: Form,
+}
+
+impl Format {
+    /// Name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::I32Feedback => "i32-feedback",
+            Self::I32 => "i32",
+            Self::Q15Feedback => "q15-feedback",
+            Self::Q15 => "q15",
+            Self::F32 => "f32",
+            Self::F64 => "f64",
+            Self::IdspDither => "idsp-dither",
+            Self::IdspWide => "idsp-wide",
+            Self::CmsisQ31 => "cmsis-q31",
+            Self::Cmsis32x64 => "cmsis-32x64",
+        }
+    }
+
+    /// Signals have 16 bits.
+    pub const fn is_q15(self) -> bool {
+        matches!(self, Self::Q15 | Self::Q15Feedback)
+    }
+}
+
+impl Form {
+    /// Name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Direct1 => "direct-1",
+            Self::Direct2Transposed => "direct-2t",
+            Self::StateVariable => "state-variable",
+            Self::Delta => "delta",
+        }
+    }
+}
+
+impl Variant {
+    /// All of them, the core first; a number is a place in here.
+    pub const ALL: [Self; 22] = {
+        use Form::{Delta, Direct1, Direct2Transposed, StateVariable};
+        use Format::{
+            Cmsis32x64, CmsisQ31, F32, F64, I32, I32Feedback, IdspDither, IdspWide, Q15,
+            Q15Feedback,
+        };
+        const fn of(format: Format, form: Form) -> Variant {
+            Variant { format, form }
+        }
+        [
+            of(I32Feedback, Direct1),
+            of(I32, Direct1),
+            of(I32, Direct2Transposed),
+            of(I32, StateVariable),
+            of(I32, Delta),
+            of(Q15Feedback, Direct1),
+            of(Q15, Direct1),
+            of(Q15, Direct2Transposed),
+            of(Q15, StateVariable),
+            of(Q15, Delta),
+            of(F32, Direct1),
+            of(F32, Direct2Transposed),
+            of(F32, StateVariable),
+            of(F32, Delta),
+            of(F64, Direct1),
+            of(F64, Direct2Transposed),
+            of(F64, StateVariable),
+            of(F64, Delta),
+            of(IdspDither, Direct1),
+            of(IdspWide, Direct1),
+            of(CmsisQ31, Direct1),
+            of(Cmsis32x64, Direct1),
+        ]
+    };
+
+    /// The variant of that number.
+    pub fn of_number(number: u32) -> Option<Self> {
+        Self::ALL.get(number as usize).copied()
+    }
+}
+
+impl core::fmt::Display for Variant {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{}/{}", self.format.name(), self.form.name())
+    }
+}

@@ -1,0 +1,163 @@
+//! Words of two sizes, so that one source makes the 32-bit forms and Q15: signals and coefficients in a word,
+//! sums and integrators in a word of twice the size.
+
+use core::{
+    hint::cold_path,
+    ops::{Add, Neg, Sub},
+};
+
+/// A word twice as wide, for sums of products. The forms are dimensioned so that plain sums stay inside.
+pub trait Wide: Copy + Add<Output = Self> + Sub<Output = Self> + Neg<Output = Self> {
+    /// 0.
+    const ZERO: Self;
+    /// `self / 2^bits`, towards minus infinity.
+    fn down(self, bits: u32) -> Self;
+    /// `self 2^bits`.
+    fn up(self, bits: u32) -> Self;
+    /// 1 in the last place but `bits`.
+    fn one_at(bits: u32) -> Self;
+    /// The lowest `bits` bits.
+    fn low(self, bits: u32) -> Self;
+    /// A sum that stays at the end of the range where it would go beyond.
+    fn clipped_add(self, other: Self) -> Self;
+}
+
+/// A signal or a coefficient.
+pub trait Word: Copy + PartialEq {
+    /// Twice as wide.
+    type Wide: Wide;
+    /// Bits of a word.
+    const BITS: u32;
+    /// 0.
+    const ZERO: Self;
+    /// The same in a wide word.
+    fn wide(self) -> Self::Wide;
+    /// Exact product.
+    fn times(self, other: Self) -> Self::Wide;
+    /// `self other / 2^bits`, to the nearest; `bits` is one to one less than those of a word.
+    fn times_wide(self, other: Self::Wide, bits: u32) -> Self::Wide;
+    /// The nearest word.
+    fn clipped(value: Self::Wide) -> Self;
+    /// A whole number, which must fit.
+    fn of_f64(value: f64) -> Self;
+}
+
+macro_rules! word {
+    ($word:ty, $wide:ty, $clip:expr, $times_wide:expr) => {
+        impl Wide for $wide {
+            const ZERO: Self = 0;
+
+            #[inline]
+            fn down(self, bits: u32) -> Self {
+                self >> bits
+            }
+
+            #[inline]
+            fn up(self, bits: u32) -> Self {
+                self << bits
+            }
+
+            #[inline]
+            fn one_at(bits: u32) -> Self {
+                1 << bits
+            }
+
+            #[inline]
+            fn low(self, bits: u32) -> Self {
+                self & ((1 << bits) - 1)
+            }
+
+            #[inline]
+            fn clipped_add(self, other: Self) -> Self {
+                self.saturating_add(other)
+            }
+        }
+
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_lossless,
+            clippy::unnecessary_cast,
+            reason = "one source for two sizes; each narrowing is clipped before"
+        )]
+        impl Word for $word {
+            type Wide = $wide;
+            const BITS: u32 = <$word>::BITS;
+            const ZERO: Self = 0;
+
+            #[inline]
+            fn wide(self) -> $wide {
+                self.into()
+            }
+
+            #[inline]
+            fn times(self, other: Self) -> $wide {
+                self.wide() * other.wide()
+            }
+
+            #[inline]
+            fn times_wide(self, other: $wide, bits: u32) -> $wide {
+                let product: fn($word, $wide, u32) -> $wide = $times_wide;
+                product(self, other, bits)
+            }
+
+            #[inline]
+            fn clipped(value: $wide) -> Self {
+                let clip: fn($wide) -> $word = $clip;
+                clip(value)
+            }
+
+            fn of_f64(value: f64) -> Self {
+                value as Self
+            }
+        }
+    };
+}
+
+// One instruction, SSAT.
+word!(
+    i16,
+    i32,
+    |value| value.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
+    |word, wide, bits| ((i64::from(word) * i64::from(wide) + (1 << (bits - 1))) >> bits) as i32
+);
+// Two products of 32 bits each, as the core's multiplier has them; together below 2^63 for |wide| below 2^62.
+word!(
+    i32,
+    i64,
+    |value| i32::try_from(value).unwrap_or_else(|_| {
+        cold_path(); // as in the core
+        if value < 0 { i32::MIN } else { i32::MAX }
+    }),
+    |word, wide, bits| {
+        let (high, low) = (wide >> 32, wide & 0xffff_ffff);
+        let low = i64::from(word) * low + (1 << (bits - 1));
+        ((i64::from(word) * high) << (32 - bits)) + (low >> bits)
+    }
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_product_with_a_wide_word_is_rounded_to_the_nearest() {
+        for (word, wide) in [
+            (123_456_789, 987_654_321_987_654_321i64),
+            (-123_456_789, 987_654_321_987_654_321),
+            (i32::MIN, -1),
+            (i32::MAX, i64::MIN / 4),
+            (3, 5),
+        ] {
+            for bits in [1, 13, 30, 31] {
+                let exact = i128::from(word) * i128::from(wide);
+                let nearest = (exact + (1 << (bits - 1))) >> bits;
+                if let Ok(nearest) = i64::try_from(nearest) {
+                    assert_eq!(word.times_wide(wide, bits), nearest, "{word} {wide} {bits}");
+                }
+            }
+        }
+        assert_eq!((-3i16).times_wide(1 << 20, 14), -192);
+        assert_eq!(1i16.times_wide(1 << 13, 14), 1, "half an LSB goes up");
+        assert_eq!(1i16.times_wide((1 << 13) - 1, 14), 0);
+    }
+}

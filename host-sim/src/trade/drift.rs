@@ -1,0 +1,38 @@
+//! What a constant speed loses or gains for ever.
+
+use filter_forms::Filter;
+
+use super::{Bench, larger, response::SETTLE_PERIODS};
+
+/// Samples over which the drift is watched.
+pub const SAMPLES: u32 = 1_000_000;
+/// Counts in so many samples: slow, where a dead zone holds most. What a gain that is not 1 does at high speed is an
+/// error of the response.
+const SPEEDS: [(i64, i64); 2] = [(3, 10), (-1, 1000)];
+
+/// Largest span of `sum(out - in)` over [`SAMPLES`] samples at constant speeds, counts.
+pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
+    let transient = bench.samples(SETTLE_PERIODS, cutoff_hz) + 200;
+    let mut worst = 0f64;
+    for (counts, samples) in SPEEDS {
+        let place = |n: u32| (i64::from(n) * counts).div_euclid(samples);
+        #[expect(clippy::cast_possible_truncation, reason = "a few counts")]
+        let moved = |n: u32| (place(n + 1) - place(n)) as i32;
+        // The sum of the inputs is an integer; that of what the outputs lack is small, and keeps its digits.
+        let (mut sum, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
+        let mut filter = *filter;
+        filter.run(
+            transient + SAMPLES,
+            |n| moved(n) << 16,
+            |n, out| {
+                if n >= transient {
+                    sum += out - f64::from(moved(n));
+                    low = f64::min(low, sum);
+                    high = f64::max(high, sum);
+                }
+            },
+        );
+        worst = larger(worst, if sum.is_finite() { high - low } else { f64::INFINITY });
+    }
+    worst
+}

@@ -1,0 +1,84 @@
+//! How far the output is from the exact filter's on the same counts: wrong coefficients, rounding, dead zones, all together.
+
+use filter_forms::Filter;
+
+use super::{Bench, larger, reference::Reference};
+
+/// Speed of the ramp, counts per sample: incommensurable with the counts, as a hand's is.
+pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
+/// Fewest samples, and periods of the cutoff.
+const SAMPLES_MIN: u32 = 100_000;
+const PERIODS: f64 = 8.0;
+
+/// The motions of one cutoff and what the exact filter makes of them; shared by all variants.
+#[derive(Clone, Debug)]
+pub struct Motions {
+    /// Count differences, and exact outputs in counts per sample.
+    rest: (Vec<i8>, Vec<f64>),
+    ramp: (Vec<i8>, Vec<f64>),
+    /// RMS of what the encoder's flicker and steps leave in the exact output, counts per sample.
+    pub encoder: Noise,
+}
+
+/// At rest and in motion, RMS, counts per sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// On a count that flickers.
+    pub at_rest: f64,
+    /// On a ramp.
+    pub in_motion: f64,
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v * v, count + 1.0));
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
+impl Motions {
+    /// For that cutoff.
+    pub fn new(bench: &Bench, cutoff_hz: f64) -> Self {
+        let samples = bench.samples(PERIODS, cutoff_hz).max(SAMPLES_MIN);
+        let mut state = 0x2545_f491_4f6c_dd1du64;
+        let mut before = 0i8;
+        let rest: Vec<i8> = (0..samples)
+            .map(|_| {
+                // xorshift64 (Marsaglia 2003): the same flicker in every run and on every machine
+                state ^= state << 13;
+                state ^= state >> 7;
+                state ^= state << 17;
+                let count = i8::from(state >> 40 & 1 == 1);
+                count - std::mem::replace(&mut before, count)
+            })
+            .collect();
+        let place = |n: u32| (RAMP_COUNTS * f64::from(n)).floor();
+        #[expect(clippy::cast_possible_truncation, reason = "0 or 1")]
+        let ramp: Vec<i8> = (0..samples).map(|n| (place(n + 1) - place(n)) as i8).collect();
+        let exactly = |moved: &[i8]| -> Vec<f64> {
+            let mut reference = Reference::new(cutoff_hz, bench.rate_hz);
+            moved.iter().map(|&x| reference.step(x.into())).collect()
+        };
+        let (rest_out, ramp_out) = (exactly(&rest), exactly(&ramp));
+        let settled = ramp_out.len() / 2; // four periods of the cutoff at least
+        let encoder = Noise {
+            at_rest: rms(rest_out[settled..].iter().copied()),
+            in_motion: rms(ramp_out[settled..].iter().map(|v| v - RAMP_COUNTS)),
+        };
+        Self { rest: (rest, rest_out), ramp: (ramp, ramp_out), encoder }
+    }
+
+    /// Measures a filter at rest.
+    pub fn measure(&self, filter: &Filter) -> Noise {
+        let distance = |(moved, exact): &(Vec<i8>, Vec<f64>)| {
+            let mut filter = *filter;
+            let mut sum = 0.0;
+            let samples = u32::try_from(moved.len()).unwrap_or(u32::MAX);
+            filter.run(
+                samples,
+                |n| i32::from(moved[n as usize]) << 16,
+                |n, out| sum += (out - exact[n as usize]).powi(2),
+            );
+            larger(0.0, (sum / f64::from(samples)).sqrt())
+        };
+        Noise { at_rest: distance(&self.rest), in_motion: distance(&self.ramp) }
+    }
+}

@@ -1,0 +1,65 @@
+//! Sines whose period is a whole number of samples: their response is a sum over whole periods, and nothing leaks.
+
+use std::f64::consts::PI;
+
+use nalgebra::Complex;
+
+/// A sine and its window.
+#[derive(Clone, Debug)]
+pub struct Tone {
+    /// Cycles per sample.
+    pub frequency: f64,
+    window: u32,
+    /// LSB of the core's velocity.
+    input: Vec<i32>,
+    /// Cosine and sine at each place of the window.
+    phasor: Vec<Complex<f64>>,
+    /// What the rounded input itself holds.
+    spectrum: Complex<f64>,
+}
+
+/// Shortest window, samples.
+const WINDOW_MIN: f64 = 4096.0;
+
+impl Tone {
+    /// The one nearest to `frequency`, cycles per sample, with that amplitude in LSB.
+    pub fn near(frequency: f64, amplitude: f64) -> Self {
+        let cycles = (WINDOW_MIN * frequency).ceil().max(1.0);
+        let length = (cycles / frequency).round();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let (window, step) = (length as u32, cycles as u64);
+        let phasor: Vec<Complex<f64>> = (0..u64::from(window))
+            .map(|n| {
+                #[expect(clippy::cast_precision_loss, reason = "below the window's length")]
+                let place = (n * step % u64::from(window)) as f64;
+                Complex::cis(-2.0 * PI * place / length)
+            })
+            .collect();
+        #[expect(clippy::cast_possible_truncation, reason = "the amplitude is far within i32")]
+        let input: Vec<i32> = phasor.iter().map(|p| (-amplitude * p.im).round() as i32).collect();
+        let spectrum = input.iter().zip(&phasor).map(|(&x, p)| p * f64::from(x)).sum();
+        Self { frequency: cycles / length, window, input, phasor, spectrum }
+    }
+
+    /// Samples of the window.
+    pub fn window(&self) -> u32 {
+        self.window
+    }
+
+    /// The input at a sample, LSB.
+    #[inline]
+    pub fn input(&self, n: u32) -> i32 {
+        self.input[(n % self.window) as usize]
+    }
+
+    /// The phasor that a sample of the output is weighed with.
+    #[inline]
+    pub fn phasor(&self, n: u32) -> Complex<f64> {
+        self.phasor[(n % self.window) as usize]
+    }
+
+    /// The response, of the outputs' weighed sum over a window, in LSB.
+    pub fn response(&self, sum: Complex<f64>) -> Complex<f64> {
+        sum / self.spectrum
+    }
+}
