@@ -17,7 +17,7 @@
 //! | area | the scene's boundary walks with this filter in the controller's place of the velocity filter | [`area`] |
 //!
 //! *Exact* is the bilinear transform in closed form, and for signals a state-variable filter in
-//! double-double arithmetic ([`reference`]): `f64` has an error too.
+//! double-double arithmetic ([`mod@reference`]): `f64` has an error too.
 //!
 //! A variant *would do* at a cutoff if no [`Criterion`] is missed: what it does wrong is then below what the encoder
 //! does anyway.
