@@ -6,10 +6,10 @@
     reason = "a test fails loudly"
 )]
 
-use std::process::Command;
+use std::{f64::consts::PI, process::Command};
 
 use host_sim::{
-    plant::{Moment, Plant as _},
+    plant::{AnyPlant, Moment, Plant as _},
     rig::{HitError, Numeric, Rig, WallHit},
     scene::{NamedScene, Scene},
 };
@@ -365,3 +365,46 @@ fn random_elements_never_panic_and_stay_finite() {
     println!("{ran} ran, {integrated} of them integrated");
     assert!(ran > 50 && integrated > 30, "{ran} {integrated}");
 }
+
+/// Let go at rest and left alone, no part of a random device may ever hold more energy than all of it had
+/// at first: seen in how far the handle gets from where its spring is at rest.
+#[test]
+fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
+    let config =
+        ProptestConfig { cases: 150, failure_persistence: None, ..ProptestConfig::default() };
+    let (ran_cell, worst_cell) = (std::cell::Cell::new(0), std::cell::Cell::new(0.0));
+    TestRunner::new(config)
+        .run(&(any_tables(), -0.015..0.07f64), |(tables, start_m)| {
+            let tables: Vec<&str> = tables.iter().map(String::as_str).collect();
+            let Ok(scene) = read(&tables) else { return Ok(()) };
+            let device = &scene.device;
+            let spring_j =
+                |x: f64| 0.5 * device.stiffness_n_per_m * (x - device.rest_position_m).powi(2);
+            let arm_j = scene.arm.map_or(0.0, |arm| {
+                0.5 * arm.stiffness_n_per_m * (start_m - arm.rest_position_m).powi(2)
+            });
+            // From its highest to its lowest.
+            let cogging_j = scene.cogging.map_or(0.0, |c| c.amplitude_n * c.pitch_m / PI);
+            let all_j = spring_j(start_m) + arm_j + cogging_j;
+            let plant = AnyPlant::unsensed(&scene, 1e-4, 0.0);
+            let mut state = plant.at_rest(start_m);
+            let mut worst = 0.0f64;
+            for _ in 0..10_000 {
+                state = plant.advance(&state, 0.0);
+                worst = worst.max(spring_j(plant.position_m(&state)));
+            }
+            prop_assert!(
+                worst <= all_j * (1.0 + GAIN_MAX) + 1e-12,
+                "{worst} of {all_j}: {tables:?}"
+            );
+            ran_cell.set(ran_cell.get() + 1);
+            worst_cell.set(f64::max(worst_cell.get(), worst / all_j - 1.0));
+            Ok(())
+        })
+        .unwrap();
+    println!("{} devices, at most {:e} more than at first", ran_cell.get(), worst_cell.get());
+    assert!(ran_cell.get() > 50);
+}
+
+/// What an integrator with the fewest steps that a scene may ask for adds at most, relative.
+const GAIN_MAX: f64 = 1e-3;
