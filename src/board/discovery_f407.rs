@@ -44,6 +44,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let mut rcc = device
         .RCC
         .freeze(Config::hse(8.MHz()).sysclk(CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz()));
+    super::watch_clock();
     super::set_up_debug(&device.DBGMCU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();

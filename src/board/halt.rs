@@ -1,4 +1,5 @@
-//! The ends: a panic and a hard fault. Both switch off, note the fault, and wait for the watchdog.
+//! The ends: a panic, a hard fault, a failed clock. All switch off, note the fault, and wait for the
+//! watchdog.
 
 use core::panic::PanicInfo;
 
@@ -17,6 +18,14 @@ fn panic(_: &PanicInfo) -> ! {
 #[exception]
 unsafe fn HardFault(_: &ExceptionFrame) -> ! {
     end(Fault::HardFault)
+}
+
+/// The clock security system has found the HSE dead: without this the timers would stand still with
+/// enable active and the last force on. It also drives TIM1's break input (reference manuals, clock security system).
+// SAFETY: as HardFault.
+#[exception]
+unsafe fn NonMaskableInt() -> ! {
+    end(Fault::ClockFailure)
 }
 
 fn end(fault: Fault) -> ! {

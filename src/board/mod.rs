@@ -147,6 +147,28 @@ fn set_up_debug(dbgmcu: &pac::DBGMCU) {
     dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim5_stop().set_bit().dbg_iwdg_stop().clear_bit());
 }
 
+/// Watches the HSE: if it fails, TIM1's break drops enable and an NMI ends the program.
+fn watch_clock() {
+    // SAFETY: one bit of a register that nobody else writes after the clock was set up.
+    let rcc = unsafe { &*pac::RCC::ptr() };
+    rcc.cr().modify(|_, w| w.csson().set_bit());
+}
+
+/// Whether a debugger has halted the core since this was last asked. Sticky, so it is also seen where the
+/// timer's enable bit outlives the halt.
+#[inline(always)]
+pub fn was_halted() -> bool {
+    // SAFETY: the debug fault status; reading has no effect, and writing ones back clears them.
+    let dfsr = unsafe { &(*cortex_m::peripheral::SCB::PTR).dfsr };
+    let causes = dfsr.read();
+    if causes == 0 {
+        return false;
+    }
+    // SAFETY: as above.
+    unsafe { dfsr.write(causes) };
+    true
+}
+
 /// TIM1 with a clock and in its reset state; its outputs stay off.
 fn power_tim1(rcc: &mut Rcc) {
     pac::TIM1::enable(rcc);

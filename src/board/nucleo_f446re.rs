@@ -28,9 +28,9 @@ pub(super) use dac::{Output, zero};
 pub const NAME: &str = "nucleo-f446re";
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 180_000_000;
-/// From the sampling event to the force, samples: 7.5 us to the DAC's register (1348 cycles on the
+/// From the sampling event to the force, samples: 8.3 us to the DAC's register (1495 cycles on the
 /// virtual board), 3 us for its buffer to settle (data sheet, typical).
-pub const LATENCY_SAMPLES: f64 = 0.11;
+pub const LATENCY_SAMPLES: f64 = 0.115;
 /// What the force output makes of a force.
 pub const OUTPUT: zwidth::Output = zwidth::Output::Dac { bits: 12 };
 
@@ -44,6 +44,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
             .pclk1(45.MHz())
             .pclk2(90.MHz()),
     );
+    super::watch_clock();
     super::set_up_debug(&device.DBGMCU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();

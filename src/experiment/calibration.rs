@@ -52,10 +52,14 @@ impl CalibrationSettings {
             target: (percent * lsb) as i32,
             step: ((rise * lsb / outputs_per_s) as i32).max(1),
             hold: libm::ceil(hold_s * outputs_per_s) as u32,
+            longest: libm::ceil(LONGEST_S * outputs_per_s) as u32,
             travel: (self.travel_m / design.resolution_m) as u32,
         })
     }
 }
+
+/// Longest calibration, however often its force is changed, s.
+const LONGEST_S: f64 = 120.0;
 
 /// The calibration in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +70,8 @@ pub struct CalibrationPlan {
     step: i32,
     /// Outputs.
     hold: u32,
+    /// Outputs in all.
+    longest: u32,
     /// Counts.
     travel: u32,
 }
@@ -104,15 +110,18 @@ pub struct Calibration {
     force: i32,
     /// Outputs since the force is complete.
     held: u32,
+    /// Outputs in all.
+    outputs: u32,
 }
 
 impl Calibration {
     /// A calibration whose first output is still to come.
     pub fn new(plan: CalibrationPlan) -> Self {
-        Self { plan, origin: None, force: 0, held: 0 }
+        Self { plan, origin: None, force: 0, held: 0, outputs: 0 }
     }
 
-    /// Goes on from the present force to another one.
+    /// Goes on from the present force to another one. The time in all goes on as well: meanwhile nobody
+    /// looks for a push without motion.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         (self.plan, self.held) = (plan, 0);
     }
@@ -128,6 +137,10 @@ impl Calibration {
         }
         if position.wrapping_since(origin).unsigned_abs() > self.plan.travel {
             return Err(CalibrationEnd::Moved);
+        }
+        self.outputs = self.outputs.saturating_add(1);
+        if self.outputs > self.plan.longest {
+            return Err(CalibrationEnd::TimeUp);
         }
         let step = self.plan.step;
         // both within +-0.3 full scale
@@ -200,6 +213,19 @@ mod tests {
         }
         let mut calibration = Calibration::new(SETTINGS.build(&DESIGN).unwrap());
         assert_eq!(calibration.output(at(0), true), Err(CalibrationEnd::Contact));
+    }
+
+    #[test]
+    fn however_often_the_force_is_changed_it_ends_after_two_minutes() {
+        let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
+        let mut calibration = Calibration::new(plan(20.0));
+        let ended = (0..200_000u32).find_map(|n| {
+            if n % 5_000 == 0 {
+                calibration.retarget(plan(if n % 10_000 == 0 { 20.0 } else { 19.0 }));
+            }
+            calibration.output(at(0), false).err().map(|end| (n, end))
+        });
+        assert_eq!(ended, Some((120_000, CalibrationEnd::TimeUp)));
     }
 
     #[test]

@@ -49,6 +49,8 @@ enum Need {
     NotArming,
     /// Out of the wall, as long as force is on. With the force off a wall does nothing.
     NoContact,
+    /// Out of the wall, force or not.
+    Outside,
     /// No experiment.
     Idle,
     /// No experiment but a calibration, which goes on with another force.
@@ -85,7 +87,9 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Stream(_)
         | Command::Stop
         | Command::Disarm => &[],
-        Command::Arm => &[N::NoFault, N::Off, N::StopClosed, N::Supply, N::Settings, N::Zeroed],
+        Command::Arm => {
+            &[N::NoFault, N::Off, N::StopClosed, N::Supply, N::Settings, N::Zeroed, N::Outside]
+        }
         Command::Clear => &[N::Fault, N::CauseGone],
         Command::UnlockEnvelope => &[N::NoFault],
         Command::Zero => &[N::NotArming, N::Idle, N::NoContact],
@@ -129,6 +133,7 @@ impl Need {
                 unmet(!arming, Refusal::Arming)
             }
             Self::NoContact => unmet(!(state.is_on() && status.contact), Refusal::Contact),
+            Self::Outside => unmet(!status.contact, Refusal::Contact),
             Self::Idle => unmet(now.activity == Activity::None, Refusal::Busy),
             Self::IdleOrCalibration => {
                 let free = matches!(now.activity, Activity::None | Activity::Calibration);
@@ -291,6 +296,7 @@ mod tests {
             let (status, inputs) = (now.status, now.status.inputs);
             status.state == State::Off
                 && status.zeroed
+                && !status.contact
                 && inputs.stop_closed
                 && inputs.supply_good
                 && inputs.settings_valid

@@ -69,6 +69,8 @@ faults! {
     BrownOut = 31, "brown-out";
     /// A debugger halted the processor while force was on.
     Debugger = 32, "debugger halt";
+    /// The crystal or clock input failed; the processor runs on by its internal oscillator.
+    ClockFailure = 33, "clock failure";
     /// The settings in force are not valid.
     Settings = 40, "settings";
     /// The program stopped itself.
@@ -179,7 +181,7 @@ mod tests {
     #[test]
     fn codes_are_stable_and_come_back() {
         let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
-        assert_eq!(codes, [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 30, 31, 32, 40, 41, 42]);
+        assert_eq!(codes, [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 30, 31, 32, 33, 40, 41, 42]);
         for code in 0..=u8::MAX {
             let fault = Fault::from_code(code);
             assert_eq!(fault.is_some(), codes.contains(&code));

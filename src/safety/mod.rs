@@ -40,6 +40,7 @@ mod plan;
 mod push;
 mod records;
 mod sign;
+mod speed;
 mod supervisor;
 
 pub use blackbox::BlackBox;

@@ -92,6 +92,7 @@ impl SafetySettings {
         Ok(SafetyPlan {
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
+            moved: libm::round(speed * period_s / design.resolution_m) as u32 + 1,
             travel: libm::floor(self.travel_m / design.resolution_m) as u32,
             ramp_renders,
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders,
@@ -112,6 +113,8 @@ pub struct SafetyPlan {
     pub(super) jump: u32,
     /// Largest allowed speed, LSB of [`Velocity`].
     pub(super) speed: u32,
+    /// Largest allowed move from one output to the next, counts; one is for quantisation.
+    pub(super) moved: u32,
     /// Furthest allowed place to either side of zero, counts.
     pub(super) travel: u32,
     /// Outputs over which the force comes in.
@@ -154,6 +157,7 @@ pub(super) mod tests {
         let plan = SETTINGS.build(&DESIGN).unwrap();
         assert_eq!(plan.jump, 501); // 5 m/s are 500 counts of 1 um in 100 us, and one more
         assert_eq!(plan.speed, 100 << 16);
+        assert_eq!(plan.moved, 1001);
         assert_eq!(plan.travel, 200_000);
         assert_eq!(plan.ramp_renders, 200);
         assert_eq!(plan.sign_quarter, 25);

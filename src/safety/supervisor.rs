@@ -8,6 +8,7 @@ use super::{
     change::Change,
     push::PushWatch,
     sign::{SignStep, SignTest},
+    speed::SpeedWatch,
 };
 use crate::{
     Control, Drive, Motion,
@@ -78,6 +79,7 @@ pub struct Supervisor {
     ramp: u32,
     change: Option<Change>,
     watch: PushWatch,
+    speed: SpeedWatch,
     /// The handle is held on purpose.
     still: bool,
     /// The grant of the last output.
@@ -111,6 +113,7 @@ impl Supervisor {
             ramp: 0,
             change: None,
             watch: PushWatch::default(),
+            speed: SpeedWatch::default(),
             still: false,
             last: Grant::Off,
             fault: boot,
@@ -142,8 +145,9 @@ impl Supervisor {
         self.inputs = inputs;
         self.contact = drive.contact;
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
+        let before = self.zeros;
         let held = self.follow_zero(up);
-        self.look(up, inputs);
+        self.look(up, inputs, self.zeros != before);
         let force = self.force(control, up, push, &drive, held);
         let grant = match force {
             Some(force) => Grant::On(Granted { force, command: control.actuator.command(force) }),
@@ -267,6 +271,9 @@ impl Supervisor {
         if !self.zeroed && !self.zero_pending() {
             return Err(Refusal::NotZeroed);
         }
+        if self.contact {
+            return Err(Refusal::Contact); // the wall would throw the handle out
+        }
         if self.down.stall {
             return Err(Refusal::Stalled);
         }
@@ -362,8 +369,9 @@ impl Supervisor {
 
     /// Latches every fault that is there.
     #[inline]
-    fn look(&mut self, up: &Up, inputs: Inputs) {
+    fn look(&mut self, up: &Up, inputs: Inputs, renamed: bool) {
         let on = self.state.is_on();
+        let fast = self.speed.too_fast(up.motion.position, renamed, self.plan.moved);
         let outside = FaultSet::EMPTY
             .with_if(Fault::EmergencyStop, !inputs.stop_closed)
             .with_if(Fault::BrownOut, !inputs.supply_good)
@@ -392,6 +400,7 @@ impl Supervisor {
             let away = up.motion.position.wrapping_since(Position::default()).unsigned_abs();
             let found = outside
                 .with_if(Fault::PushWithoutMotion, pushed)
+                .with_if(Fault::OverSpeed, fast)
                 .with_if(Fault::BeyondTravel, away > self.plan.travel)
                 .union(up.guard.present);
             self.trip(self.here(up.motion, found));

@@ -124,7 +124,7 @@ impl Link {
     /// Passes on what has come since. Late: `render` drops reports, counted by gaps in telemetry.
     pub fn run(&mut self) {
         while let Some(report) = self.reports.dequeue() {
-            self.stream(report.record);
+            self.stream(report.streamed);
             self.latest = Some(report);
             match report.event {
                 Event::None => {}

@@ -61,8 +61,10 @@ pub enum Event {
 /// One output, as `link` sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// For telemetry.
+    /// This output.
     pub record: Record,
+    /// For telemetry: the same, or one of the black box while that is read out.
+    pub streamed: Record,
     /// What the supervisor thinks.
     pub status: Status,
     /// What else goes on.

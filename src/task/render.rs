@@ -160,7 +160,7 @@ impl Render {
 
     /// What the board says at this output.
     fn inputs(&self, cut: bool) -> Inputs {
-        let stop_closed = self.outputs.stop.is_closed();
+        let (halted, stop_closed) = (board::was_halted(), self.outputs.stop.is_closed());
         let supply_good = !self.outputs.supply.is_low();
         Inputs {
             stop_closed,
@@ -168,7 +168,7 @@ impl Render {
             settings_valid: self.gains == Gains::Inside || self.supervisor.status().unlocked,
             // Nobody else drops enable while force is on, but for the emergency stop and `sample`
             // (it cut), which have faults of their own.
-            halted: self.was_on && stop_closed && !cut && !self.outputs.drive.is_on(),
+            halted: self.was_on && (halted || (stop_closed && !cut && !self.outputs.drive.is_on())),
         }
     }
 
@@ -330,8 +330,9 @@ impl Render {
             news => news,
         };
         let event = core::mem::replace(event, Event::None);
-        let record = self.replayed().unwrap_or(record);
-        let report = Report { record, status: self.supervisor.status(), activity, event };
+        let streamed = self.replayed().unwrap_or(record);
+        let status = self.supervisor.status();
+        let report = Report { record, streamed, status, activity, event };
         // There is room, and nobody else writes.
         let _ = self.ends.reports.enqueue(report);
     }

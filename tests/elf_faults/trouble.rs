@@ -76,7 +76,7 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 28] = [
+pub const TROUBLES: [Trouble; 29] = [
     Trouble {
         name: "count jump",
         code: 10,
@@ -303,6 +303,17 @@ pub const TROUBLES: [Trouble; 28] = [
     hard_fault("HardFault in render", |_, world| lose_the_way(world, RENDER, NOWHERE), true),
     hard_fault("HardFault in sample", |_, world| lose_the_way(world, SAMPLE, NOWHERE), false),
     hard_fault("undefined instruction", |_, world| lose_the_way(world, LINK, ERASED), false),
+    Trouble {
+        name: "clock failure",
+        code: 33,
+        limit_us: HANDLER_US,
+        begin: |firmware, world| {
+            let handler = firmware.elf.address_of("NonMaskableInt").unwrap();
+            lose_the_way(world, LINK, handler)
+        },
+        resets: true,
+        ..PLAIN
+    },
     Trouble {
         name: "dead channel A at arm",
         code: 14,

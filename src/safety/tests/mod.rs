@@ -224,6 +224,42 @@ fn a_count_jump_is_off_with_the_same_sample() {
 }
 
 #[test]
+fn arm_is_refused_in_the_wall_whether_wall_or_handle_went_there() {
+    let mut bench = Bench::new();
+    bench.held = true;
+    bench.run(1);
+    bench.ask(Request::Zero).unwrap();
+    bench.run(20);
+    bench.control = control(-0.01, 2000.0);
+    bench.run(20);
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::Contact));
+    bench.control = control(0.01, 2000.0);
+    bench.run(20);
+    bench.held = false;
+    bench.ask(Request::Arm).unwrap();
+}
+
+/// With a cutoff of 0.5 Hz the estimate knows nothing of a fast handle for a long time.
+#[test]
+fn high_speed_is_found_from_the_counts_whatever_the_cutoff() {
+    let mut bench = Bench::armed();
+    let settings = Settings {
+        velocity: VelocitySettings::Butterworth { cutoff_hz: 0.5, prewarp: false },
+        wall: WallSettings {
+            position_m: 1.0,
+            stiffness_n_per_m: 0.0,
+            damping_n_s_per_m: 0.0,
+            push_only: true,
+        },
+    };
+    bench.control = settings.build(&DESIGN).unwrap();
+    bench.run(200);
+    bench.velocity_m_per_s = 1.5;
+    assert!(bench.samples_until_off() <= 20, "one output period and what is left of the last");
+    assert_eq!(bench.fault(), Some(Fault::OverSpeed));
+}
+
+#[test]
 fn high_speed_is_a_fault_with_force_and_none_without() {
     let mut bench = Bench::new();
     bench.velocity_m_per_s = 1.5;
