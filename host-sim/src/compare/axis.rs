@@ -1,6 +1,6 @@
 //! The tunings that a search may take: along the bandwidth, and along a second parameter, 0 to 1 each.
 //!
-//! **First axis**: the same decades of [bandwidth](super::bandwidth) for every estimator, [`LOW`] to
+//! **First axis**: the same decades of [bandwidth](super::bandwidth) for every estimator, `LOW` to
 //! half of the rate, as far as the core accepts the tuning. A window is the whole number nearest to it.
 //!
 //! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
