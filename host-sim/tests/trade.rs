@@ -1,12 +1,18 @@
 //! `trade` as a user meets it, and facts that its figures must show.
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "a test fails loudly")]
 
-use std::{fs, path::Path, process::Command};
+use std::{collections::HashSet, fs, path::Path, process::Command};
 
 use filter_forms::{Form, Format, Variant};
 use host_sim::{
     scene::NamedScene,
-    trade::{Bench, Refused, drift, noise::Motions, response::Tones, rest},
+    trade::{
+        Bench, Criterion, Refused, drift, figures,
+        filters::{Exact, FilterRow, Filters, Measured},
+        noise::Motions,
+        response::Tones,
+        rest,
+    },
 };
 use serde_json::Value;
 use tempfile::TempDir;
@@ -199,4 +205,89 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     assert!((0.3..0.45).contains(&shaped), "{shaped}");
     // outputs below 1 count per sample are rounded to 1.1e-16 at most
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
+}
+
+/// What is said in docs/trade.md, in its words: a tenth of the encoder's share or one LSB; 2 % beyond the spread.
+fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
+    const LSB: f64 = 1.0 / 65_536.0;
+    let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;
+    let Exact { encoder, .. } = exact;
+    match criterion {
+        Criterion::Response => m.response.error.is_nan() || m.response.error > 0.01,
+        Criterion::Cutoff => !m.response.cutoff_error.is_some_and(|error| error.abs() <= 0.01),
+        Criterion::Bias => !within(m.drift_counts / 1e6, encoder.in_motion),
+        Criterion::Noise => {
+            !within(m.noise.at_rest, encoder.at_rest)
+                || !within(m.noise.in_motion, encoder.in_motion)
+        }
+        Criterion::Rest => !within(m.rest_counts, encoder.at_rest),
+        Criterion::Area => m.area_change.is_some_and(|c| c.abs() - exact.area_spread > 0.02),
+    }
+}
+
+/// Measured filters, and changes of the area on both sides of what is allowed there.
+#[test]
+fn a_filter_is_above_the_line_exactly_where_it_misses() {
+    let bench = bench();
+    let cutoffs = [0.1, 1.0, 20.0, 50.0, 200.0, 2000.0];
+    let followed = [
+        CORE,
+        of(Format::I32, Form::Direct1),
+        of(Format::Q15, Form::Direct1),
+        of(Format::F32, Form::Direct1),
+        of(Format::F32, Form::Delta),
+    ];
+    let (mut exact, mut rows) = (vec![], vec![]);
+    for (cutoff, cutoff_hz) in cutoffs.into_iter().enumerate() {
+        let (tones, motions) = (Tones::new(&bench, cutoff_hz), Motions::new(&bench, cutoff_hz));
+        exact.push(Exact {
+            cutoff_hz,
+            has_cutoff: true,
+            encoder: motions.encoder,
+            area: 1.0,
+            area_spread: 0.016,
+        });
+        for (number, &variant) in followed.iter().enumerate() {
+            let change = [None, Some(0.019), Some(-0.035), Some(0.037), Some(-1.0)][number];
+            let measured = bench.filter(variant, cutoff_hz).map(|filter| Measured {
+                response: tones.measure(&filter),
+                drift_counts: drift::measure(&bench, &filter, cutoff_hz),
+                noise: motions.measure(&filter),
+                rest_counts: rest::measure(&bench, &filter, cutoff_hz),
+                headroom_counts: None,
+                area: Some(1.0),
+                area_change: change,
+            });
+            rows.push(FilterRow { variant, cutoff, measured, missed: vec![] });
+        }
+    }
+    let filters = Filters { exact, rows, host_ns: vec![] };
+    let plot = figures::cutoffs_plot("test", &filters);
+    assert_eq!(plot.panels.len(), Criterion::ALL.len());
+    let mut seen = HashSet::new();
+    for row in &filters.rows {
+        let name = format!("{} {}", row.variant.format.name(), row.variant.form.name());
+        let series = plot.series.iter().find(|series| series.name == name).unwrap();
+        let exact = &filters.exact[row.cutoff];
+        for (n, criterion) in Criterion::ALL.into_iter().enumerate() {
+            let drawn = series.points[n].iter().find(|[x, _]| *x == exact.cutoff_hz);
+            let above = drawn.is_some_and(|[_, y]| *y > plot.panels[n].limit.unwrap());
+            let Ok(measured) = &row.measured else {
+                assert_eq!(drawn, None, "{name} is refused");
+                continue;
+            };
+            let missed = misses(criterion, measured, exact);
+            let place = format!("{name} at {} Hz, {}", exact.cutoff_hz, criterion.name());
+            assert_eq!(above, missed, "{place}: {drawn:?}");
+            assert_eq!(criterion.missed(measured, exact), missed, "{place}");
+            seen.insert((criterion.name(), missed));
+        }
+    }
+    assert_eq!(seen.len(), 2 * Criterion::ALL.len(), "each is kept and missed: {seen:?}");
+    // the LSB decides: more than a tenth of the encoder's share, and still below the line
+    let core = filters.rows.iter().find(|row| row.variant == CORE && row.cutoff == 1).unwrap();
+    let noise = core.measured.as_ref().unwrap().noise.in_motion;
+    assert!(noise > 0.1 * filters.exact[1].encoder.in_motion, "{noise:e}");
+    // what blows up is drawn, not left out
+    figures::cutoffs("test", &filters).unwrap();
 }

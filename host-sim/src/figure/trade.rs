@@ -63,7 +63,7 @@ pub struct TradeSeries {
     pub colour: usize,
     /// Its mark.
     pub mark: Mark,
-    /// Points of each panel, x and y; what is 0 is drawn at the lower edge.
+    /// Points of each panel, x and y; what is 0 is drawn at the lower edge, what is infinite on the frame.
     pub points: Vec<Vec<[f64; 2]>>,
 }
 
@@ -104,11 +104,13 @@ pub struct TradePlot {
 /// Draws a trade.
 ///
 /// # Errors
-/// [`FigureError`] if a number is NaN or infinite, or an x is not greater than 0.
+/// [`FigureError`] if a number is NaN, an x is infinite or not greater than 0, or a y is negatively infinite.
 pub fn trade(plot: &TradePlot) -> Result<Figure, FigureError> {
     for point in plot.series.iter().flat_map(|series| series.points.iter().flatten()) {
         super::positive("x", point[0])?;
-        plottable("y", point[1])?;
+        if point[1] != f64::INFINITY {
+            plottable("y", point[1])?;
+        }
     }
     Figure::new(Plot::Trade(plot.clone()))
 }
@@ -138,6 +140,7 @@ impl Decades {
     /// `floor` is a power of ten, or as good as nothing.
     fn around(values: impl Iterator<Item = f64>, floor: f64) -> Self {
         let (low, high) = values
+            .filter(|value| value.is_finite())
             .map(|value| value.max(floor).log10())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         if low > high {
@@ -213,7 +216,9 @@ fn draw_panel<DB: DrawingBackend>(
     let inside = |place: f64| PAD + place * (1.0 - 2.0 * PAD);
     let at = |[u, v]: [f64; 2]| {
         let across = panel.left + inside(x.place(u)) * (panel.right - panel.left);
-        [across, panel.bottom - inside(y.place(v)) * (panel.bottom - panel.top)]
+        // on the frame, where no tick is
+        let up = if v == f64::INFINITY { 1.0 } else { inside(y.place(v)) };
+        [across, panel.bottom - up * (panel.bottom - panel.top)]
     };
     for exponent in x.ticks() {
         let [place, _] = at([10f64.powi(exponent), 1.0]);
@@ -380,6 +385,19 @@ mod tests {
             Decades { low: -17, high: 1 }.ticks().collect::<Vec<_>>(),
             [-15, -12, -9, -6, -3, 0]
         );
+    }
+
+    #[test]
+    fn what_is_infinite_is_on_the_frame_and_moves_no_axis() {
+        let mut infinite = plot();
+        infinite.series[0].points[0][1][1] = f64::INFINITY;
+        let figure = look(trade, &infinite);
+        let values = [f64::INFINITY, 0.3, 20.0].into_iter();
+        assert_eq!(Decades::around(values, 1e-9), Decades { low: -1, high: 2 });
+        let on_top = format!("cy=\"{}\"", TOP * super::super::GRID);
+        assert!(figure.svg().contains(&on_top) && !trade(&plot()).unwrap().svg().contains(&on_top));
+        infinite.series[0].points[0][1][1] = f64::NEG_INFINITY;
+        assert_eq!(trade(&infinite), Err(FigureError::NotPlottable { quantity: "y" }));
     }
 
     #[test]

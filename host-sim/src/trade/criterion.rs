@@ -3,6 +3,7 @@
 use super::{
     LSB_PER_COUNT,
     filters::{Exact, Measured},
+    larger,
 };
 
 /// What a filter can miss.
@@ -34,6 +35,11 @@ pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;
 
+/// What is allowed where the encoder leaves an RMS of `encoder`, both in counts per sample.
+pub fn allowed_noise(encoder: f64) -> f64 {
+    (NOISE * encoder).max(LSB)
+}
+
 impl Criterion {
     /// All.
     pub const ALL: [Self; 6] =
@@ -51,28 +57,31 @@ impl Criterion {
         }
     }
 
+    /// The error over what is allowed: missed above 1, infinite if the filter has blown up. `None` where the criterion does not
+    /// apply: the -3 dB frequency is above the band that is measured, or the exact filter has no area.
+    pub fn share(self, measured: &Measured, exact: &Exact) -> Option<f64> {
+        // no number is as bad as it gets
+        let of = |error: f64, allowed: f64| larger(0.0, error.abs() / allowed);
+        let at_rest = allowed_noise(exact.encoder.at_rest);
+        let in_motion = allowed_noise(exact.encoder.in_motion);
+        match self {
+            Self::Response => Some(of(measured.response.error, RESPONSE)),
+            // above 0.45 of the rate no sine is measured, and the response says it
+            Self::Cutoff => exact
+                .has_cutoff
+                .then(|| of(measured.response.cutoff_error.unwrap_or(f64::INFINITY), CUTOFF)),
+            Self::Bias => Some(of(measured.bias_counts(), in_motion)),
+            Self::Noise => Some(larger(
+                of(measured.noise.at_rest, at_rest),
+                of(measured.noise.in_motion, in_motion),
+            )),
+            Self::Rest => Some(of(measured.rest_counts, at_rest)),
+            Self::Area => measured.area_change.map(|change| of(change, AREA + exact.area_spread)),
+        }
+    }
+
     /// Whether it is missed.
     pub fn missed(self, measured: &Measured, exact: &Exact) -> bool {
-        let beyond = |value: f64, limit: f64| value.is_nan() || value > limit;
-        let at_rest = (NOISE * exact.encoder.at_rest).max(LSB);
-        let in_motion = (NOISE * exact.encoder.in_motion).max(LSB);
-        match self {
-            Self::Response => beyond(measured.response.error, RESPONSE),
-            // above 0.45 of the rate no sine is measured, and the response says it
-            Self::Cutoff => {
-                exact.has_cutoff
-                    && measured.response.cutoff_error.is_none_or(|e| beyond(e.abs(), CUTOFF))
-            }
-            Self::Bias => beyond(measured.bias_counts(), in_motion),
-            Self::Noise => {
-                beyond(measured.noise.at_rest, at_rest)
-                    || beyond(measured.noise.in_motion, in_motion)
-            }
-            Self::Rest => beyond(measured.rest_counts, at_rest),
-            Self::Area => {
-                let change = measured.area_change.unwrap_or(0.0);
-                beyond(change.abs(), AREA + exact.area_spread)
-            }
-        }
+        self.share(measured, exact).is_some_and(|share| share > 1.0)
     }
 }

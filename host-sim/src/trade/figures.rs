@@ -1,8 +1,8 @@
 //! The figures of a trade.
 
 use super::{
-    Bench, Form, Format, Variant, criterion,
-    filters::{Exact, FilterRow, Filters, Measured},
+    Bench, Criterion, Form, Format, Variant, criterion,
+    filters::{FilterRow, Filters},
     plant::Plants,
     table::{filter_points, pareto, plant_points},
 };
@@ -24,6 +24,22 @@ const FOLLOWED: [(Format, Form); 8] = [
     (Format::F32, Form::Delta),
     (Format::F64, Form::Direct1),
 ];
+
+/// Shares of what is allowed below this are drawn as this.
+const SHARE_FLOOR: f64 = 1e-4;
+/// Shares above this are drawn on the frame, as what blows up is.
+const SHARE_CEILING: f64 = 1e6;
+
+fn error_name(criterion: Criterion) -> &'static str {
+    match criterion {
+        Criterion::Response => "Response error",
+        Criterion::Cutoff => "Error of the −3 dB frequency",
+        Criterion::Bias => "Bias",
+        Criterion::Noise => "Noise",
+        Criterion::Rest => "Limit cycle",
+        Criterion::Area => "Change of the area",
+    }
+}
 
 fn colour(format: Format) -> usize {
     match format {
@@ -89,8 +105,7 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
         title: format!("cutoff {} Hz", hertz(filters.exact[cutoff].cutoff_hz)),
         y_title: "Velocity error [m/s]".into(),
         limit: Some(
-            (criterion::NOISE * filters.exact[cutoff].encoder.in_motion * bench.m_per_s())
-                .max(bench.m_per_s() / super::LSB_PER_COUNT),
+            criterion::allowed_noise(filters.exact[cutoff].encoder.in_motion) * bench.m_per_s(),
         ),
         floor: 1e-18,
         front: front(points),
@@ -116,17 +131,23 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
     })
 }
 
-/// How the formats fail at low cutoffs: response and drift over the cutoff.
+/// Where the formats fail, drawn: see [`cutoffs_plot`].
 ///
 /// # Errors
 /// It cannot be drawn.
 pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, Error> {
-    let value = |variant: Variant, value: fn(&Measured, &Exact) -> f64| -> Vec<[f64; 2]> {
+    drawn(&cutoffs_plot(scene, filters))
+}
+
+/// Where the formats fail: a panel for each of [`Criterion::ALL`], with the error over what is allowed at each cutoff.
+/// A filter would do where it is above the line in no panel.
+pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
+    let shares = |variant: Variant, criterion: Criterion| -> Vec<[f64; 2]> {
         let rows = filters.rows.iter().filter(|row| row.variant == variant);
         let point = |row: &FilterRow| {
-            let measured = row.measured.as_ref().ok()?;
             let exact = &filters.exact[row.cutoff];
-            Some([exact.cutoff_hz, value(measured, exact)]).filter(|[_, y]| y.is_finite())
+            let share = criterion.share(row.measured.as_ref().ok()?, exact)?;
+            Some([exact.cutoff_hz, if share > SHARE_CEILING { f64::INFINITY } else { share }])
         };
         rows.filter_map(point).collect()
     };
@@ -136,36 +157,26 @@ pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, Error> {
             name: name(variant),
             colour: colour(format),
             mark: mark(variant),
-            points: vec![
-                value(variant, |m, _| m.response.error),
-                value(variant, |m, exact| m.noise.in_motion / exact.encoder.in_motion),
-                value(variant, |m, _| m.drift_counts),
-                value(variant, |m, _| m.area_change.map_or(f64::NAN, f64::abs)),
-            ],
+            points: Criterion::ALL.map(|criterion| shares(variant, criterion)).into(),
         }
     });
-    let panel = |y_title: &str, limit, floor| TradePanel {
+    let panel = |criterion: Criterion| TradePanel {
         title: String::new(),
-        y_title: y_title.into(),
-        limit,
-        floor,
+        y_title: format!("{} / allowed", error_name(criterion)),
+        limit: Some(1.0),
+        floor: SHARE_FLOOR,
         front: vec![],
     };
-    drawn(&TradePlot {
+    TradePlot {
         title: format!("Where number formats fail, {scene}"),
-        subtitle: "a line ends where the format cannot hold the cutoff or blows up; 0 is drawn at the lower edge"
+        subtitle: "a line ends where a format cannot have the cutoff; above 10⁶ is on the frame, below 10⁻⁴ at the lower edge"
             .into(),
         legend: "Format, form".into(),
         x_title: "Cutoff [Hz]".into(),
-        panels: vec![
-            panel("Response error |H − H exact|", Some(criterion::RESPONSE), 1e-16),
-            panel("Velocity error / encoder noise", Some(criterion::NOISE), 1e-16),
-            panel("Drift in 10⁶ samples [counts]", None, 0.1),
-            panel("Change of the area", Some(criterion::AREA), 1e-4),
-        ],
+        panels: Criterion::ALL.map(panel).into(),
         series: series.into(),
         lines: true,
-    })
+    }
 }
 
 /// Error of the plant over operations.
