@@ -276,7 +276,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
     assert_eq!(fs::read_dir(folder.path().join("one")).unwrap().count(), names.len());
     // every wall of the envelope is stable that lies on the grid of the hits
     let envelope = fs::read_to_string(folder.path().join("one/envelope.csv")).unwrap();
-    let row = envelope.lines().find(|line| line.starts_with("paper-2um,butterworth,200,10,60,"));
+    let row = envelope.lines().find(|line| line.starts_with("paper-2um,butterworth,200,10,10,60,"));
     let mut ends = row.unwrap().rsplit(',').map(|end| end.parse::<f64>().unwrap());
     let (highest, lowest) = (ends.next().unwrap(), ends.next().unwrap());
     assert!(lowest == 0.0 && highest >= 12_000.0, "{lowest} {highest}");

@@ -25,6 +25,7 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
+    cortex_m::interrupt::disable();
     end(Fault::ClockFailure)
 }
 

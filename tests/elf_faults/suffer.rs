@@ -102,7 +102,9 @@ pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered 
     // The amplifier is off; the code follows, at the latest when the program acts or begins anew.
     let zero_us = us(changes.command_at.saturating_sub(begun));
     assert_eq!(world.powered.amplifier.command(), 0, "{name}");
-    let allowed_us = trouble.limit_us.max(RENDER_US) + trouble.halted_us;
+    // A reset drops enable by itself; the code follows when the program begins anew, within an output.
+    let booting_us = if trouble.resets { RENDER_US } else { 0.0 };
+    let allowed_us = trouble.limit_us.max(RENDER_US) + trouble.halted_us + booting_us;
     assert!(zero_us <= allowed_us, "{name}: zero force after {zero_us} us");
     if !trouble.resets {
         assert_eq!(world.powered.mcu.force_registers(), zero_registers(world), "{name}");
