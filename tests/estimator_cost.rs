@@ -10,11 +10,9 @@
 )]
 
 mod common;
+mod mailbox;
 
-use virtual_board::{
-    elf::Elf,
-    mcu::{Chip, Listeners, Mcu},
-};
+use mailbox::Mailbox;
 use zwidth::{
     Design, Output,
     units::{Acceleration, Force, Position},
@@ -31,74 +29,6 @@ const DESIGN: Design = Design {
     period: 10,
     output: Output::Continuous,
 };
-
-/// The program on the emulated core, and its mailbox.
-struct Target {
-    mcu: Mcu,
-    job: u32,
-    sample: u32,
-    cycles: u32,
-    senses: u32,
-}
-
-impl Target {
-    fn new() -> Self {
-        common::cargo(&["build", "--profile", "firmware", "--package", "estimator-cost"]);
-        let folder = common::target_folder().join(common::TARGET).join("firmware");
-        let elf = Elf::load(&folder.join("estimator-cost")).unwrap();
-        for (name, ..) in &elf.symbols {
-            assert!(!name.contains("panicking"), "{name} is in the image");
-        }
-        let chip = Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true };
-        let [job, sample, cycles, senses] =
-            ["JOB", "SAMPLE", "CYCLES", "SENSES"].map(|name| elf.address_of(name).unwrap());
-        let mut mcu = Mcu::new(chip, &elf.flash, Listeners::default());
-        mcu.run_until(1_000_000).unwrap();
-        Self { mcu, job, sample, cycles, senses }
-    }
-
-    fn words(&self, address: u32, count: usize) -> Vec<u32> {
-        let mut bytes = vec![0; 4 * count];
-        self.mcu.read(address, &mut bytes);
-        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
-    }
-
-    fn set(&mut self, address: u32, words: &[u32]) {
-        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        self.mcu.write(address, &bytes);
-    }
-
-    /// Velocities and cycles of each update, and bytes of an estimator.
-    fn run(
-        &mut self,
-        name: EstimatorName,
-        parameters: [f64; 2],
-        differences: &[i32],
-        senses: &[Senses],
-    ) -> (Vec<i32>, Vec<u32>, u32) {
-        let differences: Vec<u32> = differences.iter().map(|d| d.cast_unsigned()).collect();
-        self.set(self.sample, &differences);
-        let senses: Vec<u32> = senses.iter().flat_map(words_of).collect();
-        self.set(self.senses, &senses);
-        let [a, b] = parameters.map(f64::to_bits);
-        let job = [name.number(), a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32];
-        self.set(self.job + 4, &job);
-        self.set(self.job + 24, &[differences.len() as u32]);
-        self.set(self.job, &[1]);
-        for _ in 0..1000 {
-            self.mcu.run_until(self.mcu.now() + 100_000).unwrap();
-            let state = self.words(self.job, 1)[0];
-            assert_ne!(state, 3, "{name:?} is refused by the target");
-            if state == 2 {
-                let velocities = self.words(self.sample, differences.len());
-                let velocities = velocities.into_iter().map(u32::cast_signed).collect();
-                let cycles = self.words(self.cycles, differences.len());
-                return (velocities, cycles, self.words(self.job + 28, 1)[0]);
-            }
-        }
-        panic!("{name:?} does not end");
-    }
-}
 
 fn words_of(senses: &Senses) -> [u32; 4] {
     let Senses { force, acceleration, edge } = senses;
@@ -205,7 +135,7 @@ fn tunings(name: EstimatorName) -> Vec<[f64; 2]> {
 
 #[test]
 fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_period_at_most() {
-    let mut target = Target::new();
+    let mut target = Mailbox::of("estimator-cost");
     let inputs = inputs();
     for &name in EstimatorName::ALL {
         let (mut most, mut usual, mut bytes) = (0, 0, 0);
@@ -214,7 +144,12 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
         let senses: Vec<Senses> =
             inputs.iter().map(|_| if sensed { random.senses() } else { Senses::NONE }).collect();
         for parameters in tunings(name) {
-            let (velocities, cycles, size) = target.run(name, parameters, &inputs, &senses);
+            let words: Vec<u32> = senses.iter().flat_map(words_of).collect();
+            target.set("SENSES", &words);
+            let [a, b] = parameters.map(f64::to_bits);
+            let [a, b] = [a, b].map(|bits| [bits as u32, (bits >> 32) as u32]);
+            let job = [name.number(), a[0], a[1], b[0], b[1], inputs.len() as u32];
+            let (velocities, cycles, size) = target.run(name.text(), &job, &inputs);
             let estimator = name.settings(parameters).build(&DESIGN).unwrap();
             let mut state = State::at_rest(Position::default());
             let mut count = 0i32;

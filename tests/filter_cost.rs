@@ -4,74 +4,14 @@
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "a test fails loudly")]
 
 mod common;
+mod mailbox;
 
 use filter_forms::{Filter, Form, Format, Variant};
-use virtual_board::{
-    elf::Elf,
-    mcu::{Chip, Listeners, Mcu},
-};
+use mailbox::Mailbox;
 
 const RATE_HZ: f64 = 1e4;
 /// Full scale of Q15: 128 counts per sample.
 const Q15_FRACTION: u32 = 8;
-
-/// The program on the emulated core, and its mailbox.
-struct Target {
-    mcu: Mcu,
-    job: u32,
-    sample: u32,
-    cycles: u32,
-}
-
-impl Target {
-    fn new() -> Self {
-        common::cargo(&["build", "--profile", "firmware", "--package", "filter-cost"]);
-        let folder = common::target_folder().join(common::TARGET).join("firmware");
-        let elf = Elf::load(&folder.join("filter-cost")).unwrap();
-        for (name, ..) in &elf.symbols {
-            assert!(!name.contains("panicking"), "{name} is in the image");
-        }
-        let chip = Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true };
-        let [job, sample, cycles] =
-            ["JOB", "SAMPLE", "CYCLES"].map(|name| elf.address_of(name).unwrap());
-        let mut mcu = Mcu::new(chip, &elf.flash, Listeners::default());
-        mcu.run_until(1_000_000).unwrap();
-        Self { mcu, job, sample, cycles }
-    }
-
-    fn words(&self, address: u32, count: usize) -> Vec<u32> {
-        let mut bytes = vec![0; 4 * count];
-        self.mcu.read(address, &mut bytes);
-        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
-    }
-
-    fn set(&mut self, address: u32, words: &[u32]) {
-        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        self.mcu.write(address, &bytes);
-    }
-
-    /// Velocities and cycles of each update, and bytes of coefficients and state.
-    fn run(&mut self, number: u32, cutoff_hz: f64, inputs: &[i32]) -> (Vec<i32>, Vec<u32>, u32) {
-        let words: Vec<u32> = inputs.iter().map(|v| v.cast_unsigned()).collect();
-        self.set(self.sample, &words);
-        let bits = cutoff_hz.to_bits();
-        let job = [number, bits as u32, (bits >> 32) as u32, Q15_FRACTION, inputs.len() as u32];
-        self.set(self.job + 4, &job);
-        self.set(self.job, &[1]);
-        for _ in 0..1000 {
-            self.mcu.run_until(self.mcu.now() + 100_000).unwrap();
-            let state = self.words(self.job, 1)[0];
-            assert_ne!(state, 3, "{number} is refused by the target");
-            if state == 2 {
-                let velocities = self.words(self.sample, inputs.len());
-                let velocities = velocities.into_iter().map(u32::cast_signed).collect();
-                let cycles = self.words(self.cycles, inputs.len());
-                return (velocities, cycles, self.words(self.job + 24, 1)[0]);
-            }
-        }
-        panic!("{number} does not end");
-    }
-}
 
 /// At rest, slow, as fast as Q15 can take, reversing, at the limit of the core, of any size.
 fn inputs() -> Vec<i32> {
@@ -98,13 +38,15 @@ const TABLE: &str = include_str!("../host-sim/data/filter_cost.csv");
 
 #[test]
 fn on_the_target_every_filter_is_as_on_the_host_and_takes_the_stated_cycles() {
-    let mut target = Target::new();
+    let mut target = Mailbox::of("filter-cost");
     let inputs = inputs();
     let mut measured = vec![];
     for (number, &variant) in (0u32..).zip(&Variant::ALL) {
         let (mut most, mut bytes) = (0, 0);
-        for cutoff_hz in [20.0, 300.0, 1500.0, 4500.0] {
-            let (velocities, cycles, size) = target.run(number, cutoff_hz, &inputs);
+        for cutoff_hz in [20.0f64, 300.0, 1500.0, 4500.0] {
+            let bits = cutoff_hz.to_bits();
+            let job = [number, bits as u32, (bits >> 32) as u32, Q15_FRACTION, inputs.len() as u32];
+            let (velocities, cycles, size) = target.run(&variant.to_string(), &job, &inputs);
             let mut host = Filter::new(variant, cutoff_hz, RATE_HZ, Q15_FRACTION).unwrap();
             for (n, (input, velocity)) in inputs.iter().zip(velocities).enumerate() {
                 assert_eq!(
