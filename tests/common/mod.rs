@@ -50,14 +50,3 @@ fn install_target() {
     let output = output.expect("rustup is needed to install the board's target");
     assert!(output.status.success(), "rustup: {}", String::from_utf8_lossy(&output.stderr));
 }
-
-/// Holds the table that `cargo sim compare` shows against a measurement: within 2 %.
-#[allow(dead_code, reason = "not every test measures")]
-pub fn assert_cost(estimator: &str, cycles: u32) {
-    const TABLE: &str = include_str!("../../host-sim/data/estimator_cost.csv");
-    let row = TABLE.lines().find(|line| line.split(',').next() == Some(estimator));
-    let row = row.unwrap_or_else(|| panic!("estimator_cost.csv has no row {estimator}"));
-    let stated: f64 = row.split(',').nth(1).unwrap().parse().unwrap();
-    let off = f64::from(cycles) / stated - 1.0;
-    assert!(off.abs() <= 0.02, "{estimator}: {cycles} cycles, estimator_cost.csv has {stated}");
-}
