@@ -2,7 +2,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use core::hint::cold_path;
+use core::{hint::cold_path, num::NonZeroU32};
 
 use crate::{
     CounterWidth,
@@ -24,7 +24,7 @@ pub struct Control {
     /// Force to code.
     pub actuator: Actuator,
     /// Samples per output.
-    pub period: u32,
+    pub period: NonZeroU32,
 }
 
 /// One sample: where the handle is and how fast it moves.
@@ -82,6 +82,13 @@ impl Sampler {
         self.velocity.rebase(self.encoder.position());
     }
 
+    /// With the next sample the estimator starts anew, as if the handle had always moved at the velocity
+    /// of the last one. To be called when it has been tuned anew: a slope that a wide filter had from one
+    /// flicker of the counts would carry a narrow one far away.
+    pub fn restart(&mut self) {
+        self.velocity.restart();
+    }
+
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {
@@ -98,7 +105,7 @@ impl Sampler {
         let due = self.until_due == 0;
         if due {
             cold_path();
-            self.until_due = control.period.saturating_sub(1);
+            self.until_due = control.period.get() - 1;
         } else {
             self.until_due -= 1;
         }

@@ -4,7 +4,7 @@
 //! state (what samples change). [`Settings::build`] is the only place that refuses; a refused
 //! change leaves the old [`Control`] running.
 
-use core::{fmt, ops::RangeInclusive};
+use core::{fmt, num::NonZeroU32, ops::RangeInclusive};
 
 use crate::{
     Control, Gain, Output, VelocitySettings,
@@ -222,7 +222,7 @@ impl Settings {
                 push_only: wall.push_only,
             },
             actuator: Actuator::new(design.output)?,
-            period: design.period,
+            period: NonZeroU32::new(design.period).unwrap_or(NonZeroU32::MIN), // checked above
         })
     }
 }

@@ -14,7 +14,7 @@ mod elf;
 use std::sync::OnceLock;
 
 use elf::{
-    Firmware, arm,
+    Firmware, Replay, arm,
     code::{Code, Instruction},
     ok,
 };
@@ -22,12 +22,14 @@ use host_sim::scene::NamedScene;
 use virtual_board::{
     board::BOARDS,
     mcu::{Cycles, LINK, RENDER, SAMPLE, Watch},
+    world::World,
 };
 use zwidth::{
-    Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
+    Control, Design, Settings, VelocitySettings, WallSettings,
     safety::SLEW,
     telemetry::{Decoder, Flags, Record},
     units::Force,
+    velocity::Senses,
 };
 
 /// Samples under load.
@@ -143,25 +145,12 @@ fn sessions() -> &'static [(Firmware, Session); 2] {
 fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit() {
     for (_, session) in sessions() {
         let [first, counts @ ..] = &session.counts[..] else { panic!("no counts") };
-        let mut sampler = Sampler::new(*first, CounterWidth::Bits32);
+        let mut replay = Replay::new(*first, &session.controls);
         let mut records = session.records.iter().peekable();
-        let (mut number, mut zeroed) = (0u16, false);
         let (mut compared, mut forces, mut contacts, mut saturated, mut below) = (0, 0, 0, 0, 0);
         let skipped = records.peek().unwrap().sample;
         for (n, &count) in (0u64..).zip(counts) {
-            // What was asked for at an output holds from the next sample on, and the next record
-            // shows it.
-            if n % 10 == 1
-                && let Some(next) = records.peek()
-            {
-                number = next.settings;
-                if next.flags.contains(Flags::ZEROED) && !zeroed {
-                    zeroed = true;
-                    sampler.zero();
-                }
-            }
-            let control = &session.controls[usize::from(number)];
-            let motion = sampler.sample(control, count);
+            let (control, motion) = replay.sample(n, count, records.peek().copied(), &Senses::NONE);
             if !motion.due || n < skipped {
                 continue;
             }
@@ -391,6 +380,110 @@ fn tasks_and_memory_stay_in_their_budget() {
         assert!(tasks[1].most <= 9_000, "half a period of samples: {:?}", tasks[1]);
         assert!(stack + ram < 112 * 1024 / 2);
         assert!(flash < 256 * 1024);
+    }
+}
+
+/// Zero, arm, disarm, faults at every place of the output period, and what ends them: no sample is
+/// longer for it. The sums of the session above have none of these.
+#[test]
+fn no_sample_is_longer_than_its_budget_whatever_happens() {
+    for board in BOARDS {
+        let firmware = Firmware::of(board);
+        let mut world = firmware.boot();
+        arm(&mut world);
+        world.powered.mcu.watch_mut().clear();
+        let recover = |world: &mut World<'_>| {
+            world.run(30).unwrap();
+            for line in ["clear", "zero", "arm"] {
+                ok(world, line);
+            }
+            world.run(4_000).unwrap();
+            let status = ok(world, "status");
+            assert!(status.contains("ok status armed"), "{status}");
+        };
+        for phase in 0..10 {
+            // A jump of the count: found in one sample, gone in the next.
+            world.run(phase).unwrap();
+            world.hold(world.position_m() + 700e-6, true);
+            world.run(30).unwrap();
+            assert!(ok(&mut world, "status").contains("fault 10"));
+            world.hold(world.position_m(), false);
+            recover(&mut world);
+            // An emergency stop, and a zero at another time.
+            world.run(phase).unwrap();
+            let stop = world.powered.board.wiring.stop;
+            world.powered.mcu.set_break(stop, true);
+            world.run(30).unwrap();
+            world.powered.mcu.set_break(stop, false);
+            world.run(phase).unwrap();
+            recover(&mut world);
+        }
+        // Outputs that do not come: late with a due sample, stuck, and back.
+        for samples in [25, 150] {
+            world.powered.mcu.mask(RENDER, true);
+            world.run(samples).unwrap();
+            world.powered.mcu.mask(RENDER, false);
+            world.run(200).unwrap();
+            assert!(ok(&mut world, "status").contains("fault 20"));
+            recover(&mut world);
+        }
+        for line in [
+            "cutoff 1200",
+            "disarm",
+            "estimator first-order",
+            "estimator butterworth",
+            "save",
+            "load",
+            "zero",
+        ] {
+            ok(&mut world, line);
+            world.run(500).unwrap();
+        }
+        let sample = world.powered.mcu.watch().tasks[&SAMPLE];
+        println!("{}: sample {}..{}", board.name, sample.least, sample.most);
+        assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
+    }
+}
+
+/// Nobody reads: the channels fill up. One command more may act, and its reply waits for room; what
+/// comes after it is not obeyed, but for what ends something.
+#[test]
+fn nothing_changes_without_an_acknowledgement() {
+    for board in BOARDS {
+        let firmware = Firmware::of(board);
+        let mut world = firmware.boot();
+        arm(&mut world);
+        let unread = |world: &mut World<'_>, line: &str| {
+            world.send(&format!("{line}\n")).unwrap();
+            for _ in 0..30 {
+                world.sample().unwrap();
+            }
+        };
+        for k in 1..=300 {
+            unread(&mut world, &format!("k {k}"));
+        }
+        unread(&mut world, "disarm");
+        world.replies.clear();
+        world.lines.clear();
+        world.run(2_000).unwrap();
+        // The log has them all in order, from the last that found room in it to the one that waited.
+        let acknowledged = |lines: &mut dyn Iterator<Item = &str>| {
+            lines
+                .filter_map(|line| line.split_once("ok k ")?.1.split(' ').next()?.parse().ok())
+                .max()
+        };
+        let in_log: Option<u32> = acknowledged(&mut world.lines.iter().map(String::as_str));
+        let replied: Option<u32> = acknowledged(&mut world.replies.lines());
+        let last = in_log.max(replied).expect("no reply at all");
+        let told = world.replies.lines().find(|line| line.contains("nobody was reading"));
+        println!("{}: up to k {last}, then {told:?}", board.name);
+        let told = told.expect("the host is told").to_owned();
+        assert!(told.contains(&format!(": {} commands ignored", 300 - last)), "{told}");
+        assert!((20..300).contains(&last), "{last}");
+        let settings = ok(&mut world, "get");
+        assert!(settings.contains(&format!("k {last} ")), "{settings}");
+        let status = ok(&mut world, "status");
+        assert!(status.contains("ok status off"), "{status}");
     }
 }
 

@@ -5,14 +5,14 @@
 
 mod elf;
 
-use elf::{Firmware, arm, ok};
+use elf::{Firmware, Replay, arm, ok};
 use virtual_board::{
     board::{BOARDS, Force as Wired},
     mcu::{Cycles, SAMPLE},
 };
 use zwidth::{
-    Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
-    telemetry::{Decoder, Flags, Record},
+    Control, Design, Settings, VelocitySettings, WallSettings,
+    telemetry::{Decoder, Record},
     units::Force,
     velocity::{EstimatorName, Sense, Senses},
 };
@@ -112,31 +112,21 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
 /// it says; how many velocities were equal.
 fn compare(readings: &[u32], records: &[Record], taken: &[Control]) -> u64 {
     let [first, readings @ ..] = readings else { panic!("no counts") };
-    let mut sampler = Sampler::new(*first, CounterWidth::Bits32);
+    let mut replay = Replay::new(*first, taken);
     let mut records = records.iter().peekable();
-    let (mut number, mut zeroed, mut force) = (0u16, false, Force::ZERO);
+    let mut force = Force::ZERO;
     let skipped = records.peek().unwrap().sample;
     let mut compared = 0;
     for (n, &reading) in (0u64..).zip(readings) {
-        // What was asked for at an output holds from the next sample on, and the next record shows it.
-        if n % 10 == 1
-            && let Some(next) = records.peek()
-        {
-            number = next.settings;
-            if next.flags.contains(Flags::ZEROED) && !zeroed {
-                zeroed = true;
-                sampler.zero();
-            }
-        }
         let senses = Senses { force, ..Senses::NONE };
-        let motion = sampler.sense(&taken[usize::from(number)], reading, &senses);
+        let (_, motion) = replay.sample(n, reading, records.peek().copied(), &senses);
         if !motion.due || n < skipped {
             continue;
         }
         let Some(record) = records.next() else { break };
         assert_eq!(record.sample, n);
         assert_eq!(record.position, motion.position, "{n}");
-        assert_eq!(record.velocity, motion.velocity, "{n}: settings {number}");
+        assert_eq!(record.velocity, motion.velocity, "{n}: settings {}", record.settings);
         force = record.force;
         compared += 1;
     }

@@ -20,7 +20,8 @@ use zwidth::{
     Control, CounterWidth, Design, Settings, VelocitySettings, WallSettings,
     link::{Activity, Command, Situation, allowed},
     safety::{
-        Down, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings, State, Supervisor,
+        Down, Guard, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings, State,
+        Supervisor, Up,
     },
     telemetry::Flags,
     units::Force,
@@ -49,6 +50,7 @@ struct Loop {
     settings: Settings,
     control: Control,
     sampler: GuardedSampler,
+    guard: Guard,
     supervisor: Supervisor,
     down: Down,
     push: Force,
@@ -88,9 +90,10 @@ impl Loop {
             design,
             settings,
             control: settings.build(&design).unwrap(),
-            sampler: GuardedSampler::new(plan, counter, CounterWidth::Bits32),
+            sampler: GuardedSampler::new(counter, CounterWidth::Bits32),
             supervisor: Supervisor::new(plan, None),
-            down: Down::START,
+            guard: Guard::NOTHING,
+            down: Down::start(&plan),
             push: Force::ZERO,
             state: plant.at_rest(rest_m),
             plant,
@@ -114,8 +117,9 @@ impl Loop {
 
     /// One sample with that reading of the counter; what was rendered, if it was due.
     fn control(&mut self, counter: u32) -> Option<Rendered> {
-        let up = self.sampler.sample(&self.control, counter, &self.down);
-        up.motion.due.then(|| {
+        let step = self.sampler.step(&self.control, counter, &self.down, &mut self.guard);
+        let up = Up { motion: step.motion, present: step.present, guard: self.guard };
+        step.motion.due.then(|| {
             let rendered = self.supervisor.render(&self.control, &up, self.push, GOOD);
             self.down = rendered.down;
             rendered
@@ -259,6 +263,41 @@ fn no_change_at_any_instant_of_a_hit_makes_the_force_step() {
     assert!(seen.refused_late > 5);
 }
 
+/// A wide filter follows every flicker of the counts; a very narrow one must not take the slope of the
+/// last one for an acceleration. It starts from the velocity instead.
+#[test]
+fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
+    let deviation = |restarted: bool| {
+        let mut real = Loop::armed();
+        let speed = 8.4f64; // counts per sample
+        let begin = real.counter();
+        let mut largest: f64 = 0.0;
+        for n in 0..60_000u32 {
+            if n == 2_003 {
+                real.settings.velocity =
+                    VelocitySettings::Butterworth { cutoff_hz: 0.4, prewarp: false };
+                real.control = real.settings.build(&real.design).unwrap();
+                if restarted {
+                    real.supervisor.retuned();
+                    real.down = real.supervisor.down();
+                }
+            }
+            let counter = begin.wrapping_add((f64::from(n) * speed).floor() as u32);
+            let Loop { sampler, control, down, guard, .. } = &mut real;
+            down.rendered = n.wrapping_sub(1) / 10 * 10; // every output in time
+            let step = sampler.step(control, counter, down, guard);
+            if n > 1_000 {
+                let velocity = f64::from(step.motion.velocity.bits()) / 65_536.0;
+                largest = largest.max((velocity - speed).abs());
+            }
+        }
+        largest
+    };
+    let (restarted, not) = (deviation(true), deviation(false));
+    println!("largest deviation {restarted} counts per sample, {not} without a new start");
+    assert!(restarted < 1.0 && not > 50.0, "{restarted} {not}");
+}
+
 /// The cutoff changes at constant speed: the filter's state is kept, so the velocity goes on.
 #[test]
 fn a_new_cutoff_keeps_the_state_of_the_filter() {
@@ -267,8 +306,9 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
     let begin = real.counter();
     let counter = |n: u32| begin.wrapping_add((f64::from(n) * speed).floor() as u32);
     let velocity = |real: &mut Loop, n: u32| {
-        let up = real.sampler.sample(&real.control, counter(n), &real.down);
-        f64::from(up.motion.velocity.bits()) / 65_536.0
+        let Loop { sampler, control, down, guard, .. } = real;
+        let step = sampler.step(control, counter(n), down, guard);
+        f64::from(step.motion.velocity.bits()) / 65_536.0
     };
     let mut largest: f64 = 0.0;
     for n in 0..40_000u32 {

@@ -17,10 +17,13 @@ const OFF: u32 = 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
 /// The same with MOE set. While the break input is active the hardware clears it again.
 const ON: u32 = OFF | 1 << 15;
 
+/// The break input was active: in SR, and it stays there.
+const BREAK: u32 = 1 << 7;
+
 /// TIM1's registers, for the few stores that must work from everywhere.
 pub(super) fn registers() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the address is TIM1's. Outside `init` this program only stores whole constants
-    // into BDTR and compare values into CCR1 and CCR2, never a modified reading.
+    // into BDTR and SR and compare values into CCR1 and CCR2, never a modified reading.
     unsafe { &*pac::TIM1::ptr() }
 }
 
@@ -40,8 +43,10 @@ pub fn off() {
     registers().bdtr().write(|w| unsafe { w.bits(OFF) });
 }
 
-/// Enable active, unless the emergency stop is open.
+/// Enable active, unless the emergency stop is open. Forgets that it was.
 pub(super) fn on() {
+    // A flag is cleared by writing 0; 1 leaves the others. SAFETY: a documented value.
+    registers().sr().write(|w| unsafe { w.bits(!BREAK) });
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
 }
@@ -50,4 +55,10 @@ pub(super) fn on() {
 #[inline(always)]
 pub fn is_on() -> bool {
     registers().bdtr().read().moe().bit_is_set()
+}
+
+/// Whether the emergency stop was open at any time since [`on`], however short.
+#[inline(always)]
+pub(super) fn was_stopped() -> bool {
+    registers().sr().read().bits() & BREAK != 0
 }

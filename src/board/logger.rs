@@ -5,7 +5,10 @@
 //! slow, has stopped or has switched its channel to blocking loses whole lines and delays nobody.
 //! Logging from the sampling task, a fault handler or inside another frame traps.
 
-use core::cell::UnsafeCell;
+use core::{
+    cell::UnsafeCell,
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
+};
 
 use rtt_target::{ChannelMode, UpChannel};
 
@@ -13,6 +16,9 @@ use super::mask;
 
 /// Longest frame, bytes after encoding; a longer one is dropped.
 const FRAME_BYTES: usize = 256;
+
+/// Frames that were dropped since the start; wraps.
+static DROPPED: AtomicU32 = AtomicU32::new(0);
 
 struct State {
     channel: Option<UpChannel>,
@@ -48,6 +54,11 @@ impl State {
         }
         *length = length.saturating_add(bytes.len());
     }
+}
+
+/// How many frames found no room, ever; wraps.
+pub fn dropped() -> u32 {
+    DROPPED.load(Relaxed)
 }
 
 /// Starts logging to `channel`.
@@ -90,11 +101,15 @@ unsafe impl defmt::Logger for Logger {
         let state = unsafe { &mut *STATE.0.get() };
         let State { encoder, frame, length, .. } = state;
         encoder.end_frame(|bytes| State::stage(frame, length, bytes));
+        let mut taken = false;
         if let (Some(channel), Some(whole)) = (&mut state.channel, state.frame.get(..state.length))
         {
             // Whatever a debugger wrote into the channel's mode: a full channel drops the frame.
             channel.set_mode(ChannelMode::NoBlockSkip);
-            channel.write(whole);
+            taken = channel.write(whole) == whole.len();
+        }
+        if !taken {
+            DROPPED.store(DROPPED.load(Relaxed).wrapping_add(1), Relaxed);
         }
         state.open = false;
         mask::restore(state.mask_before);

@@ -43,8 +43,12 @@ mod watchdog;
 pub use encoder::{Encoder, turn as turn_encoder};
 pub use fault_memory::FaultMemory;
 pub use latest::{Latest, Newest, Publisher};
+#[cfg(not(feature = "usual-logger"))]
+pub use logger::dropped as log_dropped;
 pub use pace::Pace;
-pub use rtt::Link;
+#[cfg(feature = "usual-logger")]
+pub use rtt::log_dropped;
+pub use rtt::{Commands, Link, Up};
 pub use settings::{FlashError, SettingsFlash};
 pub use snapshot::{Reading, Snapshot, Writing};
 pub use supply::Supply;
@@ -110,6 +114,12 @@ impl Drive {
     #[inline(always)]
     pub fn is_on(&self) -> bool {
         enable::is_on()
+    }
+
+    /// Whether the emergency stop was open since the amplifier was enabled, if only for a moment.
+    #[inline(always)]
+    pub fn was_stopped(&self) -> bool {
+        enable::was_stopped()
     }
 
     /// Starts the output's clock; call it right before [`Pace::start`].

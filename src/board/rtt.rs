@@ -4,12 +4,14 @@
 //! |---------|---------------------------------|-------|------------------------------|
 //! | up 0    | defmt                           | 4096  | whole frames are dropped     |
 //! | up 1    | telemetry, binary               | 8192  | whole frames are dropped, counted |
-//! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped, counted |
+//! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped |
 //! | down 0  | commands, one line of text each | 256   | the host waits               |
 //!
-//! Nothing here waits for the host, whatever mode a debugger writes into a channel.
+//! Nothing here waits for the host, whatever mode a debugger writes into a channel. What a reply is
+//! worth when neither up 0 nor up 2 has room for it: `task::link::voice`.
 
-use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
+pub use rtt_target::DownChannel as Commands;
+use rtt_target::{ChannelMode, UpChannel, rtt_init};
 
 /// What the link task owns.
 pub struct Link {
@@ -18,7 +20,7 @@ pub struct Link {
     /// Up 2.
     pub replies: Up,
     /// Down 0.
-    pub commands: DownChannel,
+    pub commands: Commands,
 }
 
 /// A channel towards the host that drops what does not fit.
@@ -49,4 +51,10 @@ pub(super) fn init() -> Link {
     #[cfg(feature = "usual-logger")]
     rtt_target::set_defmt_channel(channels.up.0);
     Link { telemetry: Up(channels.up.1), replies: Up(channels.up.2), commands: channels.down.0 }
+}
+
+/// The usual logger does not tell.
+#[cfg(feature = "usual-logger")]
+pub fn log_dropped() -> u32 {
+    0
 }

@@ -18,7 +18,7 @@ use core::{
 
 /// The newest `T`, and how many there were; wraps.
 pub struct Snapshot<T> {
-    count: AtomicU32,
+    number: AtomicU32,
     value: UnsafeCell<MaybeUninit<T>>,
 }
 
@@ -35,26 +35,39 @@ pub struct Reading<T: 'static> {
 }
 
 impl<T: Copy> Snapshot<T> {
-    /// Without a value yet.
-    pub const fn new() -> Self {
-        Self { count: AtomicU32::new(0), value: UnsafeCell::new(MaybeUninit::uninit()) }
+    /// With a value that counts as read, of number `u32::MAX`.
+    pub const fn new(value: T) -> Self {
+        Self { number: AtomicU32::new(u32::MAX), value: UnsafeCell::new(MaybeUninit::new(value)) }
     }
 
     /// Its two ends.
     pub fn split(&'static mut self) -> (Writing<T>, Reading<T>) {
-        (Writing(self), Reading { snapshot: self, seen: 0 })
+        (Writing(self), Reading { snapshot: self, seen: u32::MAX })
     }
 }
 
 impl<T: Copy> Writing<T> {
-    /// Replaces what was there.
+    /// Replaces what was there. `number` is not that of the last value.
     #[inline(always)]
-    pub fn write(&mut self, value: T) {
-        let snapshot = self.0;
-        // SAFETY: the reader cannot run meanwhile, see the module, and finds out afterwards.
-        unsafe { (*snapshot.value.get()).write(value) };
+    pub fn write(&mut self, value: T, number: u32) {
+        *self.place() = value;
+        self.publish(number);
+    }
+
+    /// What is there, to be changed in its place; then [`publish`](Self::publish) has to follow
+    /// before this pass of the task ends.
+    #[inline(always)]
+    pub fn place(&mut self) -> &mut T {
+        // SAFETY: there is a value since `new`; the reader cannot run meanwhile, see the module, and
+        // finds out afterwards.
+        unsafe { (*self.0.value.get()).assume_init_mut() }
+    }
+
+    /// What is in the place is the newest value. `number` is not that of the last one.
+    #[inline(always)]
+    pub fn publish(&mut self, number: u32) {
         compiler_fence(Release);
-        snapshot.count.store(snapshot.count.load(Relaxed).wrapping_add(1), Relaxed);
+        self.0.number.store(number, Relaxed);
     }
 }
 
@@ -63,8 +76,8 @@ impl<T: Copy> Reading<T> {
     #[inline(always)]
     pub fn read(&mut self) -> Option<T> {
         let snapshot = self.snapshot;
-        let mut count = snapshot.count.load(Relaxed);
-        if count == self.seen {
+        let mut number = snapshot.number.load(Relaxed);
+        if number == self.seen {
             return None;
         }
         loop {
@@ -72,13 +85,13 @@ impl<T: Copy> Reading<T> {
             // SAFETY: in place and aligned; bytes that a write changes meanwhile are thrown away.
             let copy = unsafe { snapshot.value.get().read_volatile() };
             compiler_fence(Acquire);
-            let after = snapshot.count.load(Relaxed);
-            if after == count {
-                self.seen = count;
+            let after = snapshot.number.load(Relaxed);
+            if after == number {
+                self.seen = number;
                 // SAFETY: something was written, and nothing came in between.
                 return Some(unsafe { copy.assume_init() });
             }
-            count = after;
+            number = after;
         }
     }
 }

@@ -1,44 +1,59 @@
 //! The half of the supervisor that runs for every sample.
+//!
+//! With every sample it finds out whether something is wrong, and says [`Step::cut`] then. What can
+//! wait does: taking note of it, and a zero, are done one at a time, and not with a due sample, which
+//! has an output to ask for. So the longest sample is hardly longer than a quiet one. Where every
+//! sample is due, none of them waits.
 
 #![deny(clippy::float_arithmetic)]
 
 use core::hint::cold_path;
 
-use super::{Fault, FaultSet, SafetyPlan, plan::STUCK_RENDERS};
+use super::{Fault, FaultSet, SafetyPlan};
 use crate::{Control, CounterWidth, Motion, Sampler, units::Force, velocity::Senses};
 
-/// From `render` to `sample`: what the guard has to know.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// From `render` to `sample`: what the guard has to know, with nothing left to work out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Down {
     /// Low 32 bits of the sample that the last finished output answered.
     pub rendered: u32,
-    /// Counts up with every change of a field below but the force; the guard looks at them only then.
-    pub changes: u32,
     /// [`Guard::events`] that `clear` has dealt with.
     pub acknowledged: u32,
+    /// Counts up with `zeros` and with `restarts`.
+    pub requests: u32,
     /// How often the count was to be zeroed.
     pub zeros: u32,
+    /// How often the estimator was to start anew, see [`Sampler::restart`].
+    pub restarts: u32,
     /// The force last granted, none while off: it has acted since the last sample, but for the time
     /// that the output took.
     pub force: Force,
-    /// Force is on: only then is high speed a fault. A hand may move a free handle as it likes.
-    pub on: bool,
-    /// Flash is being written, which stalls the processor: moves between two samples and missing
-    /// outputs say nothing. Never set while force is on.
+    /// A larger move in one sample is a count jump, counts. None is while flash is written and with
+    /// the first sample after it.
+    pub jump: u32,
+    /// A higher speed is too fast, LSB of [`Velocity`](crate::units::Velocity). None is while off: a hand may move a free
+    /// handle as it likes.
+    pub speed: u32,
+    /// Flash is being written, which stalls the processor: missing outputs say nothing. Never set
+    /// while force is on.
     pub stall: bool,
 }
 
 impl Down {
     /// As it is before the first output.
-    pub const START: Self = Self {
-        rendered: 0,
-        changes: 0,
-        acknowledged: 0,
-        zeros: 0,
-        force: Force::ZERO,
-        on: false,
-        stall: false,
-    };
+    pub const fn start(plan: &SafetyPlan) -> Self {
+        Self {
+            rendered: plan.period.wrapping_neg(), // as if there had been one
+            acknowledged: 0,
+            requests: 0,
+            zeros: 0,
+            restarts: 0,
+            force: Force::ZERO,
+            jump: plan.jump,
+            speed: u32::MAX,
+            stall: false,
+        }
+    }
 }
 
 /// From `sample` to `render`: the motion and what the guard thinks of it.
@@ -46,190 +61,167 @@ impl Down {
 pub struct Up {
     /// The sample.
     pub motion: Motion,
-    /// The guard's findings.
+    /// [`Step::present`] of it.
+    pub present: FaultSet,
+    /// All that the guard found, but perhaps for `present`.
     pub guard: Guard,
-    /// The output has to be off, now: the sampling task sees to it by itself, with every sample as
-    /// long as this is set.
+}
+
+/// One sample under guard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The sample.
+    pub motion: Motion,
+    /// What is there with this very sample, or was with one before it and is not in [`Guard`] yet.
+    pub present: FaultSet,
+    /// The output has to be off, now: the sampling task sees to it by itself. Set again with every
+    /// sample as long as that holds, but for a due one: `present` is answered right after it.
     pub cut: bool,
+    /// The [`Guard`] was written to.
+    pub told: bool,
 }
 
 /// What the guard found since the last `clear`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Guard {
-    /// How often something was found, ever; wraps.
+    /// How often something was found, once per sample, ever; wraps.
     pub events: u32,
     /// How often the count was zeroed; wraps.
     pub zeros: u32,
     /// What was found first.
-    pub first: Option<Fault>,
-    /// The sample at which it was found.
-    pub first_sample: u64,
+    pub first: FaultSet,
+    /// The sample with which it was noted, low 32 bits: that at which it was found, or the next.
+    pub first_sample: u32,
     /// All that was found.
     pub causes: FaultSet,
-    /// What is there with this very sample.
-    pub present: FaultSet,
+}
+
+impl Guard {
+    /// Nothing found yet.
+    pub const NOTHING: Self = Self {
+        events: 0,
+        zeros: 0,
+        first: FaultSet::EMPTY,
+        first_sample: 0,
+        causes: FaultSet::EMPTY,
+    };
 }
 
 /// A [`Sampler`] under guard. Owned by the sampling task.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler {
     sampler: Sampler,
-    plan: SafetyPlan,
-    guard: Guard,
-    /// The last sample whose output is due; `None` before the first.
-    awaited: Option<u32>,
-    /// Outputs in a row that were not there in time.
-    missed: u32,
-    /// [`Down`] as of its last change.
-    down: Down,
-    stalled: bool,
-    /// Something is there, or was and is not cleared: every sample is looked at closely.
+    /// [`Down::requests`] and [`Down::restarts`] that were met.
+    requests: u32,
+    restarts: u32,
+    /// Found, and not in [`Guard`] yet.
+    waiting: FaultSet,
+    /// Something was found that is not cleared, or waits: the output has to be off.
     alert: bool,
-    /// The guard's findings may have changed.
-    news: bool,
 }
 
 impl GuardedSampler {
     /// A handle at rest whose encoder counter reads `counter`.
-    pub fn new(plan: SafetyPlan, counter: u32, width: CounterWidth) -> Self {
+    pub fn new(counter: u32, width: CounterWidth) -> Self {
         Self {
             sampler: Sampler::new(counter, width),
-            plan,
-            guard: Guard::default(),
-            awaited: None,
-            missed: 0,
-            down: Down::START,
-            stalled: false,
+            requests: 0,
+            restarts: 0,
+            waiting: FaultSet::EMPTY,
             alert: false,
-            news: false,
         }
     }
 
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
-    /// constant rate, with the newest [`Down`].
+    /// constant rate, with the newest [`Down`]. `guard` is what was found so far; it is written in
+    /// its place, and [`Step::told`] set then.
     ///
     /// At a sample with `motion.due`, the output of the due sample before it has to be there;
     /// if `down.rendered` says that it is not, it is late by a period.
     #[inline]
-    pub fn sample(&mut self, control: &Control, counter: u32, down: &Down) -> Up {
-        let (motion, cut) = self.step(control, counter, down);
-        self.up(motion, cut)
-    }
-
-    /// What the last [`step`](Self::step), which gave `motion` and `cut`, means to `render`.
-    #[inline]
-    pub fn up(&self, motion: Motion, cut: bool) -> Up {
-        Up { motion, guard: self.guard, cut }
-    }
-
-    /// What the guard found, if it has changed since this was last asked.
-    #[inline]
-    pub fn news(&mut self) -> Option<Guard> {
-        if !self.news {
-            return None;
-        }
-        cold_path();
-        self.news = false;
-        Some(self.guard)
-    }
-
-    /// [`sample`](Self::sample) without the copy for `render`, which only a due sample needs:
-    /// the motion, and whether the output has to be off.
-    ///
-    /// Nearly every sample passes three comparisons and is done; all else is rare.
-    #[inline]
-    pub fn step(&mut self, control: &Control, counter: u32, down: &Down) -> (Motion, bool) {
-        if down.changes != self.down.changes {
-            cold_path();
-            self.follow(down);
-        }
+    pub fn step(
+        &mut self,
+        control: &Control,
+        counter: u32,
+        down: &Down,
+        guard: &mut Guard,
+    ) -> Step {
         let before = self.sampler.position();
         let senses = Senses { force: down.force, ..Senses::NONE };
-        let motion = self.sampler.sense(control, counter, &senses);
+        let mut motion = self.sampler.sense(control, counter, &senses);
         if motion.due {
-            self.expect_output(motion, down.rendered);
+            self.expect_output(motion.sample, down, control.period.get());
         }
         let moved = motion.position.wrapping_since(before).unsigned_abs();
         let speed = motion.velocity.bits().unsigned_abs();
-        let quiet = moved <= self.plan.jump
-            && speed <= self.plan.speed
-            && motion.position.in_range()
+        let quiet = moved <= down.jump
+            && speed <= down.speed
+            && down.requests == self.requests
             && !self.alert;
         if quiet {
-            return (motion, false);
+            return Step { motion, present: FaultSet::EMPTY, cut: false, told: false };
         }
         cold_path();
-        (motion, self.look(motion, moved))
-    }
-
-    /// Takes over what `render` has changed.
-    #[cold]
-    fn follow(&mut self, down: &Down) {
-        if down.zeros != self.guard.zeros {
-            self.sampler.zero();
-            self.guard.zeros = down.zeros;
-        }
-        self.down = *down;
-        self.news = true;
-        // Whether it still has a reason is found out with this sample.
-        self.alert = true;
-    }
-
-    /// The output of the due sample before this one has to be there.
-    #[inline]
-    fn expect_output(&mut self, motion: Motion, rendered: u32) {
-        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
-        let this = motion.sample as u32;
-        let in_time = self.awaited.is_none_or(|awaited| awaited == rendered);
-        self.awaited = Some(this);
-        if !in_time || self.missed != 0 {
-            cold_path();
-            // The first sample after a stall still spans it.
-            let stall = self.down.stall || self.stalled;
-            self.missed = if in_time || stall { 0 } else { self.missed.saturating_add(1) };
+        let present = FaultSet::EMPTY
+            .with_if(Fault::CountJump, moved > down.jump)
+            .with_if(Fault::OverSpeed, speed > down.speed);
+        if !present.is_empty() {
+            self.waiting = self.waiting.union(present);
             self.alert = true;
         }
-    }
-
-    /// All that there is to find in a sample, and whether the output has to be off.
-    #[cold]
-    fn look(&mut self, motion: Motion, moved: u32) -> bool {
-        let down = self.down;
-        let stall = down.stall || self.stalled;
-        let speed = motion.velocity.bits().unsigned_abs();
-        let present = FaultSet::EMPTY
-            .with_if(Fault::CountJump, moved > self.plan.jump && !stall)
-            .with_if(Fault::OverSpeed, speed > self.plan.speed && down.on)
-            .with_if(Fault::OutOfRange, !motion.position.in_range())
-            .with_if(Fault::LateRender, self.missed > 0)
-            .with_if(Fault::StuckRender, self.missed >= STUCK_RENDERS);
-        self.stalled = down.stall;
-        self.news = true;
-        let noted = self.guard.present.union(self.guard.causes);
-        if !present.union(noted).is_empty() {
-            self.note(present, motion.sample);
+        if motion.due && control.period.get() > 1 {
+            return Step { motion, present: self.waiting, cut: false, told: false };
         }
-        let cut = self.guard.events != down.acknowledged || !present.is_empty();
-        let noted = self.guard.present.union(self.guard.causes);
-        self.alert = cut || !noted.is_empty() || self.missed > 0 || down.stall;
-        cut
-    }
-
-    fn note(&mut self, present: FaultSet, sample: u64) {
-        let guard = &mut self.guard;
-        if guard.events == self.down.acknowledged {
-            guard.first = None;
-            guard.causes = FaultSet::EMPTY;
-        }
-        let fresh = present.without(guard.present);
-        if !fresh.is_empty() {
-            if guard.first.is_none() {
-                guard.first = fresh.first();
-                guard.first_sample = sample;
+        #[expect(clippy::cast_possible_truncation, reason = "counted modulo 2^32")]
+        let sample = motion.sample as u32;
+        let told = if down.requests == self.requests {
+            self.note(sample, down.acknowledged, guard)
+        } else {
+            self.requests = down.requests;
+            if down.restarts != self.restarts {
+                self.restarts = down.restarts;
+                self.sampler.restart();
             }
-            guard.events = guard.events.wrapping_add(1);
+            if down.zeros != guard.zeros {
+                guard.zeros = down.zeros;
+                self.sampler.zero();
+                motion.position = self.sampler.position();
+            }
+            true
+        };
+        Step { motion, present, cut: self.alert, told }
+    }
+
+    /// Notes what has waited. If nothing has, and what was noted is dealt with, the output may be on
+    /// again. Says whether something was noted.
+    #[inline(always)]
+    fn note(&mut self, sample: u32, acknowledged: u32, guard: &mut Guard) -> bool {
+        let answered = guard.events == acknowledged;
+        if self.waiting.is_empty() {
+            self.alert = !answered;
+            return false;
         }
-        guard.causes = guard.causes.union(fresh);
-        guard.present = present;
+        if answered {
+            guard.causes = self.waiting;
+            guard.first = self.waiting;
+            guard.first_sample = sample;
+        } else {
+            guard.causes = guard.causes.union(self.waiting);
+        }
+        guard.events = guard.events.wrapping_add(1);
+        self.waiting = FaultSet::EMPTY;
+        true
+    }
+
+    /// The output of the due sample before this one has to be there, unless flash was written.
+    #[inline(always)]
+    fn expect_output(&mut self, sample: u64, down: &Down, period: u32) {
+        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
+        let behind = (sample as u32).wrapping_sub(down.rendered);
+        if behind != period && !down.stall {
+            cold_path();
+            self.waiting = self.waiting.with(Fault::LateRender);
+            self.alert = true;
+        }
     }
 }

@@ -9,10 +9,10 @@
 //! ```
 //!
 //! It works at two priorities without locks, because each side owns its half and hands the other
-//! plain `Copy` records. [`GuardedSampler`] runs for every sample: count jump, over-speed, out of
-//! range, late output; with any of these it raises [`Up::cut`], and the sampling task switches the
-//! output off by itself. [`Supervisor`] runs for every output: states, ramps, sign test, push
-//! without motion, emergency stop, brown-out, settings. It answers with a [`Grant`]; only a
+//! plain `Copy` records. [`GuardedSampler`] runs for every sample: count jump, over-speed, late
+//! output; with any of these it raises [`Step::cut`], and the sampling task switches the output off by
+//! itself. [`Supervisor`] runs for every output: states, ramps, sign test, push
+//! without motion, out of range, emergency stop, brown-out, settings. It answers with a [`Grant`]; only a
 //! [`Grant::On`] carries a force, and only this module can make one.
 //!
 //! ```text
@@ -34,6 +34,7 @@
 mod blackbox;
 mod change;
 mod fault;
+mod grant;
 mod guard;
 mod memory;
 mod plan;
@@ -45,11 +46,12 @@ mod supervisor;
 
 pub use blackbox::BlackBox;
 pub use fault::{Fault, FaultSet};
-pub use guard::{Down, Guard, GuardedSampler, Up};
+pub use grant::{Grant, Granted};
+pub use guard::{Down, Guard, GuardedSampler, Step, Up};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
 pub use plan::{SLEW, SafetyPlan, SafetySettings};
 pub use records::{Inputs, Refusal, Request, State, Status};
-pub use supervisor::{Grant, Granted, Rendered, Supervisor};
+pub use supervisor::{Rendered, Supervisor};
 
 #[cfg(test)]
 mod tests;

@@ -21,7 +21,7 @@ pub(super) const PUSH_S: f64 = 0.05;
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Longest duration of the sign test, s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
-/// Outputs that are missing one after another until `render` counts as stuck.
+/// Outputs that are missing one after another when `render` counts as stuck.
 pub(super) const STUCK_RENDERS: u32 = 10;
 
 /// Longest output period, s: the sign test needs several outputs.
@@ -90,6 +90,7 @@ impl SafetySettings {
         let least = Force::FULL_SCALE.bits().unsigned_abs() / SLEW.unsigned_abs() + 1;
         let ramp_renders = (libm::ceil(self.ramp_in_s / period_s) as u32).max(least);
         Ok(SafetyPlan {
+            period: design.period,
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
             moved: libm::round(speed * period_s / design.resolution_m) as u32 + 1,
@@ -109,6 +110,8 @@ impl SafetySettings {
 /// The limits in integers; made by [`SafetySettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SafetyPlan {
+    /// Samples from one output to the next.
+    pub(super) period: u32,
     /// Largest believable move in one sample, counts.
     pub(super) jump: u32,
     /// Largest allowed speed, LSB of [`Velocity`].

@@ -2,10 +2,13 @@
 
 #![deny(clippy::float_arithmetic)]
 
+use core::hint::cold_path;
+
 use super::{
-    Down, Fault, FaultRecord, FaultSet, Inputs, MemoryUpdate, Refusal, Request, SafetyPlan, State,
-    Status, Up,
+    Down, Fault, FaultRecord, FaultSet, Grant, Granted, Inputs, MemoryUpdate, Refusal, Request,
+    SafetyPlan, State, Status, Up,
     change::Change,
+    plan::STUCK_RENDERS,
     push::PushWatch,
     sign::{SignStep, SignTest},
     speed::SpeedWatch,
@@ -13,46 +16,8 @@ use super::{
 use crate::{
     Control, Drive, Motion,
     telemetry::{Flags, Record},
-    units::{Command, Demand, Force, Position},
+    units::{Demand, Force, Position},
 };
-
-/// What the output may do. A force comes only out of a supervisor that is on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Grant {
-    /// Amplifier enable inactive first, then the code of zero force.
-    Off,
-    /// This force.
-    On(Granted),
-}
-
-/// A force that may act. Only a [`Supervisor`] makes one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Granted {
-    force: Force,
-    command: Command,
-}
-
-impl Granted {
-    /// The force, within +-1 full scale.
-    pub fn force(self) -> Force {
-        self.force
-    }
-
-    /// The same as a DAC or PWM code.
-    pub fn command(self) -> Command {
-        self.command
-    }
-}
-
-impl Grant {
-    /// The force that acts; none while off.
-    pub fn force(self) -> Option<Force> {
-        match self {
-            Self::Off => None,
-            Self::On(granted) => Some(granted.force),
-        }
-    }
-}
 
 /// One output under supervision.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -132,7 +97,7 @@ impl Supervisor {
                 halted: false,
             },
             record: Record::EMPTY,
-            down: Down::default(),
+            down: Down::start(&plan),
             memory: None,
         }
     }
@@ -158,8 +123,8 @@ impl Supervisor {
         let sample = up.motion.sample as u32;
         self.down.rendered = sample;
         self.down.force = grant.force().unwrap_or_default();
-        let on = self.state.is_on();
-        self.tell(|down| down.on = on);
+        self.down.speed = if self.state.is_on() { self.plan.speed } else { u32::MAX };
+        self.down.jump = if self.down.stall { u32::MAX } else { self.plan.jump };
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
         Rendered { grant, drive, down: self.down, memory: self.memory.take(), record }
@@ -184,6 +149,18 @@ impl Supervisor {
     #[inline]
     pub fn expect_still(&mut self, still: bool) {
         self.still = still;
+    }
+
+    /// Another estimator, or another tuning, has just been put in force: it goes on from the velocity,
+    /// not from the slope that the old one had. Publish [`down`](Self::down) then.
+    pub fn retuned(&mut self) {
+        self.down.restarts = self.down.restarts.wrapping_add(1);
+        self.down.requests = self.down.requests.wrapping_add(1);
+    }
+
+    /// Whether the sampling task has switched off by itself.
+    pub fn is_cut(&self, up: &Up) -> bool {
+        !up.present.is_empty() || up.guard.events != self.down.acknowledged
     }
 
     /// For the sampling task, as the last [`request`](Self::request) left it. Publish it at once
@@ -215,7 +192,10 @@ impl Supervisor {
             }
             Request::Stall(true) if self.state.is_on() => Err(Refusal::On),
             Request::Stall(stall) => {
-                self.tell(|down| down.stall = stall);
+                self.down.stall = stall;
+                if stall {
+                    self.down.jump = u32::MAX; // until the output after its end
+                }
                 Ok(())
             }
             Request::Trip(fault) => {
@@ -294,8 +274,7 @@ impl Supervisor {
         self.state = State::Off;
         self.fault = None;
         self.causes = FaultSet::EMPTY;
-        let seen = self.seen;
-        self.tell(|down| down.acknowledged = seen);
+        self.down.acknowledged = self.seen;
         self.memory = Some(MemoryUpdate::Erase);
         Ok(())
     }
@@ -307,7 +286,8 @@ impl Supervisor {
             State::Armed if self.wall_over_zero => return Err(Refusal::WallThere),
             State::Armed | State::Off | State::Fault => {}
         }
-        self.tell(|down| down.zeros = down.zeros.wrapping_add(1));
+        self.down.zeros = self.down.zeros.wrapping_add(1);
+        self.down.requests = self.down.requests.wrapping_add(1);
         Ok(())
     }
 
@@ -343,14 +323,6 @@ impl Supervisor {
         self.unlocked = false;
     }
 
-    /// Changes what the guard has to know, and counts it if it is a change.
-    #[inline]
-    fn tell(&mut self, change: impl FnOnce(&mut Down)) {
-        let before = self.down;
-        change(&mut self.down);
-        self.down.changes = before.changes.wrapping_add(u32::from(self.down != before));
-    }
-
     /// A zero is asked for that `sample` has not carried out yet.
     fn zero_pending(&self) -> bool {
         self.down.zeros != self.zeros
@@ -379,13 +351,15 @@ impl Supervisor {
             .with_if(Fault::Debugger, inputs.halted);
         // Off, they only stand in the way of `arm`; after their own fault, in that of `clear`.
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
-        self.present = relevant.union(up.guard.present);
+        let found = up.present.with_if(Fault::OutOfRange, !up.motion.position.in_range());
+        self.present = relevant.union(found);
         if up.guard.events != self.seen {
+            cold_path();
             self.seen = up.guard.events;
-            let record = self.here(up.motion, up.guard.causes);
+            let record = self.here(up.motion, up.guard.causes.union(self.stuck(up.motion.sample)));
             self.trip(record.map(|record| FaultRecord {
-                fault: up.guard.first.unwrap_or(record.fault),
-                sample: up.guard.first_sample,
+                fault: up.guard.first.first().unwrap_or(record.fault),
+                sample: not_after(up.motion.sample, up.guard.first_sample),
                 ..record
             }));
         }
@@ -395,16 +369,25 @@ impl Supervisor {
             up.motion.position,
             self.plan.push_renders,
         );
-        if on {
-            // What the guard still sees counts again, whatever `clear` made of its event.
-            let away = up.motion.position.wrapping_since(Position::default()).unsigned_abs();
-            let found = outside
-                .with_if(Fault::PushWithoutMotion, pushed)
-                .with_if(Fault::OverSpeed, fast)
-                .with_if(Fault::BeyondTravel, away > self.plan.travel)
-                .union(up.guard.present);
-            self.trip(self.here(up.motion, found));
+        let away = up.motion.position.wrapping_since(Position::default()).unsigned_abs();
+        let acting = outside
+            .with_if(Fault::PushWithoutMotion, pushed)
+            .with_if(Fault::OverSpeed, fast && found.is_empty()) // a jump is no speed
+            .with_if(Fault::BeyondTravel, away > self.plan.travel);
+        let all = if on { found.union(acting) } else { found };
+        if !all.is_empty() {
+            cold_path();
+            self.trip(self.here(up.motion, all));
         }
+    }
+
+    /// Many outputs were late one after another: the guard has found each of them.
+    #[inline]
+    fn stuck(&self, sample: u64) -> FaultSet {
+        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
+        let behind = (sample as u32).wrapping_sub(self.down.rendered);
+        let many = self.plan.period.saturating_mul(STUCK_RENDERS);
+        FaultSet::EMPTY.with_if(Fault::StuckRender, behind > many && !self.down.stall)
     }
 
     /// A record of `causes` with the circumstances of this moment, named after the first of them.
@@ -491,6 +474,13 @@ impl Supervisor {
             fault: self.fault.map_or(0, |record| record.fault.code()),
         }
     }
+}
+
+/// The last sample up to `now` with these low 32 bits.
+fn not_after(now: u64, low: u32) -> u64 {
+    #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
+    let ago = (now as u32).wrapping_sub(low);
+    now.saturating_sub(ago.into())
 }
 
 fn force_is_on(grant: Grant) -> bool {

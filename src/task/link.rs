@@ -4,6 +4,7 @@
 //! answer, which comes with the next output.
 
 mod lines;
+mod voice;
 mod walk;
 
 use core::{fmt, sync::atomic::Ordering::Relaxed};
@@ -14,8 +15,8 @@ use zwidth::{
     envelope::{Key, Outside},
     experiment::CalibrationEnd,
     link::{
-        Activity, Command, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Reply, Situation,
-        Text, allowed, parse, signs_allowed,
+        Activity, Command, LINE_MAX, Line, LineReader, ParseError, Reply, Situation, allowed,
+        parse, signs_allowed,
     },
     safety::{Refusal, Request, State},
     store::{self, SaveError, Source, Stored},
@@ -25,6 +26,7 @@ use zwidth::{
 
 use self::{
     lines::{CalibrationHolds, CalibrationOver, HitOver},
+    voice::Voice,
     walk::Walking,
 };
 use super::{
@@ -32,14 +34,10 @@ use super::{
     envelope::ENVELOPE,
     order::{Event, Gains, Order, Report},
 };
-use crate::board::{self, FlashError, SettingsFlash};
+use crate::board::{self, Commands, FlashError, SettingsFlash, Up};
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
-
-/// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
-/// copies one.
-const LOG_LINE: usize = 200;
 
 /// What the answer of `render` is awaited for.
 #[derive(Clone, Copy)]
@@ -73,7 +71,9 @@ enum Change {
 
 /// The link task. It alone talks to the host, but for the logger.
 pub struct Link {
-    link: board::Link,
+    voice: Voice,
+    telemetry: Up,
+    commands: Commands,
     flash: SettingsFlash,
     reports: Consumer<'static, Report, REPORTS>,
     orders: Producer<'static, Order, ORDERS>,
@@ -99,7 +99,9 @@ impl Link {
         source: Source,
     ) -> Self {
         let mut link = Self {
-            link,
+            voice: Voice::new(link.replies),
+            telemetry: link.telemetry,
+            commands: link.commands,
             flash,
             reports,
             orders,
@@ -156,9 +158,10 @@ impl Link {
     /// Reads up to the end of one line and obeys it. One line a pass, so that a host that floods
     /// cannot keep this task from its end, and the watchdog from being fed.
     fn listen(&mut self) {
+        let mute = self.voice.is_mute();
         for _ in 0..BYTES_A_PASS {
             let mut byte = [0];
-            if self.link.commands.read(&mut byte) == 0 {
+            if self.commands.read(&mut byte) == 0 {
                 return;
             }
             let line = match self.reader.push(byte[0]) {
@@ -167,6 +170,8 @@ impl Link {
                 Some(Line::Text(text)) => parse(text),
             };
             return match line {
+                Ok(command @ (Command::Stop | Command::Disarm)) => self.obey(command),
+                Ok(_) | Err(_) if mute => self.voice.ignore(),
                 Ok(command) => self.obey(command),
                 Err(error) => self.reply(Reply::Parse(error)),
             };
@@ -180,20 +185,11 @@ impl Link {
         }
         let frame = Frame { sequence: self.sequence, record };
         self.sequence = self.sequence.wrapping_add(1);
-        self.link.telemetry.write(&frame.encode());
+        self.telemetry.write(&frame.encode());
     }
 
-    /// One line on both channels for people; several on the log, if it is longer than a frame there.
     fn write(&mut self, line: &dyn fmt::Display) {
-        let text = Text::<REPLY_MAX>::of(line);
-        let mut rest = text.as_str();
-        while let Some((piece, after)) = rest.split_at_checked(LOG_LINE) {
-            defmt::info!("{=str}~", piece);
-            rest = after;
-        }
-        defmt::info!("{=str}", rest);
-        let text = Text::<{ REPLY_MAX + 1 }>::of(format_args!("{}\n", text.as_str()));
-        self.link.replies.write(text.as_bytes());
+        self.voice.say(line);
     }
 
     fn reply(&mut self, reply: Reply<'_>) {

@@ -1,13 +1,13 @@
 //! The work of the tasks, and what goes between them.
 //!
 //! ```text
-//!      Motion, Guard, positions      Report
+//!      Due, Guard, positions         Report
 //! sample ───────────────▶ render ───────────────▶ link
 //!        ◀───────────────        ◀───────────────
 //!           Control, Down            Order
 //! ```
 //! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
-//! positions through a [`trail`]. Of all else only the newest counts: `Motion` and `Guard` go up
+//! positions through a [`trail`]. Of all else only the newest counts: `Due` and `Guard` go up
 //! through [`Snapshot`](crate::board::Snapshot), `Control` and `Down` come down through
 //! [`Latest`](crate::board::Latest).
 
@@ -27,10 +27,11 @@ pub use idle::Idle;
 pub use link::Link;
 use order::{Order, Report};
 pub use render::Render;
+use sample::Due;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
-    Control, CounterWidth, Motion,
+    Control, CounterWidth,
     safety::{Down, Fault, FaultRecord, Guard, GuardedSampler, Supervisor, boot_fault},
     store::Source,
 };
@@ -44,7 +45,7 @@ const ORDERS: usize = 2;
 
 /// Memory of what goes between the tasks.
 pub struct Queues {
-    due: Snapshot<(Motion, bool)>,
+    due: Snapshot<Due>,
     guard: Snapshot<Guard>,
     control: Latest<Control>,
     down: Latest<Down>,
@@ -56,8 +57,8 @@ impl Queues {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            due: Snapshot::new(),
-            guard: Snapshot::new(),
+            due: Snapshot::new(Due::BEFORE),
+            guard: Snapshot::new(Guard::NOTHING),
             control: Latest::new(),
             down: Latest::new(),
             reports: Queue::new(),
@@ -110,13 +111,13 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = queues.control.split(control);
-    let (down_in, down_out) = queues.down.split(Down::START);
+    let (down_in, down_out) = queues.down.split(Down::start(&plan));
     board::turn_encoder(stored.signs.encoder_reversed);
     // The two timers start next to each other: their distance sets the phase of the PWM.
     let Board { mut drive, mut pace, encoder, .. } = board;
     drive.start();
     pace.start();
-    let sampler = GuardedSampler::new(plan, encoder.count(), CounterWidth::Bits32);
+    let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
     let outputs =
         render::Outputs { drive, stop: board.stop, supply: board.supply, memory: board.memory };
     let ends = render::Ends {

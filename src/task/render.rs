@@ -4,11 +4,11 @@ use core::sync::atomic::Ordering::Relaxed;
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
-    Control, Motion,
+    Control,
     experiment::{Broken, Calibration, CalibrationEnd, Duty, DutyPlan, Trial},
     link::Activity,
     safety::{
-        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor, Up,
+        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -19,6 +19,7 @@ use super::{
     FLAGS, ORDERS, REPORTS,
     device::PERIOD,
     order::{Event, Gains, Order, Report},
+    sample::Due,
     trail::Follower,
 };
 use crate::board::{self, Drive, EmergencyStop, FaultMemory, Publisher, Reading, Supply};
@@ -40,8 +41,8 @@ pub struct Outputs {
 
 /// Its ends of the queues.
 pub struct Ends {
-    /// From `sample`, one per output: the motion, and whether it has switched off.
-    pub due: Reading<(Motion, bool)>,
+    /// From `sample`, one per output.
+    pub due: Reading<Due>,
     /// From `sample`: what the guard found, when it has changed.
     pub guard: Reading<Guard>,
     /// To `sample`.
@@ -104,7 +105,7 @@ impl Render {
             outputs,
             ends,
             supervisor,
-            guard: Guard::default(),
+            guard: Guard::NOTHING,
             positions: Follower::new(),
             control,
             gains: Gains::Outside,
@@ -127,12 +128,12 @@ impl Render {
     /// Late by a period: `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {
-        let Some((motion, cut)) = self.ends.due.read() else { return };
+        let Some(due) = self.ends.due.read() else { return };
         if let Some(guard) = self.ends.guard.read() {
             self.guard = guard;
         }
-        let up = Up { motion, guard: self.guard, cut };
-        let inputs = self.inputs(cut);
+        let up = due.up(self.guard);
+        let inputs = self.inputs(self.supervisor.is_cut(&up));
         let rendered = self.supervisor.render(&self.control, &up, self.push, inputs);
         self.put_out(rendered.grant);
         self.ends.down.publish(rendered.down);
@@ -160,7 +161,10 @@ impl Render {
 
     /// What the board says at this output.
     fn inputs(&self, cut: bool) -> Inputs {
-        let (halted, stop_closed) = (board::was_halted(), self.outputs.stop.is_closed());
+        let halted = board::was_halted();
+        // A stop that is over before the next look is one all the same. A halt may set the same flag.
+        let stopped = self.was_on && !halted && self.outputs.drive.was_stopped();
+        let stop_closed = self.outputs.stop.is_closed() && !stopped;
         let supply_good = !self.outputs.supply.is_low();
         Inputs {
             stop_closed,
@@ -261,6 +265,7 @@ impl Render {
         }
     }
 
+    #[inline(always)] // called, it would copy the order once more
     fn meet(&mut self, order: Order) -> Result<(), Refusal> {
         match order {
             Order::Request(request) => {
@@ -275,6 +280,10 @@ impl Render {
             Order::Control(control, gains) => {
                 self.supervisor.may_change(&self.control, &control)?;
                 self.ends.control.publish(control); // from the next sample on, whole
+                if control.estimator != self.control.estimator {
+                    self.supervisor.retuned();
+                    self.ends.down.publish(self.supervisor.down());
+                }
                 self.control = control;
                 self.gains = gains;
                 self.settings = self.settings.wrapping_add(1);

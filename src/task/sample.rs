@@ -2,11 +2,37 @@
 
 use zwidth::{
     Control, Motion,
-    safety::{Down, Guard, GuardedSampler},
+    safety::{Down, FaultSet, Guard, GuardedSampler, Up},
+    units::{Position, Velocity},
 };
 
 use super::trail;
 use crate::board::{self, Encoder, Newest, Pace, Writing};
+
+/// What `render` needs of a due sample.
+#[derive(Clone, Copy)]
+pub struct Due {
+    sample: u64,
+    position: Position,
+    velocity: Velocity,
+    present: FaultSet,
+}
+
+impl Due {
+    /// Before the first one.
+    pub const BEFORE: Self = Self {
+        sample: 0,
+        position: Position::from_counts(0),
+        velocity: Velocity::ZERO,
+        present: FaultSet::EMPTY,
+    };
+
+    /// To be answered, together with what the guard found.
+    pub fn up(self, guard: Guard) -> Up {
+        let Self { sample, position, velocity, present } = self;
+        Up { motion: Motion { sample, position, velocity, due: true }, present, guard }
+    }
+}
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
@@ -15,7 +41,7 @@ pub struct Sample {
     sampler: GuardedSampler,
     control: Newest<Control>,
     down: Newest<Down>,
-    due: Writing<(Motion, bool)>,
+    due: Writing<Due>,
     guard: Writing<Guard>,
 }
 
@@ -26,7 +52,7 @@ impl Sample {
         sampler: GuardedSampler,
         control: Newest<Control>,
         down: Newest<Down>,
-        due: Writing<(Motion, bool)>,
+        due: Writing<Due>,
         guard: Writing<Guard>,
     ) -> Self {
         Self { encoder, pace, sampler, control, down, due, guard }
@@ -40,16 +66,20 @@ impl Sample {
     pub fn run(&mut self) {
         let count = self.encoder.count();
         self.pace.acknowledge();
-        let (motion, cut) = self.sampler.step(self.control.get(), count, self.down.get());
-        if cut {
+        let guard = self.guard.place();
+        let step = self.sampler.step(self.control.get(), count, self.down.get(), guard);
+        let Motion { sample, position, velocity, due } = step.motion;
+        #[expect(clippy::cast_possible_truncation, reason = "tells it from the last one")]
+        let number = sample as u32;
+        if step.told {
+            self.guard.publish(number);
+        }
+        if step.cut {
             board::off();
         }
-        trail::note(motion.sample, motion.position);
-        if motion.due {
-            if let Some(guard) = self.sampler.news() {
-                self.guard.write(guard);
-            }
-            self.due.write((motion, cut));
+        trail::note(sample, position);
+        if due {
+            self.due.write(Due { sample, position, velocity, present: step.present }, number);
             super::pend_render();
         }
     }

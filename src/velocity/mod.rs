@@ -226,6 +226,9 @@ impl Estimator {
     }
 }
 
+/// No estimator's [`kind`](Estimator::kind).
+const NO_KIND: u8 = u8::MAX;
+
 /// What the samples so far left behind. A field for each kind of estimator, not one for all: so the
 /// compiler can keep the few words of the usual one in registers.
 #[derive(Clone, Copy, Debug)]
@@ -257,6 +260,11 @@ struct Sensed {
 }
 
 impl State {
+    /// Whatever comes next takes over from the velocity.
+    pub fn restart(&mut self) {
+        self.kind = NO_KIND;
+    }
+
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
         Self {

@@ -15,6 +15,11 @@ use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
 use object::{Object as _, ObjectSection as _};
 use virtual_board::{board::Board, elf::Elf, image, log, world::World};
+use zwidth::{
+    Control, CounterWidth, Motion, Sampler,
+    telemetry::{Flags, Record},
+    velocity::Senses,
+};
 
 /// A board's release ELF, built if need be.
 pub struct Firmware {
@@ -73,6 +78,54 @@ impl Firmware {
         world.run(200).unwrap();
         world.hold(rest_m, false);
         world
+    }
+}
+
+/// The core on the host, fed with what the firmware read, and asked for what the firmware was.
+pub struct Replay<'a> {
+    sampler: Sampler,
+    /// Settings in the order in which the firmware took them.
+    controls: &'a [Control],
+    number: u16,
+    zeroed: bool,
+}
+
+impl<'a> Replay<'a> {
+    /// From the first reading of the counter on.
+    pub fn new(first: u32, controls: &'a [Control]) -> Self {
+        let sampler = Sampler::new(first, CounterWidth::Bits32);
+        Self { sampler, controls, number: 0, zeroed: false }
+    }
+
+    /// Sample `n`; `next` is the first record that is not before it. What was asked for at an output
+    /// holds from the next sample on, and the next record shows it; a zero and a new start of the
+    /// estimator come with that sample.
+    pub fn sample(
+        &mut self,
+        n: u64,
+        reading: u32,
+        next: Option<&Record>,
+        senses: &Senses,
+    ) -> (&'a Control, Motion) {
+        let old = self.controls[usize::from(self.number)].estimator;
+        let mut zero = false;
+        if n % 10 == 1
+            && let Some(next) = next
+        {
+            self.number = next.settings;
+            zero = next.flags.contains(Flags::ZEROED) && !self.zeroed;
+            self.zeroed |= zero;
+        }
+        let control = &self.controls[usize::from(self.number)];
+        let mut motion = self.sampler.sense(control, reading, senses);
+        if control.estimator != old {
+            self.sampler.restart();
+        }
+        if zero {
+            self.sampler.zero();
+            motion.position = self.sampler.position();
+        }
+        (control, motion)
     }
 }
 

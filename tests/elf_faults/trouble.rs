@@ -76,7 +76,7 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 29] = [
+pub const TROUBLES: [Trouble; 30] = [
     Trouble {
         name: "count jump",
         code: 10,
@@ -109,7 +109,7 @@ pub const TROUBLES: [Trouble; 29] = [
     Trouble {
         name: "out of range",
         code: 12,
-        limit_us: SAMPLE_US,
+        limit_us: RENDER_US,
         begin: |firmware, world| {
             let name = "local_resource_sample";
             let mut symbols = firmware.elf.symbols.iter();
@@ -236,6 +236,20 @@ pub const TROUBLES: [Trouble; 29] = [
             begun
         },
         resets: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "emergency stop, 0.2 ms",
+        code: 30,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            let stop = world.powered.board.wiring.stop;
+            world.powered.mcu.set_break(stop, true);
+            world.run(2).unwrap();
+            world.powered.mcu.set_break(stop, false);
+            begun
+        },
         ..PLAIN
     },
     Trouble {

@@ -26,6 +26,7 @@ fn control(position_m: f64, stiffness_n_per_m: f64) -> Control {
 struct Bench {
     control: Control,
     sampler: GuardedSampler,
+    guard: Guard,
     supervisor: Supervisor,
     down: Down,
     push: Force,
@@ -52,9 +53,10 @@ impl Bench {
         let plan = SETTINGS.build(&DESIGN).unwrap();
         Self {
             control: control(0.01, 2000.0),
-            sampler: GuardedSampler::new(plan, 5, CounterWidth::Bits32),
+            sampler: GuardedSampler::new(5, CounterWidth::Bits32),
             supervisor: Supervisor::new(plan, None),
-            down: Down::default(),
+            guard: Guard::NOTHING,
+            down: Down::start(&plan),
             push: Force::ZERO,
             inputs: GOOD,
             missing: 0,
@@ -70,13 +72,14 @@ impl Bench {
         }
     }
 
-    /// One sample; returns what the guard said.
-    fn sample(&mut self) -> Up {
+    /// One sample; returns what the guard saw.
+    fn sample(&mut self) -> Step {
         #[expect(clippy::cast_possible_truncation, reason = "a few metres at most")]
         let count = (self.position_m / 1e-6).floor() as i32;
         let counter = if self.dead { self.offset } else { self.offset.wrapping_add_signed(count) };
-        let up = self.sampler.sample(&self.control, counter, &self.down);
-        if up.motion.due {
+        let step = self.sampler.step(&self.control, counter, &self.down, &mut self.guard);
+        let up = Up { motion: step.motion, present: step.present, guard: self.guard };
+        if step.motion.due {
             if self.missing > 0 {
                 self.missing -= 1;
             } else {
@@ -87,7 +90,7 @@ impl Bench {
                 self.last = Some(rendered);
             }
         }
-        if up.cut {
+        if step.cut {
             self.output = None;
         }
         let force = self.output.map_or(0.0, |f| f64::from(f.bits()) / 2f64.powi(30) * 5.906);
@@ -96,7 +99,7 @@ impl Bench {
             self.velocity_m_per_s += acceleration * 1e-4;
             self.position_m += self.velocity_m_per_s * 1e-4;
         }
-        up
+        step
     }
 
     fn run(&mut self, samples: u32) {
@@ -209,13 +212,16 @@ fn a_turned_motor_and_a_dead_encoder_do_not_get_past_arm() {
 fn a_count_jump_is_off_with_the_same_sample() {
     let mut bench = Bench::armed();
     bench.offset = bench.offset.wrapping_add(600);
-    let up = bench.sample();
-    assert!(up.cut && bench.output.is_none());
+    let step = bench.sample();
+    assert!(step.present.contains(Fault::CountJump) && bench.output.is_none());
     // and stays off by the sampling task alone, whatever rendering writes meanwhile
-    assert!((0..50).all(|_| bench.sample().cut));
+    for _ in 0..50 {
+        let step = bench.sample();
+        assert!(step.cut || step.motion.due);
+    }
     let status = bench.supervisor.status();
     let record = status.fault.unwrap();
-    assert_eq!((record.fault, record.sample), (Fault::CountJump, up.motion.sample));
+    assert_eq!((record.fault, record.sample), (Fault::CountJump, step.motion.sample));
     assert!(!status.zeroed);
     assert_eq!(bench.updates.last(), Some(&MemoryUpdate::Write(record)));
     assert_eq!(bench.ask(Request::Arm), Err(Refusal::Faulted(Fault::CountJump)));
@@ -277,10 +283,9 @@ fn high_speed_is_a_fault_with_force_and_none_without() {
 
 #[test]
 fn out_of_range_needs_a_zero_before_clear() {
-    let plan = SETTINGS.build(&DESIGN).unwrap();
     let mut bench = Bench::new();
     bench.offset = (1 << 30) + 1;
-    bench.sampler = GuardedSampler::new(plan, bench.offset, CounterWidth::Bits32);
+    bench.sampler = GuardedSampler::new(bench.offset, CounterWidth::Bits32);
     bench.run(20);
     assert_eq!(bench.fault(), Some(Fault::OutOfRange));
     assert_eq!(bench.ask(Request::Clear), Err(Refusal::CausePresent(Fault::OutOfRange)));
@@ -480,8 +485,9 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     // The very next sample may be the first one after the stall.
     bench.offset = bench.offset.wrapping_add(5000);
     bench.run(1);
-    assert!(bench.sampler.news().is_none_or(|guard| guard.causes.is_empty()));
-    bench.run(19);
+    bench.run(1);
+    assert!(bench.guard.causes.is_empty());
+    bench.run(18);
     assert_eq!(bench.ask(Request::Arm), Err(Refusal::Stalled));
     bench.offset = bench.offset.wrapping_add(5000);
     bench.run(20);
@@ -512,7 +518,7 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
         bench.push = Force::saturating_from_bits(1 << 28); // a quarter of full scale: 370 counts in 10 ms
         let mut worst = 0.0f64;
         for _ in 0..200 {
-            let up = bench.sample();
+            let step = bench.sample();
             if told {
                 assert_eq!(bench.down.force, bench.output.unwrap_or_default());
             } else {
@@ -520,7 +526,7 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
             }
             let counts_per_sample = bench.velocity_m_per_s / 1e-6 / 1e4;
             worst = worst
-                .max((f64::from(up.motion.velocity.bits()) / 65_536.0 - counts_per_sample).abs());
+                .max((f64::from(step.motion.velocity.bits()) / 65_536.0 - counts_per_sample).abs());
         }
         bench.ask(Request::Disarm).unwrap();
         bench.run(10);

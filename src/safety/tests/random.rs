@@ -143,9 +143,9 @@ proptest! {
         let mut state = State::Off;
         for event in &events {
             for _ in 0..bench.happen(event) {
-                let up = bench.sample();
+                let step = bench.sample();
                 let status = bench.supervisor.status();
-                prop_assert!(!(up.cut && bench.output.is_some()));
+                prop_assert!(!(step.cut && bench.output.is_some()));
                 prop_assert_eq!(status.fault.is_some(), status.state == State::Fault);
                 if let Some(rendered) = bench.last.take() {
                     let zero = bench.control.actuator.zero();

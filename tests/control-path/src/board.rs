@@ -20,8 +20,10 @@ pub extern "C" fn zwidth_guarded_sample(
     counter: u32,
     down: &Down,
     up: &mut Up,
-) {
-    *up = sampler.sample(control, counter, down);
+) -> bool {
+    let step = sampler.step(control, counter, down, &mut up.guard);
+    (up.motion, up.present) = (step.motion, step.present);
+    step.cut
 }
 
 /// Every output, supervised.

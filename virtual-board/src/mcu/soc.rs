@@ -47,6 +47,8 @@ pub(super) struct Soc {
     pub(super) pace_line: Arc<Flag>,
     pub(super) watchdog_bites: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
+    /// The break flag.
+    broken: Arc<AtomicBool>,
     pub(super) supply_low: Arc<AtomicBool>,
     pub(super) dbgmcu: Arc<Storage>,
     pub(super) dac: Arc<Storage>,
@@ -105,12 +107,14 @@ impl WireSink for ToListener {
     }
 }
 
-/// TIM1's port: BDTR and the break input, which the emulator's timer stores but does not act on, and
-/// when the duty was written.
+/// TIM1's port: BDTR, the break input and its flag, which the emulator's timer stores but does not act
+/// on, and when the duty was written.
 #[derive(Debug)]
 struct Break {
     lazy: Lazy,
     open: Arc<AtomicBool>,
+    /// The break flag.
+    broken: Arc<AtomicBool>,
     clock: Arc<Clock>,
     written_at: Arc<AtomicU64>,
 }
@@ -119,6 +123,8 @@ const RCC_CSR: u64 = 0x74;
 const RMVF: u32 = 1 << 24;
 const CCR1: u64 = 0x34;
 const CCR2: u64 = 0x38;
+const SR: u64 = 0x10;
+const BREAK_FLAG: u32 = 1 << 7;
 pub(super) const BDTR: u64 = 0x44;
 pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
@@ -133,6 +139,9 @@ impl Port for Break {
         if matches!(offset, CCR1 | CCR2) {
             self.written_at.store(self.clock.now(), Relaxed);
         }
+        if offset == SR && value & BREAK_FLAG == 0 {
+            self.broken.store(self.open.load(Relaxed), Relaxed);
+        }
         if offset != BDTR {
             value
         } else if value & BREAK_ENABLE != 0 && self.open.load(Relaxed) {
@@ -142,6 +151,11 @@ impl Port for Break {
         } else {
             value
         }
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        let flag = if self.broken.load(Relaxed) { BREAK_FLAG } else { 0 };
+        if offset == SR { value & !BREAK_FLAG | flag } else { value }
     }
 }
 
@@ -383,10 +397,10 @@ impl Soc {
         let written_at = Arc::clone(&commanded_at);
         map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
         let (open, clock) = (Arc::clone(&stop), Arc::clone(clock));
-        map(
-            Registers::region(&pwm, Break { lazy: pwm.clone(), open, clock, written_at }),
-            0x4001_0000,
-        );
+        let broken = Arc::new(AtomicBool::new(false));
+        let port =
+            Break { lazy: pwm.clone(), open, broken: Arc::clone(&broken), clock, written_at };
+        map(Registers::region(&pwm, port), 0x4001_0000);
         for (index, port) in gpio.iter().enumerate() {
             map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
         }
@@ -410,6 +424,7 @@ impl Soc {
             pace_line,
             watchdog_bites,
             stop,
+            broken,
             supply_low,
             dbgmcu,
             dac,
@@ -447,6 +462,7 @@ impl Soc {
         self.stop.store(open, Relaxed);
         let bdtr = self.pwm.peek(BDTR);
         if open && bdtr & BREAK_ENABLE != 0 {
+            self.broken.store(true, Relaxed);
             self.pwm.catch_up_by_edges();
             self.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
         }
