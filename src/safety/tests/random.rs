@@ -132,7 +132,7 @@ impl Bench {
 }
 
 const CASES: u32 = if cfg!(miri) { 1 } else { 2000 };
-const EVENTS: usize = if cfg!(miri) { 3 } else { 60 };
+const EVENTS: usize = if cfg!(miri) { 2 } else { 60 };
 const WALLS: usize = if cfg!(miri) { 3 } else { 20 };
 
 proptest! {
