@@ -9,7 +9,8 @@
 use std::{f64::consts::PI, process::Command};
 
 use host_sim::{
-    integrator::Integrator,
+    element::{Chain, Nonlinear},
+    integrator::{Demand, Integrator, STEPS_MAX},
     plant::{AnyPlant, Moment, Plant as _},
     rig::{HitError, Numeric, Rig, WallHit},
     scene::{NamedScene, Scene},
@@ -260,6 +261,17 @@ fn refusals_name_key_value_and_range() {
             vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, ADAPTIVE],
             "without non-linear elements and [integrator] the step is exact",
         ),
+        // Eigenvalues alone would let it through: no motion of the plant is that damped, a motion of its Euler steps is.
+        (
+            vec![
+                "[mode]\nmass_kg = 0.625\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n",
+                "[arm]\nmass_kg = 0.098\ndamping_n_s_per_m = 6940\nstiffness_n_per_m = 2.8e7\n\
+                 rest_position_m = 0.05\ngrip_damping_n_s_per_m = 1\ngrip_stiffness_n_per_m = 1.1e8\n",
+                SPRING,
+                EULER,
+            ],
+            "integrator.steps_per_sample is 4, allowed 5 to 10000",
+        ),
         (vec![FRICTION, "[integrator]\nmethod = \"verlet\"\n"], "unknown variant `verlet`"),
     ] {
         let message = read(&tables).unwrap_err();
@@ -381,10 +393,6 @@ fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
         .run(&(any_tables(), -0.015..0.07f64), |(tables, start_m)| {
             let tables: Vec<&str> = tables.iter().map(String::as_str).collect();
             let Ok(scene) = read(&tables) else { return Ok(()) };
-            // Known to be let through where it blows up: docs/extremes.md.
-            if matches!(scene.integrator, Some(Integrator::SemiImplicitEuler { .. })) {
-                return Ok(());
-            }
             let device = &scene.device;
             let spring_j =
                 |x: f64| 0.5 * device.stiffness_n_per_m * (x - device.rest_position_m).powi(2);
@@ -414,5 +422,74 @@ fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
     assert!(ran_cell.get() > 40);
 }
 
-/// What an integrator with the fewest steps that a scene may ask for adds at most, relative.
+/// What an integrator with as many steps as the random devices have adds at most, relative.
 const GAIN_MAX: f64 = 1e-3;
+
+/// The fewest steps of that kind that a scene may ask for.
+fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
+    let demand = Demand::of(&Chain::of(scene), &Nonlinear::of(scene));
+    let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();
+    let (mut too_few, mut enough) = (0, STEPS_MAX);
+    if !allowed(enough) {
+        return None;
+    }
+    while enough - too_few > 1 {
+        let middle = (too_few + enough) / 2;
+        if allowed(middle) { enough = middle } else { too_few = middle }
+    }
+    Some(of(enough))
+}
+
+/// With the fewest steps, and a command of 0 N that takes effect within every tenth sample.
+#[test]
+fn no_device_blows_up_with_the_fewest_steps_that_are_allowed() {
+    let config =
+        ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() };
+    let (ran_cell, worst_cell) = (std::cell::Cell::new(0), std::cell::Cell::new(0.0));
+    let methods: [fn(u32) -> Integrator; 2] = [
+        |steps_per_sample| Integrator::SemiImplicitEuler { steps_per_sample },
+        |steps_per_sample| Integrator::Rk4 { steps_per_sample },
+    ];
+    TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
+        .run(
+            &(any_tables(), -0.015..0.07f64, 0..2usize, 0.0..1.0f64),
+            |(tables, start_m, method, fraction)| {
+                let mut tables: Vec<&str> = tables.iter().map(String::as_str).collect();
+                tables.retain(|table| !table.contains("[integrator]"));
+                tables.push("[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 10000\n");
+                let Ok(mut scene) = read(&tables) else { return Ok(()) };
+                scene.device.damping_n_s_per_m = 0.0;
+                scene.integrator = fewest(&scene, methods[method]);
+                let Some(
+                    Integrator::SemiImplicitEuler { steps_per_sample }
+                    | Integrator::Rk4 { steps_per_sample },
+                ) = scene.integrator
+                else {
+                    return Ok(());
+                };
+                let plant = AnyPlant::unsensed(&scene, 1e-4, fraction);
+                let mut state = plant.at_rest(start_m);
+                let mut farthest_m = 0.0f64;
+                // As much work whatever the steps.
+                for n in 0..(200_000 / steps_per_sample).clamp(100, 20_000) {
+                    state = if n % 10 == 0 {
+                        plant.advance_split(&state, 0.0, 0.0)
+                    } else {
+                        plant.advance(&state, 0.0)
+                    };
+                    farthest_m = farthest_m.max(plant.position_m(&state).abs());
+                    prop_assert!(
+                        farthest_m < 1.0,
+                        "{farthest_m} m after {n}: {:?} {fraction} {tables:?}",
+                        scene.integrator
+                    );
+                }
+                ran_cell.set(ran_cell.get() + 1);
+                worst_cell.set(f64::max(worst_cell.get(), farthest_m));
+                Ok(())
+            },
+        )
+        .unwrap();
+    println!("{} devices, at most {} m from 0", ran_cell.get(), worst_cell.get());
+    assert!(ran_cell.get() > 150);
+}

@@ -90,7 +90,6 @@ fn bad_input_is_one_line_and_leaves_no_file() {
 /// DESIGN of the batch engine: at most 300 MB for a million points, streamed.
 #[cfg(target_os = "linux")]
 #[test]
-#[ignore = "a million hits; half a minute in release"]
 fn a_million_walls_take_less_than_300_mb() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), 20);

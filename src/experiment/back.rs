@@ -315,7 +315,8 @@ pub(super) mod tests {
 
     #[test]
     fn it_comes_back_slowly_from_either_side_and_from_the_start_itself() {
-        for from_m in [0.07, 0.0517, 0.01, 0.0, -0.03] {
+        let starts: &[f64] = if cfg!(miri) { &[-0.01] } else { &[0.07, 0.0517, 0.01, 0.0, -0.03] };
+        for &from_m in starts {
             let (end, outputs, fastest, strongest) = bring_back(Handle::at(from_m), false);
             assert_eq!(end, ReturnStep::Arrived, "{from_m}");
             assert!(outputs < 2_000, "{from_m}: {outputs}");
@@ -325,6 +326,7 @@ pub(super) mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "six returns in closed loop")]
     fn light_heavy_and_undamped_handles_come_back_as_well() {
         for mass_kg in [0.05, 0.4, 2.0] {
             for (damping, spring) in [(0.5, 0.0), (5.0, 11.0)] {
@@ -337,6 +339,7 @@ pub(super) mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "10 s in steps of 1 ms")]
     fn a_handle_that_is_held_ends_it_and_never_feels_more_than_the_limit() {
         let (end, outputs, _, strongest) = bring_back(Handle::at(0.05), true);
         assert_eq!((end, outputs), (ReturnStep::TooLong, 10_000));

@@ -177,6 +177,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "60 s in steps of 1 ms")]
     fn it_rises_slowly_holds_and_ends() {
         for percent in [20.0, -20.0] {
             let plan = CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
@@ -216,6 +217,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "two minutes in steps of 1 ms")]
     fn however_often_the_force_is_changed_it_ends_after_two_minutes() {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
         let mut calibration = Calibration::new(plan(20.0));

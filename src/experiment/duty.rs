@@ -136,6 +136,8 @@ mod tests {
     /// A hit of 6 s.
     const SAMPLES: u32 = 60_000;
     const OUTPUTS: u32 = 6_000;
+    const CASES: u32 = if cfg!(miri) { 1 } else { 12 };
+    const HITS: usize = if cfg!(miri) { 2 } else { 25 };
 
     fn force(part: f64) -> Force {
         #[expect(clippy::cast_possible_truncation, reason = "within +-1")]
@@ -143,6 +145,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "660 000 outputs of the same few lines")]
     fn it_follows_the_differential_equation() {
         let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
         let mut duty = Duty::default();
@@ -167,13 +170,13 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(12))]
+        #![proptest_config(ProptestConfig::with_cases(CASES))]
 
         /// Whatever force the hits take, for whatever time, and however soon the next is asked for:
         /// the weighted mean square never exceeds the limit, and every hit gets its turn.
         #[test]
         fn no_sequence_of_hits_exceeds_the_limit(
-            hits in prop::collection::vec((0.0..=1.0f64, 1u32..=OUTPUTS, 0.0..0.25f64), 1..25)
+            hits in prop::collection::vec((0.0..=1.0f64, 1u32..=OUTPUTS, 0.0..0.25f64), 1..HITS)
         ) {
             let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
             let mut duty = Duty::default();
@@ -201,6 +204,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "120 000 outputs of the same few lines")]
     fn full_force_hits_one_after_the_other_just_keep_the_limit() {
         let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
         let mut duty = Duty::default();

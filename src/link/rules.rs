@@ -231,7 +231,8 @@ mod tests {
         let mut all = Vec::new();
         for state in states {
             for activity in activities {
-                for facts in 0..128u32 {
+                // Under Miri a part of them, with every fact in both its values.
+                for facts in (0..128u32).step_by(if cfg!(miri) { 23 } else { 1 }) {
                     let fact = |n: u32| facts >> n & 1 == 1;
                     let fault =
                         (state == State::Fault).then(|| FaultRecord::bare(Fault::OverSpeed));

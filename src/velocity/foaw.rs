@@ -202,7 +202,7 @@ mod tests {
             noise in 0u32..80,
             speed in -40_000i32..40_000,
             spread in 0i32..6,
-            steps in proptest::collection::vec(-1f64..1.0, 200),
+            steps in proptest::collection::vec(-1f64..1.0, if cfg!(miri) { 12 } else { 200 }),
         ) {
             let foaw = Foaw::new(best, window, f64::from(noise) / 16.0).unwrap();
             let mut history = History::REST;

@@ -9,7 +9,7 @@
 //! Positions are taken from where the bodies rest without a force, so that the system has no
 //! constant term. An odd number of states means an amplifier.
 
-use nalgebra::{DMatrix, DVector, SMatrix, SVector, Schur, linalg::balancing};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::{Amplifier, Arm, Mode};
 use crate::{
@@ -19,7 +19,6 @@ use crate::{
 
 /// Most states that a chain has: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
-const SCHUR_ITERATIONS: usize = 10_000;
 
 /// A device and the linear elements on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,17 +172,28 @@ impl Chain {
         }
     }
 
-    /// Largest magnitude of an eigenvalue, 1/s, with that stiffness and damping more on the device: how fast an
-    /// integrator must be able to follow.
-    pub fn fastest_per_s(&self, (stiffness_n_per_m, damping_n_s_per_m): (f64, f64)) -> f64 {
-        let mut chain = *self;
-        chain.device.stiffness_n_per_m += stiffness_n_per_m;
-        chain.device.damping_n_s_per_m += damping_n_s_per_m;
-        let mut matrix = chain.matrix();
-        balancing::balance_parlett_reinsch(&mut matrix);
-        let norm = matrix.norm(); // an upper bound, if the eigenvalues do not converge
-        Schur::try_new(matrix, f64::EPSILON, SCHUR_ITERATIONS).map_or(norm, |schur| {
-            schur.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max)
+    /// `M^-1/2 X M^-1/2` of the bodies' stiffness, 1/s^2, and damping, 1/s, with that stiffness and damping more on the
+    /// device; rows of bodies that are not there are 0.
+    pub fn per_mass(
+        &self,
+        (stiffness_n_per_m, damping_n_s_per_m): (f64, f64),
+    ) -> [SMatrix<f64, 3, 3>; 2] {
+        let (mut bodies, count) = self.bodies();
+        bodies[0].ground[0] += stiffness_n_per_m;
+        bodies[0].ground[1] += damping_n_s_per_m;
+        [0, 1].map(|part| {
+            let mut matrix = SMatrix::<f64, 3, 3>::zeros();
+            for (i, body) in bodies[..count].iter().enumerate() {
+                matrix[(i, i)] += (body.ground[part] + body.joint[part]) / body.mass_kg;
+                if i > 0 {
+                    let before = bodies[i - 1].mass_kg;
+                    matrix[(i - 1, i - 1)] += body.joint[part] / before;
+                    let across = -body.joint[part] / libm::sqrt(before * body.mass_kg);
+                    matrix[(i, i - 1)] = across;
+                    matrix[(i - 1, i)] = across;
+                }
+            }
+            matrix
         })
     }
 

@@ -12,6 +12,9 @@
 pub mod dormand_prince;
 pub mod euler;
 pub mod rk4;
+mod stability;
+
+pub use stability::Demand;
 
 use serde::{Deserialize, Serialize};
 
@@ -51,10 +54,8 @@ pub enum Integrator {
 pub const STEPS_MAX: u32 = 10_000;
 /// Most steps in a sample that [`Integrator::DormandPrince`] may need to stay stable.
 const ADAPTIVE_STEPS_MAX: f64 = 1000.0;
-/// `|eigenvalue| step` up to which a method is stable, for every eigenvalue in the left half plane; half-disks inside
-/// the methods' stability regions. Semi-implicit Euler needs `w^2 h^2 + 2 d h < 4` of `x'' = -w^2 x - d x'`, with
-/// `w <= r` and `d <= 2 r`.
-const EULER_STABLE: f64 = 0.8;
+/// `|eigenvalue| step` up to which a method is stable, for every eigenvalue in the left half plane: half-disks inside
+/// the methods' stability regions.
 const RK4_STABLE: f64 = 2.5;
 const DORMAND_PRINCE_STABLE: f64 = 3.0;
 
@@ -78,14 +79,19 @@ impl Integrator {
         }
     }
 
-    /// Checks the values, and that the method stays stable with eigenvalues of up to `fastest_per_s`.
+    /// Checks the values, and that the method stays stable on a plant that demands so much.
     ///
     /// # Errors
     /// Key, value, allowed range; the reason if it is stability.
-    pub fn check(&self, fastest_per_s: f64, sample_s: f64) -> Result<(), String> {
-        let (steps, stable) = match *self {
-            Self::SemiImplicitEuler { steps_per_sample } => (steps_per_sample, EULER_STABLE),
-            Self::Rk4 { steps_per_sample } => (steps_per_sample, RK4_STABLE),
+    pub fn check(&self, demand: &Demand, sample_s: f64) -> Result<(), String> {
+        let fastest_per_s = demand.fastest_per_s();
+        let (steps, least) = match *self {
+            Self::SemiImplicitEuler { steps_per_sample } => {
+                (steps_per_sample, demand.euler_steps(sample_s))
+            }
+            Self::Rk4 { steps_per_sample } => {
+                (steps_per_sample, (fastest_per_s * sample_s / RK4_STABLE).ceil().max(1.0))
+            }
             Self::DormandPrince { relative_tolerance, absolute_tolerance_m } => {
                 within("integrator.relative_tolerance", relative_tolerance, 1e-13..=1e-2)?;
                 within("integrator.absolute_tolerance_m", absolute_tolerance_m, 1e-18..=1e-3)?;
@@ -103,7 +109,6 @@ impl Integrator {
         };
         let most = f64::from(STEPS_MAX);
         within("integrator.steps_per_sample", f64::from(steps), 1.0..=most)?;
-        let least = (fastest_per_s * sample_s / stable).ceil().max(1.0);
         if f64::from(steps) >= least {
             return Ok(());
         }

@@ -313,14 +313,33 @@ impl<const N: usize> IntegratedStep<N> {
     fn moved<T: Tally>(
         &self,
         state: &HybridState<N>,
-        pieces: [(f64, f64); 2],
+        pieces: &[(f64, f64)],
         tally: &mut T,
     ) -> HybridState<N> {
         let mut state = *state;
-        for (force_n, duration_s) in pieces {
+        for &(force_n, duration_s) in pieces {
             self.piece(&mut state, force_n, duration_s, tally);
         }
         state
+    }
+
+    /// Forces and how long each acts, in a sample in which a command takes effect.
+    ///
+    /// Semi-implicit Euler bears no steps that take turns in length: they can feed a motion that each of them by itself
+    /// bears. So its steps stay as they are, and the one that holds the split gets both forces' momentum as a mean.
+    fn split(&self, before_n: f64, after_n: f64) -> [(f64, f64); 3] {
+        let (split_s, late_s) = (self.split_s, self.sample_s - self.split_s);
+        let Integrator::SemiImplicitEuler { steps_per_sample } = self.integrator else {
+            return [(before_n, split_s), (after_n, late_s), (after_n, 0.0)];
+        };
+        let h = self.sample_s / f64::from(steps_per_sample);
+        let early_s = libm::floor(split_s / h) * h;
+        let share = (split_s - early_s) / h;
+        if share < 1e-9 {
+            return [(before_n, split_s), (after_n, late_s), (after_n, 0.0)];
+        }
+        let mean_n = before_n * share + after_n * (1.0 - share);
+        [(before_n, early_s), (mean_n, h), (after_n, self.sample_s - early_s - h)]
     }
 }
 
@@ -345,15 +364,11 @@ impl<const N: usize> Plant for IntegratedStep<N> {
     }
 
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State {
-        self.moved(state, [(force_n, self.sample_s), (force_n, 0.0)], &mut ())
+        self.moved(state, &[(force_n, self.sample_s), (force_n, 0.0)], &mut ())
     }
 
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
-        self.moved(
-            state,
-            [(before_n, self.split_s), (after_n, self.sample_s - self.split_s)],
-            &mut (),
-        )
+        self.moved(state, &self.split(before_n, after_n), &mut ())
     }
 
     fn advance_counting(
@@ -363,11 +378,10 @@ impl<const N: usize> Plant for IntegratedStep<N> {
         after_n: Option<f64>,
         steps: &mut u64,
     ) -> Self::State {
-        let pieces = match after_n {
-            Some(after_n) => [(before_n, self.split_s), (after_n, self.sample_s - self.split_s)],
-            None => [(before_n, self.sample_s), (before_n, 0.0)],
-        };
-        self.moved(state, pieces, steps)
+        match after_n {
+            Some(after_n) => self.moved(state, &self.split(before_n, after_n), steps),
+            None => self.moved(state, &[(before_n, self.sample_s), (before_n, 0.0)], steps),
+        }
     }
 
     fn later_m(
@@ -378,7 +392,8 @@ impl<const N: usize> Plant for IntegratedStep<N> {
         after_n: f64,
     ) -> Option<f64> {
         let early_s = delay_s.min(self.split_s);
-        let later = self.moved(state, [(before_n, early_s), (after_n, delay_s - early_s)], &mut ());
+        let later =
+            self.moved(state, &[(before_n, early_s), (after_n, delay_s - early_s)], &mut ());
         Some(self.position_m(&later))
     }
 

@@ -4,7 +4,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::Scene;
-use crate::element::{Chain, Nonlinear};
+use crate::{
+    element::{Chain, Nonlinear},
+    integrator::Demand,
+};
 
 /// Quantisation of the command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,10 +42,7 @@ impl Scene {
         let nonlinear = Nonlinear::of(self);
         match self.integrator {
             Some(integrator) => {
-                let chain = Chain::of(self);
-                let alone = chain.fastest_per_s((0.0, 0.0));
-                let fastest = alone.max(chain.fastest_per_s(nonlinear.steepest()));
-                integrator.check(fastest, sample_s)
+                integrator.check(&Demand::of(&Chain::of(self), &nonlinear), sample_s)
             }
             None if nonlinear == Nonlinear::default() => Ok(()),
             None => Err("[integrator] is missing, needed with friction, cogging or travel: method = \"rk4\", \

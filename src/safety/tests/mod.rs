@@ -2,7 +2,7 @@
 
 use super::{plan::tests::*, *};
 use crate::{Control, CounterWidth, Settings, VelocitySettings, WallSettings, units::Force};
-use std::vec::Vec;
+use std::{sync::OnceLock, vec::Vec};
 
 mod random;
 
@@ -23,6 +23,7 @@ fn control(position_m: f64, stiffness_n_per_m: f64) -> Control {
 }
 
 /// Both tasks, a motor and a handle: 0.4 kg, 5.5 N s/m, 5.906 N at full scale, 1 um, 10 kHz.
+#[derive(Clone)]
 struct Bench {
     control: Control,
     sampler: GuardedSampler,
@@ -132,16 +133,20 @@ impl Bench {
         self.supervisor.status().fault.map(|record| record.fault)
     }
 
-    /// Zeroed, armed, ramp over.
+    /// Zeroed, armed, ramp over; once for all tests, because it takes Miri many seconds.
     fn armed() -> Self {
-        let mut bench = Self::new();
-        bench.run(1);
-        bench.ask(Request::Zero).unwrap();
-        bench.run(20);
-        bench.ask(Request::Arm).unwrap();
-        bench.run(4000);
-        assert_eq!(bench.state(), State::Armed);
-        bench
+        static ARMED: OnceLock<Bench> = OnceLock::new();
+        let bench = ARMED.get_or_init(|| {
+            let mut bench = Self::new();
+            bench.run(1);
+            bench.ask(Request::Zero).unwrap();
+            bench.run(20);
+            bench.ask(Request::Arm).unwrap();
+            bench.run(4000);
+            assert_eq!(bench.state(), State::Armed);
+            bench
+        });
+        bench.clone()
     }
 
     /// After a fault: clear, then arm again.
@@ -191,6 +196,7 @@ fn arm_tests_the_sign_then_ramps_in() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "arms four times in closed loop")]
 fn a_turned_motor_and_a_dead_encoder_do_not_get_past_arm() {
     for (motor, dead) in [(-1.0, false), (1.0, true)] {
         let mut bench = Bench::new();
@@ -313,6 +319,7 @@ fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "arms four times in closed loop")]
 fn stop_supply_settings_and_debugger_are_off_within_one_output_and_need_their_cause_gone() {
     for (fault, inputs, refusal) in [
         (Fault::EmergencyStop, Inputs { stop_closed: false, ..GOOD }, Some(Refusal::StopOpen)),
@@ -355,7 +362,7 @@ fn a_handle_that_is_held_on_purpose_is_no_dead_encoder() {
     bench.held = true;
     bench.supervisor.expect_still(true);
     bench.push = Force::saturating_from_bits(1 << 28);
-    bench.run(20_000);
+    bench.run(if cfg!(miri) { 1_000 } else { 20_000 });
     assert_eq!((bench.state(), bench.fault()), (State::Armed, None));
     bench.supervisor.expect_still(false);
     let samples = bench.samples_until_off();
@@ -444,6 +451,7 @@ fn a_zero_that_would_put_the_handle_into_the_wall_is_refused_while_armed() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "carries the handle over 1 m")]
 fn beyond_its_travel_the_handle_gets_no_force_and_may_be_moved_back() {
     let carry = |bench: &mut Bench, to_m: f64| {
         while (bench.position_m - to_m).abs() > 1e-9 {

@@ -131,14 +131,18 @@ impl Bench {
     }
 }
 
+const CASES: u32 = if cfg!(miri) { 1 } else { 2000 };
+const EVENTS: usize = if cfg!(miri) { 2 } else { 60 };
+const WALLS: usize = if cfg!(miri) { 3 } else { 20 };
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig::with_cases(CASES))]
 
     /// The heart of it: over any sequence of events and commands, force comes out only while the
     /// supervisor is on, at most 5 % of it before the sign test is passed, never while a fault is
     /// latched or the guard says cut; and armed is reached only through sign test and ramp.
     #[test]
-    fn no_force_unless_armed(events in prop::collection::vec(event(), 1..60)) {
+    fn no_force_unless_armed(events in prop::collection::vec(event(), 1..EVENTS)) {
         let mut bench = Bench::new();
         let mut state = State::Off;
         for event in &events {
@@ -183,7 +187,7 @@ proptest! {
     /// beyond what the motion asks for: here the handle is held, so motion asks for nothing.
     #[test]
     fn changes_are_ramped(
-        walls in prop::collection::vec((-0.001..0.002f64, 0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..20)
+        walls in prop::collection::vec((-0.001..0.002f64, 0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..WALLS)
     ) {
         let mut bench = Bench::armed();
         bench.held = true;
