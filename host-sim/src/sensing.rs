@@ -1,11 +1,11 @@
-//! What the controller senses beside the count: force in effect, acceleration, edge times.
+//! What the controller senses beside the count: force last granted, acceleration, edge times.
 //!
 //! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
-//! the rig chooses once per run.
+//! the rig chooses once per run. Only the sense that the scene's estimator looks at is worked out.
 
 use zwidth::{
     units::{Acceleration, Force},
-    velocity::{Edge, Senses},
+    velocity::{Edge, Sense, Senses},
 };
 
 use crate::{
@@ -26,9 +26,10 @@ pub struct Handle {
 pub trait Sensing: Copy {
     /// Lets the controller take a sample, with what there is to sense.
     fn sample(&self, controller: &mut impl Controller, count: i32) -> bool;
-    /// The handle moved on by one sample. `before_n` and `after_n` are the actuator's forces before
-    /// and after the instant at which a command takes effect; equal if none does.
-    fn moved(&mut self, from: Handle, to: Handle, before_n: f64, after_n: f64);
+    /// The controller granted a force, fraction of full scale.
+    fn granted(&mut self, force: f64);
+    /// The handle moved on by one sample.
+    fn moved(&mut self, from: Handle, to: Handle);
 }
 
 /// Nothing but the count.
@@ -42,12 +43,17 @@ impl Sensing for Blind {
     }
 
     #[inline(always)]
-    fn moved(&mut self, _: Handle, _: Handle, _: f64, _: f64) {}
+    fn granted(&mut self, _: f64) {}
+
+    #[inline(always)]
+    fn moved(&mut self, _: Handle, _: Handle) {}
 }
 
-/// All there is.
+/// What the scene's estimator looks at.
 ///
-/// *Force*: the mean of the actuator's forces over the sample, rounded to the LSB.
+/// *Force*: what the firmware tells ([`zwidth::safety::GuardedSampler`]): the force last granted,
+/// saturated and held, as if it had acted since the last sample. The latency of the actuator is not
+/// known to the core, so it is not known here.
 ///
 /// *Acceleration*: the mean over the sample, from the speeds; through a first-order low-pass if the
 /// scene gives the accelerometer a bandwidth, then noise, bias, range and resolution.
@@ -58,9 +64,8 @@ impl Sensing for Blind {
 /// whole range of the paper's device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// Fraction of the sample at which a command takes effect.
-    split: f64,
-    force_bits_per_n: f64,
+    /// What is looked at.
+    looks_at: Option<Sense>,
     counts_per_m: f64,
     /// Added to a position in counts before it is floored.
     rounding: f64,
@@ -91,8 +96,7 @@ impl Full {
         let design = scene.design();
         let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
         Self {
-            split: scene.actuator.latency.fract(),
-            force_bits_per_n: f64::from(Force::FULL_SCALE.bits()) / design.full_scale_n,
+            looks_at: scene.velocity.sense(),
             counts_per_m: 1.0 / resolution_m,
             rounding: match scene.encoder.rounding {
                 Rounding::Floor => 0.0,
@@ -114,13 +118,24 @@ impl Sensing for Full {
         controller.sense(count, &self.senses)
     }
 
-    fn moved(&mut self, from: Handle, to: Handle, before_n: f64, after_n: f64) {
-        let force_n = self.split * before_n + (1.0 - self.split) * after_n;
-        self.senses.force = Force::saturating_from_bits(round(force_n * self.force_bits_per_n));
+    #[inline]
+    fn granted(&mut self, force: f64) {
+        let bits = round(force * f64::from(Force::FULL_SCALE.bits()));
+        self.senses.force = Force::saturating_from_bits(bits);
+    }
+
+    #[inline]
+    fn moved(&mut self, from: Handle, to: Handle) {
+        if matches!(self.looks_at, None | Some(Sense::Force)) {
+            return;
+        }
         let [v0, v1] = [from, to].map(|handle| handle.speed_m_per_s * self.speed);
         if let Some(sensor) = &mut self.accelerometer {
             let bits = sensor.read(v1 - v0) * f64::from(1u32 << Acceleration::FRACTION_BITS);
             self.senses.acceleration = Acceleration::saturating_from_bits(round(bits));
+        }
+        if self.looks_at != Some(Sense::Edge) {
+            return;
         }
         let [x0, x1] =
             [from, to].map(|handle| handle.position_m * self.counts_per_m + self.rounding);
@@ -288,9 +303,16 @@ impl Sensing for AnySensing {
     }
 
     #[inline]
-    fn moved(&mut self, from: Handle, to: Handle, before_n: f64, after_n: f64) {
+    fn granted(&mut self, force: f64) {
         if let Self::Full(full) = self {
-            full.moved(from, to, before_n, after_n);
+            full.granted(force);
+        }
+    }
+
+    #[inline]
+    fn moved(&mut self, from: Handle, to: Handle) {
+        if let Self::Full(full) = self {
+            full.moved(from, to);
         }
     }
 }
@@ -298,7 +320,7 @@ impl Sensing for AnySensing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::NamedScene;
+    use crate::scene::{NamedScene, Velocity};
 
     fn full(edit: impl FnOnce(&mut Scene)) -> Full {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -311,27 +333,27 @@ mod tests {
     }
 
     #[test]
-    fn the_force_is_the_mean_of_what_acted_over_the_sample() {
+    fn the_force_is_the_one_last_granted_whatever_the_latency() {
         let mut sensing = full(|scene| scene.actuator.latency = 10.25);
-        let at = handle(0.0, 0.0);
-        // full scale 5.906 N: a quarter of it for a quarter of the sample, then half of it
-        sensing.moved(at, at, 5.906 / 4.0, 5.906 / 2.0);
-        assert_eq!(sensing.senses.force.bits(), (1 << 26) + 3 * (1 << 27));
-        sensing.moved(at, at, -99.0, -99.0);
+        assert_eq!(sensing.senses.force, Force::ZERO);
+        sensing.granted(0.375);
+        sensing.moved(handle(0.0, 0.0), handle(1e-6, 0.0));
+        assert_eq!(sensing.senses.force.bits(), 3 << 27);
+        sensing.granted(-1.0);
         assert_eq!(sensing.senses.force.bits(), -(1 << 30));
     }
 
     #[test]
     fn an_edge_gets_older_until_the_next_one() {
         let (at, on) = (handle(0.5e-6, 0.01), handle(1.5e-6, 0.01)); // one count per sample
-        let mut rest = full(|_| {});
-        rest.moved(handle(0.5e-6, 0.0), handle(0.5e-6, 0.0), 0.0, 0.0);
+        let mut rest = full(|scene| scene.velocity = Velocity::TimeStamps { span_samples: 1 });
+        rest.moved(handle(0.5e-6, 0.0), handle(0.5e-6, 0.0));
         assert_eq!(rest.senses.edge, None);
-        rest.moved(at, on, 0.0, 0.0);
+        rest.moved(at, on);
         let half = rest.senses.edge.unwrap();
         assert!(half.up && half.age.abs_diff(1 << 15) <= 1, "{half:?}");
         let still = handle(1.5e-6, 0.0);
-        rest.moved(still, still, 0.0, 0.0);
+        rest.moved(still, still);
         assert_eq!(rest.senses.edge, Some(Edge { age: half.age + (1 << 16), up: true }));
     }
 
@@ -346,11 +368,14 @@ mod tests {
                 bandwidth_hz: None,
             };
             edit(&mut sensor);
-            full(|scene| scene.accelerometer = Some(sensor))
+            full(|scene| {
+                scene.velocity = Velocity::Fusion {};
+                scene.accelerometer = Some(sensor);
+            })
         };
         // one m/s^2 is 0.01 counts per sample^2
         let read = |sensing: &mut Full, m_per_s2: f64| {
-            sensing.moved(handle(0.0, 0.0), handle(0.0, m_per_s2 * 1e-4), 0.0, 0.0);
+            sensing.moved(handle(0.0, 0.0), handle(0.0, m_per_s2 * 1e-4));
             f64::from(sensing.senses.acceleration.bits()) / 2f64.powi(24) * 100.0
         };
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-5, "{a} {b}");

@@ -160,10 +160,11 @@ impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {
+            self.sensing.granted(rendered.force);
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
         }
         // 4. a command that takes effect within this sample, and 5. the plant
-        let (state, before_n) = (self.state, self.output_n);
+        let state = self.state;
         match self.on_the_way.arriving(forces_n, index) {
             None => self.state = parts.plant.advance(&self.state, self.output_n),
             Some(force_n) => {
@@ -175,7 +176,7 @@ impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
             position_m: parts.plant.position_m(state),
             speed_m_per_s: parts.plant.speed_m_per_s(state),
         };
-        self.sensing.moved(handle(&state), handle(&self.state), before_n, self.output_n);
+        self.sensing.moved(handle(&state), handle(&self.state));
         self.index = index + 1;
         let velocity = self.controller.velocity();
         let output_n = parts.plant.force_n(&self.state, self.output_n);

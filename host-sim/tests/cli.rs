@@ -362,19 +362,36 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m\n20,0,1104"));
     let line = refused(folder.path(), &args[..4]);
     assert!(line.contains("--dampings"), "{line}");
-    // passivity is of a loop that the scene's is not: the name says so, and so does the list
+    // passivity of a loop that the scene's is not: the list says so
     let passive = ["linear", "paper-1um", "--cutoffs", "2000", "--dampings", "0", "--passivity"];
     let output = sim(folder.path(), &[&passive[..], &["--json", "--csv", "p.csv"]].concat());
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let k = json["rows"][0]["stiffness_passive_single_rate_n_per_m"].as_f64().unwrap();
+    let k = json["rows"][0]["stiffness_passive_n_per_m"].as_f64().unwrap();
     assert!((k / 110_390.0 - 1.0).abs() < 1e-3, "2 b / T: {k}");
     let left_out = serde_json::json!(["actuator.period", "actuator.latency"]);
     assert_eq!(json["passivity_left_out"], left_out);
     let csv = fs::read_to_string(folder.path().join("p.csv")).unwrap();
     let head = "cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m,";
-    assert!(csv.starts_with(&format!("{head}stiffness_passive_single_rate_n_per_m\n")), "{csv}");
+    assert!(csv.starts_with(&format!("{head}stiffness_passive_n_per_m\n")), "{csv}");
     let text = String::from_utf8(sim(folder.path(), &passive).stdout).unwrap();
     assert!(text.contains("not part of the passivity condition: actuator.period"), "{text}");
+    // of the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, just inside its envelope of 3693 N/m
+    let output = sim(folder.path(), &[&passive[..], &["--json", "--multirate"]].concat());
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let row = &json["rows"][0];
+    let k = row["stiffness_passive_n_per_m"].as_f64().unwrap();
+    assert!((k / 3679.67 - 1.0).abs() < 1e-4, "{k}");
+    assert!(k < row["stiffness_max_n_per_m"].as_f64().unwrap());
+    assert_eq!(json["passivity_left_out"], serde_json::json!([]));
+    // where the paper's method fails, or has to choose between crossings, the terminal says so
+    let at = |cutoff: &str, damping: &str| {
+        let args = ["linear", "paper-1um", "--cutoffs", cutoff, "--dampings", damping];
+        String::from_utf8(sim(folder.path(), &args).stdout).unwrap()
+    };
+    let text = at("20", "100");
+    assert!(text.contains("gain margin fails: unstable at K = 0"), "{text}");
+    let text = at("2000", "100");
+    assert!(!text.contains("gain margin fails"), "{text}");
     let line =
         refused(folder.path(), &["linear", "paper-1um", "--cutoffs", "9e9", "--dampings", "1"]);
     assert!(line.contains("--cutoffs is 9000000000, allowed 0.35 to 4990"), "{line}");

@@ -1,6 +1,6 @@
 //! Design of the observers: poles at one bandwidth, and what is known of the acceleration.
 //!
-//! **Observer**: `u = F / m`, F the force commanded: saturated, held, in effect. A wrong mass leaves
+//! **Observer**: `u = F / m`, F the force commanded: saturated, held. A wrong mass leaves
 //! a part of F to the disturbance, which follows it no faster than the bandwidth.
 //!
 //! **Fusion** of position and acceleration: u is the accelerometer's reading. Its zero offset is a

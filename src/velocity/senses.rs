@@ -7,7 +7,7 @@ use crate::units::{Acceleration, Force};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Senses {
     /// Mean force on the handle since the last sample, as far as the controller knows: saturated,
-    /// held, and in effect.
+    /// held, and taken as acting since then.
     pub force: Force,
     /// Mean acceleration of the handle since the last sample, as measured.
     pub acceleration: Acceleration,

@@ -9,7 +9,9 @@ use zwidth::velocity::EstimatorName;
 use super::{Common, NumericArg, SCHEMA_VERSION, STOP, print_json, print_text, progress};
 use crate::{
     compare::{
-        Class, Compared, Entry, Place, compare, most_walks,
+        Class, Compared, Entry, Place, Wall, compare,
+        fidelity::Point,
+        most_walks,
         search::{Budget, MASS_WRONG_BY, WRONG_BY},
         table::{self, CRITERIA, Part},
         terminal,
@@ -32,10 +34,11 @@ pub struct CompareArgs {
     /// Estimators, A,B,C [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
-    /// B at which K is read off and contacts are compared, N s/m.
+    /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m.
     #[arg(long, value_name = "N_S_PER_M", default_value_t = 100.0)]
     damping: f64,
-    /// Walks that the search may make for each estimator.
+    /// Tunings that the search may try for an estimator with one parameter, two walks each; with two
+    /// parameters four times as many. It stops before where nothing near is better.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(3..=1000))]
     budget: u32,
     /// Walks at the result of each search, their starts spread over one count.
@@ -44,12 +47,15 @@ pub struct CompareArgs {
 }
 
 /// Every file of a result.
-const FILES: [&str; 7] = [
+const FILES: [&str; 10] = [
     "compare.csv",
     "tuning.csv",
     "boundary.csv",
+    "fidelity.csv",
     "zwidth.svg",
     "zwidth.png",
+    "zwidth_more.svg",
+    "zwidth_more.png",
     "report.html",
     MANIFEST,
 ];
@@ -59,8 +65,11 @@ struct Json<'a> {
     schema_version: u32,
     command: &'static str,
     scene: &'a str,
+    /// Of the wall at which force is compared.
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
+    /// Those at which the impedance is.
+    walls: [Wall; 3],
     /// Impedance error of hold and latency alone, with the true velocity.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
@@ -81,7 +90,8 @@ struct JsonRow {
     second_unit: Option<&'static str>,
     second_at_edge: bool,
     search_walks: usize,
-    stable_at_wall: bool,
+    search_settled: bool,
+    stable_at_walls: usize,
     #[serde(flatten)]
     criteria: serde_json::Map<String, serde_json::Value>,
 }
@@ -102,7 +112,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
     let staging = Staging::new(&folder, &FILES, common.force)?;
-    let budget = Budget { walks: args.budget, repeats: args.repeat };
+    let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) =
         compare(&scene.scene, &entries, args.damping, budget, &STOP, |walks| bar.inc(walks))?;
@@ -116,8 +126,9 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
             schema_version: SCHEMA_VERSION,
             command: "compare",
             scene: &scene.name,
-            damping_n_s_per_m: place.damping_n_s_per_m,
-            stiffness_n_per_m: place.stiffness_n_per_m,
+            damping_n_s_per_m: place.middle().damping_n_s_per_m,
+            stiffness_n_per_m: place.middle().stiffness_n_per_m,
+            walls: place.walls,
             impedance_error_of_loop: compared.first().map(|c| c.fidelity.of_loop),
             estimators,
             winners,
@@ -175,14 +186,26 @@ fn write(
     winners: &[Winner],
     manifest: &Manifest,
 ) -> Result<(), Error> {
-    let figure = zwidth(scene, compared)?;
+    let mut figures = vec![];
+    let files = [["zwidth.svg", "zwidth.png"], ["zwidth_more.svg", "zwidth_more.png"]];
+    for (class, [svg, png]) in Class::ALL.into_iter().zip(files) {
+        if compared.iter().any(|c| c.class() == class) {
+            let figure = zwidth(scene, compared, class)?;
+            staging.write(svg, figure.svg().as_bytes())?;
+            staging.write(png, &output::png(&figure)?)?;
+            let caption = format!(
+                "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
+                class.text()
+            );
+            figures.push(ReportFigure { figure, caption });
+        }
+    }
     staging.write("compare.csv", table::csv(compared, place).as_bytes())?;
     staging.write("tuning.csv", tuning_csv(compared).as_bytes())?;
     staging.write("boundary.csv", boundary_csv(compared).as_bytes())?;
-    staging.write("zwidth.svg", figure.svg().as_bytes())?;
-    staging.write("zwidth.png", &output::png(&figure)?)?;
-    staging
-        .write("report.html", page(scene, compared, place, winners, figure, manifest).as_bytes())?;
+    staging.write("fidelity.csv", fidelity_csv(compared).as_bytes())?;
+    let page = page(scene, compared, place, winners, &figures, manifest);
+    staging.write("report.html", page.as_bytes())?;
     let json = serde_json::to_vec_pretty(manifest)
         .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
     staging.write(MANIFEST, &json)?;
@@ -202,25 +225,23 @@ fn tuning(c: &Compared) -> String {
     texts.join(", ")
 }
 
-/// The largest mean area of those that look at the position only.
-fn best_by_position(compared: &[Compared]) -> Option<Entry> {
-    let like = compared.iter().filter(|c| c.class() == Class::PositionOnly);
+/// The largest mean area of a class.
+fn best_of(compared: &[Compared], class: Class) -> Option<Entry> {
+    let like = compared.iter().filter(|c| c.class() == class);
     like.max_by(|a, b| a.tuned.area().total_cmp(&b.tuned.area())).map(|c| c.entry)
 }
 
-fn zwidth(scene: &NamedScene, compared: &[Compared]) -> Result<Figure, Error> {
-    let best = best_by_position(compared);
-    let curves = compared.iter().map(|c| Curve {
+fn zwidth(scene: &NamedScene, compared: &[Compared], class: Class) -> Result<Figure, Error> {
+    let best = best_of(compared, class);
+    let curves = compared.iter().filter(|c| c.class() == class).map(|c| Curve {
         name: c.entry.name(),
         detail: format!("{}, {}", c.entry.name(), tuning(c)),
         ideal: best == Some(c.entry),
         points: c.tuned.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
     });
     figure::zwidth(&ZwidthPlot {
-        title: format!("Z-width by estimator, {}", scene.name),
-        subtitle:
-            "each at the tuning with the largest area; ideal: the largest by the position only"
-                .into(),
+        title: format!("Z-width by estimator, {}, {}", class.text(), scene.name),
+        subtitle: "each at the tuning with the largest area; ideal: the largest of them".into(),
         legend: "Estimator".into(),
         curves: curves.collect(),
     })
@@ -258,6 +279,22 @@ fn boundary_csv(compared: &[Compared]) -> String {
     text
 }
 
+fn fidelity_csv(compared: &[Compared]) -> String {
+    let mut text = String::from(
+        "estimator,stiffness_n_per_m,damping_n_s_per_m,frequency_hz,impedance_error,\
+         impedance_error_of_estimator,impedance_error_of_loop\n",
+    );
+    for c in compared {
+        for Point { wall, frequency_hz, error, of_estimator, of_loop } in &c.fidelity.points {
+            let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
+            let name = c.entry.name();
+            let _ =
+                writeln!(text, "{name},{k},{b},{frequency_hz},{error},{of_estimator},{of_loop}");
+        }
+    }
+    text
+}
+
 fn json_row(c: &Compared, place: &Place) -> JsonRow {
     let criteria = CRITERIA
         .iter()
@@ -274,8 +311,9 @@ fn json_row(c: &Compared, place: &Place) -> JsonRow {
         second_name: second.map(|p| p.name),
         second_unit: second.map(|p| p.unit),
         second_at_edge: second.is_some_and(|p| p.edge.is_some()),
-        search_walks: c.tuned.tried.len(),
-        stable_at_wall: c.contact.stable,
+        search_walks: table::search_walks(c),
+        search_settled: c.tuned.settled,
+        stable_at_walls: c.contacts.iter().filter(|contact| contact.stable).count(),
         criteria: criteria.collect(),
     }
 }
@@ -285,10 +323,10 @@ fn page(
     compared: &[Compared],
     place: &Place,
     winners: &[Winner],
-    figure: Figure,
+    figures: &[ReportFigure],
     manifest: &Manifest,
 ) -> String {
-    let best = best_by_position(compared);
+    let best = best_of(compared, Class::PositionOnly);
     let class = |c: &Compared| if best == Some(c.entry) { " class=\"ideal\"" } else { "" };
     let tunings = report::table(
         &[("Estimator", ""), ("Needs", ""), ("Tuning (*: an end of the range)", "")],
@@ -322,16 +360,5 @@ fn page(
     let areas = winners.iter().filter(|winner| winner.criterion == "area_n2_s_per_m2");
     let answers: Vec<String> = areas.map(winners::sentence).collect();
     let answer = answers.join(". ");
-    report::page(
-        &format!("{}: velocity estimators", scene.name),
-        &answer,
-        &[ReportFigure {
-            figure,
-            caption:
-                "Boundary of the stable walls, one curve per estimator at the tuning with the \
-                      largest area."
-                    .into(),
-        }],
-        &sections,
-    )
+    report::page(&format!("{}: velocity estimators", scene.name), &answer, figures, &sections)
 }

@@ -14,9 +14,9 @@ use super::{
 use crate::{
     error::Error,
     figure::{self, Curve, ZwidthPlot},
-    linear::{Boundary, Device, Elements, Loop, StiffnessLimit},
+    linear::{Boundary, Device, Elements, Loop, StiffnessLimit, passivity::Passivity},
     output,
-    overview::{Explained, explain, passive_region, passive_stiffness},
+    overview::{Explained, explain, passive_region},
     rig::{Rig, WallHit},
     scene::{self, NamedScene},
     velocity::transfer_function,
@@ -40,8 +40,7 @@ pub struct LinearArgs {
     /// elements are part of both.
     #[arg(long)]
     multirate: bool,
-    /// Add the largest K that is passive in any hand (Colgate and Schenkel): for a force with every
-    /// sample and at once, so it is an upper bound for a slower loop.
+    /// Add the largest K that is passive in any hand (Colgate and Schenkel), of the same loop.
     #[arg(long)]
     passivity: bool,
     /// Add the simulated boundary, and say what its points above the linear envelope are.
@@ -101,10 +100,12 @@ struct Row {
     gain_margin_holds: bool,
     /// Stretches of K, from and to, that are stable beyond the first one.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Largest K that is passive in a loop with a force for every sample, at once, by a plain mass; 0 if
-    /// none is; only with `--passivity`.
+    /// K > 0 at which roots cross the unit circle: several are where the paper's method picks one.
+    phase_crossings: usize,
+    /// Largest K up to which every wall is passive in any hand on a damped mass; 0 if none is; only
+    /// with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    stiffness_passive_single_rate_n_per_m: Option<f64>,
+    stiffness_passive_n_per_m: Option<f64>,
 }
 
 /// What one cutoff's lines of the result are made of.
@@ -163,7 +164,9 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             scene,
             multirate,
             left_out: &left_out,
-            passivity_left_out: args.passivity.then(|| passivity_left_out(&loaded.scene)),
+            passivity_left_out: args
+                .passivity
+                .then(|| passivity_left_out(&loaded.scene, args.multirate)),
             rows: &rows,
             simulated,
         });
@@ -173,7 +176,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         let _ = write!(text, "\nnot linear, left out: {}", left_out.join(", "));
     }
     if args.passivity {
-        let left_out = passivity_left_out(&scene.scene);
+        let left_out = passivity_left_out(&scene.scene, args.multirate);
         if !left_out.is_empty() {
             let _ = write!(text, "\nnot part of the passivity condition: {}", left_out.join(", "));
         }
@@ -181,12 +184,11 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     print_text(&text)
 }
 
-/// What of a scene Colgate and Schenkel's condition, for a force with every sample and at once on a
-/// damped mass, does not know.
-fn passivity_left_out(scene: &scene::Scene) -> Vec<&'static str> {
+/// What of a scene Colgate and Schenkel's condition, on a damped mass, does not know.
+fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
-        ("actuator.period", scene.actuator.period > 1),
-        ("actuator.latency", scene.actuator.latency > 0.0),
+        ("actuator.period", !multirate && scene.actuator.period > 1),
+        ("actuator.latency", !multirate && scene.actuator.latency > 0.0),
         ("amplifier", scene.amplifier.is_some()),
         ("mode", scene.mode.is_some()),
         ("arm", scene.arm.is_some()),
@@ -270,22 +272,25 @@ fn analyse(
                 scene.velocity.name()
             ))
         })?;
-    let passive_at = |damping| match args.passivity {
-        false => Ok(None),
-        true => passive_stiffness(damping_n_s_per_m, rate_hz, &estimator, damping)
-            .map(|stiffness| Some(stiffness.unwrap_or(0.0)))
-            .map_err(Error::input),
-    };
-    let region = match args.passivity {
-        false => vec![],
-        true => passive_region(damping_n_s_per_m, rate_hz, &estimator).map_err(Error::input)?,
-    };
     let mut of = Loop::single_rate(device, rate_hz, estimator.clone());
     of.elements = Elements { amplifier: scene.amplifier, mode: scene.mode, arm: scene.arm };
     if args.multirate {
         of.period = scene.actuator.period;
         of.latency_samples = scene.actuator.latency;
     }
+    let passivity = args.passivity.then(|| Passivity::new(&of)).transpose();
+    let passivity = passivity.map_err(Error::input)?;
+    let passive_at = |damping| match &passivity {
+        None => Ok(None),
+        Some(passivity) => passivity
+            .stiffness_max(damping_n_s_per_m, damping)
+            .map(|stiffness| Some(stiffness.unwrap_or(0.0)))
+            .map_err(Error::input),
+    };
+    let region = match &passivity {
+        None => vec![],
+        Some(passivity) => passive_region(damping_n_s_per_m, passivity).map_err(Error::input)?,
+    };
     let boundary = Boundary::new(&of).map_err(Error::input)?;
     let rows = dampings.iter().map(|&damping_n_s_per_m| {
         let limit: StiffnessLimit = boundary.at(damping_n_s_per_m).map_err(Error::input)?;
@@ -296,8 +301,9 @@ fn analyse(
             stiffness_max_n_per_m: limit.stiffness_max,
             unstable_at_zero: limit.unstable_at_zero,
             gain_margin_holds: limit.gain_margin_holds(),
+            phase_crossings: limit.phase_crossings.len(),
             further_stable_n_per_m: limit.further_stable,
-            stiffness_passive_single_rate_n_per_m: passive_at(damping_n_s_per_m)?,
+            stiffness_passive_n_per_m: passive_at(damping_n_s_per_m)?,
         })
     });
     let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
@@ -310,13 +316,12 @@ fn analyse(
 
 fn csv(analyses: &[Analysis]) -> String {
     let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m");
-    let passivity =
-        all_rows(analyses).any(|row| row.stiffness_passive_single_rate_n_per_m.is_some());
-    text.push_str(if passivity { ",stiffness_passive_single_rate_n_per_m\n" } else { "\n" });
+    let passivity = all_rows(analyses).any(|row| row.stiffness_passive_n_per_m.is_some());
+    text.push_str(if passivity { ",stiffness_passive_n_per_m\n" } else { "\n" });
     for row in all_rows(analyses) {
         let (f, b, k) = (row.cutoff_hz, row.damping_n_s_per_m, row.stiffness_max_n_per_m);
         let _ = write!(text, "{f},{b},{k}");
-        if let Some(passive) = row.stiffness_passive_single_rate_n_per_m {
+        if let Some(passive) = row.stiffness_passive_n_per_m {
             let _ = write!(text, ",{passive}");
         }
         text.push('\n');
@@ -349,7 +354,7 @@ fn curves(scene: &NamedScene, analysis: &Analysis) -> Vec<Curve> {
     };
     let mut curves = vec![named("linear", linear.points.clone(), false)];
     if !passive_region.is_empty() {
-        curves.push(named("passive, single-rate", passive_region.clone(), false));
+        curves.push(named("passive", passive_region.clone(), false));
     }
     if !simulated.is_empty() {
         let points = simulated.iter().map(|explained| explained.point).collect();
@@ -379,29 +384,44 @@ fn draw(
     .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
 }
 
+/// Where the paper's gain-margin method fails at this point, or would have to choose.
+fn gain_margin(row: &Row) -> Option<String> {
+    let several = match row.phase_crossings {
+        0 | 1 => String::new(),
+        crossings => format!(", {crossings} phase crossings"),
+    };
+    if row.unstable_at_zero {
+        Some(format!("gain margin fails: unstable at K = 0{several}"))
+    } else if !row.gain_margin_holds && row.phase_crossings == 0 {
+        Some("gain margin fails: no phase crossing".into())
+    } else if !row.gain_margin_holds {
+        Some(format!("gain margin fails{several}"))
+    } else {
+        (row.phase_crossings > 1)
+            .then(|| format!("{} phase crossings, the smallest is the limit", row.phase_crossings))
+    }
+}
+
 fn table(analyses: &[Analysis]) -> String {
     let mut text =
         format!("{:>10} {:>10} {:>14}  {}", "cutoff Hz", "B N s/m", "K max N/m", "remark");
     for row in all_rows(analyses) {
-        let remark = if row.unstable_at_zero {
-            "unstable at K = 0"
-        } else if row.gain_margin_holds {
-            ""
-        } else {
-            "the gain margin is not defined here"
-        };
-        let _ = write!(
-            text,
-            "\n{:>10} {:>10} {:>14.1}  {remark}",
-            row.cutoff_hz, row.damping_n_s_per_m, row.stiffness_max_n_per_m
-        );
-        if let Some(passive) = row.stiffness_passive_single_rate_n_per_m {
-            let separator = if remark.is_empty() { "" } else { "; " };
-            let _ = write!(text, "{separator}passive up to {passive:.1} (single-rate, no latency)");
+        let mut remarks: Vec<String> = vec![];
+        remarks.extend(gain_margin(row));
+        if let Some(passive) = row.stiffness_passive_n_per_m {
+            remarks.push(format!("passive up to {passive:.1}"));
         }
         for (from, to) in &row.further_stable_n_per_m {
-            let _ = write!(text, "; stable again from {from:.1} to {to:.1}");
+            remarks.push(format!("stable again from {from:.1} to {to:.1}"));
         }
+        let _ = write!(
+            text,
+            "\n{:>10} {:>10} {:>14.1}  {}",
+            row.cutoff_hz,
+            row.damping_n_s_per_m,
+            row.stiffness_max_n_per_m,
+            remarks.join("; ")
+        );
     }
     text
 }

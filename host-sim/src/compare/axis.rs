@@ -38,7 +38,7 @@ pub struct Axes {
     start: VelocitySettings,
     design: Design,
     /// The tuning is a whole number.
-    whole: bool,
+    pub whole: bool,
     /// Tuning at the lowest and at the highest bandwidth.
     pub tuning: [f64; 2],
     /// Those bandwidths, Hz.

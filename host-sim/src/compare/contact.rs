@@ -1,30 +1,50 @@
 //! How rough a wall is in the hand: RMS of the part of the force above 100 Hz, over the window of a
-//! wall hit. The hand feels vibration best at some 250 Hz, and what lies above 100 Hz belongs to no
+//! wall hit. One hit is a sample of a chaotic signal (15 % from start to start), so there are
+//! [`HITS`] of them, their starts spread over a count. The hand feels vibration best at some 250 Hz, and what lies above 100 Hz belongs to no
 //! wall. The hit runs with all elements of the scene; the force is the controller's, output
 //! quantisation included, before the amplifier.
 
 use std::f64::consts::PI;
 
+use rayon::prelude::*;
 use rustfft::{FftPlanner, num_complex::Complex};
 
-use crate::rig::{Numeric, Rig, WallHit};
+use crate::{
+    rig::{Numeric, Rig, WallHit},
+    sweep::start_offset_counts,
+};
 
 /// What a contact showed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Contact {
-    /// The wall at which all are compared is stable with this estimator.
+    /// The wall is stable with this estimator from every start.
     pub stable: bool,
-    /// RMS of the measured position about its mean, m.
-    pub rms_m: f64,
-    /// RMS of the force above [`ROUGH_ABOVE_HZ`], N.
-    pub roughness_n: f64,
+    /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, N.
+    pub roughness_n: Vec<f64>,
 }
 
 /// Force above this frequency is roughness, Hz.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
+/// Hits at a wall.
+pub const HITS: u32 = 16;
 
 /// Measures one estimator; the rig's scene holds it.
 pub fn measure(rig: &Rig, numeric: Numeric, wall: &WallHit) -> Contact {
+    let hits: Vec<(bool, f64)> = (0..HITS)
+        .into_par_iter()
+        .map(|n| {
+            let start_offset_counts = start_offset_counts(n, HITS);
+            hit(rig, numeric, &WallHit { start_offset_counts, ..*wall })
+        })
+        .collect();
+    Contact {
+        stable: hits.iter().all(|(stable, _)| *stable),
+        roughness_n: hits.into_iter().map(|(_, roughness_n)| roughness_n).collect(),
+    }
+}
+
+/// Whether a hit is stable, and how rough.
+fn hit(rig: &Rig, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
     let mut forces_n = vec![];
     let settle = u64::from(rig.plan().settle);
     let report = rig.hit(numeric, wall, |sample| {
@@ -32,12 +52,9 @@ pub fn measure(rig: &Rig, numeric: Numeric, wall: &WallHit) -> Contact {
             forces_n.push(rendered.output * rig.design().full_scale_n);
         }
     });
-    let (stable, rms_m) = match &report {
-        Ok(report) => (report.is_stable(), report.rms_m),
-        Err(_) => (false, f64::INFINITY),
-    };
+    let stable = report.is_ok_and(|report| report.is_stable());
     let output_hz = rig.design().rate_hz / f64::from(rig.design().period);
-    Contact { stable, rms_m, roughness_n: rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ) }
+    (stable, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
 }
 
 /// RMS of what lies above `above_hz` in a signal of that rate. The mean is taken off first; a Hann

@@ -1,8 +1,8 @@
 //! Every velocity estimator, tuned by the same search on the same boundary, and what each of them
 //! costs.
 //!
-//! * [`search`]: the tuning with the largest Z-width area, by the same number of walks for each, over
-//!   the same decades of [`bandwidth`]; [`tuned`] is its result;
+//! * [`search`]: the tuning with the largest Z-width area, by the same rule for each, over the same
+//!   decades of [`bandwidth`]; [`tuned`] is its result;
 //! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
 //! * [`contact`]: how rough the force is in contact;
 //! * [`fidelity`]: how far the rendered impedance is from the commanded one;
@@ -26,6 +26,7 @@ pub mod winners;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
+use serde::Serialize;
 use zwidth::{
     VelocitySettings,
     velocity::{EstimatorName, Sense},
@@ -117,13 +118,37 @@ impl Class {
     }
 }
 
-/// Where the boundaries are read off, and the wall at which force is compared.
+/// A wall.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Wall {
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+}
+
+impl Wall {
+    /// A hit of it, from the scene's own start.
+    pub fn hit(&self, cutoff_hz: f64) -> WallHit {
+        let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
+        WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    }
+}
+
+/// The walls at which estimators are compared: at half, one and two times the B at which K is read off
+/// each boundary, as far as the scene's walk goes; K is half of the mean that finite difference and
+/// Butterworth, tuned, reaches there, at least the walk's first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// B at which K is read off each boundary, N s/m.
-    pub damping_n_s_per_m: f64,
-    /// K of the wall at which contacts are compared, N/m; B is the one above.
-    pub stiffness_n_per_m: f64,
+    /// Softest damping first.
+    pub walls: [Wall; 3],
+}
+
+impl Place {
+    /// The one at which force is compared; its B is where K is read off.
+    pub fn middle(&self) -> Wall {
+        self.walls[1]
+    }
 }
 
 /// All about one estimator.
@@ -137,8 +162,8 @@ pub struct Compared {
     pub tuned: Tuned,
     /// Delay and noise.
     pub signal: Signal,
-    /// In contact.
-    pub contact: Contact,
+    /// In contact with each of the walls.
+    pub contacts: [Contact; 3],
     /// Rendered against commanded impedance.
     pub fidelity: Fidelity,
     /// On the Cortex-M4; `None` if it was not measured.
@@ -185,9 +210,9 @@ pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     (entries.len() as u64 + reference) * budget.most()
 }
 
-/// Compares `entries`. Finite difference and Butterworth, tuned, gives the wall at which contacts are
-/// compared, whether it is among them or not: half of the mean K that it reaches at
-/// `damping_n_s_per_m`. `done` is called with the number of walks made.
+/// Compares `entries`. Finite difference and Butterworth, tuned, gives the walls ([`Place`]) at which
+/// contacts are compared, whether it is among them or not. `done` is called with the number of walks
+/// made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -218,28 +243,29 @@ pub fn compare(
         .collect();
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
-    let reached = reference.map_or(0.0, |(_, (_, tuned))| {
-        Repeats::of(tuned.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+    let plan = scene.walk_plan();
+    let walls = [0.5, 1.0, 2.0].map(|times| {
+        let damping_n_s_per_m = (times * damping_n_s_per_m)
+            .clamp(plan.damping_start_n_s_per_m, plan.damping_max_n_s_per_m);
+        let reached = reference.map_or(0.0, |(_, (_, tuned))| {
+            Repeats::of(tuned.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+        });
+        let stiffness_n_per_m = (reached / 2.0).max(plan.stiffness_start_n_per_m);
+        Wall { stiffness_n_per_m, damping_n_s_per_m }
     });
-    let start_n_per_m = scene.walk_plan().stiffness_start_n_per_m;
-    let place = Place { damping_n_s_per_m, stiffness_n_per_m: (reached / 2.0).max(start_n_per_m) };
+    let place = Place { walls };
     let compared: Vec<Result<Compared, Error>> = entries
         .par_iter()
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
             let (with, cutoff_hz) = with_estimator(scene, &settings);
             let rig = Rig::new(&with)?;
-            let wall = WallHit {
-                cutoff_hz,
-                stiffness_n_per_m: place.stiffness_n_per_m,
-                damping_n_s_per_m: place.damping_n_s_per_m,
-                start_offset_counts: 0.0,
-            };
             let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
-            let contact = contact::measure(&rig, Numeric::Fixed, &wall);
-            let fidelity = fidelity::measure(&with, &wall)?;
+            let contacts =
+                walls.map(|wall| contact::measure(&rig, Numeric::Fixed, &wall.hit(cutoff_hz)));
+            let fidelity = fidelity::measure(&with, cutoff_hz, &walls)?;
             let cost = cost::of(settings.name());
-            Ok(Compared { entry, settings, tuned, signal, contact, fidelity, cost })
+            Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })
         })
         .collect();
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))

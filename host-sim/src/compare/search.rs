@@ -1,17 +1,20 @@
-//! The tuning with the largest Z-width area, found with the same number of walks for every estimator.
+//! The tuning with the largest Z-width area, found by the same rule for every estimator.
 //!
 //! The area over the tuning has one broad top and a rough surface. So the search looks at evenly
-//! spaced bandwidths first ([`Axes`]) and then goes from the best point to its neighbours, along both
-//! axes if there are two, by steps that are halved where no neighbour is better, until its walks are
-//! used up (a compass search). What is refused, and a whole number that was tried already, costs no
-//! walk; a range of few whole numbers can be exhausted before the walks are.
+//! spaced tunings first ([`Axes`]): bandwidths with one parameter, a grid with two. Then it goes
+//! from the best one to a neighbour that is better by more than [`GAIN`], along the axes and, with
+//! two, along the diagonals (a compass search). Where no neighbour is, the steps are halved. It has
+//! *settled* when they are below [`LAST_STEP`] of bandwidth; if the tunings that it may try are used
+//! up before, it has not, and the result says so. What is refused, and a whole number that was tried
+//! already, is not tried again.
 //!
-//! The walks of the search all start at the same place; the result is walked again from the starts of
-//! a sweep, so that its area is not the luckiest of many. What is left of it where the tuning is wrong
-//! is walked from the same starts.
+//! The search walks from two starts that are no repeat's; the result is walked again from the starts
+//! of a sweep, so that its area is not the luckiest of many. What is left of it where the tuning is
+//! wrong is walked from the same starts.
 
 use std::sync::atomic::AtomicBool;
 
+use rayon::prelude::*;
 use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 use super::{
@@ -32,8 +35,8 @@ use crate::{
 /// What a search may cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Walks of the search, 3 or more.
-    pub walks: u32,
+    /// Tunings that it may try with one parameter, 3 or more; with two [`OF_TWO`] times as many.
+    pub tunings: u32,
     /// Walks at its result, starts spread over a count, 1 or more.
     pub repeats: u32,
 }
@@ -41,15 +44,27 @@ pub struct Budget {
 impl Budget {
     /// Most walks that one estimator takes: its search, the result, and four wrong tunings.
     pub fn most(&self) -> u64 {
-        u64::from(self.walks) + 5 * u64::from(self.repeats)
+        let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
+        u64::from(walks) + 5 * u64::from(self.repeats)
     }
 }
 
-/// Share of the walks that go into the first look, with one axis and with two.
-const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (1, 2)];
-/// First step along the second axis, of its range.
-const SECOND_STEP: f64 = 0.25;
-/// A step of that part of the range is the last one.
+/// Starts of the walks of a search, counts: the golden section and half a count from it, which no
+/// number of repeats has among its own.
+const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+/// Walks that the search makes for each tuning that it tries.
+pub const WALKS_OF_A_TRY: u32 = 2;
+/// Tunings that it may try with two parameters, for each that it may try with one.
+pub const OF_TWO: u32 = 4;
+/// Share of the tunings that goes into the first look, with one axis and with two.
+const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
+/// Lines of the first look across the second axis, at the middles of as many parts.
+const LINES: u32 = 3;
+/// A neighbour is better if its area is larger by this share.
+pub const GAIN: f64 = 0.002;
+/// Steps below this ratio of bandwidths are not made, but for whole numbers, which end by themselves.
+pub const LAST_STEP: f64 = 1.03;
+/// A step of that part of the range is the last one, whole number or not.
 const LEAST_STEP: f64 = 1e-4;
 /// How much the bandwidth is put wrong to see how much the tuning matters.
 pub const WRONG_BY: f64 = 1.2;
@@ -72,7 +87,7 @@ pub fn tune(
         let (scene, cutoff_hz) = with_estimator(scene, settings);
         let rig = Rig::new(&scene)?;
         let each = |&start: &f64| walk(&rig, Numeric::Fixed, cutoff_hz, start, stop);
-        let boundaries = starts.iter().map(each).collect();
+        let boundaries = starts.par_iter().map(each).collect();
         done(starts.len() as u64);
         boundaries
     };
@@ -82,6 +97,7 @@ pub fn tune(
     let axes = Axes::new(start, &design, scene.device.mass_kg, free);
     let mut tuned = Tuned {
         tried: vec![],
+        settled: true,
         boundaries: vec![],
         bandwidth_hz: 0.0,
         left_when_mistuned: [None; 2],
@@ -90,12 +106,14 @@ pub fn tune(
     };
     let mut best = *start;
     if let Some(axes) = &axes {
-        let look = |settings: &VelocitySettings| {
-            Ok(walks(settings, &[0.0])?.first().map_or(0.0, |boundary| boundary.area))
+        let area = |settings: &VelocitySettings| {
+            Ok(Repeats::of(walks(settings, &STARTS)?.iter().map(|boundary| boundary.area)).mean)
         };
-        let search = Search::over(axes, budget.walks, look)?;
+        let look = |settings: &[VelocitySettings]| settings.par_iter().map(area).collect();
+        let search = Search::over(axes, budget.tunings, look)?;
         best = search.best().map_or(best, |tried| tried.settings);
         tuned.edges = edges(axes, &best);
+        tuned.settled = search.settled;
         tuned.tried = search.tried;
     }
     tuned.bandwidth_hz = bandwidth_hz(&best, &design).map_err(Error::input)?;
@@ -143,53 +161,86 @@ fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
 /// What was tried so far.
 struct Search {
     tried: Vec<Tried>,
+    /// It ended because its steps became small.
+    settled: bool,
 }
 
 impl Search {
-    /// Spends that many walks, fewer if nothing is left to try.
+    /// Tries at most that many tunings (with two axes [`OF_TWO`] times as many). `look` gives the
+    /// area of each of several.
     fn over(
         axes: &Axes,
-        walks: u32,
-        mut look: impl FnMut(&VelocitySettings) -> Result<f64, Error>,
+        tunings: u32,
+        look: impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
     ) -> Result<Self, Error> {
-        let mut search = Self { tried: vec![] };
-        let mut left = walks;
-        let mut look_at = |search: &mut Self, place: [f64; 2]| -> Result<bool, Error> {
-            let settings = axes.at(place);
-            let known = search.tried.iter().any(|tried| tried.settings == settings);
-            if known || !axes.accepts(&settings) || left == 0 {
-                return Ok(false);
-            }
-            left -= 1;
-            let area = look(&settings)?;
-            search.tried.push(Tried { place, settings, area });
-            Ok(true)
+        let two = axes.second.is_some();
+        let (limit, (part, of)) = match two {
+            false => (tunings, FIRST_LOOK[0]),
+            true => (OF_TWO * tunings, FIRST_LOOK[1]),
         };
-        let (part, of) = FIRST_LOOK[usize::from(axes.second.is_some())];
-        let first = (walks * part / of).max(2);
-        let second = axes.start_second();
-        for n in 0..first {
-            look_at(&mut search, [f64::from(n) / f64::from(first - 1), second])?;
-        }
-        let mut steps = [0.5 / f64::from(first - 1), SECOND_STEP];
-        let directions = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
-        let directions = if axes.second.is_some() { &directions[..] } else { &directions[..2] };
-        while steps[0] > LEAST_STEP {
-            let Some(best) = search.best() else { break };
-            let [x, y] = best.place;
-            let (mut looked, before) = (false, search.tried.len());
-            for [dx, dy] in directions {
+        let lines: &[f64] = &if two { even(LINES) } else { vec![axes.start_second()] };
+        let columns = (limit * part / of / if two { LINES } else { 1 }).max(2);
+        let mut search = Self { tried: vec![], settled: false };
+        let grid = (0..columns).flat_map(|n| {
+            let along = f64::from(n) / f64::from(columns - 1);
+            lines.iter().map(move |&second| [along, second])
+        });
+        search.look_at(axes, grid.collect(), limit, &look)?;
+        let mut steps = [0.5 / f64::from(columns - 1), 0.5 / f64::from(LINES)];
+        let [low, high] = axes.bandwidth_hz;
+        let last = if axes.whole { LEAST_STEP } else { LAST_STEP.ln() / (high / low).ln() };
+        while let Some(centre) = search.best() {
+            if steps[0] < last.max(LEAST_STEP) {
+                search.settled = true;
+                break;
+            }
+            let mut better = false;
+            for [dx, dy] in if two { &DIRECTIONS[..] } else { &DIRECTIONS[..2] } {
+                let [x, y] = centre.place;
                 let place = [x + dx * steps[0], y + dy * steps[1]].map(|at| at.clamp(0.0, 1.0));
-                looked = look_at(&mut search, place)?;
-                if looked {
+                if search.tried.len() >= limit as usize && search.is_new(axes, place) {
+                    return Ok(search);
+                }
+                search.look_at(axes, vec![place], limit, &look)?;
+                better = search.best().is_some_and(|best| best.area > centre.area * (1.0 + GAIN));
+                if better {
                     break;
                 }
             }
-            if !looked && before == search.tried.len() {
+            if !better {
                 steps = steps.map(|step| 0.5 * step);
             }
         }
         Ok(search)
+    }
+
+    /// Tries those places, as far as they are new and within the limit.
+    fn look_at(
+        &mut self,
+        axes: &Axes,
+        places: Vec<[f64; 2]>,
+        limit: u32,
+        look: &impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
+    ) -> Result<(), Error> {
+        let mut fresh: Vec<([f64; 2], VelocitySettings)> = vec![];
+        for place in places {
+            let settings = axes.at(place);
+            let again = fresh.iter().any(|(_, other)| *other == settings);
+            let room = self.tried.len() + fresh.len() < limit as usize;
+            if room && !again && self.is_new(axes, place) {
+                fresh.push((place, settings));
+            }
+        }
+        let settings: Vec<VelocitySettings> = fresh.iter().map(|(_, settings)| *settings).collect();
+        let areas = look(&settings)?;
+        let tried = fresh.into_iter().zip(areas);
+        self.tried.extend(tried.map(|((place, settings), area)| Tried { place, settings, area }));
+        Ok(())
+    }
+
+    fn is_new(&self, axes: &Axes, place: [f64; 2]) -> bool {
+        let settings = axes.at(place);
+        axes.accepts(&settings) && self.tried.iter().all(|tried| tried.settings != settings)
     }
 
     fn best(&self) -> Option<Tried> {
@@ -197,48 +248,94 @@ impl Search {
     }
 }
 
+/// To the neighbours of a tuning: along the first axis, the second, both.
+const DIRECTIONS: [[f64; 2]; 8] = [
+    [1.0, 0.0],
+    [-1.0, 0.0],
+    [0.0, 1.0],
+    [0.0, -1.0],
+    [1.0, 1.0],
+    [-1.0, -1.0],
+    [1.0, -1.0],
+    [-1.0, 1.0],
+];
+
+/// The middles of that many equal parts of 0 to 1.
+fn even(parts: u32) -> Vec<f64> {
+    (0..parts).map(|n| (f64::from(n) + 0.5) / f64::from(parts)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// Searches a made-up surface; which settings were looked at, and the best of them.
+    /// Searches a made-up surface; what was tried, the best of it, and whether the search settled.
     fn search(
         name: EstimatorName,
-        walks: u32,
+        tunings: u32,
         area: impl Fn([f64; 2]) -> f64,
-    ) -> (Vec<[f64; 2]>, [f64; 2]) {
+    ) -> (Vec<[f64; 2]>, [f64; 2], bool) {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let axes = Axes::new(&name.defaults(), &scene.design(), 0.416, Free::All).unwrap();
-        let mut looked = vec![];
-        let search = Search::over(&axes, walks, |settings| {
-            looked.push(EstimatorName::of(settings).1);
-            Ok(area(EstimatorName::of(settings).1))
-        });
-        let best = search.unwrap().best().unwrap();
-        (looked, EstimatorName::of(&best.settings).1)
+        let look = |settings: &[VelocitySettings]| {
+            Ok(settings.iter().map(|settings| area(EstimatorName::of(settings).1)).collect())
+        };
+        let search = Search::over(&axes, tunings, look).unwrap();
+        let looked = search.tried.iter().map(|tried| EstimatorName::of(&tried.settings).1);
+        let best = EstimatorName::of(&search.best().unwrap().settings).1;
+        (looked.collect(), best, search.settled)
+    }
+
+    /// A hill of height 1 that falls to 95 % at a ratio of 1.2.
+    fn hill(ratio: f64) -> f64 {
+        (-0.05 * (ratio.ln() / 1.2f64.ln()).powi(2)).exp()
     }
 
     #[test]
-    fn it_finds_the_top_of_a_hill_with_the_walks_that_it_has() {
+    fn it_settles_at_the_top_of_a_hill() {
         for top in [60.0, 120.0, 1700.0, 4000.0] {
-            let hill = |[hz, _]: [f64; 2]| -(hz / top).ln().powi(2);
-            let (looked, [found, _]) = search(EstimatorName::FirstOrder, 24, hill);
-            assert!((found / top).ln().abs() < 0.06, "{found} for {top}");
-            assert_eq!(looked.len(), 24);
+            let (looked, [found, _], settled) =
+                search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
+            assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
+            assert!((14..=24).contains(&looked.len()), "{}", looked.len());
+            // more is of no use: it looks more closely first, and settles as well
+            let (_, [again, _], settled) =
+                search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
+            assert!(settled && hill(again / top) > 0.995, "{again} for {top}");
         }
     }
 
     #[test]
-    fn a_second_parameter_is_found_with_the_same_number_of_walks() {
-        for (top, ratio) in [(3.0, 2.2), (40.0, 0.6), (15.0, 1.0)] {
-            let hill = |[c, lambda]: [f64; 2]| {
-                -(c / top).ln().powi(2) - 4.0 * (lambda / ratio).ln().powi(2)
+    fn a_second_parameter_is_found_on_a_ridge_across_the_axes() {
+        for (top, best) in [(3.0, 2.2), (40.0, 0.6), (15.0, 1.0)] {
+            // bandwidth goes with sqrt(C); narrow across the diagonal, flat along it
+            let ridge = |[c, lambda]: [f64; 2]| {
+                let (x, y) = ((c / top).sqrt().ln(), (lambda / best).ln());
+                hill((2.0 * (x + y)).exp()) * hill((0.5 * (x - y)).exp())
             };
-            let (looked, [c, lambda]) = search(EstimatorName::LevantExplicit, 24, hill);
-            assert_eq!(looked.len(), 24);
-            assert!((c / top).ln().abs() < 0.25, "{c} for {top}");
-            assert!((lambda / ratio).ln().abs() < 0.25, "{lambda} for {ratio}");
+            let (looked, [c, lambda], settled) = search(EstimatorName::LevantExplicit, 24, ridge);
+            assert!(settled && ridge([c, lambda]) > 0.99, "{c} {lambda} for {top} {best}");
+            assert!(looked.len() <= 96);
+        }
+    }
+
+    #[test]
+    fn a_search_that_runs_out_of_tunings_says_so() {
+        let (looked, _, settled) =
+            search(EstimatorName::LevantExplicit, 4, |[c, _]| hill(c / 13.0));
+        assert!(!settled && looked.len() == 16, "{}", looked.len());
+        let (looked, _, settled) = search(EstimatorName::FirstOrder, 3, |[hz, _]| hill(hz / 900.0));
+        assert!(!settled && looked.len() == 3, "{}", looked.len());
+    }
+
+    #[test]
+    fn a_start_of_the_search_is_no_repeats() {
+        for repeats in 1..=1000 {
+            for repeat in 0..repeats {
+                let offset = start_offset_counts(repeat, repeats);
+                assert!(STARTS.iter().all(|start| (start - offset).abs() > 1e-7), "{repeats}");
+            }
         }
     }
 
@@ -250,18 +347,15 @@ mod tests {
             (EstimatorName::TimeStamps, 1.0),
         ] {
             for top in [smallest, 3.0, 17.0, 40.0] {
-                let (mut looked, [found, _]) = search(name, 24, |[n, _]| -(n / top).ln().abs());
-                assert_eq!(found, top, "{name:?}");
+                let (mut looked, [found, _], settled) = search(name, 24, |[n, _]| hill(n / top));
+                assert!(settled && found == top, "{name:?}: {found} for {top}");
                 assert!(looked.iter().any(|[n, _]| *n == smallest), "{name:?}: {looked:?}");
-                let walks = looked.len();
+                let tried = looked.len();
                 looked.sort_by(|a, b| a[0].total_cmp(&b[0]));
                 looked.dedup();
-                assert_eq!(looked.len(), walks, "one was looked at twice");
+                assert_eq!(looked.len(), tried, "one was looked at twice");
             }
         }
-        // few whole numbers, many walks: every one of them, and no more
-        let (looked, _) = search(EstimatorName::TimeStamps, 1000, |[n, _]| -n);
-        assert!(looked.len() <= 62, "{}", looked.len());
     }
 
     #[test]

@@ -8,7 +8,8 @@
 //!
 //! As on a device, an estimator that knows a force knows the *motor's*, never the hand's. Where the
 //! motor drives, that is the force which the device itself asks for: `m x'' + b x' + k x`, with the
-//! scene's own damping and spring, which the estimator does not model. What else it needs it is given
+//! scene's own damping and spring, which the estimator does not model. It is told when it is granted,
+//! the actuator's latency (whole samples) before it acts, as the firmware tells it. What else it needs it is given
 //! as it is: an accelerometer's reading of the whole motion, the encoder's edges.
 
 use std::f64::consts::PI;
@@ -170,10 +171,20 @@ impl Bench<'_> {
         let settings = scene.settings(self.cutoff_hz, 0.0, 0.0);
         let mut core = Fixed::new(&settings, &scene.design(), Force::ZERO, count(here))?;
         let mut senses = Full::new(scene);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the scene's check"
+        )]
+        let latency = scene.actuator.latency.round() as u32;
         for n in 1..WARM_UP + SAMPLES {
+            let force_n = match by {
+                Drive::Hand => 0.0,
+                Drive::Motor => self.force_n(motion(n + latency - 1), motion(n + latency)),
+            };
             let there = motion(n);
-            let force_n = if by == Drive::Motor { self.force_n(here, there) } else { 0.0 };
-            senses.moved(handle(here), handle(there), force_n, force_n);
+            senses.granted(force_n / scene.full_scale_n());
+            senses.moved(handle(here), handle(there));
             here = there;
             senses.sample(&mut core, count(here));
             if n >= WARM_UP {
@@ -188,10 +199,16 @@ impl Bench<'_> {
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
+    use rustfft::num_complex::Complex;
     use zwidth::VelocitySettings;
 
     fn signal(settings: VelocitySettings) -> Signal {
-        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        behind(0.0, settings)
+    }
+
+    fn behind(latency: f64, settings: VelocitySettings) -> Signal {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        scene.actuator.latency = latency;
         let (scene, cutoff_hz) = crate::compare::with_estimator(&scene, &settings);
         measure(&scene, cutoff_hz).unwrap()
     }
@@ -224,6 +241,18 @@ mod tests {
         assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
         let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
         assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
+        // Told of the force 0.3 ms before it acts, it leads: of a force U for the acceleration s^2 X it
+        // passes (s^3 + 3 w s^2) / (s + w)^3, and U is (1 + b / (m s)) e^(s t) of what it should be.
+        let s = Complex::new(0.0, 2.0 * PI * 100.0);
+        let w = 2.0 * PI * 100.0;
+        let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));
+        let told_of_right = (Complex::new(5.5195 / 0.416, 0.0) / s + 1.0) * (s * 3e-4).exp();
+        let early = (passed * (told_of_right - 1.0) + 1.0).arg().to_degrees();
+        let settings = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 };
+        let told = behind(3.0, settings);
+        assert!(early > 4.0 && observer.phase_100_hz_deg.motor < 1.0);
+        assert!((told.phase_100_hz_deg.motor - early).abs() < 0.6, "{told:?} {early}");
+        assert_eq!(told.phase_100_hz_deg.hand, observer.phase_100_hz_deg.hand);
         // told of a mass that is 20 % too large, it takes a sixth of the acceleration for a hand's
         let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };
         let off = signal(wrong).phase_100_hz_deg;

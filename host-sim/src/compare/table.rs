@@ -2,13 +2,17 @@
 
 use zwidth::velocity::EstimatorName;
 
-use super::{Compared, Place, contact, fidelity, tuned::Edge};
+use super::{
+    Compared, Place, contact, fidelity,
+    search::{GAIN, LAST_STEP, OF_TWO, WALKS_OF_A_TRY},
+    tuned::Edge,
+};
 use crate::statistics::Repeats;
 
 /// Which end of a criterion is good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
-    /// The larger; it comes from walks, so that repeats scatter.
+    /// The larger.
     More,
     /// The smaller.
     Less,
@@ -84,7 +88,7 @@ use Part::{Boundary, Robustness, Signal};
 const AREA: &str = "10^6 N² s/m²";
 
 /// All columns.
-pub const CRITERIA: [Criterion; 22] = [
+pub const CRITERIA: [Criterion; 24] = [
     column("area_n2_s_per_m2", "area", (AREA, 1e-6, 2), Boundary, Some(More), |c, _| {
         c.tuned.areas()
     }),
@@ -108,7 +112,7 @@ pub const CRITERIA: [Criterion; 22] = [
         ("kN/m", 1e-3, 1),
         Boundary,
         Some(More),
-        |c, place| c.tuned.stiffnesses_at(place.damping_n_s_per_m),
+        |c, place| c.tuned.stiffnesses_at(place.middle().damping_n_s_per_m),
     ),
     column(
         "damping_max_mean_n_s_per_m",
@@ -145,23 +149,24 @@ pub const CRITERIA: [Criterion; 22] = [
         |c, _| vec![c.signal.noise_in_motion_m_per_s],
     ),
     column("roughness_n", "force > 100 Hz", ("mN", 1e3, 1), Part::Contact, Some(Less), |c, _| {
-        in_contact(c, c.contact.roughness_n)
+        roughness(c)
     }),
-    column(
-        "impedance_error",
-        "impedance error",
-        ("%", 1e2, 2),
-        Part::Contact,
-        Some(Less),
-        |c, _| in_contact(c, c.fidelity.error),
-    ),
+    column("roughness_low_n", "lowest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
+        roughness(c).into_iter().reduce(f64::min).into_iter().collect()
+    }),
+    column("roughness_high_n", "highest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
+        roughness(c).into_iter().reduce(f64::max).into_iter().collect()
+    }),
+    column("impedance_error", "impedance error", ("%", 1e2, 2), Part::Contact, None, |c, _| {
+        at_all_walls(c, c.fidelity.error)
+    }),
     column(
         "impedance_error_of_estimator",
         "estimator's share",
         ("%", 1e2, 2),
         Part::Contact,
         Some(Less),
-        |c, _| in_contact(c, c.fidelity.of_estimator),
+        |c, _| at_all_walls(c, c.fidelity.of_estimator),
     ),
     column("left_when_bandwidth_low", "-3 dB /1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
         c.tuned.left_when_mistuned[0].into_iter().collect()
@@ -183,8 +188,20 @@ pub const CRITERIA: [Criterion; 22] = [
     }),
 ];
 
-fn in_contact(c: &Compared, value: f64) -> Vec<f64> {
-    if c.contact.stable { vec![value] } else { vec![] }
+/// Of each hit at the middle wall, if that is stable.
+fn roughness(c: &Compared) -> Vec<f64> {
+    let [_, middle, _] = &c.contacts;
+    if middle.stable { middle.roughness_n.clone() } else { vec![] }
+}
+
+/// A value that holds for all walls, if all of them are stable.
+fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
+    if c.contacts.iter().all(|contact| contact.stable) { vec![value] } else { vec![] }
+}
+
+/// Walks that the search made.
+pub fn search_walks(c: &Compared) -> usize {
+    c.tuned.tried.len() * WALKS_OF_A_TRY as usize
 }
 
 const fn column(
@@ -231,7 +248,7 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
     let keys: Vec<&str> = CRITERIA.iter().map(|criterion| criterion.key).collect();
     let mut text = format!(
         "estimator,needs,tuning,tuning_unit,tuning_at_edge,second,second_unit,second_at_edge,\
-         search_walks,stable_at_wall,{}\n",
+         search_walks,search_settled,stable_at_walls,{}\n",
         keys.join(",")
     );
     for c in compared {
@@ -244,12 +261,13 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
         });
         let cells: Vec<String> = cells.collect();
         text.push_str(&format!(
-            "{},{},{},{},{},{}\n",
+            "{},{},{},{},{},{},{}\n",
             c.entry.name(),
             c.needs(),
             parameters.join(","),
-            c.tuned.tried.len(),
-            c.contact.stable,
+            search_walks(c),
+            c.tuned.settled,
+            c.contacts.iter().filter(|contact| contact.stable).count(),
             cells.join(",")
         ));
     }
@@ -258,15 +276,28 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
 
 /// What a reader must know beside the numbers, one sentence each.
 pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
-    let (k, b) = (place.stiffness_n_per_m, place.damping_n_s_per_m);
+    let (k, b) = (place.middle().stiffness_n_per_m, place.middle().damping_n_s_per_m);
+    let walls = place.walls.map(|wall| {
+        format!("K = {:.0} N/m, B = {} N s/m", wall.stiffness_n_per_m, wall.damping_n_s_per_m)
+    });
     let mut notes = vec![
         format!(
-            "K at B is at B = {b} N s/m. Force above {} Hz is its RMS in a wall hit at K = {k} N/m, \
-             B = {b} N s/m; it is empty, as are the impedance errors, where that wall is not stable.",
-            contact::ROUGH_ABOVE_HZ
+            "The searches walk from {WALKS_OF_A_TRY} starts that are no repeat's, and settle where no \
+             neighbour is better by more than {} % at steps of {:.0} % of bandwidth or less; with two \
+             parameters they may try {OF_TWO} times as many tunings as with one.",
+            100.0 * GAIN,
+            100.0 * (LAST_STEP * LAST_STEP - 1.0)
         ),
         format!(
-            "Impedance from 1 to 50 Hz at that wall, under a prescribed motion. Left out: {}.",
+            "K at B is at B = {b} N s/m. Force above {} Hz is its RMS in {} wall hits at K = {k:.0} N/m, \
+             B = {b} N s/m; it is empty where that wall is not stable.",
+            contact::ROUGH_ABOVE_HZ,
+            contact::HITS
+        ),
+        format!(
+            "Impedance from 1 to 100 Hz under a prescribed motion at {}: geometric mean over walls and \
+             frequencies; empty where one of the walls is not stable. Left out: {}.",
+            walls.join("; "),
             fidelity::LEFT_OUT
         ),
     ];
@@ -277,9 +308,18 @@ pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
             100.0 * first.fidelity.of_loop
         ));
     }
+    let unsettled = compared.iter().filter(|c| !c.tuned.settled).map(|c| c.entry.name());
+    let unsettled: Vec<String> = unsettled.collect();
+    if !unsettled.is_empty() {
+        notes.push(format!(
+            "Not settled, their tunings used up: {}; a larger --budget may find more.",
+            unsettled.join(", ")
+        ));
+    }
     notes.push(
-        "An estimator that knows a force knows the motor's only. Delay and phase are given for a \
-         motion made by the hand and for one made by the motor; noise with no force."
+        "An estimator that knows a force knows the motor's only, when it is granted, as on a board. The push \
+         of a wall hit is the motor's too, so there it knows all of the force; of a hand's it would know nothing. \
+         Delay and phase are given for a motion made by the hand and for one made by the motor; noise with no force."
             .into(),
     );
     for c in compared {

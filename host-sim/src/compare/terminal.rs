@@ -61,10 +61,15 @@ fn tunings(text: &mut String, compared: &[Compared]) {
             None => String::new(),
             Some(p) => format!("{} {}", p.name, parameter(second)),
         };
-        let walks = c.tuned.tried.len().to_string();
+        let walks = format!("{}{}", table::search_walks(c), if c.tuned.settled { "" } else { "+" });
         (c.entry.name(), vec![c.needs().to_owned(), parameter(tuning), second, walks])
     });
-    table(text, "Tunings (*: an end of the range)", &heads, &rows.collect::<Vec<_>>());
+    table(
+        text,
+        "Tunings (*: an end of the range; +: the search did not settle)",
+        &heads,
+        &rows.collect::<Vec<_>>(),
+    );
 }
 
 /// A table whose columns are as wide as they must be.

@@ -12,7 +12,7 @@ pub struct Tried {
     pub place: [f64; 2],
     /// The estimator there.
     pub settings: VelocitySettings,
-    /// Area of one walk, N^2 s/m^2.
+    /// Mean area of the walks of the search, N^2 s/m^2.
     pub area: f64,
 }
 
@@ -30,6 +30,9 @@ pub enum Edge {
 pub struct Tuned {
     /// Every tuning that was tried, in that order; empty if there is nothing to tune.
     pub tried: Vec<Tried>,
+    /// The search ended because nothing near its result is better, not because its tunings were
+    /// used up.
+    pub settled: bool,
     /// Boundaries at the best tuning, one per start.
     pub boundaries: Vec<Boundary>,
     /// -3 dB bandwidth at the best tuning, Hz, as [`super::bandwidth`] defines it.
@@ -110,6 +113,7 @@ mod tests {
         };
         let tuned = Tuned {
             tried: vec![],
+            settled: true,
             boundaries: vec![
                 boundary(&[(10.0, 2000.0), (20.0, 6000.0), (30.0, 4000.0)]),
                 boundary(&[(10.0, 2000.0), (20.0, 4000.0)]),

@@ -1,8 +1,8 @@
 //! Who is best by which criterion, among those that know the same.
 //!
-//! Repeats of a walk scatter, so a criterion that comes from walks has a best mean and others that
-//! cannot be told apart from it: Welch's t-test does not show their mean to be below 98 % of it, as in
-//! a sweep ([`crate::statistics`]).
+//! Repeats of a walk and of a hit scatter, so a criterion that comes from them has a best mean and others
+//! that cannot be told apart from it: Welch's t-test does not show their mean to be below 98 % of it, or
+//! it to be below 98 % of theirs where less is better, as in a sweep ([`crate::statistics`]).
 
 use serde::Serialize;
 
@@ -76,6 +76,7 @@ fn ranked(
     // what is measured once is better or is not
     let beats = |one: &Repeats, other: &Repeats| match better {
         Better::More => other.is_below(AS_GOOD_AS_BEST, one),
+        Better::Less if one.count + other.count > 2.0 => one.is_below(AS_GOOD_AS_BEST, other),
         _ => goodness(one.mean) > goodness(other.mean),
     };
     let (_, best) =
@@ -144,6 +145,28 @@ mod tests {
         assert_eq!(winner.not_told_apart, ["kalman-3"]);
         assert_eq!(winner.butterworth_rank, Some(3));
         assert!(sentence(&winner).contains("2 are better than butterworth"));
+    }
+
+    #[test]
+    fn hits_that_scatter_are_ranked_as_walks_are() {
+        let winner = of(
+            Better::Less,
+            &[
+                ("butterworth", &[133.0, 141.0, 154.0, 148.0]),
+                ("kalman-2", &[123.0, 150.0, 140.0, 135.0]),
+                ("difference", &[317.0, 300.0, 320.0, 330.0]),
+                ("foaw-end", &[138.0, 138.1, 138.0, 138.2]),
+            ],
+        );
+        assert_eq!(winner.best, ["kalman-2"]);
+        assert_eq!(winner.not_told_apart, ["butterworth", "foaw-end"]);
+        assert_eq!(winner.butterworth_rank, Some(1));
+        let winner = of(
+            Better::Less,
+            &[("butterworth", &[144.0, 143.0, 145.0, 144.0]), ("a", &[39.0, 40.0, 41.0, 40.0])],
+        );
+        assert!(winner.not_told_apart.is_empty());
+        assert_eq!(winner.butterworth_rank, Some(2));
     }
 
     #[test]

@@ -10,12 +10,18 @@
 //! b > T (K + B V(1)) / 2 + T max over w of -B Re{z^-1 W(z)}
 //! ```
 //! For the plain difference W = 1/T, and the maximum is |B|: the known `b > K T/2 + |B|`.
+//!
+//! A slower output and a latency: [`Passivity`].
 
 use super::LinearError;
 use super::boundary::minimum;
 use super::transfer::{TransferFunction, polynomial};
 use core::f64::consts::PI;
 use nalgebra::Complex;
+
+mod running;
+
+pub use running::Passivity;
 
 /// Search points per decade of frequency, and the lowest, radians per sample: below it every estimator that the
 /// core accepts (poles above 1e-4) is at its limit for w = 0, which is a point of its own.

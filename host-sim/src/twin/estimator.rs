@@ -159,17 +159,20 @@ impl TwinEstimator {
         Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
     }
 
-    /// The same with a first-order low-pass behind it, for any but the finite difference with or without
-    /// a low-pass of its own.
+    /// The same with a first-order low-pass behind it, for any without a low-pass of its own.
     ///
     /// # Errors
-    /// The cutoff is out of range; for the others `estimator` is refused.
+    /// The cutoff is out of range, or the estimator ends in a low-pass.
     pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let filter = FirstOrder::new(cutoff_hz, rate_hz, false)?;
-        if let Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Difference = self.kind {
-            return Err(SettingsError { parameter: "estimator", value: 0.0, range: 1.0..=1.0 });
+        match self.kind {
+            Kind::Butterworth(_) | Kind::FirstOrder(_) => {
+                let parameter = "low-passes in the estimator before the one behind it";
+                return Err(SettingsError { parameter, value: 1.0, range: 0.0..=0.0 });
+            }
+            Kind::Difference => self.kind = Kind::FirstOrder(filter),
+            _ => self.rest.behind = Some(Behind { filter, input: 0.0, output: 0.0 }),
         }
-        self.rest.behind = Some(Behind { filter, input: 0.0, output: 0.0 });
         Ok(self)
     }
 
@@ -247,4 +250,25 @@ fn weighted(weights: &[f64; LENGTH], past: &mut [f64; LENGTH], input: f64) -> f6
     past.rotate_right(1);
     past[0] = input;
     weights.iter().zip(past).map(|(weight, input)| weight * *input).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    #[test]
+    fn a_low_pass_goes_behind_what_has_none() {
+        let design = NamedScene::load("paper-1um").unwrap().scene.design();
+        let of = |settings: VelocitySettings| TwinEstimator::new(&settings, &design).unwrap();
+        let first_order = VelocitySettings::FirstOrder { cutoff_hz: 50.0, prewarp: false };
+        let mut behind = of(VelocitySettings::Difference).followed_by(50.0, 1e4).unwrap();
+        let mut whole = of(first_order);
+        for n in 0..100 {
+            let moved = n * n % 7 - 3;
+            assert_eq!(behind.update(moved, &Senses::NONE), whole.update(moved, &Senses::NONE));
+        }
+        let refused = of(first_order).followed_by(50.0, 1e4).unwrap_err().to_string();
+        assert!(refused.starts_with("low-passes in the estimator"), "{refused}");
+    }
 }
