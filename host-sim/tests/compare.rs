@@ -11,7 +11,10 @@ fn scene(folder: &Path) {
     let text = include_str!("../../scenes/paper-2um.toml");
     let text = text
         .replace("stiffness_step_n_per_m = 2000", "stiffness_step_n_per_m = 8000")
-        .replace("damping_step_n_s_per_m = 10", "damping_step_n_s_per_m = 60");
+        .replace("damping_step_n_s_per_m = 10", "damping_step_n_s_per_m = 60")
+        // an observer that is told the force ends at a cap only
+        .replace("damping_max_n_s_per_m = 4000", "damping_max_n_s_per_m = 1200")
+        .replace("stiffness_max_n_per_m = 1e7", "stiffness_max_n_per_m = 200_000");
     fs::write(folder.join("coarse.toml"), text).unwrap();
 }
 
@@ -142,7 +145,7 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
     scene(folder.path());
     for (extra, text) in [
         (["--estimators", "best"], "allowed butterworth"),
-        (["--damping", "1e9"], "--damping is 1000000000, allowed 10 to 4000"),
+        (["--damping", "1e9"], "--damping is 1000000000, allowed 10 to 1200"),
         (["--budget", "2"], "--budget"),
         (["--numeric", "f64"], "--numeric"),
         (["--estimators", "fusion"], "[accelerometer]"),

@@ -207,6 +207,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
             .hit(numeric, &hit, |sample| {
                 // on the way to the wall: the speed of the handle against the estimate
                 if (1000..2500).contains(&sample.index)
+                    && sample.position_m < scene.wall.position_m
                     && let Some(before) = before
                 {
                     let speed = (sample.position_m - before) / DESIGN.resolution_m;
