@@ -82,7 +82,7 @@ fn grid(
 #[test]
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
     let (walked, _) = both(BOARDS[0], |scene| {
-        grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.3]);
+        grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.8, 0.3]);
         scene.device.start_position_m = 0.06;
     });
     assert!(walked.hits >= 10, "{walked:?}");
