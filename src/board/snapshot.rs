@@ -1,7 +1,7 @@
 //! The newest value of something, from a task to one that it preempts: one buffer and a number that
-//! counts up with every value.
+//! is another one with every value.
 //!
-//! The writer stores and counts, nothing else. That is sound only because of who uses it: the writer
+//! The writer stores and numbers, nothing else. That is sound only because of who uses it: the writer
 //! runs above the reader on a single core, so the reader never sees a half-written value in place;
 //! but a whole write may come in the middle of its copy. Then the number has moved, and it copies
 //! once more. Writes are far apart (a sample), so that happens once at most.
@@ -16,7 +16,7 @@ use core::{
     },
 };
 
-/// The newest `T`, and how many there were; wraps.
+/// The newest `T`, and its number.
 pub struct Snapshot<T> {
     number: AtomicU32,
     value: UnsafeCell<MaybeUninit<T>>,
@@ -75,6 +75,12 @@ impl<T: Copy> Reading<T> {
     /// The newest value, if there is one that was not read yet.
     #[inline(always)]
     pub fn read(&mut self) -> Option<T> {
+        self.read_numbered().map(|(value, _)| value)
+    }
+
+    /// The same with its number.
+    #[inline(always)]
+    pub fn read_numbered(&mut self) -> Option<(T, u32)> {
         let snapshot = self.snapshot;
         let mut number = snapshot.number.load(Relaxed);
         if number == self.seen {
@@ -89,7 +95,7 @@ impl<T: Copy> Reading<T> {
             if after == number {
                 self.seen = number;
                 // SAFETY: something was written, and nothing came in between.
-                return Some(unsafe { copy.assume_init() });
+                return Some((unsafe { copy.assume_init() }, number));
             }
             number = after;
         }

@@ -88,9 +88,9 @@ pub struct Guard {
     pub events: u32,
     /// How often the count was zeroed; wraps.
     pub zeros: u32,
-    /// What was found first.
+    /// What was found first; with what the one or two samples after it found, if it had to wait.
     pub first: FaultSet,
-    /// The sample with which it was noted, low 32 bits: that at which it was found, or the next.
+    /// The sample with which it was noted, low 32 bits: that at which it was found, or up to two later.
     pub first_sample: u32,
     /// All that was found.
     pub causes: FaultSet,
@@ -170,12 +170,15 @@ impl GuardedSampler {
             self.alert = true;
         }
         if motion.due && control.period.get() > 1 {
+            // The output that this sample asks for says no by itself. Should it not come, the next
+            // sample cuts.
             return Step { motion, present: self.waiting, cut: false, told: false };
         }
         #[expect(clippy::cast_possible_truncation, reason = "counted modulo 2^32")]
         let sample = motion.sample as u32;
-        let told = if down.requests == self.requests {
-            self.note(sample, down.acknowledged, guard)
+        if down.requests == self.requests {
+            let told = self.note(sample, down.acknowledged, guard);
+            Step { motion, present, cut: self.alert, told }
         } else {
             self.requests = down.requests;
             if down.restarts != self.restarts {
@@ -187,9 +190,8 @@ impl GuardedSampler {
                 self.sampler.zero();
                 motion.position = self.sampler.position();
             }
-            true
-        };
-        Step { motion, present, cut: self.alert, told }
+            Step { motion, present: self.waiting, cut: self.alert, told: true }
+        }
     }
 
     /// Notes what has waited. If nothing has, and what was noted is dealt with, the output may be on

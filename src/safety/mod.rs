@@ -25,7 +25,8 @@
 //!       clear    └───────┘
 //! ```
 //!
-//! Times: a fault found by the guard is off within one sample, every other one within one output
+//! Times: a fault found by the guard is off with that sample or the output it asks for (with the next
+//! sample, should that output not come), every other one within one output
 //! period and one sample. A later fault is noted but never replaces the first.
 //!
 //! This is not a certified safety system. The emergency stop also has to break the amplifier's

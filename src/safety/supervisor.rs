@@ -359,7 +359,7 @@ impl Supervisor {
             let record = self.here(up.motion, up.guard.causes.union(self.stuck(up.motion.sample)));
             self.trip(record.map(|record| FaultRecord {
                 fault: up.guard.first.first().unwrap_or(record.fault),
-                sample: not_after(up.motion.sample, up.guard.first_sample),
+                sample: nearest(up.motion.sample, up.guard.first_sample),
                 ..record
             }));
         }
@@ -476,11 +476,11 @@ impl Supervisor {
     }
 }
 
-/// The last sample up to `now` with these low 32 bits.
-fn not_after(now: u64, low: u32) -> u64 {
+/// The sample next to `now` with these low 32 bits: before it, or after it where `render` is late.
+fn nearest(now: u64, low: u32) -> u64 {
     #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
-    let ago = (now as u32).wrapping_sub(low);
-    now.saturating_sub(ago.into())
+    let away = low.wrapping_sub(now as u32).cast_signed();
+    now.saturating_add_signed(away.into())
 }
 
 fn force_is_on(grant: Grant) -> bool {

@@ -68,8 +68,11 @@ pub struct Render {
     outputs: Outputs,
     ends: Ends,
     supervisor: Supervisor,
-    /// What the guard found, as far as it has told.
+    /// What the guard found, as far as it has told, and with which sample.
     guard: Guard,
+    guard_at: u32,
+    /// [`Guard::zeros`] up to the sample that was answered.
+    zeros: u32,
     /// The positions of all samples.
     positions: Follower,
     control: Control,
@@ -106,6 +109,8 @@ impl Render {
             ends,
             supervisor,
             guard: Guard::NOTHING,
+            guard_at: 0,
+            zeros: 0,
             positions: Follower::new(),
             control,
             gains: Gains::Outside,
@@ -129,10 +134,14 @@ impl Render {
     #[inline(always)]
     pub fn run(&mut self) {
         let Some(due) = self.ends.due.read() else { return };
-        if let Some(guard) = self.ends.guard.read() {
-            self.guard = guard;
+        if let Some((guard, number)) = self.ends.guard.read_numbered() {
+            (self.guard, self.guard_at) = (guard, number);
         }
-        let up = due.up(self.guard);
+        let mut up = due.up(self.guard);
+        if due.is_before(self.guard_at) {
+            up.guard.zeros = self.zeros; // carried out after this sample, if at all
+        }
+        self.zeros = up.guard.zeros;
         let inputs = self.inputs(self.supervisor.is_cut(&up));
         let rendered = self.supervisor.render(&self.control, &up, self.push, inputs);
         self.put_out(rendered.grant);

@@ -27,6 +27,13 @@ impl Due {
         present: FaultSet::EMPTY,
     };
 
+    /// Whether sample `number`, low 32 bits, came after it.
+    pub fn is_before(&self, number: u32) -> bool {
+        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
+        let ahead = number.wrapping_sub(self.sample as u32);
+        ahead.cast_signed() > 0
+    }
+
     /// To be answered, together with what the guard found.
     pub fn up(self, guard: Guard) -> Up {
         let Self { sample, position, velocity, present } = self;
@@ -60,8 +67,9 @@ impl Sample {
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
     ///
-    /// Late by itself it cannot be: nothing masks or preempts it. If the guard finds something, a
-    /// late `render` among it, the output goes off here and now, with every sample until `clear`.
+    /// Late by itself it cannot be: nothing masks or preempts it. If the guard finds something, the
+    /// output goes off here and now, and again with the samples until `clear`; but with a due sample
+    /// `render` sees to it, and the next sample if `render` does not come.
     #[inline(always)]
     pub fn run(&mut self) {
         let count = self.encoder.count();

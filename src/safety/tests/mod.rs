@@ -34,6 +34,9 @@ struct Bench {
     inputs: Inputs,
     /// Outputs that the rendering task misses from now on.
     missing: u32,
+    /// Samples by which the next output comes late, and the one that is asked for.
+    delay: u32,
+    asked: Option<(u32, Step)>,
     /// The encoder does not count.
     dead: bool,
     /// A vice holds the handle.
@@ -61,6 +64,8 @@ impl Bench {
             push: Force::ZERO,
             inputs: GOOD,
             missing: 0,
+            delay: 0,
+            asked: None,
             dead: false,
             held: false,
             motor: 1.0,
@@ -79,17 +84,26 @@ impl Bench {
         let count = (self.position_m / 1e-6).floor() as i32;
         let counter = if self.dead { self.offset } else { self.offset.wrapping_add_signed(count) };
         let step = self.sampler.step(&self.control, counter, &self.down, &mut self.guard);
-        let up = Up { motion: step.motion, present: step.present, guard: self.guard };
         if step.motion.due {
             if self.missing > 0 {
                 self.missing -= 1;
             } else {
+                self.asked = Some((std::mem::take(&mut self.delay), step));
+            }
+        }
+        match &mut self.asked {
+            Some((0, asked)) => {
+                let Step { motion, present, .. } = *asked;
+                let up = Up { motion, present, guard: self.guard };
+                self.asked = None;
                 let rendered = self.supervisor.render(&self.control, &up, self.push, self.inputs);
                 self.output = rendered.grant.force();
                 self.down = rendered.down;
                 self.updates.extend(rendered.memory);
                 self.last = Some(rendered);
             }
+            Some((delay, _)) => *delay -= 1,
+            None => {}
         }
         if step.cut {
             self.output = None;
@@ -309,13 +323,36 @@ fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
     bench.run(20);
     assert_eq!(bench.fault(), Some(Fault::LateRender));
     bench.recover();
+    while !bench.sample().motion.due {}
     bench.missing = 30;
-    bench.samples_until_off();
+    assert_eq!(
+        bench.samples_until_off(),
+        21,
+        "found at the second due sample, cut by the next one"
+    );
     bench.run(400);
     let status = bench.supervisor.status();
     assert_eq!(status.fault.unwrap().fault, Fault::LateRender);
     assert!(status.causes.contains(Fault::StuckRender));
     bench.recover();
+}
+
+/// `render` comes back when the sample after has noted that it was late: what the guard found is then
+/// newer than the sample that is answered.
+#[test]
+fn a_late_output_is_named_with_the_sample_at_which_it_was_missed() {
+    let mut bench = Bench::armed();
+    while !bench.sample().motion.due {}
+    bench.missing = 1;
+    bench.run(10);
+    bench.delay = 4;
+    bench.run(9);
+    let missed = bench.sample().motion;
+    assert!(missed.due);
+    bench.run(4);
+    let record = bench.supervisor.status().fault.unwrap();
+    assert_eq!(record.fault, Fault::LateRender);
+    assert!((missed.sample..=missed.sample + 1).contains(&record.sample), "{record:?}");
 }
 
 #[test]

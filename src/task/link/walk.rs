@@ -61,6 +61,7 @@ impl Link {
         match walking.next {
             Next::Verdict => return false,
             _ if !armed => self.break_walk("the force went off: see status and faults"),
+            _ if self.voice.is_mute() => self.break_walk("nobody reads its results"),
             Next::Wall => match build(&self.cell(walking.walk.cell())) {
                 Ok((control, inside)) => {
                     self.order(Order::Control(control, gains(&inside)), Awaited::Cell);
