@@ -163,7 +163,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         let often = called.iter().filter(|function| {
             (function.contains("zwidth") || *function == name)
                 && graph.contains_key(*function)
-                && !["4look", "6follow", "9take_over"].iter().any(|f| function.contains(f))
+                && !function.contains("9take_over")
         });
         often.map(|function| instructions(&archive, function)).sum()
     };
@@ -172,7 +172,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
     assert!((80..=130).contains(&total("zwidth_sample")));
-    // The guard, its record and branches that are rarely taken come on top; what they cost is
-    // counted in tests/elf_control.rs.
-    assert!((130..=240).contains(&total("zwidth_guarded_sample")));
+    // The guard, its record and all that it does rarely come on top, inlined; what runs of it in a
+    // sample is counted in tests/elf_control.rs.
+    assert!((130..=280).contains(&total("zwidth_guarded_sample")));
 }
