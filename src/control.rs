@@ -40,6 +40,16 @@ pub struct Motion {
     pub due: bool,
 }
 
+impl Motion {
+    /// Low 32 bits of the sample: enough to compare two that are less than 2^31 apart, in half the words.
+    #[inline(always)]
+    pub const fn number(&self) -> u32 {
+        #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
+        let number = self.sample as u32;
+        number
+    }
+}
+
 /// One output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {

@@ -414,10 +414,9 @@ fn no_sample_is_longer_than_its_budget_whatever_happens() {
             }
             // An emergency stop, and a zero at another time.
             world.run(phase).unwrap();
-            let stop = world.powered.board.wiring.stop;
-            world.powered.mcu.set_break(stop, true);
+            world.emergency_stop(true);
             world.run(30).unwrap();
-            world.powered.mcu.set_break(stop, false);
+            world.emergency_stop(false);
             world.run(phase).unwrap();
             recover(&mut world);
         }

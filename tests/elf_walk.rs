@@ -185,7 +185,7 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     let mut world = armed(&session);
     ok(&mut world, "walk");
     world.run(8_000).unwrap();
-    world.powered.mcu.set_break(session.board.wiring.stop, true);
+    world.emergency_stop(true);
     let lines = lines_after(&mut world, 300);
     assert!(lines.iter().any(|l| l.starts_with("error: walk: the force went off")), "{lines:?}");
     let status = ok(&mut world, "status");

@@ -150,7 +150,7 @@ impl GuardedSampler {
         let senses = Senses { force: down.force, ..Senses::NONE };
         let mut motion = self.sampler.sense(control, counter, &senses);
         if motion.due {
-            self.expect_output(motion.sample, down, control.period.get());
+            self.expect_output(motion.number(), down, control.period.get());
         }
         let moved = motion.position.wrapping_since(before).unsigned_abs();
         let speed = motion.velocity.bits().unsigned_abs();
@@ -174,10 +174,8 @@ impl GuardedSampler {
             // sample cuts.
             return Step { motion, present: self.waiting, cut: false, told: false };
         }
-        #[expect(clippy::cast_possible_truncation, reason = "counted modulo 2^32")]
-        let sample = motion.sample as u32;
         if down.requests == self.requests {
-            let told = self.note(sample, down.acknowledged, guard);
+            let told = self.note(motion.number(), down.acknowledged, guard);
             Step { motion, present, cut: self.alert, told }
         } else {
             self.requests = down.requests;
@@ -217,9 +215,8 @@ impl GuardedSampler {
 
     /// The output of the due sample before this one has to be there, unless flash was written.
     #[inline(always)]
-    fn expect_output(&mut self, sample: u64, down: &Down, period: u32) {
-        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
-        let behind = (sample as u32).wrapping_sub(down.rendered);
+    fn expect_output(&mut self, sample: u32, down: &Down, period: u32) {
+        let behind = sample.wrapping_sub(down.rendered);
         if behind != period && !down.stall {
             cold_path();
             self.waiting = self.waiting.with(Fault::LateRender);

@@ -119,9 +119,7 @@ impl Supervisor {
             None => Grant::Off,
         };
         self.last = grant;
-        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
-        let sample = up.motion.sample as u32;
-        self.down.rendered = sample;
+        self.down.rendered = up.motion.number();
         self.down.force = grant.force().unwrap_or_default();
         self.down.speed = if self.state.is_on() { self.plan.speed } else { u32::MAX };
         self.down.jump = if self.down.stall { u32::MAX } else { self.plan.jump };
@@ -356,10 +354,10 @@ impl Supervisor {
         if up.guard.events != self.seen {
             cold_path();
             self.seen = up.guard.events;
-            let record = self.here(up.motion, up.guard.causes.union(self.stuck(up.motion.sample)));
+            let record = self.here(up.motion, up.guard.causes.union(self.stuck(up.motion)));
             self.trip(record.map(|record| FaultRecord {
                 fault: up.guard.first.first().unwrap_or(record.fault),
-                sample: nearest(up.motion.sample, up.guard.first_sample),
+                sample: nearest(up.motion, up.guard.first_sample),
                 ..record
             }));
         }
@@ -383,9 +381,8 @@ impl Supervisor {
 
     /// Many outputs were late one after another: the guard has found each of them.
     #[inline]
-    fn stuck(&self, sample: u64) -> FaultSet {
-        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
-        let behind = (sample as u32).wrapping_sub(self.down.rendered);
+    fn stuck(&self, motion: Motion) -> FaultSet {
+        let behind = motion.number().wrapping_sub(self.down.rendered);
         let many = self.plan.period.saturating_mul(STUCK_RENDERS);
         FaultSet::EMPTY.with_if(Fault::StuckRender, behind > many && !self.down.stall)
     }
@@ -476,11 +473,11 @@ impl Supervisor {
     }
 }
 
-/// The sample next to `now` with these low 32 bits: before it, or after it where `render` is late.
-fn nearest(now: u64, low: u32) -> u64 {
-    #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
-    let away = low.wrapping_sub(now as u32).cast_signed();
-    now.saturating_add_signed(away.into())
+/// The sample next to that of `motion` with these low 32 bits: before it, or after it where `render` is
+/// late.
+fn nearest(motion: Motion, number: u32) -> u64 {
+    let away = number.wrapping_sub(motion.number()).cast_signed();
+    motion.sample.saturating_add_signed(away.into())
 }
 
 fn force_is_on(grant: Grant) -> bool {

@@ -138,7 +138,7 @@ impl Render {
             (self.guard, self.guard_at) = (guard, number);
         }
         let mut up = due.up(self.guard);
-        if due.is_before(self.guard_at) {
+        if self.guard_at.wrapping_sub(up.motion.number()).cast_signed() > 0 {
             up.guard.zeros = self.zeros; // carried out after this sample, if at all
         }
         self.zeros = up.guard.zeros;

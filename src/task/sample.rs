@@ -27,13 +27,6 @@ impl Due {
         present: FaultSet::EMPTY,
     };
 
-    /// Whether sample `number`, low 32 bits, came after it.
-    pub fn is_before(&self, number: u32) -> bool {
-        #[expect(clippy::cast_possible_truncation, reason = "compared modulo 2^32")]
-        let ahead = number.wrapping_sub(self.sample as u32);
-        ahead.cast_signed() > 0
-    }
-
     /// To be answered, together with what the guard found.
     pub fn up(self, guard: Guard) -> Up {
         let Self { sample, position, velocity, present } = self;
@@ -77,8 +70,7 @@ impl Sample {
         let guard = self.guard.place();
         let step = self.sampler.step(self.control.get(), count, self.down.get(), guard);
         let Motion { sample, position, velocity, due } = step.motion;
-        #[expect(clippy::cast_possible_truncation, reason = "tells it from the last one")]
-        let number = sample as u32;
+        let number = step.motion.number();
         if step.told {
             self.guard.publish(number);
         }

@@ -244,10 +244,9 @@ pub const TROUBLES: [Trouble; 30] = [
         limit_us: AT_ONCE_US,
         begin: |_, world| {
             let begun = world.powered.mcu.now();
-            let stop = world.powered.board.wiring.stop;
-            world.powered.mcu.set_break(stop, true);
+            world.emergency_stop(true);
             world.run(2).unwrap();
-            world.powered.mcu.set_break(stop, false);
+            world.emergency_stop(false);
             begun
         },
         ..PLAIN
@@ -258,14 +257,10 @@ pub const TROUBLES: [Trouble; 30] = [
         limit_us: AT_ONCE_US,
         begin: |_, world| {
             let begun = world.powered.mcu.now();
-            let stop = world.powered.board.wiring.stop;
-            world.powered.mcu.set_break(stop, true);
+            world.emergency_stop(true);
             begun
         },
-        end: |world| {
-            let stop = world.powered.board.wiring.stop;
-            world.powered.mcu.set_break(stop, false);
-        },
+        end: |world| world.emergency_stop(false),
         stays: true,
         ..PLAIN
     },

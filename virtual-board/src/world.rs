@@ -126,6 +126,11 @@ impl<'a> World<'a> {
         self.state = self.plant.at_rest(position_m);
     }
 
+    /// The switch of the emergency stop opens, or closes again.
+    pub fn emergency_stop(&mut self, open: bool) {
+        self.powered.mcu.set_break(self.powered.board.wiring.stop, open);
+    }
+
     /// A debugger halts the core for `cycles`; the world goes on after it.
     pub fn halt(&mut self, cycles: u64) {
         self.powered.mcu.halt(cycles);

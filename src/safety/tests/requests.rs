@@ -1,0 +1,153 @@
+//! What is asked of it, and when it is refused.
+
+use super::*;
+
+#[test]
+fn arm_tests_the_sign_then_ramps_in() {
+    let mut bench = Bench::new();
+    bench.run(1);
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::NotZeroed));
+    bench.ask(Request::Zero).unwrap();
+    bench.run(20);
+    assert_eq!(bench.last.unwrap().record.position.counts(), 0);
+    bench.push = Force::saturating_from_bits(1 << 28);
+    bench.control = control(1.0, 2000.0); // out of reach
+    bench.ask(Request::Arm).unwrap();
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::AlreadyOn));
+    let (mut forces, mut states) = (Vec::new(), Vec::new());
+    for _ in 0..400 {
+        bench.run(10);
+        forces.push(bench.output.unwrap().bits());
+        states.push(bench.state());
+    }
+    let count = |state| states.iter().filter(|s| **s == state).count();
+    assert_eq!((count(State::SignTest), count(State::RampIn)), (100, 200));
+    assert!(forces[..100].iter().all(|force| force.abs() <= SLEW));
+    assert!(forces.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= SLEW));
+    assert_eq!(forces[399], 1 << 28);
+    let armed = FaultRecord::bare(Fault::ResetWhileArmed);
+    assert_eq!(bench.updates, [MemoryUpdate::Write(armed)]);
+    bench.ask(Request::Disarm).unwrap();
+    bench.run(10);
+    assert_eq!((bench.state(), bench.output), (State::Off, None));
+    assert_eq!(bench.updates[1..], [MemoryUpdate::Erase]);
+}
+
+#[test]
+fn a_turned_sign_loses_the_zero_and_is_refused_while_on() {
+    let mut bench = Bench::armed();
+    assert_eq!(bench.ask(Request::Turn), Err(Refusal::On));
+    assert!(bench.supervisor.status().zeroed);
+    bench.ask(Request::Disarm).unwrap();
+    bench.ask(Request::Zero).unwrap();
+    assert_eq!(bench.ask(Request::Turn), Err(Refusal::Zeroing));
+    bench.run(20);
+    bench.ask(Request::Turn).unwrap();
+    assert!(!bench.supervisor.status().zeroed);
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::NotZeroed));
+}
+
+#[test]
+fn a_zero_while_armed_makes_no_step_and_no_jump() {
+    let mut bench = Bench::armed();
+    bench.held = true;
+    bench.control = control(0.01, 1e5);
+    bench.supervisor.expect_still(true);
+    bench.push = Force::saturating_from_bits(-(1 << 29));
+    bench.run(200);
+    let mut last = bench.output.unwrap().bits();
+    assert_eq!(last, -(1 << 29));
+    bench.push = Force::ZERO; // fades, and the zero comes in the midst of it
+    for n in 0..15 {
+        if n == 4 {
+            bench.ask(Request::Zero).unwrap();
+        }
+        bench.run(10);
+        let force = bench.output.unwrap().bits();
+        assert!((force - last).abs() <= SLEW, "{n}: {last} {force}");
+        last = force;
+    }
+    assert_eq!((bench.state(), last), (State::Armed, 0));
+    assert_eq!(bench.last.unwrap().record.position.counts(), 0);
+}
+
+#[test]
+fn a_zero_that_would_put_the_handle_into_the_wall_is_refused_while_armed() {
+    let mut bench = Bench::armed();
+    bench.velocity_m_per_s = -0.1;
+    bench.run(200);
+    bench.held = true;
+    bench.control = control(-0.000_5, 1e5); // free here, but 500 counts deep once this place is 0
+    bench.run(20);
+    assert_eq!(bench.ask(Request::Zero), Err(Refusal::WallThere));
+    bench.run(200);
+    assert_eq!(bench.output, Some(Force::ZERO));
+    bench.control = control(0.000_5, 1e5);
+    bench.run(20);
+    bench.ask(Request::Zero).unwrap();
+    bench.control = control(-0.01, 1e5);
+    bench.run(20);
+    assert_eq!(bench.ask(Request::Zero), Err(Refusal::Contact));
+}
+
+#[test]
+fn flash_writing_is_no_fault_and_not_met_with_force_on() {
+    let mut bench = Bench::armed();
+    assert_eq!(bench.ask(Request::Stall(true)), Err(Refusal::On));
+    bench.ask(Request::Disarm).unwrap();
+    bench.run(20);
+    bench.ask(Request::Stall(true)).unwrap();
+    // The very next sample may be the first one after the stall.
+    bench.offset = bench.offset.wrapping_add(5000);
+    bench.run(1);
+    bench.run(1);
+    assert!(bench.guard.causes.is_empty());
+    bench.run(18);
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::Stalled));
+    bench.offset = bench.offset.wrapping_add(5000);
+    bench.run(20);
+    bench.ask(Request::Stall(false)).unwrap();
+    bench.run(20);
+    assert_eq!(bench.fault(), None);
+    bench.offset = bench.offset.wrapping_add(5000);
+    bench.run(20);
+    assert_eq!(bench.fault(), Some(Fault::CountJump));
+}
+
+/// The guard is told the force that acts, none while off, and tells the estimator.
+#[test]
+#[cfg(feature = "observer")]
+fn an_observer_under_guard_knows_the_force_last_granted() {
+    let velocity = VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.4 };
+    let wall = WallSettings {
+        position_m: 0.5,
+        stiffness_n_per_m: 0.0,
+        damping_n_s_per_m: 0.0,
+        push_only: true,
+    };
+    let late = |told: bool| {
+        let mut bench = Bench::armed();
+        let observer = Settings { velocity, wall }.build(&DESIGN).unwrap();
+        bench.control = observer;
+        bench.run(2000);
+        bench.push = Force::saturating_from_bits(1 << 28); // a quarter of full scale: 370 counts in 10 ms
+        let mut worst = 0.0f64;
+        for _ in 0..200 {
+            let step = bench.sample();
+            if told {
+                assert_eq!(bench.down.force, bench.output.unwrap_or_default());
+            } else {
+                bench.down.force = Force::ZERO;
+            }
+            let counts_per_sample = bench.velocity_m_per_s / 1e-6 / 1e4;
+            worst = worst
+                .max((f64::from(step.motion.velocity.bits()) / 65_536.0 - counts_per_sample).abs());
+        }
+        bench.ask(Request::Disarm).unwrap();
+        bench.run(10);
+        assert_eq!(bench.down.force, Force::ZERO);
+        worst
+    };
+    let (told, untold) = (late(true), late(false));
+    assert!(told < 0.2 * untold, "{told} {untold}");
+}
