@@ -12,13 +12,15 @@ mod estimator_bench;
 
 use std::f64::consts::PI;
 
-use estimator_bench::{DESIGN, LSB};
+use estimator_bench::{
+    DESIGN, LSB, Random, Run, delay_over_a_chirp, response_to_a_position, speeds,
+};
 use host_sim::{linear::TransferFunction, twin::TwinEstimator, velocity::transfer_function};
 use proptest::prelude::*;
 use zwidth::{
     VelocitySettings,
-    units::{Position, Velocity},
-    velocity::{Estimator, EstimatorName, KalmanDesign, Senses, State},
+    units::Velocity,
+    velocity::{EstimatorName, KalmanDesign, Senses},
 };
 
 const NAMES: [EstimatorName; 6] = [
@@ -29,26 +31,6 @@ const NAMES: [EstimatorName; 6] = [
     EstimatorName::Kalman2,
     EstimatorName::Kalman3,
 ];
-
-/// An estimator at work, on counts that may wrap.
-struct Run {
-    estimator: Estimator,
-    state: State,
-}
-
-impl Run {
-    fn new(settings: &VelocitySettings, count: i32) -> Self {
-        let estimator = settings.build(&DESIGN).unwrap();
-        Self { estimator, state: State::at_rest(Position::from_counts(count)) }
-    }
-
-    /// Counts per sample.
-    fn at(&mut self, count: i64) -> f64 {
-        let position = Position::from_counts(count as i32);
-        let velocity = self.estimator.update(&mut self.state, position, &Senses::default());
-        f64::from(velocity.bits()) / LSB
-    }
-}
 
 /// Tunings from slow to fast.
 fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
@@ -101,25 +83,6 @@ fn settling(settings: &VelocitySettings, change: f64) -> usize {
     }
 }
 
-/// Response of a linear estimator to one count in the position, counts per sample.
-fn response_to_a_position(settings: &VelocitySettings) -> Vec<f64> {
-    let TransferFunction { num, den } = transfer_function(settings, &DESIGN).unwrap().unwrap();
-    let mut response: Vec<f64> = Vec::new();
-    for n in 0..20_000 {
-        let past: f64 = (1..den.len().min(n + 1)).map(|k| den[k] * response[n - k]).sum();
-        response.push(num.get(n).copied().unwrap_or(0.0) / DESIGN.rate_hz - past);
-    }
-    response
-}
-
-fn speeds() -> Vec<f64> {
-    let mut speeds = vec![0.0, 1.0, -1.0, 7.0, 300.0, -32_766.0, 32_767.0];
-    // fractions, near and far from simple ones, both directions
-    speeds.extend((1..60).map(|n| f64::from(n) * 0.037_12 * if n % 2 == 0 { 1.0 } else { -1.0 }));
-    speeds.extend([0.5, 1.0 / 3.0, -0.2, 0.001, 0.01, 10.01, 511.503, 32_700.4]);
-    speeds
-}
-
 #[test]
 fn constant_speed_is_measured_within_the_stated_error() {
     for name in NAMES {
@@ -159,37 +122,6 @@ fn constant_speed_is_measured_within_the_stated_error() {
         // a bound that nothing comes near would say nothing
         assert!(closest > 0.4, "{}", name.text());
     }
-}
-
-/// Delay behind the true velocity over a chirp, samples: the shift that fits best.
-fn delay_over_a_chirp(
-    settings: &VelocitySettings,
-    amplitude: f64,
-    from_hz: f64,
-    to_hz: f64,
-) -> f64 {
-    let seconds = 20.0;
-    let rate = (to_hz - from_hz) / seconds;
-    let phase = |t: f64| 2.0 * PI * (from_hz * t + rate * t * t / 2.0);
-    let position = |n: f64| amplitude * phase(n / DESIGN.rate_hz).sin();
-    let velocity = |n: f64| (position(n + 0.01) - position(n - 0.01)) / 0.02;
-    let mut run = Run::new(settings, 0);
-    let samples = (seconds * DESIGN.rate_hz) as usize;
-    let measured: Vec<f64> =
-        (0..samples).map(|n| run.at(position(n as f64).floor() as i64)).collect();
-    let skip = 20_000;
-    let mut delay = 0.0;
-    for _ in 0..5 {
-        let (mut error, mut slope) = (0.0, 0.0);
-        for (n, measured) in measured.iter().enumerate().skip(skip) {
-            let at = n as f64 - delay;
-            let acceleration = velocity(at + 0.5) - velocity(at - 0.5);
-            error += (measured - velocity(at)) * acceleration;
-            slope += acceleration * acceleration;
-        }
-        delay -= error / slope;
-    }
-    delay
 }
 
 #[test]
@@ -371,17 +303,6 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
             );
             assert!(worst <= stated, "{settings:?}: {worst}");
         }
-    }
-}
-
-/// Uniform in -1 .. 1.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) as f64 / (1u64 << 30) as f64 - 1.0
     }
 }
 

@@ -15,9 +15,12 @@ use host_sim::{
     plant::{Plant as _, PlantState, PlantStep},
     scene::NamedScene,
 };
-use proptest::prelude::*;
+use proptest::{
+    prelude::*,
+    test_runner::{RngAlgorithm, TestRng, TestRunner},
+};
 use zwidth::{
-    Control, CounterWidth, Design, Settings, VelocitySettings, WallSettings,
+    Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
     link::{Activity, Command, Situation, allowed},
     safety::{
         Down, Guard, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings, State,
@@ -211,6 +214,10 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         if let Some((_, settings)) = waiting.take_if(|(at, _)| *at <= n) {
             let control = settings.build(&real.design).unwrap();
             if real.supervisor.may_change(&real.control, &control).is_ok() {
+                if control.estimator != real.control.estimator {
+                    real.supervisor.retuned();
+                    real.down = real.supervisor.down();
+                }
                 (real.settings, real.control) = (settings, control);
                 seen.changes += 1;
                 seen.in_contact += u32::from(real.last.unwrap().drive.contact);
@@ -222,7 +229,7 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         if !before.flags.contains(Flags::CONTACT) {
             // Out of the wall a new estimate makes no force: what velocity asks for, when the handle
             // gets there, is what the new estimator says.
-            twin.sampler = real.sampler;
+            (twin.sampler, twin.down) = (real.sampler, real.down);
             twin.control.estimator = real.control.estimator;
         }
         let (counter, rendered) = real.sample();
@@ -251,7 +258,7 @@ fn no_change_at_any_instant_of_a_hit_makes_the_force_step() {
     let start = Loop::armed();
     let seen = std::cell::RefCell::new(Seen::default());
     let changes = prop::collection::vec((0u32..3_000, 0u32..25, ask()), 1..40);
-    let mut runner = prop::test_runner::TestRunner::new(ProptestConfig {
+    let mut runner = TestRunner::new(ProptestConfig {
         cases: 400,
         failure_persistence: None,
         ..ProptestConfig::default()
@@ -326,4 +333,79 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
     // and whose past a narrow one then carries on.
     println!("largest deviation {largest} of {speed} counts per sample");
     assert!(largest < 2.0, "{largest}");
+}
+
+/// Estimators that look at the position only, of any tuning that follows a hand.
+fn tuned() -> impl Strategy<Value = VelocitySettings> {
+    let names: Vec<_> =
+        EstimatorName::ALL.into_iter().filter(|name| name.sense().is_none()).collect();
+    (proptest::sample::select(names), 0.0f64..1.0).prop_map(|(name, part)| {
+        let defaults = name.defaults();
+        let between = |low: f64, high: f64| low * (high / low).powf(part);
+        let Some((parameter, default)) = defaults.tuning() else { return defaults };
+        defaults.with_tuning(match parameter.unit {
+            "Hz" => between(2.0, 2400.0),
+            "samples" => between(2.0, 32.0).round(),
+            _ => default * between(0.3, 30.0),
+        })
+    })
+}
+
+/// Exchanged in the middle of a motion, an estimator is off by no more than what it would be off by had it
+/// always run, and what the old one was off by when it went: nothing is made up by the exchange.
+#[test]
+fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
+    const WARM_UP: u32 = 40_000;
+    const AFTER: u32 = 4_000;
+    let design = NamedScene::load("paper-1um").unwrap().scene.design();
+    let worst = std::cell::Cell::new(0f64);
+    let motions = (tuned(), tuned(), -4.0f64..1.4, 0.0f64..6.3, 1.0f64..60.0);
+    let config =
+        ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() };
+    let random = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
+    let mut runner = TestRunner::new_with_rng(config, random);
+    let check =
+        |(old, new, log_hz, phase, speed): (VelocitySettings, VelocitySettings, f64, f64, f64)| {
+            let omega = std::f64::consts::TAU * f64::exp(log_hz) / design.rate_hz;
+            let position = |n: f64| speed / omega * (omega * n + phase).sin();
+            let truly = |n: f64| speed * (omega * n + phase).cos();
+            let controls = [old, new].map(|velocity| {
+                let wall = WallSettings {
+                    position_m: WALL_M,
+                    stiffness_n_per_m: 0.0,
+                    damping_n_s_per_m: 0.0,
+                    push_only: true,
+                };
+                Settings { velocity, wall }.build(&design).unwrap()
+            });
+            let count = |n: u32| (position(f64::from(n)).floor() as i64) as u32;
+            let mut exchanged = Sampler::new(count(0), CounterWidth::Bits32);
+            let mut always = exchanged;
+            let (mut before, mut most, mut usual) = (0f64, 0f64, 0f64);
+            for n in 1..WARM_UP + AFTER {
+                if n == WARM_UP {
+                    exchanged.restart();
+                }
+                let control = &controls[usize::from(n >= WARM_UP)];
+                let off = |sampler: &mut Sampler, control: &Control| {
+                    let velocity = sampler.sample(control, count(n)).velocity;
+                    (f64::from(velocity.bits()) / 65_536.0 - truly(f64::from(n))).abs()
+                };
+                let (own, warm) = (off(&mut exchanged, control), off(&mut always, &controls[1]));
+                if n + 1 == WARM_UP {
+                    before = own;
+                }
+                if n + AFTER >= WARM_UP {
+                    usual = usual.max(warm);
+                }
+                if n >= WARM_UP {
+                    most = most.max(own);
+                }
+            }
+            worst.set(worst.get().max(most / (usual + before + 1.0)));
+            prop_assert!(most <= 1.1 * (usual + before + 1.0), "{most}, {usual}, {before}");
+            Ok(())
+        };
+    runner.run(&motions, check).unwrap();
+    println!("at most {:.3} of what both are off by, and a count", worst.get());
 }

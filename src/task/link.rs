@@ -13,7 +13,7 @@ use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     Control, Settings, SettingsError,
     envelope::{Key, Outside},
-    experiment::CalibrationEnd,
+    experiment::{CalibrationEnd, WalkTotals},
     link::{
         Activity, Command, LINE_MAX, Line, LineReader, ParseError, Reply, Situation, allowed,
         parse, signs_allowed,
@@ -82,6 +82,8 @@ pub struct Link {
     awaited: Option<Awaited>,
     latest: Option<Report>,
     walking: Option<Walking>,
+    /// What a walk had come to that ended because nobody reads; not yet said.
+    unheard: Option<WalkTotals>,
     /// Another wall than the stored one is in force: a walk has just ended.
     strayed: bool,
     streaming: bool,
@@ -110,6 +112,7 @@ impl Link {
             awaited: None,
             latest: None,
             walking: None,
+            unheard: None,
             strayed: false,
             streaming: true,
             sequence: 0,

@@ -269,10 +269,10 @@ pub const TROUBLES: [Trouble; 30] = [
         code: 31,
         limit_us: RENDER_US,
         begin: |_, world| {
-            world.powered.mcu.set_supply_low(true);
+            world.powered.mcu.set_supply_mv(2500);
             world.powered.mcu.now()
         },
-        end: |world| world.powered.mcu.set_supply_low(false),
+        end: |world| world.powered.mcu.set_supply_mv(world.powered.board.supply_mv),
         stays: true,
         ..PLAIN
     },

@@ -48,6 +48,12 @@ impl Link {
 
     /// Gives the next order of a walk, or brings the stored wall back after one; says whether it did.
     pub(super) fn pursue(&mut self) -> bool {
+        if let Some(totals) = self.unheard
+            && !self.voice.is_mute()
+        {
+            self.unheard = None;
+            self.write(&lines::WalkOver(totals, Err("nobody read its results")));
+        }
         let Some(walking) = self.walking else {
             if core::mem::take(&mut self.strayed)
                 && let Ok((control, inside)) = build(&self.stored)
@@ -61,7 +67,10 @@ impl Link {
         match walking.next {
             Next::Verdict => return false,
             _ if !armed => self.break_walk("the force went off: see status and faults"),
-            _ if self.voice.is_mute() => self.break_walk("nobody reads its results"),
+            // Said once somebody reads again: said now it would be lost.
+            _ if self.voice.is_mute() => {
+                self.unheard = self.walking.take().map(|walking| walking.totals);
+            }
             Next::Wall => match build(&self.cell(walking.walk.cell())) {
                 Ok((control, inside)) => {
                     self.order(Order::Control(control, gains(&inside)), Awaited::Cell);
@@ -118,12 +127,18 @@ impl Link {
                     self.write(&lines::WalkOver(walking.totals, Ok(ended)));
                 }
             }
-            Err(error) => self.break_walk(match error {
-                WalkError::FirstUnstable => "the first point is unstable: lower kstart or bstart",
-                WalkError::NoContact(_) => {
-                    "the push does not bring the handle to the wall: raise push"
-                }
-            }),
+            Err(error) => {
+                walking.totals.hits = number;
+                self.walking = Some(walking);
+                self.break_walk(match error {
+                    WalkError::FirstUnstable => {
+                        "the first point is unstable: lower kstart or bstart"
+                    }
+                    WalkError::NoContact(_) => {
+                        "the push does not bring the handle to the wall: raise push"
+                    }
+                })
+            }
         }
     }
 
