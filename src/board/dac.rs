@@ -1,4 +1,4 @@
-//! Force by DAC1 on PA4: 12 bits, 0 to 3.3 V, zero force in the middle.
+//! Force by DAC1 on PA4: 12 bits, 0 to 3.3 V asked for, some 0.2 to 3.1 V with the buffer on, zero force in the middle.
 //!
 //! Output impedance 15 kOhm with the buffer off, settling 6 us at most (data sheet, 5 kOhm and
 //! 50 pF with the buffer on). A store moves the output 1 APB1 cycle later; nothing is preloaded.
@@ -25,6 +25,9 @@ impl Output {
         channel.enable();
         Self(channel)
     }
+
+    /// A DAC has no clock of its own.
+    pub fn start(&mut self) {}
 
     /// Puts a command out; the core has clamped it to 1 ..= 4095.
     #[inline(always)]

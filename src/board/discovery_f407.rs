@@ -9,7 +9,7 @@
 //! | enable          | PE13 | P1           | TIM1_CH3, active high, low in off   |
 //! | emergency stop  | PE15 | P1           | TIM1_BKIN, closed to ground         |
 //!
-//! In reset all pins are inputs: pull enable down with 4.7 kOhm. Zero code 0, +-4200 codes to full
+//! In reset all pins are inputs: 4.7 kOhm at the amplifier pull enable down. Zero code 0, +-4200 codes to full
 //! scale.
 //!
 //! Conflicts: the user button B1 pulls PA0 about, the usual TIM2_CH1, hence PA15 (free, as only SWD
@@ -31,6 +31,9 @@ pub const CORE_HZ: u32 = 168_000_000;
 /// Timer ticks per PWM period.
 #[expect(clippy::cast_possible_truncation, reason = "4200")]
 const STEPS: u16 = (CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
+/// Level of the supply detector: found low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data
+/// sheet). The board gives 3.0 V, a regulator of 3.3 V behind a diode: the highest levels never call that good.
+const SUPPLY_LEVEL: u8 = 0b100;
 /// From the counter's reading to the force, samples: to the PWM period that takes the command over.
 /// A pulse stands at the beginning of its period, so a small force acts up to half a period
 /// (0.125) sooner; docs/firmware.md has the measurement.
@@ -58,7 +61,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let _enable = e.pe13.into_alternate::<1>();
     let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     let encoder = Encoder::new(device.TIM2, a.pa15.into_alternate::<1>(), a.pa1, &mut rcc);
-    let supply = Supply::new(device.PWR, &mut rcc);
+    let supply = Supply::new(device.PWR, SUPPLY_LEVEL, &mut rcc);
     let memory = FaultMemory::new(&supply, &mut rcc);
     let settings = SettingsFlash::new(device.FLASH);
     let link = rtt::init();

@@ -6,7 +6,7 @@
 //! * one store clears it, from any task, the panic and the fault handlers.
 //!
 //! With MOE clear TIM1 drives its outputs to their idle level, low: enable inactive and, on a board
-//! with PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm)
+//! with PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier)
 //! on the wire.
 
 use stm32f4xx_hal::pac;

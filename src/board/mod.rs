@@ -19,7 +19,7 @@ mod nucleo_f446re;
 #[cfg(feature = "nucleo-f446re")]
 use nucleo_f446re as this;
 
-#[cfg(feature = "nucleo-f446re")]
+#[allow(dead_code, reason = "a board has one output")]
 mod dac;
 mod enable;
 mod encoder;
@@ -31,7 +31,7 @@ mod logger;
 #[cfg(not(feature = "usual-logger"))]
 pub mod mask;
 mod pace;
-#[cfg(feature = "discovery-f407")]
+#[allow(dead_code, reason = "a board has one output")]
 mod pwm;
 mod reset;
 mod rtt;
@@ -124,7 +124,6 @@ impl Drive {
 
     /// Starts the output's clock; call it right before [`Pace::start`].
     pub fn start(&mut self) {
-        #[cfg(feature = "discovery-f407")]
         self.output.start();
     }
 }

@@ -4,11 +4,11 @@
 //! |-----------------|------|-------------------|-----------------------------------|
 //! | encoder A       | PA0  | A0, CN8-1         | TIM2_CH1                          |
 //! | encoder B       | PA1  | A1, CN8-2         | TIM2_CH2                          |
-//! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.02 .. 3.30 V, zero 1.65 V |
+//! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.2 .. 3.1 V, zero 1.65 V |
 //! | enable          | PA10 | D2, CN9-3         | TIM1_CH3, active high, low in off |
 //! | emergency stop  | PB12 | CN10-16           | TIM1_BKIN, closed to ground       |
 //!
-//! In reset all pins are inputs: pull enable down with 4.7 kOhm. Zero code 2048, 2047 codes to full
+//! In reset all pins are inputs: 4.7 kOhm at the amplifier pull enable down. Zero code 2048, 2047 codes to full
 //! scale; a higher voltage pushes into the wall.
 //!
 //! Conflicts: LD2 and the shield pin D13 sit on PA5, which stays free; USART2 to the ST-LINK on
@@ -28,6 +28,9 @@ pub(super) use dac::{Output, zero};
 pub const NAME: &str = "nucleo-f446re";
 /// Core clock, Hz.
 pub const CORE_HZ: u32 = 180_000_000;
+/// Level of the supply detector: found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data
+/// sheet). The board gives 3.3 V.
+const SUPPLY_LEVEL: u8 = 0b110;
 /// From the sampling event to the force, samples: 8.3 us to the DAC's register (1495 cycles on the
 /// virtual board), 3 us for its buffer to settle (data sheet, typical).
 pub const LATENCY_SAMPLES: f64 = 0.115;
@@ -58,7 +61,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let drive = Drive { output: Output::new(device.DAC, a.pa4.into_analog(), &mut rcc) };
     let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     let encoder = Encoder::new(device.TIM2, a.pa0, a.pa1, &mut rcc);
-    let supply = Supply::new(device.PWR, &mut rcc);
+    let supply = Supply::new(device.PWR, SUPPLY_LEVEL, &mut rcc);
     let memory = FaultMemory::new(&supply, &mut rcc);
     let settings = SettingsFlash::new(device.FLASH);
     let link = rtt::init();

@@ -1,4 +1,4 @@
-//! The supply supervisor: the programmable voltage detector (PVD), set to 2.9 V.
+//! The supply supervisor: the programmable voltage detector (PVD), its level chosen by the board.
 
 use stm32f4xx_hal::{
     pac,
@@ -9,11 +9,11 @@ use stm32f4xx_hal::{
 pub struct Supply(pac::PWR);
 
 impl Supply {
-    /// Detector on, threshold 2.9 V (PLS = 111), the highest there is.
-    pub fn new(pwr: pac::PWR, rcc: &mut Rcc) -> Self {
+    /// Detector on, at that level (PLS, three bits).
+    pub fn new(pwr: pac::PWR, level: u8, rcc: &mut Rcc) -> Self {
         pac::PWR::enable(rcc);
-        // SAFETY: a documented value of the field.
-        pwr.cr().modify(|_, w| unsafe { w.pls().bits(0b111).pvde().set_bit() });
+        // SAFETY: all values of the field are documented.
+        pwr.cr().modify(|_, w| unsafe { w.pls().bits(level & 0b111).pvde().set_bit() });
         Self(pwr)
     }
 

@@ -18,6 +18,8 @@ pub struct Board {
     pub chip: Chip,
     /// Its wires.
     pub wiring: Wiring,
+    /// The lowest that its chip's supply may be when all is well, mV.
+    pub supply_mv: u32,
 }
 
 /// Which pin goes where.
@@ -65,6 +67,7 @@ pub const BOARDS: [Board; 2] = [
             enable: pin('A', 10),
             stop: pin('B', 12),
         },
+        supply_mv: 3200, // regulator of 3.3 V
     },
     Board {
         name: "discovery-f407",
@@ -75,6 +78,7 @@ pub const BOARDS: [Board; 2] = [
             enable: pin('E', 13),
             stop: pin('E', 15),
         },
+        supply_mv: 2900, // regulator of 3.3 V and a diode: 3.0 V
     },
 ];
 
@@ -123,6 +127,7 @@ impl Powered {
         }
         let mut mcu = Mcu::new(board.chip, &elf.flash, listeners);
         mcu.set_break(stop, false);
+        mcu.set_supply_mv(board.supply_mv);
         Ok(Self { board, mcu, amplifier, rtt: Rtt::new(rtt) })
     }
 }

@@ -9,6 +9,7 @@
 mod bus;
 mod inject;
 mod soc;
+mod supply;
 mod watch;
 
 use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
@@ -40,6 +41,9 @@ pub struct Chip {
     /// Has the regulator's over-drive, which 180 MHz needs.
     pub over_drive: bool,
 }
+
+/// Usual supply of the chip, mV.
+pub const SUPPLY_MV: u32 = 3300;
 
 /// A pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,7 +130,7 @@ impl Mcu {
             flash,
         };
         let clock = Arc::new(Clock::default());
-        let soc = Soc::new(&chip, &memories, &clock, &listeners);
+        let soc = Soc::new(&chip, &memories, &clock, &listeners, SUPPLY_MV);
         Self {
             chip,
             listeners,
@@ -265,12 +269,11 @@ impl Mcu {
     /// A reset: everything but the memories and what is outside the chip starts anew.
     fn restart(&mut self, cause: &str) {
         self.memories.flash = self.soc.flash.contents();
-        let (open, low) = (self.soc.stop.load(Relaxed), self.soc.supply_low.load(Relaxed));
+        let (open, supply_mv) = (self.soc.stop.load(Relaxed), self.soc.supply.mv());
         self.clock = Arc::new(Clock::default());
         self.clock.set(self.now);
-        self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners);
+        self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners, supply_mv);
         self.soc.set_break(open);
-        self.soc.supply_low.store(low, Relaxed);
         self.soc.note_reset(cause);
         self.next = self.now;
         self.event = (0, false);
@@ -342,9 +345,9 @@ impl Mcu {
         self.soc.set_break(open);
     }
 
-    /// Lets the supply fall below the voltage detector's threshold, or come back.
-    pub fn set_supply_low(&mut self, low: bool) {
-        self.soc.supply_low.store(low, Relaxed);
+    /// Sets the supply, mV; at first it is [`SUPPLY_MV`]. Only the voltage detector looks at it.
+    pub fn set_supply_mv(&mut self, mv: u32) {
+        self.soc.supply.set_mv(mv);
     }
 
     /// The level of `pin`.

@@ -22,6 +22,7 @@ use rsemu::{
 use super::{
     Chip, Listeners, Pin, PinListener,
     bus::{Clock, Dac, Lazy, Plain, Port, Registers, Storage},
+    supply::{PowerPort, Supply},
 };
 
 /// Errors of the emulator's own set-up are ours: the properties are constants.
@@ -49,7 +50,7 @@ pub(super) struct Soc {
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag.
     broken: Arc<AtomicBool>,
-    pub(super) supply_low: Arc<AtomicBool>,
+    pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
     pub(super) dac: Arc<Storage>,
     /// Cycle at which a force was last written, to the DAC or to a compare register.
@@ -255,25 +256,6 @@ impl Port for CounterPort {
     }
 }
 
-/// PWR's port: the voltage detector's output, which the emulator has no input for.
-#[derive(Debug)]
-struct Supply {
-    lazy: Lazy,
-    clock: Arc<Clock>,
-    low: Arc<AtomicBool>,
-}
-
-impl Port for Supply {
-    fn before(&self) {
-        self.lazy.advance_to(self.clock.now());
-    }
-
-    fn read(&self, offset: u64, value: u32) -> u32 {
-        // CSR.PVDO
-        if offset == 4 && self.low.load(Relaxed) { value | 1 << 2 } else { value }
-    }
-}
-
 impl Soc {
     #[expect(clippy::too_many_lines, reason = "one table of the chip, read from top to bottom")]
     pub(super) fn new(
@@ -281,6 +263,7 @@ impl Soc {
         memories: &Memories,
         clock: &Arc<Clock>,
         listeners: &Listeners,
+        supply_mv: u32,
     ) -> Self {
         let ids = WireIdAllocator::new();
         let wire = |device: &dyn Device, port: &str, sink: Arc<dyn WireSink>| {
@@ -363,7 +346,7 @@ impl Soc {
         });
 
         let stop = Arc::new(AtomicBool::new(false));
-        let supply_low = Arc::new(AtomicBool::new(false));
+        let supply = Supply::of_mv(supply_mv);
         let dbgmcu = Storage::new();
         let space = AddressSpace::new("cpu", 32);
         let map = |region: Region, address: u64| {
@@ -384,10 +367,10 @@ impl Soc {
         map(
             Registers::region(
                 &pwr,
-                Supply {
+                PowerPort {
                     lazy: pwr.clone(),
                     clock: Arc::clone(clock),
-                    low: Arc::clone(&supply_low),
+                    supply: Arc::clone(&supply),
                 },
             ),
             0x4000_7000,
@@ -425,7 +408,7 @@ impl Soc {
             watchdog_bites,
             stop,
             broken,
-            supply_low,
+            supply,
             dbgmcu,
             dac,
             commanded_at,

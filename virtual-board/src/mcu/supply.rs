@@ -1,0 +1,112 @@
+//! The supply and its voltage detector, which the emulator has no input for: PWR's port.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicU32, Ordering::Relaxed},
+};
+
+use super::bus::{Clock, Lazy, Port};
+
+/// Thresholds of each level of the detector (PLS), mV: the highest at which it still finds a rising
+/// supply too low, and the highest at which it finds a falling one so (data sheet of the STM32F446,
+/// section 6.3.5, largest values; the STM32F407's are the same).
+const LEVELS_MV: [[u32; 2]; 8] = [
+    [2190, 2080],
+    [2370, 2260],
+    [2510, 2390],
+    [2650, 2560],
+    [2820, 2710],
+    [2990, 2890],
+    [3100, 2990],
+    [3210, 3090],
+];
+
+/// A supply from outside, and the detector's state.
+#[derive(Debug)]
+pub(super) struct Supply {
+    mv: AtomicU32,
+    /// Level and enable bit as written to CR.
+    control: AtomicU32,
+    low: AtomicU32,
+}
+
+const CR: u64 = 0;
+const CSR: u64 = 4;
+const PVDE: u32 = 1 << 4;
+const PVDO: u32 = 1 << 2;
+
+impl Supply {
+    pub(super) fn of_mv(mv: u32) -> Arc<Self> {
+        Arc::new(Self {
+            mv: AtomicU32::new(mv),
+            control: AtomicU32::new(0),
+            low: AtomicU32::new(PVDO),
+        })
+    }
+
+    pub(super) fn mv(&self) -> u32 {
+        self.mv.load(Relaxed)
+    }
+
+    pub(super) fn set_mv(&self, mv: u32) {
+        self.mv.store(mv, Relaxed);
+        self.compare();
+    }
+
+    /// The detector compares all the time; its output goes back only above the rising threshold.
+    fn compare(&self) {
+        let level = (self.control.load(Relaxed) >> 5 & 7) as usize;
+        let [rising, falling] = LEVELS_MV[level];
+        let limit = if self.low.load(Relaxed) == 0 { falling } else { rising };
+        self.low.store(if self.mv() <= limit { PVDO } else { 0 }, Relaxed);
+    }
+}
+
+/// PWR as the program sees it.
+#[derive(Debug)]
+pub(super) struct PowerPort {
+    pub(super) lazy: Lazy,
+    pub(super) clock: Arc<Clock>,
+    pub(super) supply: Arc<Supply>,
+}
+
+impl Port for PowerPort {
+    fn before(&self) {
+        self.lazy.advance_to(self.clock.now());
+    }
+
+    fn write(&self, offset: u64, value: u32) -> u32 {
+        if offset == CR {
+            self.supply.control.store(value, Relaxed);
+            self.supply.compare();
+        }
+        value
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        let enabled = self.supply.control.load(Relaxed) & PVDE != 0;
+        let low = if enabled { self.supply.low.load(Relaxed) } else { 0 };
+        if offset == CSR { value & !PVDO | low } else { value }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_detector_has_a_threshold_for_each_level_and_a_hysteresis() {
+        let supply = Supply::of_mv(3000);
+        let low = |level: u32, mv: u32| {
+            supply.control.store(level << 5 | PVDE, Relaxed);
+            supply.set_mv(mv);
+            supply.low.load(Relaxed) != 0
+        };
+        assert!(low(7, 3000), "a board at 3.0 V never gets above level 7");
+        assert!(!low(4, 3000));
+        assert!(!low(4, 2750), "between the thresholds it stays");
+        assert!(low(4, 2700));
+        assert!(low(4, 2750), "between the thresholds it stays");
+        assert!(!low(4, 2900));
+    }
+}
