@@ -1,4 +1,7 @@
-//! No overflow in the control path, for all inputs at once.
+//! No overflow in low-passes, gains, wall, actuator and RMS, for all inputs at once. The other estimators whose
+//! arithmetic has this shape have the same look in their own files (`fir.rs`, `kalman.rs`, `observer.rs`); Levant's
+//! differentiator (a root), adaptive windowing and time stamps (divisions, windows that depend on the data) have not:
+//! those are tried with random motion and senses only.
 //!
 //! Every intermediate of the arithmetic below is, in each of its arguments alone, affine or monotone
 //! (products, sums, shifts, clamps). So is each partial sum, and its extremes over a box of arguments
@@ -20,7 +23,7 @@ use crate::{
 };
 
 /// All ways to choose one of two ends for each of `N` arguments.
-fn corners<const N: usize>(ends: [[i32; 2]; N]) -> impl Iterator<Item = [i32; N]> {
+pub(crate) fn corners<T: Copy, const N: usize>(ends: [[T; 2]; N]) -> impl Iterator<Item = [T; N]> {
     (0u32..1 << N).map(move |choice| core::array::from_fn(|n| ends[n][(choice >> n & 1) as usize]))
 }
 

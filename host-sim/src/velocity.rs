@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{Fir, KalmanDesign, ObserverDesign, Sense, TrackingLoop, true_cutoff_hz},
+    velocity::{FirDesign, KalmanDesign, ObserverDesign, Sense, TrackingLoop, true_cutoff_hz},
 };
 
 use crate::linear::{Order, TransferFunction};
@@ -255,9 +255,9 @@ pub fn transfer_function(
             low_pass(Order::First, cutoff_hz, prewarp)
         }
         VelocitySettings::Difference => difference,
-        VelocitySettings::Taylor { order } => difference.then(&weights(&Fir::taylor(order)?)),
+        VelocitySettings::Taylor { order } => difference.then(&weights(&FirDesign::taylor(order)?)),
         VelocitySettings::LeastSquares { degree, window_samples } => {
-            difference.then(&weights(&Fir::least_squares(degree, window_samples)?))
+            difference.then(&weights(&FirDesign::least_squares(degree, window_samples)?))
         }
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
             let TrackingLoop { kp, ki, .. } = TrackingLoop::new(bandwidth_hz, rate_hz)?;
@@ -309,7 +309,7 @@ pub fn position_response(
         VelocitySettings::TimeStamps { span_samples } => ends(span_samples),
         VelocitySettings::Foaw { best: false, window_samples, .. } => ends(window_samples),
         VelocitySettings::Foaw { best: true, window_samples, .. } => {
-            difference.then(&weights(&Fir::least_squares(1, window_samples)?))
+            difference.then(&weights(&FirDesign::least_squares(1, window_samples)?))
         }
         _ => return transfer_function(settings, design),
     }))
@@ -331,10 +331,6 @@ fn kalman(gains: &KalmanDesign, difference: &TransferFunction) -> TransferFuncti
     difference.then(&TransferFunction { num, den })
 }
 
-fn weights(fir: &Fir) -> TransferFunction {
-    let one = f64::from(1u32 << 30);
-    TransferFunction {
-        num: fir.weights().iter().map(|&weight| f64::from(weight) / one).collect(),
-        den: vec![1.0],
-    }
+fn weights(design: &FirDesign) -> TransferFunction {
+    TransferFunction { num: design.weights().to_vec(), den: vec![1.0] }
 }

@@ -29,7 +29,8 @@ impl Fir {
     /// The velocity after a move by `difference` counts.
     ///
     /// Its error against the exact weighted sum is at most half an LSB and 2^-31 of the sum of the
-    /// magnitudes of the differences; at constant speed it is exact.
+    /// magnitudes of the differences, each with its weight's rounding error, the largest weight's with
+    /// that of all; at constant speed it is exact.
     #[inline(never)] // so that the state of the usual estimator stays in registers
     pub(super) fn update(&self, history: &mut History, difference: i32) -> Velocity {
         history.push(difference);
@@ -41,5 +42,34 @@ impl Fir {
         let limit = i64::from(Velocity::LIMIT_BITS);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
         Velocity::saturating_from_bits(bits.clamp(-limit, limit) as i32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::velocity::FirDesign;
+
+    /// The sum is linear: its ends are where every difference is at the end that its weight's sign asks for.
+    #[test]
+    fn no_sum_overflows_at_its_ends() {
+        let fits = (1..=2).flat_map(|degree| {
+            (degree..=64).map(move |window| FirDesign::least_squares(degree, window).unwrap())
+        });
+        let taylor = (1..=3).map(|order| FirDesign::taylor(order).unwrap());
+        for fir in fits.chain(taylor).map(|design| design.quantise()) {
+            for end in [i32::MIN + 1, i32::MAX] {
+                let mut history = History::REST;
+                let mut worst: [i32; LENGTH] = [0; LENGTH];
+                for (difference, weight) in worst.iter_mut().zip(fir.weights()) {
+                    *difference = if *weight < 0 { -end } else { end };
+                }
+                for difference in worst.iter().skip(1).rev() {
+                    history.push(*difference);
+                }
+                let speed = fir.update(&mut history, worst[0]);
+                assert_eq!(speed.bits().abs(), Velocity::LIMIT_BITS);
+            }
+        }
     }
 }

@@ -248,6 +248,30 @@ mod tests {
         }
     }
 
+    /// Every intermediate is monotone in each argument (see [`crate::bounds`]), and each gain in the tuning.
+    #[test]
+    fn no_step_overflows_at_any_corner_of_state_and_input() {
+        let gain = |u: f64| KalmanDesign::of(u).quantise();
+        let none = Gain::default();
+        for filter in [gain(U[0]), gain(0.1), gain(0.5), gain(U[1])] {
+            for gamma in [none, filter.gamma] {
+                let filter = Kalman { gamma, ..filter };
+                let ends = [DISTANCE_MAX, VELOCITY_MAX, ACCELERATION_MAX].map(|max| [-max, max]);
+                for [distance, velocity, acceleration] in crate::bounds::corners(ends) {
+                    for residue in [0, u16::MAX] {
+                        for moved in [i32::MIN, 0, i32::MAX] {
+                            let mut state =
+                                KalmanState { distance, velocity, acceleration, residue };
+                            let speed = filter.update(&mut state, moved);
+                            assert!(speed.bits().abs() <= Velocity::LIMIT_BITS);
+                            assert!(state.distance.abs() <= DISTANCE_MAX);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
     #[test]
     fn accelerations_and_jerks_out_of_range_are_refused_by_name() {
         for bad in [0.0, -1.0, 1e-9, 1e18, f64::NAN, f64::INFINITY] {

@@ -47,6 +47,8 @@ pub use name::{EstimatorName, Parameter};
 pub use observer::Observer;
 #[cfg(any(feature = "observer", feature = "fusion"))]
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
+#[cfg(any(feature = "taylor", feature = "least-squares"))]
+pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use settings::VelocitySettings;
 #[cfg(feature = "time-stamps")]

@@ -164,3 +164,40 @@ impl ObserverState {
         Self { velocity, ..Self::default() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Design, Output, velocity::ObserverDesign};
+
+    /// Every intermediate is monotone in each argument (see [`crate::bounds`]).
+    #[test]
+    fn no_step_overflows_at_any_corner_of_state_and_input() {
+        let design = Design {
+            rate_hz: 1e4,
+            resolution_m: 1e-6,
+            full_scale_n: 3276.0, // with 1 g the largest acceleration that is accepted,
+            period: 10,
+            output: Output::Continuous,
+        };
+        for bandwidth_hz in [10.0, 100.0, 1000.0, 2000.0] {
+            for mass_kg in [1e-3, 0.416, 100.0] {
+                let observer =
+                    ObserverDesign::of_mass(bandwidth_hz, mass_kg, &design).unwrap().quantise();
+                let ends = [ERROR_LIMIT, VELOCITY_LIMIT, DISTURBANCE_LIMIT].map(|max| [-max, max]);
+                for [error, velocity, disturbance] in crate::bounds::corners(ends) {
+                    let state = ObserverState { error, velocity, disturbance };
+                    for [moved, known] in crate::bounds::corners([[i32::MIN, i32::MAX]; 2]) {
+                        let force = Force::saturating_from_bits(known);
+                        let acceleration = Acceleration::saturating_from_bits(known);
+                        let speeds = [
+                            observer.after_force(&mut { state }, moved, force),
+                            observer.after_acceleration(&mut { state }, moved, acceleration),
+                        ];
+                        assert!(speeds.iter().all(|v| v.bits().abs() <= Velocity::LIMIT_BITS));
+                    }
+                }
+            }
+        }
+    }
+}

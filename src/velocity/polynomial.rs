@@ -30,7 +30,14 @@ use super::{
 };
 use crate::settings::{SettingsError, within};
 
-impl Fir {
+/// Exact weights of the last differences, newest first; they add up to one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirDesign {
+    weights: [f64; LENGTH],
+    window: u32,
+}
+
+impl FirDesign {
     /// Backward differences of that order, 1 to 3, over as many samples.
     ///
     /// # Errors
@@ -42,6 +49,20 @@ impl Fir {
             2 => &[1.5, -0.5],
             _ => &[11.0 / 6.0, -7.0 / 6.0, 2.0 / 6.0],
         }))
+    }
+
+    fn of(exact: &[f64]) -> Self {
+        let mut weights = [0.0; LENGTH];
+        for (weight, exact) in weights.iter_mut().zip(exact) {
+            *weight = *exact;
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "at most WINDOW_MAX")]
+        Self { weights, window: exact.len().min(LENGTH) as u32 }
+    }
+
+    /// The weights in use, newest first.
+    pub fn weights(&self) -> &[f64] {
+        self.weights.get(..self.window as usize).unwrap_or(&self.weights)
     }
 
     /// Least-squares fit of a polynomial of `degree` 1 or 2 over the last `window` differences,
@@ -69,15 +90,16 @@ impl Fir {
             }
             *weight = sum;
         }
-        Ok(Self::of(weights.get(..window as usize).unwrap_or(&weights)))
+        Ok(Self { weights, window })
     }
 
-    /// Quantises weights that add up to one; what rounding leaves goes to the largest.
-    fn of(exact: &[f64]) -> Self {
+    /// The weights in LSB of 2^-30, each within half of one; what that leaves of their sum goes to the
+    /// largest, so that they add up to exactly 2^30.
+    pub fn quantise(&self) -> Fir {
         let one = 1i32 << FRACTION_BITS;
         let mut weights = [0; LENGTH];
         let mut rest = one;
-        for (weight, exact) in weights.iter_mut().zip(exact) {
+        for (weight, exact) in weights.iter_mut().zip(self.weights()) {
             #[expect(clippy::cast_possible_truncation, reason = "|weight| is below 2")]
             let bits = libm::round(exact * f64::from(one)) as i32;
             *weight = bits;
@@ -86,7 +108,6 @@ impl Fir {
         if let Some(largest) = weights.iter_mut().max_by_key(|weight| weight.unsigned_abs()) {
             *largest = largest.wrapping_add(rest);
         }
-        #[expect(clippy::cast_possible_truncation, reason = "at most WINDOW_MAX")]
-        Self { weights, window: exact.len().min(LENGTH) as u32 }
+        Fir { weights, window: self.window }
     }
 }

@@ -2,7 +2,7 @@
 //! the low-passes is a Cargo feature of its name; a build without it does not know it.
 
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
-use super::Fir;
+use super::FirDesign;
 #[cfg(feature = "foaw")]
 use super::Foaw;
 #[cfg(feature = "kalman")]
@@ -129,11 +129,11 @@ impl VelocitySettings {
             #[cfg(feature = "taylor")]
             Self::Taylor { order } => {
                 settings::within("order", f64::from(order), 2.0..=3.0)?;
-                Estimator::Fir(Fir::taylor(order)?)
+                Estimator::Fir(FirDesign::taylor(order)?.quantise())
             }
             #[cfg(feature = "least-squares")]
             Self::LeastSquares { degree, window_samples } => {
-                Estimator::Fir(Fir::least_squares(degree, window_samples)?)
+                Estimator::Fir(FirDesign::least_squares(degree, window_samples)?.quantise())
             }
             #[cfg(feature = "tracking-loop")]
             Self::TrackingLoop { bandwidth_hz } => {

@@ -4,7 +4,8 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        self, Fir, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
+        self, FirDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
+        TrackingLoop,
     },
 };
 
@@ -116,9 +117,9 @@ impl TwinEstimator {
                 Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, prewarp)?)
             }
             VelocitySettings::Difference => Kind::Difference,
-            VelocitySettings::Taylor { order } => fir(&Fir::taylor(order)?),
+            VelocitySettings::Taylor { order } => fir(&FirDesign::taylor(order)?),
             VelocitySettings::LeastSquares { degree, window_samples } => {
-                fir(&Fir::least_squares(degree, window_samples)?)
+                fir(&FirDesign::least_squares(degree, window_samples)?)
             }
             VelocitySettings::TrackingLoop { bandwidth_hz } => {
                 Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
@@ -237,10 +238,10 @@ impl Rest {
     }
 }
 
-fn fir(fir: &Fir) -> Kind {
+fn fir(design: &FirDesign) -> Kind {
     let mut weights = [0.0; LENGTH];
-    for (weight, &bits) in weights.iter_mut().zip(fir.weights()) {
-        *weight = f64::from(bits) / f64::from(1u32 << 30);
+    for (weight, exact) in weights.iter_mut().zip(design.weights()) {
+        *weight = *exact;
     }
     Kind::Fir(weights)
 }
