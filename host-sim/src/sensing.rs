@@ -1,4 +1,4 @@
-//! What the controller senses beside the count: force last granted, acceleration, edge times.
+//! What the controller senses beside the count: commanded force, acceleration, edge times.
 //!
 //! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
 //! the rig chooses once per run. Only the sense that the scene's estimator looks at is worked out.
@@ -10,7 +10,8 @@ use zwidth::{
 
 use crate::{
     controller::Controller,
-    scene::{Accelerometer, Rounding, Scene},
+    element::EncoderError,
+    scene::{Accelerometer, LATENCY_KNOWN_MAX, Rounding, Scene},
 };
 
 /// A handle at one instant.
@@ -52,16 +53,18 @@ impl Sensing for Blind {
 /// What the scene's estimator looks at.
 ///
 /// *Force*: what the firmware tells ([`zwidth::safety::GuardedSampler`]): the force last granted,
-/// saturated and held, as if it had acted since the last sample. The latency of the actuator is not
-/// known to the core, so it is not known here.
+/// saturated and held, as if it had acted since the last sample. The latency of our boards is below half
+/// a sample. With `actuator.latency_known` it is told as many whole samples later as that latency is
+/// nearest to, when it acts.
 ///
 /// *Acceleration*: the mean over the sample, from the speeds; through a first-order low-pass if the
 /// scene gives the accelerometer a bandwidth, then noise, bias, range and resolution.
 ///
 /// *Edges*: the last crossing of a count's border, on the cubic through positions and speeds of both
-/// ends (Hermite). Under a constant force it is off by less than 1e-6 counts for the scenes' devices;
+/// ends (Hermite), with the scene's encoder error. Under a constant force it is off by less than 1e-6 counts for the scenes' devices;
 /// where the force steps by dF within the sample by up to `0.0185 dF T^2 / m`, 0.005 counts for the
-/// whole range of the paper's device.
+/// whole range of the paper's device. With noise or jitter of the readings, which are one number a
+/// sample, edges would not go with the counts: such a scene has none ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
     /// What is looked at.
@@ -72,7 +75,37 @@ pub struct Full {
     /// Speed in m/s to counts per sample.
     speed: f64,
     accelerometer: Option<Sensor>,
+    encoder_error: Option<EncoderError>,
+    told: Told,
     senses: Senses,
+}
+
+/// Forces that were granted and are not told yet: a ring, a place for each sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Told {
+    granted: Force,
+    ring: [Force; LATENCY_KNOWN_MAX as usize],
+    /// Places in use; 0: told at once.
+    samples: usize,
+    next: usize,
+}
+
+impl Told {
+    fn new(scene: &Scene) -> Self {
+        let actuator = &scene.actuator;
+        let samples = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
+        Self { granted: Force::ZERO, ring: [Force::ZERO; _], samples, next: 0 }
+    }
+
+    /// A sample on: the force to tell.
+    fn moved(&mut self) -> Force {
+        if self.samples == 0 {
+            return self.granted;
+        }
+        let told = std::mem::replace(&mut self.ring[self.next], self.granted);
+        self.next = (self.next + 1) % self.samples;
+        told
+    }
 }
 
 /// An accelerometer, in counts and samples.
@@ -107,6 +140,8 @@ impl Full {
                 .accelerometer
                 .as_ref()
                 .map(|sensor| Sensor::new(sensor, rate_hz, resolution_m)),
+            encoder_error: scene.encoder_error,
+            told: Told::new(scene),
             senses: Senses::NONE,
         }
     }
@@ -121,11 +156,12 @@ impl Sensing for Full {
     #[inline]
     fn granted(&mut self, force: f64) {
         let bits = round(force * f64::from(Force::FULL_SCALE.bits()));
-        self.senses.force = Force::saturating_from_bits(bits);
+        self.told.granted = Force::saturating_from_bits(bits);
     }
 
     #[inline]
     fn moved(&mut self, from: Handle, to: Handle) {
+        self.senses.force = self.told.moved();
         if matches!(self.looks_at, None | Some(Sense::Force)) {
             return;
         }
@@ -137,9 +173,14 @@ impl Sensing for Full {
         if self.looks_at != Some(Sense::Edge) {
             return;
         }
-        let [x0, x1] =
-            [from, to].map(|handle| handle.position_m * self.counts_per_m + self.rounding);
-        self.senses.edge = match last_edge([x0, v0], [x1, v1]) {
+        let [shown, shown_then] = [from, to].map(|Handle { position_m, speed_m_per_s }| {
+            let (error_m, slope) = self
+                .encoder_error
+                .map_or((0.0, 0.0), |e| (e.error_m(position_m), e.slope(position_m)));
+            let position = (position_m + error_m) * self.counts_per_m + self.rounding;
+            [position, speed_m_per_s * (1.0 + slope) * self.speed]
+        });
+        self.senses.edge = match last_edge(shown, shown_then) {
             Some((at, up)) => {
                 let age = ((1.0 - at) * f64::from(Edge::SAMPLE)).floor();
                 Some(Edge { age: whole(age).min(Edge::SAMPLE - 1), up })
@@ -340,7 +381,25 @@ mod tests {
         sensing.moved(handle(0.0, 0.0), handle(1e-6, 0.0));
         assert_eq!(sensing.senses.force.bits(), 3 << 27);
         sensing.granted(-1.0);
+        sensing.moved(handle(0.0, 0.0), handle(1e-6, 0.0));
         assert_eq!(sensing.senses.force.bits(), -(1 << 30));
+    }
+
+    #[test]
+    fn with_a_known_latency_it_is_the_one_that_acts() {
+        for (latency, samples) in [(0.49, 0), (2.6, 3), (64.0, 64)] {
+            let mut sensing = full(|scene| {
+                scene.actuator.latency = latency;
+                scene.actuator.latency_known = true;
+                scene.check().unwrap();
+            });
+            for n in 0..200 {
+                sensing.granted(f64::from(n + 1) / 1024.0);
+                sensing.moved(handle(0.0, 0.0), handle(0.0, 0.0));
+                let told = (n + 1 - samples).max(0) << 20;
+                assert_eq!(sensing.senses.force.bits(), told, "{latency} {n}");
+            }
+        }
     }
 
     #[test]
@@ -355,6 +414,30 @@ mod tests {
         let still = handle(1.5e-6, 0.0);
         rest.moved(still, still);
         assert_eq!(rest.senses.edge, Some(Edge { age: half.age + (1 << 16), up: true }));
+    }
+
+    #[test]
+    fn edges_come_where_the_wrong_encoder_shows_them() {
+        let error = EncoderError { cycle_m: 4e-6, first_m: 2e-7, second_m: 0.0, phase_rad: 0.7 };
+        let mut wrong = full(|scene| {
+            scene.velocity = Velocity::TimeStamps { span_samples: 1 };
+            scene.encoder_error = Some(error);
+        });
+        let speed = 3e-7; // m per sample
+        let shown = |n: f64| (n * speed + error.error_m(n * speed)) * 1e6;
+        let mut edges = 0;
+        for n in 0..200 {
+            let (from, to) = (f64::from(n), f64::from(n + 1));
+            wrong.moved(handle(from * speed, speed * 1e4), handle(to * speed, speed * 1e4));
+            if shown(from).floor() == shown(to).floor() {
+                continue;
+            }
+            let age = f64::from(wrong.senses.edge.unwrap().age) / f64::from(Edge::SAMPLE);
+            let border = shown(to).floor();
+            assert!((shown(to - age) - border).abs() < 2e-3, "{n}: {}", shown(to - age) - border);
+            edges += 1;
+        }
+        assert!(edges > 50);
     }
 
     #[test]

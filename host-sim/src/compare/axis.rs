@@ -21,17 +21,6 @@ const TUNINGS: [f64; 2] = [1e-9, 1e12];
 /// Halvings, on a logarithmic scale, of what lies between those.
 const HALVINGS: u32 = 60;
 
-/// What a search may change.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Free {
-    /// Tuning and second parameter.
-    All,
-    /// The tuning.
-    Tuning,
-    /// Nothing: it is walked as it is.
-    Nothing,
-}
-
 /// Tunings of one estimator.
 #[derive(Clone, Debug)]
 pub struct Axes {
@@ -53,15 +42,9 @@ pub struct Axes {
 
 impl Axes {
     /// Those of that estimator, which the core accepts as it is; `None` if there is nothing to tune.
-    pub fn new(
-        start: &VelocitySettings,
-        design: &Design,
-        mass_kg: f64,
-        free: Free,
-    ) -> Option<Self> {
-        let (parameter, default) = start.tuning().filter(|_| free != Free::Nothing)?;
-        let second = start.name().parameters()[1].filter(|_| free == Free::All);
-        let second = second.and_then(|p| second_range(&p, mass_kg));
+    pub fn new(start: &VelocitySettings, design: &Design, mass_kg: f64) -> Option<Self> {
+        let (parameter, default) = start.tuning()?;
+        let second = start.name().parameters()[1].and_then(|p| second_range(&p, mass_kg));
         let mut axes = Self {
             start: *start,
             design: *design,
@@ -223,7 +206,7 @@ mod tests {
 
     fn axes(name: EstimatorName) -> Axes {
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
-        Axes::new(&name.defaults(), &design, 0.416, Free::All).unwrap()
+        Axes::new(&name.defaults(), &design, 0.416).unwrap()
     }
 
     fn hz(axes: &Axes, settings: &VelocitySettings) -> f64 {

@@ -32,7 +32,6 @@ use zwidth::{
     velocity::{EstimatorName, Sense},
 };
 
-pub use axis::Free;
 pub use contact::Contact;
 pub use cost::Cost;
 pub use fidelity::Fidelity;
@@ -42,7 +41,7 @@ pub use tuned::Tuned;
 use crate::{
     error::Error,
     rig::{Numeric, Rig, WallHit},
-    scene::Scene,
+    scene::{LATENCY_KNOWN_MAX, Scene},
     statistics::Repeats,
     velocity::Velocity,
 };
@@ -52,14 +51,11 @@ use crate::{
 pub enum Entry {
     /// Tuned by the search.
     Tuned(EstimatorName),
-    /// The observer with the device's own mass, only its bandwidth tuned.
-    ObserverOfOwnMass,
+    /// The observer that knows the latency: it is told the force when it acts, and not when it is granted.
+    ObserverInTime,
     /// As it is often set without thinking: a first-order low-pass at 50 Hz.
     AdHoc,
 }
-
-/// The acceleration only with an accelerometer, hence last.
-const ALL_SENSES: &[Sense] = &[Sense::Force, Sense::Edge, Sense::Acceleration];
 
 /// Cutoff of [`Entry::AdHoc`], Hz.
 const AD_HOC_HZ: f64 = 50.0;
@@ -69,12 +65,10 @@ impl Entry {
     /// and the ad-hoc one last.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let twice = [EstimatorName::ButterworthPrewarped, EstimatorName::FirstOrderPrewarped];
-        let can = |name: &EstimatorName| {
-            let acceleration = scene.accelerometer.is_some();
-            name.missing(if acceleration { ALL_SENSES } else { &ALL_SENSES[..2] }).is_none()
-        };
+        let can = |name: &EstimatorName| name.sense().is_none_or(|sense| scene.feeds(sense));
         let tuned = EstimatorName::ALL.iter().filter(|name| !twice.contains(name) && can(name));
-        let more = [Self::ObserverOfOwnMass, Self::AdHoc];
+        let in_time = (1..=LATENCY_KNOWN_MAX).contains(&scene.actuator.latency_samples());
+        let more = in_time.then_some(Self::ObserverInTime).into_iter().chain([Self::AdHoc]);
         tuned.map(|&name| Self::Tuned(name)).chain(more).collect()
     }
 
@@ -82,9 +76,16 @@ impl Entry {
     pub fn name(self) -> String {
         match self {
             Self::Tuned(name) => name.text().into(),
-            Self::ObserverOfOwnMass => "observer of own mass".into(),
+            Self::ObserverInTime => "observer told in time".into(),
             Self::AdHoc => format!("first-order at {AD_HOC_HZ} Hz"),
         }
+    }
+
+    /// The scene, with what it tells to the estimator.
+    fn told(self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        scene.actuator.latency_known |= self == Self::ObserverInTime;
+        scene
     }
 }
 
@@ -233,12 +234,8 @@ pub fn compare(
         .with_max_len(1)
         .map(|&entry| {
             let start = settings_of(entry, scene);
-            let free = match entry {
-                Entry::Tuned(_) => Free::All,
-                Entry::ObserverOfOwnMass => Free::Tuning,
-                Entry::AdHoc => Free::Nothing,
-            };
-            search::tune(scene, &start, free, budget, stop, &done)
+            let is_free = entry != Entry::AdHoc;
+            search::tune(&entry.told(scene), &start, is_free, budget, stop, &done)
         })
         .collect();
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
@@ -258,7 +255,7 @@ pub fn compare(
         .par_iter()
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
-            let (with, cutoff_hz) = with_estimator(scene, &settings);
+            let (with, cutoff_hz) = with_estimator(&entry.told(scene), &settings);
             let rig = Rig::new(&with)?;
             let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
             let contacts =
@@ -275,7 +272,7 @@ pub fn compare(
 fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
-        Entry::ObserverOfOwnMass => with_own_mass(EstimatorName::Observer.defaults(), scene),
+        Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ, prewarp: false },
     }
 }

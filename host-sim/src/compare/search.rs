@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 use super::{
-    axis::{Axes, Free},
+    axis::Axes,
     bandwidth::bandwidth_hz,
     tuned::{Edge, Tried, Tuned},
     with_estimator,
@@ -71,14 +71,14 @@ pub const WRONG_BY: f64 = 1.2;
 /// How much the mass of a model is put wrong.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
-/// Tunes what is free of `start`. `done` is called with the number of walks made.
+/// Tunes `start` if it is free; else it is walked as it is. `done` is called with the number of walks made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn tune(
     scene: &Scene,
     start: &VelocitySettings,
-    free: Free,
+    is_free: bool,
     budget: Budget,
     stop: &AtomicBool,
     done: &(impl Fn(u64) + Sync),
@@ -94,7 +94,7 @@ pub fn tune(
     let starts: Vec<f64> =
         (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
     let design = scene.design();
-    let axes = Axes::new(start, &design, scene.device.mass_kg, free);
+    let axes = is_free.then(|| Axes::new(start, &design, scene.device.mass_kg)).flatten();
     let mut tuned = Tuned {
         tried: vec![],
         settled: true,
@@ -277,7 +277,7 @@ mod tests {
         area: impl Fn([f64; 2]) -> f64,
     ) -> (Vec<[f64; 2]>, [f64; 2], bool) {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
-        let axes = Axes::new(&name.defaults(), &scene.design(), 0.416, Free::All).unwrap();
+        let axes = Axes::new(&name.defaults(), &scene.design(), 0.416).unwrap();
         let look = |settings: &[VelocitySettings]| {
             Ok(settings.iter().map(|settings| area(EstimatorName::of(settings).1)).collect())
         };
@@ -362,7 +362,7 @@ mod tests {
     fn an_end_of_the_range_is_named_with_its_reason() {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let of = |name: EstimatorName, place| {
-            let axes = Axes::new(&name.defaults(), &scene.design(), 0.416, Free::All).unwrap();
+            let axes = Axes::new(&name.defaults(), &scene.design(), 0.416).unwrap();
             edges(&axes, &axes.at(place))
         };
         assert_eq!(of(EstimatorName::TrackingLoop, [1.0, 0.0]), [Some(Edge::Core), None]);

@@ -9,7 +9,8 @@
 //! As on a device, an estimator that knows a force knows the *motor's*, never the hand's. Where the
 //! motor drives, that is the force which the device itself asks for: `m x'' + b x' + k x`, with the
 //! scene's own damping and spring, which the estimator does not model. It is told when it is granted,
-//! the actuator's latency (whole samples) before it acts, as the firmware tells it. What else it needs it is given
+//! the actuator's latency (whole samples) before it acts, as the firmware tells it; with
+//! `actuator.latency_known` when it acts. What else it needs it is given
 //! as it is: an accelerometer's reading of the whole motion, the encoder's edges.
 
 use std::f64::consts::PI;
@@ -171,12 +172,7 @@ impl Bench<'_> {
         let settings = scene.settings(self.cutoff_hz, 0.0, 0.0);
         let mut core = Fixed::new(&settings, &scene.design(), Force::ZERO, count(here))?;
         let mut senses = Full::new(scene);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "0 to 1000 by the scene's check"
-        )]
-        let latency = scene.actuator.latency.round() as u32;
+        let latency = scene.actuator.latency_samples();
         for n in 1..WARM_UP + SAMPLES {
             let force_n = match by {
                 Drive::Hand => 0.0,
@@ -203,12 +199,13 @@ mod tests {
     use zwidth::VelocitySettings;
 
     fn signal(settings: VelocitySettings) -> Signal {
-        behind(0.0, settings)
+        of(0.0, false, settings)
     }
 
-    fn behind(latency: f64, settings: VelocitySettings) -> Signal {
+    fn of(latency: f64, latency_known: bool, settings: VelocitySettings) -> Signal {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
         scene.actuator.latency = latency;
+        scene.actuator.latency_known = latency_known;
         let (scene, cutoff_hz) = crate::compare::with_estimator(&scene, &settings);
         measure(&scene, cutoff_hz).unwrap()
     }
@@ -249,10 +246,12 @@ mod tests {
         let told_of_right = (Complex::new(5.5195 / 0.416, 0.0) / s + 1.0) * (s * 3e-4).exp();
         let early = (passed * (told_of_right - 1.0) + 1.0).arg().to_degrees();
         let settings = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 };
-        let told = behind(3.0, settings);
+        let told = of(3.0, false, settings);
         assert!(early > 4.0 && observer.phase_100_hz_deg.motor < 1.0);
         assert!((told.phase_100_hz_deg.motor - early).abs() < 0.6, "{told:?} {early}");
         assert_eq!(told.phase_100_hz_deg.hand, observer.phase_100_hz_deg.hand);
+        // With the latency known it is told in time, and is as without a latency.
+        assert_eq!(of(3.0, true, settings), observer);
         // told of a mass that is 20 % too large, it takes a sixth of the acceleration for a hand's
         let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };
         let off = signal(wrong).phase_100_hz_deg;

@@ -88,7 +88,7 @@ use Part::{Boundary, Robustness, Signal};
 const AREA: &str = "10^6 N² s/m²";
 
 /// All columns.
-pub const CRITERIA: [Criterion; 24] = [
+pub const CRITERIA: [Criterion; 25] = [
     column("area_n2_s_per_m2", "area", (AREA, 1e-6, 2), Boundary, Some(More), |c, _| {
         c.tuned.areas()
     }),
@@ -157,9 +157,14 @@ pub const CRITERIA: [Criterion; 24] = [
     column("roughness_high_n", "highest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
         roughness(c).into_iter().reduce(f64::max).into_iter().collect()
     }),
-    column("impedance_error", "impedance error", ("%", 1e2, 2), Part::Contact, None, |c, _| {
-        at_all_walls(c, c.fidelity.error)
-    }),
+    column(
+        "impedance_error",
+        "impedance error",
+        ("%", 1e2, 2),
+        Part::Contact,
+        Some(Less),
+        |c, _| at_all_walls(c, c.fidelity.error),
+    ),
     column(
         "impedance_error_of_estimator",
         "estimator's share",
@@ -174,6 +179,14 @@ pub const CRITERIA: [Criterion; 24] = [
     column("left_when_bandwidth_high", "-3 dB x1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
         c.tuned.left_when_mistuned[1].into_iter().collect()
     }),
+    column(
+        "left_when_bandwidth_wrong",
+        "worse of both",
+        ("%", 1e2, 0),
+        Robustness,
+        Some(More),
+        |c, _| worse(c.tuned.left_when_mistuned),
+    ),
     column("left_when_mass_low", "mass -20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
         c.tuned.left_when_mass_is_wrong[0].into_iter().collect()
     }),
@@ -197,6 +210,11 @@ fn roughness(c: &Compared) -> Vec<f64> {
 /// A value that holds for all walls, if all of them are stable.
 fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
     if c.contacts.iter().all(|contact| contact.stable) { vec![value] } else { vec![] }
+}
+
+/// The smaller of two values, if there are both.
+fn worse([low, high]: [Option<f64>; 2]) -> Vec<f64> {
+    low.zip(high).map(|(low, high)| low.min(high)).into_iter().collect()
 }
 
 /// Walks that the search made.
@@ -317,7 +335,8 @@ pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
         ));
     }
     notes.push(
-        "An estimator that knows a force knows the motor's only, when it is granted, as on a board. The push \
+        "An estimator that knows a force knows the motor's only: when it is granted, as on our boards, or, with \
+         the latency known (`told in time`), when it acts. The push \
          of a wall hit is the motor's too, so there it knows all of the force; of a hand's it would know nothing. \
          Delay and phase are given for a motion made by the hand and for one made by the motor; noise with no force."
             .into(),

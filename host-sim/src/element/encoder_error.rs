@@ -37,6 +37,13 @@ impl EncoderError {
         self.first_m * libm::sin(phase) + self.second_m * libm::sin(2.0 * phase)
     }
 
+    /// What the error adds to a speed, as a part of it: its slope over the position.
+    pub fn slope(&self, position_m: f64) -> f64 {
+        let phase = TAU * position_m / self.cycle_m + self.phase_rad;
+        let sum = self.first_m * libm::cos(phase) + 2.0 * self.second_m * libm::cos(2.0 * phase);
+        TAU / self.cycle_m * sum
+    }
+
     /// # Errors
     /// Key, value, allowed range.
     pub fn check(&self) -> Result<(), String> {
@@ -51,6 +58,15 @@ impl EncoderError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_slope_is_that_of_the_error() {
+        let error = EncoderError { cycle_m: 2e-5, first_m: 3e-7, second_m: 1e-7, phase_rad: 0.4 };
+        for x in (0..50).map(|n| f64::from(n) * 1e-6) {
+            let difference = (error.error_m(x + 1e-9) - error.error_m(x - 1e-9)) / 2e-9;
+            assert!((difference - error.slope(x)).abs() < 1e-6, "{x}");
+        }
+    }
 
     #[test]
     fn repeats_with_the_cycle_and_has_its_amplitudes() {

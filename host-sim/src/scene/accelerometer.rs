@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
-use zwidth::{units::Acceleration, velocity::Sense};
+use zwidth::units::Acceleration;
 
 use super::{Scene, within};
 
@@ -31,17 +31,9 @@ pub struct Accelerometer {
 }
 
 impl Scene {
-    /// Checks the accelerometer, and that an estimator that needs one has it.
+    /// Checks the accelerometer.
     pub(super) fn check_accelerometer(&self) -> Result<(), String> {
-        let Some(sensor) = &self.accelerometer else {
-            return match self.velocity.sense() {
-                Some(Sense::Acceleration) => Err(format!(
-                    "velocity.estimator is {}, allowed with a table accelerometer only",
-                    self.velocity.name()
-                )),
-                _ => Ok(()),
-            };
-        };
+        let Some(sensor) = &self.accelerometer else { return Ok(()) };
         let rate_hz = self.control.rate_hz;
         let largest =
             f64::from(Acceleration::LIMIT) * self.encoder.resolution_m * rate_hz * rate_hz;

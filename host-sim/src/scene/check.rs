@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use zwidth::{SettingsError, shorten};
 
-use super::Scene;
+use super::{LATENCY_KNOWN_MAX, Scene};
 
 /// Accepted ranges of what only the simulator knows.
 pub mod ranges {
@@ -42,11 +42,16 @@ impl Scene {
         within("actuator.gain_n_per_v", actuator.gain_n_per_v, ranges::GAIN_N_PER_V)?;
         within("actuator.limit_v", actuator.limit_v, ranges::LIMIT_V)?;
         within("actuator.latency", actuator.latency, ranges::LATENCY)?;
+        if actuator.latency_known {
+            let known = 0.0..=f64::from(LATENCY_KNOWN_MAX);
+            within("actuator.latency with latency_known", actuator.latency, known)?;
+        }
         let keyed = |error: SettingsError| in_scene(&error);
         self.design().check().map_err(keyed)?;
         self.hit_settings().build(&self.design()).map_err(keyed)?;
         self.check_elements()?;
         self.check_accelerometer()?;
+        self.check_senses()?;
         self.walk_plan().check().map_err(|error| {
             refused(&format!("walk.{}", error.parameter), error.value, &error.range)
         })?;

@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use zwidth::velocity::Sense;
+
 use super::Scene;
 use crate::{
     element::{Chain, Nonlinear},
@@ -49,6 +51,31 @@ impl Scene {
                          \"semi-implicit-euler\" or \"dormand-prince\""
                 .into()),
         }
+    }
+
+    /// Whether the scene can give that sense. Edges have to go with the counts, so they have none of the errors that
+    /// a reading gets once per sample.
+    pub fn feeds(&self, sense: Sense) -> bool {
+        match sense {
+            Sense::Force => true,
+            Sense::Edge => self.encoder_noise.is_none() && self.jitter.is_none(),
+            Sense::Acceleration => self.accelerometer.is_some(),
+        }
+    }
+
+    /// An estimator has the sense that it needs.
+    pub(super) fn check_senses(&self) -> Result<(), String> {
+        let Some(sense) = self.velocity.sense().filter(|sense| !self.feeds(*sense)) else {
+            return Ok(());
+        };
+        Err(format!(
+            "velocity.estimator is {}, allowed {}",
+            self.velocity.name(),
+            match sense {
+                Sense::Edge => "without the tables encoder_noise and jitter only",
+                _ => "with a table accelerometer only",
+            }
+        ))
     }
 
     /// Tables of this scene that no linear analysis can take.

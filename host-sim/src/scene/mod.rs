@@ -158,7 +158,27 @@ pub struct Actuator {
     pub period: u32,
     /// Samples from the encoder reading to the force on the handle; need not be whole.
     pub latency: f64,
+    /// An estimator that is told the force is told it when it acts, to the nearest sample, and not when it
+    /// is granted.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub latency_known: bool,
 }
+
+impl Actuator {
+    /// The latency to the nearest whole sample.
+    pub fn latency_samples(&self) -> u32 {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the scene's check"
+        )]
+        let samples = self.latency.round() as u32;
+        samples
+    }
+}
+
+/// Longest latency that may be known, in samples.
+pub const LATENCY_KNOWN_MAX: u32 = 64;
 
 /// Sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
