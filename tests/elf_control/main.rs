@@ -1,6 +1,6 @@
 //! The release ELF under load, in a session that is run once: its telemetry against the core on the host, bit for bit;
 //! the delay of its samples, its interrupt masks, cycles and memory. And what no session has: every trouble within the
-//! budget of a sample, commands against the latency, nobody who reads.
+//! budget of a sample, commands in any order, commands against the latency, nobody who reads.
 
 #![allow(clippy::unwrap_used, reason = "a test may stop")]
 #![allow(
@@ -12,6 +12,7 @@
 
 mod acknowledgement;
 mod budget;
+mod commands;
 mod delay;
 #[path = "../elf/mod.rs"]
 mod elf;
