@@ -304,11 +304,11 @@ impl<S: Machine, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
                 let away = simd.masked(simd.sub_f64s(count, origin), within);
                 counted[r] = Counted {
                     count,
-                    jump: simd.max_f64s(jump, simd.magnitude(difference)),
+                    jump: simd.max_of(jump, simd.magnitude(difference)),
                     sum: simd.add_f64s(sum, away),
                     // exact, so it does not matter whether the machine fuses it
                     squares: simd.mul_add_e_f64s(away, away, squares),
-                    deepest: simd.max_f64s(deepest, away),
+                    deepest: simd.max_of(deepest, away),
                 };
                 row.0[r] = difference;
             }
@@ -441,7 +441,7 @@ impl<S: Machine, const R: usize> Clock<S, R> {
 fn is_above<S: Machine, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
     let mut all = simd.splat_f64s(f64::INFINITY);
     for &value in values {
-        all = simd.min_f64s(all, value);
+        all = simd.min_of(all, value);
     }
     simd.first_true_m64s(simd.less_than_f64s(all, simd.splat_f64s(least))) >= S::F64_LANES
 }

@@ -60,6 +60,18 @@ pub trait Machine: Simd {
         self.masked(a, self.splat_u64s(!SIGN))
     }
 
+    /// `a` if it is larger, else `b`: what x86 does, signs of zero included.
+    #[inline(always)]
+    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.choose(self.greater_than_f64s(a, b), a, b)
+    }
+
+    /// `a` if it is smaller, else `b`.
+    #[inline(always)]
+    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.choose(self.greater_than_f64s(b, a), a, b)
+    }
+
     /// Both are signed 64-bit numbers.
     #[inline(always)]
     fn is_above(self, a: Self::u64s, b: Self::u64s) -> Self::m64s {
@@ -140,6 +152,16 @@ impl Machine for pulp::aarch64::Neon {}
 #[cfg(target_arch = "x86_64")]
 impl Machine for pulp::x86::V3 {
     #[inline(always)]
+    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.max_f64s(a, b)
+    }
+
+    #[inline(always)]
+    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.min_f64s(a, b)
+    }
+
+    #[inline(always)]
     fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         cast(self.avx2._mm256_mul_epi32(cast(a), cast(b)))
     }
@@ -168,6 +190,16 @@ impl Machine for pulp::x86::V3 {
 /// Two vectors side by side.
 #[cfg(target_arch = "x86_64")]
 impl Machine for pulp::x86::V3_512b {
+    #[inline(always)]
+    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.max_f64s(a, b)
+    }
+
+    #[inline(always)]
+    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.min_f64s(a, b)
+    }
+
     #[inline(always)]
     fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         halves(a, b, |a, b| self.0.product(a, b))
@@ -207,6 +239,16 @@ fn halves(
 
 #[cfg(target_arch = "x86_64")]
 impl Machine for pulp::x86::V4 {
+    #[inline(always)]
+    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.max_f64s(a, b)
+    }
+
+    #[inline(always)]
+    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+        self.min_f64s(a, b)
+    }
+
     #[inline(always)]
     fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         cast(self.avx512f._mm512_mul_epi32(cast(a), cast(b)))

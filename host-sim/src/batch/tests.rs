@@ -133,6 +133,20 @@ fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
     }
 }
 
+/// So short that an interpreter of another machine's instructions runs it in CI: NEON's lanes.
+#[test]
+fn a_few_samples_are_the_same_on_every_backend() {
+    let mut scene = short(paper());
+    scene.device.start_position_m = scene.wall.position_m + 1e-5;
+    scene.wall_hit.settle_s = 0.004;
+    scene.wall_hit.window_s = 0.008;
+    let rig = Rig::new(&scene).unwrap();
+    let hits = grid(&[50.0, 4000.0], &[90_000.0], &[10.0]);
+    assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+    let names: Vec<_> = backends().map(|backend| format!("{backend:?}")).collect();
+    println!("{names:?}");
+}
+
 #[test]
 fn linear_elements_run_in_lanes() {
     let amplifier = Some(Amplifier { bandwidth_hz: 800.0 });

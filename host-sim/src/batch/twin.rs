@@ -68,7 +68,7 @@ impl<S: Machine> Lanes<S> for TwinState<S> {
     #[inline(always)]
     fn quick(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s, smallest: &mut S::f64s) {
         let raw = self.raw(simd, gains, difference);
-        *smallest = simd.min_f64s(*smallest, simd.magnitude(raw));
+        *smallest = simd.min_of(*smallest, simd.magnitude(raw));
         self.x = [difference, self.x[0]];
         self.y = [raw, self.y[0]];
     }
@@ -96,10 +96,10 @@ impl<S: Machine> Lanes<S> for TwinState<S> {
             simd.mul_f64s(gains.stiffness, depth),
             simd.mul_f64s(gains.damping, velocity),
         );
-        let one_sided = simd.max_f64s(total, command.least_wall);
+        let one_sided = simd.max_of(total, command.least_wall);
         let wanted = simd.sub_f64s(command.push, simd.choose(inside, one_sided, zero));
         let one = simd.splat_f64s(1.0);
-        let force = simd.min_f64s(simd.max_f64s(wanted, simd.splat_f64s(-1.0)), one);
+        let force = simd.min_of(simd.max_of(wanted, simd.splat_f64s(-1.0)), one);
         match command.codes_f64 {
             None => force,
             Some(codes) => {
