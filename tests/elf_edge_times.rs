@@ -89,7 +89,16 @@ const MOTION: [(f64, u32); 24] = [
 #[test]
 fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
     let firmware = Firmware::variant(NUCLEO, &["time-stamps"]);
-    let (mut world, taken) = chosen(&firmware);
+    bit_for_bit(&firmware, false);
+    bit_for_bit(&firmware, true);
+}
+
+/// The whole motion; `turned`: with the encoder's sign changed, so that it counts the other way round.
+fn bit_for_bit(firmware: &Firmware, turned: bool) {
+    let (mut world, taken) = chosen(firmware);
+    if turned {
+        ok(&mut world, "encoder -");
+    }
     world.powered.mcu.watch_mut().clear();
     let mut samples = 0;
     for (speed, length) in MOTION {
@@ -122,7 +131,7 @@ fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
 
     let watch = world.powered.mcu.watch().clone();
     let notes = world.powered.mcu.take_edge_notes();
-    let (ages, near) = edges::latest(NUCLEO, &notes, 16);
+    let (ages, near) = edges::latest(NUCLEO, &notes, 16, turned);
     let readings = world.powered.mcu.counter_readings();
     let [first, readings @ ..] = &readings[..] else { panic!("no counts") };
     let records = records(&mut world);

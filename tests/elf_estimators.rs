@@ -102,7 +102,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
         let taken: Vec<Control> =
             settings.iter().map(|settings| settings.build(&design).unwrap()).collect();
         let edges = if captured {
-            edges::latest(board, &world.powered.mcu.take_edge_notes(), 0).0
+            edges::latest(board, &world.powered.mcu.take_edge_notes(), 0, false).0
         } else {
             vec![]
         };

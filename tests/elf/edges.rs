@@ -13,7 +13,14 @@ const FILTER: u64 = 8;
 ///
 /// Samples are taken at equal distances, and ages are told from there, in whole ticks. The first ones come
 /// when the program is ready.
-pub fn latest(board: Board, notes: &EdgeNotes, near: u64) -> (Vec<Option<Edge>>, usize) {
+///
+/// With `turned` the counter counts the other way round.
+pub fn latest(
+    board: Board,
+    notes: &EdgeNotes,
+    near: u64,
+    turned: bool,
+) -> (Vec<Option<Edge>>, usize) {
     let per_sample = board.cycles_per_sample() / TICK;
     let mut phase = notes.captures_read_at[0] / TICK;
     let mut edges = notes.edges.iter().peekable();
@@ -35,7 +42,7 @@ pub fn latest(board: Board, notes: &EdgeNotes, near: u64) -> (Vec<Option<Edge>>,
             if seen > read_at / TICK {
                 break;
             }
-            let up = count.is_none_or(|count| to > count);
+            let up = count.is_none_or(|count| to > count) ^ turned;
             new = Some((seen, up));
             count = Some(to);
             edges.next();
