@@ -6,9 +6,14 @@
 mod elf;
 
 use elf::{Firmware, Replay, edges, ok};
+use host_sim::{
+    rig::{Numeric, Rig, WallHit},
+    scene::NamedScene,
+};
 use virtual_board::{
     board::{BOARDS, Board},
     mcu::SAMPLE,
+    session::Session,
     world::World,
 };
 use zwidth::{
@@ -129,7 +134,12 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
     world.lead(0.0);
     world.run(20).unwrap();
 
-    let watch = world.powered.mcu.watch().clone();
+    let watch = world.powered.mcu.watch();
+    let sample = watch.tasks[&SAMPLE];
+    println!("sample {}..{} cycles, delays {:?}", sample.least, sample.most, watch.delays);
+    assert!(sample.most <= NUCLEO.cycles_per_sample() / 4, "{sample:?}");
+    assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
+    assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
     let notes = world.powered.mcu.take_edge_notes();
     let (ages, near) = edges::latest(NUCLEO, &notes, 16, turned);
     let readings = world.powered.mcu.counter_readings();
@@ -150,14 +160,9 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
         assert_eq!(record.velocity, motion.velocity, "{n}: {edge:?}");
         compared += 1;
     }
-    let sample = watch.tasks[&SAMPLE];
     println!("{samples} samples, {compared} velocities equal, {near} edges near a reading");
-    println!("sample {}..{} cycles, delays {:?}", sample.least, sample.most, watch.delays);
     assert!(samples >= 4_000 && compared >= 400, "{samples} {compared}");
     assert!(near > 100, "{near}");
-    assert!(sample.most <= NUCLEO.cycles_per_sample() / 4, "{sample:?}");
-    assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
-    assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
 }
 
 /// Core cycles by which a sample may be early or late, and a tick of the capturing timer.
@@ -212,5 +217,47 @@ fn a_board_without_edge_times_says_so() {
         let unknown = refusal(board, &[]);
         println!("{unknown}");
         assert!(unknown.starts_with("error") && !unknown.contains("time-stamps"), "{unknown}");
+    }
+}
+
+/// In closed loop, with the velocity from edges: hits end as the simulator's, whose edges come from the
+/// motion itself.
+#[test]
+fn hits_end_as_in_the_simulator() {
+    let Firmware { board, elf, table, .. } = Firmware::variant(NUCLEO, &["time-stamps"]);
+    let mut text = NamedScene::load(board.name).unwrap().text;
+    for (from, to) in [
+        (
+            "estimator = \"butterworth\"\nprewarp = false",
+            "estimator = \"time-stamps\"\nspan_samples = 8",
+        ),
+        ("settle_s = 4.0", "settle_s = 0.8"),
+        ("window_s = 2.0", "window_s = 0.3"),
+        ("start_position_m = 0.0", "start_position_m = 0.06"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    let scene = NamedScene::parse("stamps".to_owned(), text, "test").unwrap();
+    let rig = Rig::new(&scene.scene).unwrap();
+    let session = Session { board, scene, elf, table };
+    for (k, b, stable) in
+        [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]
+    {
+        let wall = WallHit {
+            cutoff_hz: 1500.0,
+            stiffness_n_per_m: k,
+            damping_n_s_per_m: b,
+            start_offset_counts: 0.0,
+        };
+        let simulated = rig.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
+        let (report, _) = session.hit([1500.0, k, b]).unwrap();
+        println!("K {k} B {b}: {}; simulated {simulated:?}", report.line);
+        assert_eq!([simulated.is_stable(), report.verdict == "stable"], [stable; 2]);
+        if stable {
+            // Limit cycles of a few counts, which start anywhere.
+            assert!((report.mean_m - simulated.mean_m).abs() < 5e-6, "{report:?}");
+            assert!((0.5..2.0).contains(&(report.rms_m / simulated.rms_m)), "{report:?}");
+        }
     }
 }
