@@ -5,7 +5,7 @@
 
 mod elf;
 
-use elf::{Firmware, Replay, arm, ok};
+use elf::{Firmware, Replay, arm, edges, ok};
 use virtual_board::{
     board::{BOARDS, Force as Wired},
     mcu::{Cycles, SAMPLE},
@@ -14,7 +14,7 @@ use zwidth::{
     Control, Design, Settings, VelocitySettings, WallSettings,
     telemetry::{Decoder, Record},
     units::Force,
-    velocity::{EstimatorName, Sense, Senses},
+    velocity::{Edge, EstimatorName, Sense, Senses},
 };
 
 /// Samples with each estimator: twice in and out of the wall.
@@ -41,6 +41,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
             Wired::Pwm { .. } => zwidth::Output::Pwm { steps: 4200 },
         };
         let design = Design { output, ..firmware.scene.design() };
+        let captured = board.wiring.captured.is_some();
         let mut world = firmware.boot();
         arm(&mut world);
         let middle_m = world.position_m();
@@ -54,7 +55,9 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
         }
         let mut table: Vec<(&str, Cycles)> = vec![];
         for &name in EstimatorName::ALL {
-            if let Some(sense) = name.missing(&[Sense::Force]) {
+            // The Nucleo has edge times too; without them, `time-stamps` is refused.
+            let senses = &[Sense::Force, Sense::Edge][..1 + usize::from(captured)];
+            if let Some(sense) = name.missing(senses) {
                 let refused = world.ask(&format!("estimator {}", name.text())).unwrap();
                 assert!(refused.contains(sense.text()), "{refused}");
                 continue;
@@ -98,7 +101,13 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
         assert_eq!(decoder.dropped, 0);
         let taken: Vec<Control> =
             settings.iter().map(|settings| settings.build(&design).unwrap()).collect();
-        let compared = compare(&world.powered.mcu.counter_readings(), &records, &taken);
+        let edges = if captured {
+            edges::latest(board, &world.powered.mcu.take_edge_notes(), 0, false).0
+        } else {
+            vec![]
+        };
+        let readings = world.powered.mcu.counter_readings();
+        let compared = compare(&readings, &edges, &records, &taken);
         println!("{}: {compared} velocities equal, {} estimators", board.name, table.len());
         for (name, cycles) in table {
             println!("  {name:24} sample {}..{} cycles", cycles.least, cycles.most);
@@ -108,17 +117,18 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
     }
 }
 
-/// Replays the counts on the core with the settings of each record, and the force that the record before
-/// it says; how many velocities were equal.
-fn compare(readings: &[u32], records: &[Record], taken: &[Control]) -> u64 {
+/// Replays the counts, and the edges of a board that has their times, on the core with the settings of
+/// each record, and the force that the record before it says; how many velocities were equal.
+fn compare(readings: &[u32], edges: &[Option<Edge>], records: &[Record], taken: &[Control]) -> u64 {
     let [first, readings @ ..] = readings else { panic!("no counts") };
     let mut replay = Replay::new(*first, taken);
     let mut records = records.iter().peekable();
     let mut force = Force::ZERO;
     let skipped = records.peek().unwrap().sample;
     let mut compared = 0;
+    let mut edges = edges.iter();
     for (n, &reading) in (0u64..).zip(readings) {
-        let senses = Senses { force, ..Senses::NONE };
+        let senses = Senses { force, edge: edges.next().copied().flatten(), ..Senses::NONE };
         let (_, motion) = replay.sample(n, reading, records.peek().copied(), &senses);
         if !motion.due || n < skipped {
             continue;

@@ -43,8 +43,10 @@ fn is_panic(name: &str) -> bool {
 
 #[test]
 fn no_panic_is_reachable_after_init() {
-    for board in BOARDS {
-        let firmware = Firmware::of(board);
+    // The images as they are, and the one that captures the encoder's edges.
+    let images = [(BOARDS[0], &[][..]), (BOARDS[1], &[]), (BOARDS[0], &["time-stamps"])];
+    for (board, features) in images {
+        let firmware = Firmware::variant(board, features);
         let code = Code::of(&firmware.elf);
         let mut entries = code.handlers();
         let idle = code.named("3app4idle");
@@ -55,7 +57,7 @@ fn no_panic_is_reachable_after_init() {
             assert!(task.iter().any(|address| entries.contains(address)), "{task:x?}");
         }
         let found = reachable(&code, &entries);
-        println!("{}: {} functions", board.name, found.len());
+        println!("{} {features:?}: {} functions", board.name, found.len());
         // Formatting and the logger are among them: the look goes deep enough.
         for part in ["3fmt5write", "_defmt_release", "pad_integral"] {
             assert!(found.keys().any(|&function| code.name(function).contains(part)), "{part}");

@@ -28,7 +28,7 @@ use zwidth::{
     },
     telemetry::Flags,
     units::Force,
-    velocity::EstimatorName,
+    velocity::{EstimatorName, Senses},
 };
 
 const GOOD: Inputs =
@@ -120,7 +120,8 @@ impl Loop {
 
     /// One sample with that reading of the counter; what was rendered, if it was due.
     fn control(&mut self, counter: u32) -> Option<Rendered> {
-        let step = self.sampler.step(&self.control, counter, &self.down, &mut self.guard);
+        let Self { sampler, control, down, guard, .. } = self;
+        let step = sampler.step(control, counter, &Senses::NONE, down, guard);
         let up = Up { motion: step.motion, present: step.present, guard: self.guard };
         step.motion.due.then(|| {
             let rendered = self.supervisor.render(&self.control, &up, self.push, GOOD);
@@ -292,7 +293,7 @@ fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
             let counter = begin.wrapping_add((f64::from(n) * speed).floor() as u32);
             let Loop { sampler, control, down, guard, .. } = &mut real;
             down.rendered = n.wrapping_sub(1) / 10 * 10; // every output in time
-            let step = sampler.step(control, counter, down, guard);
+            let step = sampler.step(control, counter, &Senses::NONE, down, guard);
             if n > 1_000 {
                 let velocity = f64::from(step.motion.velocity.bits()) / 65_536.0;
                 largest = largest.max((velocity - speed).abs());
@@ -314,7 +315,7 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
     let counter = |n: u32| begin.wrapping_add((f64::from(n) * speed).floor() as u32);
     let velocity = |real: &mut Loop, n: u32| {
         let Loop { sampler, control, down, guard, .. } = real;
-        let step = sampler.step(control, counter(n), down, guard);
+        let step = sampler.step(control, counter(n), &Senses::NONE, down, guard);
         f64::from(step.motion.velocity.bits()) / 65_536.0
     };
     let mut largest: f64 = 0.0;

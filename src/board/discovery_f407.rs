@@ -17,6 +17,7 @@
 //! PE1, PE3 and PA5 to PA7, which stay free. The clock is the board's 8 MHz crystal X2.
 
 use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
+use zwidth::velocity::Sense;
 
 use super::{
     Board, Drive, EmergencyStop, Encoder, FaultMemory, Pace, RATE_HZ, SettingsFlash, Supply,
@@ -40,6 +41,9 @@ const SUPPLY_LEVEL: u8 = 0b100;
 pub const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (CORE_HZ / RATE_HZ) as f64;
 /// What the force output makes of a force.
 pub const OUTPUT: zwidth::Output = zwidth::Output::Pwm { steps: STEPS as u32 };
+/// What an estimator can look at beside the count. No edge times: PA6 and PA7, where TIM3 would
+/// capture them, are the accelerometer's.
+pub const SENSES: &[Sense] = &[Sense::Force];
 
 /// Sets the board up, outputs off first. The timers do not run yet.
 pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board {

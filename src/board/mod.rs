@@ -1,7 +1,7 @@
 //! The hardware: one file per board, which names its pins as the schematic does, and one file per
 //! peripheral. All unsafe code of the firmware is here.
 //!
-//! A board file has `NAME`, `CORE_HZ`, `OUTPUT` and `take`, and picks its [`Output`]; see
+//! A board file has `NAME`, `CORE_HZ`, `OUTPUT`, `SENSES` and `take`, and picks its [`Output`]; see
 //! docs/adding-a-board.md.
 #![allow(unsafe_code)]
 
@@ -21,6 +21,8 @@ use nucleo_f446re as this;
 
 #[allow(dead_code, reason = "a board has one output")]
 mod dac;
+#[cfg(all(feature = "nucleo-f446re", feature = "time-stamps"))]
+mod edges;
 mod enable;
 mod encoder;
 mod fault_memory;
@@ -52,17 +54,14 @@ pub use rtt::{Commands, Link, Up};
 pub use settings::{FlashError, SettingsFlash};
 pub use snapshot::{Reading, Snapshot, Writing};
 pub use supply::Supply;
-pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, take};
+pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, SENSES, take};
 pub use watchdog::Watchdog;
 
 use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::{safety::ResetCause, units::Command, velocity::Sense};
-
-/// What an estimator can look at beside the count. No board has edge times or an accelerometer.
-pub const SENSES: &[Sense] = &[Sense::Force];
+use zwidth::{safety::ResetCause, units::Command};
 
 /// Samples per second, Hz.
 pub const RATE_HZ: u32 = 10_000;
@@ -154,6 +153,8 @@ fn set_up_debug(dbgmcu: &pac::DBGMCU) {
     dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
     dbgmcu.apb2_fz().modify(|_, w| w.dbg_tim1_stop().set_bit());
     dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim5_stop().set_bit().dbg_iwdg_stop().clear_bit());
+    #[cfg(all(feature = "nucleo-f446re", feature = "time-stamps"))]
+    dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim3_stop().set_bit()); // it stays in phase with TIM5
 }
 
 /// Watches the HSE: if it fails, TIM1's break drops enable and an NMI ends the program.

@@ -4,6 +4,8 @@
 //! |-----------------|------|-------------------|-----------------------------------|
 //! | encoder A       | PA0  | A0, CN8-1         | TIM2_CH1                          |
 //! | encoder B       | PA1  | A1, CN8-2         | TIM2_CH2                          |
+//! | encoder A again | PA6  | D12, CN5-5        | TIM3_CH1, with `time-stamps` only |
+//! | encoder B again | PA7  | D11, CN5-4        | TIM3_CH2, with `time-stamps` only |
 //! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.2 .. 3.1 V, zero 1.65 V |
 //! | enable          | PA10 | D2, CN9-3         | TIM1_CH3, active high, low in off |
 //! | emergency stop  | PB12 | CN10-16           | TIM1_BKIN, closed to ground       |
@@ -17,6 +19,7 @@
 //! outputs off.
 
 use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
+use zwidth::velocity::Sense;
 
 use super::{
     Board, Drive, EmergencyStop, Encoder, FaultMemory, Pace, RATE_HZ, SettingsFlash, Supply,
@@ -36,6 +39,12 @@ const SUPPLY_LEVEL: u8 = 0b110;
 pub const LATENCY_SAMPLES: f64 = 0.115;
 /// What the force output makes of a force.
 pub const OUTPUT: zwidth::Output = zwidth::Output::Dac { bits: 12 };
+/// What an estimator can look at beside the count.
+pub const SENSES: &[Sense] = &[
+    Sense::Force,
+    #[cfg(feature = "time-stamps")]
+    Sense::Edge,
+];
 
 /// Sets the board up, outputs off first. The timers do not run yet.
 pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board {
@@ -60,7 +69,16 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let _enable = a.pa10.into_alternate::<1>();
     let drive = Drive { output: Output::new(device.DAC, a.pa4.into_analog(), &mut rcc) };
     let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
-    let encoder = Encoder::new(device.TIM2, a.pa0, a.pa1, &mut rcc);
+    #[cfg(feature = "time-stamps")]
+    let edges = super::edges::Edges::new(device.TIM3, a.pa6, a.pa7, &mut rcc);
+    let encoder = Encoder::new(
+        device.TIM2,
+        a.pa0,
+        a.pa1,
+        #[cfg(feature = "time-stamps")]
+        edges,
+        &mut rcc,
+    );
     let supply = Supply::new(device.PWR, SUPPLY_LEVEL, &mut rcc);
     let memory = FaultMemory::new(&supply, &mut rcc);
     let settings = SettingsFlash::new(device.FLASH);

@@ -133,8 +133,9 @@ impl GuardedSampler {
     }
 
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
-    /// constant rate, with the newest [`Down`]. `guard` is what was found so far; it is written in
-    /// its place, and [`Step::told`] set then.
+    /// constant rate, with the newest [`Down`]. `senses` is what the board has beside the count; the
+    /// force is that of `down`. `guard` is what was found so far; it is written in its place, and
+    /// [`Step::told`] set then.
     ///
     /// At a sample with `motion.due`, the output of the due sample before it has to be there;
     /// if `down.rendered` says that it is not, it is late by a period.
@@ -143,11 +144,12 @@ impl GuardedSampler {
         &mut self,
         control: &Control,
         counter: u32,
+        senses: &Senses,
         down: &Down,
         guard: &mut Guard,
     ) -> Step {
         let before = self.sampler.position();
-        let senses = Senses { force: down.force, ..Senses::NONE };
+        let senses = Senses { force: down.force, ..*senses };
         let mut motion = self.sampler.sense(control, counter, &senses);
         if motion.due {
             self.expect_output(motion.number(), down, control.period.get());

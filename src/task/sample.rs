@@ -65,10 +65,10 @@ impl Sample {
     /// `render` sees to it, and the next sample if `render` does not come.
     #[inline(always)]
     pub fn run(&mut self) {
-        let count = self.encoder.count();
+        let (count, senses) = self.encoder.sense();
         self.pace.acknowledge();
         let guard = self.guard.place();
-        let step = self.sampler.step(self.control.get(), count, self.down.get(), guard);
+        let step = self.sampler.step(self.control.get(), count, &senses, self.down.get(), guard);
         let Motion { sample, position, velocity, due } = step.motion;
         let number = step.motion.number();
         if step.told {

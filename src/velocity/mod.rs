@@ -6,6 +6,8 @@
 
 mod biquad;
 mod butterworth;
+#[cfg(feature = "time-stamps")]
+mod edge_timer;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 mod fir;
 #[cfg(feature = "foaw")]
@@ -32,6 +34,8 @@ mod tracking;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder, PREWARPED_MAX, true_cutoff_hz};
+#[cfg(feature = "time-stamps")]
+pub use edge_timer::{Captures, EdgeTimer};
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 pub use fir::Fir;
 #[cfg(feature = "foaw")]

@@ -4,6 +4,7 @@
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 pub mod code;
+pub mod edges;
 
 use std::collections::BTreeSet;
 
@@ -73,8 +74,20 @@ impl Firmware {
     /// Switched on and booted, with the handle at rest where the device rests.
     pub fn boot(&self) -> World<'_> {
         let rest_m = self.scene.device.rest_position_m;
-        let mut world =
-            World::new(self.board, &self.elf, &self.table, &self.scene, rest_m).unwrap();
+        let world = World::new(self.board, &self.elf, &self.table, &self.scene, rest_m).unwrap();
+        self.booted(world)
+    }
+
+    /// The same with every edge of the encoder at its own time.
+    pub fn boot_with_edge_times(&self) -> World<'_> {
+        let rest_m = self.scene.device.rest_position_m;
+        let Self { board, elf, table, scene } = self;
+        self.booted(World::with_edge_times(*board, elf, table, scene, rest_m).unwrap())
+    }
+
+    fn booted<'a>(&'a self, mut world: World<'a>) -> World<'a> {
+        let rest_m = self.scene.device.rest_position_m;
+        world.powered.mcu.take_edge_notes(); // takes them from now on
         world.run(200).unwrap();
         world.hold(rest_m, false);
         world

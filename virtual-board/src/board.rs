@@ -27,6 +27,8 @@ pub struct Board {
 pub struct Wiring {
     /// Encoder A, B.
     pub encoder: [Pin; 2],
+    /// Where A and B are wired to as well, for the times of their edges: TIM3's channels 1 and 2.
+    pub captured: Option<[Pin; 2]>,
     /// Force.
     pub force: Force,
     /// Amplifier enable, active high.
@@ -63,6 +65,7 @@ pub const BOARDS: [Board; 2] = [
         chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true },
         wiring: Wiring {
             encoder: [pin('A', 0), pin('A', 1)],
+            captured: Some([pin('A', 6), pin('A', 7)]),
             force: Force::Dac { pin: pin('A', 4) },
             enable: pin('A', 10),
             stop: pin('B', 12),
@@ -74,6 +77,7 @@ pub const BOARDS: [Board; 2] = [
         chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, over_drive: false },
         wiring: Wiring {
             encoder: [pin('A', 15), pin('A', 1)],
+            captured: None,
             force: Force::Pwm { magnitude: pin('E', 9), sign: pin('E', 11) },
             enable: pin('E', 13),
             stop: pin('E', 15),
@@ -115,7 +119,8 @@ impl Powered {
         let rtt = elf.address_of("_SEGGER_RTT").ok_or("the ELF has no symbol _SEGGER_RTT")?;
         let Wiring { force, enable, stop, .. } = board.wiring;
         let amplifier = Arc::new(Amplifier::new(board.wiring));
-        let mut listeners = Listeners::default();
+        let captured = board.wiring.captured.is_some();
+        let mut listeners = Listeners { captured, ..Listeners::default() };
         let mut outputs = vec![("ch3", enable)];
         match force {
             Force::Dac { .. } => listeners.dac = Some(Arc::clone(&amplifier) as _),

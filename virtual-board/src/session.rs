@@ -2,7 +2,7 @@
 
 use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
-use zwidth::velocity::Sense;
+use zwidth::velocity::{EstimatorName, Sense};
 
 use crate::{
     board::Board,
@@ -109,8 +109,10 @@ impl Session {
     /// Zeroed at the scene's 0, with its wall, push and start, armed and free.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
-        let ([tuning, second], estimator) = tuning(scene, cutoff_hz)?;
-        let mut world = World::new(self.board, &self.elf, &self.table, scene, 0.0)?;
+        let ([tuning, second], estimator) = tuning(self.board, scene, cutoff_hz)?;
+        let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
+        let new = if of_edges { World::with_edge_times } else { World::new };
+        let mut world = new(self.board, &self.elf, &self.table, scene, 0.0)?;
         world.run(500)?;
         // A hand holds it there meanwhile; its count is 0 from then on, so positions are the scene's.
         ask(&mut world, "zero")?;
@@ -118,7 +120,7 @@ impl Session {
         world.run(REST_SAMPLES)?;
         for line in [
             "unlock envelope".to_owned(),
-            format!("estimator {estimator}"),
+            format!("estimator {}", estimator.text()),
             tuning,
             second,
             format!("wall {}", scene.wall.position_m),
@@ -231,17 +233,22 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
 
 /// What the firmware is told of the scene's estimator: the commands that tune it, and its name. Whether
 /// it has that estimator is for the firmware to say.
-fn tuning(scene: &Scene, cutoff_hz: f64) -> Result<([String; 2], &'static str), Failed> {
+fn tuning(
+    board: Board,
+    scene: &Scene,
+    cutoff_hz: f64,
+) -> Result<([String; 2], EstimatorName), Failed> {
     let settings = scene.velocity.settings(cutoff_hz);
     let estimator = settings.name();
-    if let Some(sense) = estimator.missing(&[Sense::Force]) {
+    let edges = usize::from(board.wiring.captured.is_some());
+    if let Some(sense) = estimator.missing(&[Sense::Force, Sense::Edge][..1 + edges]) {
         let (name, sense) = (estimator.text(), sense.text());
-        let text = format!("velocity.estimator {name} needs {sense}, which no board has");
+        let text = format!("velocity.estimator {name} needs {sense}, which {} has not", board.name);
         return Err(Failed::Refused(text));
     }
     let line = |name: &str, parameter: Option<(_, f64)>| {
         parameter.map_or_else(String::new, |(_, value)| format!("{name} {value}"))
     };
     let lines = [line("tuning", settings.tuning()), line("tuning2", settings.second())];
-    Ok((lines, estimator.text()))
+    Ok((lines, estimator))
 }

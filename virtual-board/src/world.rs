@@ -3,6 +3,9 @@
 //! The plant moves in [`STEPS`] exact steps per sample, each with the mean force of its span. The
 //! steps end [`LEAD_S`] before the samples, and the encoder's edges come out within that time, so
 //! that a count that is read belongs to the plant [`LEAD_S`] earlier. That is part of the latency.
+//!
+//! Where a program looks at the times of the edges ([`World::with_edge_times`]), the steps are as long as
+//! that lead: each edge comes out a lead after the plant was there, to the cycle.
 
 use host_sim::{
     element::{EncoderError, EncoderNoise},
@@ -21,6 +24,8 @@ use crate::{
 pub const STEPS: u64 = 10;
 /// From the plant to the counter, s.
 pub const LEAD_S: f64 = 2e-6;
+/// Steps of the plant per sample that are as long as [`LEAD_S`], at 10 kHz.
+const FINE_STEPS: u64 = 50;
 /// Cycles from one encoder edge to the next: more than the timer's input filter takes.
 const EDGE_CYCLES: u64 = 20;
 
@@ -33,11 +38,17 @@ pub struct World<'a> {
     encoder: Encoder,
     error: Option<EncoderError>,
     noise: Option<EncoderNoise>,
+    /// Steps per sample, and their length.
+    steps: u64,
+    step_s: f64,
+    /// What A and B stand for between two counts, if their edges come at their own times.
+    shown: Option<f64>,
     /// Samples since it was switched on.
     samples: u64,
     full_scale_n: f64,
-    /// The handle is held where it is.
+    /// The handle is held where it is, or led at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
+    led_m_per_s: f64,
     /// The motor's wires are swapped.
     pub motor_reversed: bool,
     /// A and B are swapped since the encoder stood at this count.
@@ -89,13 +100,39 @@ impl<'a> World<'a> {
         scene: &Scene,
         start_m: f64,
     ) -> Result<Self, String> {
+        Self::of(board, elf, table, scene, (start_m, STEPS))
+    }
+
+    /// The same with every edge of the encoder at its own time.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_edge_times(
+        board: Board,
+        elf: &Elf,
+        table: &'a defmt_decoder::Table,
+        scene: &Scene,
+        start_m: f64,
+    ) -> Result<Self, String> {
+        let mut world = Self::of(board, elf, table, scene, (start_m, FINE_STEPS))?;
+        world.shown = Some(world.shown_place());
+        Ok(world)
+    }
+
+    fn of(
+        board: Board,
+        elf: &Elf,
+        table: &'a defmt_decoder::Table,
+        scene: &Scene,
+        (start_m, steps): (f64, u64),
+    ) -> Result<Self, String> {
         if scene.jitter.is_some() {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let mut powered = Powered::on(board, elf)?;
         let sample_s = 1.0 / scene.control.rate_hz;
-        #[expect(clippy::cast_precision_loss, reason = "10")]
-        let step_s = sample_s / STEPS as f64;
+        #[expect(clippy::cast_precision_loss, reason = "50 at most")]
+        let step_s = sample_s / steps as f64;
         let plant = AnyPlant::unsensed(scene, step_s, 0.0);
         let encoder =
             Encoder { resolution_m: scene.encoder.resolution_m, rounding: scene.encoder.rounding };
@@ -107,9 +144,13 @@ impl<'a> World<'a> {
             encoder,
             error: scene.encoder_error,
             noise: scene.encoder_noise,
+            steps,
+            step_s,
+            shown: None,
             samples: 0,
             full_scale_n: scene.full_scale_n(),
             held: Some(start_m),
+            led_m_per_s: 0.0,
             motor_reversed: false,
             swapped_at: None,
             log: log::Decoder::new(table),
@@ -123,7 +164,14 @@ impl<'a> World<'a> {
     /// Holds the handle at `position_m`, or lets it go from there at rest.
     pub fn hold(&mut self, position_m: f64, held: bool) {
         self.held = held.then_some(position_m);
+        self.led_m_per_s = 0.0;
         self.state = self.plant.at_rest(position_m);
+    }
+
+    /// Leads the handle on from where it is, at this speed.
+    pub fn lead(&mut self, speed_m_per_s: f64) {
+        self.held = Some(self.position_m());
+        self.led_m_per_s = speed_m_per_s;
     }
 
     /// The switch of the emergency stop opens, or closes again.
@@ -158,18 +206,27 @@ impl<'a> World<'a> {
     pub fn sample(&mut self) -> Result<(), Ended> {
         let board = self.powered.board;
         let per_sample = board.cycles_per_sample();
-        for _ in 0..STEPS {
+        for _ in 0..self.steps {
             let from = self.moved_to;
-            let to = from + per_sample / STEPS;
+            let to = from + per_sample / self.steps;
             self.powered.mcu.run_until(to)?;
             self.powered.mcu.settle();
             let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
             let force_n = if self.motor_reversed { -force_n } else { force_n };
-            if self.held.is_none() {
-                self.state = self.plant.advance(&self.state, force_n);
+            match &mut self.held {
+                None => self.state = self.plant.advance(&self.state, force_n),
+                Some(place_m) if self.led_m_per_s != 0.0 => {
+                    *place_m += self.led_m_per_s * self.step_s;
+                    self.state = self.plant.at_rest(*place_m);
+                }
+                Some(_) => {}
             }
-            let count = self.shown_count();
-            self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
+            if let Some(before) = self.shown {
+                self.show_edges(before, to, to - from);
+            } else {
+                let count = self.shown_count();
+                self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
+            }
             self.moved_to = to;
         }
         self.samples += 1;
@@ -185,11 +242,48 @@ impl<'a> World<'a> {
 
     /// What A and B stand for.
     fn shown_count(&self) -> i32 {
+        let count = count(&self.encoder, self.shown_m());
+        self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
+    }
+
+    /// The same between the counts.
+    fn shown_place(&self) -> f64 {
+        let place = place(&self.encoder, self.shown_m());
+        self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)
+    }
+
+    /// Where the encoder takes the handle to be, m.
+    fn shown_m(&self) -> f64 {
         let place_m = self.position_m();
         let error_m = self.error.map_or(0.0, |error| error.error_m(place_m));
         let noise_m = self.noise.map_or(0.0, |noise| noise.error_m(0, self.samples));
-        let count = count(&self.encoder, place_m + error_m + noise_m);
-        self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
+        place_m + error_m + noise_m
+    }
+
+    /// Lets the edges of the step that ended at cycle `at` come out over the `cycles` after it. Within
+    /// a step the handle moves evenly: at 100 m/s^2 to 5e-11 m.
+    fn show_edges(&mut self, before: f64, at: u64, cycles: u64) {
+        let after = self.shown_place();
+        self.shown = Some(after);
+        #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
+        let [first, last] = [before, after].map(|place| place.floor() as i32);
+        if u64::from(first.abs_diff(last)) * EDGE_CYCLES > cycles {
+            return self.powered.mcu.encoder_to(last, at, EDGE_CYCLES); // a jump
+        }
+        let mut count = first;
+        while count != last {
+            let up = count < last;
+            let border = f64::from(if up { count + 1 } else { count });
+            count = if up { count + 1 } else { count - 1 };
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                clippy::cast_precision_loss,
+                reason = "a few hundred"
+            )]
+            let within = ((border - before) / (after - before) * cycles as f64) as u64;
+            self.powered.mcu.encoder_to(count, at + within, 1);
+        }
     }
 
     /// Puts the plant's steps in phase with the samples, once those have begun.
@@ -292,12 +386,16 @@ impl<'a> World<'a> {
 
 /// What the encoder reads at `position_m`.
 fn count(encoder: &Encoder, position_m: f64) -> i32 {
+    #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
+    let count = place(encoder, position_m).floor() as i32;
+    count
+}
+
+/// The place at `position_m` on the scale whose whole numbers are the borders of the counts.
+fn place(encoder: &Encoder, position_m: f64) -> f64 {
     let exact = position_m / encoder.resolution_m;
-    let shifted = match encoder.rounding {
+    match encoder.rounding {
         Rounding::Floor => exact,
         Rounding::Round => exact + 0.5,
-    };
-    #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
-    let count = shifted.floor() as i32;
-    count
+    }
 }

@@ -1,7 +1,9 @@
 //! Guard and supervisor together, as the tasks run them.
 
 use super::{plan::tests::*, *};
-use crate::{Control, CounterWidth, Settings, VelocitySettings, WallSettings, units::Force};
+use crate::{
+    Control, CounterWidth, Settings, VelocitySettings, WallSettings, units::Force, velocity::Senses,
+};
 use std::{sync::OnceLock, vec::Vec};
 
 mod faults;
@@ -85,7 +87,8 @@ impl Bench {
         #[expect(clippy::cast_possible_truncation, reason = "a few metres at most")]
         let count = (self.position_m / 1e-6).floor() as i32;
         let counter = if self.dead { self.offset } else { self.offset.wrapping_add_signed(count) };
-        let step = self.sampler.step(&self.control, counter, &self.down, &mut self.guard);
+        let Self { sampler, control, down, guard, .. } = self;
+        let step = sampler.step(control, counter, &Senses::NONE, down, guard);
         if step.motion.due {
             if self.missing > 0 {
                 self.missing -= 1;

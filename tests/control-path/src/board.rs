@@ -10,6 +10,7 @@ use zwidth::{
     store::{Flash, Sector, Stored, load, save},
     telemetry::{Decoder, Frame},
     units::Force,
+    velocity::Senses,
 };
 
 /// Every sample, under guard.
@@ -18,10 +19,11 @@ pub extern "C" fn zwidth_guarded_sample(
     sampler: &mut GuardedSampler,
     control: &Control,
     counter: u32,
+    senses: &Senses,
     down: &Down,
     up: &mut Up,
 ) -> bool {
-    let step = sampler.step(control, counter, down, &mut up.guard);
+    let step = sampler.step(control, counter, senses, down, &mut up.guard);
     (up.motion, up.present) = (step.motion, step.present);
     step.cut
 }

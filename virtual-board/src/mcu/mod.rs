@@ -7,12 +7,13 @@
 //! and automatic output enable, the voltage detector, ITSTATE in a stacked xPSR, time while asleep.
 
 mod bus;
+mod encoder;
 mod inject;
 mod soc;
 mod supply;
 mod watch;
 
-use std::sync::{Arc, PoisonError, atomic::Ordering::Relaxed};
+use std::sync::{Arc, atomic::Ordering::Relaxed};
 
 use rsemu::{core::space::RamStore, cpu::arm::v7m::sys::Exception};
 
@@ -21,6 +22,7 @@ use self::{
     soc::{BDTR, MAIN_OUTPUT_ENABLE, Memories, Soc},
     watch::Step,
 };
+pub use encoder::EdgeNotes;
 pub use watch::{Cycles, LINK, RENDER, SAMPLE, Watch};
 
 const RAM: u32 = 0x2000_0000;
@@ -81,6 +83,8 @@ pub struct Listeners {
     pub pins: Vec<(Pin, Arc<dyn PinListener>)>,
     /// Who watches the DAC.
     pub dac: Option<Arc<dyn DacListener>>,
+    /// The encoder's A and B are wired to TIM3's channels 1 and 2 as well.
+    pub captured: bool,
 }
 
 /// Why the program does not run on.
@@ -362,13 +366,18 @@ impl Mcu {
 
     /// Every value that the program has read from the encoder's counter since the last reset.
     pub fn counter_readings(&self) -> Vec<u32> {
-        self.soc.encoder.readings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.soc.encoder.readings()
     }
 
     /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are
     /// delivered in the order of the calls.
     pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
         self.soc.encoder.go_to(count, from, spacing);
+    }
+
+    /// Takes notes of the encoder's edges from now on, and returns those so far. A reset ends it.
+    pub fn take_edge_notes(&mut self) -> EdgeNotes {
+        self.soc.encoder.take_notes()
     }
 
     /// Delivers the pins' changes up to now; the timers that make them are advanced when looked at.

@@ -1,11 +1,8 @@
 //! The chip around the core: which device at which address, and what is wired to what.
 
-use std::{
-    collections::VecDeque,
-    sync::{
-        Arc, Mutex, PoisonError,
-        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
-    },
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
 };
 
 use rsemu::{
@@ -22,11 +19,12 @@ use rsemu::{
 use super::{
     Chip, Listeners, Pin, PinListener,
     bus::{Clock, Dac, Lazy, Plain, Port, Registers, Storage},
+    encoder::{CapturePort, CounterPort, EncoderInput},
     supply::{PowerPort, Supply},
 };
 
 /// Errors of the emulator's own set-up are ours: the properties are constants.
-const WIRED: &str = "the emulator has this device, property and pin";
+pub(super) const WIRED: &str = "the emulator has this device, property and pin";
 
 /// What outlives a reset.
 #[derive(Clone)]
@@ -160,102 +158,6 @@ impl Port for Break {
     }
 }
 
-/// The encoder's A and B on TIM2, with edges at their own times.
-#[derive(Debug)]
-pub(super) struct EncoderInput {
-    pub(super) lazy: Lazy,
-    pins: [(WireId, rsemu::core::device::SinkPin); 2],
-    state: Mutex<Edges>,
-    /// Cycle of the last reading of the counter.
-    pub(super) read_at: AtomicU64,
-    /// All that was read from it.
-    pub(super) readings: Mutex<Vec<u32>>,
-}
-
-#[derive(Debug, Default)]
-struct Edges {
-    waiting: VecDeque<(u64, i32)>,
-    /// What A and B stand for, and what they will.
-    shown: i32,
-    last: i32,
-    /// Channels that do not move.
-    dead: [bool; 2],
-}
-
-impl EncoderInput {
-    fn edges(&self) -> std::sync::MutexGuard<'_, Edges> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Lets A and B go to `count`, one edge every `spacing` cycles, the first one at `from`.
-    pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
-        let mut edges = self.edges();
-        let mut at = from;
-        while edges.last != count {
-            edges.last += (i64::from(count) - i64::from(edges.last)).signum() as i32;
-            let step = (at, edges.last);
-            edges.waiting.push_back(step);
-            at += spacing;
-        }
-    }
-
-    /// Shows `count` at once: the place that the firmware's counter starts from.
-    pub(super) fn start_at(&self, count: i32) {
-        *self.edges() = Edges { shown: count, last: count, ..Edges::default() };
-        self.show(count, [false; 2]);
-    }
-
-    /// Delivers the edges that are due by `now`.
-    pub(super) fn deliver(&self, now: u64) {
-        let mut edges = self.edges();
-        while let Some(&(at, count)) = edges.waiting.front() {
-            if at > now {
-                break;
-            }
-            edges.waiting.pop_front();
-            edges.shown = count;
-            self.lazy.advance_to(at);
-            self.show(count, edges.dead);
-        }
-        self.lazy.advance_to(now);
-    }
-
-    /// A channel stays as it is, or is shown again.
-    pub(super) fn kill(&self, channel: usize, dead: bool) {
-        let mut edges = self.edges();
-        edges.dead[channel & 1] = dead;
-        self.show(edges.shown, edges.dead);
-    }
-
-    /// Gray code: A leads B while the count rises.
-    fn show(&self, count: i32, dead: [bool; 2]) {
-        let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
-        for (((id, pin), level), dead) in self.pins.iter().zip(levels).zip(dead) {
-            if dead {
-                continue;
-            }
-            pin.sink.set_level(*id, pin.line, Level::from_bool(level == 1));
-        }
-    }
-}
-
-#[derive(Debug)]
-struct CounterPort(Arc<EncoderInput>, Arc<Clock>);
-
-impl Port for CounterPort {
-    fn before(&self) {
-        self.0.deliver(self.1.now());
-    }
-
-    fn read(&self, offset: u64, value: u32) -> u32 {
-        if offset == 0x24 {
-            self.0.read_at.store(self.1.now(), Relaxed);
-            self.0.readings.lock().unwrap_or_else(PoisonError::into_inner).push(value);
-        }
-        value
-    }
-}
-
 impl Soc {
     #[expect(clippy::too_many_lines, reason = "one table of the chip, read from top to bottom")]
     pub(super) fn new(
@@ -280,6 +182,7 @@ impl Soc {
         let pwm_timer = timer("advanced", 16);
         let encoder_timer = timer("general", 32);
         let pace_timer = timer("general", 32);
+        let capture_timer = timer("general", 16);
         let rcc = Arc::new(
             Rcc::new(&Props::new().with("variant", "f4").with("hse", 8_000_000u64)).expect(WIRED),
         );
@@ -303,9 +206,12 @@ impl Soc {
             .collect();
 
         // Clock gates: RCC's enable bit of each timer.
-        for (bit, timer) in
-            [("apb1en0", &encoder_timer), ("apb1en3", &pace_timer), ("apb2en0", &pwm_timer)]
-        {
+        for (bit, timer) in [
+            ("apb1en0", &encoder_timer),
+            ("apb1en1", &capture_timer),
+            ("apb1en3", &pace_timer),
+            ("apb2en0", &pwm_timer),
+        ] {
             let id = ids.alloc();
             let gate = timer.sink("enable", &[id]).expect(WIRED);
             let wire = WireBuilder::new().source(id).sink(gate.sink, gate.line).build_shared();
@@ -324,10 +230,14 @@ impl Soc {
             let sink = ToListener(Arc::clone(listener), Arc::clone(clock), *pin);
             wire(&*gpio[pin.port_index()], &format!("p{}", pin.number), Arc::new(sink));
         }
-        let pins = ["ti1", "ti2"].map(|name| {
-            let id = ids.alloc();
-            (id, encoder_timer.sink(name, &[id]).expect(WIRED))
-        });
+        let inputs = |timer: &Tim| {
+            ["ti1", "ti2"].map(|name| {
+                let id = ids.alloc();
+                (id, timer.sink(name, &[id]).expect(WIRED))
+            })
+        };
+        let counted = inputs(&encoder_timer);
+        let captured = listeners.captured.then(|| inputs(&capture_timer));
 
         let lazy = |device: Arc<dyn Device>, divider| Lazy::new(device, divider, clock);
         let pwm = lazy(pwm_timer, 1);
@@ -337,13 +247,10 @@ impl Soc {
         let pwr = lazy(pwr, 8);
         let flash_registers = lazy(Arc::clone(&flash) as _, 1);
         let watchdog = lazy(watchdog, chip.core_hz / 32_000);
-        let encoder = Arc::new(EncoderInput {
-            lazy: lazy(encoder_timer, 2),
-            pins,
-            state: Mutex::default(),
-            read_at: AtomicU64::new(0),
-            readings: Mutex::default(),
-        });
+        let encoder = Arc::new(EncoderInput::new(
+            (lazy(encoder_timer, 2), counted),
+            (lazy(capture_timer, 2), captured),
+        ));
 
         let stop = Arc::new(AtomicBool::new(false));
         let supply = Supply::of_mv(supply_mv);
@@ -359,8 +266,18 @@ impl Soc {
         map(Region::ram("ram", Arc::clone(&memories.ram)), 0x2000_0000);
         map(Region::ram("backup", Arc::clone(&memories.backup)), 0x4002_4000);
         map(
-            Registers::region(&encoder.lazy, CounterPort(Arc::clone(&encoder), Arc::clone(clock))),
+            Registers::region(
+                &encoder.counter,
+                CounterPort(Arc::clone(&encoder), Arc::clone(clock)),
+            ),
             0x4000_0000,
+        );
+        map(
+            Registers::region(
+                &encoder.capture,
+                CapturePort(Arc::clone(&encoder), Arc::clone(clock)),
+            ),
+            0x4000_0400,
         );
         map(Registers::region(&pace, Plain(pace.clone())), 0x4000_0C00);
         map(Registers::region(&watchdog, Plain(watchdog.clone())), 0x4000_3000);

@@ -1,0 +1,69 @@
+//! Times of the encoder's edges: TIM3 captures both edges of A on channel 1 and of B on channel 2.
+//!
+//! It has the clock and the input filter of TIM2, which counts them: what delays an edge, delays it
+//! in both. Its polarity does not matter, so `encoder -` is TIM2's alone: the direction is that of the
+//! count.
+
+use stm32f4xx_hal::{
+    gpio::PushPull,
+    pac,
+    rcc::{Enable, Rcc, Reset},
+    timer::CPin,
+};
+use zwidth::velocity::{Captures, Edge, EdgeTimer};
+
+use super::{RATE_HZ, encoder::FILTER, this::CORE_HZ};
+
+/// Ticks per sample: as TIM2 and TIM5 it runs at half the core's clock.
+const TICKS: u32 = CORE_HZ / 2 / RATE_HZ;
+
+/// Each channel takes its own input (`CCxS` = 01), through the filter.
+const INPUTS: u32 = 0b01 << 8 | 0b01 | FILTER << 12 | FILTER << 4;
+/// Both channels on, at both edges: `CCxE`, `CCxP`, `CCxNP`.
+const BOTH_EDGES: u32 = 0b1011 << 4 | 0b1011;
+/// A capture that was not read yet: in SR.
+const CAPTURED: [u32; 2] = [1 << 1, 1 << 2];
+
+/// The capturing timer.
+pub struct Edges {
+    timer: pac::TIM3,
+    edges: EdgeTimer<TICKS>,
+}
+
+impl Edges {
+    /// Starts to capture. A and B are those that the encoder's counter has, on pins of TIM3.
+    pub fn new(
+        timer: pac::TIM3,
+        a: impl Into<<pac::TIM3 as CPin<0>>::Ch<PushPull>>,
+        b: impl Into<<pac::TIM3 as CPin<1>>::Ch<PushPull>>,
+        rcc: &mut Rcc,
+    ) -> Self {
+        let _pins: (<pac::TIM3 as CPin<0>>::Ch<_>, <pac::TIM3 as CPin<1>>::Ch<_>) =
+            (a.into(), b.into());
+        pac::TIM3::enable(rcc);
+        pac::TIM3::reset(rcc);
+        // SAFETY: documented values of the three registers.
+        unsafe {
+            timer.ccmr1_input().write(|w| w.bits(INPUTS));
+            timer.ccer().write(|w| w.bits(BOTH_EDGES));
+            timer.arr().write(|w| w.bits(EdgeTimer::<TICKS>::WRAP - 1));
+        }
+        timer.egr().write(|w| w.ug().set_bit());
+        timer.cr1().write(|w| w.cen().set_bit());
+        Self { timer, edges: EdgeTimer::new() }
+    }
+
+    /// The latest edge in `count`, which was read from `counter` just now.
+    #[inline(always)]
+    pub fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge> {
+        let now = self.timer.cnt().read().cnt().bits();
+        let up = counter.cr1().read().dir().bit_is_clear();
+        let flags = self.timer.sr().read().bits();
+        // Reading a capture takes its flag back.
+        let at = [
+            (flags & CAPTURED[0] != 0).then(|| self.timer.ccr1().read().ccr().bits()),
+            (flags & CAPTURED[1] != 0).then(|| self.timer.ccr2().read().ccr().bits()),
+        ];
+        self.edges.update(count, &Captures { now, up, at })
+    }
+}

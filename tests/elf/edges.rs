@@ -1,0 +1,64 @@
+//! The ages of the encoder's edges as they are, from the edges that the virtual board made.
+
+use virtual_board::{board::Board, mcu::EdgeNotes};
+use zwidth::velocity::Edge;
+
+/// Core cycles per tick of the timers.
+const TICK: u64 = 2;
+/// Ticks that the input filter takes: 8 equal samples.
+const FILTER: u64 = 8;
+
+/// The latest edge in the count of each sample, in the order of the samples, and how many came within
+/// `near` ticks of the reading.
+///
+/// Samples are taken at equal distances, and ages are told from there, in whole ticks. The first ones come
+/// when the program is ready.
+///
+/// With `turned` the counter counts the other way round.
+pub fn latest(
+    board: Board,
+    notes: &EdgeNotes,
+    near: u64,
+    turned: bool,
+) -> (Vec<Option<Edge>>, usize) {
+    let per_sample = board.cycles_per_sample() / TICK;
+    let mut phase = notes.captures_read_at[0] / TICK;
+    let mut edges = notes.edges.iter().peekable();
+    let (mut count, mut latest) = (None, None);
+    let mut close = 0;
+    // The firmware looks once before the first sample.
+    let readings = notes.read_at[1..].iter().zip(&notes.captures_read_at);
+    let ages = (0u64..).zip(readings).map(|(n, (&read_at, &captures_read_at))| {
+        let now = captures_read_at / TICK;
+        let mut nominal = now - (now - phase + per_sample / 2) % per_sample + per_sample / 2;
+        if now.abs_diff(nominal) > 32 {
+            assert!(n < 2, "sample {n} is not where it should be");
+            (phase, nominal) = (now, now);
+        }
+        let mut new = None;
+        while let Some(&&(at, to)) = edges.peek() {
+            let seen = at / TICK + FILTER;
+            close += usize::from(seen.abs_diff(read_at / TICK) <= near);
+            if seen > read_at / TICK {
+                break;
+            }
+            let up = count.is_none_or(|count| to > count) ^ turned;
+            new = Some((seen, up));
+            count = Some(to);
+            edges.next();
+        }
+        latest = match (new, latest) {
+            _ if n == 0 => None,
+            (Some((seen, up)), _) => {
+                let ticks = nominal.saturating_sub(seen) << Edge::FRACTION_BITS;
+                Some(Edge { age: u32::try_from(ticks / per_sample).unwrap(), up })
+            }
+            (None, Some(Edge { age, up })) => {
+                Some(Edge { age: age.saturating_add(Edge::SAMPLE), up })
+            }
+            (None, None) => None,
+        };
+        latest
+    });
+    (ages.collect(), close)
+}

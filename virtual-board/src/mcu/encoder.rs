@@ -1,0 +1,190 @@
+//! The encoder's A and B: on TIM2, which counts their edges, and where the board wires them there on
+//! TIM3, which captures them.
+
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+};
+
+use rsemu::core::{
+    device::SinkPin,
+    wire::{Level, WireId},
+};
+
+use super::bus::{Clock, Lazy, Port};
+
+/// The first two inputs of a timer.
+pub(super) type Inputs = [(WireId, SinkPin); 2];
+
+/// Offset of a timer's counter.
+const CNT: u64 = 0x24;
+
+/// A and B with edges at their own times.
+#[derive(Debug)]
+pub(super) struct EncoderInput {
+    pub(super) counter: Lazy,
+    pub(super) capture: Lazy,
+    inputs: Vec<Inputs>,
+    state: Mutex<Edges>,
+    /// Cycle of the last reading of the counter.
+    pub(super) read_at: AtomicU64,
+    /// All that was read from it.
+    readings: Mutex<Vec<u32>>,
+    notes: Mutex<Option<EdgeNotes>>,
+}
+
+/// When the encoder's edges came, and when the program looked.
+#[derive(Clone, Debug, Default)]
+pub struct EdgeNotes {
+    /// Cycle and count of each edge.
+    pub edges: Vec<(u64, i32)>,
+    /// Cycle of each reading of the encoder's counter.
+    pub read_at: Vec<u64>,
+    /// Cycle of each reading of the capturing timer's counter.
+    pub captures_read_at: Vec<u64>,
+}
+
+#[derive(Debug, Default)]
+struct Edges {
+    waiting: VecDeque<(u64, i32)>,
+    /// What A and B stand for, and what they will.
+    shown: i32,
+    last: i32,
+    /// Channels that do not move.
+    dead: [bool; 2],
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl EncoderInput {
+    /// The timer that counts, and the one that captures if its inputs are wired.
+    pub(super) fn new(
+        (counter, counted): (Lazy, Inputs),
+        (capture, captured): (Lazy, Option<Inputs>),
+    ) -> Self {
+        Self {
+            counter,
+            capture,
+            inputs: [Some(counted), captured].into_iter().flatten().collect(),
+            state: Mutex::default(),
+            read_at: AtomicU64::new(0),
+            readings: Mutex::default(),
+            notes: Mutex::default(),
+        }
+    }
+
+    /// Lets A and B go to `count`, one edge every `spacing` cycles, the first one at `from`.
+    pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
+        let mut edges = lock(&self.state);
+        let mut at = from;
+        while edges.last != count {
+            edges.last += (i64::from(count) - i64::from(edges.last)).signum() as i32;
+            let step = (at, edges.last);
+            edges.waiting.push_back(step);
+            at += spacing;
+        }
+    }
+
+    /// Shows `count` at once: the place that the firmware's counter starts from.
+    pub(super) fn start_at(&self, count: i32) {
+        *lock(&self.state) = Edges { shown: count, last: count, ..Edges::default() };
+        self.show(count, [false; 2]);
+    }
+
+    /// Delivers the edges that are due by `now`.
+    pub(super) fn deliver(&self, now: u64) {
+        let mut edges = lock(&self.state);
+        while let Some(&(at, count)) = edges.waiting.front() {
+            if at > now {
+                break;
+            }
+            edges.waiting.pop_front();
+            edges.shown = count;
+            self.advance_to(at);
+            self.show(count, edges.dead);
+            self.note(|notes| notes.edges.push((at, count)));
+        }
+        self.advance_to(now);
+    }
+
+    fn advance_to(&self, cycle: u64) {
+        self.counter.advance_to(cycle);
+        self.capture.advance_to(cycle);
+    }
+
+    /// A channel stays as it is, or is shown again.
+    pub(super) fn kill(&self, channel: usize, dead: bool) {
+        let mut edges = lock(&self.state);
+        edges.dead[channel & 1] = dead;
+        self.show(edges.shown, edges.dead);
+    }
+
+    /// What was read from the counter.
+    pub(super) fn readings(&self) -> Vec<u32> {
+        lock(&self.readings).clone()
+    }
+
+    /// Takes notes from now on, and returns those so far.
+    pub(super) fn take_notes(&self) -> EdgeNotes {
+        lock(&self.notes).replace(EdgeNotes::default()).unwrap_or_default()
+    }
+
+    fn note(&self, what: impl FnOnce(&mut EdgeNotes)) {
+        if let Some(notes) = &mut *lock(&self.notes) {
+            what(notes);
+        }
+    }
+
+    /// Gray code: A leads B while the count rises.
+    fn show(&self, count: i32, dead: [bool; 2]) {
+        let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
+        for inputs in &self.inputs {
+            for (((id, pin), level), dead) in inputs.iter().zip(levels).zip(dead) {
+                if !dead {
+                    pin.sink.set_level(*id, pin.line, Level::from_bool(level == 1));
+                }
+            }
+        }
+    }
+}
+
+/// TIM2.
+#[derive(Debug)]
+pub(super) struct CounterPort(pub(super) Arc<EncoderInput>, pub(super) Arc<Clock>);
+
+impl Port for CounterPort {
+    fn before(&self) {
+        self.0.deliver(self.1.now());
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        if offset == CNT {
+            self.0.read_at.store(self.1.now(), Relaxed);
+            lock(&self.0.readings).push(value);
+            self.0.note(|notes| notes.read_at.push(self.1.now()));
+        }
+        value
+    }
+}
+
+/// TIM3.
+#[derive(Debug)]
+pub(super) struct CapturePort(pub(super) Arc<EncoderInput>, pub(super) Arc<Clock>);
+
+impl Port for CapturePort {
+    fn before(&self) {
+        self.0.deliver(self.1.now());
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        if offset == CNT {
+            self.0.note(|notes| notes.captures_read_at.push(self.1.now()));
+        }
+        value
+    }
+}
