@@ -339,7 +339,7 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
 /// Estimators that look at the position only, of any tuning that follows a hand.
 fn tuned() -> impl Strategy<Value = VelocitySettings> {
     let names: Vec<_> =
-        EstimatorName::ALL.into_iter().filter(|name| name.sense().is_none()).collect();
+        EstimatorName::ALL.iter().copied().filter(|name| name.sense().is_none()).collect();
     (proptest::sample::select(names), 0.0f64..1.0).prop_map(|(name, part)| {
         let defaults = name.defaults();
         let between = |low: f64, high: f64| low * (high / low).powf(part);

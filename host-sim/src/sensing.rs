@@ -316,6 +316,7 @@ fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64
 }
 
 /// The senses that a run has.
+#[expect(clippy::large_enum_variant, reason = "copied once per run")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AnySensing {
     /// None: the estimator does not look.
