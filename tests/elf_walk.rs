@@ -298,7 +298,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept() {
             assert!(refused.contains("disarm first"), "{line}: {refused}");
         }
         ok(&mut world, "disarm");
-        world.run(20_000).unwrap();
+        world.run(8_000).unwrap();
         ok(&mut world, "encoder -");
         assert!(ok(&mut world, "status").contains("not zeroed"));
         assert!(world.ask("arm").unwrap().contains("zero first"));
@@ -340,7 +340,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept() {
         world.run(2_000).unwrap();
         let get = ok(&mut world, "get");
         assert!(get.contains("motor -, encoder -"), "{get}");
-        world.run(10_000).unwrap();
+        world.run(6_000).unwrap();
         for line in ["zero", "unlock envelope", "arm"] {
             ok(&mut world, line);
         }

@@ -8,6 +8,8 @@
 
 use std::sync::atomic::AtomicBool;
 
+use rayon::prelude::*;
+
 use host_sim::{
     rig::{Numeric, Rig},
     scene::{NamedScene, Scene, Velocity},
@@ -27,7 +29,7 @@ fn boundary(scene: &Scene, velocity: Velocity, numeric: Numeric, cutoff_hz: f64)
 
 /// Best peak K of several tunings, N/m, the area there, and which it was.
 fn best(scene: &Scene, numeric: Numeric, tunings: &[Velocity]) -> (f64, f64, Velocity) {
-    let found = tunings.iter().map(|&velocity| {
+    let found = tunings.par_iter().map(|&velocity| {
         let boundary = boundary(scene, velocity, numeric, 0.0);
         (boundary.stiffness_peak_n_per_m(), boundary.area, velocity)
     });

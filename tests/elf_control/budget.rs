@@ -65,7 +65,8 @@ fn no_sample_is_longer_than_its_budget_whatever_happens() {
             let status = ok(world, "status");
             assert!(status.contains("ok status armed"), "{status}");
         };
-        for phase in 0..10 {
+        // The code is the same on both boards, and so is its place in the period.
+        for phase in (0..10).step_by(if board == BOARDS[0] { 1 } else { 3 }) {
             // A jump of the count: found in one sample, gone in the next.
             world.run(phase).unwrap();
             world.hold(world.position_m() + 700e-6, true);

@@ -4,7 +4,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use zwidth::velocity::EstimatorName;
+use zwidth::velocity::{EstimatorName, Sense};
 
 use super::{Common, NumericArg, SCHEMA_VERSION, STOP, print_json, print_text, progress};
 use crate::{
@@ -31,7 +31,7 @@ use crate::{
 pub struct CompareArgs {
     /// Built-in scene or scene file; its own estimator does not matter.
     scene: String,
-    /// Estimators, A,B,C [default: all].
+    /// Estimators by their names in the table, A,B,C [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
     /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m.
@@ -148,23 +148,31 @@ fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
     }
     let mut entries = vec![];
     for name in asked {
-        let found = EstimatorName::of_text(name.as_bytes()).ok_or_else(|| {
-            let names: Vec<&str> = EstimatorName::ALL.iter().map(|name| name.text()).collect();
-            Error::Input(format!("--estimators: {name} is unknown, allowed {}", names.join(", ")))
-        })?;
-        if !all.contains(&Entry::Tuned(found)) {
-            let reason = if found.text().ends_with("prewarped") {
-                "differs from the one without pre-warping by its cutoff only".to_owned()
-            } else {
-                format!("needs a table [accelerometer], which {} has not", scene.name)
-            };
-            return Err(Error::Input(format!("--estimators: {name} {reason}")));
-        }
-        if !entries.contains(&Entry::Tuned(found)) {
-            entries.push(Entry::Tuned(found));
+        let found = all.iter().find(|entry| entry.name() == *name);
+        let entry = *found.ok_or_else(|| Error::Input(not_among(name, &all, scene)))?;
+        if !entries.contains(&entry) {
+            entries.push(entry);
         }
     }
     Ok(entries)
+}
+
+/// Why there is no such entry.
+fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
+    let reason = match EstimatorName::of_text(name.as_bytes()) {
+        None => {
+            let names: Vec<String> = all.iter().map(|entry| entry.name()).collect();
+            format!("is unknown, allowed {}", names.join(", "))
+        }
+        Some(known) if known.sense() == Some(Sense::Acceleration) => {
+            format!("needs a table [accelerometer], which {} has not", scene.name)
+        }
+        Some(known) if known.sense() == Some(Sense::Edge) => {
+            format!("cannot be with [encoder_noise] or [jitter], which {} has", scene.name)
+        }
+        Some(_) => "differs from the one without pre-warping by its cutoff only".to_owned(),
+    };
+    format!("--estimators: {name} {reason}")
 }
 
 fn command_line(args: &CompareArgs, scene: &NamedScene) -> String {
