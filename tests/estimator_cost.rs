@@ -19,8 +19,8 @@ use zwidth::{
     velocity::{Edge, EstimatorName, Senses, State},
 };
 
-/// A quarter of 100 us at 180 MHz.
-const CYCLES_MAX: u32 = 4500;
+/// A quarter of 100 us at 168 MHz, the slower board.
+const CYCLES_MAX: u32 = 4200;
 const SAMPLES: usize = 4096;
 /// The table that `cargo sim compare` shows.
 const TABLE: &str = include_str!("../host-sim/data/estimator_cost.csv");
