@@ -14,14 +14,13 @@ mod estimator_bench;
 use std::f64::consts::PI;
 
 use estimator_bench::{
-    DESIGN, LSB, Random, Run, delay_over_a_chirp, response_to_a_position, speeds,
+    DESIGN, LSB, Run, delay_over_a_chirp, pieces, response_to_a_position, rest_after, speeds,
+    twin_over_random_motion,
 };
-use host_sim::twin::TwinEstimator;
 use proptest::prelude::*;
 use zwidth::{
     VelocitySettings,
-    units::Velocity,
-    velocity::{Design, EstimatorName, FirDesign, Senses},
+    velocity::{Design, EstimatorName, FirDesign},
 };
 
 const NAMES: [EstimatorName; 7] = [
@@ -196,25 +195,7 @@ fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
 fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
     for name in NAMES {
         for settings in tunings(name) {
-            let (mut worst, mut fastest) = (0f64, 0f64);
-            for seed in 1..=20 {
-                let mut run = Run::new(&settings, 0);
-                let mut twin = TwinEstimator::new(&settings, &DESIGN).unwrap();
-                let mut random = Random(seed);
-                let (mut position, mut speed, mut push, mut count) = (0.0, 0.0, 0.0, 0i64);
-                for n in 0..20_000 {
-                    if n % 100 == 0 {
-                        push = if n % 700 == 0 { 0.0 } else { 0.2 * random.next() };
-                    }
-                    speed = 0.999 * speed + push;
-                    position += speed;
-                    let now = f64::floor(position) as i64;
-                    let exact = twin.update((now - count) as i32, &Senses::default());
-                    count = now;
-                    worst = worst.max((run.at(now) - exact).abs() * LSB);
-                    fastest = fastest.max(exact.abs() * LSB);
-                }
-            }
+            let (worst, fastest) = twin_over_random_motion(&settings, 0.2);
             let stated = stated_lsb(&settings, fastest);
             println!("{settings:?}: {worst:.3} LSB, stated {stated:.3}");
             assert!(worst <= stated, "{settings:?}: {worst}");
@@ -231,36 +212,12 @@ proptest! {
         which in 0..NAMES.len(),
         tuning in 0..6usize,
         start in any::<i32>(),
-        pieces in proptest::collection::vec(
-            (
-                prop_oneof![
-                    Just(0), Just(1), Just(-1), Just(32_767), Just(-32_767), Just(i32::MIN),
-                    Just(i32::MAX), -300..300i32, any::<i32>()
-                ],
-                1..300usize,
-                any::<bool>(),
-            ),
-            1..12,
-        ),
+        pieces in pieces(),
     ) {
         let all = tunings(NAMES[which]);
         let settings = all[tuning % all.len()];
-        let mut run = Run::new(&settings, start);
-        let mut count = i64::from(start);
-        for (step, samples, reverses) in pieces {
-            for n in 0..samples {
-                count += i64::from(if reverses && n % 2 == 1 { step.wrapping_neg() } else { step });
-                let velocity = run.at(count);
-                prop_assert!(velocity.abs() <= f64::from(Velocity::LIMIT));
-            }
-        }
-        for _ in 0..3 * settling(&settings) {
-            run.at(count);
-        }
-        for _ in 0..100 {
-            let velocity = run.at(count).abs();
-            let stated = rounding_lsb(&settings) / LSB;
-            prop_assert!(velocity <= stated, "{:?}: {}", settings, velocity);
-        }
+        let velocity = rest_after(&settings, start, &pieces, 3 * settling(&settings));
+        let stated = rounding_lsb(&settings) / LSB;
+        prop_assert!(velocity <= stated, "{:?}: {}", settings, velocity);
     }
 }

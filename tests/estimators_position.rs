@@ -13,14 +13,14 @@ mod estimator_bench;
 use std::f64::consts::PI;
 
 use estimator_bench::{
-    DESIGN, LSB, Random, Run, delay_over_a_chirp, response_to_a_position, speeds,
+    DESIGN, LSB, Run, delay_over_a_chirp, pieces, response_to_a_position, rest_after, speeds,
+    twin_over_random_motion,
 };
-use host_sim::{linear::TransferFunction, twin::TwinEstimator, velocity::transfer_function};
+use host_sim::{linear::TransferFunction, velocity::transfer_function};
 use proptest::prelude::*;
 use zwidth::{
     VelocitySettings,
-    units::Velocity,
-    velocity::{EstimatorName, KalmanDesign, Senses},
+    velocity::{EstimatorName, KalmanDesign},
 };
 
 const NAMES: [EstimatorName; 6] = [
@@ -269,32 +269,15 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
             all.extend([0.01, 0.1].map(|c| name.defaults().with_tuning(c)));
         }
         for settings in all {
-            let mut worst = 0f64;
-            for seed in 1..=20 {
-                let mut run = Run::new(&settings, 0);
-                let mut twin = TwinEstimator::new(&settings, &DESIGN).unwrap();
-                let mut random = Random(seed);
-                // Levant's differentiator follows up to its largest acceleration; beyond, it loses
-                // the position, and any difference grows by its distance
-                let most = match settings {
-                    VelocitySettings::Levant { acceleration_max_m_per_s2, .. } => {
-                        0.4 * c(acceleration_max_m_per_s2)
-                    }
-                    _ => 0.2,
-                };
-                let (mut position, mut speed, mut push, mut count) = (0.0, 0.0, 0.0, 0i64);
-                for n in 0..20_000 {
-                    if n % 100 == 0 {
-                        push = if n % 700 == 0 { 0.0 } else { most * random.next() };
-                    }
-                    speed = 0.999 * speed + push;
-                    position += speed;
-                    let now = position.floor() as i64;
-                    let off = run.at(now) - twin.update((now - count) as i32, &Senses::default());
-                    count = now;
-                    worst = worst.max(off.abs() * LSB);
+            // Levant's differentiator follows up to its largest acceleration; beyond, it loses
+            // the position, and any difference grows by its distance
+            let most = match settings {
+                VelocitySettings::Levant { acceleration_max_m_per_s2, .. } => {
+                    0.4 * c(acceleration_max_m_per_s2)
                 }
-            }
+                _ => 0.2,
+            };
+            let (worst, _) = twin_over_random_motion(&settings, most);
             let stated = stated_lsb(&settings);
             println!(
                 "{} {:?}: {worst:.3} LSB, stated {stated}",
@@ -315,36 +298,12 @@ proptest! {
         which in 0..NAMES.len(),
         tuning in 1..4usize,
         start in any::<i32>(),
-        pieces in proptest::collection::vec(
-            (
-                prop_oneof![
-                    Just(0), Just(1), Just(-1), Just(32_767), Just(-32_767), Just(i32::MIN),
-                    Just(i32::MAX), -300..300i32, any::<i32>()
-                ],
-                1..300usize,
-                any::<bool>(),
-            ),
-            1..12,
-        ),
+        pieces in pieces(),
     ) {
         let settings = tunings(NAMES[which])[tuning];
-        let mut run = Run::new(&settings, start);
-        let mut count = i64::from(start);
-        for (step, samples, reverses) in pieces {
-            for n in 0..samples {
-                count += i64::from(if reverses && n % 2 == 1 { step.wrapping_neg() } else { step });
-                let velocity = run.at(count);
-                prop_assert!(velocity.abs() <= f64::from(Velocity::LIMIT));
-            }
-        }
-        for _ in 0..settling(&settings, 65_536.0) {
-            run.at(count);
-        }
-        for _ in 0..100 {
-            let velocity = run.at(count).abs();
-            let stated = stated_error(&settings, true);
-            prop_assert!(velocity <= stated + 1.0 / LSB, "{:?}: {}", settings, velocity);
-        }
+        let velocity = rest_after(&settings, start, &pieces, settling(&settings, 65_536.0));
+        let stated = stated_error(&settings, true);
+        prop_assert!(velocity <= stated + 1.0 / LSB, "{:?}: {}", settings, velocity);
     }
 }
 

@@ -113,6 +113,68 @@ impl Random {
     }
 }
 
+/// Largest difference of core and twin over 20 random motions, and the fastest speed, LSB. `push` is the
+/// largest change of speed with a sample, counts per sample^2.
+pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, f64) {
+    let (mut worst, mut fastest) = (0f64, 0f64);
+    for seed in 1..=20 {
+        let mut run = Run::new(settings, 0);
+        let mut twin = TwinEstimator::new(settings, &DESIGN).unwrap();
+        let mut random = Random(seed);
+        let (mut position, mut speed, mut pushed, mut count) = (0.0, 0.0, 0.0, 0i64);
+        for n in 0..20_000 {
+            if n % 100 == 0 {
+                pushed = if n % 700 == 0 { 0.0 } else { push * random.next() };
+            }
+            speed = 0.999 * speed + pushed;
+            position += speed;
+            let now = f64::floor(position) as i64;
+            let exact = twin.update((now - count) as i32, &Senses::default());
+            count = now;
+            worst = worst.max((run.at(now) - exact).abs() * LSB);
+            fastest = fastest.max(exact.abs() * LSB);
+        }
+    }
+    (worst, fastest)
+}
+
+/// Steps of the count, how often each, and whether it turns with every sample.
+pub type Pieces = Vec<(i32, usize, bool)>;
+
+/// Standstill, slow and fast motion, jumps to the ends.
+pub fn pieces() -> impl Strategy<Value = Pieces> {
+    let step = prop_oneof![
+        Just(0),
+        Just(1),
+        Just(-1),
+        Just(32_767),
+        Just(-32_767),
+        Just(i32::MIN),
+        Just(i32::MAX),
+        -300..300i32,
+        any::<i32>()
+    ];
+    prop::collection::vec((step, 1..300usize, any::<bool>()), 1..12)
+}
+
+/// Moves like that from `start`, every speed in range; then stands still for `wait` samples. The largest speed
+/// of the 100 after that, counts per sample.
+pub fn rest_after(settings: &VelocitySettings, start: i32, pieces: &Pieces, wait: usize) -> f64 {
+    let mut run = Run::new(settings, start);
+    let mut count = i64::from(start);
+    for &(step, samples, reverses) in pieces {
+        for n in 0..samples {
+            count += i64::from(if reverses && n % 2 == 1 { step.wrapping_neg() } else { step });
+            let velocity = run.at(count);
+            assert!(velocity.abs() <= f64::from(Velocity::LIMIT), "{settings:?}: {velocity}");
+        }
+    }
+    for _ in 0..wait {
+        run.at(count);
+    }
+    (0..100).map(|_| run.at(count).abs()).fold(0.0, f64::max)
+}
+
 /// A motion as the encoder and an ideal accelerometer see it, sample by sample.
 pub struct Motion<F> {
     /// Position at a time in samples, counts.
