@@ -13,7 +13,7 @@ use super::enable;
 /// PWM periods per sample.
 pub const PER_SAMPLE: u32 = 4;
 /// Core cycles from the sampling timer's update to the PWM timer's.
-/// (`tests/elf_control` holds the longest way of a command to its registers to less).
+/// (`tests/elf/control` holds the longest way of a command to its registers to less).
 pub const LEAD_CYCLES: u32 = 2352; // 14 us
 
 /// The force output.

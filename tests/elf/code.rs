@@ -158,11 +158,6 @@ impl Instruction {
         branch || moved || load
     }
 
-    /// Whether it calls (`bl`).
-    pub fn is_call(self) -> bool {
-        self.first >> 11 == 0b11110 && self.second >> 14 == 0b11 && self.second >> 12 & 1 == 1
-    }
-
     /// Where a direct branch or call goes.
     pub fn target(self) -> Option<u32> {
         let (first, second) = (u32::from(self.first), u32::from(self.second));

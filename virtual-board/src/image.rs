@@ -1,4 +1,4 @@
-//! Builds the firmware's ELF.
+//! Builds for the board's target: the firmware's ELF.
 
 use std::{
     fs::File,
@@ -15,7 +15,8 @@ fn workspace() -> PathBuf {
 
 /// Builds the ELF of a board, as `cargo firmware` does but for the target directory: its own, so
 /// that it never waits for a build that is waiting for it. Builds of several processes follow each
-/// other. Adds the target to the tool chain if it is missing.
+/// other. Adds the target to the tool chain if it is missing. Without `RUSTFLAGS`: the host's flags,
+/// such as coverage, are not the board's.
 ///
 /// # Errors
 /// What `cargo` or `rustup` said.
@@ -29,40 +30,52 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
 /// What `cargo` or `rustup` said.
 pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> {
     let name = [&[board], features].concat().join(",");
-    let target_dir = std::env::var_os("CARGO_TARGET_DIR")
-        .map_or_else(|| workspace().join("target"), PathBuf::from);
-    let target_dir = target_dir.join("firmware-images");
-    std::fs::create_dir_all(&target_dir)
-        .map_err(|error| format!("{}: {error}", target_dir.display()))?;
-    let lock = target_dir.join("build.lock");
+    let bin = ["--bin", "zwidth", "--no-default-features", "--features", &name];
+    in_turn(|folder| {
+        let built = package(folder, "zwidth", &bin)?.join("zwidth");
+        // Under its own name, and at one stroke: the next build, of another variant, replaces the file.
+        let (draft, elf) = (folder.join("draft.elf"), folder.join(format!("{name}.elf")));
+        std::fs::copy(&built, &draft)
+            .and_then(|_| std::fs::rename(&draft, &elf))
+            .map_err(|error| format!("{}: {error}", elf.display()))?;
+        Ok(elf)
+    })
+}
+
+/// Builds another package of the workspace as the firmware is built, for tests of what it compiles to. The
+/// folder with its programs and archives.
+///
+/// # Errors
+/// What `cargo` or `rustup` said.
+pub fn build_package(name: &str) -> Result<PathBuf, String> {
+    in_turn(|folder| package(folder, name, &[]))
+}
+
+/// One build at a time, in the folder of the images.
+fn in_turn<T>(build: impl FnOnce(&Path) -> Result<T, String>) -> Result<T, String> {
+    let folder = std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| workspace().join("target"), PathBuf::from)
+        .join("firmware-images");
+    std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let lock = folder.join("build.lock");
     let lock = File::create(&lock).map_err(|error| format!("{}: {error}", lock.display()))?;
     lock.lock().map_err(|error| error.to_string())?;
     add_target()?;
-    let target_dir = target_dir.join(board);
+    build(&folder)
+}
+
+fn package(folder: &Path, name: &str, arguments: &[&str]) -> Result<PathBuf, String> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo
         .current_dir(workspace())
-        .args([
-            "build",
-            "--quiet",
-            "--profile",
-            "firmware",
-            "--package",
-            "zwidth",
-            "--bin",
-            "zwidth",
-        ])
-        .args(["--target", TARGET, "--no-default-features", "--features", &name])
+        .env_remove("RUSTFLAGS")
+        .args(["build", "--quiet", "--profile", "firmware", "--target", TARGET])
+        .args(["--package", name])
+        .args(arguments)
         .arg("--target-dir")
-        .arg(&target_dir);
+        .arg(folder);
     run(&mut cargo)?;
-    let built = target_dir.join(TARGET).join("firmware").join("zwidth");
-    // Under its own name, and at one stroke: the next build, of another variant, replaces the file.
-    let (draft, elf) = (target_dir.join("draft.elf"), target_dir.join(format!("{name}.elf")));
-    std::fs::copy(&built, &draft)
-        .and_then(|_| std::fs::rename(&draft, &elf))
-        .map_err(|error| format!("{}: {error}", elf.display()))?;
-    Ok(elf)
+    Ok(folder.join(TARGET).join("firmware"))
 }
 
 /// Adds the target through `rustup`, if the tool chain lacks it.

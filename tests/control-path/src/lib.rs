@@ -1,4 +1,4 @@
-//! The control path and nothing else, compiled for the board, so that `tests/control_path.rs` can
+//! The control path and nothing else, compiled for the board, so that `tests/elf/control_path.rs` can
 //! look at the machine code: what runs between encoder and command, and one function that does
 //! not (it uses floats), to show that the look finds something.
 #![cfg_attr(target_os = "none", no_std)]

@@ -1,4 +1,4 @@
-//! Every estimator, compiled for the board, so that `tests/control_path.rs` can look at the machine
+//! Every estimator, compiled for the board, so that `tests/elf/control_path.rs` can look at the machine
 //! code.
 #![cfg_attr(target_os = "none", no_std)]
 

@@ -1,0 +1,195 @@
+//! `identify` on the command line: from a log to a scene that the other commands take, and what it refuses.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+    time::Instant,
+};
+
+use host_sim::{
+    identify::Record,
+    plant::{Plant as _, PlantStep},
+    scene::{Device, NamedScene},
+};
+use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
+use tempfile::TempDir;
+
+/// Longest time from a log to a scene, s; measured 0.2 s.
+const LONGEST_S: f64 = 2.0;
+
+fn sim(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
+}
+
+#[track_caller]
+fn done(folder: &Path, args: &[&str]) -> String {
+    let output = sim(folder, args);
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{args:?}: {error}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[track_caller]
+fn refused(folder: &Path, args: &[&str], wanted: &str) {
+    let before = fs::read_dir(folder).unwrap().count();
+    let output = sim(folder, args);
+    let line = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {line}");
+    assert_eq!(line.trim_end().lines().count(), 1, "{args:?}: {line}");
+    assert!(line.starts_with("error: ") && line.contains(wanted), "{args:?}: {line}");
+    assert!(output.stdout.is_empty());
+    assert_eq!(fs::read_dir(folder).unwrap().count(), before, "{args:?} left something behind");
+}
+
+/// Two pulses of the paper's device, with `added_kg` on it, and noise of about half a count.
+fn log(added_kg: f64) -> String {
+    let device = NamedScene::load("paper-1um").unwrap().scene.device;
+    let device = Device { mass_kg: device.mass_kg + added_kg, ..device };
+    let plant = PlantStep::new(&device, 1e-4, 0.0);
+    let mut state = plant.at_rest(0.3e-6);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
+    let voltage_v: Vec<f64> = (0..20_000)
+        .map(|row| match row {
+            1000..3000 => 4.0,
+            3000..5000 => -4.0,
+            _ => 0.0,
+        })
+        .collect();
+    let positions = (0..20_000_usize).map(|row| {
+        let normal = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+        let count = (plant.position_m(&state) / 1e-6 + 0.5 * normal).floor();
+        let late = row.checked_sub(10).map_or(0.0, |row| voltage_v[row]);
+        state = plant.advance(&state, 0.5906 * late);
+        count * 1e-6
+    });
+    let position_m = positions.collect();
+    let (name, start_s, step_s) = ("log".into(), 0.0, 1e-4);
+    Record { name, start_s, step_s, voltage_v, position_m, may_clip: true }.csv()
+}
+
+fn folder() -> TempDir {
+    let folder = TempDir::new().unwrap();
+    fs::write(folder.path().join("log.csv"), log(0.0)).unwrap();
+    folder
+}
+
+#[test]
+fn a_log_becomes_a_scene_that_the_other_commands_take() {
+    let folder = folder();
+    let folder = folder.path();
+    let start = Instant::now();
+    let args = ["identify", "log.csv", "--gain", "0.5906", "--out", "mine.toml", "--json"];
+    let json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
+    let took_s = start.elapsed().as_secs_f64();
+    println!("from CSV to scene in {took_s:.2} s");
+    assert!(took_s < LONGEST_S);
+    assert_eq!((&json["schema_version"], &json["command"]), (&1.into(), &"identify".into()));
+    let paper = NamedScene::load("paper-1um").unwrap().scene;
+    for (key, truth) in [
+        ("mass_kg", paper.device.mass_kg),
+        ("damping_n_s_per_m", paper.device.damping_n_s_per_m),
+        ("stiffness_n_per_m", paper.device.stiffness_n_per_m),
+        ("rest_position_m", paper.device.rest_position_m),
+    ] {
+        let [value, low, high] =
+            ["value", "low", "high"].map(|part| json[key][part].as_f64().unwrap());
+        assert!(low < value && value < high && (value / truth - 1.0).abs() < 1e-4, "{key}");
+    }
+    let text = fs::read_to_string(folder.join("mine.toml")).unwrap();
+    let scene = NamedScene::parse("mine".into(), text.clone(), "mine.toml").unwrap().scene;
+    assert_eq!(scene.device.mass_kg, json["mass_kg"]["value"].as_f64().unwrap());
+    let mut same = scene.clone();
+    same.device = paper.device;
+    assert_eq!(same, paper, "something else than the device changed");
+    assert!(
+        text.starts_with("# Identified by `cargo sim identify` from log.csv.\n# mass "),
+        "{text}"
+    );
+    let wall = ["--cutoff", "500", "--stiffness", "4000", "--damping", "20"];
+    assert!(done(folder, &[&["hit", "mine.toml"], &wall[..]].concat()).contains("stable"));
+}
+
+#[test]
+fn figure_and_table_of_the_fit_are_written() {
+    let folder = folder();
+    let args = ["identify", "log.csv", "--gain", "0.5906", "--plot", "fit.png", "--csv", "fit.csv"];
+    let text = done(folder.path(), &args);
+    assert!(text.contains("mass           0.4160") && text.contains("; white"), "{text}");
+    assert!(fs::read(folder.path().join("fit.png")).unwrap().len() > 10_000);
+    let csv = fs::read_to_string(folder.path().join("fit.csv")).unwrap();
+    assert!(csv.starts_with("time_s,voltage_v,position_m,model_m,residual_m\n0.0010000,0,"));
+    assert_eq!(csv.lines().count(), 1 + 20_000 - 10);
+    let row: Vec<f64> =
+        csv.lines().nth(7000).unwrap().split(',').map(|v| v.parse().unwrap()).collect();
+    assert!((row[2] + 0.5e-6 - row[3] - row[4]).abs() < 2e-9, "{row:?}");
+    refused(folder.path(), &args, "is there already; --force replaces it");
+}
+
+#[test]
+fn the_gain_comes_from_motor_weight_or_added_mass() {
+    let folder = folder();
+    let folder = folder.path();
+    fs::write(folder.join("heavy.csv"), log(0.15)).unwrap();
+    let gain = |args: &[&str]| -> f64 {
+        let args = [&["identify", "log.csv", "--json"], args].concat();
+        let json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
+        let (gain, mass) = (&json["gain_n_per_v"]["value"], &json["mass_kg"]["value"]);
+        let ratio = mass.as_f64().unwrap() / gain.as_f64().unwrap();
+        assert!((ratio / (0.4160 / 0.5906) - 1.0).abs() < 1e-4, "{ratio}");
+        gain.as_f64().unwrap()
+    };
+    let motor = ["--torque-constant", "0.0196", "--amplifier-gain", "0.3", "--drum-radius", "0.01"];
+    assert!((gain(&motor) - 0.588).abs() < 1e-12);
+    let weight = ["--calibration-mass", "0.2", "--calibration-voltage", "-3.32"];
+    assert!((gain(&weight) - 0.2 * 9.80665 / 3.32).abs() < 1e-12);
+    assert!((gain(&["heavy.csv", "--added-mass", "0.15"]) - 0.5906).abs() < 1e-4);
+}
+
+#[test]
+fn bad_input_is_refused_in_one_line() {
+    let folder = folder();
+    let folder = folder.path();
+    fs::write(folder.join("broken.csv"), log(0.0).replace("0.5000000,", "x,")).unwrap();
+    fs::write(folder.join("binary"), [0xff, 0, 1, 2]).unwrap();
+    fs::write(folder.join("empty.csv"), "").unwrap();
+    let gain = ["--gain", "0.5906"];
+    let with = |log: &'static str, more: &[&'static str]| [&["identify", log], more].concat();
+    for (args, wanted) in [
+        (with("log.csv", &[]), "the force per volt is not given"),
+        (with("none.csv", &gain), "none.csv cannot be read"),
+        (
+            with("broken.csv", &gain),
+            "broken.csv: line 5002: time_s is `x`, allowed any finite number",
+        ),
+        (with("binary", &gain), "neither a log with the columns"),
+        (with("empty.csv", &gain), "empty.csv: the file is empty"),
+        (with("log.csv", &["--gain", "nan"]), "--gain is NaN, allowed 0.000001 to 1000000"),
+        (with("log.csv", &["--gain", "0"]), "--gain is 0, allowed"),
+        (with("log.csv", &["--gain", "1", "--added-mass", "1"]), "cannot be used with"),
+        (with("log.csv", &["--torque-constant", "1"]), "--amplifier-gain <A_PER_V>"),
+        (with("log.csv", &["--drum-radius", "1"]), "--torque-constant"),
+        (with("log.csv", &["--calibration-mass", "1"]), "--calibration-voltage <V>"),
+        (with("log.csv", &["--added-mass", "0.1"]), "--added-mass needs two records, not 1"),
+        (with("log.csv", &["log.csv", "--added-mass", "0.1"]), "does not show more mass"),
+        (
+            with("log.csv", &["--gain", "1", "--latency", "-1"]),
+            "--latency is -1, allowed 0 to 1000",
+        ),
+        (with("log.csv", &["--gain", "1", "--resolution", "1"]), "--resolution is 1, allowed"),
+        (with("log.csv", &["--gain", "1", "--from", "0.9", "--to", "0.1"]), "no row of data"),
+        (with("log.csv", &["--gain", "1", "--from", "1.0"]), "no excitation"),
+        (with("log.csv", &["--gain", "1", "--base", "none"]), "none: "),
+        (
+            with("log.csv", &["--gain", "1", "--plot", "fit.pdf"]),
+            "allowed endings are .svg and .png",
+        ),
+        (
+            with("log.csv", &["--gain", "0.1", "--out", "s.toml"]),
+            "wall_hit.push_n is 2.835, allowed -1 to 1",
+        ),
+        (vec!["identify"], "required arguments"),
+    ] {
+        refused(folder, &args, wanted);
+    }
+}

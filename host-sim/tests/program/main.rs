@@ -1,0 +1,20 @@
+//! The simulator as a user meets it, and what its commands promise.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly; small numbers"
+)]
+
+mod cli;
+mod compare;
+mod elements;
+mod grid;
+mod identify;
+mod linear_elements;
+mod published_order;
+mod telemetry;
+mod trade;

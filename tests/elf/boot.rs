@@ -1,0 +1,150 @@
+//! The unmodified release ELF of each board: its layout in flash, its boot, the same run twice.
+
+use std::ops::Range;
+
+use host_sim::element::{EncoderError, EncoderNoise, Jitter};
+use virtual_board::{
+    board::{BOARDS, Board, Force},
+    elf::Elf,
+    world::World,
+};
+use zwidth::telemetry::Decoder;
+
+use crate::firmware::{Firmware, arm, ok};
+
+/// Sectors 1 and 2 of the flash: settings.
+const SETTINGS: Range<u32> = 0x0800_4000..0x0800_C000;
+
+fn both(test: impl Fn(&Firmware)) {
+    for board in BOARDS {
+        test(&Firmware::of(board));
+    }
+}
+
+fn has_its_vectors(elf: &Elf) {
+    let (address, size) = elf.section(".vector_table").unwrap();
+    assert_eq!(address, 0x0800_0000);
+    assert!(size >= 16 * 4 + 82 * 4, "{size}");
+    assert!(address + size <= SETTINGS.start);
+}
+
+#[test]
+fn no_byte_of_the_image_lies_in_the_settings_sectors() {
+    both(|firmware| {
+        has_its_vectors(&firmware.elf);
+        for (address, bytes) in &firmware.elf.flash {
+            let end = address + u32::try_from(bytes.len()).unwrap();
+            assert!(end <= SETTINGS.start || *address >= SETTINGS.end, "{address:#x}..{end:#x}");
+            assert!(end <= 0x0808_0000, "beyond 512 KiB: {end:#x}");
+        }
+    });
+}
+
+#[test]
+fn both_boards_boot_with_the_output_off_and_answer() {
+    both(|firmware| {
+        let mut world = firmware.boot();
+        let version = ok(&mut world, "version");
+        assert!(version.ends_with(firmware.board.name), "{version}");
+        let status = ok(&mut world, "status");
+        assert!(status.contains("ok status off, fault none"), "{status}");
+        assert!(status.contains("stop closed, supply good"), "{status}");
+        let mcu = &world.powered.mcu;
+        assert!(!world.powered.amplifier.is_enabled());
+        assert!(!mcu.pin(firmware.board.wiring.enable));
+        assert_eq!(world.powered.amplifier.command(), 0);
+        assert_eq!((mcu.resets(), mcu.hard_faults()), (0, &[][..]));
+    });
+}
+
+/// `zero` to `status`: what a person sees, what telemetry says, where the handle is in the end.
+fn session(firmware: &Firmware) -> (Vec<String>, Vec<u8>, u64, u64) {
+    let mut world = firmware.boot();
+    arm(&mut world);
+    ok(&mut world, "hit");
+    world.run(3_000).unwrap();
+    let state = (world.position_m().to_bits(), world.powered.mcu.instructions());
+    (world.lines, world.telemetry, state.0, state.1)
+}
+
+#[test]
+fn two_runs_are_the_same_bit_for_bit() {
+    both(|firmware| {
+        let (first, second) = (session(firmware), session(firmware));
+        assert!(first.1.len() > 20_000, "{}", first.1.len());
+        assert_eq!(first, second);
+    });
+}
+
+#[test]
+fn force_reaches_the_plant_and_disarm_takes_it_away() {
+    both(|firmware| {
+        let mut world = firmware.boot();
+        arm(&mut world);
+        let free_m = world.position_m();
+        ok(&mut world, "hit");
+        let mut deepest_m = free_m;
+        for _ in 0..500 {
+            world.run(10).unwrap();
+            deepest_m = deepest_m.max(world.position_m());
+        }
+        let surface_m = firmware.scene.device.rest_position_m + 0.005;
+        assert!(free_m < surface_m, "{free_m}");
+        assert!(deepest_m > surface_m, "the push does not reach the wall: {deepest_m}");
+        assert!(world.powered.amplifier.is_enabled());
+        ok(&mut world, "disarm");
+        world.run(10).unwrap(); // takes effect with the next output
+        assert!(!world.powered.amplifier.is_enabled());
+        if matches!(firmware.board.wiring.force, Force::Dac { .. }) {
+            assert_eq!(world.powered.amplifier.command(), 0);
+        }
+    });
+}
+
+#[test]
+fn an_unknown_board_has_no_name() {
+    assert_eq!(Board::named("nucleo-f446re"), Some(BOARDS[0]));
+    assert_eq!(Board::named("nucleo"), None);
+}
+
+/// The wires carry what the scene's encoder gets wrong.
+#[test]
+fn the_encoders_error_and_noise_reach_the_board_and_jitter_is_refused() {
+    let mut firmware = Firmware::of(BOARDS[0]);
+    let at_m = firmware.scene.device.rest_position_m;
+    let counts = |firmware: &Firmware, moved_m: f64| {
+        let mut world = firmware.boot();
+        world.hold(at_m, true);
+        world.run(20).unwrap();
+        ok(&mut world, "zero");
+        world.hold(at_m + moved_m, true);
+        world.telemetry.clear();
+        world.run(1_000).unwrap();
+        let mut decoder = Decoder::new();
+        let frames = std::mem::take(&mut world.telemetry);
+        let records = frames.into_iter().filter_map(|byte| decoder.push(byte));
+        records.map(|frame| frame.record.position.counts()).skip(50).collect::<Vec<_>>()
+    };
+    let still = counts(&firmware, 100e-6);
+    assert!(still.len() > 30 && still.iter().all(|&count| count == 100), "{still:?}");
+
+    let error = EncoderError { cycle_m: 4e-4, first_m: 2e-5, second_m: 0.0, phase_rad: 0.0 };
+    firmware.scene.encoder_error = Some(error);
+    let wrong = counts(&firmware, 100e-6);
+    let expected = 100.0 + (error.error_m(at_m + 100e-6) - error.error_m(at_m)) / 1e-6;
+    assert!((expected - 100.0).abs() > 5.0, "{expected}");
+    assert!(wrong.iter().all(|&count| (f64::from(count) - expected).abs() <= 1.0), "{wrong:?}");
+
+    firmware.scene.encoder_error = None;
+    firmware.scene.encoder_noise = Some(EncoderNoise { rms_m: 2e-6, seed: 1 });
+    let noisy = counts(&firmware, 100e-6);
+    let square = |count: &i32| f64::from(count - 100).powi(2);
+    #[expect(clippy::cast_precision_loss, reason = "a hundred")]
+    let rms = (noisy.iter().map(square).sum::<f64>() / noisy.len() as f64).sqrt();
+    assert!((1.0..6.0).contains(&rms), "{rms}"); // the zero has an error of its own
+
+    firmware.scene.jitter = Some(Jitter { peak_s: 1e-6, seed: 1 });
+    let Firmware { board, elf, table, scene } = &firmware;
+    let refused = World::new(*board, elf, table, scene, 0.0).err().unwrap();
+    assert!(refused.contains("[jitter]"), "{refused}");
+}

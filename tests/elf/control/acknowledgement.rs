@@ -1,0 +1,87 @@
+//! Nobody reads.
+
+use virtual_board::{board::BOARDS, world::World};
+
+use crate::firmware::{Firmware, arm, ok};
+
+/// Nobody reads: the channels fill up. One command more may act, and its reply waits for room; what
+/// comes after it is not obeyed, but for what ends something.
+#[test]
+fn nothing_changes_without_an_acknowledgement() {
+    for board in BOARDS {
+        let firmware = Firmware::of(board);
+        let mut world = firmware.boot();
+        arm(&mut world);
+        let unread = |world: &mut World<'_>, line: &str| {
+            world.send(&format!("{line}\n")).unwrap();
+            for _ in 0..30 {
+                world.sample().unwrap();
+            }
+        };
+        for k in 1..=300 {
+            unread(&mut world, &format!("k {k}"));
+        }
+        unread(&mut world, "disarm");
+        world.replies.clear();
+        world.lines.clear();
+        world.run(2_000).unwrap();
+        // The log has them all in order, from the last that found room in it to the one that waited.
+        let acknowledged = |lines: &mut dyn Iterator<Item = &str>| {
+            lines
+                .filter_map(|line| line.split_once("ok k ")?.1.split(' ').next()?.parse().ok())
+                .max()
+        };
+        let in_log: Option<u32> = acknowledged(&mut world.lines.iter().map(String::as_str));
+        let replied: Option<u32> = acknowledged(&mut world.replies.lines());
+        let last = in_log.max(replied).expect("no reply at all");
+        let told = world.replies.lines().find(|line| line.contains("nobody was reading"));
+        println!("{}: up to k {last}, then {told:?}", board.name);
+        let told = told.expect("the host is told").to_owned();
+        assert!(told.contains(&format!(": {} commands ignored", 300 - last)), "{told}");
+        assert!((20..300).contains(&last), "{last}");
+        let settings = ok(&mut world, "get");
+        assert!(settings.contains(&format!("k {last} ")), "{settings}");
+        let status = ok(&mut world, "status");
+        assert!(status.contains("ok status off"), "{status}");
+    }
+}
+
+/// A walk that nobody listens to ends after the hit that it is at: it does not move the handle on for results that are
+/// lost. Who reads again is told so.
+#[test]
+fn a_walk_ends_when_nobody_reads() {
+    let firmware = Firmware::of(BOARDS[0]);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    for line in ["settle 0.7", "window 0.1", "start 0", "kstart 2000", "kstep 1000", "bstart 20"] {
+        ok(&mut world, line);
+    }
+    let told = |world: &mut World<'_>, what: &str| {
+        world.lines.iter().any(|line| line.contains(what)) && world.replies.contains(what)
+    };
+    ok(&mut world, "walk");
+    world.run(40_000).unwrap();
+    assert!(told(&mut world, "walk hit 2: "), "it walks: {}", world.replies);
+    // Replies that nobody takes fill both channels; the walk is at some hit then.
+    for _ in 0..300 {
+        world.send("get\n").unwrap();
+        (0..30).for_each(|_| world.sample().unwrap());
+    }
+    for _ in 0..40_000 {
+        world.sample().unwrap();
+    }
+    let (before_m, pushed) = (world.position_m(), world.powered.amplifier.command());
+    for _ in 0..10_000 {
+        world.sample().unwrap();
+    }
+    assert!((world.position_m() - before_m).abs() < 1e-3, "no further hit");
+    assert_eq!(world.powered.amplifier.command(), pushed);
+    world.replies.clear();
+    world.lines.clear();
+    world.run(2_000).unwrap();
+    assert!(told(&mut world, "error: walk: nobody read its results"), "{}", world.replies);
+    let status = ok(&mut world, "status");
+    assert!(status.contains("ok status armed, fault none, idle"), "{status}");
+    let settings = ok(&mut world, "get");
+    assert!(settings.contains("k 8000 N/m, b 30 N s/m"), "{settings}");
+}

@@ -1,0 +1,94 @@
+//! Nothing delays the samples.
+
+use virtual_board::{board::BOARDS, mcu::Watch};
+
+use super::{SAMPLES, sessions};
+use crate::{
+    code::{Code, Instruction},
+    firmware::{Firmware, arm},
+};
+
+/// Longest difference between two delays, cycles: instructions that cannot be interrupted.
+const SPREAD: u64 = 64;
+
+/// What is wrong with the samples' time.
+fn delayed(watch: &Watch) -> Result<(), String> {
+    if watch.delay_spread() > SPREAD {
+        return Err(format!("spread {} cycles", watch.delay_spread()));
+    }
+    match (watch.primask, watch.forbidden_basepri) {
+        (0, 0) => Ok(()),
+        (primask, basepri) => Err(format!("PRIMASK in {primask} steps, BASEPRI in {basepri}")),
+    }
+}
+
+#[test]
+fn nothing_delays_the_samples() {
+    for (firmware, session) in sessions() {
+        let watch = &session.watch;
+        println!("{}: cycles from event to count: {:?}", firmware.board.name, watch.delays);
+        assert!(watch.delays.values().sum::<u64>() >= SAMPLES);
+        assert_eq!(delayed(watch), Ok(()), "{:?}", watch.delays);
+        // The positive control: samples did come while the logger masked the lower tasks.
+        let masked: u64 = watch.events_by_basepri.range(1..).map(|(_, n)| n).sum();
+        println!("events by BASEPRI: {:?}", watch.events_by_basepri);
+        assert!(masked >= 1, "{:?}", watch.events_by_basepri);
+        assert!(session.lines > 500, "{}", session.lines);
+    }
+}
+
+/// With the logger that everybody uses, which logs inside a critical section, the same look finds
+/// delays: by the spread of the delays alone, and by the mask.
+#[test]
+fn the_usual_logger_would_be_noticed() {
+    let mut spreads = Vec::new();
+    for features in [&[][..], &["usual-logger"]] {
+        let firmware = Firmware::variant(BOARDS[0], features);
+        let mut world = firmware.boot();
+        arm(&mut world);
+        world.powered.mcu.watch_mut().clear();
+        for n in 0..4_000 {
+            if n % 20 == 0 {
+                world.send(["status\n", "get\n", "help\n"][n / 20 % 3]).unwrap();
+            }
+            world.sample().unwrap();
+            if n % 50 == 0 {
+                world.probe().unwrap();
+            }
+        }
+        let watch = world.powered.mcu.watch();
+        println!("{features:?}: spread {}, {:?}", watch.delay_spread(), delayed(watch));
+        assert_eq!(delayed(watch).is_ok(), features.is_empty());
+        assert_eq!(watch.primask == 0, features.is_empty());
+        spreads.push(watch.delay_spread());
+    }
+    assert!(spreads[0] <= SPREAD && spreads[1] > 10 * SPREAD, "{spreads:?}");
+}
+
+/// Machine code of the sampling task, and of what it calls (the guard's rare cases): nothing in it
+/// disables interrupts, raises a mask or calls through a pointer.
+#[test]
+fn the_sampling_task_enters_no_critical_section() {
+    for board in BOARDS {
+        let elf = Firmware::of(board).elf;
+        let code = Code::of(&elf);
+        let mut functions = vec![elf.address_of("TIM5").unwrap()];
+        let mut n = 0;
+        while n < functions.len() {
+            for Instruction { at, first, second } in code.instructions(functions[n]) {
+                assert!(first != 0xB672 && first != 0xB671, "cpsid at {at:#x}");
+                // MSR PRIMASK or BASEPRI_MAX
+                let msr = first & 0xFFF0 == 0xF380 && second & 0xFF00 == 0x8800;
+                assert!(!(msr && matches!(second & 0xFF, 16 | 18)), "mask raised at {at:#x}");
+            }
+            let flow = code.flow(functions[n]);
+            assert!(!flow.indirect, "{}", code.name(functions[n]));
+            let new: Vec<u32> = flow.to.into_iter().filter(|f| !functions.contains(f)).collect();
+            functions.extend(new);
+            n += 1;
+        }
+        let names: Vec<_> = functions.iter().map(|&function| code.name(function)).collect();
+        println!("{}: {names:?}", board.name);
+        assert!(functions.len() <= 3, "{names:?}");
+    }
+}

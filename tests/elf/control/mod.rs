@@ -1,0 +1,132 @@
+//! The release ELF under load, in a session that is run once: its telemetry against the core on the host, bit for bit;
+//! the delay of its samples, its interrupt masks, cycles and memory. And what no session has: every trouble within the
+//! budget of a sample, commands in any order, commands against the latency, nobody who reads.
+
+mod acknowledgement;
+mod budget;
+mod commands;
+mod delay;
+mod equality;
+mod latency;
+
+use std::sync::OnceLock;
+
+use virtual_board::{
+    board::{BOARDS, Force},
+    mcu::Watch,
+};
+use zwidth::{
+    Control, Design, Settings, VelocitySettings, WallSettings,
+    telemetry::{Decoder, Record},
+};
+
+use crate::firmware::{Firmware, arm, ok};
+
+/// Samples under load.
+const SAMPLES: u64 = 50_000;
+
+/// What a session leaves behind.
+struct Session {
+    counts: Vec<u32>,
+    records: Vec<Record>,
+    /// Settings in the order in which the firmware took them.
+    controls: Vec<Control>,
+    lines: usize,
+    watch: Watch,
+}
+
+/// The device that the firmware is built for.
+fn design(firmware: &Firmware) -> Design {
+    let scene = &firmware.scene;
+    Design {
+        output: match firmware.board.wiring.force {
+            Force::Dac { .. } => zwidth::Output::Dac { bits: 12 },
+            Force::Pwm { .. } => zwidth::Output::Pwm { steps: 4200 },
+        },
+        ..scene.design()
+    }
+}
+
+fn settings(cutoff_hz: f64, position_m: f64, k: f64, b: f64) -> Settings {
+    Settings {
+        velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp: false },
+        wall: WallSettings {
+            position_m,
+            stiffness_n_per_m: k,
+            damping_n_s_per_m: b,
+            push_only: true,
+        },
+    }
+}
+
+/// The handle is moved in and out of the wall, through 0 and back, while commands come in without
+/// a pause and every output goes out as telemetry.
+fn session(firmware: &Firmware) -> Session {
+    let mut world = firmware.boot();
+    let design = design(firmware);
+    let mut now = settings(1500.0, 0.07, 0.0, 0.0);
+    // The firmware proposes its first settings to itself, which counts as a change.
+    let mut taken = vec![now, now];
+    arm(&mut world);
+    for (wall_m, k, b) in [(0.005, 0.0, 0.0), (0.005, 8000.0, 0.0), (0.005, 8000.0, 30.0)] {
+        now = settings(1500.0, wall_m, k, b);
+        taken.push(now);
+    }
+    let middle_m = world.position_m();
+    world.powered.mcu.watch_mut().clear();
+    world.powered.mcu.watch_mut().marks = firmware.core_of_sample();
+    for n in 0..SAMPLES {
+        let phase = n as f64 / 4_000.0 * std::f64::consts::TAU;
+        world.hold(middle_m - 0.02 * phase.sin(), true);
+        world.sample().unwrap();
+        if n % 50 == 0 {
+            world.probe().unwrap();
+        }
+        if n % 400 == 399 {
+            // Gains at any time, the cutoff outside of contact only.
+            let k = 1000.0 + (n / 400 * 37 % 15_000) as f64;
+            now.wall.stiffness_n_per_m = k;
+            world.send(&format!("k {k}\n")).unwrap();
+            taken.push(now);
+        }
+        if n % 4_000 == 1_000 {
+            let cutoff_hz = 100.0 + (n % 3_001) as f64;
+            now.velocity = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+            world.send(&format!("cutoff {cutoff_hz}\n")).unwrap();
+            taken.push(now);
+        }
+        if n % 100 == 20 {
+            world
+                .send(["status\n", "get\n", "rubbish\n", "help\n"][(n / 100 % 4) as usize])
+                .unwrap();
+        }
+    }
+    world.run(200).unwrap(); // the last replies
+    let status = ok(&mut world, "status");
+    assert!(status.contains("fault none"), "{status}");
+    assert!(!world.lines.iter().any(|line| line.contains("not now")), "{:?}", world.lines);
+    let mut decoder = Decoder::new();
+    let telemetry = std::mem::take(&mut world.telemetry);
+    let records = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
+    let records: Vec<_> = records.map(|frame| frame.record).collect();
+    assert_eq!((decoder.dropped, decoder.garbage), (0, 0));
+    Session {
+        counts: world.powered.mcu.counter_readings(),
+        records,
+        controls: taken.iter().map(|settings| settings.build(&design).unwrap()).collect(),
+        lines: world.lines.len(),
+        watch: world.powered.mcu.watch().clone(),
+    }
+}
+
+/// Each board's session, run once.
+fn sessions() -> &'static [(Firmware, Session); 2] {
+    static SESSIONS: OnceLock<[(Firmware, Session); 2]> = OnceLock::new();
+    SESSIONS.get_or_init(|| {
+        BOARDS.map(|board| {
+            let firmware = Firmware::of(board);
+            let session = session(&firmware);
+            (firmware, session)
+        })
+    })
+}

@@ -1,0 +1,163 @@
+//! What must switch the force off, done to the unmodified release ELF: how long until enable is
+//! inactive and the code is that of zero force, which fault is latched, what is kept, and that only
+//! `clear` and `arm` bring force back. docs/faults.md has the table and how each is brought about.
+//!
+//! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
+
+mod settings;
+mod suffer;
+mod trouble;
+
+use self::{
+    suffer::{Depth, suffer},
+    trouble::{TROUBLES, Trouble},
+};
+use rayon::prelude::*;
+use virtual_board::board::{BOARDS, Powered};
+
+use crate::firmware::{Firmware, arm};
+
+/// One row of the table.
+struct Row {
+    board: &'static str,
+    name: String,
+    off: String,
+    limit: String,
+    zero: String,
+    fault: String,
+    kept: String,
+}
+
+impl Row {
+    fn print(&self) {
+        let Self { board, name, off, limit, zero, fault, kept } = self;
+        println!(
+            "| {board:14} | {name:30} | {off:>9} | {limit:>9} | {zero:>9} | {fault:>5} | {kept} |"
+        );
+    }
+}
+
+fn header() {
+    println!(
+        "| board          | trouble                        | off       | allowed   | zero code | fault | kept |"
+    );
+    println!(
+        "|----------------|--------------------------------|----------:|----------:|----------:|------:|------|"
+    );
+}
+
+fn ms(us: f64) -> String {
+    format!("{:.3} ms", us / 1e3)
+}
+
+/// Every trouble of `troubles` on both boards, in parallel; the rows in order.
+fn rows(firmwares: &[Firmware], troubles: &[&Trouble], depth: Depth) -> Vec<Row> {
+    let pairs: Vec<_> =
+        firmwares.iter().flat_map(|f| troubles.iter().map(move |t| (f, *t))).collect();
+    let suffered = pairs.par_iter().map(|(firmware, trouble)| {
+        let result = suffer(firmware, trouble, depth);
+        Row {
+            board: firmware.board.name,
+            name: trouble.name.to_owned(),
+            off: ms(result.off_us),
+            limit: ms(trouble.limit_us),
+            zero: ms(result.zero_us),
+            fault: trouble.code.to_string(),
+            kept: result.kept,
+        }
+    });
+    suffered.collect()
+}
+
+/// A host that stops reading and then floods, with every channel set to blocking, while the force is
+/// on: nothing may happen.
+fn flood(firmware: &Firmware, samples: u32) -> Row {
+    let mut world = firmware.boot();
+    arm(&mut world);
+    world.powered.mcu.watch_mut().clear();
+    for channel in 0..3 {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.set_mode(mcu, channel, 2);
+    }
+    for n in 0..samples {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.write(mcu, 0, if n % 2 == 0 { b"help\nget\n" } else { b"\xff\x00k 1e\n~~" });
+        world.sample().unwrap();
+    }
+    let watch = world.powered.mcu.watch();
+    assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
+    assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
+    let render = watch.tasks[&virtual_board::mcu::RENDER];
+    assert_eq!(render.runs, u64::from(samples / 10));
+    assert!(world.powered.amplifier.is_enabled(), "the loop did not survive");
+    assert_eq!(world.powered.mcu.resets(), 0);
+    Row {
+        board: firmware.board.name,
+        name: "RTT stall and flood, blocking".to_owned(),
+        off: "stays on".to_owned(),
+        limit: String::new(),
+        zero: String::new(),
+        fault: "none".to_owned(),
+        kept: format!(
+            "{} outputs of {}, delay spread {}",
+            render.runs,
+            samples / 10,
+            watch.delay_spread()
+        ),
+    }
+}
+
+fn count(firmware: &Firmware, name: &str, cases: usize, kept: &str) -> Row {
+    Row {
+        board: firmware.board.name,
+        name: format!("{name}, {cases} cases"),
+        off: "stays off".to_owned(),
+        limit: String::new(),
+        zero: String::new(),
+        fault: "none".to_owned(),
+        kept: kept.to_owned(),
+    }
+}
+
+/// The whole campaign, as one table.
+#[test]
+#[ignore = "two minutes; CI runs it"]
+fn campaign() {
+    let firmwares = BOARDS.map(Firmware::of);
+    header();
+    rows(&firmwares, &TROUBLES.iter().collect::<Vec<_>>(), Depth::Full).iter().for_each(Row::print);
+    for firmware in &firmwares {
+        flood(firmware, 10_000).print();
+        let flipped = settings::flip_every_byte(firmware, 1);
+        count(firmware, "settings byte flipped", flipped, "older settings, and says so").print();
+        let cut = settings::cut_every_word(firmware, 1);
+        count(firmware, "power cut in a save", cut, "older settings or the new ones, whole")
+            .print();
+        let erased = settings::cut_an_erase(firmware);
+        count(firmware, "power cut in an erase", erased, "newest settings").print();
+    }
+}
+
+/// The troubles that take no watchdog, on the default board.
+#[test]
+fn troubles_take_the_force_away_in_time_and_say_why() {
+    let firmware = Firmware::of(BOARDS[0]);
+    let short: Vec<_> = TROUBLES.iter().filter(|trouble| trouble.short).collect();
+    header();
+    rows(&[firmware], &short, Depth::Short).iter().for_each(Row::print);
+}
+
+#[test]
+fn damaged_settings_and_power_cuts_leave_settings_that_were_saved() {
+    let firmware = Firmware::of(BOARDS[1]);
+    assert!(settings::flip_every_byte(&firmware, 12) >= 8);
+    assert!(settings::cut_every_word(&firmware, 6) >= 8);
+}
+
+#[test]
+fn a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop() {
+    for board in BOARDS {
+        header();
+        flood(&Firmware::of(board), 4_000).print();
+    }
+}

@@ -1,0 +1,195 @@
+//! One trouble from `arm` to `arm`.
+
+use virtual_board::world::World;
+use zwidth::telemetry::{Decoder, Flags, Record};
+
+use super::trouble::{Before, RENDER_US, Trouble};
+use crate::firmware::{Firmware, arm, ok};
+
+/// How much is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// The beginning of the black box.
+    Short,
+    /// All of it.
+    Full,
+}
+
+/// What came of a trouble.
+pub struct Suffered {
+    /// us until enable was inactive.
+    pub off_us: f64,
+    /// us until the force's code was that of zero force.
+    pub zero_us: f64,
+    pub kept: String,
+}
+
+/// The handle is led to `to_m` at 0.5 m/s.
+pub fn lead(world: &mut World<'_>, to_m: f64) {
+    let from_m = world.position_m();
+    let steps = ((to_m - from_m).abs() / 50e-6).ceil().max(1.0);
+    for n in 1..=steps as u32 {
+        world.hold(from_m + (to_m - from_m) * f64::from(n) / steps, true);
+        world.sample().unwrap();
+    }
+}
+
+/// Armed or not, as the trouble wants it; off its place by 0.1 mm, so that the position is not the
+/// counter's reading.
+fn prepare(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>, depth: Depth) {
+    let rest_m = firmware.scene.device.rest_position_m;
+    lead(world, rest_m + 100e-6);
+    let zero_m = world.position_m();
+    match trouble.before {
+        Before::Off => {
+            for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"] {
+                ok(world, line);
+            }
+            world.hold(zero_m, false);
+        }
+        Before::Pressed => {
+            world.hold(zero_m, false);
+            arm(world);
+            lead(world, zero_m + 5.3e-3);
+            // Long enough for the black box to be full.
+            world.run(if depth == Depth::Full { 1_000 } else { 50 }).unwrap();
+            assert_ne!(world.powered.mcu.force_registers(), zero_registers(world));
+        }
+        Before::Moving => {
+            world.hold(zero_m, false);
+            arm(world);
+            ok(world, "hit");
+            let start_m = world.position_m();
+            while world.position_m() < start_m + 1e-3 {
+                world.sample().unwrap();
+            }
+        }
+    }
+    if trouble.before != Before::Off {
+        assert!(world.powered.amplifier.is_enabled(), "{}", trouble.name);
+    }
+}
+
+/// The registers of the force output at zero force; the one that the board does not use stays 0.
+fn zero_registers(world: &World<'_>) -> [u32; 3] {
+    match world.powered.board.wiring.force {
+        virtual_board::board::Force::Dac { .. } => [0, 0, 2048],
+        virtual_board::board::Force::Pwm { .. } => [0, 0, 0],
+    }
+}
+
+/// Prepares, makes trouble, checks what came of it and the way back.
+pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered {
+    let name = trouble.name;
+    let mut world = firmware.boot();
+    let world = &mut world;
+    prepare(firmware, trouble, world, depth);
+    let settings = ok(world, "get");
+    let outputs = world.powered.mcu.events() / 10;
+    let begun = (trouble.begin)(firmware, world);
+    let patience = if trouble.limit_us > 20_000.0 { 1_100 } else { 40 };
+    for _ in 0..patience {
+        world.sample().unwrap();
+    }
+    let us = |cycles: u64| cycles as f64 / (world.powered.mcu.core_hz() as f64 / 1e6);
+    let changes = world.powered.amplifier.changes();
+    let off = changes.disabled_at.filter(|&at| at >= begun);
+    let off_us = us(off.unwrap_or_else(|| panic!("{name}: enable stays active")) - begun);
+    assert!(!world.powered.amplifier.is_enabled(), "{name}");
+    assert!(off_us <= trouble.limit_us, "{name}: off after {off_us} us");
+    // The amplifier is off; the code follows, at the latest when the program acts or begins anew.
+    let zero_us = us(changes.command_at.saturating_sub(begun));
+    assert_eq!(world.powered.amplifier.command(), 0, "{name}");
+    // A reset drops enable by itself; the code follows when the program begins anew, within an output.
+    let booting_us = if trouble.resets { RENDER_US } else { 0.0 };
+    let allowed_us = trouble.limit_us.max(RENDER_US) + trouble.halted_us + booting_us;
+    assert!(zero_us <= allowed_us, "{name}: zero force after {zero_us} us");
+    if !trouble.resets {
+        assert_eq!(world.powered.mcu.force_registers(), zero_registers(world), "{name}");
+    }
+    // Off it stays, and says why.
+    world.run(500).unwrap();
+    world.replies.clear();
+    let status = ok(world, "status");
+    assert!(status.contains(&format!("fault {} ", trouble.code)), "{name}: {status}");
+    world.telemetry.clear();
+    let faults = ok(world, "faults");
+    for code in trouble.all {
+        let all = faults.split(", all").nth(1).unwrap().split(',').next().unwrap();
+        assert!(all.contains(&format!(" {code}")), "{name}: {faults}");
+    }
+    let mut kept = vec!["fault"];
+    assert_eq!(world.powered.mcu.resets() > 0, trouble.resets, "{name}");
+    if !trouble.resets {
+        assert_eq!(ok(world, "get"), settings, "{name}");
+        kept.push("settings");
+        black_box(world, trouble, depth, outputs);
+        kept.push("black box");
+    }
+    for line in if trouble.stays { &["arm", "clear"][..] } else { &["arm"] } {
+        let refused = world.ask(line).unwrap();
+        assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
+    }
+    // The fault outlives a reset. On the other board the way back goes without one.
+    if firmware.board == virtual_board::board::BOARDS[0] && !trouble.stays {
+        world.reset();
+        world.run(300).unwrap();
+        let status = ok(world, "status");
+        assert!(status.contains(&format!("fault {} ", trouble.code)), "{name}, reset: {status}");
+        kept.push("over a reset");
+    }
+    way_back(firmware, trouble, world);
+    Suffered { off_us, zero_us, kept: kept.join(", ") }
+}
+
+/// The records of the black box come, marked as such, without a gap, and end with the fault.
+fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth, outputs: u64) {
+    let name = trouble.name;
+    let samples = if depth == Depth::Full { 5_200 } else { 300 };
+    world.run(samples).unwrap();
+    let mut decoder = Decoder::new();
+    let frames = std::mem::take(&mut world.telemetry);
+    let records: Vec<Record> = frames
+        .into_iter()
+        .filter_map(|byte| decoder.push(byte))
+        .map(|frame| frame.record)
+        .filter(|record| record.flags.contains(Flags::REPLAY))
+        .collect();
+    let least = if depth == Depth::Full { outputs.min(500) } else { 20 } as usize;
+    assert!(records.len() >= least, "{name}: {} records", records.len());
+    for pair in records.windows(2) {
+        // A `render` that was kept away is a gap of its own.
+        assert!(pair[1].sample > pair[0].sample, "{name}");
+        if pair[1].fault == 0 {
+            assert_eq!(pair[1].sample - pair[0].sample, 10, "{name}");
+        }
+    }
+    if depth == Depth::Full {
+        let [before @ .., last] = &records[..] else { unreachable!() };
+        assert_eq!(u32::from(last.fault), trouble.code, "{name}");
+        assert!(before.iter().all(|record| record.fault == 0), "{name}");
+        assert!(
+            before.iter().rev().take(50).all(|record| record.flags.contains(Flags::ON)),
+            "{name}"
+        );
+    }
+}
+
+/// The cause goes; force comes back by `clear` and `arm` only.
+fn way_back(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>) {
+    let name = trouble.name;
+    (trouble.end)(world);
+    lead(world, firmware.scene.device.rest_position_m);
+    world.run(500).unwrap();
+    assert!(!world.powered.amplifier.is_enabled(), "{name}: force came back by itself");
+    let refused = world.ask("arm").unwrap();
+    assert!(refused.starts_with("error"), "{name}: {refused}");
+    ok(world, "clear");
+    world.run(100).unwrap();
+    assert!(!world.powered.amplifier.is_enabled(), "{name}: force came back with clear");
+    let after = ok(world, "status");
+    assert!(after.contains("ok status off, fault none"), "{name}: {after}");
+    world.hold(world.position_m(), false);
+    arm(world);
+    assert!(world.powered.amplifier.is_enabled(), "{name}: it cannot be armed again");
+}

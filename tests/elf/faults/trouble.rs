@@ -1,0 +1,424 @@
+//! What goes wrong, and how it is brought about without touching the program.
+
+use virtual_board::{
+    mcu::{LINK, RENDER, SAMPLE},
+    world::World,
+};
+
+use super::suffer::lead;
+use crate::firmware::{Firmware, ok};
+
+/// Where the device is when it happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Before {
+    /// Armed, the handle pressed 0.3 mm into the wall: 40 % force.
+    Pressed,
+    /// Armed, the handle on its way to the wall, with a push of 48 %.
+    Moving,
+    /// Off; the trouble begins before `arm`, and its time is counted from the enable.
+    Off,
+}
+
+/// One way to go wrong.
+pub struct Trouble {
+    pub name: &'static str,
+    /// Expected code.
+    pub code: u32,
+    /// All codes that `faults` has to name.
+    pub all: &'static [u32],
+    /// Longest time until enable is inactive, us. The code of zero force is there by then, or within
+    /// one output where hardware alone has dropped enable.
+    pub limit_us: f64,
+    /// The program stands still for so long, and cannot write a code meanwhile.
+    pub halted_us: f64,
+    pub before: Before,
+    /// Brings it about; returns the cycle at which it began.
+    pub begin: fn(&Firmware, &mut World<'_>) -> u64,
+    /// Takes the cause away.
+    pub end: fn(&mut World<'_>),
+    /// As long as the cause is there `clear` is refused.
+    pub stays: bool,
+    /// It ends in a reset, which RAM does not survive.
+    pub resets: bool,
+    /// Part of the short campaign.
+    pub short: bool,
+}
+
+fn nothing(_: &mut World<'_>) {}
+
+/// The world moves in samples: what is seen may be up to one sample old.
+const GRID_US: f64 = 100.0;
+/// By the sampling task itself.
+const SAMPLE_US: f64 = 100.0 + GRID_US;
+/// One output and one sample.
+pub const RENDER_US: f64 = 1_100.0 + GRID_US;
+/// No code is needed for it.
+const AT_ONCE_US: f64 = 1.0;
+/// From the jump of the program counter to the handler's first store.
+const HANDLER_US: f64 = 2.0;
+/// The watchdog, at its nominal clock, and one output since it was fed.
+const WATCHDOG_US: f64 = 51_000.0;
+
+const PLAIN: Trouble = Trouble {
+    name: "",
+    code: 0,
+    all: &[],
+    limit_us: 0.0,
+    halted_us: 0.0,
+    before: Before::Pressed,
+    begin: |_, world| world.powered.mcu.now(),
+    end: nothing,
+    stays: false,
+    resets: false,
+    short: true,
+};
+
+/// All of them.
+pub const TROUBLES: [Trouble; 30] = [
+    Trouble {
+        name: "count jump",
+        code: 10,
+        limit_us: SAMPLE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.hold(world.position_m() + 700e-6, true);
+            begun
+        },
+        ..PLAIN
+    },
+    Trouble {
+        name: "over-speed",
+        code: 11,
+        limit_us: RENDER_US, // of which the estimator takes a part
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            let start_m = world.position_m();
+            for n in 1..=20 {
+                world.hold(start_m + 250e-6 * f64::from(n), true);
+                world.sample().unwrap();
+                if !world.powered.amplifier.is_enabled() {
+                    break;
+                }
+            }
+            begun
+        },
+        ..PLAIN
+    },
+    Trouble {
+        name: "out of range",
+        code: 12,
+        limit_us: RENDER_US,
+        begin: |firmware, world| {
+            let name = "local_resource_sample";
+            let mut symbols = firmware.elf.symbols.iter();
+            let (_, from, size) = symbols.find(|(symbol, ..)| symbol.contains(name)).unwrap();
+            let position = counts(world).cast_unsigned();
+            let begun = world.powered.mcu.now();
+            let flipped = world.powered.mcu.flip_words(*from, from + size, position, 1 << 30);
+            assert_eq!(flipped, 2, "the position stands in the encoder and in the estimator");
+            begun
+        },
+        end: |world| {
+            ok(world, "zero");
+        },
+        stays: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "dead channel A, in free motion",
+        code: 13,
+        limit_us: 50_000.0 + RENDER_US,
+        before: Before::Moving,
+        begin: |_, world| {
+            world.powered.mcu.kill_channel(0, true);
+            world.powered.mcu.now()
+        },
+        end: |world| world.powered.mcu.kill_channel(0, false),
+        ..PLAIN
+    },
+    Trouble {
+        name: "dead channel B, in free motion",
+        code: 13,
+        limit_us: 50_000.0 + RENDER_US,
+        before: Before::Moving,
+        begin: |_, world| {
+            world.powered.mcu.kill_channel(1, true);
+            world.powered.mcu.now()
+        },
+        end: |world| world.powered.mcu.kill_channel(1, false),
+        ..PLAIN
+    },
+    Trouble {
+        name: "swapped channels at arm",
+        code: 14,
+        limit_us: 100_000.0 + RENDER_US,
+        before: Before::Off,
+        begin: |_, world| {
+            world.swap_channels(true);
+            enabled_by_arm(world)
+        },
+        end: |world| world.swap_channels(false),
+        ..PLAIN
+    },
+    Trouble {
+        name: "wrong motor sign at arm",
+        code: 14,
+        limit_us: 100_000.0 + RENDER_US,
+        before: Before::Off,
+        begin: |_, world| {
+            world.motor_reversed = true;
+            enabled_by_arm(world)
+        },
+        end: |world| world.motor_reversed = false,
+        ..PLAIN
+    },
+    Trouble {
+        name: "beyond travel",
+        code: 15,
+        limit_us: RENDER_US,
+        begin: |_, world| {
+            let zero_m = world.position_m() - 1e-6 * f64::from(counts(world));
+            lead(world, zero_m - 0.139_99);
+            assert!(world.powered.amplifier.is_enabled());
+            let begun = world.powered.mcu.now();
+            lead(world, zero_m - 0.14002);
+            begun
+        },
+        end: |world| lead(world, world.position_m() + 0.1),
+        ..PLAIN
+    },
+    Trouble {
+        name: "late render",
+        code: 20,
+        limit_us: RENDER_US,
+        begin: |_, world| mask_render(world, 15),
+        ..PLAIN
+    },
+    Trouble {
+        name: "stuck render, 15 periods",
+        code: 20,
+        all: &[20, 21],
+        limit_us: RENDER_US,
+        begin: |_, world| mask_render(world, 150),
+        ..PLAIN
+    },
+    Trouble {
+        name: "stuck render, for ever",
+        code: 22, // `render` itself would have written 20 into the fault memory
+        limit_us: RENDER_US,
+        begin: |_, world| mask_render(world, 700),
+        resets: true,
+        short: false,
+        ..PLAIN
+    },
+    Trouble {
+        name: "watchdog: link does not run",
+        code: 22,
+        limit_us: WATCHDOG_US,
+        begin: |_, world| {
+            world.powered.mcu.mask(LINK, true);
+            let begun = world.powered.mcu.now();
+            world.run(600).unwrap();
+            begun
+        },
+        resets: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "reset while armed",
+        code: 23,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.reset();
+            begun
+        },
+        resets: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "emergency stop, 0.2 ms",
+        code: 30,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.emergency_stop(true);
+            world.run(2).unwrap();
+            world.emergency_stop(false);
+            begun
+        },
+        ..PLAIN
+    },
+    Trouble {
+        name: "emergency stop",
+        code: 30,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.emergency_stop(true);
+            begun
+        },
+        end: |world| world.emergency_stop(false),
+        stays: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "brown-out",
+        code: 31,
+        limit_us: RENDER_US,
+        begin: |_, world| {
+            world.powered.mcu.set_supply_mv(2500);
+            world.powered.mcu.now()
+        },
+        end: |world| world.powered.mcu.set_supply_mv(world.powered.board.supply_mv),
+        stays: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "debugger halt, 30 ms",
+        code: 32,
+        halted_us: 30_000.0,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            // Shorter than the watchdog's patience, and a whole number of samples.
+            world.halt(300 * world.powered.board.cycles_per_sample());
+            begun
+        },
+        ..PLAIN
+    },
+    Trouble {
+        name: "debugger halt, 200 ms",
+        code: 22,
+        halted_us: 200_000.0,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.halt(2_000 * world.powered.board.cycles_per_sample());
+            begun
+        },
+        resets: true,
+        short: false,
+        ..PLAIN
+    },
+    panic("panic in idle", |firmware, world| panic_in(firmware, world, 0), true),
+    panic("panic in link", |firmware, world| panic_in(firmware, world, LINK), false),
+    panic("panic in render", |firmware, world| panic_in(firmware, world, RENDER), false),
+    panic("panic in sample", |firmware, world| panic_in(firmware, world, SAMPLE), false),
+    hard_fault("HardFault in idle", |_, world| lose_the_way(world, 0, NOWHERE), false),
+    hard_fault("HardFault in link", |_, world| lose_the_way(world, LINK, NOWHERE), false),
+    hard_fault("HardFault in render", |_, world| lose_the_way(world, RENDER, NOWHERE), true),
+    hard_fault("HardFault in sample", |_, world| lose_the_way(world, SAMPLE, NOWHERE), false),
+    hard_fault("undefined instruction", |_, world| lose_the_way(world, LINK, ERASED), false),
+    Trouble {
+        name: "clock failure",
+        code: 33,
+        limit_us: HANDLER_US,
+        begin: |firmware, world| {
+            let handler = firmware.elf.address_of("NonMaskableInt").unwrap();
+            lose_the_way(world, LINK, handler)
+        },
+        resets: true,
+        ..PLAIN
+    },
+    Trouble {
+        name: "dead channel A at arm",
+        code: 14,
+        limit_us: 100_000.0 + RENDER_US,
+        before: Before::Off,
+        begin: |_, world| {
+            world.powered.mcu.kill_channel(0, true);
+            enabled_by_arm(world)
+        },
+        end: |world| world.powered.mcu.kill_channel(0, false),
+        short: false,
+        ..PLAIN
+    },
+    Trouble {
+        name: "dead channel B at arm",
+        code: 14,
+        limit_us: 100_000.0 + RENDER_US,
+        before: Before::Off,
+        begin: |_, world| {
+            world.powered.mcu.kill_channel(1, true);
+            enabled_by_arm(world)
+        },
+        end: |world| world.powered.mcu.kill_channel(1, false),
+        short: false,
+        ..PLAIN
+    },
+];
+
+/// No memory is here.
+const NOWHERE: u32 = 0x1000_0000;
+/// Erased flash, beyond the code: all ones is no instruction.
+const ERASED: u32 = 0x0807_0000;
+
+const fn panic(
+    name: &'static str,
+    begin: fn(&Firmware, &mut World<'_>) -> u64,
+    short: bool,
+) -> Trouble {
+    Trouble { name, code: 41, limit_us: HANDLER_US, begin, resets: true, short, ..PLAIN }
+}
+
+const fn hard_fault(
+    name: &'static str,
+    begin: fn(&Firmware, &mut World<'_>) -> u64,
+    short: bool,
+) -> Trouble {
+    Trouble { name, code: 42, limit_us: HANDLER_US, begin, resets: true, short, ..PLAIN }
+}
+
+/// The position that the firmware has, counts from its zero.
+fn counts(world: &mut World<'_>) -> i32 {
+    let status = ok(world, "status");
+    let words: Vec<&str> = status.split(' ').collect();
+    let place = words.iter().position(|word| *word == "position").unwrap();
+    words[place + 1].parse().unwrap()
+}
+
+/// Sends `arm` and returns the cycle at which enable became active.
+fn enabled_by_arm(world: &mut World<'_>) -> u64 {
+    world.send("arm\n").unwrap();
+    for _ in 0..100 {
+        world.sample().unwrap();
+        if world.powered.amplifier.is_enabled() {
+            return world.powered.mcu.now();
+        }
+    }
+    panic!("`arm` does not enable the amplifier");
+}
+
+/// Keeps `render` from being taken for so many samples, from right before a due one.
+fn mask_render(world: &mut World<'_>, samples: u64) -> u64 {
+    while !world.powered.mcu.events().is_multiple_of(10) {
+        world.sample().unwrap();
+    }
+    let resets = world.powered.mcu.resets();
+    world.powered.mcu.mask(RENDER, true);
+    let begun = world.powered.mcu.now();
+    for _ in 0..samples {
+        world.sample().unwrap();
+    }
+    if world.powered.mcu.resets() == resets {
+        world.powered.mcu.mask(RENDER, false);
+    }
+    begun
+}
+
+/// The program counter jumps to the panic handler.
+fn panic_in(firmware: &Firmware, world: &mut World<'_>, exception: u16) -> u64 {
+    let mut symbols = firmware.elf.symbols.iter();
+    let handler = symbols.find(|(name, ..)| name.contains("rust_begin_unwind")).unwrap().1;
+    lose_the_way(world, exception, handler)
+}
+
+/// The program counter jumps to `address` while that exception runs; then the watchdog bites.
+fn lose_the_way(world: &mut World<'_>, exception: u16, address: u32) -> u64 {
+    world.powered.mcu.run_into(exception).unwrap();
+    let begun = world.powered.mcu.now();
+    world.powered.mcu.jump(address);
+    world.run(700).unwrap();
+    begun
+}

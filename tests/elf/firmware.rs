@@ -1,0 +1,156 @@
+//! What the tests of the ELF share.
+
+use std::collections::BTreeSet;
+
+use addr2line::{
+    Context,
+    gimli::{Dwarf, EndianSlice, LittleEndian},
+};
+use defmt_decoder::Table;
+use host_sim::scene::{NamedScene, Scene};
+use object::{Object as _, ObjectSection as _};
+use virtual_board::{board::Board, elf::Elf, image, log, world::World};
+use zwidth::{
+    Control, CounterWidth, Motion, Sampler,
+    telemetry::{Flags, Record},
+    velocity::Senses,
+};
+
+/// A board's release ELF, built if need be.
+pub struct Firmware {
+    pub board: Board,
+    pub elf: Elf,
+    pub table: Table,
+    pub scene: Scene,
+}
+
+impl Firmware {
+    /// The firmware of that board.
+    pub fn of(board: Board) -> Self {
+        Self::variant(board, &[])
+    }
+
+    /// The same with further features.
+    pub fn variant(board: Board, features: &[&str]) -> Self {
+        let path = image::build_variant(board.name, features).unwrap();
+        let elf = Elf::load(&path).unwrap();
+        let table = log::table(&elf.bytes).unwrap();
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        Self { board, elf, table, scene }
+    }
+
+    /// Instructions of the sampling task that come from [`zwidth::Sampler::sample`], inlined as it
+    /// is: what the debug information says of each address.
+    pub fn core_of_sample(&self) -> BTreeSet<u32> {
+        let file = object::File::parse(&*self.elf.bytes).unwrap();
+        let section = |name| file.section_by_name(name).map_or(&[][..], |s| s.data().unwrap());
+        let dwarf =
+            Dwarf::load(|id| Ok::<_, ()>(EndianSlice::new(section(id.name()), LittleEndian)));
+        let lines = Context::from_dwarf(dwarf.unwrap()).unwrap();
+        let of_core = |address: u32| {
+            let mut frames = lines.find_frames(u64::from(address)).skip_all_loads().unwrap();
+            while let Some(frame) = frames.next().unwrap() {
+                if frame.function.is_some_and(|function| {
+                    function.raw_name().unwrap().contains("7control7Sampler5sense")
+                }) {
+                    return true;
+                }
+            }
+            false
+        };
+        let (_, start, size) = self.elf.symbols.iter().find(|(name, ..)| name == "TIM5").unwrap();
+        let marks: BTreeSet<u32> =
+            (*start..start + size).step_by(2).filter(|&address| of_core(address)).collect();
+        assert!(marks.len() > 50, "no debug information of the core: {}", marks.len());
+        marks
+    }
+
+    /// Switched on and booted, with the handle at rest where the device rests.
+    pub fn boot(&self) -> World<'_> {
+        let rest_m = self.scene.device.rest_position_m;
+        let world = World::new(self.board, &self.elf, &self.table, &self.scene, rest_m).unwrap();
+        self.booted(world)
+    }
+
+    /// The same with every edge of the encoder at its own time.
+    pub fn boot_with_edge_times(&self) -> World<'_> {
+        let rest_m = self.scene.device.rest_position_m;
+        let Self { board, elf, table, scene } = self;
+        self.booted(World::with_edge_times(*board, elf, table, scene, rest_m).unwrap())
+    }
+
+    fn booted<'a>(&'a self, mut world: World<'a>) -> World<'a> {
+        let rest_m = self.scene.device.rest_position_m;
+        world.powered.mcu.take_edge_notes(); // takes them from now on
+        world.run(200).unwrap();
+        world.hold(rest_m, false);
+        world
+    }
+}
+
+/// The core on the host, fed with what the firmware read, and asked for what the firmware was.
+pub struct Replay<'a> {
+    sampler: Sampler,
+    /// Settings in the order in which the firmware took them.
+    controls: &'a [Control],
+    number: u16,
+    zeroed: bool,
+}
+
+impl<'a> Replay<'a> {
+    /// From the first reading of the counter on.
+    pub fn new(first: u32, controls: &'a [Control]) -> Self {
+        let sampler = Sampler::new(first, CounterWidth::Bits32);
+        Self { sampler, controls, number: 0, zeroed: false }
+    }
+
+    /// Sample `n`; `next` is the first record that is not before it. What was asked for at an output
+    /// holds from the next sample on, and the next record shows it; a zero and a new start of the
+    /// estimator come with that sample.
+    pub fn sample(
+        &mut self,
+        n: u64,
+        reading: u32,
+        next: Option<&Record>,
+        senses: &Senses,
+    ) -> (&'a Control, Motion) {
+        let old = self.controls[usize::from(self.number)].estimator;
+        let mut zero = false;
+        if n % 10 == 1
+            && let Some(next) = next
+        {
+            self.number = next.settings;
+            zero = next.flags.contains(Flags::ZEROED) && !self.zeroed;
+            self.zeroed |= zero;
+        }
+        let control = &self.controls[usize::from(self.number)];
+        let mut motion = self.sampler.sense(control, reading, senses);
+        if control.estimator != old {
+            self.sampler.restart();
+        }
+        if zero {
+            self.sampler.zero();
+            motion.position = self.sampler.position();
+        }
+        (control, motion)
+    }
+}
+
+/// Asks, and insists on `ok`.
+#[track_caller]
+pub fn ok(world: &mut World<'_>, line: &str) -> String {
+    let reply = world.ask(line).unwrap();
+    assert!(reply.starts_with("ok"), "{line}: {reply}");
+    reply
+}
+
+/// Armed at full force, free, 5 mm in front of a wall.
+#[track_caller]
+pub fn arm(world: &mut World<'_>) {
+    for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30", "push 2.835", "arm"] {
+        ok(world, line);
+    }
+    world.run(4_000).unwrap();
+    let status = ok(world, "status");
+    assert!(status.contains("ok status armed"), "{status}");
+}

@@ -1,0 +1,84 @@
+//! A program on the board's emulated core that takes a job and samples through memory, and hands back
+//! velocities and the cycles of each: the other side of `estimator-cost` and `filter-cost`.
+
+use virtual_board::{
+    elf::Elf,
+    image,
+    mcu::{Chip, Listeners, Mcu},
+};
+
+/// The program, waiting for a job.
+pub struct Mailbox {
+    mcu: Mcu,
+    elf: Elf,
+    job: u32,
+    sample: u32,
+    cycles: u32,
+}
+
+impl Mailbox {
+    /// Builds the package and boots it; a panic in its image is an error.
+    pub fn of(package: &str) -> Self {
+        let folder = image::build_package(package).unwrap();
+        let elf = Elf::load(&folder.join(package)).unwrap();
+        for (name, ..) in &elf.symbols {
+            assert!(!name.contains("panicking"), "{name} is in the image");
+        }
+        let chip = Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true };
+        let [job, sample, cycles] =
+            ["JOB", "SAMPLE", "CYCLES"].map(|name| elf.address_of(name).unwrap());
+        let mut mcu = Mcu::new(chip, &elf.flash, Listeners::default());
+        mcu.run_until(1_000_000).unwrap();
+        Self { mcu, elf, job, sample, cycles }
+    }
+
+    /// Writes words to the program's variable of that name.
+    pub fn set(&mut self, name: &str, words: &[u32]) {
+        let address = self.elf.address_of(name).unwrap();
+        self.write(address, words);
+    }
+
+    /// Velocities and cycles of each update. `job` are the words behind its state, the last of them the
+    /// number of samples; the word behind that is given back: bytes.
+    pub fn run(&mut self, what: &str, job: &[u32], inputs: &[i32]) -> (Vec<i32>, Vec<u32>, u32) {
+        let words: Vec<u32> = inputs.iter().map(|input| input.cast_unsigned()).collect();
+        self.write(self.sample, &words);
+        self.write(self.job + 4, job);
+        self.write(self.job, &[1]);
+        for _ in 0..1000 {
+            self.mcu.run_until(self.mcu.now() + 100_000).unwrap();
+            let state = self.words(self.job, 1)[0];
+            assert_ne!(state, 3, "{what} is refused by the target");
+            if state == 2 {
+                let velocities = self.words(self.sample, inputs.len());
+                let velocities = velocities.into_iter().map(u32::cast_signed).collect();
+                let cycles = self.words(self.cycles, inputs.len());
+                let bytes = self.words(self.job + 4, job.len() + 1)[job.len()];
+                return (velocities, cycles, bytes);
+            }
+        }
+        panic!("{what} does not end");
+    }
+
+    fn words(&self, address: u32, count: usize) -> Vec<u32> {
+        let mut bytes = vec![0; 4 * count];
+        self.mcu.read(address, &mut bytes);
+        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
+    }
+
+    fn write(&mut self, address: u32, words: &[u32]) {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        self.mcu.write(address, &bytes);
+    }
+}
+
+/// Holds a table that the simulator shows against a measurement: cycles, the second cell, within 2 %. The
+/// cells of the row.
+pub fn assert_cost<'a>(file: &str, table: &'a str, name: &str, cycles: u32) -> Vec<&'a str> {
+    let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let row = rows.find(|row| row[0] == name).unwrap_or_else(|| panic!("{file} has no row {name}"));
+    let stated: f64 = row[1].parse().unwrap();
+    let off = f64::from(cycles) / stated - 1.0;
+    assert!(off.abs() <= 0.02, "{name}: {cycles} cycles, {file} has {stated}");
+    row
+}

@@ -1,0 +1,77 @@
+//! No panic can be reached once the tasks run: the call graph of the release ELF, from every entry of
+//! the vector table and from `idle`.
+//!
+//! Direct calls and jumps are read from the machine code. A call through a register (formatting goes
+//! through tables of functions) is taken to reach **every** function whose address stands anywhere
+//! in the image: in a constant, behind code, or put together in a register. That is more than can
+//! happen, so nothing is overlooked; it also says that no panic's address is kept anywhere.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use virtual_board::board::BOARDS;
+
+use crate::{code::Code, firmware::Firmware};
+
+/// Names of what ends in the panic handler, and of the handler.
+const PANICS: [&str; 5] = ["9panicking", "rust_begin_unwind", "_failed", "_fail", "unwrap"];
+
+/// All that can be reached, each with what reaches it.
+fn reachable(code: &Code<'_>, entries: &BTreeSet<u32>) -> BTreeMap<u32, u32> {
+    let taken = code.address_taken();
+    let mut found: BTreeMap<u32, u32> = entries.iter().map(|&entry| (entry, entry)).collect();
+    let mut open: Vec<u32> = entries.iter().copied().collect();
+    while let Some(function) = open.pop() {
+        let flow = code.flow(function);
+        let indirect = if flow.indirect { taken.clone() } else { BTreeSet::new() };
+        for next in flow.to.into_iter().chain(indirect) {
+            found.entry(next).or_insert_with(|| {
+                open.push(next);
+                function
+            });
+        }
+    }
+    found
+}
+
+fn is_panic(name: &str) -> bool {
+    PANICS.iter().any(|part| name.contains(part))
+}
+
+#[test]
+fn no_panic_is_reachable_after_init() {
+    // The images as they are, and the one that captures the encoder's edges.
+    let images = [(BOARDS[0], &[][..]), (BOARDS[1], &[]), (BOARDS[0], &["time-stamps"])];
+    for (board, features) in images {
+        let firmware = Firmware::variant(board, features);
+        let code = Code::of(&firmware.elf);
+        let mut entries = code.handlers();
+        let idle = code.named("3app4idle");
+        assert_eq!(idle.len(), 1);
+        entries.extend(idle);
+        for task in ["TIM5", "SPI3", "SPI2", "HardFault"] {
+            let task = code.named(task);
+            assert!(task.iter().any(|address| entries.contains(address)), "{task:x?}");
+        }
+        let found = reachable(&code, &entries);
+        println!("{} {features:?}: {} functions", board.name, found.len());
+        // Formatting and the logger are among them: the look goes deep enough.
+        for part in ["3fmt5write", "_defmt_release", "pad_integral"] {
+            assert!(found.keys().any(|&function| code.name(function).contains(part)), "{part}");
+        }
+        let panics: Vec<_> = found
+            .iter()
+            .filter(|(function, _)| is_panic(code.name(**function)))
+            .map(|(function, from)| (code.name(*function), code.name(*from)))
+            .collect();
+        assert!(panics.is_empty(), "{panics:#?}");
+    }
+}
+
+/// The same look from the reset on does find the panics of the set-up.
+#[test]
+fn the_look_finds_panics_where_there_are_some() {
+    let firmware = Firmware::of(BOARDS[0]);
+    let code = Code::of(&firmware.elf);
+    let found = reachable(&code, &BTreeSet::from([firmware.elf.address_of("Reset").unwrap()]));
+    assert!(found.keys().any(|&function| code.name(function).contains("rust_begin_unwind")));
+}

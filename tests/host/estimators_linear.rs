@@ -1,0 +1,215 @@
+//! The finite difference, the low-passes behind it, Taylor expansions and least-squares fits: what
+//! docs/estimators.md states of them is measured. The low-passes' coefficients, responses and sums are in
+//! tests/host/filter.rs.
+
+use std::f64::consts::PI;
+
+use proptest::prelude::*;
+use zwidth::{
+    VelocitySettings,
+    velocity::{Design, EstimatorName, FirDesign},
+};
+
+use crate::estimator_bench::{
+    DESIGN, LSB, Run, delay_over_a_chirp, pieces, response_to_a_position, rest_after, speeds,
+    twin_over_random_motion,
+};
+
+const NAMES: [EstimatorName; 7] = [
+    EstimatorName::Butterworth,
+    EstimatorName::FirstOrder,
+    EstimatorName::Difference,
+    EstimatorName::Taylor2,
+    EstimatorName::Taylor3,
+    EstimatorName::LeastSquares1,
+    EstimatorName::LeastSquares2,
+];
+
+/// Tunings from slow to fast.
+fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
+    let values: &[f64] = match name {
+        EstimatorName::Butterworth | EstimatorName::FirstOrder => &[5.0, 100.0, 1500.0, 4500.0],
+        EstimatorName::LeastSquares1 => &[1.0, 2.0, 3.0, 16.0, 63.0, 64.0],
+        EstimatorName::LeastSquares2 => &[2.0, 3.0, 4.0, 16.0, 63.0, 64.0],
+        _ => return vec![name.defaults()],
+    };
+    values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
+}
+
+/// Largest error that is stated, counts per sample: at constant speed, of whole counts per sample or of
+/// any speed.
+fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
+    match *settings {
+        _ if whole => 0.0,
+        VelocitySettings::Difference => 1.0,
+        VelocitySettings::Taylor { order: 2 } => 2.0,
+        VelocitySettings::Taylor { .. } => 4.0,
+        VelocitySettings::LeastSquares { degree: 1, window_samples } => {
+            1.5 / f64::from(window_samples)
+        }
+        VelocitySettings::LeastSquares { window_samples, .. } => 6.0 / f64::from(window_samples),
+        // a rounding error is within half a count about its mean
+        _ => 0.5 * response_to_a_position(settings).iter().map(|h| h.abs()).sum::<f64>(),
+    }
+}
+
+/// Samples until a change of speed has gone, to half an LSB of it.
+fn settling(settings: &VelocitySettings) -> usize {
+    match *settings {
+        VelocitySettings::Butterworth { cutoff_hz, .. }
+        | VelocitySettings::FirstOrder { cutoff_hz, .. } => {
+            (8.0 * DESIGN.rate_hz / cutoff_hz) as usize + 100
+        }
+        VelocitySettings::LeastSquares { window_samples, .. } => window_samples as usize + 1,
+        _ => 4,
+    }
+}
+
+/// A low-pass carries the residue of its rounding, so that its output is a whole LSB off by turns.
+fn rounding_lsb(settings: &VelocitySettings) -> f64 {
+    match settings {
+        VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
+        VelocitySettings::Difference => 0.0,
+        _ => 0.5,
+    }
+}
+
+#[test]
+fn constant_speed_is_measured_within_the_stated_error() {
+    for name in NAMES {
+        let mut closest = 0f64;
+        for settings in tunings(name) {
+            for speed in speeds() {
+                let stated = stated_error(&settings, speed.fract() == 0.0);
+                let mut run = Run::new(&settings, i32::MAX - 1000);
+                let wait = settling(&settings);
+                for n in 1..wait + 3000 {
+                    let count = (speed * n as f64 + 0.3).floor() as i64;
+                    let error = (run.at(i64::from(i32::MAX - 1000) + count) - speed).abs();
+                    if n > wait {
+                        let limit = stated + rounding_lsb(&settings) / LSB;
+                        assert!(error <= limit, "{settings:?} at {speed}: {error}, {limit}");
+                        if stated > 0.0 {
+                            closest = closest.max(error / stated);
+                        }
+                    }
+                }
+            }
+        }
+        println!("{}: {closest:.3} of the stated error", name.text());
+        // a bound that nothing comes near would say nothing
+        assert!(closest > 0.4, "{}", name.text());
+    }
+}
+
+/// By closed expressions of their own: the derivative of the parabola through three points, of the cubic
+/// through four; a regression's slope, whose weight of the difference j is 6 (j + 1) (w - j) / (w (w + 1) (w + 2));
+/// a quadratic fit's, which follows every parabola and of all such sums has the least squares.
+#[test]
+fn weights_are_those_of_the_polynomials() {
+    let close = |ours: &[f64], theirs: &[f64]| {
+        assert_eq!(ours.len(), theirs.len());
+        ours.iter().zip(theirs).for_each(|(a, b)| assert!((a - b).abs() < 1e-13, "{a} {b}"));
+    };
+    close(FirDesign::taylor(2).unwrap().weights(), &[1.5, -0.5]);
+    close(FirDesign::taylor(3).unwrap().weights(), &[11.0 / 6.0, -7.0 / 6.0, 1.0 / 3.0]);
+    for window in 1..=64u32 {
+        let w = f64::from(window);
+        let slope: Vec<f64> = (0..window)
+            .map(|j| 6.0 * f64::from(j + 1) * f64::from(window - j) / (w * (w + 1.0) * (w + 2.0)))
+            .collect();
+        close(FirDesign::least_squares(1, window).unwrap().weights(), &slope);
+        if window < 2 {
+            continue;
+        }
+        let design = FirDesign::least_squares(2, window).unwrap();
+        // of the positions, newest first: exact for 1, t and t^2, and itself such a sum, so the shortest
+        let g = design.weights();
+        let h: Vec<f64> = (0..=window as usize)
+            .map(|i| g.get(i).unwrap_or(&0.0) - if i > 0 { g[i - 1] } else { 0.0 })
+            .collect();
+        let moment = |power: i32| -> f64 {
+            h.iter().enumerate().map(|(i, h)| h * (-(i as f64)).powi(power)).sum()
+        };
+        assert!(moment(0).abs() < 1e-13 && (moment(1) - 1.0).abs() < 1e-12);
+        assert!(moment(2).abs() < 1e-10, "{window}: {}", moment(2));
+        for i in 3..h.len() {
+            let third = h[i] - 3.0 * h[i - 1] + 3.0 * h[i - 2] - h[i - 3];
+            assert!(third.abs() < 1e-13, "a parabola over the window: {third}");
+        }
+    }
+}
+
+#[test]
+fn the_stated_delay_is_that_over_a_chirp() {
+    /// Of a sample or of the delay: quantisation, and the frequencies of the chirp being above zero.
+    const ERROR_MAX: f64 = 0.02;
+    for name in NAMES {
+        for settings in tunings(name) {
+            let stated = match settings {
+                VelocitySettings::Butterworth { cutoff_hz, .. } => {
+                    0.5 + 2f64.sqrt() * DESIGN.rate_hz / (2.0 * PI * cutoff_hz)
+                }
+                VelocitySettings::FirstOrder { cutoff_hz, .. } => {
+                    0.5 + DESIGN.rate_hz / (2.0 * PI * cutoff_hz)
+                }
+                VelocitySettings::Difference => 0.5,
+                VelocitySettings::LeastSquares { degree: 1, window_samples } => {
+                    f64::from(window_samples) / 2.0
+                }
+                _ => 0.0,
+            };
+            let measured = delay_over_a_chirp(&settings, 20_000.0, 0.2, 1.0);
+            println!("{settings:?}: {measured:.4} samples, stated {stated:.4}");
+            let off = (measured - stated).abs();
+            assert!(off < ERROR_MAX * f64::max(stated, 1.0), "{settings:?}: {measured} {stated}");
+        }
+    }
+}
+
+/// Largest difference from the twin that is stated, LSB of 2^-16 counts per sample; `fastest` is the largest
+/// speed, LSB.
+fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
+    match *settings {
+        VelocitySettings::Difference => 0.0,
+        VelocitySettings::Taylor { .. } | VelocitySettings::LeastSquares { .. } => 0.6,
+        // a1 is rounded to 2^-30 and a2 to half of that, which counts for more the smaller their sum
+        // 1 + a1 + a2 = 4 b0 is
+        VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
+            let b0 = Design::new(cutoff_hz, DESIGN.rate_hz, prewarp).unwrap().b0;
+            1.5 + fastest * 3.0 * 2f64.powi(-31) / (4.0 * b0)
+        }
+        _ => 1.5,
+    }
+}
+
+#[test]
+fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
+    for name in NAMES {
+        for settings in tunings(name) {
+            let (worst, fastest) = twin_over_random_motion(&settings, 0.2);
+            let stated = stated_lsb(&settings, fastest);
+            println!("{settings:?}: {worst:.3} LSB, stated {stated:.3}");
+            assert!(worst <= stated, "{settings:?}: {worst}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Overflow checks are on in tests. Whatever came before: at rest, every estimator is at rest.
+    #[test]
+    fn nothing_makes_an_estimator_panic_or_stick(
+        which in 0..NAMES.len(),
+        tuning in 0..6usize,
+        start in any::<i32>(),
+        pieces in pieces(),
+    ) {
+        let all = tunings(NAMES[which]);
+        let settings = all[tuning % all.len()];
+        let velocity = rest_after(&settings, start, &pieces, 3 * settling(&settings));
+        let stated = rounding_lsb(&settings) / LSB;
+        prop_assert!(velocity <= stated, "{:?}: {}", settings, velocity);
+    }
+}

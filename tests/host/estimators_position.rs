@@ -1,0 +1,328 @@
+//! Adaptive windowing, Levant's differentiator and the Kalman filters: what they state is measured.
+
+use std::f64::consts::PI;
+
+use host_sim::{linear::TransferFunction, velocity::transfer_function};
+use proptest::prelude::*;
+use zwidth::{
+    VelocitySettings,
+    velocity::{EstimatorName, KalmanDesign},
+};
+
+use crate::estimator_bench::{
+    DESIGN, LSB, Run, delay_over_a_chirp, pieces, response_to_a_position, rest_after, speeds,
+    twin_over_random_motion,
+};
+
+const NAMES: [EstimatorName; 6] = [
+    EstimatorName::FoawEnd,
+    EstimatorName::FoawBest,
+    EstimatorName::LevantExplicit,
+    EstimatorName::LevantImplicit,
+    EstimatorName::Kalman2,
+    EstimatorName::Kalman3,
+];
+
+/// Tunings from slow to fast.
+fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
+    let values: &[f64] = match name {
+        EstimatorName::FoawEnd | EstimatorName::FoawBest => &[1.0, 2.0, 5.0, 16.0, 32.0],
+        EstimatorName::Kalman3 => &[1e3, 2e4, 5e5, 5e6],
+        _ => &[1.0, 5.0, 20.0, 100.0, 500.0],
+    };
+    values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
+}
+
+/// C in counts per sample^2.
+fn c(acceleration_max_m_per_s2: f64) -> f64 {
+    acceleration_max_m_per_s2 / (DESIGN.resolution_m * DESIGN.rate_hz * DESIGN.rate_hz)
+}
+
+/// Largest error that is stated, counts per sample: at constant speed, of whole counts per sample
+/// or of any speed.
+fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
+    match *settings {
+        _ if whole && !chatters(settings) => 0.0,
+        VelocitySettings::Foaw { best, window_samples, .. } => {
+            (if best { 1.5 } else { 1.0 }) / f64::from(window_samples)
+        }
+        VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, .. } => {
+            let c = c(acceleration_max_m_per_s2);
+            match (implicit, whole) {
+                (false, true) => 2.0 * c,
+                (false, false) => 2.5 * c.max(c.sqrt()),
+                (true, _) => c.sqrt().min(1.0),
+            }
+        }
+        // a rounding error is within half a count about its mean
+        _ => 0.5 * response_to_a_position(settings).iter().map(|h| h.abs()).sum::<f64>(),
+    }
+}
+
+fn chatters(settings: &VelocitySettings) -> bool {
+    matches!(settings, VelocitySettings::Levant { implicit: false, .. })
+}
+
+/// Samples until a change of speed by that many counts per sample has gone.
+fn settling(settings: &VelocitySettings, change: f64) -> usize {
+    match *settings {
+        VelocitySettings::Foaw { window_samples, .. } => window_samples as usize + 1,
+        VelocitySettings::Levant { acceleration_max_m_per_s2, .. } => {
+            (4.0 * change / c(acceleration_max_m_per_s2)) as usize + 200
+        }
+        _ => 20_000,
+    }
+}
+
+#[test]
+fn constant_speed_is_measured_within_the_stated_error() {
+    for name in NAMES {
+        let (mut closest, mut whole_worst) = (0f64, 0f64);
+        for settings in tunings(name) {
+            let mut worst = 0f64;
+            for speed in speeds() {
+                let whole = speed.fract() == 0.0;
+                let stated = stated_error(&settings, whole);
+                let mut run = Run::new(&settings, i32::MAX - 1000);
+                let wait = settling(&settings, speed.abs());
+                if wait > 1_000_000 {
+                    continue; // minutes of a small C at a large speed
+                }
+                for n in 1..wait + 3000 {
+                    let count = (speed * n as f64 + 0.3).floor() as i64;
+                    let error = (run.at(i64::from(i32::MAX - 1000) + count) - speed).abs();
+                    if n > wait {
+                        assert!(error <= stated + 1.0 / LSB, "{settings:?} at {speed}: {error}");
+                        if whole {
+                            whole_worst = whole_worst.max(error);
+                        } else {
+                            worst = worst.max(error);
+                            closest = closest.max(error / stated);
+                        }
+                    }
+                }
+            }
+            println!(
+                "{} {:?}: largest error {worst:.4}, stated {:.4} counts per sample",
+                name.text(),
+                settings.tuning().unwrap().1,
+                stated_error(&settings, false)
+            );
+        }
+        println!("{}: {closest:.3} of the stated; whole counts {whole_worst:.5}", name.text());
+        // a bound that nothing comes near would say nothing
+        assert!(closest > 0.4, "{}", name.text());
+    }
+}
+
+#[test]
+fn the_stated_delay_is_that_over_a_chirp() {
+    /// Of a sample: quantisation, and the frequencies of the chirp being above zero.
+    const ERROR_MAX: f64 = 0.1;
+    let check = |what: &str, measured: f64, stated: f64| {
+        println!("{what}: {measured:.3} samples, stated {stated:.3}");
+        assert!((measured - stated).abs() < ERROR_MAX * stated.max(1.0), "{what}");
+    };
+    for best in [false, true] {
+        for window_samples in [4, 16, 32] {
+            // so slow that the whole window stays within the noise of a line
+            let settings = VelocitySettings::Foaw { best, window_samples, noise_counts: 4.0 };
+            let measured = delay_over_a_chirp(&settings, 1500.0, 0.5, 5.0);
+            check(&format!("{settings:?}"), measured, f64::from(window_samples) / 2.0);
+        }
+    }
+    for implicit in [false, true] {
+        for acceleration_max_m_per_s2 in [1.0, 5.0, 20.0, 100.0, 500.0] {
+            let settings =
+                VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio: 1.0 };
+            // up to 0.6 of the largest acceleration
+            let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
+            let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
+            if implicit {
+                // longer where one count is more than C allows within a sample
+                let c = c(acceleration_max_m_per_s2);
+                let most = 0.5 + if c < 1.0 { 0.65 / c.sqrt() } else { 0.1 };
+                println!("{settings:?}: {measured:.3} samples, stated 0.5 to {most:.3}");
+                assert!((0.45..most).contains(&measured), "{settings:?}");
+            } else {
+                check(&format!("{settings:?}"), measured, -0.5);
+            }
+        }
+    }
+    for name in [EstimatorName::Kalman2, EstimatorName::Kalman3] {
+        for settings in tunings(name) {
+            let measured = delay_over_a_chirp(&settings, 20_000.0, 0.2, 1.0);
+            let stated = match settings {
+                VelocitySettings::Kalman2 { acceleration_rms_m_per_s2: a } => {
+                    let d = KalmanDesign::two_states(a, &DESIGN).unwrap();
+                    d.alpha / d.beta - 0.5
+                }
+                _ => 0.0,
+            };
+            check(&format!("{settings:?}"), measured, stated);
+        }
+    }
+}
+
+#[test]
+fn adaptive_windows_shrink_with_the_acceleration() {
+    for (acceleration, noise_counts) in [(0.05f64, 4.0), (0.2, 4.0), (0.5, 10.0), (1.0, 30.0)] {
+        for best in [false, true] {
+            let settings = VelocitySettings::Foaw { best, window_samples: 32, noise_counts };
+            let mut run = Run::new(&settings, 0);
+            let mut late = 0.0;
+            for n in 0..1000 {
+                let time = f64::from(n);
+                let got = run.at((acceleration * time * time / 2.0).floor() as i64);
+                if n >= 200 {
+                    late += (acceleration * time - got) / acceleration / 800.0;
+                }
+            }
+            // quantisation may take up to a count of the noise, or give it
+            let [least, most] =
+                [-1.0, 1.0].map(|off| (8.0 * (noise_counts + off) / acceleration).sqrt());
+            println!(
+                "{acceleration} {noise_counts} {best}: window {:.2}, {least:.2} to {most:.2}",
+                2.0 * late
+            );
+            assert!((least - 1.0..most.min(32.0)).contains(&(2.0 * late)));
+        }
+    }
+}
+
+/// At `w` radians per sample, counts per sample for a count: real and imaginary part.
+fn response(function: &TransferFunction, w: f64) -> [f64; 2] {
+    let sum = |coefficients: &[f64]| {
+        let angle = |n: usize| -w * n as f64;
+        let part = |of: fn(f64) -> f64| {
+            coefficients.iter().enumerate().map(|(n, c)| c * of(angle(n))).sum::<f64>()
+        };
+        [part(f64::cos), part(f64::sin)]
+    };
+    let ([a, b], [c, d]) = (sum(&function.num), sum(&function.den));
+    let square = (c * c + d * d) * DESIGN.rate_hz;
+    [(a * c + b * d) / square, (b * c - a * d) / square]
+}
+
+#[test]
+fn the_kalman_filters_respond_as_their_transfer_functions() {
+    const ERROR_MAX: f64 = 2e-3;
+    let mut worst = 0f64;
+    for name in [EstimatorName::Kalman2, EstimatorName::Kalman3] {
+        for settings in tunings(name) {
+            let theory = transfer_function(&settings, &DESIGN).unwrap().unwrap();
+            for periods in [7.0, 50.0, 333.0, 1500.0, 4000.0] {
+                let (samples, amplitude) = (10_000, 5e3); // no overload at any of the frequencies
+                let w = 2.0 * PI * periods / samples as f64;
+                let mut run = Run::new(&settings, 0);
+                let (mut cosine, mut sine) = (0.0, 0.0);
+                for n in 0..3 * samples {
+                    let phase = w * n as f64;
+                    let velocity = run.at((amplitude * phase.sin()).round() as i64);
+                    if n >= 2 * samples {
+                        cosine += velocity * phase.cos() * 2.0 / samples as f64 / amplitude;
+                        sine += velocity * phase.sin() * 2.0 / samples as f64 / amplitude;
+                    }
+                }
+                let [re, im] = response(&theory, w);
+                let error = (sine - re).hypot(cosine - im) / re.hypot(im);
+                worst = worst.max(error);
+                assert!(error < ERROR_MAX, "{settings:?}, {periods}: {error}");
+            }
+        }
+    }
+    println!("worst relative error of the response: {worst:.2e}");
+}
+
+/// Largest difference from the twin that is stated, LSB.
+fn stated_lsb(settings: &VelocitySettings) -> f64 {
+    match settings {
+        VelocitySettings::Foaw { .. } => 0.5,
+        VelocitySettings::Levant { implicit: false, .. } => 2.0,
+        // the steps of the counts are accelerations beyond a small C: it cannot stay on them, and
+        // every time that it comes back a difference is magnified
+        VelocitySettings::Levant { acceleration_max_m_per_s2, .. }
+            if c(*acceleration_max_m_per_s2) < 0.2 =>
+        {
+            LSB * stated_error(settings, false)
+        }
+        VelocitySettings::Levant { .. } => 1.0,
+        _ => 1.1, // a residue is carried, so that rounding is by up to an LSB
+    }
+}
+
+#[test]
+fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
+    for name in NAMES {
+        let mut all = tunings(name);
+        if name == EstimatorName::LevantImplicit {
+            // c = 1e-4 and 1e-3 counts per sample^2
+            all.extend([0.01, 0.1].map(|c| name.defaults().with_tuning(c)));
+        }
+        for settings in all {
+            // Levant's differentiator follows up to its largest acceleration; beyond, it loses
+            // the position, and any difference grows by its distance
+            let most = match settings {
+                VelocitySettings::Levant { acceleration_max_m_per_s2, .. } => {
+                    0.4 * c(acceleration_max_m_per_s2)
+                }
+                _ => 0.2,
+            };
+            let (worst, _) = twin_over_random_motion(&settings, most);
+            let stated = stated_lsb(&settings);
+            println!(
+                "{} {:?}: {worst:.3} LSB, stated {stated}",
+                name.text(),
+                settings.tuning().unwrap().1
+            );
+            assert!(worst <= stated, "{settings:?}: {worst}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Overflow checks are on in tests. Whatever came before: at rest, every estimator is at rest.
+    #[test]
+    fn nothing_makes_an_estimator_panic_or_stick(
+        which in 0..NAMES.len(),
+        tuning in 1..4usize,
+        start in any::<i32>(),
+        pieces in pieces(),
+    ) {
+        let settings = tunings(NAMES[which])[tuning];
+        let velocity = rest_after(&settings, start, &pieces, settling(&settings, 65_536.0));
+        let stated = stated_error(&settings, true);
+        prop_assert!(velocity <= stated + 1.0 / LSB, "{:?}: {}", settings, velocity);
+    }
+}
+
+#[test]
+fn the_kalman_filters_do_not_drift() {
+    for name in [EstimatorName::Kalman2, EstimatorName::Kalman3] {
+        for settings in tunings(name) {
+            let mut run = Run::new(&settings, 0);
+            let mut sum = 0.0;
+            let speed = 0.123_456_789;
+            let samples = 2_000_000;
+            // of sum(v - speed) over the first and over the last tenth
+            let mut spans = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+            for n in 1..=20_000 + samples {
+                let count = (f64::from(n) * speed).floor();
+                sum += run.at(count as i64) - speed;
+                let tenth = (n - 20_000) * 10 / samples;
+                if n > 20_000 && (tenth == 0 || tenth >= 9) {
+                    let span = &mut spans[usize::from(tenth != 0)];
+                    *span = [span[0].min(sum), span[1].max(sum)];
+                }
+            }
+            let drift = (0..2).map(|n| (spans[1][n] - spans[0][n]).abs()).fold(0.0, f64::max);
+            let ripple = spans[0][1] - spans[0][0];
+            println!(
+                "{settings:?}: sum(v - speed) ripples by {ripple:.3} counts, drifts by {drift:.5}"
+            );
+            assert!(drift / f64::from(samples) < 2f64.powi(-23), "{settings:?}: {drift} counts");
+        }
+    }
+}

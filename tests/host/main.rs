@@ -1,0 +1,27 @@
+//! The core and the simulator together, on the host: what the theory, the paper and the documentation say of them.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly; small numbers"
+)]
+
+mod closed_loop;
+mod entrances;
+mod estimator_bench;
+mod estimators_linear;
+mod estimators_observers;
+mod estimators_position;
+mod estimators_time_stamps;
+mod extremes;
+mod filter;
+mod force_step;
+mod identify;
+mod paper;
+mod peers;
+mod plant;
+mod small_signal;
+mod soak;
