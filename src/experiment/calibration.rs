@@ -163,7 +163,7 @@ impl Calibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::back::tests::DESIGN;
+    use crate::experiment::back::tests::{DESIGN, Handle};
 
     const SETTINGS: CalibrationSettings = CalibrationSettings {
         percent: 20.0,
@@ -241,6 +241,52 @@ mod tests {
         calibration.retarget(less);
         let next = calibration.output(at(0), false).unwrap().bits();
         assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
+    }
+
+    /// A weight hangs on a handle with dry friction. The force at which it has moved by 1 mm, percent: lifted
+    /// off a block by 15 %; or let down from 15 % to 5 % and from a block above it, the one below taken away
+    /// in between.
+    fn weighed(weight_percent: f64, friction_n: f64, lifted: bool) -> f64 {
+        let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
+        let weight_n = weight_percent / 100.0 * DESIGN.full_scale_n;
+        let mut handle = Handle { rest_m: 0.0, ..Handle::at(0.0) };
+        handle.mass_kg += weight_n / 9.81;
+        let mut calibration = Calibration::new(plan(15.0));
+        let mut last = Force::ZERO;
+        for _ in 0..30_000 {
+            if !lifted && calibration.held == 1_000 {
+                calibration.retarget(plan(5.0));
+            }
+            match calibration.output(handle.position(), false) {
+                Ok(force) => last = force,
+                Err(end) => {
+                    assert_eq!(end, CalibrationEnd::Moved);
+                    return f64::from(last.bits()) / 2f64.powi(30) * 100.0;
+                }
+            }
+            let push_n = f64::from(last.bits()) / 2f64.powi(30) * DESIGN.full_scale_n - weight_n;
+            let held = handle.v == 0.0 && push_n.abs() <= friction_n;
+            let against_n = if held { push_n } else { friction_n * push_n.signum() };
+            let net = (push_n - against_n) / DESIGN.full_scale_n;
+            #[expect(clippy::cast_possible_truncation, reason = "within full scale")]
+            handle.go(Force::saturating_from_bits((net * 2f64.powi(30)) as i32));
+            let below = lifted || calibration.held < 1_000 && calibration.plan == plan(15.0);
+            if (below && handle.x < 0.0) || (!lifted && handle.x > 0.0) {
+                (handle.x, handle.v) = (0.0, 0.0);
+            }
+        }
+        panic!("it never moves");
+    }
+
+    #[test]
+    #[cfg_attr(miri, ignore = "a minute in steps of 1 ms")]
+    fn lifting_reads_high_lowering_reads_low_and_their_mean_is_the_weight() {
+        for friction_n in [0.0, 0.1] {
+            let (up, down) = (weighed(10.0, friction_n, true), weighed(10.0, friction_n, false));
+            let least = 100.0 * friction_n / DESIGN.full_scale_n;
+            assert!(up - 10.0 > least + 0.5 && 10.0 - down > least + 0.5, "{up} {down}");
+            assert!((up.midpoint(down) - 10.0).abs() < 0.005, "{up} {down}");
+        }
     }
 
     #[test]
