@@ -54,6 +54,17 @@ impl DutyPlan {
 }
 
 impl DutySettings {
+    /// Longest hit at full force that a cold motor stands, s; 0 if none.
+    #[expect(clippy::float_arithmetic, reason = "design time")]
+    pub fn longest_hit_s(&self, design: &Design) -> f64 {
+        let period_s = f64::from(design.period) / design.rate_hz;
+        let part = self.continuous_force_n / design.full_scale_n;
+        // What `build` asks for, the other way round.
+        let kept = (1.0 - part * part) / (1.0 - RESERVE);
+        let outputs = libm::log(kept) / libm::log1p(-period_s / self.time_constant_s);
+        f64::max(0.0, libm::floor(outputs - SPARE_OUTPUTS) * period_s)
+    }
+
     /// Checks, and converts; a hit lasts `samples`.
     ///
     /// # Errors
@@ -71,8 +82,7 @@ impl DutySettings {
         let exchange = f64::from(design.period) / design.rate_hz / tau;
         let outputs = libm::ceil(f64::from(samples) / f64::from(design.period)) + SPARE_OUTPUTS;
         let kept = libm::exp(outputs * libm::log1p(-exchange));
-        // 0.1 % for rounding, and for a return before the hit that warms a cold motor.
-        let least = libm::sqrt(1.0 - kept + 1e-3 * kept) * design.full_scale_n;
+        let least = libm::sqrt(1.0 - kept + RESERVE * kept) * design.full_scale_n;
         let force = self.continuous_force_n;
         within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
         let limit = (force / design.full_scale_n) * (force / design.full_scale_n);
@@ -86,6 +96,9 @@ impl DutySettings {
         })
     }
 }
+
+/// Heat for rounding, and for a return before the hit that warms a cold motor.
+const RESERVE: f64 = 1e-3;
 
 /// Outputs beyond a hit's own in which its force comes and goes.
 const SPARE_OUTPUTS: f64 = 50.0;
@@ -158,6 +171,22 @@ mod tests {
             duty.add(&plan, Force::ZERO);
         }
         assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
+    }
+
+    #[test]
+    fn the_longest_hit_is_the_longest_that_is_taken() {
+        for continuous_force_n in [1.0, 2.0, 4.1, 5.0] {
+            let settings = DutySettings { continuous_force_n, ..SETTINGS };
+            let longest = settings.longest_hit_s(&DESIGN) * DESIGN.rate_hz;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+            let samples = longest.round() as u32;
+            assert!(settings.build(&DESIGN, samples).is_ok(), "{longest}");
+            assert!(settings.build(&DESIGN, samples + DESIGN.period).is_err(), "{longest}");
+        }
+        assert_eq!(
+            DutySettings { continuous_force_n: 0.1, ..SETTINGS }.longest_hit_s(&DESIGN),
+            0.0
+        );
     }
 
     #[test]

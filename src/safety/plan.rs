@@ -35,9 +35,10 @@ pub struct SafetySettings {
     /// Fastest speed that the handle can have at all, m/s, at least `speed_max_m_per_s`: a larger
     /// move from one sample to the next is a count jump. One count is added for quantisation.
     pub speed_believable_m_per_s: f64,
-    /// Furthest that the handle may be from zero, to either side, while force is on, m: at least one
-    /// count, at most 2^30 counts.
-    pub travel_m: f64,
+    /// Lowest place at which force may be on, from zero, m: one to 2^30 counts below it.
+    pub travel_low_m: f64,
+    /// Highest such place, m: one to 2^30 counts above zero.
+    pub travel_high_m: f64,
     /// Time over which the force comes in after `arm`, s: 0.02 to 10.
     pub ramp_in_s: f64,
     /// Force of the sign test, as a fraction of full scale: 0.001 to 0.05.
@@ -80,7 +81,8 @@ impl SafetySettings {
         let believable = self.speed_believable_m_per_s;
         within("speed_believable_m_per_s", believable, speed..=fastest)?;
         let widest = design.resolution_m * f64::from(Position::LIMIT);
-        within("travel_m", self.travel_m, design.resolution_m..=widest)?;
+        within("travel_low_m", self.travel_low_m, -widest..=-design.resolution_m)?;
+        within("travel_high_m", self.travel_high_m, design.resolution_m..=widest)?;
         within("ramp_in_s", self.ramp_in_s, Self::RAMP_IN_S)?;
         within("sign_test_force", self.sign_test_force, Self::SIGN_TEST_FORCE)?;
         let counts = f64::from(self.sign_test_counts);
@@ -94,7 +96,8 @@ impl SafetySettings {
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
             moved: libm::round(speed * period_s / design.resolution_m) as u32 + 1,
-            travel: libm::floor(self.travel_m / design.resolution_m) as u32,
+            travel: [self.travel_low_m, self.travel_high_m]
+                .map(|end_m| libm::trunc(end_m / design.resolution_m) as i32),
             ramp_renders,
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders,
             sign_quarter: (SIGN_TEST_S / period_s / 4.0) as u32,
@@ -118,8 +121,8 @@ pub struct SafetyPlan {
     pub(super) speed: u32,
     /// Largest allowed move from one output to the next, counts; one is for quantisation.
     pub(super) moved: u32,
-    /// Furthest allowed place to either side of zero, counts.
-    pub(super) travel: u32,
+    /// Lowest and highest place with force, counts.
+    pub(super) travel: [i32; 2],
     /// Outputs over which the force comes in.
     pub(super) ramp_renders: u32,
     /// Part of the force that one output of the ramp adds, LSB of 2^-30, rounded down.
@@ -149,7 +152,8 @@ pub(super) mod tests {
     pub const SETTINGS: SafetySettings = SafetySettings {
         speed_max_m_per_s: 1.0,
         speed_believable_m_per_s: 5.0,
-        travel_m: 0.2,
+        travel_low_m: -0.1,
+        travel_high_m: 0.2,
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 20,
@@ -161,7 +165,7 @@ pub(super) mod tests {
         assert_eq!(plan.jump, 501); // 5 m/s are 500 counts of 1 um in 100 us, and one more
         assert_eq!(plan.speed, 100 << 16);
         assert_eq!(plan.moved, 1001);
-        assert_eq!(plan.travel, 200_000);
+        assert_eq!(plan.travel, [-100_000, 200_000]);
         assert_eq!(plan.ramp_renders, 200);
         assert_eq!(plan.sign_quarter, 25);
         assert_eq!(plan.push_renders, 50);
@@ -181,7 +185,16 @@ pub(super) mod tests {
             "speed_believable_m_per_s"
         );
         for bad in [0.0, -0.1, 1e-7, 1100.0, f64::NAN] {
-            assert_eq!(named(SafetySettings { travel_m: bad, ..base }), "travel_m", "{bad}");
+            assert_eq!(
+                named(SafetySettings { travel_low_m: -bad, ..base }),
+                "travel_low_m",
+                "{bad}"
+            );
+            assert_eq!(
+                named(SafetySettings { travel_high_m: bad, ..base }),
+                "travel_high_m",
+                "{bad}"
+            );
         }
         assert_eq!(named(SafetySettings { ramp_in_s: 0.01, ..base }), "ramp_in_s");
         assert_eq!(named(SafetySettings { sign_test_force: 0.06, ..base }), "sign_test_force");

@@ -189,6 +189,7 @@ impl Supervisor {
                 Ok(())
             }
             Request::Stall(true) if self.state.is_on() => Err(Refusal::On),
+            Request::Stall(true) if !self.status().inputs.supply_good => Err(Refusal::Supply),
             Request::Stall(stall) => {
                 self.down.stall = stall;
                 if stall {

@@ -51,9 +51,12 @@ const RETURN: ReturnSettings = ReturnSettings {
 /// for a motor of a hundred grams; enter those of yours.
 const DUTY: DutySettings = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
 
-/// Furthest that the handle may be from zero while force is on, m. The paper does not give the travel of
-/// its device: twice the way to its wall is a guess; enter that of yours.
-const TRAVEL_M: f64 = 0.14;
+/// Lowest place of the handle with force on, from zero, m. The paper's device has 0.15 m (section 2.2.1);
+/// that its start, the zero, lies 40 mm from one end is a guess. Enter the way from your zero to each
+/// stop, less what the handle needs to come to rest.
+const TRAVEL_LOW_M: f64 = -0.04;
+/// Highest such place, m.
+const TRAVEL_HIGH_M: f64 = 0.11;
 
 /// The force at full command may differ from the one above by this factor; more is a typing error.
 const FULL_SCALE_FACTOR: f64 = 3.0;
@@ -85,14 +88,19 @@ pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
     // A motor weaker than it was taken for brings the handle back with what it has.
     let force_n = RETURN.force_n.min(design.full_scale_n / 2.0);
     let back = ReturnSettings { start_m, force_n, ..RETURN }.build(&design)?;
-    let range = -TRAVEL_M..=wall_m.min(TRAVEL_M);
-    if !range.contains(&start_m) || start_m == wall_m {
+    let range = TRAVEL_LOW_M..=wall_m.min(TRAVEL_HIGH_M) - design.resolution_m;
+    if !range.contains(&start_m) {
         return Err(SettingsError { parameter: "start_m", value: start_m, range });
     }
     // What heats is the current: its part of full scale stays, whatever force a calibration found there.
     let continuous_force_n = DUTY.continuous_force_n * (design.full_scale_n / DESIGN.full_scale_n);
-    let duty = DutySettings { continuous_force_n, ..DUTY }
-        .build(&design, hit.settle.saturating_add(hit.window))?;
+    let duty = DutySettings { continuous_force_n, ..DUTY };
+    let range = 0.0..=duty.longest_hit_s(&design);
+    let value = settle_s + window_s;
+    if !range.contains(&value) {
+        return Err(SettingsError { parameter: "settle_s and window_s together", value, range });
+    }
+    let duty = duty.build(&design, hit.settle.saturating_add(hit.window))?;
     Ok(TrialPlan { hit, back, duty, early })
 }
 
@@ -113,7 +121,8 @@ pub fn calibration(percent: f64) -> Result<CalibrationPlan, SettingsError> {
 const SAFETY: SafetySettings = SafetySettings {
     speed_max_m_per_s: 1.0,
     speed_believable_m_per_s: 5.0,
-    travel_m: TRAVEL_M,
+    travel_low_m: TRAVEL_LOW_M,
+    travel_high_m: TRAVEL_HIGH_M,
     ramp_in_s: 0.2,
     sign_test_force: 0.05,
     // The free handle moves by some 900; a dead amplifier under a hand's tremor must not pass.

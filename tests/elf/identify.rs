@@ -29,12 +29,15 @@ fn the_device_is_identified_from_the_firmwares_telemetry() {
         }
         world.run(4_000).unwrap();
         world.telemetry.clear();
-        for push in ["push 2.3624", "push -2.3624"] {
-            world.run(200).unwrap();
+        // A hit without a wall in reach is a pulse, of 0.2 s each; the second one begins where the first did.
+        for line in ["start 0.035", "settle 0.1", "window 0.1"] {
+            ok(&mut world, line);
+        }
+        for push in ["push 1.2", "push -1.2"] {
             ok(&mut world, push);
             ok(&mut world, "hit");
-            world.run(2_000).unwrap();
-            ok(&mut world, "stop");
+            let over = world.reply(40_000).unwrap();
+            assert!(over.starts_with("ok hit no contact"), "{over}");
         }
         world.run(16_000).unwrap();
         assert!(ok(&mut world, "status").contains("fault none"));

@@ -142,7 +142,8 @@ fn every_number_of_the_core_is_refused() {
     let safety = SafetySettings {
         speed_max_m_per_s: 1.0,
         speed_believable_m_per_s: 5.0,
-        travel_m: 0.14,
+        travel_low_m: -0.04,
+        travel_high_m: 0.11,
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 20,
@@ -216,7 +217,8 @@ fn every_number_of_the_core_is_refused() {
         for safety in [
             SafetySettings { speed_max_m_per_s: bad, ..safety },
             SafetySettings { speed_believable_m_per_s: bad, ..safety },
-            SafetySettings { travel_m: bad, ..safety },
+            SafetySettings { travel_low_m: bad, ..safety },
+            SafetySettings { travel_high_m: bad, ..safety },
             SafetySettings { ramp_in_s: bad, ..safety },
             SafetySettings { sign_test_force: bad, ..safety },
         ] {

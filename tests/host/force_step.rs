@@ -74,7 +74,8 @@ impl Loop {
         let safety = SafetySettings {
             speed_max_m_per_s: 1.0,
             speed_believable_m_per_s: 5.0,
-            travel_m: 1.0,
+            travel_low_m: -1.0,
+            travel_high_m: 1.0,
             ramp_in_s: 0.2,
             sign_test_force: 0.05,
             sign_test_counts: 20,

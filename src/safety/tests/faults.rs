@@ -233,15 +233,15 @@ fn beyond_its_travel_the_handle_gets_no_force_and_may_be_moved_back() {
         }
         bench.run(200); // the estimate comes to rest
     };
-    for side in [1.0, -1.0] {
+    for end_m in [SETTINGS.travel_low_m, SETTINGS.travel_high_m] {
         let mut bench = Bench::armed();
         bench.control = control(1.0, 2000.0); // out of reach
         bench.held = true;
         let zero_m =
             bench.position_m - f64::from(bench.last.unwrap().record.position.counts()) * 1e-6;
-        carry(&mut bench, zero_m + side * 0.1999);
+        carry(&mut bench, zero_m + end_m - 1e-4 * end_m.signum());
         assert_eq!(bench.state(), State::Armed);
-        carry(&mut bench, zero_m + side * 0.2001);
+        carry(&mut bench, zero_m + end_m + 1e-4 * end_m.signum());
         assert_eq!((bench.fault(), bench.output), (Some(Fault::BeyondTravel), None));
         assert!(bench.supervisor.status().zeroed);
         bench.ask(Request::Clear).unwrap();
@@ -249,7 +249,7 @@ fn beyond_its_travel_the_handle_gets_no_force_and_may_be_moved_back() {
         bench.ask(Request::Arm).unwrap();
         bench.run(20);
         assert_eq!((bench.fault(), bench.output), (Some(Fault::BeyondTravel), None));
-        carry(&mut bench, zero_m + side * 0.1);
+        carry(&mut bench, zero_m + end_m / 2.0);
         bench.held = false;
         bench.velocity_m_per_s = 0.0;
         bench.recover();
