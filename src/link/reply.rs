@@ -5,7 +5,7 @@ use core::fmt;
 use super::{Decimal, ParseError, Situation, usages};
 use crate::{
     SettingsError,
-    envelope::Outside,
+    envelope::{Envelope, Outside},
     safety::{Fault, Refusal},
     store::{Source, Stored},
     telemetry::Record,
@@ -41,8 +41,8 @@ pub enum Reply<'a> {
     Range(&'a SettingsError),
     /// Not this estimator: the board has not what it needs.
     NoSense(EstimatorName, Sense),
-    /// Not this wall.
-    Outside(Outside),
+    /// Not this wall, says this table.
+    Outside(Outside, &'a Envelope<'a>),
     /// The hardware failed at this.
     Failed(&'a str),
 }
@@ -85,8 +85,11 @@ impl fmt::Display for Reply<'_> {
                 name.text(),
                 sense.text()
             ),
-            Self::Outside(outside) => {
+            Self::Outside(outside, envelope) => {
                 write!(f, "error: {}", outside.text())?;
+                if *outside == Outside::UnknownKey {
+                    known(f, envelope)?;
+                }
                 if let Some([low, high]) = outside.allowed() {
                     write!(f, " {} to {}", Decimal(low), Decimal(high))?;
                 }
@@ -95,6 +98,19 @@ impl fmt::Display for Reply<'_> {
             Self::Failed(what) => write!(f, "error: {what} failed"),
         }
     }
+}
+
+/// What a table holds: estimators with their cutoffs.
+fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>) -> fmt::Result {
+    let mut last = "";
+    for key in envelope.boundaries.iter().map(|boundary| &boundary.key) {
+        if key.estimator != last {
+            write!(f, "; known: {}", key.estimator)?;
+            last = key.estimator;
+        }
+        write!(f, " {}", Decimal(key.cutoff_hz))?;
+    }
+    Ok(())
 }
 
 fn status(f: &mut fmt::Formatter<'_>, now: &Situation, record: &Record) -> fmt::Result {
@@ -212,12 +228,21 @@ mod tests {
     use super::*;
     use crate::{
         Settings, WallSettings,
+        envelope::{Boundary, Key},
         experiment::WalkPlan,
         link::{Activity, Command, REPLY_MAX, Text, allowed},
         safety::{FaultRecord, FaultSet, Inputs, State, Status},
         store::{DeviceKey, Signs},
         units::{Force, Position, Velocity},
     };
+
+    const fn boundary(cutoff_hz: f64) -> Boundary<'static> {
+        let (device, estimator) = ("nucleo-f446re", "butterworth");
+        let key = Key { device, estimator, cutoff_hz, latency_samples: 0.1, period_samples: 10.0 };
+        Boundary { key, points: &[] }
+    }
+    static TABLE: Envelope<'static> =
+        Envelope { boundaries: &[boundary(1000.0), boundary(1500.0)] };
 
     const NOW: Situation = Situation {
         status: Status {
@@ -258,8 +283,13 @@ mod tests {
             "error: something is missing: k N_PER_M",
         );
         shows(
-            Reply::Outside(Outside::Stiffness { lowest: 0.0, highest: 8000.0 }),
+            Reply::Outside(Outside::Stiffness { lowest: 0.0, highest: 8000.0 }, &TABLE),
             "error: beyond the envelope: k at this b is allowed from 0 to 8000, or unlock envelope",
+        );
+        shows(
+            Reply::Outside(Outside::UnknownKey, &TABLE),
+            "error: no envelope for this device, estimator, cutoff, latency and output period; known: \
+             butterworth 1000 1500, or unlock envelope",
         );
         let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
         shows(Reply::Range(&range), "error: stiffness_n_per_m is 20000000, allowed 0 to 10000000");

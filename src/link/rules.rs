@@ -109,7 +109,8 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Second(_)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
-        Command::Save => &[N::Off],
+        // Flash is programmed 32 bits at a time, which the chip does from 2.7 V on.
+        Command::Save => &[N::Off, N::Supply],
         Command::Hit => &[N::NoFault, N::Armed, N::Idle],
         Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],
         Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::Unlocked],

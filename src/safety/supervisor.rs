@@ -368,11 +368,12 @@ impl Supervisor {
             up.motion.position,
             self.plan.push_renders,
         );
-        let away = up.motion.position.wrapping_since(Position::default()).unsigned_abs();
+        let place = up.motion.position.wrapping_since(Position::default());
+        let [low, high] = self.plan.travel;
         let acting = outside
             .with_if(Fault::PushWithoutMotion, pushed)
             .with_if(Fault::OverSpeed, fast && found.is_empty()) // a jump is no speed
-            .with_if(Fault::BeyondTravel, away > self.plan.travel);
+            .with_if(Fault::BeyondTravel, place < low || place > high);
         let all = if on { found.union(acting) } else { found };
         if !all.is_empty() {
             cold_path();

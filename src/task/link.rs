@@ -373,7 +373,9 @@ impl Link {
             return self.reply(Reply::NoSense(estimator, sense));
         }
         match build(&stored) {
-            Ok((_, Err(outside))) if self.is_locked() => self.reply(Reply::Outside(outside)),
+            Ok((_, Err(outside))) if self.is_locked() => {
+                self.reply(Reply::Outside(outside, &ENVELOPE))
+            }
             Ok((control, inside)) => {
                 let order = Order::Control(control, gains(&inside));
                 self.order(order, Awaited::Settings(stored, change));
