@@ -1,12 +1,13 @@
 //! The firmware: which task runs when, and what each one owns. No arithmetic here; the control core
 //! is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
 //!
-//! | task     | rate                  | priority | does                                           |
-//! |----------|-----------------------|----------|------------------------------------------------|
-//! | `sample` | 10 kHz, TIM5          | 15       | counter, velocity, watch over `render`         |
-//! | `render` | every period-th sample | 14      | wall, force output, records for telemetry      |
-//! | `link`   | after each `render`   | 1        | commands in, replies and telemetry out         |
-//! | `idle`   |                       | 0        | sleeps; feeds the watchdog while all tasks run |
+//! | task        | rate                   | priority | does                                           |
+//! |-------------|------------------------|----------|------------------------------------------------|
+//! | `sample`    | 10 kHz, TIM5           | 15       | counter, velocity, watch over `render`         |
+//! | `render`    | every period-th sample | 14       | wall, force output, records for telemetry      |
+//! | `brown_out` | the supply falls       | 14       | off                                            |
+//! | `link`      | after each `render`    | 1        | commands in, replies and telemetry out         |
+//! | `idle`      |                        | 0        | sleeps; feeds the watchdog while all tasks run |
 //!
 //! Nothing delays `sample`: it shares no resource, takes no lock, spawns and logs nothing, and
 //! nothing below masks it (docs/firmware.md).
@@ -41,8 +42,8 @@ mod app {
         idle: task::Idle,
     }
 
-    /// Outputs are off by reset and stay off. The samples start in `task::start`, when everything
-    /// else is done; interrupts come on well before the first one.
+    /// Outputs are off by reset and stay off. The samples start last of all; interrupts come on well before
+    /// the first one.
     #[init(local = [queues: task::Queues = task::Queues::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let board = board::take(cx.device, cx.core);
@@ -58,6 +59,11 @@ mod app {
     #[task(binds = SPI3, priority = 14, local = [render])]
     fn render(cx: render::Context) {
         cx.local.render.run();
+    }
+
+    #[task(binds = PVD, priority = 14)]
+    fn brown_out(_: brown_out::Context) {
+        board::supply_has_dropped();
     }
 
     #[task(binds = SPI2, priority = 1, local = [link])]

@@ -20,8 +20,8 @@ use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
 use zwidth::velocity::Sense;
 
 use super::{
-    Board, Drive, EmergencyStop, Encoder, FaultMemory, Pace, RATE_HZ, SettingsFlash, Supply,
-    Watchdog, enable, pwm, reset, rtt,
+    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, Pace, RATE_HZ, SettingsFlash, Supply,
+    Watchdog, debugger, enable, pwm, reset, rtt,
 };
 pub(super) use pwm::{Output, zero};
 
@@ -51,8 +51,11 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let mut rcc = device
         .RCC
         .freeze(Config::hse(8.MHz()).sysclk(CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz()));
+    // One more than the HAL sets, for 2.4 to 2.7 V (reference manual RM0090, table 10): the supply detector
+    // may find 2.59 V still good.
+    device.FLASH.acr().modify(|_, w| w.latency().ws6());
     super::watch_clock();
-    super::set_up_debug(&device.DBGMCU);
+    debugger::set_up(&device.DBGMCU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let a = device.GPIOA.split(&mut rcc);
@@ -65,7 +68,8 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let _enable = e.pe13.into_alternate::<1>();
     let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     let encoder = Encoder::new(device.TIM2, a.pa15.into_alternate::<1>(), a.pa1, &mut rcc);
-    let supply = Supply::new(device.PWR, SUPPLY_LEVEL, &mut rcc);
+    let supply = Supply::new(device.PWR, &device.EXTI, SUPPLY_LEVEL, &mut rcc);
+    let halts = Halts::new(device.TIM6, CORE_HZ / 2, RATE_HZ, &mut rcc);
     let memory = FaultMemory::new(&supply, &mut rcc);
     let settings = SettingsFlash::new(device.FLASH);
     let link = rtt::init();
@@ -76,6 +80,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
         drive,
         stop: EmergencyStop(()),
         supply,
+        halts,
         watchdog,
         memory,
         reset_cause,

@@ -2,7 +2,7 @@
 //!
 //! The line is the timer's main output enable (MOE), so that hardware alone can drop it:
 //! * the break input, which the emergency stop opens, clears MOE without any code;
-//! * with `DBG_TIM1_STOP` a debugger that halts the core does the same;
+//! * with `DBG_TIM1_STOP` the outputs are off while a debugger has the core halted (debugger.rs);
 //! * one store clears it, from any task, the panic and the fault handlers.
 //!
 //! With MOE clear TIM1 drives its outputs to their idle level, low: enable inactive and, on a board
@@ -23,7 +23,7 @@ const BREAK: u32 = 1 << 7;
 /// TIM1's registers, for the few stores that must work from everywhere.
 pub(super) fn registers() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the address is TIM1's. Outside `init` this program only stores whole constants
-    // into BDTR and SR and compare values into CCR1 and CCR2, never a modified reading.
+    // into BDTR, SR and CR1 and compare values into CCR1 and CCR2, never a modified reading.
     unsafe { &*pac::TIM1::ptr() }
 }
 

@@ -1,4 +1,4 @@
-//! Backup RAM: the first fault, over a reset. Without a battery on VBAT not over a loss of power.
+//! Backup RAM: the first fault, over a reset. Not over a loss of power: its regulator stays off.
 
 use core::ptr;
 

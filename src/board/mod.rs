@@ -21,6 +21,7 @@ use nucleo_f446re as this;
 
 #[allow(dead_code, reason = "a board has one output")]
 mod dac;
+mod debugger;
 #[cfg(all(feature = "nucleo-f446re", feature = "time-stamps"))]
 mod edges;
 mod enable;
@@ -42,6 +43,7 @@ mod snapshot;
 mod supply;
 mod watchdog;
 
+pub use debugger::Halts;
 pub use encoder::{Encoder, turn as turn_encoder};
 pub use fault_memory::FaultMemory;
 pub use latest::{Latest, Newest, Publisher};
@@ -53,7 +55,7 @@ pub use rtt::log_dropped;
 pub use rtt::{Commands, Link, Up};
 pub use settings::{FlashError, SettingsFlash};
 pub use snapshot::{Reading, Snapshot, Writing};
-pub use supply::Supply;
+pub use supply::{Supply, has_dropped as supply_has_dropped};
 pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, SENSES, take};
 pub use watchdog::Watchdog;
 
@@ -78,6 +80,8 @@ pub struct Board {
     pub stop: EmergencyStop,
     /// Supply voltage.
     pub supply: Supply,
+    /// Halts by a debugger.
+    pub halts: Halts,
     /// Reset when the tasks stop.
     pub watchdog: Watchdog,
     /// What a reset must not wipe out.
@@ -147,36 +151,11 @@ impl EmergencyStop {
     }
 }
 
-/// What a debugger may stop: with the core halted TIM1 drops its outputs, the samples stop, the
-/// watchdog does not. Sleep keeps the debug clock on, because several probes lose RTT otherwise.
-fn set_up_debug(dbgmcu: &pac::DBGMCU) {
-    dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
-    dbgmcu.apb2_fz().modify(|_, w| w.dbg_tim1_stop().set_bit());
-    dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim5_stop().set_bit().dbg_iwdg_stop().clear_bit());
-    #[cfg(all(feature = "nucleo-f446re", feature = "time-stamps"))]
-    dbgmcu.apb1_fz().modify(|_, w| w.dbg_tim3_stop().set_bit()); // it stays in phase with TIM5
-}
-
 /// Watches the HSE: if it fails, TIM1's break drops enable and an NMI ends the program.
 fn watch_clock() {
     // SAFETY: one bit of a register that nobody else writes after the clock was set up.
     let rcc = unsafe { &*pac::RCC::ptr() };
     rcc.cr().modify(|_, w| w.csson().set_bit());
-}
-
-/// Whether a debugger has halted the core since this was last asked. Sticky, so it is also seen where the
-/// timer's enable bit outlives the halt.
-#[inline(always)]
-pub fn was_halted() -> bool {
-    // SAFETY: the debug fault status; reading has no effect, and writing ones back clears them.
-    let dfsr = unsafe { &(*cortex_m::peripheral::SCB::PTR).dfsr };
-    let causes = dfsr.read();
-    if causes == 0 {
-        return false;
-    }
-    // SAFETY: as above.
-    unsafe { dfsr.write(causes) };
-    true
 }
 
 /// TIM1 with a clock and in its reset state; its outputs stay off.

@@ -22,8 +22,8 @@ use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
 use zwidth::velocity::Sense;
 
 use super::{
-    Board, Drive, EmergencyStop, Encoder, FaultMemory, Pace, RATE_HZ, SettingsFlash, Supply,
-    Watchdog, dac, enable, reset, rtt,
+    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, Pace, RATE_HZ, SettingsFlash, Supply,
+    Watchdog, dac, debugger, enable, reset, rtt,
 };
 pub(super) use dac::{Output, zero};
 
@@ -57,7 +57,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
             .pclk2(90.MHz()),
     );
     super::watch_clock();
-    super::set_up_debug(&device.DBGMCU);
+    debugger::set_up(&device.DBGMCU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let a = device.GPIOA.split(&mut rcc);
@@ -79,7 +79,8 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
         edges,
         &mut rcc,
     );
-    let supply = Supply::new(device.PWR, SUPPLY_LEVEL, &mut rcc);
+    let supply = Supply::new(device.PWR, &device.EXTI, SUPPLY_LEVEL, &mut rcc);
+    let halts = Halts::new(device.TIM6, CORE_HZ / 2, RATE_HZ, &mut rcc);
     let memory = FaultMemory::new(&supply, &mut rcc);
     let settings = SettingsFlash::new(device.FLASH);
     let link = rtt::init();
@@ -90,6 +91,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
         drive,
         stop: EmergencyStop(()),
         supply,
+        halts,
         watchdog,
         memory,
         reset_cause,

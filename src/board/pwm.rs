@@ -2,7 +2,7 @@
 //!
 //! 40 kHz, four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind
 //! it. Both compare registers are preloaded, and the sign is itself a PWM of 0 or 100 %, so a
-//! command takes effect as a whole, at the next PWM period: one that is written within
+//! command takes effect as a whole, at the next PWM period (no update comes between its two stores): one that is written within
 //! [`LEAD_CYCLES`] of its sample acts exactly that much after the sample, a later one 25 us later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
@@ -15,6 +15,11 @@ pub const PER_SAMPLE: u32 = 4;
 /// Core cycles from the sampling timer's update to the PWM timer's.
 /// (`tests/elf/control` holds the longest way of a command to its registers to less).
 pub const LEAD_CYCLES: u32 = 2352; // 14 us
+
+/// CR1 while the timer runs: counter enabled, period preloaded.
+const RUNNING: u32 = 1 | 1 << 7;
+/// The same register: no update events.
+const UPDATE_DISABLE: u32 = 1 << 1;
 
 /// The force output.
 pub struct Output {
@@ -50,7 +55,8 @@ impl Output {
         let ahead = u32::from(self.steps) - LEAD_CYCLES;
         // SAFETY: below the period.
         tim1.cnt().write(|w| unsafe { w.bits(ahead) });
-        tim1.cr1().modify(|_, w| w.cen().set_bit());
+        // SAFETY: a documented value.
+        tim1.cr1().write(|w| unsafe { w.bits(RUNNING) });
     }
 
     /// Puts a command out, from the next PWM period on; the core has clamped it to +-steps.
@@ -58,7 +64,14 @@ impl Output {
     pub fn write(&mut self, command: Command, mirrored: bool) {
         let code = command.code();
         let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
-        set(code.unsigned_abs(), sign);
+        let cr1 = enable::registers().cr1();
+        // No update between the two stores: it would give the new magnitude the old sign for a period. One that
+        // falls between them is left out. SAFETY: documented values.
+        unsafe {
+            cr1.write(|w| w.bits(RUNNING | UPDATE_DISABLE));
+            set(code.unsigned_abs(), sign);
+            cr1.write(|w| w.bits(RUNNING));
+        }
     }
 }
 

@@ -1,19 +1,35 @@
 //! The supply supervisor: the programmable voltage detector (PVD), its level chosen by the board.
+//!
+//! Its output pends an interrupt (EXTI line 16), which switches off at once and remembers: between two outputs
+//! a supply may fall below what the flash needs, or dip and come back.
+
+use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc},
 };
 
+/// The detector found the supply low since it was last asked.
+static DROPPED: AtomicBool = AtomicBool::new(false);
+
+/// EXTI's line of the detector.
+const LINE: u32 = 1 << 16;
+
 /// The detector.
 pub struct Supply(pac::PWR);
 
 impl Supply {
     /// Detector on, at that level (PLS, three bits).
-    pub fn new(pwr: pac::PWR, level: u8, rcc: &mut Rcc) -> Self {
+    pub fn new(pwr: pac::PWR, exti: &pac::EXTI, level: u8, rcc: &mut Rcc) -> Self {
         pac::PWR::enable(rcc);
         // SAFETY: all values of the field are documented.
         pwr.cr().modify(|_, w| unsafe { w.pls().bits(level & 0b111).pvde().set_bit() });
+        // The detector's output rises when the supply falls. SAFETY: a documented line.
+        unsafe {
+            exti.rtsr().modify(|r, w| w.bits(r.bits() | LINE));
+            exti.imr().modify(|r, w| w.bits(r.bits() | LINE));
+        }
         Self(pwr)
     }
 
@@ -22,9 +38,23 @@ impl Supply {
         self.0.cr().modify(|_, w| w.dbp().set_bit());
     }
 
-    /// The supply is below the threshold.
+    /// The supply is below the threshold, or was since this was last asked. For the priority of
+    /// [`has_dropped`] only.
     #[inline(always)]
     pub fn is_low(&self) -> bool {
-        self.0.csr().read().pvdo().bit_is_set()
+        let dropped = DROPPED.load(Relaxed);
+        if dropped {
+            DROPPED.store(false, Relaxed);
+        }
+        dropped || self.0.csr().read().pvdo().bit_is_set()
     }
+}
+
+/// The detector's interrupt: off.
+#[inline(always)]
+pub fn has_dropped() {
+    super::off();
+    DROPPED.store(true, Relaxed);
+    // SAFETY: writing one clears the request of this line; nothing else writes this register.
+    unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(LINE)) };
 }

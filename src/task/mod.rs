@@ -113,13 +113,14 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     let (control_in, control_out) = queues.control.split(control);
     let (down_in, down_out) = queues.down.split(Down::start(&plan));
     board::turn_encoder(stored.signs.encoder_reversed);
+    // All that takes long comes before the samples.
+    let link = Link::new(board.link, board.settings, reports_out, orders_in, stored, source);
+    let Board { mut drive, mut pace, encoder, stop, supply, halts, memory, .. } = board;
     // The two timers start next to each other: their distance sets the phase of the PWM.
-    let Board { mut drive, mut pace, encoder, .. } = board;
     drive.start();
     pace.start();
     let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
-    let outputs =
-        render::Outputs { drive, stop: board.stop, supply: board.supply, memory: board.memory };
+    let outputs = render::Outputs { drive, stop, supply, halts, memory };
     let ends = render::Ends {
         due: due_out,
         guard: guard_out,
@@ -131,7 +132,7 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     (
         Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
-        Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
+        link,
         Idle::new(board.watchdog),
     )
 }

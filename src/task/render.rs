@@ -8,7 +8,7 @@ use zwidth::{
     experiment::{Broken, Calibration, CalibrationEnd, Duty, DutyPlan, Trial},
     link::Activity,
     safety::{
-        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor,
+        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor, Up,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -22,7 +22,7 @@ use super::{
     sample::Due,
     trail::Follower,
 };
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Publisher, Reading, Supply};
+use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Publisher, Reading, Supply};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;
@@ -35,6 +35,8 @@ pub struct Outputs {
     pub stop: EmergencyStop,
     /// Supply voltage.
     pub supply: Supply,
+    /// Halts by a debugger.
+    pub halts: Halts,
     /// Backup RAM.
     pub memory: FaultMemory,
 }
@@ -142,7 +144,7 @@ impl Render {
             up.guard.zeros = self.zeros; // carried out after this sample, if at all
         }
         self.zeros = up.guard.zeros;
-        let inputs = self.inputs(self.supervisor.is_cut(&up));
+        let inputs = self.inputs(&up);
         let rendered = self.supervisor.render(&self.control, &up, self.push, inputs);
         self.put_out(rendered.grant);
         self.ends.down.publish(rendered.down);
@@ -169,8 +171,9 @@ impl Render {
     }
 
     /// What the board says at this output.
-    fn inputs(&self, cut: bool) -> Inputs {
-        let halted = board::was_halted();
+    fn inputs(&mut self, up: &Up) -> Inputs {
+        let cut = self.supervisor.is_cut(up);
+        let halted = self.outputs.halts.since_the_last(up.motion.sample, PERIOD);
         // A stop that is over before the next look is one all the same. A halt may set the same flag.
         let stopped = self.was_on && !halted && self.outputs.drive.was_stopped();
         let stop_closed = self.outputs.stop.is_closed() && !stopped;

@@ -41,6 +41,9 @@ enum Command {
         /// Write the telemetry as it comes, for `cargo sim telemetry FILE`.
         #[arg(long, value_name = "FILE")]
         telemetry: Option<PathBuf>,
+        /// Replace FILE if it is there.
+        #[arg(long)]
+        force: bool,
     },
     /// One wall hit, run by the firmware itself.
     Hit {
@@ -93,8 +96,12 @@ struct Common {
 /// Runs the command line; 2 for bad input, 1 for a program that ended.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
-        Command::Run { common, telemetry } => {
-            session(&common).and_then(|session| run(&session, telemetry.as_deref()))
+        Command::Run { common, telemetry, force } => {
+            let telemetry = telemetry.as_deref();
+            let free = telemetry.map_or(Ok(()), |path| output::refuse_existing(path, force));
+            free.map_err(refused)
+                .and_then(|()| session(&common))
+                .and_then(|session| run(&session, telemetry))
         }
         Command::Hit { common, json, cutoff, stiffness, damping } => {
             session(&common).and_then(|session| hit(&session, [cutoff, stiffness, damping], json))

@@ -17,7 +17,7 @@ use crate::{
     board::{Board, Powered},
     elf::Elf,
     log,
-    mcu::Stopped,
+    mcu::{AfterHalt, Stopped},
 };
 
 /// Steps of the plant per sample.
@@ -180,8 +180,8 @@ impl<'a> World<'a> {
     }
 
     /// A debugger halts the core for `cycles`; the world goes on after it.
-    pub fn halt(&mut self, cycles: u64) {
-        self.powered.mcu.halt(cycles);
+    pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
+        self.powered.mcu.halt(cycles, moe);
         self.moved_to = self.powered.mcu.now();
     }
 

@@ -1,7 +1,7 @@
 //! What goes wrong, and how it is brought about without touching the program.
 
 use virtual_board::{
-    mcu::{LINK, RENDER, SAMPLE},
+    mcu::{AfterHalt, LINK, RENDER, SAMPLE},
     world::World,
 };
 
@@ -59,6 +59,9 @@ const HANDLER_US: f64 = 2.0;
 /// The watchdog, at its nominal clock, and one output since it was fed.
 const WATCHDOG_US: f64 = 51_000.0;
 
+/// DBGMCU's bit of the watchdog.
+const WATCHDOG_STOPS: u32 = 1 << 12;
+
 const PLAIN: Trouble = Trouble {
     name: "",
     code: 0,
@@ -74,7 +77,7 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 30] = [
+pub const TROUBLES: [Trouble; 32] = [
     Trouble {
         name: "count jump",
         code: 10,
@@ -178,10 +181,10 @@ pub const TROUBLES: [Trouble; 30] = [
         limit_us: RENDER_US,
         begin: |_, world| {
             let zero_m = world.position_m() - 1e-6 * f64::from(counts(world));
-            lead(world, zero_m - 0.139_99);
+            lead(world, zero_m - 0.039_99);
             assert!(world.powered.amplifier.is_enabled());
             let begun = world.powered.mcu.now();
-            lead(world, zero_m - 0.14002);
+            lead(world, zero_m - 0.040_02);
             begun
         },
         end: |world| lead(world, world.position_m() + 0.1),
@@ -278,13 +281,16 @@ pub const TROUBLES: [Trouble; 30] = [
         name: "debugger halt, 30 ms",
         code: 32,
         halted_us: 30_000.0,
+        limit_us: 30_000.0 + RENDER_US,
+        begin: |_, world| halt(world, 300, AfterHalt::Kept),
+        ..PLAIN
+    },
+    Trouble {
+        name: "debugger halt, 30 ms, MOE reset",
+        code: 32,
+        halted_us: 30_000.0,
         limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            // Shorter than the watchdog's patience, and a whole number of samples.
-            world.halt(300 * world.powered.board.cycles_per_sample());
-            begun
-        },
+        begin: |_, world| halt(world, 300, AfterHalt::Reset),
         ..PLAIN
     },
     Trouble {
@@ -293,11 +299,24 @@ pub const TROUBLES: [Trouble; 30] = [
         halted_us: 200_000.0,
         limit_us: AT_ONCE_US,
         begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            world.halt(2_000 * world.powered.board.cycles_per_sample());
-            begun
+            // As a script does on connecting: what the program says of the watchdog holds again soon.
+            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
+            world.run(20).unwrap();
+            halt(world, 2_000, AfterHalt::Kept)
         },
         resets: true,
+        short: false,
+        ..PLAIN
+    },
+    Trouble {
+        name: "debugger halt, 200 ms, watchdog stopped",
+        code: 32,
+        halted_us: 200_000.0,
+        limit_us: 200_000.0 + RENDER_US,
+        begin: |_, world| {
+            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
+            halt(world, 2_000, AfterHalt::Kept)
+        },
         short: false,
         ..PLAIN
     },
@@ -388,6 +407,13 @@ fn enabled_by_arm(world: &mut World<'_>) -> u64 {
         }
     }
     panic!("`arm` does not enable the amplifier");
+}
+
+/// A debugger halts the core for so many samples.
+fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> u64 {
+    let begun = world.powered.mcu.now();
+    world.halt(samples * world.powered.board.cycles_per_sample(), moe);
+    begun
 }
 
 /// Keeps `render` from being taken for so many samples, from right before a due one.

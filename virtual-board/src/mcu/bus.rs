@@ -68,6 +68,8 @@ pub(super) struct Lazy {
     clock: Arc<Clock>,
     /// Core cycles per tick.
     divider: u64,
+    /// Core cycles for which it stood still while the core was halted.
+    stood: Arc<AtomicU64>,
 }
 
 impl fmt::Debug for Lazy {
@@ -85,12 +87,17 @@ impl Lazy {
             panic!("registers are an I/O region")
         };
         let operations = Arc::clone(operations);
-        Self { device, operations, clock: Arc::clone(clock), divider }
+        Self { device, operations, clock: Arc::clone(clock), divider, stood: Arc::default() }
     }
 
     /// Brings the device to `cycle`.
     pub(super) fn advance_to(&self, cycle: u64) {
-        self.device.advance_to(cycle / self.divider);
+        self.device.advance_to(cycle.saturating_sub(self.stood.load(Relaxed)) / self.divider);
+    }
+
+    /// It stands still for the next `cycles`.
+    pub(super) fn stand_still(&self, cycles: u64) {
+        self.stood.fetch_add(cycles, Relaxed);
     }
 
     /// Brings the device to the present, event by event, so that each of its edges is delivered
@@ -111,7 +118,9 @@ impl Lazy {
 
     /// Cycle of the device's next event.
     pub(super) fn next_event(&self) -> u64 {
-        self.device.next_event_tick().map_or(u64::MAX, |tick| tick.saturating_mul(self.divider))
+        self.device.next_event_tick().map_or(u64::MAX, |tick| {
+            tick.saturating_mul(self.divider).saturating_add(self.stood.load(Relaxed))
+        })
     }
 
     /// Reads a register without side effects.
@@ -217,6 +226,10 @@ impl Storage {
 
     pub(super) fn get(&self, offset: u64) -> u32 {
         self.word(offset).load(Relaxed)
+    }
+
+    pub(super) fn set(&self, offset: u64, value: u32) {
+        self.word(offset).store(value, Relaxed);
     }
 }
 

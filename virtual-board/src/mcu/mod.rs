@@ -29,6 +29,7 @@ const RAM: u32 = 0x2000_0000;
 const RAM_BYTES: u32 = 0x2_0000;
 const FLASH: u32 = 0x0800_0000;
 const PACE_IRQ: u16 = 50;
+const SUPPLY_IRQ: u16 = 1;
 const HARD_FAULT: u16 = 3;
 /// ITSTATE in xPSR.
 const IT_BITS: u32 = 0x0600_FC00;
@@ -85,6 +86,16 @@ pub struct Listeners {
     pub dac: Option<Arc<dyn DacListener>>,
     /// The encoder's A and B are wired to TIM3's channels 1 and 2 as well.
     pub captured: bool,
+}
+
+/// TIM1's main output enable after a halt that has dropped the outputs. The manuals say that they are off "as if"
+/// it were reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AfterHalt {
+    /// It was only masked: the outputs are back.
+    Kept,
+    /// It is reset.
+    Reset,
 }
 
 /// Why the program does not run on.
@@ -164,7 +175,8 @@ impl Mcu {
             if self.now >= self.next || self.clock.take_touched() {
                 self.service();
             }
-            if self.soc.cpu.is_asleep() && !self.soc.pace_line.get() {
+            let called = self.soc.pace_line.get() || self.soc.supply_line.get();
+            if self.soc.cpu.is_asleep() && !called {
                 let to = self.next.min(cycle);
                 self.asleep += to - self.now;
                 self.now = to;
@@ -209,6 +221,7 @@ impl Mcu {
             self.watch.event(self.soc.cpu.regs().basepri);
         }
         self.soc.cpu.set_irq(PACE_IRQ, line);
+        self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
         self.next = self
             .soc
             .others
@@ -351,7 +364,9 @@ impl Mcu {
 
     /// Sets the supply, mV; at first it is [`SUPPLY_MV`]. Only the voltage detector looks at it.
     pub fn set_supply_mv(&mut self, mv: u32) {
+        self.clock.set(self.now);
         self.soc.supply.set_mv(mv);
+        self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
     }
 
     /// The level of `pin`.
@@ -387,18 +402,28 @@ impl Mcu {
         self.soc.encoder.deliver(self.now);
     }
 
-    /// A debugger halts the core for `cycles`: the samples stop, and TIM1 drops its outputs, each
-    /// if the program has set the DBGMCU's bit for it.
-    pub fn halt(&mut self, cycles: u64) {
-        let freeze = [self.soc.dbgmcu.get(0x08), self.soc.dbgmcu.get(0x0C)];
+    /// A debugger halts the core for `cycles`. What the program has set DBGMCU's bits for stands still; TIM1's
+    /// outputs are off meanwhile if it does. `moe`: what the manuals leave open.
+    pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         self.settle();
         let bdtr = self.soc.pwm.peek(BDTR);
-        if freeze[1] & 1 != 0 {
+        let masked = self.soc.stand_still(cycles);
+        if masked {
             self.soc.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
         }
         self.now += cycles;
-        self.clock.set(self.now);
-        self.service();
+        self.settle();
+        let resets = self.resets;
+        self.service(); // the watchdog's reset comes before the core runs on
+        let running = resets == self.resets && !self.soc.stop.load(Relaxed);
+        if masked && running && moe == AfterHalt::Kept {
+            self.soc.pwm.poke(BDTR, bdtr);
+        }
+    }
+
+    /// A debugger sets DBGMCU's bits of APB1: what else stands still in a halt.
+    pub fn stop_in_halts(&mut self, apb1_bits: u32) {
+        self.soc.dbgmcu.set(0x08, self.soc.dbgmcu.get(0x08) | apb1_bits);
     }
 
     /// Reads RAM.

@@ -13,7 +13,7 @@ use rsemu::{
         wire::{Level, WireBuilder, WireId, WireIdAllocator, WireSink, WireSource},
     },
     cpu::arm::v7m::{ArmV7m, Config},
-    dev::stm32::{flash::Flash, gpio::Gpio, iwdg::Iwdg, pwr::Pwr, rcc::Rcc, tim::Tim},
+    dev::stm32::{exti::Exti, flash::Flash, gpio::Gpio, iwdg::Iwdg, pwr::Pwr, rcc::Rcc, tim::Tim},
 };
 
 use super::{
@@ -44,12 +44,16 @@ pub(super) struct Soc {
     rcc: Lazy,
     pub(super) others: Vec<Lazy>,
     pub(super) pace_line: Arc<Flag>,
+    /// The supply detector's interrupt.
+    pub(super) supply_line: Arc<Flag>,
     pub(super) watchdog_bites: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag.
     broken: Arc<AtomicBool>,
     pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
+    halt_timer: Lazy,
+    watchdog: Lazy,
     pub(super) dac: Arc<Storage>,
     /// Cycle at which a force was last written, to the DAC or to a compare register.
     pub(super) commanded_at: Arc<AtomicU64>,
@@ -120,6 +124,8 @@ struct Break {
 
 const RCC_CSR: u64 = 0x74;
 const RMVF: u32 = 1 << 24;
+const DBGMCU_APB1_FZ: u64 = 0x08;
+const DBGMCU_APB2_FZ: u64 = 0x0C;
 const CCR1: u64 = 0x34;
 const CCR2: u64 = 0x38;
 const SR: u64 = 0x10;
@@ -183,6 +189,7 @@ impl Soc {
         let encoder_timer = timer("general", 32);
         let pace_timer = timer("general", 32);
         let capture_timer = timer("general", 16);
+        let halt_timer = timer("basic", 16);
         let rcc = Arc::new(
             Rcc::new(&Props::new().with("variant", "f4").with("hse", 8_000_000u64)).expect(WIRED),
         );
@@ -210,6 +217,7 @@ impl Soc {
             ("apb1en0", &encoder_timer),
             ("apb1en1", &capture_timer),
             ("apb1en3", &pace_timer),
+            ("apb1en4", &halt_timer),
             ("apb2en0", &pwm_timer),
         ] {
             let id = ids.alloc();
@@ -242,6 +250,7 @@ impl Soc {
         let lazy = |device: Arc<dyn Device>, divider| Lazy::new(device, divider, clock);
         let pwm = lazy(pwm_timer, 1);
         let pace = lazy(pace_timer, 2);
+        let halt_timer = lazy(halt_timer, 2);
         // HSE cycles, for the delays of the ready bits only.
         let rcc = lazy(rcc, chip.core_hz / 8_000_000);
         let pwr = lazy(pwr, 8);
@@ -254,6 +263,12 @@ impl Soc {
 
         let stop = Arc::new(AtomicBool::new(false));
         let supply = Supply::of_mv(supply_mv);
+        let supply_line = Arc::new(Flag::default());
+        let exti = Arc::new(Exti::new(&Props::new()).expect(WIRED));
+        wire(&*exti, "irq16", Arc::clone(&supply_line) as _);
+        let id = ids.alloc();
+        supply.connect(id, exti.sink("line16", &[id]).expect(WIRED));
+        let exti = lazy(exti, 1);
         let dbgmcu = Storage::new();
         let space = AddressSpace::new("cpu", 32);
         let map = |region: Region, address: u64| {
@@ -280,6 +295,7 @@ impl Soc {
             0x4000_0400,
         );
         map(Registers::region(&pace, Plain(pace.clone())), 0x4000_0C00);
+        map(Registers::region(&halt_timer, Plain(halt_timer.clone())), 0x4000_1000);
         map(Registers::region(&watchdog, Plain(watchdog.clone())), 0x4000_3000);
         map(
             Registers::region(
@@ -292,6 +308,7 @@ impl Soc {
             ),
             0x4000_7000,
         );
+        map(Registers::region(&exti, Plain(exti.clone())), 0x4001_3C00);
         let dac = Storage::new();
         let commanded_at = Arc::new(AtomicU64::new(0));
         let written_at = Arc::clone(&commanded_at);
@@ -320,8 +337,11 @@ impl Soc {
             encoder,
             flash,
             rcc: rcc.clone(),
-            others: vec![rcc, pwr, flash_registers, watchdog],
+            others: vec![rcc, pwr, flash_registers, watchdog.clone()],
+            halt_timer,
+            watchdog,
             pace_line,
+            supply_line,
             watchdog_bites,
             stop,
             broken,
@@ -343,6 +363,24 @@ impl Soc {
             pin.sink.set_level(id, pin.line, Level::from_bool(true));
             pin.sink.set_level(id, pin.line, Level::from_bool(false));
         }
+    }
+
+    /// The core is halted for `cycles`: what DBGMCU's bits say stands still. Returns whether TIM1 does.
+    pub(super) fn stand_still(&self, cycles: u64) -> bool {
+        let [apb1, apb2] = [DBGMCU_APB1_FZ, DBGMCU_APB2_FZ].map(|offset| self.dbgmcu.get(offset));
+        for (register, bit, device) in [
+            (apb1, 0, &self.encoder.counter),
+            (apb1, 1, &self.encoder.capture),
+            (apb1, 3, &self.pace),
+            (apb1, 4, &self.halt_timer),
+            (apb1, 12, &self.watchdog),
+            (apb2, 0, &self.pwm),
+        ] {
+            if register >> bit & 1 != 0 {
+                device.stand_still(cycles);
+            }
+        }
+        apb2 & 1 != 0
     }
 
     pub(super) fn set_pin(&self, pin: Pin, high: bool) {

@@ -1,8 +1,13 @@
 //! The supply and its voltage detector, which the emulator has no input for: PWR's port.
 
 use std::sync::{
-    Arc,
+    Arc, OnceLock,
     atomic::{AtomicU32, Ordering::Relaxed},
+};
+
+use rsemu::core::{
+    device::SinkPin,
+    wire::{Level, WireId},
 };
 
 use super::bus::{Clock, Lazy, Port};
@@ -28,6 +33,8 @@ pub(super) struct Supply {
     /// Level and enable bit as written to CR.
     control: AtomicU32,
     low: AtomicU32,
+    /// EXTI's line of the detector.
+    line: OnceLock<(WireId, SinkPin)>,
 }
 
 const CR: u64 = 0;
@@ -41,6 +48,7 @@ impl Supply {
             mv: AtomicU32::new(mv),
             control: AtomicU32::new(0),
             low: AtomicU32::new(PVDO),
+            line: OnceLock::new(),
         })
     }
 
@@ -59,6 +67,20 @@ impl Supply {
         let [rising, falling] = LEVELS_MV[level];
         let limit = if self.low.load(Relaxed) == 0 { falling } else { rising };
         self.low.store(if self.mv() <= limit { PVDO } else { 0 }, Relaxed);
+        if let Some((id, pin)) = self.line.get() {
+            pin.sink.set_level(*id, pin.line, Level::from_bool(self.output() != 0));
+        }
+    }
+
+    /// The detector's bit of CSR.
+    fn output(&self) -> u32 {
+        let enabled = self.control.load(Relaxed) & PVDE != 0;
+        if enabled { self.low.load(Relaxed) } else { 0 }
+    }
+
+    /// Wires its output.
+    pub(super) fn connect(&self, id: WireId, pin: SinkPin) {
+        let _ = self.line.set((id, pin)); // once, by the chip
     }
 }
 
@@ -84,9 +106,7 @@ impl Port for PowerPort {
     }
 
     fn read(&self, offset: u64, value: u32) -> u32 {
-        let enabled = self.supply.control.load(Relaxed) & PVDE != 0;
-        let low = if enabled { self.supply.low.load(Relaxed) } else { 0 };
-        if offset == CSR { value & !PVDO | low } else { value }
+        if offset == CSR { value & !PVDO | self.supply.output() } else { value }
     }
 }
 

@@ -1,0 +1,67 @@
+//! What a debugger may do to the board, and how a halt of the core is found.
+//!
+//! With the core halted TIM1 drops its outputs, and it and the sampling timer stand still, so that they go
+//! on in phase; the watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were
+//! reset. Should MOE only be masked, the last force is back with the first instruction; debuggers clear the
+//! core's own notes of a halt (DFSR). So a halt is found as what it is: time that passed without samples.
+
+use stm32f4xx_hal::{
+    pac,
+    rcc::{Enable, Rcc, Reset},
+};
+use zwidth::safety::HaltWatch;
+
+/// Stopped in a halt, on APB1: TIM5 (bit 3) and, for `time-stamps`, which must stay in phase with it, TIM3
+/// (bit 1). Not TIM6 (bit 4), not the watchdog (bit 12).
+const STOPPED_APB1: u32 =
+    1 << 3 | if cfg!(all(feature = "nucleo-f446re", feature = "time-stamps")) { 1 << 1 } else { 0 };
+/// The same on APB2: TIM1.
+const STOPPED_APB2: u32 = 1;
+
+/// TIM6, which counts on while the core is halted.
+pub struct Halts {
+    timer: pac::TIM6,
+    watch: HaltWatch,
+}
+
+impl Halts {
+    /// A running timer. `clock_hz`: of APB1's timers.
+    pub fn new(timer: pac::TIM6, clock_hz: u32, rate_hz: u32, rcc: &mut Rcc) -> Self {
+        pac::TIM6::enable(rcc);
+        pac::TIM6::reset(rcc);
+        let ticks = clock_hz / (rate_hz * HaltWatch::TICKS_PER_SAMPLE);
+        // SAFETY: any 16-bit value is a prescaler.
+        timer.psc().write(|w| unsafe { w.bits(ticks - 1) });
+        timer.egr().write(|w| w.ug().set_bit());
+        timer.cr1().write(|w| w.cen().set_bit());
+        Self { timer, watch: HaltWatch::default() }
+    }
+
+    /// Whether the core was halted since the last output; to be asked at each, with the number of its sample
+    /// and the samples between two.
+    #[inline(always)]
+    pub fn since_the_last(&mut self, sample: u64, period: u32) -> bool {
+        stop_with_the_core();
+        #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
+        let ticks = self.timer.cnt().read().bits() as u16;
+        self.watch.found(ticks, sample, period)
+    }
+}
+
+/// Sets what stops in a halt. Again and again: a debugger's scripts set bits of their own, OpenOCD's for
+/// these chips that of the watchdog.
+#[inline(always)]
+fn stop_with_the_core() {
+    // SAFETY: documented values of two registers that nothing else in this program writes.
+    unsafe {
+        let dbgmcu = &*pac::DBGMCU::ptr();
+        dbgmcu.apb1_fz().write(|w| w.bits(STOPPED_APB1));
+        dbgmcu.apb2_fz().write(|w| w.bits(STOPPED_APB2));
+    }
+}
+
+/// Sleep keeps the debug clock on, because several probes lose RTT otherwise.
+pub(super) fn set_up(dbgmcu: &pac::DBGMCU) {
+    dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
+    stop_with_the_core();
+}

@@ -1,0 +1,86 @@
+//! Finds that the core stood still: time went on and samples did not.
+
+/// Compares a clock that a halted core does not stop with the samples taken, from output to output.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct HaltWatch {
+    ticks: u16,
+    sample: u64,
+}
+
+impl HaltWatch {
+    /// Ticks of the clock per sample. It wraps after 2^16 of them, 1.6 s at 10 kHz: a halt of that length or a
+    /// multiple of it, to within an output period, passes for none. The watchdog ends it long before.
+    pub const TICKS_PER_SAMPLE: u32 = 4;
+    /// No halt, beyond an output period: two samples.
+    const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;
+
+    /// Whether it stood still for longer than an output period and two samples since this was last asked.
+    ///
+    /// `ticks` is the clock now, `sample` the number of the sample that is answered, `period` the samples from
+    /// output to output. An output that is late by less than a period is no halt; one that is later answers
+    /// another sample.
+    #[inline]
+    pub fn found(&mut self, ticks: u16, sample: u64, period: u32) -> bool {
+        let passed = ticks.wrapping_sub(self.ticks);
+        #[expect(clippy::cast_possible_truncation, reason = "modulo the clock's range")]
+        let sampled =
+            (sample.wrapping_sub(self.sample) as u32).wrapping_mul(Self::TICKS_PER_SAMPLE) as u16;
+        (self.ticks, self.sample) = (ticks, sample);
+        // Below 0, at the upper end of the range, where the output before this one was late.
+        let still = u32::from(passed.wrapping_sub(sampled));
+        let slack = period * Self::TICKS_PER_SAMPLE + Self::SLACK;
+        (slack + 1..u32::from(u16::MAX) - slack).contains(&still)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// Outputs one after another, each with how late it is and how long the core stood still before it, in
+    /// samples; whether a halt was found at each.
+    fn outputs(period: u32, each: &[(f64, f64)]) -> Vec<bool> {
+        let mut watch = HaltWatch::default();
+        let mut still = 0.0;
+        let found = each.iter().zip(100_000u64..).map(|(&(late, halted), number)| {
+            still += halted;
+            let sample = number * u64::from(period);
+            #[expect(clippy::cast_precision_loss, reason = "small")]
+            let time = (sample as f64 + still + late) * f64::from(HaltWatch::TICKS_PER_SAMPLE);
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it wraps")]
+            watch.found(time as u64 as u16, sample, period)
+        });
+        found.skip(1).collect()
+    }
+
+    #[test]
+    fn late_outputs_are_no_halt() {
+        for period in [1, 10, 100] {
+            let latest = f64::from(period) - 0.01;
+            for pair in [[0.0, latest], [latest, 0.0], [0.3, latest], [latest, latest]] {
+                let each = [(0.0, 0.0), (pair[0], 0.0), (pair[1], 0.0), (0.0, 0.0)];
+                assert_eq!(outputs(period, &each), [false; 3], "{period} {pair:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_halt_is_found_once_wherever_it_falls() {
+        for period in [1, 10] {
+            let shortest = f64::from(2 * period) + 2.3;
+            for halted in [shortest, 40.7, 300.0, 2_000.5, 9_000.0, 16_000.0] {
+                for late in [0.0, 0.4, f64::from(period) - 0.01] {
+                    let each = [(late, 0.0), (0.0, halted), (late, 0.0), (0.0, 0.0)];
+                    let found = outputs(period, &each);
+                    assert_eq!(found, [true, false, false], "{period} {halted} {late}");
+                }
+            }
+            let each = [(0.0, 0.0), (0.0, f64::from(period) + 2.3), (0.0, 0.0)];
+            assert_eq!(outputs(period, &each), [true, false]);
+            let each = [(0.0, 0.0), (0.0, 1.9), (0.0, 0.0)];
+            assert_eq!(outputs(period, &each), [false, false]);
+        }
+    }
+}
