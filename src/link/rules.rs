@@ -350,13 +350,13 @@ mod tests {
     #[test]
     fn flash_is_written_and_signs_and_full_scale_change_only_with_the_force_off() {
         for command in [
-            Command::Save,
             Command::MotorReversed(true),
             Command::EncoderReversed(false),
             Command::FullScale(5.0),
         ] {
             met(command, |now| !now.status.state.is_on());
         }
+        met(Command::Save, |now| !now.status.state.is_on() && now.status.inputs.supply_good);
         for now in situations() {
             assert_eq!(signs_allowed(&now).is_ok(), !now.status.state.is_on());
         }

@@ -95,6 +95,10 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     let mut bench = Bench::armed();
     assert_eq!(bench.ask(Request::Stall(true)), Err(Refusal::On));
     bench.ask(Request::Disarm).unwrap();
+    bench.inputs.supply_good = false;
+    bench.run(20);
+    assert_eq!(bench.ask(Request::Stall(true)), Err(Refusal::Supply));
+    bench.inputs.supply_good = true;
     bench.run(20);
     bench.ask(Request::Stall(true)).unwrap();
     // The very next sample may be the first one after the stall.

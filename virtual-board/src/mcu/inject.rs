@@ -39,6 +39,7 @@ impl Mcu {
         let cpu = &self.soc.cpu;
         cpu.set_xpsr(cpu.xpsr() & !IT_BITS);
         cpu.set_pc(address & !1);
+        self.registers = cpu.regs();
     }
 
     /// Flips bits of the words in `from .. to` of RAM that hold `value`; returns how many.

@@ -15,7 +15,10 @@ mod watch;
 
 use std::sync::{Arc, atomic::Ordering::Relaxed};
 
-use rsemu::{core::space::RamStore, cpu::arm::v7m::sys::Exception};
+use rsemu::{
+    core::space::RamStore,
+    cpu::arm::v7m::{Regs, sys::Exception},
+};
 
 use self::{
     bus::Clock,
@@ -112,6 +115,11 @@ pub struct Mcu {
     memories: Memories,
     clock: Arc<Clock>,
     soc: Soc,
+    /// The core's registers after the last step; asking for them takes as long as half a step.
+    registers: Regs,
+    /// The last step left the program counter where it was: the core sleeps, is locked up, or branches to
+    /// where it is.
+    stands: bool,
     now: u64,
     /// Cycle of the next event of a device.
     next: u64,
@@ -151,6 +159,8 @@ impl Mcu {
             listeners,
             memories,
             clock,
+            registers: soc.cpu.regs(),
+            stands: false,
             soc,
             now: 0,
             next: 0,
@@ -176,14 +186,14 @@ impl Mcu {
                 self.service();
             }
             let called = self.soc.pace_line.get() || self.soc.supply_line.get();
-            if self.soc.cpu.is_asleep() && !called {
+            if self.stands && self.soc.cpu.is_asleep() && !called {
                 let to = self.next.min(cycle);
                 self.asleep += to - self.now;
                 self.now = to;
                 continue;
             }
             self.step();
-            if self.soc.cpu.is_locked_up() {
+            if self.stands && self.soc.cpu.is_locked_up() {
                 return Err(Stopped::LockedUp(self.soc.cpu.pc()));
             }
         }
@@ -218,7 +228,7 @@ impl Mcu {
         if line && !before && due <= self.now {
             self.event = (due, true);
             self.events += 1;
-            self.watch.event(self.soc.cpu.regs().basepri);
+            self.watch.event(self.registers.basepri);
         }
         self.soc.cpu.set_irq(PACE_IRQ, line);
         self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
@@ -238,11 +248,13 @@ impl Mcu {
 
     fn step(&mut self) {
         let cpu = &self.soc.cpu;
-        let before = cpu.regs();
+        let before = self.registers;
         let cycles = cpu.step();
         self.now += cycles;
         self.instructions += 1;
         let after = cpu.regs();
+        self.stands = after.r[15] == before.r[15];
+        self.registers = after;
         let exception = exception_of(after.xpsr);
         if exception != exception_of(before.xpsr)
             && before.xpsr & IT_BITS != 0
@@ -292,6 +304,8 @@ impl Mcu {
         self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners, supply_mv);
         self.soc.set_break(open);
         self.soc.note_reset(cause);
+        self.registers = self.soc.cpu.regs();
+        self.stands = false;
         self.next = self.now;
         self.event = (0, false);
         self.resets += 1;
