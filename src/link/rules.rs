@@ -349,11 +349,9 @@ mod tests {
 
     #[test]
     fn flash_is_written_and_signs_and_full_scale_change_only_with_the_force_off() {
-        for command in [
-            Command::MotorReversed(true),
-            Command::EncoderReversed(false),
-            Command::FullScale(5.0),
-        ] {
+        for command in
+            [Command::MotorReversed(true), Command::EncoderReversed(false), Command::FullScale(5.0)]
+        {
             met(command, |now| !now.status.state.is_on());
         }
         met(Command::Save, |now| !now.status.state.is_on() && now.status.inputs.supply_good);

@@ -32,17 +32,17 @@ impl Row {
     fn print(&self) {
         let Self { board, name, off, limit, zero, fault, kept } = self;
         println!(
-            "| {board:14} | {name:30} | {off:>9} | {limit:>9} | {zero:>9} | {fault:>5} | {kept} |"
+            "| {board:14} | {name:40} | {off:>9} | {limit:>9} | {zero:>9} | {fault:>5} | {kept} |"
         );
     }
 }
 
 fn header() {
     println!(
-        "| board          | trouble                        | off       | allowed   | zero code | fault | kept |"
+        "| board          | trouble                                  | off       | allowed   | zero code | fault | kept |"
     );
     println!(
-        "|----------------|--------------------------------|----------:|----------:|----------:|------:|------|"
+        "|----------------|------------------------------------------|----------:|----------:|----------:|------:|------|"
     );
 }
 

@@ -56,6 +56,8 @@ pub const RENDER_US: f64 = 1_100.0 + GRID_US;
 const AT_ONCE_US: f64 = 1.0;
 /// From the jump of the program counter to the handler's first store.
 const HANDLER_US: f64 = 2.0;
+/// By the detector's interrupt, after a `render` that is running.
+const BROWN_OUT_US: f64 = 30.0;
 /// The watchdog, at its nominal clock, and one output since it was fed.
 const WATCHDOG_US: f64 = 51_000.0;
 
@@ -77,7 +79,7 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 32] = [
+pub const TROUBLES: [Trouble; 33] = [
     Trouble {
         name: "count jump",
         code: 10,
@@ -266,9 +268,22 @@ pub const TROUBLES: [Trouble; 32] = [
         ..PLAIN
     },
     Trouble {
+        name: "brown-out, 0.2 ms",
+        code: 31,
+        limit_us: BROWN_OUT_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.powered.mcu.set_supply_mv(2500);
+            world.run(2).unwrap();
+            world.powered.mcu.set_supply_mv(world.powered.board.supply_mv);
+            begun
+        },
+        ..PLAIN
+    },
+    Trouble {
         name: "brown-out",
         code: 31,
-        limit_us: RENDER_US,
+        limit_us: BROWN_OUT_US,
         begin: |_, world| {
             world.powered.mcu.set_supply_mv(2500);
             world.powered.mcu.now()
@@ -412,7 +427,16 @@ fn enabled_by_arm(world: &mut World<'_>) -> u64 {
 /// A debugger halts the core for so many samples.
 fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> u64 {
     let begun = world.powered.mcu.now();
-    world.halt(samples * world.powered.board.cycles_per_sample(), moe);
+    let last = world.powered.mcu.last_event().unwrap();
+    let per_sample = world.powered.board.cycles_per_sample();
+    let halted = samples * per_sample + per_sample / 3;
+    world.halt(halted, moe);
+    world.sample().unwrap();
+    // Unless the watchdog came: the samples stood still, and go on where they were.
+    if let Some(next) = world.powered.mcu.last_event() {
+        let gap = next - last - halted;
+        assert!(gap <= 2 * per_sample && gap.is_multiple_of(per_sample), "{gap}");
+    }
     begun
 }
 
