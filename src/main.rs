@@ -42,12 +42,12 @@ mod app {
         idle: task::Idle,
     }
 
-    /// Outputs are off by reset and stay off. The samples start last of all; interrupts come on well before
-    /// the first one.
+    /// Outputs are off by reset and stay off. The samples start with `idle`, when the tasks are in their places
+    /// and interrupts on.
     #[init(local = [queues: task::Queues = task::Queues::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let board = board::take(cx.device, cx.core);
-        let (sample, render, link, idle) = task::start(board, cx.local.queues);
+        let (sample, render, link, idle) = task::make(board, cx.local.queues);
         (Shared {}, Local { sample, render, link, idle })
     }
 
@@ -73,6 +73,7 @@ mod app {
 
     #[idle(local = [idle])]
     fn idle(cx: idle::Context) -> ! {
+        board::start();
         loop {
             cx.local.idle.run();
         }

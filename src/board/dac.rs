@@ -26,9 +26,6 @@ impl Output {
         Self(channel)
     }
 
-    /// A DAC has no clock of its own.
-    pub fn start(&mut self) {}
-
     /// Puts a command out; the core has clamped it to 1 ..= 4095.
     #[inline(always)]
     pub fn write(&mut self, command: Command, mirrored: bool) {
@@ -36,6 +33,9 @@ impl Output {
         self.0.set_value(if mirrored { 2 * ZERO - code.min(2 * ZERO) } else { code });
     }
 }
+
+/// A DAC has no clock of its own.
+pub fn start() {}
 
 /// Zero force, now, from any task.
 #[inline(always)]

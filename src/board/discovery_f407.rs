@@ -23,7 +23,7 @@ use super::{
     Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, Pace, RATE_HZ, SettingsFlash, Supply,
     Watchdog, debugger, enable, pwm, reset, rtt,
 };
-pub(super) use pwm::{Output, zero};
+pub(super) use pwm::{Output, start, zero};
 
 /// Name, as in `--board` and in the feature.
 pub const NAME: &str = "discovery-f407";

@@ -124,11 +124,13 @@ impl Drive {
     pub fn was_stopped(&self) -> bool {
         enable::was_stopped()
     }
+}
 
-    /// Starts the output's clock; call it right before [`Pace::start`].
-    pub fn start(&mut self) {
-        self.output.start();
-    }
+/// Starts the output's clock and, right after it, the sampling: their distance sets the phase of the PWM. Once,
+/// with all interrupts on.
+pub fn start() {
+    this::start();
+    pace::start();
 }
 
 /// Off: enable inactive first, then zero force. From any task, and from the panic and fault

@@ -25,7 +25,7 @@ use super::{
     Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, Pace, RATE_HZ, SettingsFlash, Supply,
     Watchdog, dac, debugger, enable, reset, rtt,
 };
-pub(super) use dac::{Output, zero};
+pub(super) use dac::{Output, start, zero};
 
 /// Name, as in `--board` and in the feature.
 pub const NAME: &str = "nucleo-f446re";

@@ -21,15 +21,17 @@ impl Pace {
         Self(timer)
     }
 
-    /// The first sample comes one period from now.
-    pub fn start(&mut self) {
-        self.0.cr1().modify(|_, w| w.cen().set_bit());
-    }
-
     /// Takes the request of the present sample back.
     #[inline(always)]
     pub fn acknowledge(&mut self) {
         // SAFETY: flags are cleared by writing 0, and 1 leaves them alone.
         self.0.sr().write(|w| unsafe { w.bits(!1) });
     }
+}
+
+/// The first sample comes one period from now.
+pub(super) fn start() {
+    // SAFETY: the address is TIM5's; after this nothing writes this register.
+    let timer = unsafe { &*pac::TIM5::ptr() };
+    timer.cr1().modify(|_, w| w.cen().set_bit());
 }

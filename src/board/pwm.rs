@@ -22,9 +22,7 @@ const RUNNING: u32 = 1 | 1 << 7;
 const UPDATE_DISABLE: u32 = 1 << 1;
 
 /// The force output.
-pub struct Output {
-    steps: u16,
-}
+pub struct Output(());
 
 impl Output {
     /// PWM of zero force with `steps` timer ticks per period. TIM1 must have its clock; it does
@@ -45,18 +43,7 @@ impl Output {
         tim1.ccer().modify(|_, w| w.cc1e().set_bit().cc2e().set_bit());
         tim1.cr1().write(|w| w.arpe().set_bit());
         tim1.egr().write(|w| w.ug().set_bit());
-        Self { steps }
-    }
-
-    /// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer, which is to
-    /// be started right after this.
-    pub fn start(&mut self) {
-        let tim1 = enable::registers();
-        let ahead = u32::from(self.steps) - LEAD_CYCLES;
-        // SAFETY: below the period.
-        tim1.cnt().write(|w| unsafe { w.bits(ahead) });
-        // SAFETY: a documented value.
-        tim1.cr1().write(|w| unsafe { w.bits(RUNNING) });
+        Self(())
     }
 
     /// Puts a command out, from the next PWM period on; the core has clamped it to +-steps.
@@ -72,6 +59,18 @@ impl Output {
             set(code.unsigned_abs(), sign);
             cr1.write(|w| w.bits(RUNNING));
         }
+    }
+}
+
+/// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer, which is to be started right
+/// after this.
+pub fn start() {
+    let tim1 = enable::registers();
+    let ahead = tim1.arr().read().bits() + 1 - LEAD_CYCLES;
+    // SAFETY: below the period; a documented value.
+    unsafe {
+        tim1.cnt().write(|w| w.bits(ahead));
+        tim1.cr1().write(|w| w.bits(RUNNING));
     }
 }
 

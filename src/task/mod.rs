@@ -81,7 +81,7 @@ static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new
 ///
 /// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the
 /// defaults in force, with the fault `settings` latched.
-pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
+pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = queues.due.split();
     let (guard_in, guard_out) = queues.guard.split();
     let (reports_in, reports_out) = queues.reports.split();
@@ -113,12 +113,7 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     let (control_in, control_out) = queues.control.split(control);
     let (down_in, down_out) = queues.down.split(Down::start(&plan));
     board::turn_encoder(stored.signs.encoder_reversed);
-    // All that takes long comes before the samples.
-    let link = Link::new(board.link, board.settings, reports_out, orders_in, stored, source);
-    let Board { mut drive, mut pace, encoder, stop, supply, halts, memory, .. } = board;
-    // The two timers start next to each other: their distance sets the phase of the PWM.
-    drive.start();
-    pace.start();
+    let Board { drive, pace, encoder, stop, supply, halts, memory, .. } = board;
     let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
     let outputs = render::Outputs { drive, stop, supply, halts, memory };
     let ends = render::Ends {
@@ -132,7 +127,7 @@ pub fn start(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, 
     (
         Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
-        link,
+        Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
         Idle::new(board.watchdog),
     )
 }

@@ -32,7 +32,7 @@ pub fn latest(
         let now = captures_read_at / TICK;
         let mut nominal = now - (now - phase + per_sample / 2) % per_sample + per_sample / 2;
         if now.abs_diff(nominal) > 32 {
-            assert!(n < 2, "sample {n} is not where it should be");
+            assert!(n == 0, "sample {n} is not where it should be");
             (phase, nominal) = (now, now);
         }
         let mut new = None;
