@@ -1,20 +1,26 @@
 //! Tells the program what it was built from: version, commit, toolchain, target.
+//!
+//! The commit is that of a release build, as `cargo sim` makes. A debug build, as tests have, leaves it out: it would
+//! have to be built anew after every commit and every change of the firmware.
 
 use std::{env, process::Command};
 
 fn main() {
-    let commit = git(&["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".into());
-    let dirty = match git(&["status", "--porcelain", "--untracked-files=no"]) {
-        Some(changes) => (!changes.is_empty()).to_string(),
-        None => "unknown".into(),
-    };
+    let release = env::var("PROFILE").is_ok_and(|profile| profile == "release");
+    let [commit, dirty] =
+        if release { built_from() } else { ["debug build", "unknown"].map(Into::into) };
     println!("cargo::rustc-env=ZWIDTH_COMMIT={commit}");
     println!("cargo::rustc-env=ZWIDTH_DIRTY={dirty}");
     println!("cargo::rustc-env=ZWIDTH_TARGET={}", env::var("TARGET").unwrap_or_default());
     let rustc = env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
     let toolchain = run(&rustc, &["--version"]).unwrap_or_else(|| "unknown".into());
     println!("cargo::rustc-env=ZWIDTH_TOOLCHAIN={toolchain}");
-    for path in ["../src", "../scenes", "../Cargo.lock", "src", "build.rs", "Cargo.toml"] {
+    println!("cargo::rerun-if-changed=build.rs");
+}
+
+/// Commit, and whether tracked files differ from it.
+fn built_from() -> [String; 2] {
+    for path in ["../src", "../scenes", "../Cargo.lock", "src", "Cargo.toml"] {
         println!("cargo::rerun-if-changed={path}");
     }
     if let Some(git_dir) = git(&["rev-parse", "--absolute-git-dir"]) {
@@ -24,6 +30,12 @@ fn main() {
             }
         }
     }
+    let commit = git(&["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".into());
+    let dirty = match git(&["status", "--porcelain", "--untracked-files=no"]) {
+        Some(changes) => (!changes.is_empty()).to_string(),
+        None => "unknown".into(),
+    };
+    [commit, dirty]
 }
 
 fn git(args: &[&str]) -> Option<String> {

@@ -208,6 +208,16 @@ impl Link {
         })
     }
 
+    /// Says why not, and of a wall outside the envelope what is allowed.
+    fn refuse(&mut self, refusal: Refusal) {
+        if refusal == Refusal::Settings
+            && let Ok((_, Err(outside))) = build(&self.stored)
+        {
+            return self.reply(Reply::Outside(outside, &ENVELOPE));
+        }
+        self.reply(Reply::Refused(refusal));
+    }
+
     fn order(&mut self, order: Order, awaited: Awaited) {
         // Only one order is under way, so there is room.
         if self.orders.enqueue(order).is_ok() {
@@ -218,7 +228,7 @@ impl Link {
     fn obey(&mut self, command: Command) {
         let Some((situation, record)) = self.situation() else { return };
         if let Err(refusal) = allowed(&command, &situation) {
-            return self.reply(Reply::Refused(refusal));
+            return self.refuse(refusal);
         }
         let request = |request| Order::Request(request);
         match command {
@@ -417,7 +427,7 @@ impl Link {
                 self.break_walk("stopped");
                 self.reply(Reply::Done("stop"));
             }
-            (_, Err(refusal)) => self.reply(Reply::Refused(refusal)),
+            (_, Err(refusal)) => self.refuse(refusal),
             (Awaited::Done(name), Ok(())) => self.reply(Reply::Done(name)),
             (Awaited::Settings(stored, change), Ok(())) => {
                 let signs = self.stored.signs;
