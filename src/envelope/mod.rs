@@ -152,13 +152,25 @@ impl Envelope<'_> {
     }
 }
 
+impl Envelope<'_> {
+    /// What is known beside `key`, of the same device, latency and output period.
+    pub fn beside(&self, key: &Key<'_>) -> impl Iterator<Item = &Key<'_>> {
+        let keys = self.boundaries.iter().map(|boundary| &boundary.key);
+        keys.filter(move |known| known.is_of_the_loop(key))
+    }
+}
+
 impl Key<'_> {
-    fn is(&self, other: &Key<'_>) -> bool {
+    fn is_of_the_loop(&self, other: &Key<'_>) -> bool {
         self.device == other.device
-            && self.estimator == other.estimator
-            && same(self.cutoff_hz, other.cutoff_hz)
             && same(self.latency_samples, other.latency_samples)
             && same(self.period_samples, other.period_samples)
+    }
+
+    fn is(&self, other: &Key<'_>) -> bool {
+        self.is_of_the_loop(other)
+            && self.estimator == other.estimator
+            && same(self.cutoff_hz, other.cutoff_hz)
     }
 }
 

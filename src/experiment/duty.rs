@@ -54,11 +54,14 @@ impl DutyPlan {
 }
 
 impl DutySettings {
-    /// Longest hit at full force that a cold motor stands, s; 0 if none.
+    /// Longest hit at full force that a cold motor stands, s: 0 if none, infinite if it stands full scale for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
         let period_s = f64::from(design.period) / design.rate_hz;
         let part = self.continuous_force_n / design.full_scale_n;
+        if part >= 1.0 {
+            return f64::INFINITY;
+        }
         // What `build` asks for, the other way round.
         let kept = (1.0 - part * part) / (1.0 - RESERVE);
         let outputs = libm::log(kept) / libm::log1p(-period_s / self.time_constant_s);
@@ -183,6 +186,8 @@ mod tests {
             assert!(settings.build(&DESIGN, samples).is_ok(), "{longest}");
             assert!(settings.build(&DESIGN, samples + DESIGN.period).is_err(), "{longest}");
         }
+        let strong = DutySettings { continuous_force_n: 6.0, ..SETTINGS };
+        assert_eq!(strong.longest_hit_s(&DESIGN), f64::INFINITY);
         assert_eq!(
             DutySettings { continuous_force_n: 0.1, ..SETTINGS }.longest_hit_s(&DESIGN),
             0.0

@@ -5,7 +5,7 @@ use core::fmt;
 use super::{Decimal, ParseError, Situation, usages};
 use crate::{
     SettingsError,
-    envelope::{Envelope, Outside},
+    envelope::{Envelope, Key, Outside},
     safety::{Fault, Refusal},
     store::{Source, Stored},
     telemetry::Record,
@@ -41,8 +41,8 @@ pub enum Reply<'a> {
     Range(&'a SettingsError),
     /// Not this estimator: the board has not what it needs.
     NoSense(EstimatorName, Sense),
-    /// Not this wall, says this table.
-    Outside(Outside, &'a Envelope<'a>),
+    /// Not this wall, says this table of this key.
+    Outside(Outside, &'a Envelope<'a>, Key<'a>),
     /// The hardware failed at this.
     Failed(&'a str),
 }
@@ -85,10 +85,10 @@ impl fmt::Display for Reply<'_> {
                 name.text(),
                 sense.text()
             ),
-            Self::Outside(outside, envelope) => {
+            Self::Outside(outside, envelope, key) => {
                 write!(f, "error: {}", outside.text())?;
                 if *outside == Outside::UnknownKey {
-                    known(f, envelope)?;
+                    known(f, envelope, key)?;
                 }
                 if let Some([low, high]) = outside.allowed() {
                     write!(f, " {} to {}", Decimal(low), Decimal(high))?;
@@ -100,10 +100,10 @@ impl fmt::Display for Reply<'_> {
     }
 }
 
-/// What a table holds: estimators with their cutoffs.
-fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>) -> fmt::Result {
+/// What a table holds beside a key: estimators with their cutoffs.
+fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>, key: &Key<'_>) -> fmt::Result {
     let mut last = "";
-    for key in envelope.boundaries.iter().map(|boundary| &boundary.key) {
+    for key in envelope.beside(key) {
         if key.estimator != last {
             write!(f, "; known: {}", key.estimator)?;
             last = key.estimator;
@@ -228,7 +228,7 @@ mod tests {
     use super::*;
     use crate::{
         Settings, WallSettings,
-        envelope::{Boundary, Key},
+        envelope::Boundary,
         experiment::WalkPlan,
         link::{Activity, Command, REPLY_MAX, Text, allowed},
         safety::{FaultRecord, FaultSet, Inputs, State, Status},
@@ -236,10 +236,12 @@ mod tests {
         units::{Force, Position, Velocity},
     };
 
-    const fn boundary(cutoff_hz: f64) -> Boundary<'static> {
+    const fn key(cutoff_hz: f64, period_samples: f64) -> Key<'static> {
         let (device, estimator) = ("nucleo-f446re", "butterworth");
-        let key = Key { device, estimator, cutoff_hz, latency_samples: 0.1, period_samples: 10.0 };
-        Boundary { key, points: &[] }
+        Key { device, estimator, cutoff_hz, latency_samples: 0.1, period_samples }
+    }
+    const fn boundary(cutoff_hz: f64) -> Boundary<'static> {
+        Boundary { key: key(cutoff_hz, 10.0), points: &[] }
     }
     static TABLE: Envelope<'static> =
         Envelope { boundaries: &[boundary(1000.0), boundary(1500.0)] };
@@ -283,13 +285,21 @@ mod tests {
             "error: something is missing: k N_PER_M",
         );
         shows(
-            Reply::Outside(Outside::Stiffness { lowest: 0.0, highest: 8000.0 }, &TABLE),
+            Reply::Outside(
+                Outside::Stiffness { lowest: 0.0, highest: 8000.0 },
+                &TABLE,
+                key(1000.0, 10.0),
+            ),
             "error: beyond the envelope: k at this b is allowed from 0 to 8000, or unlock envelope",
         );
         shows(
-            Reply::Outside(Outside::UnknownKey, &TABLE),
+            Reply::Outside(Outside::UnknownKey, &TABLE, key(1234.0, 10.0)),
             "error: no envelope for this device, estimator, cutoff, latency and output period; known: \
              butterworth 1000 1500, or unlock envelope",
+        );
+        shows(
+            Reply::Outside(Outside::UnknownKey, &TABLE, key(1500.0, 1.0)),
+            "error: no envelope for this device, estimator, cutoff, latency and output period, or unlock envelope",
         );
         let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
         shows(Reply::Range(&range), "error: stiffness_n_per_m is 20000000, allowed 0 to 10000000");

@@ -109,7 +109,8 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Second(_)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
-        // Flash is programmed 32 bits at a time, which the chip does from 2.7 V on.
+        // Flash is programmed 32 bits at a time, for which the chip wants 2.7 V: a detector may call somewhat less
+        // good, and then a record may be lost, which its CRC tells.
         Command::Save => &[N::Off, N::Supply],
         Command::Hit => &[N::NoFault, N::Armed, N::Idle],
         Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],

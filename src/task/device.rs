@@ -5,14 +5,16 @@
 //! (`scenes/BOARD.envelope.csv`, taken in by build.rs).
 
 use zwidth::{
-    Design, HitSettings, Settings, SettingsError, VelocitySettings, WallSettings,
+    Control, Design, HitSettings, Settings, SettingsError, VelocitySettings, WallSettings,
     experiment::{
-        CalibrationPlan, CalibrationSettings, DutySettings, ReturnSettings, TrialPlan, WalkPlan,
+        CalibrationPlan, CalibrationSettings, DutyPlan, DutySettings, ReturnSettings, TrialPlan,
+        WalkPlan,
     },
     safety::{SafetyPlan, SafetySettings},
     store::{DeviceKey, Signs, Stored},
 };
 
+use super::envelope;
 use crate::board;
 
 /// Name, as in the scene and in the envelope.
@@ -75,6 +77,18 @@ pub fn design(full_scale_n: f64) -> Result<Design, SettingsError> {
     }
 }
 
+/// What is made of the numbers of this file: the defaults, the supervisor's limits, what the motor stands.
+///
+/// # Errors
+/// Names the first that is out of range.
+pub fn constants() -> Result<(Control, SafetyPlan, DutyPlan), SettingsError> {
+    let safety = SAFETY.build(&DESIGN)?;
+    DUTY.build(&DESIGN, 0)?;
+    let defaults = defaults();
+    let duty = trial(&defaults, false)?.duty;
+    Ok((envelope::control(&defaults)?, safety, duty))
+}
+
 /// A hit with those settings and what comes before it.
 ///
 /// # Errors
@@ -129,16 +143,15 @@ const SAFETY: SafetySettings = SafetySettings {
     sign_test_counts: 200,
 };
 
-/// The supervisor's limits.
-///
-/// # Errors
-/// A number above is out of range.
-pub fn safety() -> Result<SafetyPlan, SettingsError> {
-    SAFETY.build(&DESIGN)
-}
+/// Before and during the judgement of a hit, s (paper, 2.2.3).
+const PAPER_SETTLE_S: f64 = 4.0;
+const PAPER_WINDOW_S: f64 = 2.0;
 
 /// Settings of a board to which nothing was ever saved: no wall at all; hit and grid of the paper.
 pub fn defaults() -> Stored {
+    // The paper's hit, or as much of it as the motor stands, less 1 % for rounding.
+    let longest_s = 0.99 * DUTY.longest_hit_s(&DESIGN);
+    let part = f64::min(1.0, longest_s / (PAPER_SETTLE_S + PAPER_WINDOW_S));
     Stored {
         device: DeviceKey::new(NAME).unwrap_or_default(),
         settings: Settings {
@@ -153,8 +166,8 @@ pub fn defaults() -> Stored {
         push_n: 0.0,
         signs: Signs::default(),
         start_m: 0.0,
-        settle_s: 4.0,
-        window_s: 2.0,
+        settle_s: PAPER_SETTLE_S * part,
+        window_s: PAPER_WINDOW_S * part,
         rms_limit_m: 1.5e-5,
         full_scale_n: DESIGN.full_scale_n,
         grid: WalkPlan {

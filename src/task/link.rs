@@ -11,8 +11,7 @@ use core::{fmt, sync::atomic::Ordering::Relaxed};
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
-    Control, Settings, SettingsError,
-    envelope::{Key, Outside},
+    Settings, SettingsError,
     experiment::{CalibrationEnd, WalkTotals},
     link::{
         Activity, Command, LINE_MAX, Line, LineReader, ParseError, Reply, Situation, allowed,
@@ -31,10 +30,10 @@ use self::{
 };
 use super::{
     FLAGS, ORDERS, REPORTS, device,
-    envelope::ENVELOPE,
-    order::{Event, Gains, Order, Report},
+    envelope::{self, ENVELOPE},
+    order::{Event, Order, Report},
 };
-use crate::board::{self, Commands, FlashError, SettingsFlash, Up};
+use crate::board::{self, Commands, FlashError, SettingsFlash, Up, Watchdog};
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
@@ -210,10 +209,11 @@ impl Link {
 
     /// Says why not, and of a wall outside the envelope what is allowed.
     fn refuse(&mut self, refusal: Refusal) {
+        let stored = self.stored;
         if refusal == Refusal::Settings
-            && let Ok((_, Err(outside))) = build(&self.stored)
+            && let Err(outside) = envelope::inside(&stored)
         {
-            return self.reply(Reply::Outside(outside, &ENVELOPE));
+            return self.reply(Reply::Outside(outside, &ENVELOPE, envelope::key(&stored)));
         }
         self.reply(Reply::Refused(refusal));
     }
@@ -382,15 +382,12 @@ impl Link {
         if let Some(sense) = estimator.missing(board::SENSES) {
             return self.reply(Reply::NoSense(estimator, sense));
         }
-        match build(&stored) {
-            Ok((_, Err(outside))) if self.is_locked() => {
-                self.reply(Reply::Outside(outside, &ENVELOPE))
+        match (envelope::order(&stored), envelope::inside(&stored)) {
+            (Ok(_), Err(outside)) if self.is_locked() => {
+                self.reply(Reply::Outside(outside, &ENVELOPE, envelope::key(&stored)));
             }
-            Ok((control, inside)) => {
-                let order = Order::Control(control, gains(&inside));
-                self.order(order, Awaited::Settings(stored, change));
-            }
-            Err(error) => self.reply(Reply::Range(&error)),
+            (Ok(order), _) => self.order(order, Awaited::Settings(stored, change)),
+            (Err(error), _) => self.reply(Reply::Range(&error)),
         }
     }
 
@@ -463,33 +460,12 @@ impl Link {
     }
 }
 
-/// The integers of those settings.
-///
-/// # Errors
-/// Names what is out of range.
-pub(super) fn control(stored: &Stored) -> Result<Control, SettingsError> {
-    stored.settings.build(&device::design(stored.full_scale_n)?)
-}
-
-/// The integers of those settings, and whether their gains lie inside the envelope.
-fn build(stored: &Stored) -> Result<(Control, Result<(), Outside>), SettingsError> {
-    let control = control(stored)?;
-    let velocity = &stored.settings.velocity;
-    let key = Key {
-        device: stored.device.name(),
-        estimator: velocity.name().text(),
-        // A table holds for the default of the second parameter; of another one nothing is known.
-        cutoff_hz: match velocity.second() {
-            Some((parameter, value)) if value != parameter.default => f64::NAN,
-            _ => velocity.tuning().map_or(0.0, |(_, value)| value),
-        },
-        latency_samples: device::LATENCY_SAMPLES,
-        period_samples: f64::from(device::PERIOD),
-    };
-    let wall = &stored.settings.wall;
-    Ok((control, ENVELOPE.allows(&key, wall.stiffness_n_per_m, wall.damping_n_s_per_m)))
-}
-
-fn gains(inside: &Result<(), Outside>) -> Gains {
-    if inside.is_ok() { Gains::Inside } else { Gains::Outside }
+/// Says what is wrong with a constant of `device.rs`, and stays there with everything off.
+pub(super) fn refuse(link: board::Link, mut watchdog: Watchdog, error: &SettingsError) -> ! {
+    let mut voice = Voice::new(link.replies);
+    voice.say(&"error: a constant of src/task/device.rs is not allowed, nothing runs");
+    voice.say(&Reply::Range(error));
+    loop {
+        watchdog.feed();
+    }
 }

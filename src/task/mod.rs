@@ -89,14 +89,13 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
 
     let loaded = zwidth::store::load(&board.settings, device::defaults());
     let sensed = loaded.stored.settings.velocity.name().missing(board::SENSES).is_none();
-    let built = link::control(&loaded.stored).ok().filter(|_| sensed);
+    let built = envelope::control(&loaded.stored).ok().filter(|_| sensed);
     let stored = if built.is_some() { loaded.stored } else { device::defaults() };
-    let control = built.or_else(|| link::control(&device::defaults()).ok());
-    let duty = device::trial(&device::defaults(), false).map(|trial| trial.duty);
-    let (Some(control), Ok(plan), Ok(duty)) = (control, device::safety(), duty) else {
-        // The defaults are constants that every board is tested with.
-        panic!();
+    let (default, plan, duty) = match device::constants() {
+        Ok(constants) => constants,
+        Err(error) => link::refuse(board.link, board.watchdog, &error),
     };
+    let control = built.unwrap_or(default);
     let usable = loaded.stored == stored;
     let source = if usable { loaded.source } else { Source::Unusable };
     let refused = (!usable).then(|| FaultRecord::bare(Fault::Settings));

@@ -182,9 +182,10 @@ impl Render {
             stop_closed,
             supply_good,
             settings_valid: self.gains == Gains::Inside || self.supervisor.status().unlocked,
-            // Nobody else drops enable while force is on, but for the emergency stop and `sample`
-            // (it cut), which have faults of their own.
-            halted: self.was_on && (halted || (stop_closed && !cut && !self.outputs.drive.is_on())),
+            // Nobody else drops enable while force is on, but for the emergency stop, the supply detector and
+            // `sample` (it cut), which have faults of their own.
+            halted: self.was_on
+                && (halted || (stop_closed && supply_good && !cut && !self.outputs.drive.is_on())),
         }
     }
 

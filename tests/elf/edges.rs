@@ -14,6 +14,9 @@ const FILTER: u64 = 8;
 /// Samples are taken at equal distances, and ages are told from there, in whole ticks. The first ones come
 /// when the program is ready.
 ///
+/// None where the handle turns and crosses the last border again between the readings: the firmware gives
+/// that edge up (`src/velocity/edge_timer.rs`).
+///
 /// With `turned` the counter counts the other way round.
 pub fn latest(
     board: Board,
@@ -27,8 +30,8 @@ pub fn latest(
     let (mut count, mut latest) = (None, None);
     let mut close = 0;
     // The firmware looks once before the first sample.
-    let readings = notes.read_at[1..].iter().zip(&notes.captures_read_at);
-    let ages = (0u64..).zip(readings).map(|(n, (&read_at, &captures_read_at))| {
+    let readings = notes.read_at[1..].iter().zip(&notes.captures_read_at).zip(&notes.captured_at);
+    let ages = (0u64..).zip(readings).map(|(n, ((&read_at, &captures_read_at), captured_at))| {
         let now = captures_read_at / TICK;
         let mut nominal = now - (now - phase + per_sample / 2) % per_sample + per_sample / 2;
         if now.abs_diff(nominal) > 32 {
@@ -47,8 +50,15 @@ pub fn latest(
             count = Some(to);
             edges.next();
         }
+        // An edge back over the border of the last one takes its place, if it comes before it is read.
+        let lost = edges.peek().zip(count).is_some_and(|(&&(at, to), count)| {
+            let back = (to > count) ^ turned != new.is_some_and(|(_, up)| up);
+            let read_at = captured_at[usize::from((count + 1) >> 1 & 1 == (to + 1) >> 1 & 1)];
+            back && read_at.is_some_and(|read_at| at / TICK + FILTER <= read_at / TICK)
+        });
         latest = match (new, latest) {
             _ if n == 0 => None,
+            (Some(_), _) if lost => None,
             (Some((seen, up)), _) => {
                 let ticks = nominal.saturating_sub(seen) << Edge::FRACTION_BITS;
                 Some(Edge { age: u32::try_from(ticks / per_sample).unwrap(), up })

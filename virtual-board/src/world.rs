@@ -189,9 +189,6 @@ impl<'a> World<'a> {
     pub fn reset(&mut self) {
         self.powered.mcu.settle();
         self.powered.mcu.reset();
-        // The handle has not moved: the chip finds A and B as they are.
-        let count = self.shown_count();
-        self.powered.mcu.encoder_at(count);
     }
 
     /// Position of the handle, m.

@@ -8,8 +8,8 @@ use zwidth::{
     store::Stored,
 };
 
-use super::{Awaited, Link, build, gains, lines};
-use crate::task::{device, order::Order};
+use super::{Awaited, Link, lines};
+use crate::task::{device, envelope, order::Order};
 
 /// What a walk does next.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -56,9 +56,9 @@ impl Link {
         }
         let Some(walking) = self.walking else {
             if core::mem::take(&mut self.strayed)
-                && let Ok((control, inside)) = build(&self.stored)
+                && let Ok(order) = envelope::order(&self.stored)
             {
-                self.order(Order::Control(control, gains(&inside)), Awaited::Quiet);
+                self.order(order, Awaited::Quiet);
                 return true;
             }
             return false;
@@ -71,10 +71,8 @@ impl Link {
             _ if self.voice.is_mute() => {
                 self.unheard = self.walking.take().map(|walking| walking.totals);
             }
-            Next::Wall => match build(&self.cell(walking.walk.cell())) {
-                Ok((control, inside)) => {
-                    self.order(Order::Control(control, gains(&inside)), Awaited::Cell);
-                }
+            Next::Wall => match envelope::order(&self.cell(walking.walk.cell())) {
+                Ok(order) => self.order(order, Awaited::Cell),
                 Err(error) => {
                     self.reply(Reply::Range(&error));
                     self.break_walk("a wall is out of range");

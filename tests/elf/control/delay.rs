@@ -11,6 +11,9 @@ use crate::{
 /// Longest difference between two delays, cycles: instructions that cannot be interrupted.
 const SPREAD: u64 = 64;
 
+/// Longest time for which the logger keeps `render` and `brown_out` away, us; a sample within it included.
+const MASK_US: f64 = 60.0;
+
 /// What is wrong with the samples' time.
 fn delayed(watch: &Watch) -> Result<(), String> {
     if watch.delay_spread() > SPREAD {
@@ -32,6 +35,9 @@ fn nothing_delays_the_samples() {
         // The positive control: samples did come while the logger masked the lower tasks.
         let masked: u64 = watch.events_by_basepri.range(1..).map(|(_, n)| n).sum();
         println!("events by BASEPRI: {:?}", watch.events_by_basepri);
+        let mask_us = watch.longest_mask as f64 / firmware.board.chip.core_hz as f64 * 1e6;
+        println!("longest mask {} cycles, {mask_us:.1} us", watch.longest_mask);
+        assert!(mask_us <= MASK_US, "{mask_us}");
         assert!(masked >= 1, "{:?}", watch.events_by_basepri);
         assert!(session.lines > 500, "{}", session.lines);
     }

@@ -24,7 +24,7 @@ pub struct Trouble {
     pub name: &'static str,
     /// Expected code.
     pub code: u32,
-    /// All codes that `faults` has to name.
+    /// All codes that `faults` has to name, if not only that one.
     pub all: &'static [u32],
     /// Longest time until enable is inactive, us. The code of zero force is there by then, or within
     /// one output where hardware alone has dropped enable.
@@ -56,8 +56,8 @@ pub const RENDER_US: f64 = 1_100.0 + GRID_US;
 const AT_ONCE_US: f64 = 1.0;
 /// From the jump of the program counter to the handler's first store.
 const HANDLER_US: f64 = 2.0;
-/// By the detector's interrupt, after a `render` that is running.
-const BROWN_OUT_US: f64 = 30.0;
+/// By the detector's interrupt, after a `render` that is running, and what the logger masks.
+const BROWN_OUT_US: f64 = 60.0;
 /// The watchdog, at its nominal clock, and one output since it was fed.
 const WATCHDOG_US: f64 = 51_000.0;
 
@@ -79,10 +79,11 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 33] = [
+pub const TROUBLES: [Trouble; 34] = [
     Trouble {
         name: "count jump",
         code: 10,
+        all: &[10, 11],
         limit_us: SAMPLE_US,
         begin: |_, world| {
             let begun = world.powered.mcu.now();
@@ -112,6 +113,7 @@ pub const TROUBLES: [Trouble; 33] = [
     Trouble {
         name: "out of range",
         code: 12,
+        all: &[12, 15],
         limit_us: RENDER_US,
         begin: |firmware, world| {
             let name = "local_resource_sample";
@@ -281,6 +283,20 @@ pub const TROUBLES: [Trouble; 33] = [
         ..PLAIN
     },
     Trouble {
+        name: "brown-out while the logger masks",
+        code: 31,
+        limit_us: BROWN_OUT_US,
+        begin: |_, world| {
+            world.send("help\n").unwrap();
+            world.powered.mcu.run_into_mask().unwrap();
+            world.powered.mcu.set_supply_mv(2500);
+            world.powered.mcu.now()
+        },
+        end: |world| world.powered.mcu.set_supply_mv(world.powered.board.supply_mv),
+        stays: true,
+        ..PLAIN
+    },
+    Trouble {
         name: "brown-out",
         code: 31,
         limit_us: BROWN_OUT_US,
@@ -347,6 +363,7 @@ pub const TROUBLES: [Trouble; 33] = [
     Trouble {
         name: "clock failure",
         code: 33,
+        all: &[23, 33],
         limit_us: HANDLER_US,
         begin: |firmware, world| {
             let handler = firmware.elf.address_of("NonMaskableInt").unwrap();
@@ -393,7 +410,16 @@ const fn panic(
     begin: fn(&Firmware, &mut World<'_>) -> u64,
     short: bool,
 ) -> Trouble {
-    Trouble { name, code: 41, limit_us: HANDLER_US, begin, resets: true, short, ..PLAIN }
+    Trouble {
+        name,
+        code: 41,
+        all: &[23, 41],
+        limit_us: HANDLER_US,
+        begin,
+        resets: true,
+        short,
+        ..PLAIN
+    }
 }
 
 const fn hard_fault(
@@ -401,7 +427,16 @@ const fn hard_fault(
     begin: fn(&Firmware, &mut World<'_>) -> u64,
     short: bool,
 ) -> Trouble {
-    Trouble { name, code: 42, limit_us: HANDLER_US, begin, resets: true, short, ..PLAIN }
+    Trouble {
+        name,
+        code: 42,
+        all: &[23, 42],
+        limit_us: HANDLER_US,
+        begin,
+        resets: true,
+        short,
+        ..PLAIN
+    }
 }
 
 /// The position that the firmware has, counts from its zero.

@@ -21,6 +21,9 @@ pub(super) type Inputs = [(WireId, SinkPin); 2];
 
 /// Offset of a timer's counter.
 const CNT: u64 = 0x24;
+/// Offsets of its captures.
+const CCR1: u64 = 0x34;
+const CCR2: u64 = 0x38;
 
 /// A and B with edges at their own times.
 #[derive(Debug)]
@@ -45,6 +48,8 @@ pub struct EdgeNotes {
     pub read_at: Vec<u64>,
     /// Cycle of each reading of the capturing timer's counter.
     pub captures_read_at: Vec<u64>,
+    /// Cycles at which the captures of A and of B were read after that, if they were.
+    pub captured_at: Vec<[Option<u64>; 2]>,
 }
 
 #[derive(Debug, Default)]
@@ -117,6 +122,14 @@ impl EncoderInput {
         self.capture.advance_to(cycle);
     }
 
+    /// Shows what `before`, that of the chip before a reset, showed: the reset moves no handle.
+    pub(super) fn go_on_from(&self, before: &Self) {
+        let edges = std::mem::take(&mut *lock(&before.state));
+        let (shown, dead) = (edges.shown, edges.dead);
+        *lock(&self.state) = edges;
+        self.show(shown, dead);
+    }
+
     /// A channel stays as it is, or is shown again.
     pub(super) fn kill(&self, channel: usize, dead: bool) {
         let mut edges = lock(&self.state);
@@ -182,9 +195,19 @@ impl Port for CapturePort {
     }
 
     fn read(&self, offset: u64, value: u32) -> u32 {
-        if offset == CNT {
-            self.0.note(|notes| notes.captures_read_at.push(self.1.now()));
-        }
+        let now = self.1.now();
+        self.0.note(|notes| match offset {
+            CNT => {
+                notes.captures_read_at.push(now);
+                notes.captured_at.push([None; 2]);
+            }
+            CCR1 | CCR2 => {
+                if let Some(last) = notes.captured_at.last_mut() {
+                    last[usize::from(offset == CCR2)] = Some(now);
+                }
+            }
+            _ => {}
+        });
         value
     }
 }

@@ -34,6 +34,22 @@ impl Mcu {
         }
     }
 
+    /// Runs until the program masks interrupts by BASEPRI.
+    ///
+    /// # Errors
+    /// The core locked up.
+    ///
+    /// # Panics
+    /// It does not within a quarter of a second.
+    pub fn run_into_mask(&mut self) -> Result<(), Stopped> {
+        let limit = self.now + self.core_hz() / 4;
+        while self.soc.cpu.regs().basepri == 0 {
+            self.run_until(self.now + 1)?;
+            assert!(self.now < limit, "nothing masks interrupts");
+        }
+        Ok(())
+    }
+
     /// The program counter points to `address` all at once.
     pub fn jump(&mut self, address: u32) {
         let cpu = &self.soc.cpu;

@@ -301,7 +301,9 @@ impl Mcu {
         let (open, supply_mv) = (self.soc.stop.load(Relaxed), self.soc.supply.mv());
         self.clock = Arc::new(Clock::default());
         self.clock.set(self.now);
+        let encoder = Arc::clone(&self.soc.encoder);
         self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners, supply_mv);
+        self.soc.encoder.go_on_from(&encoder);
         self.soc.set_break(open);
         self.soc.note_reset(cause);
         self.registers = self.soc.cpu.regs();

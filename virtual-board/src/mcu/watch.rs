@@ -54,6 +54,8 @@ pub struct Watch {
     pub primask: u64,
     /// Instructions with a BASEPRI that masks the sampling task.
     pub forbidden_basepri: u64,
+    /// Longest time with a BASEPRI that masks anything, cycles.
+    pub longest_mask: u64,
     /// Sampling events by the BASEPRI that was up when they came (0: none).
     pub events_by_basepri: BTreeMap<u8, u64>,
     /// Cycles from the sampling event to the reading of the counter: how often each.
@@ -74,6 +76,7 @@ pub struct Watch {
     /// The cycles of those, by run of the sampling task.
     pub marked: Cycles,
     in_marks: u64,
+    masked: u64,
     running: bool,
     /// Running exceptions, innermost last: number, cycles spent in it.
     nested: Vec<(u16, u64)>,
@@ -171,6 +174,8 @@ impl Watch {
         }
         self.running |= step.exception == SAMPLE;
         if self.running {
+            self.masked = if step.basepri == 0 { 0 } else { self.masked + step.cycles };
+            self.longest_mask = self.longest_mask.max(self.masked);
             self.primask += u64::from(step.primask);
             self.forbidden_basepri += u64::from((1..=SAMPLE_PRIORITY).contains(&step.basepri));
         }
