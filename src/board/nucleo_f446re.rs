@@ -34,7 +34,7 @@ pub const CORE_HZ: u32 = 180_000_000;
 /// Level of the supply detector: found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data
 /// sheet). The board gives 3.3 V.
 const SUPPLY_LEVEL: u8 = 0b110;
-/// From the sampling event to the force, samples: 8.3 us to the DAC's register (1495 cycles on the
+/// From the sampling event to the force, samples: 8.5 us to the DAC's register (1524 cycles on the
 /// virtual board), 3 us for its buffer to settle (data sheet, typical).
 pub const LATENCY_SAMPLES: f64 = 0.115;
 /// What the force output makes of a force.
