@@ -62,6 +62,8 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
     );
     let simulated = &simulated[0];
     assert!(difference.abs() <= AREA_TOLERANCE, "{difference}");
+    let of_one = walked.area / simulated.area - 1.0; // as `cargo sim walk` gives it
+    assert!(of_one.abs() <= AREA_TOLERANCE, "{of_one}");
     assert_eq!(walked.ended_by, simulated.ended.map(Ended::name).unwrap());
     assert_eq!(walked.points.len(), simulated.points.len());
     let sum: f64 = walked.points.iter().map(|[_, k]| k).sum();

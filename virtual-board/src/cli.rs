@@ -98,8 +98,7 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Run { common, telemetry, force } => {
             let telemetry = telemetry.as_deref();
-            let free = telemetry.map_or(Ok(()), |path| output::refuse_existing(path, force));
-            free.map_err(refused)
+            free(telemetry, force)
                 .and_then(|()| session(&common))
                 .and_then(|session| run(&session, telemetry))
         }
@@ -108,8 +107,7 @@ pub fn main() -> ExitCode {
         }
         Command::Walk { common, cutoff, csv, force, json } => {
             let csv = csv.as_deref();
-            let free = csv.map_or(Ok(()), |path| output::refuse_existing(path, force));
-            free.map_err(refused)
+            free(csv, force)
                 .and_then(|()| session(&common))
                 .and_then(|session| walk(&session, cutoff, csv, force, json))
         }
@@ -125,6 +123,11 @@ pub fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Nothing would be replaced that must not be.
+fn free(path: Option<&Path>, force: bool) -> Result<(), Failed> {
+    path.map_or(Ok(()), |path| output::refuse_existing(path, force).map_err(refused))
 }
 
 fn session(common: &Common) -> Result<Session, Failed> {

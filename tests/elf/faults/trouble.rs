@@ -155,30 +155,24 @@ pub const TROUBLES: [Trouble; 34] = [
         end: |world| world.powered.mcu.kill_channel(1, false),
         ..PLAIN
     },
-    Trouble {
-        name: "swapped channels at arm",
-        code: 14,
-        limit_us: 100_000.0 + RENDER_US,
-        before: Before::Off,
-        begin: |_, world| {
+    at_arm(
+        "swapped channels at arm",
+        |_, world| {
             world.swap_channels(true);
             enabled_by_arm(world)
         },
-        end: |world| world.swap_channels(false),
-        ..PLAIN
-    },
-    Trouble {
-        name: "wrong motor sign at arm",
-        code: 14,
-        limit_us: 100_000.0 + RENDER_US,
-        before: Before::Off,
-        begin: |_, world| {
+        |world| world.swap_channels(false),
+        true,
+    ),
+    at_arm(
+        "wrong motor sign at arm",
+        |_, world| {
             world.motor_reversed = true;
             enabled_by_arm(world)
         },
-        end: |world| world.motor_reversed = false,
-        ..PLAIN
-    },
+        |world| world.motor_reversed = false,
+        true,
+    ),
     Trouble {
         name: "beyond travel",
         code: 15,
@@ -270,44 +264,20 @@ pub const TROUBLES: [Trouble; 34] = [
         ..PLAIN
     },
     Trouble {
-        name: "brown-out, 0.2 ms",
-        code: 31,
-        limit_us: BROWN_OUT_US,
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            world.powered.mcu.set_supply_mv(2500);
+        stays: false,
+        ..brown_out("brown-out, 0.2 ms", |_, world| {
+            let begun = sag(world);
             world.run(2).unwrap();
-            world.powered.mcu.set_supply_mv(world.powered.board.supply_mv);
+            recover(world);
             begun
-        },
-        ..PLAIN
+        })
     },
-    Trouble {
-        name: "brown-out while the logger masks",
-        code: 31,
-        limit_us: BROWN_OUT_US,
-        begin: |_, world| {
-            world.send("help\n").unwrap();
-            world.powered.mcu.run_into_mask().unwrap();
-            world.powered.mcu.set_supply_mv(2500);
-            world.powered.mcu.now()
-        },
-        end: |world| world.powered.mcu.set_supply_mv(world.powered.board.supply_mv),
-        stays: true,
-        ..PLAIN
-    },
-    Trouble {
-        name: "brown-out",
-        code: 31,
-        limit_us: BROWN_OUT_US,
-        begin: |_, world| {
-            world.powered.mcu.set_supply_mv(2500);
-            world.powered.mcu.now()
-        },
-        end: |world| world.powered.mcu.set_supply_mv(world.powered.board.supply_mv),
-        stays: true,
-        ..PLAIN
-    },
+    brown_out("brown-out while the logger masks", |_, world| {
+        world.send("help\n").unwrap();
+        world.powered.mcu.run_into_mask().unwrap();
+        sag(world)
+    }),
+    brown_out("brown-out", |_, world| sag(world)),
     Trouble {
         name: "debugger halt, 30 ms",
         code: 32,
@@ -372,32 +342,24 @@ pub const TROUBLES: [Trouble; 34] = [
         resets: true,
         ..PLAIN
     },
-    Trouble {
-        name: "dead channel A at arm",
-        code: 14,
-        limit_us: 100_000.0 + RENDER_US,
-        before: Before::Off,
-        begin: |_, world| {
+    at_arm(
+        "dead channel A at arm",
+        |_, world| {
             world.powered.mcu.kill_channel(0, true);
             enabled_by_arm(world)
         },
-        end: |world| world.powered.mcu.kill_channel(0, false),
-        short: false,
-        ..PLAIN
-    },
-    Trouble {
-        name: "dead channel B at arm",
-        code: 14,
-        limit_us: 100_000.0 + RENDER_US,
-        before: Before::Off,
-        begin: |_, world| {
+        |world| world.powered.mcu.kill_channel(0, false),
+        false,
+    ),
+    at_arm(
+        "dead channel B at arm",
+        |_, world| {
             world.powered.mcu.kill_channel(1, true);
             enabled_by_arm(world)
         },
-        end: |world| world.powered.mcu.kill_channel(1, false),
-        short: false,
-        ..PLAIN
-    },
+        |world| world.powered.mcu.kill_channel(1, false),
+        false,
+    ),
 ];
 
 /// No memory is here.
@@ -420,6 +382,31 @@ const fn panic(
         short,
         ..PLAIN
     }
+}
+
+/// The supply sags, and stays so.
+const fn brown_out(name: &'static str, begin: fn(&Firmware, &mut World<'_>) -> u64) -> Trouble {
+    Trouble { name, code: 31, limit_us: BROWN_OUT_US, begin, end: recover, stays: true, ..PLAIN }
+}
+
+fn sag(world: &mut World<'_>) -> u64 {
+    world.powered.mcu.set_supply_mv(2500);
+    world.powered.mcu.now()
+}
+
+fn recover(world: &mut World<'_>) {
+    world.powered.mcu.set_supply_mv(world.powered.board.supply_mv);
+}
+
+/// The sign test has to find it.
+const fn at_arm(
+    name: &'static str,
+    begin: fn(&Firmware, &mut World<'_>) -> u64,
+    end: fn(&mut World<'_>),
+    short: bool,
+) -> Trouble {
+    let limit_us = 100_000.0 + RENDER_US;
+    Trouble { name, code: 14, limit_us, before: Before::Off, begin, end, short, ..PLAIN }
 }
 
 const fn hard_fault(
