@@ -3,13 +3,13 @@
 
 use std::{env, fs, path::PathBuf};
 
-#[path = "src/envelope/generate.rs"]
+#[path = "src/safety/envelope/generate.rs"]
 mod generate;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=memory.x");
-    println!("cargo:rerun-if-changed=src/envelope/generate.rs");
+    println!("cargo:rerun-if-changed=src/safety/envelope/generate.rs");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }

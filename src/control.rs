@@ -9,7 +9,9 @@ use crate::{
     actuator::Actuator,
     encoder::Encoder,
     units::{Command, Force, Position, Velocity},
-    velocity::{self, Estimator, Senses},
+    velocity::{
+        Estimator, Senses, {self},
+    },
     wall::Wall,
 };
 

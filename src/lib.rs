@@ -49,13 +49,12 @@ extern crate std;
 pub mod actuator;
 #[cfg(test)]
 mod bounds;
+pub mod console;
 mod control;
 mod crc;
 pub mod encoder;
-pub mod envelope;
 pub mod experiment;
 mod gain;
-pub mod link;
 pub mod safety;
 mod settings;
 pub mod store;

@@ -18,10 +18,10 @@ use std::{
 };
 
 use host_sim::{
-    batch::{Backend, Depth, Outcome, Work, run, stream},
-    figure::{CostPanel, CostPlot, cost},
-    rig::{HitError, Numeric, Rig, WallHit},
+    engine::{Backend, Depth, Outcome, Work, run, stream},
+    output::figure::{CostPanel, CostPlot, cost},
     scene::NamedScene,
+    simulation::prepared::{HitError, Numeric, Rig, WallHit},
 };
 use plain::{SAMPLES, plain};
 

@@ -1,7 +1,7 @@
 //! Throughput of the linear analysis: the paper's figure 2, 10 cutoffs by 200 dampings. Budget: 0.2 s.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use host_sim::linear::{Boundary, Device, Loop, TransferFunction};
+use host_sim::analysis::linear::{Boundary, Device, Loop, TransferFunction};
 use std::hint::black_box;
 
 /// Stiffness limits of every cutoff and damping, added up.

@@ -15,8 +15,8 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use host_sim::{
-    rig::{Numeric, Rig, WallHit},
     scene::NamedScene,
+    simulation::prepared::{Numeric, Rig, WallHit},
 };
 use plain::{SAMPLES, plain};
 

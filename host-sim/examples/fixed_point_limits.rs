@@ -9,11 +9,11 @@
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode, sync::atomic::AtomicBool};
 
 use host_sim::{
-    batch::{Backend, Depth, stream},
+    engine::{Backend, Depth, stream},
     error::Error,
-    figure::{Mark, TradePanel, TradePlot, TradeSeries, trade},
-    rig::{Numeric, Rig, WallHit},
+    output::figure::{Mark, TradePanel, TradePlot, TradeSeries, trade},
     scene::NamedScene,
+    simulation::prepared::{Numeric, Rig, WallHit},
 };
 use zwidth::experiment::Verdict;
 

@@ -1,41 +1,35 @@
-//! Simulator of a one-degree-of-freedom haptic device around the very control core that the
-//! firmware runs. It answers: which velocity-filter cutoff gives this device the largest Z-width,
-//! the range of walls that stay stable?
+//! Simulator of a one-degree-of-freedom haptic device around the control core that the firmware
+//! runs. It answers: which velocity-filter cutoff gives this device the largest Z-width, the range
+//! of walls that stay stable?
 //!
-//! A [`scene::Scene`] describes device and experiment. A [`rig::Rig`] prepares it and runs wall
-//! hits in a [`simulation::Simulation`]; [`walk`] follows the boundary of the stable walls;
-//! [`sweep`] compares cutoffs. [`controller::Fixed`] is the core, [`twin::Twin`] the same
-//! controller in `f64`, to show what fixed point costs.
+//! Each layer uses those below it only:
+//!
+//! | layer | holds |
+//! |-------|-------|
+//! | [`cli`] | one file per command |
+//! | [`output`] | files, figures, reports, manifests |
+//! | [`analysis`] | linear theory, identification, comparison, trade of formats |
+//! | [`study`] | walks, sweeps, sensitivity, envelopes |
+//! | [`engine`] | many wall hits side by side, in vector lanes |
+//! | [`simulation`] | the sampled loop: plant, encoder, controller, latency |
+//! | [`plant`] | the device over one sample |
+//! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
+//! | [`numerics`] | mathematics that knows no device |
+//!
+//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::Rig`] prepares it and
+//! runs wall hits in a [`simulation::Simulation`] around the core
+//! ([`Fixed`](simulation::controller::Fixed)) or around its `f64` twin ([`simulation::twin`]).
+//! [`study`] runs the hits of a walk in the [`engine`]'s lanes, a second text of the core's arithmetic for
+//! speed that tests hold to the same bits.
 #![forbid(unsafe_code)]
 
-pub mod batch;
+pub mod analysis;
 pub mod cli;
-pub mod compare;
-pub mod controller;
-pub mod element;
-pub mod envelope;
+pub mod engine;
 pub mod error;
-pub mod exact;
-pub mod figure;
-pub mod identify;
-pub mod integrator;
-pub mod linear;
-pub mod manifest;
+pub mod numerics;
 pub mod output;
-pub mod overview;
 pub mod plant;
-pub mod report;
-pub mod rig;
 pub mod scene;
-pub mod sensing;
-pub mod sensitivity;
 pub mod simulation;
-pub mod statistics;
 pub mod study;
-pub mod sweep;
-pub mod telemetry;
-pub mod trace;
-pub mod trade;
-pub mod twin;
-pub mod velocity;
-pub mod walk;

@@ -34,6 +34,7 @@
 
 mod blackbox;
 mod change;
+pub mod envelope;
 mod fault;
 mod grant;
 mod guard;

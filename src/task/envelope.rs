@@ -3,7 +3,7 @@
 
 use zwidth::{
     Control, SettingsError,
-    envelope::{Boundary, Envelope, Key, Outside, Point},
+    safety::envelope::{Boundary, Envelope, Key, Outside, Point},
     store::Stored,
 };
 

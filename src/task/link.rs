@@ -12,13 +12,15 @@ use core::{fmt, sync::atomic::Ordering::Relaxed};
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     Settings, SettingsError,
-    experiment::{CalibrationEnd, WalkTotals},
-    link::{
+    console::{
         Activity, Command, LINE_MAX, Line, LineReader, ParseError, Reply, Situation, allowed,
         parse, signs_allowed,
     },
+    experiment::{CalibrationEnd, WalkTotals},
     safety::{Refusal, Request, State},
-    store::{self, SaveError, Source, Stored},
+    store::{
+        SaveError, Source, Stored, {self},
+    },
     telemetry::{Frame, Record},
     velocity::{EstimatorName, Parameter},
 };
@@ -30,10 +32,14 @@ use self::{
 };
 use super::{
     FLAGS, ORDERS, REPORTS, device,
-    envelope::{self, ENVELOPE},
+    envelope::{
+        ENVELOPE, {self},
+    },
     order::{Event, Order, Report},
 };
-use crate::board::{self, Commands, FlashError, SettingsFlash, Up, Watchdog};
+use crate::board::{
+    Commands, FlashError, SettingsFlash, Up, Watchdog, {self},
+};
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;

@@ -36,7 +36,9 @@ use zwidth::{
     store::Source,
 };
 
-use crate::board::{self, Board, Latest, Snapshot};
+use crate::board::{
+    Board, Latest, Snapshot, {self},
+};
 
 /// One more than the outputs that may wait for `link`: at 1 kHz 15 ms.
 const REPORTS: usize = 16;

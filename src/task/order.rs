@@ -2,8 +2,8 @@
 
 use zwidth::{
     Control,
+    console::Activity,
     experiment::{Broken, CalibrationEnd, CalibrationPlan, Scatter, TrialPlan, Verdict},
-    link::Activity,
     safety::{Refusal, Request, Status},
     store::Signs,
     telemetry::Record,

@@ -5,8 +5,8 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     Control,
+    console::Activity,
     experiment::{Broken, Calibration, CalibrationEnd, Duty, DutyPlan, Trial},
-    link::Activity,
     safety::{
         BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor, Up,
     },
@@ -22,7 +22,9 @@ use super::{
     sample::Due,
     trail::Follower,
 };
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Publisher, Reading, Supply};
+use crate::board::{
+    Drive, EmergencyStop, FaultMemory, Halts, Publisher, Reading, Supply, {self},
+};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;

@@ -7,7 +7,9 @@ use zwidth::{
 };
 
 use super::trail;
-use crate::board::{self, Encoder, Newest, Pace, Writing};
+use crate::board::{
+    Encoder, Newest, Pace, Writing, {self},
+};
 
 /// What `render` needs of a due sample.
 #[derive(Clone, Copy)]

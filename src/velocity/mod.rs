@@ -35,7 +35,9 @@ mod tracking;
 pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder, PREWARPED_MAX, true_cutoff_hz};
 #[cfg(feature = "time-stamps")]
-pub use edge_timer::{Captures, EdgeTimer};
+pub use edge_timer::Captures;
+#[cfg(feature = "time-stamps")]
+pub use edge_timer::EdgeTimer;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 pub use fir::Fir;
 #[cfg(feature = "foaw")]
@@ -43,22 +45,38 @@ pub use foaw::Foaw;
 #[cfg(any(feature = "taylor", feature = "least-squares", feature = "foaw"))]
 pub use history::WINDOW_MAX;
 #[cfg(feature = "kalman")]
-pub use kalman::{Kalman, KalmanDesign};
+pub use kalman::Kalman;
+#[cfg(feature = "kalman")]
+pub use kalman::KalmanDesign;
 #[cfg(feature = "levant")]
-pub use levant::{Levant, LevantDesign};
+pub use levant::Levant;
+#[cfg(feature = "levant")]
+pub use levant::LevantDesign;
 pub use name::{EstimatorName, Parameter};
 #[cfg(any(feature = "observer", feature = "fusion"))]
 pub use observer::Observer;
 #[cfg(any(feature = "observer", feature = "fusion"))]
-pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
+pub use observer_design::MASS_KG;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer_design::OBSERVER_MAX;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer_design::OBSERVER_MIN;
+#[cfg(any(feature = "observer", feature = "fusion"))]
+pub use observer_design::ObserverDesign;
 #[cfg(any(feature = "taylor", feature = "least-squares"))]
 pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use settings::VelocitySettings;
 #[cfg(feature = "time-stamps")]
-pub use time_stamps::{SPAN_MAX, TimeStamps};
+pub use time_stamps::SPAN_MAX;
+#[cfg(feature = "time-stamps")]
+pub use time_stamps::TimeStamps;
 #[cfg(feature = "tracking-loop")]
-pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
+pub use tracking::BANDWIDTH_MAX;
+#[cfg(feature = "tracking-loop")]
+pub use tracking::BANDWIDTH_MIN;
+#[cfg(feature = "tracking-loop")]
+pub use tracking::TrackingLoop;
 
 #[cfg(any(
     feature = "taylor",

@@ -11,12 +11,16 @@ use super::KalmanDesign;
 use super::LevantDesign;
 #[cfg(any(feature = "observer", feature = "fusion"))]
 use super::ObserverDesign;
+#[cfg(feature = "time-stamps")]
+use super::SPAN_MAX;
+#[cfg(feature = "time-stamps")]
+use super::TimeStamps;
 #[cfg(feature = "tracking-loop")]
 use super::TrackingLoop;
 use super::{Design, Estimator, FirstOrder};
-#[cfg(feature = "time-stamps")]
-use super::{SPAN_MAX, TimeStamps};
-use crate::settings::{self, SettingsError};
+use crate::settings::{
+    SettingsError, {self},
+};
 
 /// Which estimator, and its parameters in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use host_sim::element::{EncoderError, EncoderNoise, Jitter};
+use host_sim::scene::element::{EncoderError, EncoderNoise, Jitter};
 use virtual_board::{
     board::{BOARDS, Board, Force},
     elf::Elf,

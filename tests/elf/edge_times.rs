@@ -2,8 +2,8 @@
 //! which count, velocities bit for bit the core's, the error at slow speed, and what it costs.
 
 use host_sim::{
-    rig::{Numeric, Rig, WallHit},
     scene::NamedScene,
+    simulation::prepared::{Numeric, Rig, WallHit},
 };
 use virtual_board::{
     board::{BOARDS, Board},

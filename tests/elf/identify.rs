@@ -2,9 +2,11 @@
 //! docs/identification.md on the release ELF.
 
 use host_sim::{
-    identify::{Gain, Options, OutputScale, Span, from_capture, from_capture_csv, identify},
+    analysis::{
+        identify::{Gain, Options, OutputScale, Span, from_capture, from_capture_csv, identify},
+        telemetry::Capture,
+    },
     scene::Quantisation,
-    telemetry::Capture,
 };
 use virtual_board::board::BOARDS;
 

@@ -4,10 +4,9 @@
 use std::sync::atomic::AtomicBool;
 
 use host_sim::{
-    rig::{Numeric, Rig},
     scene::{NamedScene, Scene},
-    sweep::start_offset_counts,
-    walk,
+    simulation::prepared::{Numeric, Rig},
+    study::{sweep::start_offset_counts, walk},
 };
 use virtual_board::{
     board::{BOARDS, Board},

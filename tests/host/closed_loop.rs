@@ -4,11 +4,13 @@
 use std::ops::ControlFlow;
 
 use host_sim::{
-    controller::Controller,
-    rig::{Numeric, Rig, WallHit},
     scene::{NamedScene, Scene},
-    simulation::{Sample, Simulation},
-    twin,
+    simulation::{
+        Sample, Simulation,
+        controller::Controller,
+        prepared::{Numeric, Rig, WallHit},
+        twin,
+    },
 };
 
 fn paper() -> Scene {

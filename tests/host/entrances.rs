@@ -4,8 +4,8 @@
 use host_sim::scene::NamedScene;
 use zwidth::{
     Design, HitSettings, Output, Settings, VelocitySettings, WallSettings,
+    console::parse,
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkPlan},
-    link::parse,
     safety::SafetySettings,
     velocity::EstimatorName,
 };

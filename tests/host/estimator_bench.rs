@@ -4,7 +4,9 @@
 use std::f64::consts::PI;
 
 use host_sim::{
-    linear::TransferFunction, sensing::last_edge, twin::TwinEstimator, velocity::transfer_function,
+    analysis::linear::TransferFunction,
+    scene::estimator::transfer_function,
+    simulation::{senses::last_edge, twin::TwinEstimator},
 };
 use proptest::prelude::*;
 use zwidth::{
@@ -322,8 +324,8 @@ pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i6
 /// the way to the wall the estimate is the handle's speed, and core and twin go equally deep.
 pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     use host_sim::{
-        rig::{Numeric, Rig, WallHit},
         scene::NamedScene,
+        simulation::prepared::{Numeric, Rig, WallHit},
     };
     let built_in = host_sim::scene::BUILT_IN[0].1;
     let usual = "estimator = \"butterworth\"\nprewarp = false";

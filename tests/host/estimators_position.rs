@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use host_sim::{linear::TransferFunction, velocity::transfer_function};
+use host_sim::{analysis::linear::TransferFunction, scene::estimator::transfer_function};
 use proptest::prelude::*;
 use zwidth::{
     VelocitySettings,

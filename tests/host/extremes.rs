@@ -2,8 +2,8 @@
 //! profile, so an addition that wraps fails the test.
 
 use host_sim::{
-    rig::{HitError, HitReport, Numeric, Rig, WallHit},
     scene::{Accelerometer, NamedScene, Scene, Velocity as Estimator},
+    simulation::prepared::{HitError, HitReport, Numeric, Rig, WallHit},
 };
 use proptest::{prelude::*, test_runner::TestRunner};
 use zwidth::{

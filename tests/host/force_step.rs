@@ -15,7 +15,7 @@ use proptest::{
 };
 use zwidth::{
     Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
-    link::{Activity, Command, Situation, allowed},
+    console::{Activity, Command, Situation, allowed},
     safety::{
         Down, Guard, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings, State,
         Supervisor, Up,

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use host_sim::{
-    identify::{Estimate, Gain, Identification, Options, Record, identify},
+    analysis::identify::{Estimate, Gain, Identification, Options, Record, identify},
     plant::{Plant as _, PlantStep},
     scene::{Device, NamedScene, Rounding},
 };

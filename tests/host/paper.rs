@@ -1,12 +1,14 @@
 //! The paper's results on its own device, and what fixed point costs against the `f64` twin.
 
-use std::{sync::OnceLock, sync::atomic::AtomicBool};
+use std::sync::{OnceLock, atomic::AtomicBool};
 
 use host_sim::{
-    rig::{Numeric, Rig, WallHit},
     scene::NamedScene,
-    sweep::{Plan, SweepResult, sweep},
-    walk::{Boundary, BoundaryPoint},
+    simulation::prepared::{Numeric, Rig, WallHit},
+    study::{
+        sweep::{Plan, SweepResult, sweep},
+        walk::{Boundary, BoundaryPoint},
+    },
 };
 
 /// Area of one cell of the walk's grid, N^2 s/m^2.
@@ -51,7 +53,7 @@ fn at_1_um_the_area_grows_to_2000_hz_and_hardly_beyond() {
         .cutoffs
         .iter()
         .filter(|cutoff| cutoff.cutoff_hz <= 2000.0)
-        .map(host_sim::sweep::CutoffResult::area)
+        .map(host_sim::study::sweep::CutoffResult::area)
         .collect();
     assert!(up_to_2000.is_sorted(), "{up_to_2000:?}");
     let at_2000 = area(result, 2000.0);
@@ -65,7 +67,8 @@ fn at_1_um_the_area_grows_to_2000_hz_and_hardly_beyond() {
 #[test]
 fn at_2_um_there_is_a_broad_top_between_1200_and_1700_hz() {
     let result = &default_sweep(Numeric::Fixed)[1];
-    let top = result.cutoffs.iter().map(host_sim::sweep::CutoffResult::area).fold(0.0, f64::max);
+    let top =
+        result.cutoffs.iter().map(host_sim::study::sweep::CutoffResult::area).fold(0.0, f64::max);
     for cutoff in &result.cutoffs {
         let (cutoff_hz, below) = (cutoff.cutoff_hz, 1.0 - cutoff.area() / top);
         println!("2 um, {cutoff_hz} Hz: {:.1} % below the top", below * 100.0);

@@ -4,12 +4,13 @@
 use std::ops::ControlFlow;
 
 use host_sim::{
-    controller::Fixed,
-    linear::{Boundary, Device, Loop},
-    rig::{Rig, WallHit},
-    scene::{NamedScene, Scene},
-    simulation::Simulation,
-    velocity::transfer_function,
+    analysis::linear::{Boundary, Device, Loop},
+    scene::{NamedScene, Scene, estimator::transfer_function},
+    simulation::{
+        Simulation,
+        controller::Fixed,
+        prepared::{Rig, WallHit},
+    },
 };
 use rayon::prelude::*;
 

@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 
 use host_sim::{
-    rig::{Rig, WallHit},
     scene::NamedScene,
+    simulation::prepared::{Rig, WallHit},
 };
 use zwidth::{
     experiment::Scatter,

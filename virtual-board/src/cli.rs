@@ -11,7 +11,7 @@ use std::{
 };
 
 use clap::{Args, Parser, Subcommand};
-use host_sim::{cli::SCHEMA_VERSION, error::Error, output, scene::NamedScene};
+use host_sim::{cli::SCHEMA_VERSION, error::Error, output::files, scene::NamedScene};
 use serde::Serialize;
 
 use crate::{
@@ -127,7 +127,7 @@ pub fn main() -> ExitCode {
 
 /// Nothing would be replaced that must not be.
 fn free(path: Option<&Path>, force: bool) -> Result<(), Failed> {
-    path.map_or(Ok(()), |path| output::refuse_existing(path, force).map_err(refused))
+    path.map_or(Ok(()), |path| files::refuse_existing(path, force).map_err(refused))
 }
 
 fn session(common: &Common) -> Result<Session, Failed> {
@@ -349,7 +349,7 @@ fn walk(
         for [b, k] in &report.points {
             text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
         }
-        output::write_file(path, text.as_bytes(), force).map_err(refused)?;
+        files::write_file(path, text.as_bytes(), force).map_err(refused)?;
     }
     if !json {
         return Ok(());

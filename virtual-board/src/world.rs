@@ -8,9 +8,11 @@
 //! that lead: each edge comes out a lead after the plant was there, to the cycle.
 
 use host_sim::{
-    element::{EncoderError, EncoderNoise},
     plant::{AnyPlant, AnyState, Plant as _},
-    scene::{Encoder, Rounding, Scene},
+    scene::{
+        Encoder, Rounding, Scene,
+        element::{EncoderError, EncoderNoise},
+    },
 };
 
 use crate::{

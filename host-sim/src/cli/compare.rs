@@ -8,20 +8,32 @@ use zwidth::velocity::{EstimatorName, Sense};
 
 use super::{Common, NumericArg, SCHEMA_VERSION, STOP, print_json, print_text, progress};
 use crate::{
-    compare::{
+    analysis::compare::{
         Class, Compared, Entry, Place, Wall, compare,
         fidelity::Point,
         most_walks,
         search::{Budget, MASS_WRONG_BY, WRONG_BY},
-        table::{self, CRITERIA, Part},
+        table::{
+            CRITERIA, Part, {self},
+        },
         terminal,
-        winners::{self, Winner},
+        winners::{
+            Winner, {self},
+        },
     },
     error::Error,
-    figure::{self, Curve, Figure, ZwidthPlot},
-    manifest::Manifest,
-    output::{self, MANIFEST, Staging},
-    report::{self, ReportFigure},
+    output::{
+        figure::{
+            Curve, Figure, ZwidthPlot, {self},
+        },
+        files::{
+            MANIFEST, Staging, {self},
+        },
+        manifest::Manifest,
+        report::{
+            ReportFigure, {self},
+        },
+    },
     scene::{NamedScene, refused},
 };
 
@@ -200,7 +212,7 @@ fn write(
         if compared.iter().any(|c| c.class() == class) {
             let figure = zwidth(scene, compared, class)?;
             staging.write(svg, figure.svg().as_bytes())?;
-            staging.write(png, &output::png(&figure)?)?;
+            staging.write(png, &files::png(&figure)?)?;
             let caption = format!(
                 "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
                 class.text()

@@ -8,15 +8,17 @@ use zwidth::experiment::Verdict;
 
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
-    list::{self, List},
+    list::{
+        List, {self},
+    },
     no_cutoff, print_json, print_text, progress, start_offset,
 };
 use crate::{
-    batch::{Backend, Depth, stream},
+    engine::{Backend, Depth, stream},
     error::Error,
-    output::GrowingFile,
-    rig::{HitError, Rig, WallHit, verdict_name},
+    output::files::GrowingFile,
     scene::NamedScene,
+    simulation::prepared::{HitError, Rig, WallHit, verdict_name},
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.

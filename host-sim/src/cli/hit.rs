@@ -8,10 +8,12 @@ use serde::Serialize;
 use super::{Common, SCHEMA_VERSION, check_wall, cutoff, print_json, print_text, start_offset};
 use crate::{
     error::Error,
-    output,
-    rig::{HitReport, Rig, WallHit, verdict_name},
+    output::files,
     scene::NamedScene,
-    trace::Trace,
+    simulation::{
+        prepared::{HitReport, Rig, WallHit, verdict_name},
+        trace::Trace,
+    },
 };
 
 /// Hits one wall and says whether it is stable.
@@ -70,10 +72,10 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     };
     check_wall(&scene, &hit, "--cutoff")?;
     for path in [&args.trace, &args.plot].into_iter().flatten() {
-        output::refuse_existing(path, common.force)?;
+        files::refuse_existing(path, common.force)?;
     }
     if let Some(path) = &args.plot {
-        output::refuse_ending(path)?;
+        files::refuse_ending(path)?;
     }
     if args.trace.is_some() && args.trace == args.plot {
         return Err(Error::input("--trace and --plot name the same file"));
@@ -87,11 +89,11 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         }
     })?;
     if let Some(path) = &args.trace {
-        output::write_file(path, trace.csv().as_bytes(), common.force)?;
+        files::write_file(path, trace.csv().as_bytes(), common.force)?;
     }
     if let Some(path) = &args.plot {
         let figure = trace.figure(&scene, &hit, &report)?;
-        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
+        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
     }
     print(&scene, &hit, &report, common)
 }

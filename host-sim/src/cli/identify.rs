@@ -13,12 +13,16 @@ use clap::Args;
 use self::json::Json;
 use super::{Common, print_json, print_text};
 use crate::{
-    error::Error,
-    figure::{self, ResponsePlot},
-    identify::{
-        self, CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span,
+    analysis::identify::{
+        CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span, {self},
     },
-    output,
+    error::Error,
+    output::{
+        figure::{
+            ResponsePlot, {self},
+        },
+        files,
+    },
     scene::{NamedScene, Scene, ranges, refused},
 };
 
@@ -133,10 +137,10 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let gain = args.gain.source()?;
     let base = NamedScene::load(&args.base)?;
     for path in [&args.csv, &args.plot, &common.out].into_iter().flatten() {
-        output::refuse_existing(path, common.force)?;
+        files::refuse_existing(path, common.force)?;
     }
     if let Some(path) = &args.plot {
-        output::refuse_ending(path)?;
+        files::refuse_ending(path)?;
     }
     let options = options(args, &base.scene, gain)?;
     let records: Result<Vec<Record>, Error> =
@@ -150,14 +154,14 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     if let Some(path) = &common.out {
         checked?;
         let text = scene_text(&scene, &found, &options, &records)?;
-        output::write_file(path, text.as_bytes(), common.force)?;
+        files::write_file(path, text.as_bytes(), common.force)?;
     }
     if let Some(path) = &args.csv {
-        output::write_file(path, csv(&records[0], &found).as_bytes(), common.force)?;
+        files::write_file(path, csv(&records[0], &found).as_bytes(), common.force)?;
     }
     if let Some(path) = &args.plot {
         let figure = draw(&records[0], &found)?;
-        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
+        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
     }
     if common.json {
         return print_json(&Json::new(&records, &found, &options, &scene));

@@ -8,19 +8,30 @@ use serde::Serialize;
 
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
-    list::{self, List},
+    list::{
+        List, {self},
+    },
     no_cutoff, print_json, print_text,
 };
 use crate::{
+    analysis::{
+        linear::{Boundary, Device, Elements, Loop, StiffnessLimit, passivity::Passivity},
+        overview::{Explained, explain, passive_region},
+    },
     error::Error,
-    figure::{self, Curve, ZwidthPlot},
-    linear::{Boundary, Device, Elements, Loop, StiffnessLimit, passivity::Passivity},
-    output,
-    overview::{Explained, explain, passive_region},
-    rig::{Rig, WallHit},
-    scene::{self, NamedScene},
-    velocity::transfer_function,
-    walk::BoundaryPoint,
+    output::{
+        figure::{
+            Curve, ZwidthPlot, {self},
+        },
+        files,
+    },
+    scene::{
+        NamedScene,
+        estimator::transfer_function,
+        {self},
+    },
+    simulation::prepared::{Rig, WallHit},
+    study::walk::BoundaryPoint,
 };
 
 /// Linear stability boundary K(B) per cutoff (paper, section 2.1), from the closed loop's
@@ -120,10 +131,10 @@ struct Analysis {
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
     for path in [&args.csv, &args.plot].into_iter().flatten() {
-        output::refuse_existing(path, common.force)?;
+        files::refuse_existing(path, common.force)?;
     }
     if let Some(path) = &args.plot {
-        output::refuse_ending(path)?;
+        files::refuse_ending(path)?;
     }
     let cutoffs_hz = match &args.cutoffs {
         Some(_) if !scene.scene.velocity.has_cutoff() => return Err(no_cutoff(&scene)),
@@ -145,11 +156,11 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         .collect();
     let analyses = analyses?;
     if let Some(path) = &args.csv {
-        output::write_file(path, csv(&analyses).as_bytes(), common.force)?;
+        files::write_file(path, csv(&analyses).as_bytes(), common.force)?;
     }
     if let Some(path) = &args.plot {
         let figure = draw(&scene, &analyses, args.multirate)?;
-        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
+        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
     }
     let left_out = scene.scene.nonlinear_elements();
     if common.json {

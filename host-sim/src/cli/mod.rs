@@ -22,8 +22,8 @@ use serde::Serialize;
 
 use crate::{
     error::Error,
-    rig,
     scene::{NamedScene, refused},
+    simulation::prepared,
 };
 
 /// Version of every JSON object that the commands print or write.
@@ -88,7 +88,7 @@ enum NumericArg {
     F64Rounded,
 }
 
-impl From<NumericArg> for rig::Numeric {
+impl From<NumericArg> for prepared::Numeric {
     fn from(numeric: NumericArg) -> Self {
         match numeric {
             NumericArg::Fixed => Self::Fixed,
@@ -190,7 +190,7 @@ fn no_cutoff(scene: &NamedScene) -> Error {
 
 /// A cutoff, K or B of the command line, checked by building the core's settings; `cutoff` is the
 /// option that the cutoff came from.
-fn check_wall(scene: &NamedScene, wall: &rig::WallHit, cutoff: &str) -> Result<(), Error> {
+fn check_wall(scene: &NamedScene, wall: &prepared::WallHit, cutoff: &str) -> Result<(), Error> {
     scene
         .scene
         .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)

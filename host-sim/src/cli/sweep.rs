@@ -7,18 +7,26 @@ use serde::Serialize;
 
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall,
-    list::{self, List},
+    list::{
+        List, {self},
+    },
     no_cutoff, print_json, print_text, progress,
 };
 use crate::{
-    envelope::envelopes,
     error::Error,
-    output::Staging,
-    rig::{Rig, WallHit},
+    output::{
+        files::Staging,
+        sweep_files::{
+            Study, Summary, VariantResult, {self},
+        },
+    },
     scene::{NamedScene, STUDY},
-    sensitivity::{Variant, variants},
-    study::{self, Study, Summary, VariantResult},
-    sweep::{Plan, SweepResult, ascending, sweep},
+    simulation::prepared::{Rig, WallHit},
+    study::{
+        envelope::envelopes,
+        sensitivity::{Variant, variants},
+        sweep::{Plan, SweepResult, ascending, sweep},
+    },
 };
 
 /// Compares cutoffs: Z-width, its area with its spread, the ideal cutoff and its range.
@@ -142,7 +150,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
         let rig = Rig::new(&scene.scene)?;
-        let staging = Staging::new(&folder, &study::FILES, common.force)?;
+        let staging = Staging::new(&folder, &sweep_files::FILES, common.force)?;
         jobs.push(Job { scene, rig, cutoffs_hz, variants, staging, folder });
     }
     jobs.reverse();

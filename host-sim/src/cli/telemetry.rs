@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Common, SCHEMA_VERSION, print_json, print_text};
-use crate::{error::Error, output, scene::NamedScene, telemetry::Capture};
+use crate::{analysis::telemetry::Capture, error::Error, output::files, scene::NamedScene};
 
 /// Decodes a capture of a board's binary telemetry (RTT up channel 1).
 #[derive(Debug, Args)]
@@ -39,10 +39,10 @@ struct Json {
 pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     let name = args.capture.display();
     for path in [&args.csv, &args.plot].into_iter().flatten() {
-        output::refuse_existing(path, common.force)?;
+        files::refuse_existing(path, common.force)?;
     }
     if let Some(path) = &args.plot {
-        output::refuse_ending(path)?;
+        files::refuse_ending(path)?;
     }
     if args.csv.is_some() && args.csv == args.plot {
         return Err(Error::input("--csv and --plot name the same file"));
@@ -58,7 +58,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         )));
     };
     if let Some(path) = &args.csv {
-        output::write_file(path, capture.csv().as_bytes(), common.force)?;
+        files::write_file(path, capture.csv().as_bytes(), common.force)?;
     }
     if let Some(path) = &args.plot {
         let file = args
@@ -66,7 +66,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
             .file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let figure = capture.figure(&file, scene.as_ref().map(|scene| &scene.scene))?;
-        output::write_file(path, &output::figure_bytes(path, &figure)?, common.force)?;
+        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
     }
     let json = Json {
         schema_version: SCHEMA_VERSION,

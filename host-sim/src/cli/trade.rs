@@ -7,17 +7,27 @@ use serde::Serialize;
 
 use super::{Common, NumericArg, SCHEMA_VERSION, STOP, list, print_json, print_text, progress};
 use crate::{
-    error::Error,
-    figure::{hertz, number},
-    manifest::Manifest,
-    output::{self, MANIFEST, Staging},
-    scene::{NamedScene, refused},
-    trade::{
+    analysis::trade::{
         Bench, Criterion, Format, Variant, cost, default_cutoffs_hz, figures,
-        filters::{self, Filters},
-        plant::{self, Plants},
-        table::{self, GoodFor},
+        filters::{
+            Filters, {self},
+        },
+        plant::{
+            Plants, {self},
+        },
+        table::{
+            GoodFor, {self},
+        },
     },
+    error::Error,
+    output::{
+        figure::{hertz, number},
+        files::{
+            MANIFEST, Staging, {self},
+        },
+        manifest::Manifest,
+    },
+    scene::{NamedScene, refused},
 };
 
 /// Measures speed against accuracy: number formats and forms of the velocity filter, and ways to advance the plant.
@@ -138,7 +148,7 @@ fn cutoffs(args: &TradeArgs, scene: &NamedScene) -> Result<Vec<f64>, Error> {
             return Err(Error::Input(refused("--cutoffs", cutoff_hz, &range)));
         }
     }
-    Ok(crate::sweep::ascending(asked))
+    Ok(crate::study::sweep::ascending(asked))
 }
 
 fn json<'a>(
@@ -219,7 +229,7 @@ fn write(
         ("plant.svg", "plant.png", &plant_figure),
     ] {
         staging.write(svg, figure.svg().as_bytes())?;
-        staging.write(png, &output::png(figure)?)?;
+        staging.write(png, &files::png(figure)?)?;
     }
     let text = |value: serde_json::Result<Vec<u8>>| {
         value.map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))

@@ -10,10 +10,10 @@ use super::{
 };
 use crate::{
     error::Error,
-    output,
-    rig::{Rig, WallHit},
+    output::files,
     scene::NamedScene,
-    walk::{Boundary, walk},
+    simulation::prepared::{Rig, WallHit},
+    study::walk::{Boundary, walk},
 };
 
 /// Follows the boundary of the stable walls at one cutoff, without repeats.
@@ -59,7 +59,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     };
     check_wall(&scene, &first, "--cutoff")?;
     if let Some(path) = &args.csv {
-        output::refuse_existing(path, common.force)?;
+        files::refuse_existing(path, common.force)?;
     }
     let velocity = scene.scene.velocity;
     let rig = Rig::new(&scene.scene)?;
@@ -77,7 +77,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         )));
     };
     if let Some(path) = &args.csv {
-        output::write_file(path, csv(first.cutoff_hz, &boundary).as_bytes(), common.force)?;
+        files::write_file(path, csv(first.cutoff_hz, &boundary).as_bytes(), common.force)?;
     }
     let json = Json {
         schema_version: SCHEMA_VERSION,

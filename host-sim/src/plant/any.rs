@@ -3,9 +3,11 @@
 
 use super::{AugmentedStep, IntegratedStep, Moment, Plant, PlantStep, Regime, Sensed, Sensing};
 use crate::{
-    element::{Chain, Nonlinear, STATES_MAX},
-    integrator::Integrator,
-    scene::Scene,
+    numerics::integrator::Integrator,
+    scene::{
+        Scene,
+        element::{Chain, Nonlinear, STATES_MAX},
+    },
 };
 
 /// The state of any plant.

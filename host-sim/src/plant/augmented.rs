@@ -1,7 +1,7 @@
 //! The exact step of a device with linear elements: as [`super::PlantStep`], with N states.
 
 use super::{AnyState, LinearStep, Plant};
-use crate::{element::Chain, exact::discretise};
+use crate::{numerics::exact::discretise, scene::element::Chain};
 
 /// The exact step of a [`Chain`] of N states over one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]

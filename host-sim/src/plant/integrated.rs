@@ -17,8 +17,8 @@ use regime::{Event, Motion, Stop};
 
 use super::{AnyState, Plant, augmented::still};
 use crate::{
-    element::{Chain, Cogging, Friction, Nonlinear, Travel},
-    integrator::{Field, Integrator, dormand_prince},
+    numerics::integrator::{Field, Integrator, dormand_prince},
+    scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},
 };
 
 /// Changes of regime in one piece of a sample after which the plant no longer looks for their instants: it only

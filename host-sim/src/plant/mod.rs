@@ -18,7 +18,7 @@ pub use augmented::{AugmentedStep, ChainState};
 pub use integrated::{HybridState, IntegratedStep, Regime};
 pub use sensed::{Sensed, SensedState, Sensing};
 
-use crate::{exact::oscillator_step, scene::Device};
+use crate::{numerics::exact::oscillator_step, scene::Device};
 
 /// A sample that the encoder is read for.
 #[derive(Clone, Copy, Debug, PartialEq)]

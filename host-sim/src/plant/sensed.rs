@@ -4,8 +4,11 @@ use std::sync::Arc;
 
 use super::{AnyState, Moment, Plant};
 use crate::{
-    element::{Chain, EncoderError, EncoderNoise, Glimpse, Jitter, random},
-    scene::Scene,
+    numerics::random,
+    scene::{
+        Scene,
+        element::{Chain, EncoderError, EncoderNoise, Glimpse, Jitter},
+    },
 };
 
 /// What is wrong with the readings.
@@ -139,9 +142,11 @@ impl<P: Plant> Plant for Sensed<P> {
 mod tests {
     use super::*;
     use crate::{
-        element::{Amplifier, Arm, Mode},
         plant::AnyPlant,
-        scene::NamedScene,
+        scene::{
+            NamedScene,
+            element::{Amplifier, Arm, Mode},
+        },
     };
 
     const SAMPLE_S: f64 = 1e-4;
@@ -207,7 +212,7 @@ mod tests {
         for fraction in [0.0, 0.3] {
             late_readings(&scene(), fraction, 1e-16);
             late_readings(&augmented(), fraction, 1e-15);
-            let integrator = crate::integrator::Integrator::Rk4 { steps_per_sample: 4 };
+            let integrator = crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 4 };
             let integrated = Scene { integrator: Some(integrator), ..augmented() };
             late_readings(&integrated, fraction, 1e-11);
         }

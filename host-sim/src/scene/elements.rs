@@ -7,8 +7,8 @@ use zwidth::velocity::Sense;
 
 use super::Scene;
 use crate::{
-    element::{Chain, Nonlinear},
-    integrator::Demand,
+    numerics::integrator::Demand,
+    scene::element::{Chain, Nonlinear},
 };
 
 /// Quantisation of the command.

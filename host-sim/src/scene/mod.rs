@@ -10,18 +10,20 @@ use std::{fs, path::Path};
 use serde::{Deserialize, Serialize};
 use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkPlan};
 
-pub use crate::velocity::Velocity;
+pub use crate::scene::estimator::Velocity;
 use crate::{
-    element::{
+    error::Error,
+    numerics::integrator::Integrator,
+    scene::element::{
         Amplifier, Arm, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode, Travel,
     },
-    error::Error,
-    integrator::Integrator,
 };
 
 mod accelerometer;
 mod check;
+pub mod element;
 mod elements;
+pub mod estimator;
 
 pub use accelerometer::Accelerometer;
 pub(crate) use check::within;

@@ -3,11 +3,13 @@
 use std::{f64::consts::PI, process::Command};
 
 use host_sim::{
-    element::{Chain, Nonlinear},
-    integrator::{Demand, Integrator, STEPS_MAX},
+    numerics::integrator::{Demand, Integrator, STEPS_MAX},
     plant::{AnyPlant, Moment, Plant as _},
-    rig::{HitError, Numeric, Rig, WallHit},
-    scene::{NamedScene, Scene},
+    scene::{
+        NamedScene, Scene,
+        element::{Chain, Nonlinear},
+    },
+    simulation::prepared::{HitError, Numeric, Rig, WallHit},
 };
 use proptest::{
     prelude::*,
@@ -355,7 +357,8 @@ fn random_elements_never_panic_and_stay_finite() {
             };
             scene.wall_hit.settle_s = 0.3;
             scene.wall_hit.window_s = 0.1;
-            let rigid = matches!(scene.travel, Some(host_sim::element::Travel::Rigid { .. }));
+            let rigid =
+                matches!(scene.travel, Some(host_sim::scene::element::Travel::Rigid { .. }));
             let (mut finite, mut inside) = (true, true);
             let result =
                 Rig::new(&scene).unwrap().hit(Numeric::F64, &hit(stiffness, damping), |s| {

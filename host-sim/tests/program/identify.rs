@@ -8,7 +8,7 @@ use std::{
 };
 
 use host_sim::{
-    identify::Record,
+    analysis::identify::Record,
     plant::{Plant as _, PlantStep},
     scene::{Device, NamedScene},
 };

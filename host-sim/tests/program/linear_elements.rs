@@ -3,11 +3,15 @@
 use std::ops::ControlFlow;
 
 use host_sim::{
-    element::{Amplifier, Arm, Mode},
-    linear::{Boundary, Device, Elements, Loop, TransferFunction},
-    rig::{Rig, WallHit},
-    scene::{NamedScene, Scene},
-    twin,
+    analysis::linear::{Boundary, Device, Elements, Loop, TransferFunction},
+    scene::{
+        NamedScene, Scene,
+        element::{Amplifier, Arm, Mode},
+    },
+    simulation::{
+        prepared::{Rig, WallHit},
+        twin,
+    },
 };
 
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };

@@ -10,9 +10,9 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use host_sim::{
-    rig::{Numeric, Rig},
     scene::{NamedScene, Scene, Velocity},
-    walk::{Boundary, walk},
+    simulation::prepared::{Numeric, Rig},
+    study::walk::{Boundary, walk},
 };
 
 /// The laboratory's low-pass.

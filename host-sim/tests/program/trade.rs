@@ -4,14 +4,14 @@ use std::{collections::HashSet, fs, path::Path, process::Command};
 
 use filter_forms::{Form, Format, Variant};
 use host_sim::{
-    scene::NamedScene,
-    trade::{
+    analysis::trade::{
         Bench, Criterion, Refused, drift, figures,
         filters::{Exact, FilterRow, Filters, Measured},
         noise::Motions,
         response::Tones,
         rest,
     },
+    scene::NamedScene,
 };
 use serde_json::Value;
 use tempfile::TempDir;

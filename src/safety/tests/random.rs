@@ -1,7 +1,7 @@
 //! Random sequences of events and commands.
 
 use super::*;
-use crate::link::{Activity, Command, Situation, allowed};
+use crate::console::{Activity, Command, Situation, allowed};
 use proptest::prelude::*;
 
 /// Whatever may happen between two samples.

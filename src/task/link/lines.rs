@@ -3,8 +3,8 @@
 use core::fmt;
 
 use zwidth::{
+    console::Decimal,
     experiment::{CalibrationEnd, Cell, Ended, Scatter, Verdict, WalkPlan, WalkTotals},
-    link::Decimal,
     telemetry::Record,
 };
 

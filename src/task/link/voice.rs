@@ -3,11 +3,15 @@
 //! A line that neither of them takes, because nobody reads, is kept until one does. Until then no
 //! command is obeyed but those that end something: nothing changes without an acknowledgement.
 
-use core::fmt::{self, Write as _};
+use core::fmt::{
+    Write as _, {self},
+};
 
-use zwidth::link::{REPLY_MAX, Text};
+use zwidth::console::{REPLY_MAX, Text};
 
-use crate::board::{self, Up};
+use crate::board::{
+    Up, {self},
+};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
 /// copies one.

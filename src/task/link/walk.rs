@@ -2,8 +2,8 @@
 //! here, with the settings built as for any other command.
 
 use zwidth::{
+    console::Reply,
     experiment::{Cell, Scatter, Verdict, Walk, WalkError, WalkTotals},
-    link::Reply,
     safety::State,
     store::Stored,
 };

@@ -2,10 +2,10 @@
 
 use zwidth::{
     Control,
-    envelope::{Envelope, Key},
-    link::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
+    console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
     safety::{
         BlackBox, Down, FaultRecord, GuardedSampler, Inputs, Rendered, Request, Supervisor, Up,
+        envelope::{Envelope, Key},
     },
     store::{Flash, Sector, Stored, load, save},
     telemetry::{Decoder, Frame},

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use virtual_board::{board::BOARDS, world::World};
 use zwidth::{
-    link::usages,
+    console::usages,
     telemetry::{Decoder, Flags},
 };
 

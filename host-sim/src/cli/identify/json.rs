@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::{
+    analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record},
     cli::SCHEMA_VERSION,
-    identify::{CONFIDENCE, Estimate, Identification, Options, Record},
     scene::Scene,
 };
 

@@ -4,9 +4,11 @@ use nalgebra::{DMatrix, DVector};
 
 use super::*;
 use crate::{
-    element::{Amplifier, Arm, Mode},
     plant::PlantStep,
-    scene::Device,
+    scene::{
+        Device,
+        element::{Amplifier, Arm, Mode},
+    },
 };
 
 const STEPS: &str = include_str!("../../../../tests/golden/augmented_step.csv");

@@ -1,7 +1,7 @@
 //! Which equation of a plant holds, for how long, and which one follows.
 
 use super::{HybridState, IntegratedStep};
-use crate::element::{End, REST_SPEED_M_PER_S, Travel};
+use crate::scene::element::{End, REST_SPEED_M_PER_S, Travel};
 
 /// Which equation holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

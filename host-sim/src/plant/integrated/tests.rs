@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::{
-    element::{Amplifier, Arm, Mode},
     plant::{AnyPlant, PlantStep},
-    scene::Device,
+    scene::{
+        Device,
+        element::{Amplifier, Arm, Mode},
+    },
 };
 
 const DEVICE: Device = Device {

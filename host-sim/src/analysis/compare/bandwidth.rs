@@ -1,0 +1,117 @@
+//! One measure for the tunings of all estimators: the frequency at which what they make of the
+//! position is down by 3 dB. Searches cover the same decades of it, and a tuning is "wrong by 20 %"
+//! when it is.
+//!
+//! | estimator | its bandwidth |
+//! |-----------|---------------|
+//! | linear in the position | highest frequency at which `V(z) / (j w)` is above -3 dB; half the rate if it never falls so low |
+//! | observer, fusion | the same of their answer to the position alone: above it they go by force or acceleration |
+//! | adaptive windowing | the same with its longest window in use |
+//! | time stamps | the same with an edge in every sample |
+//! | Levant's differentiator | the same of the loop that an error of one count makes of it, below |
+//!
+//! **Levant's differentiator** has no bandwidth of its own, but errors of one size see one: for
+//! `e = sin(w t)` counts the describing functions of its terms are `4 / pi` of the sign and 1.1128 of
+//! the root (`2 / pi` times the integral of `sin^(3/2)` from 0 to pi), so that
+//!
+//! ```text
+//! V / (s X) = (p s + i) / (s^2 + p s + i),   p = 1.1128 lambda,   i = 4 alpha / pi     explicit
+//!                     i / (s^2 + p s + i)                                             implicit: u1
+//! ```
+//!
+//! By its homogeneity every frequency in it goes with sqrt(C): 20 % of bandwidth are 44 % of C.
+
+use std::f64::consts::PI;
+
+use nalgebra::Complex;
+use zwidth::{Design, SettingsError, VelocitySettings, velocity::LevantDesign};
+
+use crate::scene::estimator::position_response;
+
+/// Lowest frequency that is looked at, of the rate.
+const LOWEST: f64 = 1e-5;
+/// Points from there to half the rate: 80 for a decade.
+const POINTS: u32 = 376;
+
+/// -3 dB frequency of what the estimator makes of the position, Hz.
+///
+/// # Errors
+/// A parameter is out of range.
+pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64, SettingsError> {
+    let of_rate = match *settings {
+        VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+            let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
+            let (p, i) = (1.1128 * sizes.lambda, 4.0 / PI * sizes.alpha);
+            highest(|of_rate| {
+                let s = Complex::new(0.0, 2.0 * PI * of_rate);
+                let over = if implicit { Complex::new(i, 0.0) } else { s * p + i };
+                (over / (s * s + s * p + i)).norm()
+            })
+        }
+        _ => match position_response(settings, design)? {
+            None => 0.5,
+            Some(function) => highest(|of_rate| {
+                let w = 2.0 * PI * of_rate;
+                let back = Complex::new(w.cos(), -w.sin());
+                function.at(back).norm() / (w * design.rate_hz)
+            }),
+        },
+    };
+    Ok(of_rate * design.rate_hz)
+}
+
+/// Highest frequency, of the rate, at which a magnitude is above -3 dB.
+fn highest(magnitude: impl Fn(f64) -> f64) -> f64 {
+    let above = |of_rate: f64| magnitude(of_rate) >= 0.5f64.sqrt();
+    let at = |n: u32| LOWEST * (0.5 / LOWEST).powf(f64::from(n) / f64::from(POINTS));
+    let Some(last) = (0..=POINTS).rev().find(|&n| above(at(n))) else { return LOWEST };
+    if last == POINTS {
+        return 0.5;
+    }
+    let (mut low, mut high) = (at(last), at(last + 1));
+    for _ in 0..40 {
+        let middle = (low * high).sqrt();
+        if above(middle) { low = middle } else { high = middle }
+    }
+    low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn of(settings: VelocitySettings) -> f64 {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        bandwidth_hz(&settings, &scene.design()).unwrap()
+    }
+
+    #[test]
+    fn bandwidths_are_those_of_theory() {
+        let near = |got: f64, want: f64, within: f64| {
+            assert!((got / want - 1.0).abs() < within, "{got} Hz, not {want}");
+        };
+        // low enough for the difference itself not to count: sinc(200 / 10000) is 0.9993
+        near(of(VelocitySettings::Butterworth { cutoff_hz: 200.0, prewarp: true }), 200.0, 1e-3);
+        near(of(VelocitySettings::TrackingLoop { bandwidth_hz: 200.0 }), 0.6436 * 200.0, 0.01);
+        // sin(x) / x = 1 / sqrt(2) at x = 1.3916
+        near(of(VelocitySettings::Difference), 1e4 * 1.391_557 / PI, 1e-5);
+        for window_samples in [1, 4, 16] {
+            let windowed =
+                of(VelocitySettings::Foaw { best: false, window_samples, noise_counts: 1.0 });
+            near(windowed, 1e4 * 1.391_557 / PI / f64::from(window_samples), 1e-5);
+            near(of(VelocitySettings::TimeStamps { span_samples: window_samples }), windowed, 1e-9);
+        }
+        // (1 + 9 x^2) / (1 + x^2)^3 = 1/2 at x = 1.6426
+        near(of(VelocitySettings::Fusion { crossover_hz: 20.0 }), 1.6426 * 20.0, 0.01);
+        near(of(VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.416 }), 32.9, 0.01);
+        // sqrt(C), and the narrower for the integrator alone
+        let levant = |implicit, acceleration_max_m_per_s2| {
+            of(VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio: 1.0 })
+        };
+        near(levant(true, 4.0) / levant(true, 1.0), 2.0, 1e-6);
+        assert!(levant(true, 1.0) < levant(false, 1.0));
+        // never below -3 dB: the parabola through three samples
+        assert_eq!(of(VelocitySettings::Taylor { order: 2 }), 5000.0);
+    }
+}

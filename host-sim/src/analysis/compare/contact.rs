@@ -1,0 +1,108 @@
+//! How rough a wall is in the hand: RMS of the part of the force above 100 Hz, over the window of a
+//! wall hit. One hit is a sample of a chaotic signal (15 % from start to start), so there are
+//! [`HITS`] of them, their starts spread over a count. The hand feels vibration best at some 250 Hz, and what lies above 100 Hz belongs to no
+//! wall. The hit runs with all elements of the scene; the force is the controller's, output
+//! quantisation included, before the amplifier.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+use rustfft::{FftPlanner, num_complex::Complex};
+
+use crate::{
+    simulation::prepared::{Numeric, Rig, WallHit},
+    study::sweep::start_offset_counts,
+};
+
+/// What a contact showed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contact {
+    /// The wall is stable with this estimator from every start.
+    pub stable: bool,
+    /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, N.
+    pub roughness_n: Vec<f64>,
+}
+
+/// Force above this frequency is roughness, Hz.
+pub const ROUGH_ABOVE_HZ: f64 = 100.0;
+/// Hits at a wall.
+pub const HITS: u32 = 16;
+
+/// Measures one estimator; the rig's scene holds it.
+pub fn measure(rig: &Rig, numeric: Numeric, wall: &WallHit) -> Contact {
+    let hits: Vec<(bool, f64)> = (0..HITS)
+        .into_par_iter()
+        .map(|n| {
+            let start_offset_counts = start_offset_counts(n, HITS);
+            hit(rig, numeric, &WallHit { start_offset_counts, ..*wall })
+        })
+        .collect();
+    Contact {
+        stable: hits.iter().all(|(stable, _)| *stable),
+        roughness_n: hits.into_iter().map(|(_, roughness_n)| roughness_n).collect(),
+    }
+}
+
+/// Whether a hit is stable, and how rough.
+fn hit(rig: &Rig, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
+    let mut forces_n = vec![];
+    let settle = u64::from(rig.plan().settle);
+    let report = rig.hit(numeric, wall, |sample| {
+        if let Some(rendered) = sample.rendered.filter(|_| sample.index >= settle) {
+            forces_n.push(rendered.output * rig.design().full_scale_n);
+        }
+    });
+    let stable = report.is_ok_and(|report| report.is_stable());
+    let output_hz = rig.design().rate_hz / f64::from(rig.design().period);
+    (stable, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
+}
+
+/// RMS of what lies above `above_hz` in a signal of that rate. The mean is taken off first; a Hann
+/// window keeps a drift at low frequencies from leaking up.
+fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "at most 2^24 samples")]
+    let length = signal.len() as f64;
+    if signal.is_empty() {
+        return 0.0;
+    }
+    let mean = signal.iter().sum::<f64>() / length;
+    let window = |n: usize| {
+        #[expect(clippy::cast_precision_loss, reason = "at most 2^24 samples")]
+        let n = n as f64;
+        0.5 - 0.5 * (2.0 * PI * n / length).cos()
+    };
+    let mut spectrum: Vec<Complex<f64>> = signal
+        .iter()
+        .enumerate()
+        .map(|(n, value)| Complex::new((value - mean) * window(n), 0.0))
+        .collect();
+    FftPlanner::new().plan_fft_forward(spectrum.len()).process(&mut spectrum);
+    let window_power: f64 = (0..signal.len()).map(|n| window(n).powi(2)).sum();
+    let power: f64 = spectrum
+        .iter()
+        .enumerate()
+        .filter(|(bin, _)| {
+            let mirrored = (*bin).min(spectrum.len() - bin);
+            #[expect(clippy::cast_precision_loss, reason = "at most 2^24 bins")]
+            let frequency = mirrored as f64 * rate_hz / length;
+            frequency > above_hz
+        })
+        .map(|(_, bin)| bin.norm_sqr())
+        .sum();
+    (power / length / window_power).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn power_is_split_at_the_frequency() {
+        let tone = |hz: f64, n: i32| (2.0 * PI * hz * f64::from(n) / 1000.0).sin();
+        let signal: Vec<f64> =
+            (0..2000).map(|n| 5.0 + 3.0 * tone(20.0, n) + 0.4 * tone(210.0, n)).collect();
+        let rough = rms_above(&signal, 1000.0, 100.0);
+        assert!((rough / (0.4 / 2f64.sqrt()) - 1.0).abs() < 1e-3, "{rough}");
+        assert_eq!(rms_above(&[], 1000.0, 100.0), 0.0);
+    }
+}

@@ -1,0 +1,286 @@
+//! Every velocity estimator, tuned by the same search on the same boundary, and what each of them
+//! costs.
+//!
+//! * [`search`]: the tuning with the largest Z-width area, by the same rule for each, over the same
+//!   decades of [`bandwidth`]; [`tuned`] is its result;
+//! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
+//! * [`contact`]: how rough the force is in contact;
+//! * [`fidelity`]: how far the rendered impedance is from the commanded one;
+//! * [`cost`]: cycles and memory on the Cortex-M4;
+//! * [`table`]: all of it as columns; [`winners`]: who is best by which.
+//!
+//! The core itself runs in all of them.
+
+pub mod axis;
+pub mod bandwidth;
+pub mod contact;
+pub mod cost;
+pub mod fidelity;
+pub mod search;
+pub mod signal;
+pub mod table;
+pub mod terminal;
+pub mod tuned;
+pub mod winners;
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use zwidth::{
+    VelocitySettings,
+    velocity::{EstimatorName, Sense},
+};
+
+pub use contact::Contact;
+pub use cost::Cost;
+pub use fidelity::Fidelity;
+pub use signal::Signal;
+pub use tuned::Tuned;
+
+use crate::{
+    error::Error,
+    numerics::statistics::Repeats,
+    scene::{LATENCY_KNOWN_MAX, Scene, estimator::Velocity},
+    simulation::prepared::{Numeric, Rig, WallHit},
+};
+
+/// An estimator in the comparison.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Entry {
+    /// Tuned by the search.
+    Tuned(EstimatorName),
+    /// The observer that knows the latency: it is told the force when it acts, and not when it is granted.
+    ObserverInTime,
+    /// As it is often set without thinking: a first-order low-pass at 50 Hz.
+    AdHoc,
+}
+
+/// Cutoff of [`Entry::AdHoc`], Hz.
+const AD_HOC_HZ: f64 = 50.0;
+
+impl Entry {
+    /// Every estimator that the scene can feed, each once (pre-warping moves a cutoff, nothing else),
+    /// and the ad-hoc one last.
+    pub fn all(scene: &Scene) -> Vec<Self> {
+        let twice = [EstimatorName::ButterworthPrewarped, EstimatorName::FirstOrderPrewarped];
+        let can = |name: &EstimatorName| name.sense().is_none_or(|sense| scene.feeds(sense));
+        let tuned = EstimatorName::ALL.iter().filter(|name| !twice.contains(name) && can(name));
+        let in_time = (1..=LATENCY_KNOWN_MAX).contains(&scene.actuator.latency_samples());
+        let more = in_time.then_some(Self::ObserverInTime).into_iter().chain([Self::AdHoc]);
+        tuned.map(|&name| Self::Tuned(name)).chain(more).collect()
+    }
+
+    /// Name in tables.
+    pub fn name(self) -> String {
+        match self {
+            Self::Tuned(name) => name.text().into(),
+            Self::ObserverInTime => "observer told in time".into(),
+            Self::AdHoc => format!("first-order at {AD_HOC_HZ} Hz"),
+        }
+    }
+
+    /// The scene, with what it tells to the estimator.
+    fn told(self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        scene.actuator.latency_known |= self == Self::ObserverInTime;
+        scene
+    }
+}
+
+/// What an estimator looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// The position only.
+    PositionOnly,
+    /// More: a force, an accelerometer, edge times.
+    MoreThanPosition,
+}
+
+impl Class {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::PositionOnly, Self::MoreThanPosition];
+
+    /// Name, as in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PositionOnly => "position_only",
+            Self::MoreThanPosition => "more_than_position",
+        }
+    }
+
+    /// Name for people.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::PositionOnly => "position only",
+            Self::MoreThanPosition => "with more than the position",
+        }
+    }
+}
+
+/// A wall.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Wall {
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+}
+
+impl Wall {
+    /// A hit of it, from the scene's own start.
+    pub fn hit(&self, cutoff_hz: f64) -> WallHit {
+        let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
+        WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    }
+}
+
+/// The walls at which estimators are compared: at half, one and two times the B at which K is read off
+/// each boundary, as far as the scene's walk goes; K is half of the mean that finite difference and
+/// Butterworth, tuned, reaches there, at least the walk's first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Softest damping first.
+    pub walls: [Wall; 3],
+}
+
+impl Place {
+    /// The one at which force is compared; its B is where K is read off.
+    pub fn middle(&self) -> Wall {
+        self.walls[1]
+    }
+}
+
+/// All about one estimator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compared {
+    /// Which one.
+    pub entry: Entry,
+    /// Its settings after the search.
+    pub settings: VelocitySettings,
+    /// The search and the boundaries at its result.
+    pub tuned: Tuned,
+    /// Delay and noise.
+    pub signal: Signal,
+    /// In contact with each of the walls.
+    pub contacts: [Contact; 3],
+    /// Rendered against commanded impedance.
+    pub fidelity: Fidelity,
+    /// On the Cortex-M4; `None` if it was not measured.
+    pub cost: Option<Cost>,
+}
+
+impl Compared {
+    /// What it looks at.
+    pub fn class(&self) -> Class {
+        match self.settings.name().sense() {
+            None => Class::PositionOnly,
+            Some(_) => Class::MoreThanPosition,
+        }
+    }
+
+    /// What it needs, for people.
+    pub fn needs(&self) -> &'static str {
+        match self.settings.name().sense() {
+            None => "position only",
+            Some(Sense::Force) => "commanded force + mass",
+            Some(Sense::Acceleration) => "accelerometer",
+            Some(Sense::Edge) => "edge times",
+        }
+    }
+}
+
+/// The scene with that estimator, and the cutoff to run it with.
+pub fn with_estimator(scene: &Scene, settings: &VelocitySettings) -> (Scene, f64) {
+    let (velocity, cutoff_hz) = Velocity::of(settings);
+    let mut scene = scene.clone();
+    scene.velocity = velocity;
+    if let Some(cutoff_hz) = cutoff_hz {
+        scene.sweep.cutoffs_hz = vec![cutoff_hz];
+    }
+    (scene, cutoff_hz.unwrap_or(0.0))
+}
+
+/// The estimator that gives the wall at which contacts are compared.
+const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
+
+/// Most walks that comparing `entries` takes.
+pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
+    let reference = u64::from(!entries.contains(&REFERENCE));
+    (entries.len() as u64 + reference) * budget.most()
+}
+
+/// Compares `entries`. Finite difference and Butterworth, tuned, gives the walls ([`Place`]) at which
+/// contacts are compared, whether it is among them or not. `done` is called with the number of walks
+/// made.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn compare(
+    scene: &Scene,
+    entries: &[Entry],
+    damping_n_s_per_m: f64,
+    budget: search::Budget,
+    stop: &AtomicBool,
+    done: impl Fn(u64) + Sync,
+) -> Result<(Place, Vec<Compared>), Error> {
+    let mut searched = entries.to_vec();
+    if !entries.contains(&REFERENCE) {
+        searched.push(REFERENCE);
+    }
+    let found: Vec<Result<(VelocitySettings, Tuned), Error>> = searched
+        .par_iter()
+        .with_max_len(1)
+        .map(|&entry| {
+            let start = settings_of(entry, scene);
+            let is_free = entry != Entry::AdHoc;
+            search::tune(&entry.told(scene), &start, is_free, budget, stop, &done)
+        })
+        .collect();
+    let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
+    let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
+    let plan = scene.walk_plan();
+    let walls = [0.5, 1.0, 2.0].map(|times| {
+        let damping_n_s_per_m = (times * damping_n_s_per_m)
+            .clamp(plan.damping_start_n_s_per_m, plan.damping_max_n_s_per_m);
+        let reached = reference.map_or(0.0, |(_, (_, tuned))| {
+            Repeats::of(tuned.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+        });
+        let stiffness_n_per_m = (reached / 2.0).max(plan.stiffness_start_n_per_m);
+        Wall { stiffness_n_per_m, damping_n_s_per_m }
+    });
+    let place = Place { walls };
+    let compared: Vec<Result<Compared, Error>> = entries
+        .par_iter()
+        .zip(found)
+        .map(|(&entry, (settings, tuned))| {
+            let (with, cutoff_hz) = with_estimator(&entry.told(scene), &settings);
+            let rig = Rig::new(&with)?;
+            let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
+            let contacts =
+                walls.map(|wall| contact::measure(&rig, Numeric::Fixed, &wall.hit(cutoff_hz)));
+            let fidelity = fidelity::measure(&with, cutoff_hz, &walls)?;
+            let cost = cost::of(settings.name());
+            Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })
+        })
+        .collect();
+    Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
+}
+
+/// Where the search starts. What is known of the device is told: the observer gets its mass.
+fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
+    match entry {
+        Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
+        Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
+        Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ, prewarp: false },
+    }
+}
+
+fn with_own_mass(settings: VelocitySettings, scene: &Scene) -> VelocitySettings {
+    match settings {
+        VelocitySettings::Observer { bandwidth_hz, .. } => {
+            VelocitySettings::Observer { bandwidth_hz, mass_kg: scene.device.mass_kg }
+        }
+        other => other,
+    }
+}

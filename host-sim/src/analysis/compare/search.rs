@@ -1,0 +1,376 @@
+//! The tuning with the largest Z-width area, found by the same rule for every estimator.
+//!
+//! The area over the tuning has one broad top and a rough surface. So the search looks at evenly
+//! spaced tunings first ([`Axes`]): bandwidths with one parameter, a grid with two. Then it goes
+//! from the best one to a neighbour that is better by more than [`GAIN`], along the axes and, with
+//! two, along the diagonals (a compass search). Where no neighbour is, the steps are halved. It has
+//! *settled* when they are below [`LAST_STEP`] of bandwidth; if the tunings that it may try are used
+//! up before, it has not, and the result says so. What is refused, and a whole number that was tried
+//! already, is not tried again.
+//!
+//! The search walks from two starts that are no repeat's; the result is walked again from the starts
+//! of a sweep, so that its area is not the luckiest of many. What is left of it where the tuning is
+//! wrong is walked from the same starts.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+use zwidth::{VelocitySettings, velocity::EstimatorName};
+
+use super::{
+    axis::Axes,
+    bandwidth::bandwidth_hz,
+    tuned::{Edge, Tried, Tuned},
+    with_estimator,
+};
+use crate::{
+    error::Error,
+    numerics::statistics::Repeats,
+    scene::Scene,
+    simulation::prepared::{Numeric, Rig},
+    study::{
+        sweep::start_offset_counts,
+        walk::{Boundary, walk},
+    },
+};
+
+/// What a search may cost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Budget {
+    /// Tunings that it may try with one parameter, 3 or more; with two [`OF_TWO`] times as many.
+    pub tunings: u32,
+    /// Walks at its result, starts spread over a count, 1 or more.
+    pub repeats: u32,
+}
+
+impl Budget {
+    /// Most walks that one estimator takes: its search, the result, and four wrong tunings.
+    pub fn most(&self) -> u64 {
+        let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
+        u64::from(walks) + 5 * u64::from(self.repeats)
+    }
+}
+
+/// Starts of the walks of a search, counts: the golden section and half a count from it, which no
+/// number of repeats has among its own.
+const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+/// Walks that the search makes for each tuning that it tries.
+pub const WALKS_OF_A_TRY: u32 = 2;
+/// Tunings that it may try with two parameters, for each that it may try with one.
+pub const OF_TWO: u32 = 4;
+/// Share of the tunings that goes into the first look, with one axis and with two.
+const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
+/// Lines of the first look across the second axis, at the middles of as many parts.
+const LINES: u32 = 3;
+/// A neighbour is better if its area is larger by this share.
+pub const GAIN: f64 = 0.002;
+/// Steps below this ratio of bandwidths are not made, but for whole numbers, which end by themselves.
+pub const LAST_STEP: f64 = 1.03;
+/// A step of that part of the range is the last one, whole number or not.
+const LEAST_STEP: f64 = 1e-4;
+/// How much the bandwidth is put wrong to see how much the tuning matters.
+pub const WRONG_BY: f64 = 1.2;
+/// How much the mass of a model is put wrong.
+pub const MASS_WRONG_BY: f64 = 0.2;
+
+/// Tunes `start` if it is free; else it is walked as it is. `done` is called with the number of walks made.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn tune(
+    scene: &Scene,
+    start: &VelocitySettings,
+    is_free: bool,
+    budget: Budget,
+    stop: &AtomicBool,
+    done: &(impl Fn(u64) + Sync),
+) -> Result<(VelocitySettings, Tuned), Error> {
+    let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Vec<Boundary>, Error> {
+        let (scene, cutoff_hz) = with_estimator(scene, settings);
+        let rig = Rig::new(&scene)?;
+        let each = |&start: &f64| walk(&rig, Numeric::Fixed, cutoff_hz, start, stop);
+        let boundaries = starts.par_iter().map(each).collect();
+        done(starts.len() as u64);
+        boundaries
+    };
+    let starts: Vec<f64> =
+        (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
+    let design = scene.design();
+    let axes = is_free.then(|| Axes::new(start, &design, scene.device.mass_kg)).flatten();
+    let mut tuned = Tuned {
+        tried: vec![],
+        settled: true,
+        boundaries: vec![],
+        bandwidth_hz: 0.0,
+        left_when_mistuned: [None; 2],
+        left_when_mass_is_wrong: [None; 2],
+        edges: [None; 2],
+    };
+    let mut best = *start;
+    if let Some(axes) = &axes {
+        let area = |settings: &VelocitySettings| {
+            Ok(Repeats::of(walks(settings, &STARTS)?.iter().map(|boundary| boundary.area)).mean)
+        };
+        let look = |settings: &[VelocitySettings]| settings.par_iter().map(area).collect();
+        let search = Search::over(axes, budget.tunings, look)?;
+        best = search.best().map_or(best, |tried| tried.settings);
+        tuned.edges = edges(axes, &best);
+        tuned.settled = search.settled;
+        tuned.tried = search.tried;
+    }
+    tuned.bandwidth_hz = bandwidth_hz(&best, &design).map_err(Error::input)?;
+    tuned.boundaries = walks(&best, &starts)?;
+    let area = tuned.area();
+    let left = |wrong: &VelocitySettings| -> Result<f64, Error> {
+        Ok(Repeats::of(walks(wrong, &starts)?.iter().map(|b| b.area)).mean / area)
+    };
+    for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
+        let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
+        if let Some((wrong, reached)) = wrong.filter(|_| area > 0.0) {
+            // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
+            let share = factor.ln() / reached.ln();
+            tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left(&wrong)?));
+        }
+    }
+    for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
+        if let VelocitySettings::Observer { bandwidth_hz, mass_kg } = best {
+            let wrong = VelocitySettings::Observer { bandwidth_hz, mass_kg: factor * mass_kg };
+            if area > 0.0 && wrong.build(&design).is_ok() {
+                tuned.left_when_mass_is_wrong[side] = Some(left(&wrong)?);
+            }
+        }
+    }
+    Ok((best, tuned))
+}
+
+/// Which parameters of `best` are at an end of what was searched, to within the last step.
+fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
+    let (_, [tuning, second]) = EstimatorName::of(best);
+    let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
+    let of = |refused: bool| if refused { Edge::Core } else { Edge::Search };
+    let mut edges = [None; 2];
+    for side in 0..2 {
+        if near(tuning, axes.tuning[side]) {
+            edges[0] = Some(of(axes.refused_beyond[side]));
+        }
+        if axes.second.is_some_and(|ends| near(second, ends[side])) {
+            edges[1] = Some(of(axes.second_refused_beyond));
+        }
+    }
+    edges
+}
+
+/// What was tried so far.
+struct Search {
+    tried: Vec<Tried>,
+    /// It ended because its steps became small.
+    settled: bool,
+}
+
+impl Search {
+    /// Tries at most that many tunings (with two axes [`OF_TWO`] times as many). `look` gives the
+    /// area of each of several.
+    fn over(
+        axes: &Axes,
+        tunings: u32,
+        look: impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
+    ) -> Result<Self, Error> {
+        let two = axes.second.is_some();
+        let (limit, (part, of)) = match two {
+            false => (tunings, FIRST_LOOK[0]),
+            true => (OF_TWO * tunings, FIRST_LOOK[1]),
+        };
+        let lines: &[f64] = &if two { even(LINES) } else { vec![axes.start_second()] };
+        let columns = (limit * part / of / if two { LINES } else { 1 }).max(2);
+        let mut search = Self { tried: vec![], settled: false };
+        let grid = (0..columns).flat_map(|n| {
+            let along = f64::from(n) / f64::from(columns - 1);
+            lines.iter().map(move |&second| [along, second])
+        });
+        search.look_at(axes, grid.collect(), limit, &look)?;
+        let mut steps = [0.5 / f64::from(columns - 1), 0.5 / f64::from(LINES)];
+        let [low, high] = axes.bandwidth_hz;
+        let last = if axes.whole { LEAST_STEP } else { LAST_STEP.ln() / (high / low).ln() };
+        while let Some(centre) = search.best() {
+            if steps[0] < last.max(LEAST_STEP) {
+                search.settled = true;
+                break;
+            }
+            let mut better = false;
+            for [dx, dy] in if two { &DIRECTIONS[..] } else { &DIRECTIONS[..2] } {
+                let [x, y] = centre.place;
+                let place = [x + dx * steps[0], y + dy * steps[1]].map(|at| at.clamp(0.0, 1.0));
+                if search.tried.len() >= limit as usize && search.is_new(axes, place) {
+                    return Ok(search);
+                }
+                search.look_at(axes, vec![place], limit, &look)?;
+                better = search.best().is_some_and(|best| best.area > centre.area * (1.0 + GAIN));
+                if better {
+                    break;
+                }
+            }
+            if !better {
+                steps = steps.map(|step| 0.5 * step);
+            }
+        }
+        Ok(search)
+    }
+
+    /// Tries those places, as far as they are new and within the limit.
+    fn look_at(
+        &mut self,
+        axes: &Axes,
+        places: Vec<[f64; 2]>,
+        limit: u32,
+        look: &impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
+    ) -> Result<(), Error> {
+        let mut fresh: Vec<([f64; 2], VelocitySettings)> = vec![];
+        for place in places {
+            let settings = axes.at(place);
+            let again = fresh.iter().any(|(_, other)| *other == settings);
+            let room = self.tried.len() + fresh.len() < limit as usize;
+            if room && !again && self.is_new(axes, place) {
+                fresh.push((place, settings));
+            }
+        }
+        let settings: Vec<VelocitySettings> = fresh.iter().map(|(_, settings)| *settings).collect();
+        let areas = look(&settings)?;
+        let tried = fresh.into_iter().zip(areas);
+        self.tried.extend(tried.map(|((place, settings), area)| Tried { place, settings, area }));
+        Ok(())
+    }
+
+    fn is_new(&self, axes: &Axes, place: [f64; 2]) -> bool {
+        let settings = axes.at(place);
+        axes.accepts(&settings) && self.tried.iter().all(|tried| tried.settings != settings)
+    }
+
+    fn best(&self) -> Option<Tried> {
+        self.tried.iter().max_by(|a, b| a.area.total_cmp(&b.area)).copied()
+    }
+}
+
+/// To the neighbours of a tuning: along the first axis, the second, both.
+const DIRECTIONS: [[f64; 2]; 8] = [
+    [1.0, 0.0],
+    [-1.0, 0.0],
+    [0.0, 1.0],
+    [0.0, -1.0],
+    [1.0, 1.0],
+    [-1.0, -1.0],
+    [1.0, -1.0],
+    [-1.0, 1.0],
+];
+
+/// The middles of that many equal parts of 0 to 1.
+fn even(parts: u32) -> Vec<f64> {
+    (0..parts).map(|n| (f64::from(n) + 0.5) / f64::from(parts)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    /// Searches a made-up surface; what was tried, the best of it, and whether the search settled.
+    fn search(
+        name: EstimatorName,
+        tunings: u32,
+        area: impl Fn([f64; 2]) -> f64,
+    ) -> (Vec<[f64; 2]>, [f64; 2], bool) {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let axes = Axes::new(&name.defaults(), &scene.design(), 0.416).unwrap();
+        let look = |settings: &[VelocitySettings]| {
+            Ok(settings.iter().map(|settings| area(EstimatorName::of(settings).1)).collect())
+        };
+        let search = Search::over(&axes, tunings, look).unwrap();
+        let looked = search.tried.iter().map(|tried| EstimatorName::of(&tried.settings).1);
+        let best = EstimatorName::of(&search.best().unwrap().settings).1;
+        (looked.collect(), best, search.settled)
+    }
+
+    /// A hill of height 1 that falls to 95 % at a ratio of 1.2.
+    fn hill(ratio: f64) -> f64 {
+        (-0.05 * (ratio.ln() / 1.2f64.ln()).powi(2)).exp()
+    }
+
+    #[test]
+    fn it_settles_at_the_top_of_a_hill() {
+        for top in [60.0, 120.0, 1700.0, 4000.0] {
+            let (looked, [found, _], settled) =
+                search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
+            assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
+            assert!((14..=24).contains(&looked.len()), "{}", looked.len());
+            // more is of no use: it looks more closely first, and settles as well
+            let (_, [again, _], settled) =
+                search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
+            assert!(settled && hill(again / top) > 0.995, "{again} for {top}");
+        }
+    }
+
+    #[test]
+    fn a_second_parameter_is_found_on_a_ridge_across_the_axes() {
+        for (top, best) in [(3.0, 2.2), (40.0, 0.6), (15.0, 1.0)] {
+            // bandwidth goes with sqrt(C); narrow across the diagonal, flat along it
+            let ridge = |[c, lambda]: [f64; 2]| {
+                let (x, y) = ((c / top).sqrt().ln(), (lambda / best).ln());
+                hill((2.0 * (x + y)).exp()) * hill((0.5 * (x - y)).exp())
+            };
+            let (looked, [c, lambda], settled) = search(EstimatorName::LevantExplicit, 24, ridge);
+            assert!(settled && ridge([c, lambda]) > 0.99, "{c} {lambda} for {top} {best}");
+            assert!(looked.len() <= 96);
+        }
+    }
+
+    #[test]
+    fn a_search_that_runs_out_of_tunings_says_so() {
+        let (looked, _, settled) =
+            search(EstimatorName::LevantExplicit, 4, |[c, _]| hill(c / 13.0));
+        assert!(!settled && looked.len() == 16, "{}", looked.len());
+        let (looked, _, settled) = search(EstimatorName::FirstOrder, 3, |[hz, _]| hill(hz / 900.0));
+        assert!(!settled && looked.len() == 3, "{}", looked.len());
+    }
+
+    #[test]
+    fn a_start_of_the_search_is_no_repeats() {
+        for repeats in 1..=1000 {
+            for repeat in 0..repeats {
+                let offset = start_offset_counts(repeat, repeats);
+                assert!(STARTS.iter().all(|start| (start - offset).abs() > 1e-7), "{repeats}");
+            }
+        }
+    }
+
+    #[test]
+    fn whole_numbers_are_looked_at_once_from_the_smallest_that_is_accepted() {
+        for (name, smallest) in [
+            (EstimatorName::LeastSquares1, 1.0),
+            (EstimatorName::LeastSquares2, 2.0),
+            (EstimatorName::TimeStamps, 1.0),
+        ] {
+            for top in [smallest, 3.0, 17.0, 40.0] {
+                let (mut looked, [found, _], settled) = search(name, 24, |[n, _]| hill(n / top));
+                assert!(settled && found == top, "{name:?}: {found} for {top}");
+                assert!(looked.iter().any(|[n, _]| *n == smallest), "{name:?}: {looked:?}");
+                let tried = looked.len();
+                looked.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                looked.dedup();
+                assert_eq!(looked.len(), tried, "one was looked at twice");
+            }
+        }
+    }
+
+    #[test]
+    fn an_end_of_the_range_is_named_with_its_reason() {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let of = |name: EstimatorName, place| {
+            let axes = Axes::new(&name.defaults(), &scene.design(), 0.416).unwrap();
+            edges(&axes, &axes.at(place))
+        };
+        assert_eq!(of(EstimatorName::TrackingLoop, [1.0, 0.0]), [Some(Edge::Core), None]);
+        assert_eq!(of(EstimatorName::Butterworth, [0.0, 0.0]), [Some(Edge::Search), None]);
+        assert_eq!(of(EstimatorName::Butterworth, [0.5, 0.0]), [None; 2]);
+        assert_eq!(of(EstimatorName::LevantExplicit, [0.5, 1.0]), [None, Some(Edge::Core)]);
+        assert_eq!(of(EstimatorName::FoawEnd, [0.5, 0.0])[1], Some(Edge::Search));
+    }
+}

@@ -1,0 +1,267 @@
+//! Delay and noise of an estimator alone, on prescribed motions, by the core's own arithmetic.
+//!
+//! | figure | motion | driven by |
+//! |--------|--------|-----------|
+//! | delay, phase | a sine of up to 100 counts per sample, as fast as the actuator's force can make it | the hand, and again the motor |
+//! | noise at rest | the count flickers between two neighbours at random, the worst place to rest | nothing |
+//! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction | the hand |
+//!
+//! As on a device, an estimator that knows a force knows the *motor's*, never the hand's. Where the
+//! motor drives, that is the force which the device itself asks for: `m x'' + b x' + k x`, with the
+//! scene's own damping and spring, which the estimator does not model. It is told when it is granted,
+//! the actuator's latency (whole samples) before it acts, as the firmware tells it; with
+//! `actuator.latency_known` when it acts. What else it needs it is given
+//! as it is: an accelerometer's reading of the whole motion, the encoder's edges.
+
+use std::f64::consts::PI;
+
+use zwidth::{SettingsError, units::Force};
+
+use crate::{
+    scene::Scene,
+    simulation::{
+        controller::{Controller, Fixed},
+        senses::{Full, Handle, Sensing},
+    },
+};
+
+/// Delay and noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Signal {
+    /// Delay of a slow sine, s; negative if it leads.
+    pub delay_s: Driven,
+    /// Phase at 100 Hz against the true velocity, degrees; negative is late.
+    pub phase_100_hz_deg: Driven,
+    /// RMS of the velocity at rest with a flickering count, m/s.
+    pub noise_at_rest_m_per_s: f64,
+    /// RMS of the error at constant speeds, m/s: the largest over the speeds.
+    pub noise_in_motion_m_per_s: f64,
+}
+
+/// The same figure of a motion that the hand makes and of one that the motor makes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Driven {
+    /// By the hand: no force is known.
+    pub hand: f64,
+    /// By the motor: all of the force is known.
+    pub motor: f64,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Drive {
+    Hand,
+    Motor,
+}
+
+/// Frequency at which the delay is read, as a fraction of the rate.
+const SLOW: f64 = 5e-4;
+/// Fastest speed of the sines, counts per sample.
+const FAST_COUNTS: f64 = 100.0;
+/// Samples before anything is looked at: the slowest filters have settled.
+const WARM_UP: u32 = 20_000;
+const SAMPLES: u32 = 40_000;
+/// Speeds, counts per sample.
+const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7];
+
+/// A motion: position in counts and speed in counts per sample, at a sample.
+type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
+
+/// Measures the estimator of that scene at that cutoff.
+///
+/// # Errors
+/// A parameter is out of range.
+pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
+    let bench = Bench { scene, cutoff_hz };
+    let count_per_sample = scene.encoder.resolution_m * scene.control.rate_hz;
+    let rate_hz = scene.control.rate_hz;
+    let driven = |frequency: f64, scale: f64| {
+        let [hand, motor] = [Drive::Hand, Drive::Motor].map(|by| bench.sine(frequency, by));
+        Ok::<_, SettingsError>(Driven { hand: scale * hand?, motor: scale * motor? })
+    };
+    let delay_s = driven(SLOW, -1.0 / (2.0 * PI * SLOW * rate_hz))?;
+    let phase_100_hz_deg = driven(100.0 / rate_hz, 180.0 / PI)?;
+    let mut state = 0x2545_f491_4f6c_dd1du64;
+    let mut flicker = |_| {
+        // xorshift64: the flicker must be the same in every run and on every machine
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        [if state >> 40 & 1 == 1 { 1.25 } else { 0.75 }, 0.0]
+    };
+    let at_rest = bench.noise(&mut flicker, 0.0)?;
+    let mut in_motion = 0f64;
+    for speed in SPEEDS {
+        in_motion = in_motion.max(bench.noise(&mut |n| [speed * f64::from(n), speed], speed)?);
+    }
+    Ok(Signal {
+        delay_s,
+        phase_100_hz_deg,
+        noise_at_rest_m_per_s: at_rest * count_per_sample,
+        noise_in_motion_m_per_s: in_motion * count_per_sample,
+    })
+}
+
+struct Bench<'a> {
+    scene: &'a Scene,
+    cutoff_hz: f64,
+}
+
+impl Bench<'_> {
+    /// RMS of the velocity's distance from `speed`, counts per sample.
+    fn noise(&self, motion: &mut Motion<'_>, speed: f64) -> Result<f64, SettingsError> {
+        let mut sum = 0.0;
+        self.run(motion, Drive::Hand, |_, velocity| sum += (velocity - speed).powi(2))?;
+        Ok((sum / f64::from(SAMPLES)).sqrt())
+    }
+
+    /// Speed of a sine that takes 80 % of the actuator's force, counts per sample.
+    fn fastest(&self, omega: f64) -> f64 {
+        let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
+        let per_s = omega * rate_hz;
+        let reactance = device.mass_kg * per_s - device.stiffness_n_per_m / per_s;
+        let impedance = reactance.hypot(device.damping_n_s_per_m);
+        0.8 * self.scene.full_scale_n() / impedance / (rate_hz * self.scene.encoder.resolution_m)
+    }
+
+    /// Phase in radians at `frequency` cycles per sample, against the true velocity.
+    fn sine(&self, frequency: f64, by: Drive) -> Result<f64, SettingsError> {
+        let omega = 2.0 * PI * frequency;
+        let fast = FAST_COUNTS.min(self.fastest(omega));
+        let amplitude = fast / omega;
+        // a whole number of periods
+        let samples = (f64::from(SAMPLES) * frequency).floor() / frequency;
+        let (mut re, mut im) = (0.0, 0.0);
+        let mut motion = |n| {
+            let angle = omega * f64::from(n);
+            [amplitude * angle.sin(), fast * angle.cos()]
+        };
+        self.run(&mut motion, by, |n, velocity| {
+            if f64::from(n) < samples {
+                let angle = omega * f64::from(n + WARM_UP);
+                re += velocity * angle.cos();
+                im += velocity * angle.sin();
+            }
+        })?;
+        // the true velocity is in phase with cos(angle); late by phi it is cos(angle + phi), phi < 0
+        Ok((-im).atan2(re))
+    }
+
+    /// Mean force over a sample that the device needs to move so, N.
+    fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
+        let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
+        let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz
+            + device.damping_n_s_per_m * (x1 - x0) * rate_hz
+            + device.stiffness_n_per_m * (x0 + x1) / 2.0;
+        counts * self.scene.encoder.resolution_m
+    }
+
+    /// Feeds the motion; `each` sees sample number and velocity, counts per sample, after the warm-up.
+    fn run(
+        &self,
+        motion: &mut Motion<'_>,
+        by: Drive,
+        mut each: impl FnMut(u32, f64),
+    ) -> Result<(), SettingsError> {
+        let scene = self.scene;
+        let (resolution_m, rate_hz) = (scene.encoder.resolution_m, scene.control.rate_hz);
+        let handle = |[position, speed]: [f64; 2]| Handle {
+            position_m: position * resolution_m,
+            speed_m_per_s: speed * resolution_m * rate_hz,
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "far within i32")]
+        let count = |[position, _]: [f64; 2]| position.floor() as i32;
+        let mut here = motion(0);
+        let settings = scene.settings(self.cutoff_hz, 0.0, 0.0);
+        let mut core = Fixed::new(&settings, &scene.design(), Force::ZERO, count(here))?;
+        let mut senses = Full::new(scene);
+        let latency = scene.actuator.latency_samples();
+        for n in 1..WARM_UP + SAMPLES {
+            let force_n = match by {
+                Drive::Hand => 0.0,
+                Drive::Motor => self.force_n(motion(n + latency - 1), motion(n + latency)),
+            };
+            let there = motion(n);
+            senses.granted(force_n / scene.full_scale_n());
+            senses.moved(handle(here), handle(there));
+            here = there;
+            senses.sample(&mut core, count(here));
+            if n >= WARM_UP {
+                each(n - WARM_UP, core.velocity());
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+    use rustfft::num_complex::Complex;
+    use zwidth::VelocitySettings;
+
+    fn signal(settings: VelocitySettings) -> Signal {
+        of(0.0, false, settings)
+    }
+
+    fn of(latency: f64, latency_known: bool, settings: VelocitySettings) -> Signal {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        scene.actuator.latency = latency;
+        scene.actuator.latency_known = latency_known;
+        let (scene, cutoff_hz) = crate::analysis::compare::with_estimator(&scene, &settings);
+        measure(&scene, cutoff_hz).unwrap()
+    }
+
+    #[test]
+    fn delays_and_noise_are_those_of_theory() {
+        // T/2 for the difference; T/2 + sqrt(2) / wc with the filter
+        let plain = signal(VelocitySettings::Difference);
+        assert!((plain.delay_s.hand / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
+        assert!((plain.phase_100_hz_deg.hand + 1.8).abs() < 0.05, "{plain:?}");
+        // who drives is the same to an estimator that looks at the position only
+        assert_eq!(plain.delay_s.hand, plain.delay_s.motor);
+        let butterworth =
+            signal(VelocitySettings::Butterworth { cutoff_hz: 500.0, prewarp: false });
+        assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
+        assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
+        // a fair coin per sample: half of the differences are +-1 count, 10 mm/s each
+        assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
+        assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
+        assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
+        let window = VelocitySettings::LeastSquares { degree: 1, window_samples: 20 };
+        assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
+        // Told the motor's force, the observer is hardly late. Of a hand's it knows nothing: then it is
+        // what its poles w make of the position, late by 3 atan(x) - atan(3 x) at x = 100 Hz over the
+        // bandwidth.
+        let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
+        // what the device's damping b takes of that force it does not know of: it leads by 3 b / (m w^2)
+        let lead = 3.0 * 5.5195 / 0.416 / (2.0 * PI * 100.0).powi(2);
+        assert!((observer.delay_s.motor / -lead - 1.0).abs() < 0.1, "{observer:?} {lead}");
+        assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
+        let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
+        assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
+        // Told of the force 0.3 ms before it acts, it leads: of a force U for the acceleration s^2 X it
+        // passes (s^3 + 3 w s^2) / (s + w)^3, and U is (1 + b / (m s)) e^(s t) of what it should be.
+        let s = Complex::new(0.0, 2.0 * PI * 100.0);
+        let w = 2.0 * PI * 100.0;
+        let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));
+        let told_of_right = (Complex::new(5.5195 / 0.416, 0.0) / s + 1.0) * (s * 3e-4).exp();
+        let early = (passed * (told_of_right - 1.0) + 1.0).arg().to_degrees();
+        let settings = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 };
+        let told = of(3.0, false, settings);
+        assert!(early > 4.0 && observer.phase_100_hz_deg.motor < 1.0);
+        assert!((told.phase_100_hz_deg.motor - early).abs() < 0.6, "{told:?} {early}");
+        assert_eq!(told.phase_100_hz_deg.hand, observer.phase_100_hz_deg.hand);
+        // With the latency known it is told in time, and is as without a latency.
+        assert_eq!(of(3.0, true, settings), observer);
+        // told of a mass that is 20 % too large, it takes a sixth of the acceleration for a hand's
+        let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };
+        let off = signal(wrong).phase_100_hz_deg;
+        assert!(off.motor < -2.0 && off.motor > off.hand, "{off:?}");
+        let stamps = signal(VelocitySettings::TimeStamps { span_samples: 8 });
+        assert!(
+            stamps.noise_in_motion_m_per_s < 1e-2 * plain.noise_in_motion_m_per_s,
+            "{stamps:?}"
+        );
+    }
+}

@@ -1,0 +1,361 @@
+//! The comparison as a table: one list of criteria for CSV, JSON, the page and the winners.
+
+use zwidth::velocity::EstimatorName;
+
+use super::{
+    Compared, Place, contact, fidelity,
+    search::{GAIN, LAST_STEP, OF_TWO, WALKS_OF_A_TRY},
+    tuned::Edge,
+};
+use crate::numerics::statistics::Repeats;
+
+/// Which end of a criterion is good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Better {
+    /// The larger.
+    More,
+    /// The smaller.
+    Less,
+    /// The nearer to 0, from either side.
+    NearerToZero,
+}
+
+/// Which of the tables for people a criterion stands in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The Z-width.
+    Boundary,
+    /// The estimator alone.
+    Signal,
+    /// In contact.
+    Contact,
+    /// Wrong settings, and cost.
+    Robustness,
+}
+
+impl Part {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Boundary, Self::Signal, Self::Contact, Self::Robustness];
+
+    /// Heading.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Boundary => "Z-width (means of the repeats)",
+            Self::Signal => "The estimator alone (h: moved by the hand, m: by the motor)",
+            Self::Contact => "In contact",
+            Self::Robustness => "Area that is left with wrong settings, and cost on the Cortex-M4",
+        }
+    }
+}
+
+/// One column.
+pub struct Criterion {
+    /// Name, as a CSV column, with its unit.
+    pub key: &'static str,
+    /// Name for people.
+    pub name: &'static str,
+    /// Unit of the value for people.
+    pub unit: &'static str,
+    /// Factor from the CSV's unit to that.
+    pub scale: f64,
+    /// Digits after the point for people.
+    pub digits: usize,
+    /// Where it stands.
+    pub part: Part,
+    /// Which end is good; `None` for what is neither.
+    pub better: Option<Better>,
+    /// Its value in each repeat; one if it is measured once, none where it does not apply.
+    pub values: fn(&Compared, &Place) -> Vec<f64>,
+}
+
+impl Criterion {
+    /// The mean of its values.
+    pub fn value(&self, c: &Compared, place: &Place) -> Option<f64> {
+        let values = (self.values)(c, place);
+        (!values.is_empty()).then(|| Repeats::of(values.iter().copied()).mean)
+    }
+
+    /// The value for people.
+    pub fn cell(&self, c: &Compared, place: &Place) -> String {
+        self.value(c, place).map_or_else(
+            || "-".into(),
+            |v| crate::output::figure::number(v * self.scale, self.digits),
+        )
+    }
+}
+
+use Better::{Less, More, NearerToZero};
+use Part::{Boundary, Robustness, Signal};
+
+const AREA: &str = "10^6 N² s/m²";
+
+/// All columns.
+pub const CRITERIA: [Criterion; 25] = [
+    column("area_n2_s_per_m2", "area", (AREA, 1e-6, 2), Boundary, Some(More), |c, _| {
+        c.tuned.areas()
+    }),
+    column("area_low_n2_s_per_m2", "lowest", (AREA, 1e-6, 2), Boundary, None, |c, _| {
+        vec![c.tuned.area_range()[0]]
+    }),
+    column("area_high_n2_s_per_m2", "highest", (AREA, 1e-6, 2), Boundary, None, |c, _| {
+        vec![c.tuned.area_range()[1]]
+    }),
+    column(
+        "stiffness_peak_mean_n_per_m",
+        "peak K",
+        ("kN/m", 1e-3, 1),
+        Boundary,
+        Some(More),
+        |c, _| c.tuned.stiffness_peaks_n_per_m(),
+    ),
+    column(
+        "stiffness_at_damping_mean_n_per_m",
+        "K at B",
+        ("kN/m", 1e-3, 1),
+        Boundary,
+        Some(More),
+        |c, place| c.tuned.stiffnesses_at(place.middle().damping_n_s_per_m),
+    ),
+    column(
+        "damping_max_mean_n_s_per_m",
+        "largest B",
+        ("N s/m", 1.0, 0),
+        Boundary,
+        Some(More),
+        |c, _| c.tuned.dampings_max_n_s_per_m(),
+    ),
+    column("bandwidth_hz", "-3 dB", ("Hz", 1.0, 0), Signal, None, |c, _| {
+        vec![c.tuned.bandwidth_hz]
+    }),
+    column("delay_hand_s", "delay h", ("ms", 1e3, 3), Signal, Some(NearerToZero), |c, _| {
+        vec![c.signal.delay_s.hand]
+    }),
+    column("delay_motor_s", "delay m", ("ms", 1e3, 3), Signal, Some(NearerToZero), |c, _| {
+        vec![c.signal.delay_s.motor]
+    }),
+    column("phase_100_hz_hand_deg", "100 Hz h", ("deg", 1.0, 1), Signal, None, |c, _| {
+        vec![c.signal.phase_100_hz_deg.hand]
+    }),
+    column("phase_100_hz_motor_deg", "100 Hz m", ("deg", 1.0, 1), Signal, None, |c, _| {
+        vec![c.signal.phase_100_hz_deg.motor]
+    }),
+    column("noise_at_rest_m_per_s", "noise, rest", ("mm/s", 1e3, 3), Signal, Some(Less), |c, _| {
+        vec![c.signal.noise_at_rest_m_per_s]
+    }),
+    column(
+        "noise_in_motion_m_per_s",
+        "noise, motion",
+        ("mm/s", 1e3, 3),
+        Signal,
+        Some(Less),
+        |c, _| vec![c.signal.noise_in_motion_m_per_s],
+    ),
+    column("roughness_n", "force > 100 Hz", ("mN", 1e3, 1), Part::Contact, Some(Less), |c, _| {
+        roughness(c)
+    }),
+    column("roughness_low_n", "lowest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
+        roughness(c).into_iter().reduce(f64::min).into_iter().collect()
+    }),
+    column("roughness_high_n", "highest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
+        roughness(c).into_iter().reduce(f64::max).into_iter().collect()
+    }),
+    column(
+        "impedance_error",
+        "impedance error",
+        ("%", 1e2, 2),
+        Part::Contact,
+        Some(Less),
+        |c, _| at_all_walls(c, c.fidelity.error),
+    ),
+    column(
+        "impedance_error_of_estimator",
+        "estimator's share",
+        ("%", 1e2, 2),
+        Part::Contact,
+        Some(Less),
+        |c, _| at_all_walls(c, c.fidelity.of_estimator),
+    ),
+    column("left_when_bandwidth_low", "-3 dB /1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mistuned[0].into_iter().collect()
+    }),
+    column("left_when_bandwidth_high", "-3 dB x1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mistuned[1].into_iter().collect()
+    }),
+    column(
+        "left_when_bandwidth_wrong",
+        "worse of both",
+        ("%", 1e2, 0),
+        Robustness,
+        Some(More),
+        |c, _| worse(c.tuned.left_when_mistuned),
+    ),
+    column("left_when_mass_low", "mass -20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mass_is_wrong[0].into_iter().collect()
+    }),
+    column("left_when_mass_high", "mass +20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
+        c.tuned.left_when_mass_is_wrong[1].into_iter().collect()
+    }),
+    column("cycles", "cycles", ("", 1.0, 0), Robustness, Some(Less), |c, _| {
+        c.cost.map(|cost| cost.cycles).into_iter().collect()
+    }),
+    column("ram_bytes", "RAM", ("bytes", 1.0, 0), Robustness, Some(Less), |c, _| {
+        c.cost.map(|cost| cost.ram_bytes).into_iter().collect()
+    }),
+];
+
+/// Of each hit at the middle wall, if that is stable.
+fn roughness(c: &Compared) -> Vec<f64> {
+    let [_, middle, _] = &c.contacts;
+    if middle.stable { middle.roughness_n.clone() } else { vec![] }
+}
+
+/// A value that holds for all walls, if all of them are stable.
+fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
+    if c.contacts.iter().all(|contact| contact.stable) { vec![value] } else { vec![] }
+}
+
+/// The smaller of two values, if there are both.
+fn worse([low, high]: [Option<f64>; 2]) -> Vec<f64> {
+    low.zip(high).map(|(low, high)| low.min(high)).into_iter().collect()
+}
+
+/// Walks that the search made.
+pub fn search_walks(c: &Compared) -> usize {
+    c.tuned.tried.len() * WALKS_OF_A_TRY as usize
+}
+
+const fn column(
+    key: &'static str,
+    name: &'static str,
+    (unit, scale, digits): (&'static str, f64, usize),
+    part: Part,
+    better: Option<Better>,
+    values: fn(&Compared, &Place) -> Vec<f64>,
+) -> Criterion {
+    Criterion { key, name, unit, scale, digits, part, better, values }
+}
+
+/// A parameter that was tuned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// Its name.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What the search found.
+    pub value: f64,
+    /// The end of what was searched, if it lies there.
+    pub edge: Option<Edge>,
+}
+
+/// The tuning and the second parameter, as far as the estimator has them.
+pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
+    let (name, values) = EstimatorName::of(&c.settings);
+    let mut found = [None; 2];
+    for (n, parameter) in name.parameters().into_iter().enumerate() {
+        found[n] = parameter.map(|parameter| Parameter {
+            name: parameter.name,
+            unit: parameter.unit,
+            value: values[n],
+            edge: c.tuned.edges[n],
+        });
+    }
+    found
+}
+
+/// The table as CSV.
+pub fn csv(compared: &[Compared], place: &Place) -> String {
+    let keys: Vec<&str> = CRITERIA.iter().map(|criterion| criterion.key).collect();
+    let mut text = format!(
+        "estimator,needs,tuning,tuning_unit,tuning_at_edge,second,second_unit,second_at_edge,\
+         search_walks,search_settled,stable_at_walls,{}\n",
+        keys.join(",")
+    );
+    for c in compared {
+        let parameters = parameters(c).map(|parameter| match parameter {
+            Some(p) => format!("{},{},{}", p.value, p.unit, p.edge.is_some()),
+            None => ",,false".into(),
+        });
+        let cells = CRITERIA.iter().map(|criterion| {
+            criterion.value(c, place).map(|value| value.to_string()).unwrap_or_default()
+        });
+        let cells: Vec<String> = cells.collect();
+        text.push_str(&format!(
+            "{},{},{},{},{},{},{}\n",
+            c.entry.name(),
+            c.needs(),
+            parameters.join(","),
+            search_walks(c),
+            c.tuned.settled,
+            c.contacts.iter().filter(|contact| contact.stable).count(),
+            cells.join(",")
+        ));
+    }
+    text
+}
+
+/// What a reader must know beside the numbers, one sentence each.
+pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
+    let (k, b) = (place.middle().stiffness_n_per_m, place.middle().damping_n_s_per_m);
+    let walls = place.walls.map(|wall| {
+        format!("K = {:.0} N/m, B = {} N s/m", wall.stiffness_n_per_m, wall.damping_n_s_per_m)
+    });
+    let mut notes = vec![
+        format!(
+            "The searches walk from {WALKS_OF_A_TRY} starts that are no repeat's, and settle where no \
+             neighbour is better by more than {} % at steps of {:.0} % of bandwidth or less; with two \
+             parameters they may try {OF_TWO} times as many tunings as with one.",
+            100.0 * GAIN,
+            100.0 * (LAST_STEP * LAST_STEP - 1.0)
+        ),
+        format!(
+            "K at B is at B = {b} N s/m. Force above {} Hz is its RMS in {} wall hits at K = {k:.0} N/m, \
+             B = {b} N s/m; it is empty where that wall is not stable.",
+            contact::ROUGH_ABOVE_HZ,
+            contact::HITS
+        ),
+        format!(
+            "Impedance from 1 to 100 Hz under a prescribed motion at {}: geometric mean over walls and \
+             frequencies; empty where one of the walls is not stable. Left out: {}.",
+            walls.join("; "),
+            fidelity::LEFT_OUT
+        ),
+    ];
+    if let Some(first) = compared.first() {
+        notes.push(format!(
+            "Hold and latency of the loop alone, with the true velocity, make an impedance error of \
+             {:.2} %; the estimator's share is the distance from that.",
+            100.0 * first.fidelity.of_loop
+        ));
+    }
+    let unsettled = compared.iter().filter(|c| !c.tuned.settled).map(|c| c.entry.name());
+    let unsettled: Vec<String> = unsettled.collect();
+    if !unsettled.is_empty() {
+        notes.push(format!(
+            "Not settled, their tunings used up: {}; a larger --budget may find more.",
+            unsettled.join(", ")
+        ));
+    }
+    notes.push(
+        "An estimator that knows a force knows the motor's only: when it is granted, as on our boards, or, with \
+         the latency known (`told in time`), when it acts. The push \
+         of a wall hit is the motor's too, so there it knows all of the force; of a hand's it would know nothing. \
+         Delay and phase are given for a motion made by the hand and for one made by the motor; noise with no force."
+            .into(),
+    );
+    for c in compared {
+        for parameter in parameters(c).into_iter().flatten() {
+            let why = match parameter.edge {
+                None => continue,
+                Some(Edge::Core) => "the core accepts nothing beyond",
+                Some(Edge::Search) => "nothing beyond was searched",
+            };
+            let name = c.entry.name();
+            notes.push(format!(
+                "{name}: the best {} is an end of its range; {why}.",
+                parameter.name
+            ));
+        }
+    }
+    notes
+}

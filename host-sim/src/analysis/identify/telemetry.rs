@@ -1,0 +1,243 @@
+//! The firmware's telemetry as a record: its capture, or the CSV that `telemetry` makes of one.
+
+use zwidth::{
+    Output,
+    telemetry::Flags,
+    units::{Force, Position},
+};
+
+use super::record::{Record, Row, Span, Table};
+use crate::{analysis::telemetry::Capture, scene::Scene};
+
+/// Columns of the CSV of `telemetry` that matter here.
+const COLUMNS: [&str; 5] = ["sample", "position_counts", "force_q30", "command", "flags"];
+
+/// How telemetry's integers become volts and metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutputScale {
+    rate_hz: f64,
+    resolution_m: f64,
+    limit_v: f64,
+    /// Code of no force and codes per full scale; without them the force itself is taken.
+    codes: Option<(f64, f64)>,
+}
+
+/// One frame of either form.
+#[derive(Clone, Copy)]
+struct Sent {
+    line: usize,
+    sample: f64,
+    counts: f64,
+    force: f64,
+    command: f64,
+    flags: Flags,
+}
+
+impl OutputScale {
+    /// That of a scene: sample rate, count, and the volts of full scale. With an `[output]` table the codes that
+    /// the hardware was given are taken, else the force before it was rounded to them.
+    ///
+    /// # Errors
+    /// One line: the scene's output is impossible.
+    pub fn of_scene(scene: &Scene, resolution_m: f64) -> Result<Self, String> {
+        let output = scene.design().output;
+        let actuator =
+            zwidth::actuator::Actuator::new(output).map_err(|error| error.to_string())?;
+        let codes = (output != Output::Continuous).then(|| {
+            (f64::from(actuator.zero().code()), f64::from(actuator.codes_per_full_scale()))
+        });
+        let (rate_hz, limit_v) = (scene.control.rate_hz, scene.actuator.limit_v);
+        Ok(Self { rate_hz, resolution_m, limit_v, codes })
+    }
+
+    fn row(&self, sent: &Sent) -> Row {
+        let share = match self.codes {
+            Some((zero, full_scale)) => (sent.command - zero) / full_scale,
+            None => sent.force / f64::from(Force::FULL_SCALE.bits()),
+        };
+        Row {
+            line: sent.line,
+            time_s: sent.sample / self.rate_hz,
+            voltage_v: share * self.limit_v,
+            position_m: sent.counts * self.resolution_m,
+        }
+    }
+}
+
+/// The record in a binary capture.
+///
+/// # Errors
+/// One line: no frames, or frames that are no record.
+pub fn from_capture(
+    name: &str,
+    bytes: &[u8],
+    scale: &OutputScale,
+    span: Span,
+) -> Result<Record, String> {
+    let capture = Capture::decode(bytes);
+    if capture.frames.is_empty() {
+        return Err(format!(
+            "neither a log with the columns time_s,voltage_v,position_m nor telemetry: no frame of layout 1 in {} bytes",
+            bytes.len()
+        ));
+    }
+    let frames = capture.frames.iter().enumerate();
+    let sent = frames.map(|(index, frame)| {
+        let record = &frame.record;
+        Sent {
+            line: index + 1,
+            sample: record.sample as f64,
+            counts: f64::from(Position::counts(record.position)),
+            force: f64::from(record.force.bits()),
+            command: f64::from(record.command.code()),
+            flags: record.flags,
+        }
+    });
+    record(name, sent.collect(), scale, span, "frame")
+}
+
+/// The record in the CSV that `telemetry --csv` writes.
+///
+/// # Errors
+/// One line: what is wrong, and where.
+pub fn from_capture_csv(
+    name: &str,
+    text: &str,
+    scale: &OutputScale,
+    span: Span,
+) -> Result<Record, String> {
+    let table = Table::new(text, &COLUMNS)?;
+    let sent = table.rows.into_iter().map(|(line, [sample, counts, force, command, flags])| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let flags = Flags::from_bits(flags as u16);
+        Sent { line, sample, counts, force, command, flags }
+    });
+    record(name, sent.collect(), scale, span, "line")
+}
+
+fn record(
+    name: &str,
+    sent: Vec<Sent>,
+    scale: &OutputScale,
+    span: Span,
+    place: &str,
+) -> Result<Record, String> {
+    let live = sent.into_iter().filter(|sent| !sent.flags.contains(Flags::REPLAY));
+    let inside: Vec<Sent> = live.filter(|sent| span.holds(sent.sample / scale.rate_hz)).collect();
+    if let Some(off) = inside.iter().find(|sent| !sent.flags.contains(Flags::ON)) {
+        let time_s = off.sample / scale.rate_hz;
+        let on: Vec<f64> = inside
+            .chunk_by(|a, b| a.flags.contains(Flags::ON) == b.flags.contains(Flags::ON))
+            .filter(|chunk| chunk[0].flags.contains(Flags::ON))
+            .max_by_key(|chunk| chunk.len())
+            .map(|chunk| [chunk[0], chunk[chunk.len() - 1]].map(|sent| sent.sample / scale.rate_hz))
+            .into_iter()
+            .flatten()
+            .collect();
+        let longest = match on[..] {
+            [from_s, to_s] => format!("; it is on longest with --from {from_s:.4} --to {to_s:.4}"),
+            _ => String::new(),
+        };
+        return Err(format!(
+            "{place} {}: the output is off at {time_s:.4} s, where the amplifier does not hold the force at 0{longest}",
+            off.line
+        ));
+    }
+    let rows: Vec<Row> = inside.iter().map(|sent| scale.row(sent)).collect();
+    Ok(Record { may_clip: false, ..Record::even(name, &rows, place)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{NamedScene, Quantisation};
+    use zwidth::{
+        telemetry::{Frame, Record as Sample},
+        units::Velocity,
+    };
+
+    fn scale(output: Option<Quantisation>) -> OutputScale {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        scene.output = output;
+        OutputScale::of_scene(&scene, 1e-6).unwrap()
+    }
+
+    /// Frames of every tenth sample from 1 s on, changed by `change`.
+    fn capture(change: impl Fn(u32, &mut Sample)) -> Vec<u8> {
+        let dac = zwidth::actuator::Actuator::new(Output::Dac { bits: 12 }).unwrap();
+        let force = Force::saturating_from_bits(-(1 << 28));
+        let frames = (0..200_u32).map(|sequence| {
+            let mut record = Sample {
+                sample: 10_000 + 10 * u64::from(sequence),
+                position: Position::from_counts(sequence.cast_signed() - 50),
+                velocity: Velocity::ZERO,
+                force,
+                command: dac.command(force),
+                flags: Flags::ON,
+                ..Sample::default()
+            };
+            change(sequence, &mut record);
+            Frame { sequence, record }.encode()
+        });
+        frames.flatten().collect()
+    }
+
+    fn read(bytes: &[u8], span: Span) -> Result<Record, String> {
+        from_capture("capture", bytes, &scale(None), span)
+    }
+
+    #[test]
+    fn force_and_codes_become_volts() {
+        let bytes = capture(|_, _| ());
+        let record = read(&bytes, Span::default()).unwrap();
+        assert_eq!((record.len(), record.start_s, record.voltage_v[3]), (200, 1.0, -2.5));
+        assert!((record.step_s - 1e-3).abs() < 1e-12 && !record.may_clip);
+        assert!((record.position_m[0] + 50e-6).abs() < 1e-18);
+        let dac = scale(Some(Quantisation::Dac { bits: 12 }));
+        let coded = from_capture("capture", &bytes, &dac, Span::default()).unwrap();
+        assert!((coded.voltage_v[3] + 10.0 * 512.0 / 2047.0).abs() < 1e-12);
+        let csv = Capture::decode(&bytes).csv();
+        assert_eq!(from_capture_csv("capture", &csv, &dac, Span::default()).unwrap(), coded);
+    }
+
+    #[test]
+    fn a_replay_is_no_part_of_the_record() {
+        let bytes = capture(|n, record| {
+            if n < 50 {
+                (record.flags, record.sample) = (Flags::REPLAY, 3);
+            }
+        });
+        assert_eq!(read(&bytes, Span::default()).unwrap().len(), 150);
+    }
+
+    #[test]
+    fn what_is_no_record_is_refused_with_the_place() {
+        let off = capture(|n, record| {
+            if n < 20 || n == 150 {
+                record.flags = Flags::default();
+            }
+        });
+        let error = read(&off, Span::default()).unwrap_err();
+        assert!(error.contains("frame 1: the output is off at 1.0000 s"), "{error}");
+        assert!(error.contains("--from 1.0200 --to 1.1490"), "{error}");
+        let on = Span { from_s: Some(1.02), to_s: Some(1.149) };
+        assert_eq!(read(&off, on).unwrap().len(), 130);
+
+        let dropped: Vec<u8> = capture(|_, _| ())
+            .chunks(40)
+            .enumerate()
+            .filter(|(n, _)| *n != 70)
+            .flat_map(|(_, frame)| frame.to_vec())
+            .collect();
+        let error = read(&dropped, Span::default()).unwrap_err();
+        assert!(
+            error.contains("frame 71: the time stamps are not even: from 1.069 s to 1.071 s"),
+            "{error}"
+        );
+        let reset = capture(|n, record| record.sample = 10 * u64::from(n % 120));
+        let error = read(&reset, Span::default()).unwrap_err();
+        assert!(error.contains("frame 121: time goes from"), "{error}");
+        let error = read(&[0xff, 0x5a, 0x57], Span::default()).unwrap_err();
+        assert!(error.contains("no frame of layout 1 in 3 bytes"), "{error}");
+    }
+}

@@ -1,0 +1,374 @@
+//! The boundary against eigenvalues that know nothing of it, over random and extreme loops.
+
+use super::{
+    super::{Device, Elements, Loop, Order, TransferFunction},
+    *,
+};
+use crate::scene::element::{Amplifier, Arm, Mode};
+
+/// Step to either side of a crossing at which the eigenvalues must have changed sides.
+const ASIDE: f64 = 1e-4;
+
+/// Eigenvalues of a matrix whose largest is about a hundred times the one compared.
+const ON_CIRCLE: f64 = 1e-8;
+
+/// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's MMIX).
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        f64::from(u32::try_from(self.0 >> 32).unwrap()) / 4_294_967_296.0
+    }
+
+    fn logarithmic(&mut self, low: f64, high: f64) -> f64 {
+        low * (high / low).powf(self.roll())
+    }
+
+    fn below(&mut self, n: u32) -> u32 {
+        let n_f = f64::from(n) * self.roll();
+        (0..n).rev().find(|i| f64::from(*i) <= n_f).unwrap_or(0)
+    }
+
+    /// A believable device with any estimator, rate, period and latency.
+    fn of(&mut self) -> Loop {
+        let rate_hz = [1e3, 1e4, 5e4][self.below(3) as usize];
+        let device = Device {
+            mass_kg: self.logarithmic(0.01, 10.0),
+            damping_n_s_per_m: self.logarithmic(0.01, 100.0),
+            stiffness_n_per_m: [0.0, self.logarithmic(1.0, 1e5)][self.below(2) as usize],
+        };
+        let cutoff = rate_hz * self.logarithmic(1e-3, 0.45);
+        let plain = TransferFunction::finite_difference(rate_hz);
+        let filter =
+            |order, prewarp| TransferFunction::butterworth(rate_hz, cutoff, order, prewarp);
+        let estimator = match self.below(4) {
+            0 => plain,
+            1 => plain.then(&filter(Order::First, false)),
+            2 => plain.then(&filter(Order::Second, true)),
+            _ => plain.then(&filter(Order::Second, false)),
+        };
+        let period = [1, 2, 5, 10][self.below(4) as usize];
+        let latency_samples = match self.below(3) {
+            0 => 0.0,
+            1 => f64::from(self.below(12)),
+            _ => 12.0 * self.roll(),
+        };
+        let elements = Elements::default();
+        Loop { device, elements, rate_hz, period, latency_samples, estimator }
+    }
+
+    /// The same with at least one linear element.
+    fn augmented(&mut self) -> Loop {
+        let of = self.of();
+        let which = 1 + self.below(7);
+        let amplifier = Amplifier { bandwidth_hz: of.rate_hz * self.logarithmic(1e-2, 100.0) };
+        let mass_kg = of.device.mass_kg * self.logarithmic(0.1, 3.0);
+        let frequency = 2.0 * PI * of.rate_hz * self.logarithmic(1e-3, 0.6);
+        let mode = Mode {
+            mass_kg,
+            stiffness_n_per_m: mass_kg * frequency * frequency,
+            damping_n_s_per_m: mass_kg * frequency * self.logarithmic(1e-2, 2.0),
+        };
+        let arm = Arm {
+            mass_kg: self.logarithmic(0.1, 5.0),
+            damping_n_s_per_m: self.logarithmic(0.1, 50.0),
+            stiffness_n_per_m: [0.0, self.logarithmic(10.0, 1e3)][self.below(2) as usize],
+            rest_position_m: 0.0,
+            grip_damping_n_s_per_m: self.logarithmic(1.0, 100.0),
+            grip_stiffness_n_per_m: self.logarithmic(100.0, 1e4),
+        };
+        let elements = Elements {
+            amplifier: (which & 1 != 0).then_some(amplifier),
+            mode: (which & 2 != 0).then_some(mode),
+            arm: (which & 4 != 0).then_some(arm),
+        };
+        Loop { elements, ..of }
+    }
+
+    /// A damping between far too little and far too much.
+    fn damping(&mut self, of: &Loop) -> f64 {
+        let scale = of.device.mass_kg * of.rate_hz / f64::from(of.period);
+        if self.below(5) == 0 { 0.0 } else { scale * self.logarithmic(1e-4, 3.0) }
+    }
+}
+
+#[test]
+fn eigenvalues_agree_on_both_sides_of_every_crossing() {
+    agree_at_crossings(Dice(1), Dice::of);
+}
+
+#[test]
+fn eigenvalues_agree_on_both_sides_of_every_crossing_with_linear_elements() {
+    agree_at_crossings(Dice(4), Dice::augmented);
+}
+
+fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) {
+    let (mut crossings, mut unstable_at_zero, mut further, mut inconsistent) = (0, 0, 0, 0);
+    for _ in 0..400 {
+        let of = roll(&mut dice);
+        let boundary = Boundary::new(&of).unwrap();
+        let monodromy = Monodromy::new(&of).unwrap();
+        let damping = dice.damping(&of);
+        inconsistent += u32::from(!boundary.intervals(&boundary.points, damping).consistent);
+        let limit = boundary.at(damping).unwrap();
+        for c in &limit.phase_crossings {
+            let k = c.stiffness_n_per_m;
+            let nearest = |k: f64| {
+                let on_circle = |z: &nalgebra::Complex<f64>| (z.norm_sqr() - 1.0).abs();
+                let all = monodromy.eigenvalues(k, damping).unwrap();
+                all.into_iter().min_by(|a, b| on_circle(a).total_cmp(&on_circle(b))).unwrap()
+            };
+            let w = c.frequency_hz * 2.0 * PI * f64::from(of.period) / of.rate_hz;
+            let z = nearest(k);
+            assert!((z.norm_sqr() - 1.0).abs() < ON_CIRCLE, "{of:?} B {damping} {c:?}: {z}");
+            assert!((z.re - w.cos()).abs() < 1e-5, "{of:?} B {damping} {c:?}: {z}");
+            crossings += 1;
+        }
+        if limit.unstable_at_zero {
+            assert_eq!(limit.stiffness_max, 0.0);
+            unstable_at_zero += 1;
+        } else {
+            let k = limit.stiffness_max;
+            for share in [1e-3, 0.3, 0.9, 1.0 - ASIDE] {
+                assert!(
+                    monodromy.spectral_radius(k * share, damping) < 1.0,
+                    "{of:?} B {damping} K {}",
+                    k * share
+                );
+            }
+            assert!(
+                monodromy.spectral_radius(k * (1.0 + ASIDE), damping) > 1.0,
+                "{of:?} B {damping} K {k}"
+            );
+        }
+        for (low, high) in &limit.further_stable {
+            further += 1;
+            assert!(
+                monodromy.spectral_radius((low * high).sqrt(), damping) < 1.0,
+                "{of:?} B {damping} {low} {high}"
+            );
+        }
+    }
+    println!(
+        "{crossings} crossings, {unstable_at_zero} unstable at 0, {further} further intervals, {inconsistent} inconsistent"
+    );
+    assert!(crossings > 400 && unstable_at_zero > 20);
+    assert_eq!(inconsistent, 0);
+}
+
+#[test]
+fn narrow_resonances_are_not_stepped_over() {
+    let mut dice = Dice(5);
+    let mut stable = 0;
+    for _ in 0..150 {
+        let mut of = dice.augmented();
+        let frequency = 2.0 * PI * of.rate_hz * dice.logarithmic(1e-3, 0.4);
+        let mass_kg = of.device.mass_kg * dice.logarithmic(1e-4, 1e-1);
+        of.elements.mode = Some(Mode {
+            mass_kg,
+            stiffness_n_per_m: mass_kg * frequency * frequency,
+            damping_n_s_per_m: mass_kg * frequency * dice.logarithmic(1e-6, 1e-3),
+        });
+        let boundary = Boundary::new(&of).unwrap();
+        let monodromy = Monodromy::new(&of).unwrap();
+        let damping = dice.damping(&of);
+        let found = boundary.intervals(&boundary.points, damping);
+        assert!(found.consistent, "{of:?} B {damping}");
+        let limit = boundary.at(damping).unwrap();
+        stable += u32::from(limit.stiffness_max > 0.0);
+        for share in [0.01, 0.1, 0.3, 0.9, 0.999] {
+            let radius = monodromy.spectral_radius(limit.stiffness_max * share, damping);
+            assert!(
+                limit.stiffness_max == 0.0 || radius < 1.0 + 1e-9,
+                "{of:?} B {damping} {limit:?} {share}: {radius}"
+            );
+        }
+    }
+    assert!(stable > 30, "{stable}");
+}
+
+#[test]
+fn no_interval_escapes_a_scan() {
+    // Eigenvalues on a dense grid of K find no stable or unstable stretch that the crossings do not.
+    let mut dice = Dice(2);
+    for roll in 0..100 {
+        let of = if roll < 60 { dice.of() } else { dice.augmented() };
+        let boundary = Boundary::new(&of).unwrap();
+        let monodromy = Monodromy::new(&of).unwrap();
+        let damping = dice.damping(&of);
+        let limit = boundary.at(damping).unwrap();
+        let mut k = boundary.own_stiffness * 1e-7;
+        while k < boundary.own_stiffness * 1e3 {
+            let radius = monodromy.spectral_radius(k, damping);
+            let inside = k < limit.stiffness_max
+                || limit.further_stable.iter().any(|(a, b)| k > *a && k < *b);
+            assert!(
+                (radius < 1.0) == inside || (radius - 1.0).abs() < 1e-7,
+                "{of:?} B {damping} K {k}: {radius} {limit:?}"
+            );
+            k *= 1.05;
+        }
+    }
+}
+
+#[test]
+fn winding_number_counts_as_eigenvalues_do() {
+    let mut dice = Dice(3);
+    let mut seen = [0; 4];
+    for roll in 0..100 {
+        let of = if roll < 60 { dice.of() } else { dice.augmented() };
+        let boundary = Boundary::new(&of).unwrap();
+        let damping = dice.damping(&of);
+        let k = boundary.own_stiffness * dice.logarithmic(1e-4, 1.0);
+        let (count, margin) = boundary.count(&boundary.points, k, damping);
+        if margin > CLEAR_MARGIN {
+            assert_eq!(
+                boundary.winding(&boundary.points, k, damping),
+                count,
+                "{of:?} B {damping} K {k}"
+            );
+            seen[count.min(3) as usize] += 1;
+        }
+    }
+    assert!(seen[0] > 5 && seen[2] > 5, "{seen:?}");
+}
+
+#[test]
+fn long_latency_follows_gils_rule() {
+    // K < b / (T/2 + latency) for low damping (Gil et al. 2009): within 2 % here, at 200 and 1000 samples.
+    for latency_samples in [50.0, 200.5, 1000.0] {
+        let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
+        let estimator = TransferFunction::finite_difference(1e4);
+        let of = Loop { latency_samples, ..Loop::single_rate(device, 1e4, estimator) };
+        let k = Boundary::new(&of).unwrap().at(0.0).unwrap().stiffness_max;
+        let rule = 1.0 / ((0.5 + latency_samples) * 1e-4);
+        assert!((k / rule - 1.0).abs() < 0.02, "{latency_samples}: {k} against {rule}");
+    }
+}
+
+#[test]
+fn latency_is_split_exactly() {
+    // The limit is continuous in the latency, also across whole samples and whole periods.
+    let estimator = TransferFunction::paper(1e4, 500.0);
+    let at = |latency_samples: f64| {
+        let of = Loop {
+            period: 10,
+            latency_samples,
+            ..Loop::single_rate(Device::PAPER, 1e4, estimator.clone())
+        };
+        Boundary::new(&of).unwrap().at(20.0).unwrap().stiffness_max
+    };
+    for whole in [1.0, 7.0, 10.0, 20.0] {
+        let (before, on, after) = (at(whole - 1e-6), at(whole), at(whole + 1e-6));
+        assert!(
+            (before / on - 1.0).abs() < 1e-5 && (after / on - 1.0).abs() < 1e-5,
+            "{before} {on} {after}"
+        );
+        assert!(before > on && on > after);
+    }
+}
+
+#[test]
+fn lower_cutoff_never_helps_from_100_hz_up() {
+    // FIELD.md C3, the paper's figure 2.
+    for damping in [10.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0] {
+        let mut last = 0.0;
+        for step in 0..60 {
+            let cutoff = 100.0 * 40.0_f64.powf(f64::from(step) / 59.0);
+            let of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, cutoff));
+            let k = Boundary::new(&of).unwrap().at(damping).unwrap().stiffness_max;
+            assert!(k >= last, "B {damping}: {k} at {cutoff} Hz, {last} below it");
+            last = k;
+        }
+    }
+}
+
+#[test]
+fn gain_margin_fails_where_damping_alone_is_unstable() {
+    let boundary =
+        Boundary::new(&Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 20.0)))
+            .unwrap();
+    let fails = boundary.at(100.0).unwrap();
+    assert!(fails.unstable_at_zero && !fails.gain_margin_holds());
+    assert_eq!(fails.gain_margin(), None, "it would have called every stiffness stable");
+    let holds = boundary.at(10.0).unwrap();
+    assert!(holds.gain_margin_holds() && holds.gain_margin() == Some(holds.stiffness_max));
+}
+
+#[test]
+fn powers_of_two_of_force_scale_the_limit_exactly() {
+    for scale in [0.125, 64.0] {
+        let d = Device::PAPER;
+        let scaled = Device {
+            mass_kg: d.mass_kg * scale,
+            damping_n_s_per_m: d.damping_n_s_per_m * scale,
+            stiffness_n_per_m: d.stiffness_n_per_m * scale,
+        };
+        for period in [1, 10] {
+            let limit = |device: Device, damping: f64| {
+                let estimator = TransferFunction::paper(1e4, 500.0);
+                let of = Loop { period, ..Loop::single_rate(device, 1e4, estimator) };
+                Boundary::new(&of).unwrap().at(damping).unwrap().stiffness_max
+            };
+            assert_eq!(limit(scaled, 50.0 * scale), limit(d, 50.0) * scale);
+        }
+    }
+}
+
+#[test]
+fn crossings_and_winding_number_count_alike_for_long_latency() {
+    for latency_samples in [30.0, 200.5, 1000.0] {
+        let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
+        let estimator = TransferFunction::finite_difference(1e4);
+        let of = Loop { latency_samples, ..Loop::single_rate(device, 1e4, estimator) };
+        let boundary = Boundary { monodromy: None, ..Boundary::new(&of).unwrap() };
+        for damping in [0.0, 1.0] {
+            let found = boundary.intervals(&boundary.points, damping);
+            assert!(found.consistent && found.crossings.len() > 10);
+            for i in 0..10 {
+                let ends = [i, i + 1].map(|j| found.crossings[j].stiffness_n_per_m);
+                let k = (ends[0] * ends[1]).sqrt();
+                let count = boundary.winding(&boundary.points, k, damping);
+                assert_eq!(
+                    found.unstable[i + 1],
+                    i64::from(count),
+                    "latency {latency_samples} B {damping} K {k}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn stable_interval_is_followed_until_it_closes() {
+    // A filter far slower than a sprung device: with growing damping the loop becomes unstable at K = 0 first, a stable
+    // interval remains above, and shrinks to a point, where two crossings meet between search points.
+    let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
+    let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
+    let boundary = Boundary::new(&of).unwrap();
+    let interval = |damping: f64| {
+        let limit = boundary.at(damping).unwrap();
+        if limit.stiffness_max > 0.0 {
+            Some((0.0, limit.stiffness_max))
+        } else {
+            limit.further_stable.first().copied()
+        }
+    };
+    let (mut open, mut closed) = (25.0, 32.0);
+    assert!(interval(open).is_some() && interval(closed).is_none());
+    for _ in 0..45 {
+        let middle = 0.5 * (open + closed);
+        if interval(middle).is_some() { open = middle } else { closed = middle }
+    }
+    let (low, high) = interval(open).unwrap();
+    println!("closes at B {open} with K {low} to {high}");
+    assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
+    // The width falls as the root of the distance, here 1e-12 of B.
+    assert!((high - low) / low < 1e-4, "{low} {high}");
+    let wider = interval(open - 0.1).unwrap();
+    let k = 0.5 * (wider.0 + wider.1);
+    assert!(Monodromy::new(&of).unwrap().spectral_radius(k, open - 0.1) < 1.0);
+    assert!(Monodromy::new(&of).unwrap().spectral_radius(k, open + 0.1) > 1.0);
+}

@@ -1,0 +1,220 @@
+//! Linear stability and passivity of the sampled loop: what the ideal device would allow without quantisation,
+//! saturation and the one-sided wall.
+//!
+//! ```text
+//! every sample:           v = V(z) x                    estimator, z^-1 = one sample
+//! every period-th sample: F = -(K x + B v)              held until the next one takes over
+//! latency samples later:  m x'' = F - b x' - k x        exact under the held force
+//! ```
+//!
+//! With `period = 1` and no latency this is the paper's section 2.1, eq. (3) to (5). The force changes only
+//! once per output period, so at the output instants the loop is time-invariant for any period and latency,
+//! and its characteristic equation is affine in K and in B: `1 + K Hx(z) + B Hv(z) = 0`. A root lies on the
+//! unit circle exactly where `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w); that gives every crossing in
+//! closed form ([`Boundary`]). The eigenvalues of the monodromy matrix over one period ([`Monodromy`]) are built
+//! by stepping the loop and know nothing of the responses; they say which side of a crossing is stable.
+//!
+//! Passivity ([`passivity`]) is the other, stricter criterion (Colgate and Schenkel): it asks the loop to be
+//! safe in any hand, and ranks cutoffs in the opposite order.
+//!
+//! A plant with linear elements ([`Elements`]) takes the place of the mass alone in all of it: the amplifier's lag, a
+//! second mode, an arm. Non-linear elements have no place here.
+//!
+//! Units are SI throughout; frequencies in reports are hertz, `omega` is radians per step of the z in question.
+
+use crate::{
+    scene,
+    scene::element::{Amplifier, Arm, Chain, Mode},
+};
+
+mod boundary;
+mod monodromy;
+pub mod passivity;
+mod response;
+mod transfer;
+
+pub use boundary::{Boundary, Crossing, StiffnessLimit};
+pub use monodromy::Monodromy;
+pub use transfer::{Order, TransferFunction};
+
+/// Longest latency that the analysis accepts, in samples: ten times the longest a scene may ask for.
+pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
+/// Longest output period that the analysis accepts, in samples. The work grows with its square.
+pub const PERIOD_MAX: u32 = 1_000;
+/// Highest order of an estimator.
+pub const ORDER_MAX: usize = 66;
+
+/// Sweeps of an eigenvalue iteration before it gives up; a handful per eigenvalue is usual.
+const SCHUR_ITERATIONS: usize = 10_000;
+
+/// A mass on a spring and a damper: `m x'' = F - b x' - k x`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Device {
+    /// Moving mass, above 0 kg.
+    pub mass_kg: f64,
+    /// Viscous damping, 0 or more.
+    pub damping_n_s_per_m: f64,
+    /// Stiffness of the return spring, 0 or more.
+    pub stiffness_n_per_m: f64,
+}
+
+impl Device {
+    /// The paper's device, section 2.2.2 (identified).
+    pub const PAPER: Self =
+        Self { mass_kg: 0.4160, damping_n_s_per_m: 5.5195, stiffness_n_per_m: 11.0626 };
+}
+
+/// The linear elements on the device; none by default. What each is: [`crate::scene::element`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Elements {
+    /// The actuator's lag.
+    pub amplifier: Option<Amplifier>,
+    /// A second mass behind the transmission.
+    pub mode: Option<Mode>,
+    /// A person on the handle.
+    pub arm: Option<Arm>,
+}
+
+/// The sampled loop around a device, without its wall.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loop {
+    /// The device.
+    pub device: Device,
+    /// What is on it.
+    pub elements: Elements,
+    /// Sample rate of position and velocity, above 0 Hz.
+    pub rate_hz: f64,
+    /// Samples per force output, 1 to [`PERIOD_MAX`].
+    pub period: u32,
+    /// Time from a sample to the force computed from it, in samples: any real from 0 to [`LATENCY_MAX_SAMPLES`].
+    pub latency_samples: f64,
+    /// Velocity estimator at the sample rate, m/s per m.
+    pub estimator: TransferFunction,
+}
+
+impl Loop {
+    /// The paper's section 2.1: a force with every sample and at once.
+    #[must_use]
+    pub fn single_rate(device: Device, rate_hz: f64, estimator: TransferFunction) -> Self {
+        let elements = Elements::default();
+        Self { device, elements, rate_hz, period: 1, latency_samples: 0.0, estimator }
+    }
+
+    /// Says whether the analysis can take this loop.
+    ///
+    /// # Errors
+    /// Names the first quantity that is not a number or out of its range.
+    pub fn check(&self) -> Result<(), LinearError> {
+        let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
+        let numbers = [
+            ("mass_kg", mass_kg, f64::MIN_POSITIVE, f64::MAX),
+            ("damping_n_s_per_m", damping_n_s_per_m, 0.0, f64::MAX),
+            ("stiffness_n_per_m", stiffness_n_per_m, 0.0, f64::MAX),
+            ("rate_hz", self.rate_hz, f64::MIN_POSITIVE, f64::MAX),
+            ("latency_samples", self.latency_samples, 0.0, LATENCY_MAX_SAMPLES),
+            ("period", f64::from(self.period), 1.0, f64::from(PERIOD_MAX)),
+        ];
+        for (name, value, low, high) in numbers {
+            if !(low..=high).contains(&value) {
+                return Err(LinearError::OutOfRange { name, low, high });
+            }
+        }
+        let joints = [
+            ("amplifier.bandwidth_hz", self.elements.amplifier.map(|a| a.bandwidth_hz)),
+            ("mode.mass_kg", self.elements.mode.map(|m| m.mass_kg)),
+            ("arm.mass_kg", self.elements.arm.map(|a| a.mass_kg)),
+        ];
+        for (name, value) in joints {
+            let (low, high) = (f64::MIN_POSITIVE, f64::MAX);
+            if value.is_some_and(|value| !(low..=high).contains(&value)) {
+                return Err(LinearError::OutOfRange { name, low, high });
+            }
+        }
+        let (mode, arm) = (self.elements.mode, self.elements.arm);
+        let joints = [
+            ("mode.stiffness_n_per_m", mode.map(|m| m.stiffness_n_per_m)),
+            ("mode.damping_n_s_per_m", mode.map(|m| m.damping_n_s_per_m)),
+            ("arm.stiffness_n_per_m", arm.map(|a| a.stiffness_n_per_m)),
+            ("arm.damping_n_s_per_m", arm.map(|a| a.damping_n_s_per_m)),
+            ("arm.grip_stiffness_n_per_m", arm.map(|a| a.grip_stiffness_n_per_m)),
+            ("arm.grip_damping_n_s_per_m", arm.map(|a| a.grip_damping_n_s_per_m)),
+        ];
+        for (name, value) in joints {
+            let (low, high) = (0.0, f64::MAX);
+            if value.is_some_and(|value| !(low..=high).contains(&value)) {
+                return Err(LinearError::OutOfRange { name, low, high });
+            }
+        }
+        self.estimator.check()
+    }
+
+    /// The plant as one system, positions from rest.
+    pub(crate) fn chain(&self) -> Chain {
+        let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
+        let Elements { amplifier, mode, arm } = self.elements;
+        let (rest_position_m, start_position_m) = (0.0, 0.0);
+        let device = scene::Device {
+            mass_kg,
+            damping_n_s_per_m,
+            stiffness_n_per_m,
+            rest_position_m,
+            start_position_m,
+        };
+        Chain { device, mode, arm, amplifier }
+    }
+
+    /// One sample, in seconds.
+    #[must_use]
+    pub fn sample_s(&self) -> f64 {
+        1.0 / self.rate_hz
+    }
+
+    /// Latency as whole output periods and the samples that remain, 0 <= rest < period.
+    pub(crate) fn split_latency(&self) -> (usize, f64) {
+        let period = f64::from(self.period);
+        let whole = (self.latency_samples / period).floor();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to LATENCY_MAX_SAMPLES"
+        )]
+        let count = whole as usize;
+        (count, (self.latency_samples - whole * period).max(0.0))
+    }
+}
+
+/// Why a loop cannot be analysed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LinearError {
+    /// A number is not finite or outside its range.
+    OutOfRange {
+        /// The quantity.
+        name: &'static str,
+        /// Smallest value accepted.
+        low: f64,
+        /// Largest value accepted.
+        high: f64,
+    },
+    /// The estimator has no denominator, a leading zero in it, a coefficient that is no number, or an order
+    /// above [`ORDER_MAX`].
+    Estimator,
+}
+
+impl core::fmt::Display for LinearError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::OutOfRange { name, low, high } => {
+                write!(f, "{name} must lie in {low:e} to {high:e}")
+            }
+            Self::Estimator => write!(
+                f,
+                "estimator needs finite coefficients, den[0] other than 0 and an order of at most {ORDER_MAX}"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for LinearError {}
+
+#[cfg(test)]
+mod tests;

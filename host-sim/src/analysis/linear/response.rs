@@ -1,0 +1,320 @@
+//! Frequency response of the open loop at the output instants.
+//!
+//! From the force computed at an output instant to the position and the estimated velocity at the output
+//! instants: Hx(z) and Hv(z), z = one output period. Everything is written in `delta = z - 1` with the exact
+//! `phi - 1`, because at low frequency that is where the digits are.
+//!
+//! With `E = phi - 1` over one period, and the period's force made of the previous command (b) up to the
+//! latency's rest and of the present one (a) after it:
+//! ```text
+//! D = det(delta - E),  n = adj(delta - E) (gamma_a + gamma_b / z)
+//! Hx = z^-q n_x / D,   q whole periods of latency
+//! x at sample i of the period = (phi(i T) n)_x / D + a_i + b_i / z    (times z^-q)
+//! ```
+//! A plant of more states takes the same path with `n = (delta - E)^-1 (..)` from a matrix decomposition in place of
+//! adjugate and determinant.
+//!
+//! The estimator sees the samples `x_i z^n`, a sum of the aliases `exp(j (w + 2 pi l) / period)`, and answers
+//! each with its own transfer function.
+
+use super::{LinearError, Loop, transfer::TransferFunction};
+use crate::{
+    numerics::exact::{Increment, oscillator_increment},
+    scene::element::Chain,
+};
+use core::f64::consts::{PI, TAU};
+use nalgebra::{Complex, DMatrix, DVector, Schur};
+
+/// The curve along which a root lies on the unit circle, at one frequency: `K = -(inverse + B velocity)`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    /// Radians per output period.
+    pub(super) omega: f64,
+    /// 1 / Hx, N/m.
+    pub(super) inverse: Complex<f64>,
+    /// Hv / Hx, 1/s.
+    pub(super) velocity: Complex<f64>,
+}
+
+impl Point {
+    /// The stiffness, complex off the crossings, that puts a root at this frequency.
+    pub(super) fn stiffness(&self, damping: f64) -> Complex<f64> {
+        -(self.inverse + self.velocity * damping)
+    }
+}
+
+/// Response of position at one sample within a period: to the state (x, v) at its start and to the two forces.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    x: f64,
+    v: f64,
+    now: f64,
+    before: f64,
+}
+
+/// A device alone.
+#[derive(Clone, Debug)]
+struct Alone {
+    less: [[f64; 2]; 2],
+    now: [f64; 2],
+    before: [f64; 2],
+    mass: f64,
+    samples: Vec<Sample>,
+}
+
+/// A device with linear elements. Speeds and force are in units of m per period and m per period^2, which
+/// makes the entries of the matrix alike.
+#[derive(Clone, Debug)]
+struct Augmented {
+    less: DMatrix<f64>,
+    now: DVector<f64>,
+    before: DVector<f64>,
+    /// Position at the samples: to the state at the period's start, and to the two forces.
+    samples: Vec<(DVector<f64>, f64, f64)>,
+    /// Frequencies of its poles and zeros, radians per output period, folded to 0..pi.
+    marks: Vec<f64>,
+}
+
+#[derive(Clone, Debug)]
+enum Plant {
+    Alone(Alone),
+    Augmented(Augmented),
+}
+
+/// The open loop, ready to be evaluated.
+#[derive(Clone, Debug)]
+pub(super) struct Response {
+    plant: Plant,
+    /// Whole output periods of latency.
+    pub(super) late: usize,
+    estimator: TransferFunction,
+}
+
+/// Adds the identity's part: (phi z).
+fn through(step: &Increment, z: [f64; 2]) -> [f64; 2] {
+    let [[a, b], [c, d]] = step.phi_minus_one;
+    [z[0] + a * z[0] + b * z[1], z[1] + c * z[0] + d * z[1]]
+}
+
+impl Alone {
+    fn new(of: &Loop, rest: f64) -> Self {
+        let mass = of.device.mass_kg;
+        let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
+        let step = |samples: f64| oscillator_increment(w2, d, samples * of.sample_s());
+        let period = f64::from(of.period);
+        // Forces up to `at` samples into the period: the present command, the previous one.
+        let forces = |at: f64| {
+            if at <= rest {
+                ([0.0, 0.0], step(at).gamma)
+            } else {
+                let after = step(at - rest);
+                (after.gamma, through(&after, step(rest).gamma))
+            }
+        };
+        let (now, before) = forces(period);
+        let samples = (0..of.period)
+            .map(|i| {
+                let i = f64::from(i);
+                let [[less, v], _] = step(i).phi_minus_one;
+                let (now, before) = forces(i);
+                Sample { x: 1.0 + less, v, now: now[0], before: before[0] }
+            })
+            .collect();
+        let less = step(period).phi_minus_one;
+        Self { less, now, before, mass, samples }
+    }
+
+    /// The positions at the samples of a period, the first of them again, and what 1 / Hx times the first is
+    /// without the latency's whole periods.
+    fn at(
+        &self,
+        delta: Complex<f64>,
+        z_inverse: Complex<f64>,
+    ) -> (impl DoubleEndedIterator<Item = Complex<f64>>, Complex<f64>, Complex<f64>) {
+        let [[e11, e12], [e21, e22]] = self.less;
+        let determinant = delta * (delta - (e11 + e22)) + (e11 * e22 - e12 * e21);
+        let gamma = [0, 1].map(|row| z_inverse * self.before[row] + self.now[row]);
+        let x = (delta - e22) * gamma[0] + gamma[1] * e12;
+        let v = (delta - e11) * gamma[1] + gamma[0] * e21;
+        let positions = self
+            .samples
+            .iter()
+            .map(move |s| x * s.x + v * s.v + determinant * (z_inverse * s.before + s.now));
+        (positions, x, determinant * self.mass)
+    }
+}
+
+impl Augmented {
+    fn new(of: &Loop, rest: f64) -> Self {
+        let chain = of.chain();
+        let states = chain.states();
+        let period = f64::from(of.period);
+        let period_s = period * of.sample_s();
+        let scale = DVector::from_fn(states, |row, _| {
+            if states % 2 == 1 && row == states - 1 {
+                period_s * period_s / of.device.mass_kg
+            } else if row % 2 == 1 {
+                period_s
+            } else {
+                1.0
+            }
+        });
+        let step = |samples: f64| {
+            let (less, gamma) = chain.increment(samples * of.sample_s());
+            let less = DMatrix::from_fn(states, states, |r, c| less[(r, c)] * scale[r] / scale[c]);
+            (less, gamma.component_mul(&scale))
+        };
+        let forces = |at: f64| {
+            if at <= rest {
+                (DVector::zeros(states), step(at).1)
+            } else {
+                let (less, now) = step(at - rest);
+                let start = step(rest).1;
+                (now, &less * &start + start)
+            }
+        };
+        let (now, before) = forces(period);
+        let samples = (0..of.period)
+            .map(|i| {
+                let i = f64::from(i);
+                let mut row = step(i).0.row(0).transpose();
+                row[0] += 1.0;
+                let (now, before) = forces(i);
+                (row, now[0], before[0])
+            })
+            .collect();
+        let marks = marks(&chain, period_s);
+        Self { less: step(period).0, now, before, samples, marks }
+    }
+
+    /// As [`Alone::at`].
+    fn at(
+        &self,
+        delta: Complex<f64>,
+        z_inverse: Complex<f64>,
+    ) -> (impl DoubleEndedIterator<Item = Complex<f64>>, Complex<f64>, Complex<f64>) {
+        let states = self.now.len();
+        let matrix = DMatrix::from_fn(states, states, |row, column| {
+            Complex::from(-self.less[(row, column)])
+                + if row == column { delta } else { 0.0.into() }
+        });
+        let gamma = DVector::from_fn(states, |row, _| z_inverse * self.before[row] + self.now[row]);
+        // On a pole without rounding the response is infinite, and so are its parts.
+        let state = matrix
+            .lu()
+            .solve(&gamma)
+            .unwrap_or_else(|| DVector::from_element(states, f64::INFINITY.into()));
+        let x = state[0];
+        let positions = self.samples.iter().map(move |(row, now, before)| {
+            let start: Complex<f64> = row.iter().zip(state.iter()).map(|(r, z)| z * r).sum();
+            start + z_inverse * before + now
+        });
+        (positions, x, 1.0.into())
+    }
+}
+
+/// Where the response of a chain turns fast: at its poles, and at its zeros, which are its poles with the device held.
+fn marks(chain: &Chain, period_s: f64) -> Vec<f64> {
+    let a = chain.matrix();
+    let held = a.clone().remove_rows(0, 2).remove_columns(0, 2);
+    let eigenvalues = |matrix: DMatrix<f64>| {
+        Schur::try_new(matrix, f64::EPSILON, super::SCHUR_ITERATIONS)
+            .map(|schur| schur.complex_eigenvalues())
+    };
+    let all = [eigenvalues(a), eigenvalues(held)].into_iter().flatten();
+    all.flat_map(|values| values.iter().map(|value| value.im).collect::<Vec<_>>())
+        .filter(|frequency| *frequency > 0.0)
+        .map(|frequency| {
+            let angle = (frequency * period_s) % TAU;
+            if angle > PI { TAU - angle } else { angle }
+        })
+        .collect()
+}
+
+impl Response {
+    pub(super) fn new(of: &Loop) -> Result<Self, LinearError> {
+        of.check()?;
+        let (late, rest) = of.split_latency();
+        let plant = if of.chain().states() == 2 {
+            Plant::Alone(Alone::new(of, rest))
+        } else {
+            Plant::Augmented(Augmented::new(of, rest))
+        };
+        Ok(Self { plant, late, estimator: of.estimator.clone() })
+    }
+
+    /// Frequencies around which the response turns fast, radians per output period.
+    pub(super) fn marks(&self) -> &[f64] {
+        match &self.plant {
+            Plant::Alone(_) => &[],
+            Plant::Augmented(plant) => &plant.marks,
+        }
+    }
+
+    /// At z = exp(j omega).
+    pub(super) fn at(&self, omega: f64) -> Point {
+        self.at_radius(omega, 0.0)
+    }
+
+    /// At z = (1 + outside) exp(j omega).
+    pub(super) fn at_radius(&self, omega: f64, outside: f64) -> Point {
+        let (sin, half) = (libm::sin(omega), libm::sin(0.5 * omega));
+        let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation
+        let delta = delta + (delta + 1.0) * outside;
+        let z_inverse = (delta + 1.0).inv();
+        match &self.plant {
+            Plant::Alone(plant) => self.point(
+                omega,
+                outside,
+                z_inverse,
+                plant.samples.len(),
+                plant.at(delta, z_inverse),
+            ),
+            Plant::Augmented(plant) => self.point(
+                omega,
+                outside,
+                z_inverse,
+                plant.samples.len(),
+                plant.at(delta, z_inverse),
+            ),
+        }
+    }
+
+    fn point(
+        &self,
+        omega: f64,
+        outside: f64,
+        z_inverse: Complex<f64>,
+        samples: usize,
+        (positions, x, unit): (
+            impl DoubleEndedIterator<Item = Complex<f64>>,
+            Complex<f64>,
+            Complex<f64>,
+        ),
+    ) -> Point {
+        let inverse = unit / x / z_inverse.powu(u32::try_from(self.late).unwrap_or(u32::MAX));
+        let velocity = if samples == 1 {
+            self.estimator.at(z_inverse)
+        } else {
+            self.lifted(omega, outside, positions.collect()) / x
+        };
+        Point { omega, inverse, velocity }
+    }
+
+    /// Estimated velocity at the output instants for the positions at the samples of a period.
+    fn lifted(&self, omega: f64, outside: f64, positions: Vec<Complex<f64>>) -> Complex<f64> {
+        #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
+        let period = positions.len() as f64;
+        let shrink = libm::pow(1.0 + outside, -1.0 / period);
+        let mut velocity = Complex::new(0.0, 0.0);
+        for alias in 0..positions.len() {
+            #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
+            let angle = (omega + TAU * alias as f64) / period;
+            let back = Complex::new(libm::cos(angle), -libm::sin(angle)) * shrink;
+            let share =
+                positions.iter().rev().fold(Complex::new(0.0, 0.0), |sum, x| sum * back + x);
+            velocity += share * self.estimator.at(back);
+        }
+        velocity / period
+    }
+}

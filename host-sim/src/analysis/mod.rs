@@ -1,0 +1,9 @@
+//! What is worked out about a scene beside its walks: linear stability and passivity, identification,
+//! comparison of estimators, and what number formats and integrators cost.
+
+pub mod compare;
+pub mod identify;
+pub mod linear;
+pub mod overview;
+pub mod telemetry;
+pub mod trade;

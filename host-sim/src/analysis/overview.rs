@@ -1,0 +1,218 @@
+//! Three boundaries of one estimator side by side: the linear envelope, the walls that are passive in
+//! any hand, and the simulated boundary with an account of what each of its points is.
+//!
+//! The simulated boundary may lie above the linear envelope. The linear loop is unstable there, so the
+//! handle does not come to rest; quantisation, saturation and the one-sided wall turn the growing
+//! oscillation into a limit cycle, and the wall counts as stable as long as that cycle's RMS is below
+//! the limit of the wall hit. It may also lie below: the hit starts far from rest, and saturation
+//! delays the force.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::{
+    analysis::linear::{
+        LinearError,
+        passivity::Passivity,
+        {self},
+    },
+    error::Error,
+    simulation::prepared::{HitReport, Numeric, Rig, WallHit},
+    study::walk::{BoundaryPoint, walk},
+};
+
+/// A point of the simulated boundary and what the hit there showed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explained {
+    /// The wall.
+    pub point: BoundaryPoint,
+    /// Largest K of the linear envelope at this B, N/m: stable from 0 up to it; infinite if no K is
+    /// unstable.
+    pub linear_n_per_m: f64,
+    /// Stretches of K, from and to, that are linearly stable beyond it.
+    pub further_stable_n_per_m: Vec<(f64, f64)>,
+    /// The hit at this very wall.
+    pub report: HitReport,
+}
+
+impl Explained {
+    /// The linear loop is unstable at this wall: above the envelope and in no further stable stretch.
+    pub fn is_unstable(&self) -> bool {
+        let k = self.point.stiffness_n_per_m;
+        let further = |&(from, to): &(f64, f64)| (from..=to).contains(&k);
+        k > self.linear_n_per_m && !self.further_stable_n_per_m.iter().any(further)
+    }
+}
+
+/// Follows the simulated boundary from the scene's own start and holds every point against the
+/// linear envelope.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn explain(
+    rig: &Rig,
+    numeric: Numeric,
+    cutoff_hz: f64,
+    envelope: &linear::Boundary,
+    stop: &AtomicBool,
+) -> Result<Vec<Explained>, Error> {
+    let boundary = walk(rig, numeric, cutoff_hz, 0.0, stop)?;
+    boundary
+        .points
+        .into_iter()
+        .map(|point| {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } = point;
+            let limit = envelope.at(damping_n_s_per_m).map_err(Error::input)?;
+            let start_offset_counts = 0.0;
+            let wall =
+                WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
+            let report = rig.hit(numeric, &wall, |_| {})?;
+            Ok(Explained {
+                point,
+                linear_n_per_m: limit.stiffness_max,
+                further_stable_n_per_m: limit.further_stable,
+                report,
+            })
+        })
+        .collect()
+}
+
+/// Points of the edge of the passive region, from B = 0 to where not even K = 0 is passive.
+const REGION_POINTS: u32 = 64;
+
+/// The edge of the walls that are passive in any hand, from B = 0 on.
+///
+/// # Errors
+/// The device's damping is not finite.
+pub fn passive_region(
+    device_damping_n_s_per_m: f64,
+    passivity: &Passivity,
+) -> Result<Vec<BoundaryPoint>, LinearError> {
+    let damping_max = passivity.damping_max(device_damping_n_s_per_m)?;
+    let mut points = vec![];
+    for n in 0..=REGION_POINTS {
+        let damping_n_s_per_m = damping_max * f64::from(n) / f64::from(REGION_POINTS);
+        let stiffness = passivity.stiffness_max(device_damping_n_s_per_m, damping_n_s_per_m)?;
+        let stiffness_n_per_m = stiffness.unwrap_or(0.0);
+        points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        analysis::linear::{Device, Loop, TransferFunction},
+        scene::NamedScene,
+    };
+
+    #[test]
+    fn points_above_the_envelope_are_limit_cycles_and_a_strict_limit_refuses_them() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        let device = Device {
+            mass_kg: scene.device.mass_kg,
+            damping_n_s_per_m: scene.device.damping_n_s_per_m,
+            stiffness_n_per_m: scene.device.stiffness_n_per_m,
+        };
+        let cutoff_hz = 500.0;
+        let rate_hz = scene.control.rate_hz;
+        let mut of =
+            Loop::single_rate(device, rate_hz, TransferFunction::paper(rate_hz, cutoff_hz));
+        of.period = scene.actuator.period;
+        of.latency_samples = scene.actuator.latency;
+        let envelope = linear::Boundary::new(&of).unwrap();
+        let stop = AtomicBool::new(false);
+        let explained =
+            explain(&Rig::new(&scene).unwrap(), Numeric::Fixed, cutoff_hz, &envelope, &stop)
+                .unwrap();
+        let above: Vec<&Explained> = explained.iter().filter(|e| e.is_unstable()).collect();
+        assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
+        // At rest between two counts the RMS is below half a count.
+        let at_rest_m = 0.5 * scene.encoder.resolution_m;
+        assert!(above.iter().all(|e| e.report.is_stable() && e.report.rms_m > at_rest_m));
+        scene.wall_hit.rms_limit_m = at_rest_m;
+        let strict = Rig::new(&scene).unwrap();
+        for e in above {
+            let wall = WallHit {
+                cutoff_hz,
+                stiffness_n_per_m: e.point.stiffness_n_per_m,
+                damping_n_s_per_m: e.point.damping_n_s_per_m,
+                start_offset_counts: 0.0,
+            };
+            assert!(!strict.hit(Numeric::Fixed, &wall, |_| {}).unwrap().is_stable(), "{e:?}");
+        }
+    }
+
+    /// Where the loop is unstable already at K = 0 and stable further up, a point there is no limit cycle.
+    #[test]
+    fn a_point_in_a_further_stable_stretch_is_stable() {
+        // a filter far slower than a sprung device, as in the linear analysis' own test
+        let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
+        let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
+        let envelope = linear::Boundary::new(&of).unwrap();
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let (damping_n_s_per_m, limit) = (250..320)
+            .map(|tenths| f64::from(tenths) / 10.0)
+            .map(|damping| (damping, envelope.at(damping).unwrap()))
+            .find(|(_, limit)| limit.unstable_at_zero && !limit.further_stable.is_empty())
+            .unwrap();
+        let &(from, to) = limit.further_stable.first().unwrap();
+        let report = Rig::new(&scene)
+            .unwrap()
+            .hit(
+                Numeric::Fixed,
+                &WallHit {
+                    cutoff_hz: 1500.0,
+                    stiffness_n_per_m: 20_000.0,
+                    damping_n_s_per_m: 50.0,
+                    start_offset_counts: 0.0,
+                },
+                |_| {},
+            )
+            .unwrap();
+        let at = |stiffness_n_per_m: f64| Explained {
+            point: BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m },
+            linear_n_per_m: limit.stiffness_max,
+            further_stable_n_per_m: limit.further_stable.clone(),
+            report,
+        };
+        for (k, unstable) in
+            [(0.99 * from, true), (1.01 * from, false), (0.99 * to, false), (1.01 * to, true)]
+        {
+            assert!(k > limit.stiffness_max);
+            assert_eq!(at(k).is_unstable(), unstable, "{k}");
+            assert_eq!(envelope.unstable_roots(k, damping_n_s_per_m) > 0, unstable, "{k}");
+        }
+    }
+
+    #[test]
+    fn the_passive_region_ends_where_the_demand_is_the_device_damping() {
+        let mut of =
+            Loop::single_rate(Device::PAPER, 1e3, TransferFunction::finite_difference(1e3));
+        // b > K T/2 + |B|: a triangle.
+        let passivity = Passivity::new(&of).unwrap();
+        let region = passive_region(5.5, &passivity).unwrap();
+        let (first, last) = (region[0], region[region.len() - 1]);
+        assert!((first.stiffness_n_per_m - 11_000.0).abs() < 0.1, "{first:?}");
+        assert!((last.damping_n_s_per_m - 5.5).abs() < 1e-6, "{last:?}");
+        for point in &region {
+            let k = 2e3 * (5.5 - point.damping_n_s_per_m);
+            assert!((point.stiffness_n_per_m - k).abs() < 0.1, "{point:?}");
+        }
+        assert_eq!(passivity.stiffness_max(5.5, 6.0).unwrap(), None);
+        // The loop as it runs: inside its own envelope, which begins at 3693 N/m.
+        of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 1500.0));
+        (of.period, of.latency_samples) = (10, 10.0);
+        let b = of.device.damping_n_s_per_m;
+        let region = passive_region(b, &Passivity::new(&of).unwrap()).unwrap();
+        let envelope = linear::Boundary::new(&of).unwrap();
+        assert!((region[0].stiffness_n_per_m / 3679.67 - 1.0).abs() < 1e-4, "{:?}", region[0]);
+        for point in region {
+            let limit = envelope.at(point.damping_n_s_per_m).unwrap().stiffness_max;
+            assert!(point.stiffness_n_per_m < limit, "{point:?} {limit}");
+        }
+    }
+}

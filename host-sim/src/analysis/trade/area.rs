@@ -1,0 +1,193 @@
+//! The scene's boundary with another velocity filter in the core's controller.
+
+use std::sync::atomic::AtomicBool;
+
+use filter_forms::Filter;
+use rayon::prelude::*;
+use zwidth::{units::Velocity, velocity::Senses};
+
+use super::{Bench, Variant};
+use crate::{
+    error::Error,
+    scene::{
+        Scene, {self},
+    },
+    simulation::{
+        controller::{Controller, Fixed, Rendered},
+        prepared::{HitError, Rig},
+    },
+    study::{
+        sweep::start_offset_counts,
+        walk::{Boundary, walk_with},
+    },
+};
+
+/// The core with its finite difference, and a filter of any format behind that. Wall, saturation and output codes
+/// are the core's, so that only the filter differs; with the core's own filter it is the core.
+#[derive(Clone, Copy, Debug)]
+pub struct Filtered {
+    core: Fixed,
+    filter: Filter,
+}
+
+impl Filtered {
+    /// `core` estimates the velocity by a finite difference alone.
+    pub fn new(core: Fixed, filter: Filter) -> Self {
+        Self { core, filter }
+    }
+
+    #[inline]
+    fn filtered(&mut self) {
+        let difference = self.core.motion().velocity;
+        let bits = self.filter.update(difference.bits());
+        self.core.set_velocity(Velocity::saturating_from_bits(bits));
+    }
+}
+
+impl Controller for Filtered {
+    #[inline]
+    fn sample(&mut self, count: i32) -> bool {
+        let due = self.core.sample(count);
+        self.filtered();
+        due
+    }
+
+    #[inline]
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
+        let due = self.core.sense(count, senses);
+        self.filtered();
+        due
+    }
+
+    #[inline]
+    fn render(&mut self) -> Rendered {
+        self.core.render()
+    }
+
+    #[inline]
+    fn velocity(&self) -> f64 {
+        self.core.velocity()
+    }
+
+    fn surface(&self) -> i32 {
+        self.core.surface()
+    }
+}
+
+/// Areas of the walks from several starts, N^2 s/m^2.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Areas(pub Vec<f64>);
+
+impl Areas {
+    /// Mean.
+    pub fn mean(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "a handful")]
+        let count = self.0.len().max(1) as f64;
+        self.0.iter().sum::<f64>() / count
+    }
+
+    /// Largest less smallest, as a share of the mean; 0 where there is no area.
+    pub fn spread(&self) -> f64 {
+        let low = self.0.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = self.0.iter().copied().fold(0.0, f64::max);
+        if self.mean() > 0.0 { (high - low) / self.mean() } else { 0.0 }
+    }
+
+    /// Mean area against a reference's, relative; `None` where the reference has none.
+    pub fn change(&self, reference: &Self) -> Option<f64> {
+        (reference.mean() > 0.0).then(|| self.mean() / reference.mean() - 1.0)
+    }
+}
+
+/// The scene with the finite difference alone, made ready.
+///
+/// # Errors
+/// The scene is out of range.
+pub fn rig(scene: &Scene) -> Result<Rig, Error> {
+    let mut scene = scene.clone();
+    scene.velocity = scene::Velocity::Difference {};
+    Rig::new(&scene)
+}
+
+/// One walk with that filter; `start` is 0 to below 1 count.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn boundary(
+    rig: &Rig,
+    filter: &Filter,
+    cutoff_hz: f64,
+    start: f64,
+    stop: &AtomicBool,
+) -> Result<Boundary, Error> {
+    walk_with(rig, cutoff_hz, start, stop, |hit| {
+        let core = rig.core(hit).map_err(HitError::Settings)?;
+        rig.early_verdict(hit, Filtered::new(core, *filter))
+    })
+}
+
+/// Areas of all variants at all cutoffs, in that order; `None` where the format cannot have the cutoff. `done` is called after each walk.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn measure(
+    rig: &Rig,
+    bench: &Bench,
+    cutoffs_hz: &[f64],
+    repeats: u32,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Vec<Option<Areas>>, Error> {
+    // the long walks, those of high cutoffs, first
+    let jobs: Vec<(usize, usize, u32)> = (0..cutoffs_hz.len())
+        .rev()
+        .flat_map(|cutoff| (0..Variant::ALL.len()).map(move |variant| (cutoff, variant)))
+        .flat_map(|(cutoff, variant)| (0..repeats).map(move |repeat| (cutoff, variant, repeat)))
+        .collect();
+    let found: Vec<Result<Option<f64>, Error>> = jobs
+        .par_iter()
+        .with_max_len(1)
+        .map(|&(cutoff, variant, repeat)| {
+            let cutoff_hz = cutoffs_hz[cutoff];
+            let filter = bench.filter(Variant::ALL[variant], cutoff_hz);
+            let start = start_offset_counts(repeat, repeats);
+            let area = filter
+                .ok()
+                .map(|filter| boundary(rig, &filter, cutoff_hz, start, stop).map(|b| b.area))
+                .transpose();
+            done();
+            area
+        })
+        .collect();
+    let mut areas: Vec<Option<Areas>> = vec![None; cutoffs_hz.len() * Variant::ALL.len()];
+    for ((cutoff, variant, _), area) in jobs.into_iter().zip(found) {
+        if let Some(area) = area? {
+            let place = variant * cutoffs_hz.len() + cutoff;
+            areas[place].get_or_insert_with(|| Areas(vec![])).0.push(area);
+        }
+    }
+    Ok(areas)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{scene::NamedScene, simulation::prepared::Numeric, study::walk::walk};
+
+    #[test]
+    fn with_the_cores_filter_the_walk_is_the_cores() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        scene.walk.stiffness_step_n_per_m = 8000.0;
+        scene.walk.damping_step_n_s_per_m = 60.0;
+        let stop = AtomicBool::new(false);
+        let bench = Bench::of(&scene);
+        let core = walk(&Rig::new(&scene).unwrap(), Numeric::Fixed, 1500.0, 0.25, &stop).unwrap();
+        let rig = rig(&scene).unwrap();
+        let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
+        assert_eq!(boundary(&rig, &filter, 1500.0, 0.25, &stop).unwrap(), core);
+        assert!(core.area > 1e7, "{core:?}");
+        // another filter has another boundary: the velocity that is used is that of the filter
+        let low = bench.filter(Variant::ALL[0], 50.0).unwrap();
+        assert!(boundary(&rig, &low, 50.0, 0.25, &stop).unwrap().area < 0.2 * core.area);
+    }
+}

@@ -1,0 +1,62 @@
+//! What a filter costs: cycles on the board's core, measured once and kept; nanoseconds here, measured now.
+
+use std::time::Instant;
+
+use filter_forms::{Filter, Step, Variant, Visit};
+
+/// Cycles and memory on the Cortex-M4.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cost {
+    /// Worst cycles of one update, velocity bits in and out, zero wait states.
+    pub cycles: f64,
+    /// Bytes of coefficients and state.
+    pub ram_bytes: f64,
+}
+
+/// `variant,cycles,ram_bytes`; a test holds it against the measurement.
+const TABLE: &str = include_str!("../../../data/filter_cost.csv");
+
+/// The cost of that variant.
+pub fn of(variant: Variant) -> Option<Cost> {
+    let name = variant.to_string();
+    let row = TABLE.lines().find(|line| line.split(',').next() == Some(name.as_str()))?;
+    let mut cells = row.split(',').skip(1).map(str::parse);
+    Some(Cost { cycles: cells.next()?.ok()?, ram_bytes: cells.next()?.ok()? })
+}
+
+const SAMPLES: u32 = 50_000;
+const RUNS: u32 = 5;
+
+/// Time of one update on this machine, ns: the least of a few runs. It differs from run to run.
+pub fn host_ns(filter: &Filter) -> f64 {
+    struct Time;
+    impl Visit for Time {
+        type Output = f64;
+
+        fn visit<F: Step>(self, form: &mut F, fraction: u32) -> f64 {
+            let start = Instant::now();
+            let mut input = 0i32;
+            for n in 0..SAMPLES {
+                // a hand's speed, and the output goes back so that no update can be left out
+                input = (input >> 8) + if n % 3 == 0 { 1 << 20 } else { 0 };
+                input = form.velocity(input, fraction);
+            }
+            std::hint::black_box(input);
+            start.elapsed().as_secs_f64() / f64::from(SAMPLES) * 1e9
+        }
+    }
+    (0..RUNS).map(|_| ({ *filter }).visit(Time)).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_variant_has_a_cost() {
+        for variant in Variant::ALL {
+            let cost = of(variant).unwrap_or_else(|| panic!("{variant} is not in the table"));
+            assert!(cost.cycles > 10.0 && cost.ram_bytes >= 12.0, "{variant}: {cost:?}");
+        }
+    }
+}

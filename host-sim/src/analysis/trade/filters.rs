@@ -1,0 +1,191 @@
+//! All filters at all cutoffs.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use filter_forms::{Form, Format, Prototype};
+use rayon::prelude::*;
+
+use super::{
+    Bench, Criterion, Refused, Variant,
+    area::{
+        Areas, {self},
+    },
+    cost, drift,
+    headroom::Reversal,
+    noise::{Motions, Noise},
+    response::{HIGHEST, Response, Tones},
+    rest,
+};
+use crate::{error::Error, scene::Scene};
+
+/// What was measured of a filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// Response.
+    pub response: Response,
+    /// DC drift, counts.
+    pub drift_counts: f64,
+    /// Distance from the exact filter, counts per sample.
+    pub noise: Noise,
+    /// Largest output after a stop, counts per sample.
+    pub rest_counts: f64,
+    /// Largest speed without overflow, counts per sample; `None` if the filter is too wrong to tell.
+    pub headroom_counts: Option<f64>,
+    /// Mean area, N^2 s/m^2.
+    pub area: Option<f64>,
+    /// Against the exact filter's, relative; `None` where that has none.
+    pub area_change: Option<f64>,
+}
+
+impl Measured {
+    /// Mean error of a constant speed, counts per sample; 10^-6 of it is the ripple of the counts.
+    pub fn bias_counts(&self) -> f64 {
+        self.drift_counts / f64::from(drift::SAMPLES)
+    }
+}
+
+/// What all filters of one cutoff are held against.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exact {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// The -3 dB frequency is in the band that is measured.
+    pub has_cutoff: bool,
+    /// What the encoder leaves in the exact filter's output, counts per sample.
+    pub encoder: Noise,
+    /// Mean area with the filter in `f64`, N^2 s/m^2.
+    pub area: f64,
+    /// Its spread over the starts, relative.
+    pub area_spread: f64,
+}
+
+/// A filter at a cutoff.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilterRow {
+    /// Which one.
+    pub variant: Variant,
+    /// Index of the cutoff.
+    pub cutoff: usize,
+    /// What was measured, or why there is nothing to measure.
+    pub measured: Result<Measured, Refused>,
+    /// What it misses; empty if it would do, or if it is refused.
+    pub missed: Vec<Criterion>,
+}
+
+impl FilterRow {
+    /// It would do.
+    pub fn would_do(&self) -> bool {
+        self.measured.is_ok() && self.missed.is_empty()
+    }
+}
+
+/// The filter part of a trade.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Filters {
+    /// What all are held against, one per cutoff.
+    pub exact: Vec<Exact>,
+    /// Variants in the order of [`Variant::ALL`], cutoffs ascending in each.
+    pub rows: Vec<FilterRow>,
+    /// Time of one update on this machine, per variant, ns.
+    pub host_ns: Vec<f64>,
+}
+
+/// The reference of the areas: the filter that is nearest to the exact one.
+pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
+
+/// Cutoff at which the time on this machine is taken, as a share of the rate: every format can have it.
+const TIMED_AT: f64 = 0.15;
+
+/// Measures all. `done` is called after each walk and each filter.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn measure(
+    scene: &Scene,
+    cutoffs_hz: &[f64],
+    repeats: u32,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Filters, Error> {
+    let bench = Bench::of(scene);
+    let signals: Option<Vec<Signals>> = cutoffs_hz
+        .par_iter()
+        .with_max_len(1)
+        .map(|&cutoff_hz| at_cutoff(&bench, cutoff_hz, stop, &done))
+        .collect();
+    let signals = signals.ok_or(Error::Interrupted)?;
+    let rig = area::rig(scene)?;
+    let areas = area::measure(&rig, &bench, cutoffs_hz, repeats, stop, &done)?;
+    let place = |variant: usize, cutoff: usize| variant * cutoffs_hz.len() + cutoff;
+    let reference = Variant::ALL.iter().position(|v| *v == REFERENCE).unwrap_or(0);
+    let none = Areas(vec![]);
+    let exact: Vec<Exact> = signals
+        .iter()
+        .enumerate()
+        .map(|(cutoff, (encoder, _))| {
+            let areas = areas[place(reference, cutoff)].as_ref().unwrap_or(&none);
+            let cutoff_hz = cutoffs_hz[cutoff];
+            Exact {
+                cutoff_hz,
+                has_cutoff: Prototype::new(cutoff_hz, bench.rate_hz).true_cutoff() <= HIGHEST,
+                encoder: *encoder,
+                area: areas.mean(),
+                area_spread: areas.spread(),
+            }
+        })
+        .collect();
+    let mut rows = vec![];
+    for (number, &variant) in Variant::ALL.iter().enumerate() {
+        for cutoff in 0..cutoffs_hz.len() {
+            let mut measured = signals[cutoff].1[number].clone();
+            if let (Ok(measured), Some(own)) = (&mut measured, &areas[place(number, cutoff)]) {
+                let reference = areas[place(reference, cutoff)].as_ref().unwrap_or(&none);
+                measured.area = Some(own.mean());
+                measured.area_change = own.change(reference);
+            }
+            let missed = measured.as_ref().map_or(vec![], |measured| {
+                let missed = |c: &Criterion| c.missed(measured, &exact[cutoff]);
+                Criterion::ALL.into_iter().filter(missed).collect()
+            });
+            rows.push(FilterRow { variant, cutoff, measured, missed });
+        }
+    }
+    let host_ns = Variant::ALL.iter().map(|&variant| {
+        let filter = bench.filter(variant, TIMED_AT * bench.rate_hz);
+        filter.map_or(f64::NAN, |filter| cost::host_ns(&filter))
+    });
+    Ok(Filters { exact, rows, host_ns: host_ns.collect() })
+}
+
+/// What the encoder leaves in the exact output, and what each variant makes of it.
+type Signals = (Noise, Vec<Result<Measured, Refused>>);
+
+/// `None` if `stop` was set.
+fn at_cutoff(
+    bench: &Bench,
+    cutoff_hz: f64,
+    stop: &AtomicBool,
+    done: &(impl Fn() + Sync),
+) -> Option<Signals> {
+    let tones = Tones::new(bench, cutoff_hz);
+    let motions = Motions::new(bench, cutoff_hz);
+    let reversal = Reversal::new(bench, cutoff_hz);
+    let measure = |&variant: &Variant| {
+        if stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        let measured = bench.filter(variant, cutoff_hz).map(|filter| Measured {
+            response: tones.measure(&filter),
+            drift_counts: drift::measure(bench, &filter, cutoff_hz),
+            noise: motions.measure(&filter),
+            rest_counts: rest::measure(bench, &filter, cutoff_hz),
+            headroom_counts: reversal.measure(&filter),
+            area: None,
+            area_change: None,
+        });
+        done();
+        Some(measured)
+    };
+    let measured = Variant::ALL.par_iter().with_max_len(1).map(measure).collect::<Option<_>>()?;
+    Some((motions.encoder, measured))
+}

@@ -1,0 +1,116 @@
+//! The largest speed that is filtered as a smaller one would be.
+
+use filter_forms::Filter;
+
+use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
+
+/// The speed turns over after so many periods of the cutoff, and is watched for as many: the overshoot comes at 0.7.
+const BEFORE: f64 = 2.0;
+const AFTER: f64 = 1.2;
+/// Speeds that are tried: from this share of Q15's full scale to that of the core's velocity, and how finely.
+const SLOWEST: f64 = 1.0 / 16.0;
+const FASTEST_COUNTS: f64 = 32_767.0;
+const STEP: f64 = 1.25;
+const HALVINGS: u32 = 8;
+
+/// The reversal of a handle that moves at a speed of 1, as the exact filter sees it; shared by all variants.
+#[derive(Clone, Debug)]
+pub struct Reversal {
+    before: u32,
+    slowest: f64,
+    exact: Vec<f64>,
+}
+
+impl Reversal {
+    /// For that cutoff.
+    pub fn new(bench: &Bench, cutoff_hz: f64) -> Self {
+        let before = bench.samples(BEFORE, cutoff_hz) + 20;
+        let after = bench.samples(AFTER, cutoff_hz) + 20;
+        let mut reference = Reference::new(cutoff_hz, bench.rate_hz);
+        let speed = |n| if n < before { 1.0 } else { -1.0 };
+        let exact = (0..before + after).map(|n| reference.step(speed(n))).collect();
+        Self { before, slowest: SLOWEST * bench.q15_full_scale_counts(), exact }
+    }
+
+    /// Largest speed, counts per sample, at which the reversal is neither wrapped nor clipped: the output's
+    /// extremes are the exact ones to within a twentieth of the overshoot, or what half that speed has (a filter may be
+    /// wrong without lacking room). `None` if its other errors hide it at every speed.
+    pub fn measure(&self, filter: &Filter) -> Option<f64> {
+        let mut low = FASTEST_COUNTS;
+        let mut high = None;
+        while !self.fits(filter, low) {
+            high = Some(low);
+            low /= STEP;
+            if low < self.slowest {
+                return None;
+            }
+        }
+        if let Some(mut high) = high {
+            for _ in 0..HALVINGS {
+                let middle = f64::midpoint(low, high);
+                if self.fits(filter, middle) {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+        }
+        Some(low)
+    }
+
+    fn fits(&self, filter: &Filter, speed: f64) -> bool {
+        const TOLERANCE: f64 = 0.004; // of the speed; the overshoot is 0.086
+        let [low, high] = self.extremes(filter, speed);
+        let [half_low, half_high] = self.extremes(filter, speed / 2.0);
+        let exact = self
+            .exact
+            .iter()
+            .fold([0.0, 0.0], |[low, high]: [f64; 2], &v| [low.min(v), high.max(v)]);
+        // an output that hardly moves says nothing about room
+        let near = |a: f64, b: f64| b.abs() > 0.5 && (a - b).abs() <= TOLERANCE * b.abs();
+        (near(low, exact[0]) || near(low, half_low))
+            && (near(high, exact[1]) || near(high, half_high))
+    }
+
+    /// Lowest and highest output, in units of the speed.
+    fn extremes(&self, filter: &Filter, speed: f64) -> [f64; 2] {
+        #[expect(clippy::cast_possible_truncation, reason = "saturates")]
+        let bits = (speed * LSB_PER_COUNT) as i32;
+        let mut filter = *filter;
+        let (mut low, mut high) = (0f64, 0f64);
+        let samples = u32::try_from(self.exact.len()).unwrap_or(u32::MAX);
+        filter.run(
+            samples,
+            |n| if n < self.before { bits } else { -bits },
+            |_, out| (low, high) = (-larger(-low, -out), larger(high, out)),
+        );
+        [low / speed, high / speed]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{analysis::trade::Variant, scene::NamedScene};
+    use filter_forms::{Form, Format};
+
+    /// The overshoot of 8.6 % of a reversal is what is missing of full scale.
+    #[test]
+    fn it_is_full_scale_less_the_overshoot() {
+        let bench = Bench::of(&NamedScene::load("paper-1um").unwrap().scene);
+        let reversal = Reversal::new(&bench, 500.0);
+        let of = |format, form| {
+            reversal.measure(&bench.filter(Variant { format, form }, 500.0).unwrap())
+        };
+        let core = of(Format::I32Feedback, Form::Direct1).unwrap();
+        assert!((core / (32_767.0 / 1.086) - 1.0).abs() < 0.01, "{core}");
+        for format in [Format::Q15, Format::Q15Feedback] {
+            let half = of(format, Form::Direct1).unwrap();
+            assert!((half / (128.0 / 1.086) - 1.0).abs() < 0.02, "{format:?}: {half}");
+        }
+        assert_eq!(of(Format::F32, Form::Delta), Some(FASTEST_COUNTS));
+        // one that wraps has no less room than one that clips
+        let wraps = of(Format::CmsisQ31, Form::Direct1).unwrap();
+        assert!((wraps / core - 1.0).abs() < 0.01, "{wraps}");
+    }
+}

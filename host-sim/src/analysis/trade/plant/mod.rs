@@ -1,0 +1,394 @@
+//! Ways to advance the plant: what each gets wrong, and what it costs.
+//!
+//! | what | how |
+//! |------|-----|
+//! | trajectory | the commands of one wall hit in the middle of the stable walls are replayed; largest distance from the reference's position |
+//! | verdicts | hits one and two steps of K on both sides of the boundary: how many end otherwise than with the reference |
+//! | boundary | area of the walks on a grid [`COARSER`] times the scene's, from two starts, against the reference's |
+//! | cost | steps that were tried (an adaptive method repeats some, an event takes several) times the additions and multiplications of a step, per simulated second |
+//!
+//! The reference is the exact step; on a plant that is not linear it is the adaptive method at its least tolerance.
+//! At the edge of the boundary a hit is chaotic. How many verdicts and how much area change when the reference's own start is
+//! moved by [`NUDGE_COUNTS`], as the repeats of a sweep move it, is given beside: a method that changes less does not
+//! change the answer.
+
+mod replay;
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+use zwidth::experiment::Verdict;
+
+pub use replay::{Recorded, Replayed};
+
+use crate::{
+    error::Error,
+    numerics::integrator::Integrator,
+    plant::AnyPlant,
+    scene::{
+        Scene,
+        element::{Chain, Nonlinear},
+    },
+    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    study::{sweep::start_offset_counts, walk::walk},
+};
+
+/// The walk's steps of K and B are so many times the scene's.
+pub const COARSER: f64 = 4.0;
+/// Starts of the walks.
+const REPEATS: u32 = 2;
+/// Points of the boundary beside which hits are compared, and where in steps of K.
+const POINTS: usize = 8;
+const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
+/// How far the reference's start is moved to see what chaos does, counts.
+pub const NUDGE_COUNTS: f64 = 0.25;
+/// Steps of equal length per sample.
+const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
+/// Relative tolerances, and absolute ones of positions in m.
+const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [1e-12, 1e-18]];
+
+/// A way to advance the plant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// The matrix exponential.
+    Exact,
+    /// Step by step.
+    Integrated(Integrator),
+}
+
+impl Method {
+    /// All that a scene can ask for, the reference first.
+    pub fn all(scene: &Scene) -> Vec<Self> {
+        let adaptive =
+            TOLERANCES.iter().rev().map(|&[relative_tolerance, absolute_tolerance_m]| {
+                Integrator::DormandPrince { relative_tolerance, absolute_tolerance_m }
+            });
+        let euler =
+            STEPS.map(|steps_per_sample| Integrator::SemiImplicitEuler { steps_per_sample });
+        let rk4 = STEPS.map(|steps_per_sample| Integrator::Rk4 { steps_per_sample });
+        let exact = (Nonlinear::of(scene) == Nonlinear::default()).then_some(Self::Exact);
+        let stepwise = adaptive.chain(euler).chain(rk4).map(Self::Integrated);
+        exact.into_iter().chain(stepwise).collect()
+    }
+
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Integrated(Integrator::SemiImplicitEuler { .. }) => "semi-implicit-euler",
+            Self::Integrated(Integrator::Rk4 { .. }) => "rk4",
+            Self::Integrated(Integrator::DormandPrince { .. }) => "dormand-prince",
+        }
+    }
+
+    /// Steps per sample, or relative tolerance.
+    pub fn setting(self) -> Option<f64> {
+        match self {
+            Self::Exact => None,
+            Self::Integrated(
+                Integrator::SemiImplicitEuler { steps_per_sample }
+                | Integrator::Rk4 { steps_per_sample },
+            ) => Some(steps_per_sample.into()),
+            Self::Integrated(Integrator::DormandPrince { relative_tolerance, .. }) => {
+                Some(relative_tolerance)
+            }
+        }
+    }
+
+    fn scene(self, scene: &Scene) -> Scene {
+        let integrator = match self {
+            Self::Exact => None,
+            Self::Integrated(integrator) => Some(integrator),
+        };
+        Scene { integrator, ..scene.clone() }
+    }
+
+    fn plant(self, scene: &Scene) -> AnyPlant {
+        let fraction = scene.actuator.latency.fract();
+        AnyPlant::unsensed(&self.scene(scene), 1.0 / scene.control.rate_hz, fraction)
+    }
+
+    /// Additions and multiplications of one step of a linear plant of `states` states; of a whole sample for the exact one.
+    /// What non-linear elements add is not counted.
+    pub fn operations(self, states: usize) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "2 to 7")]
+        let n = states as f64;
+        let rate = n * (2.0 * n + 1.0) + 2.0;
+        match self {
+            Self::Exact => n * (2.0 * n + 1.0),
+            Self::Integrated(Integrator::SemiImplicitEuler { .. }) => rate + 2.0 * n + n,
+            Self::Integrated(Integrator::Rk4 { .. }) => 4.0 * rate + 3.0 * 2.0 * n + 6.0 * n,
+            Self::Integrated(Integrator::DormandPrince { .. }) => {
+                // seven rates, 21 + 7 weights, six ends of stages, the error's share of the tolerance
+                7.0 * rate + 2.0 * n * (21.0 + 7.0 + 6.0) + 5.0 * n
+            }
+        }
+    }
+}
+
+/// What was measured of a method.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantMeasured {
+    /// Largest distance from the reference's position, m.
+    pub trajectory_m: f64,
+    /// Verdicts that differ.
+    pub verdicts_wrong: usize,
+    /// Mean area, N^2 s/m^2.
+    pub area: f64,
+    /// Against the reference's, relative.
+    pub area_change: f64,
+    /// Steps tried per sample; one for the exact step.
+    pub steps_per_sample: f64,
+    /// Additions and multiplications per simulated second.
+    pub operations_per_s: f64,
+    /// Time on this machine, ns per sample.
+    pub host_ns: f64,
+}
+
+/// A method's row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantRow {
+    /// Which one.
+    pub method: Method,
+    /// What was measured, or why the method is refused.
+    pub measured: Result<PlantMeasured, String>,
+}
+
+/// The plant part of a trade.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plants {
+    /// One row per method, the reference first.
+    pub rows: Vec<PlantRow>,
+    /// Cutoff of the scene's estimator in all hits, Hz; 0 if it has none.
+    pub cutoff_hz: f64,
+    /// The wall of the replayed hit: K, N/m, and B, N s/m.
+    pub wall: [f64; 2],
+    /// Hits that were compared.
+    pub verdicts: usize,
+    /// Verdicts that change when the reference's start is moved by [`NUDGE_COUNTS`].
+    pub verdicts_chaotic: usize,
+    /// Change of the area by the same, relative.
+    pub area_chaotic: f64,
+}
+
+/// The cutoff in the middle of the scene's own.
+pub fn cutoff_hz(scene: &Scene) -> f64 {
+    let cutoffs = &scene.sweep.cutoffs_hz;
+    let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or(0.0);
+    if scene.velocity.has_cutoff() { middle } else { 0.0 }
+}
+
+struct Reference<'a> {
+    scene: &'a Scene,
+    cutoff_hz: f64,
+    stop: &'a AtomicBool,
+    hits: Vec<WallHit>,
+    recorded: Recorded,
+}
+
+/// Measures all methods. `done` is called after each of them, and once before.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn measure(scene: &Scene, stop: &AtomicBool, done: impl Fn() + Sync) -> Result<Plants, Error> {
+    let methods = Method::all(scene);
+    let Some(&first) = methods.first() else {
+        return Err(Error::Internal("no method".into()));
+    };
+    let cutoff_hz = cutoff_hz(scene);
+    let rig = Rig::new(&first.scene(scene))?;
+    let fine = walk(&rig, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
+    let Some(peak) =
+        fine.points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
+    else {
+        return Err(Error::Input(format!(
+            "no wall is stable at {cutoff_hz} Hz: there is no boundary to compare integrators at"
+        )));
+    };
+    let middle = WallHit {
+        cutoff_hz,
+        stiffness_n_per_m: 0.5 * peak.stiffness_n_per_m,
+        damping_n_s_per_m: peak.damping_n_s_per_m,
+        start_offset_counts: 0.0,
+    };
+    let step = scene.walk.stiffness_step_n_per_m;
+    let spread = (0..POINTS).map(|n| n * (fine.points.len() - 1) / (POINTS - 1));
+    let beside = spread.filter_map(|n| fine.points.get(n)).flat_map(|point| {
+        BESIDE.map(|steps| WallHit {
+            stiffness_n_per_m: point.stiffness_n_per_m + steps * step,
+            damping_n_s_per_m: point.damping_n_s_per_m,
+            ..middle
+        })
+    });
+    let hits: Vec<WallHit> = beside.filter(|hit| hit.stiffness_n_per_m > 0.0).collect();
+    let recorded = Recorded::new(&rig, &middle).map_err(Error::from)?;
+    let reference = Reference { scene, cutoff_hz, stop, hits, recorded };
+    let expected = reference.verdicts(&rig, 0.0)?;
+    let nudged = reference.verdicts(&rig, NUDGE_COUNTS)?;
+    let area = reference.area(first, 0.0)?;
+    let area_chaotic = reference.area(first, NUDGE_COUNTS)? / area - 1.0;
+    done();
+    let rows: Vec<Result<PlantRow, Error>> = methods
+        .par_iter()
+        .with_max_len(1)
+        .map(|&method| {
+            let row = reference.row(method, &expected, area);
+            done();
+            row
+        })
+        .collect();
+    let mut rows: Vec<PlantRow> = rows.into_iter().collect::<Result<_, _>>()?;
+    for row in &mut rows {
+        if let Ok(measured) = &mut row.measured {
+            measured.host_ns = reference.recorded.host_ns(&row.method.plant(scene));
+        }
+    }
+    Ok(Plants {
+        rows,
+        cutoff_hz,
+        wall: [middle.stiffness_n_per_m, middle.damping_n_s_per_m],
+        verdicts: expected.len(),
+        verdicts_chaotic: differing(&expected, &nudged),
+        area_chaotic,
+    })
+}
+
+fn differing(a: &[Verdict], b: &[Verdict]) -> usize {
+    a.iter().zip(b).filter(|(a, b)| a != b).count()
+}
+
+impl Reference<'_> {
+    fn row(&self, method: Method, expected: &[Verdict], area: f64) -> Result<PlantRow, Error> {
+        let rig = match Rig::new(&method.scene(self.scene)) {
+            Ok(rig) => rig,
+            Err(error @ Error::Input(_)) => {
+                return Ok(PlantRow { method, measured: Err(error.to_string()) });
+            }
+            Err(error) => return Err(error),
+        };
+        let Replayed { error_m, steps, samples } = self.recorded.replay(&method.plant(self.scene));
+        let states = Chain::of(self.scene).states();
+        #[expect(clippy::cast_precision_loss, reason = "below 2^53")]
+        let steps_per_sample = match method {
+            Method::Exact => 1.0,
+            Method::Integrated(_) => steps as f64 / f64::from(samples),
+        };
+        let own = self.area(method, 0.0)?;
+        let measured = PlantMeasured {
+            trajectory_m: error_m,
+            verdicts_wrong: differing(expected, &self.verdicts(&rig, 0.0)?),
+            area: own,
+            area_change: own / area - 1.0,
+            steps_per_sample,
+            operations_per_s: method.operations(states)
+                * steps_per_sample
+                * self.scene.control.rate_hz,
+            host_ns: f64::NAN,
+        };
+        Ok(PlantRow { method, measured: Ok(measured) })
+    }
+
+    fn verdicts(&self, rig: &Rig, nudge_counts: f64) -> Result<Vec<Verdict>, Error> {
+        let verdict = |hit: &WallHit| {
+            if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let hit = WallHit { start_offset_counts: nudge_counts, ..*hit };
+            match rig.verdict(Numeric::Fixed, &hit) {
+                Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
+                other => Ok(other?),
+            }
+        };
+        self.hits.iter().map(verdict).collect()
+    }
+
+    /// Mean over the starts.
+    fn area(&self, method: Method, nudge_counts: f64) -> Result<f64, Error> {
+        let mut scene = method.scene(self.scene);
+        scene.walk.stiffness_step_n_per_m *= COARSER;
+        scene.walk.damping_step_n_s_per_m *= COARSER;
+        let rig = Rig::new(&scene)?;
+        let areas: Vec<f64> = (0..REPEATS)
+            .map(|repeat| {
+                let start = start_offset_counts(repeat, REPEATS) + nudge_counts;
+                walk(&rig, Numeric::Fixed, self.cutoff_hz, start, self.stop).map(|b| b.area)
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(areas.iter().sum::<f64>() / f64::from(REPEATS))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn recorded(scene: &Scene) -> Recorded {
+        let hit = WallHit {
+            cutoff_hz: 1500.0,
+            stiffness_n_per_m: 30_000.0,
+            damping_n_s_per_m: 200.0,
+            start_offset_counts: 0.0,
+        };
+        Recorded::new(&Rig::new(scene).unwrap(), &hit).unwrap()
+    }
+
+    fn rk4(steps_per_sample: u32) -> Method {
+        Method::Integrated(Integrator::Rk4 { steps_per_sample })
+    }
+
+    /// A latency that is not whole splits the steps.
+    #[test]
+    fn the_commands_of_a_hit_give_the_reference_the_same_hit() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        for latency in [10.0, 7.75, 0.0] {
+            scene.actuator.latency = latency;
+            let replayed = recorded(&scene).replay(&Method::Exact.plant(&scene));
+            assert_eq!((replayed.error_m, replayed.steps), (0.0, 0), "{latency}");
+            let other = Scene {
+                device: crate::scene::Device { mass_kg: 0.4161, ..scene.device },
+                ..scene.clone()
+            };
+            let wrong = recorded(&scene).replay(&Method::Exact.plant(&other));
+            assert!(wrong.error_m > 1e-6, "another plant is told apart: {wrong:?}");
+        }
+    }
+
+    #[test]
+    fn steps_are_counted_as_they_are_made() {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let recorded = recorded(&scene);
+        for steps in [1, 5] {
+            let replayed = recorded.replay(&rk4(steps).plant(&scene));
+            assert_eq!(replayed.steps, u64::from(steps) * 60_000);
+        }
+        // an adaptive method tries some steps again, and needs more of them for less error
+        let adaptive = |tolerance: f64| {
+            let method = Method::Integrated(Integrator::DormandPrince {
+                relative_tolerance: tolerance,
+                absolute_tolerance_m: 1e-6 * tolerance,
+            });
+            let mut stiff = scene.clone();
+            stiff.mode = Some(crate::scene::element::Mode {
+                mass_kg: 0.02,
+                stiffness_n_per_m: 1e6,
+                damping_n_s_per_m: 2.0,
+            });
+            self::recorded(&stiff).replay(&method.plant(&stiff))
+        };
+        let (loose, tight) = (adaptive(1e-3), adaptive(1e-11));
+        assert!(tight.steps > 2 * loose.steps, "{loose:?} {tight:?}");
+        assert!(tight.error_m < 0.1 * loose.error_m, "{loose:?} {tight:?}");
+    }
+
+    #[test]
+    fn more_states_and_better_methods_cost_more() {
+        let euler = Method::Integrated(Integrator::SemiImplicitEuler { steps_per_sample: 1 });
+        for states in 2..7 {
+            let costs = [Method::Exact, euler, rk4(1)].map(|method| method.operations(states));
+            assert!(costs[0] < costs[1] && costs[1] < costs[2], "{costs:?}");
+            assert!(rk4(1).operations(states + 1) > rk4(1).operations(states));
+        }
+        assert_eq!(Method::Exact.operations(2), 10.0, "phi: 4 products, 2 sums; gamma: 2 and 2");
+    }
+}

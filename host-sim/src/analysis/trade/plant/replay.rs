@@ -1,0 +1,104 @@
+//! One hit's commands, given to another plant.
+
+use std::time::Instant;
+
+use crate::{
+    plant::{AnyPlant, Plant, each_plant},
+    simulation::prepared::{HitError, Rig, WallHit},
+};
+
+/// A hit with the reference: where the handle was, and what was commanded.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    start_m: f64,
+    /// At each sample, m.
+    positions_m: Vec<f64>,
+    /// What takes effect within a sample, if something does, N.
+    commands_n: Vec<Option<f64>>,
+}
+
+/// What another plant made of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Replayed {
+    /// Largest distance from the recorded position, m.
+    pub error_m: f64,
+    /// Steps of the integrator that were tried.
+    pub steps: u64,
+    /// Samples.
+    pub samples: u32,
+}
+
+impl Recorded {
+    /// Runs a whole hit with the core.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn new(rig: &Rig, hit: &WallHit) -> Result<Self, HitError> {
+        let samples = (rig.plan().settle + rig.plan().window) as usize;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the scene's check"
+        )]
+        let latency = rig.scene().actuator.latency.floor() as usize;
+        let full_scale_n = rig.design().full_scale_n;
+        let mut positions_m = Vec::with_capacity(samples);
+        let mut commands_n = vec![None; samples + latency];
+        let mut simulation = rig.fixed(hit)?;
+        for n in 0..samples {
+            let sample = simulation.step();
+            positions_m.push(sample.position_m);
+            if let Some(rendered) = sample.rendered {
+                commands_n[n + latency] = Some(rendered.output * full_scale_n);
+            }
+        }
+        commands_n.truncate(samples);
+        let start_m = rig.scene().device.start_position_m;
+        Ok(Self { start_m, positions_m, commands_n })
+    }
+
+    /// Replays it.
+    pub fn replay(&self, plant: &AnyPlant) -> Replayed {
+        each_plant!(plant, plant => self.counted(plant))
+    }
+
+    fn counted<P: Plant>(&self, plant: &P) -> Replayed {
+        let mut state = plant.at_rest(self.start_m);
+        let (mut acting_n, mut error_m, mut steps) = (0.0, 0f64, 0);
+        for (position_m, command_n) in self.positions_m.iter().zip(&self.commands_n) {
+            let error = (plant.position_m(&state) - position_m).abs();
+            error_m = if error.is_nan() { f64::INFINITY } else { error_m.max(error) };
+            // a step is split where a command takes effect, and there only, as in the simulation
+            state = plant.advance_counting(&state, acting_n, *command_n, &mut steps);
+            acting_n = command_n.unwrap_or(acting_n);
+        }
+        let samples = u32::try_from(self.positions_m.len()).unwrap_or(u32::MAX);
+        Replayed { error_m, steps, samples }
+    }
+
+    /// Time of a sample of the plant alone on this machine, ns. It differs from run to run.
+    pub fn host_ns(&self, plant: &AnyPlant) -> f64 {
+        const RUNS: u32 = 3; // the least of them
+        let timed = |_| each_plant!(plant, plant => self.timed(plant));
+        (0..RUNS).map(timed).fold(f64::INFINITY, f64::min)
+    }
+
+    fn timed<P: Plant>(&self, plant: &P) -> f64 {
+        let start = Instant::now();
+        let mut state = plant.at_rest(self.start_m);
+        let mut acting_n = 0.0;
+        for command_n in &self.commands_n {
+            state = match *command_n {
+                Some(next_n) => {
+                    let before_n = std::mem::replace(&mut acting_n, next_n);
+                    plant.advance_split(&state, before_n, next_n)
+                }
+                None => plant.advance(&state, acting_n),
+            };
+        }
+        std::hint::black_box(plant.position_m(&state));
+        #[expect(clippy::cast_precision_loss, reason = "some 10^5 samples")]
+        let samples = self.commands_n.len() as f64;
+        start.elapsed().as_secs_f64() / samples * 1e9
+    }
+}

@@ -1,0 +1,256 @@
+//! Which vector machine runs the lanes, and which scenes have lanes at all.
+
+use zwidth::{SettingsError, experiment::Verdict};
+
+use super::{
+    engine::{
+        Prepare, Task, {self},
+    },
+    fixed::FixedState,
+    machine::Machine,
+    twin::TwinState,
+};
+use crate::{
+    plant::AnyPlant,
+    scene::Velocity,
+    simulation::{
+        controller::Controller as _,
+        prepared::{HitError, Numeric, Rig, WallHit},
+        senses::AnySensing,
+        twin::{
+            Twin, {self},
+        },
+    },
+};
+
+/// Instructions that lanes are run with. All give the same bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Backend {
+    /// 8 lanes to a vector.
+    Avx512,
+    /// 4 lanes to a vector.
+    Avx2,
+    /// 2 lanes to a vector.
+    Neon,
+    /// One lane to a number, several numbers side by side: every machine has it.
+    Plain,
+    /// No lanes: the scalar loop, hit by hit.
+    Scalar,
+}
+
+impl Backend {
+    /// All of them, the best first.
+    pub const ALL: [Self; 5] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Plain, Self::Scalar];
+
+    /// Name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "avx-512",
+            Self::Avx2 => "avx2",
+            Self::Neon => "neon",
+            Self::Plain => "plain",
+            Self::Scalar => "scalar",
+        }
+    }
+
+    /// Whether this machine has the instructions.
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => pulp::x86::V4::try_new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => pulp::x86::V3::try_new().is_some(),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => pulp::aarch64::Neon::try_new().is_some(),
+            Self::Plain | Self::Scalar => true,
+            _ => false,
+        }
+    }
+
+    /// The best one that this machine has.
+    pub fn best() -> Self {
+        let found = Self::ALL.into_iter().find(|backend| backend.is_available());
+        found.unwrap_or(Self::Scalar)
+    }
+
+    /// Hits that run side by side in one thread.
+    pub fn lanes(self) -> usize {
+        match self {
+            Self::Avx512 => 8 * VECTORS,
+            Self::Avx2 => 4 * VECTORS,
+            Self::Neon => 2 * VECTORS,
+            Self::Plain => VECTORS,
+            Self::Scalar => 1,
+        }
+    }
+}
+
+/// Vectors side by side, so that one need not wait for its own last sample; with four the registers run out and
+/// AVX-512 is half as fast.
+const VECTORS: usize = 2;
+
+/// How much of a hit is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Until the verdict is certain. A hit that leaves the core's range is unstable.
+    Verdict,
+    /// To its end, for the RMS. A hit that leaves the core's range is an error.
+    Whole,
+}
+
+/// What a hit came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Population RMS over the window, m; only with [`Depth::Whole`].
+    pub rms_m: Option<f64>,
+}
+
+/// Where hits were run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// In their lanes to the end.
+    pub in_lanes: u64,
+    /// In the scalar loop, or refused.
+    pub scalar: u64,
+}
+
+/// Where hits come from and outcomes go.
+pub trait Work {
+    /// The next hit for a free lane. A lane that gets `None` is not asked again.
+    fn next(&mut self, lane: usize) -> Option<WallHit>;
+    /// The last hit of that lane is over.
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
+}
+
+/// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
+/// estimator that looks at nothing but the count and is a low-pass or none.
+pub fn lanes_for(rig: &Rig) -> bool {
+    let linear = matches!(
+        rig.parts().plant,
+        AnyPlant::Plain(_)
+            | AnyPlant::Three(_)
+            | AnyPlant::Four(_)
+            | AnyPlant::Five(_)
+            | AnyPlant::Six(_)
+            | AnyPlant::Seven(_)
+    );
+    let low_pass = matches!(
+        rig.scene().velocity,
+        Velocity::Butterworth { .. } | Velocity::FirstOrder { .. } | Velocity::Difference {}
+    );
+    linear && low_pass && rig.sensing() == AnySensing::Blind
+}
+
+/// Runs all hits of `work` in this thread, in lanes where the scene has them.
+pub fn run(
+    backend: Backend,
+    rig: &Rig,
+    numeric: Numeric,
+    depth: Depth,
+    work: &mut impl Work,
+) -> Tally {
+    let task = Task { rig, numeric, depth };
+    if !lanes_for(rig) {
+        return one_by_one(task, work);
+    }
+    match backend {
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx512 => match pulp::x86::V4::try_new() {
+            Some(simd) => each_numeric::<_, VECTORS>(simd, task, work),
+            None => one_by_one(task, work),
+        },
+        #[cfg(target_arch = "x86_64")]
+        Backend::Avx2 => match pulp::x86::V3::try_new() {
+            Some(simd) => each_numeric::<_, VECTORS>(simd, task, work),
+            None => one_by_one(task, work),
+        },
+        #[cfg(target_arch = "aarch64")]
+        Backend::Neon => match pulp::aarch64::Neon::try_new() {
+            Some(simd) => each_numeric::<_, VECTORS>(simd, task, work),
+            None => one_by_one(task, work),
+        },
+        Backend::Plain => each_numeric::<_, VECTORS>(pulp::Scalar, task, work),
+        _ => one_by_one(task, work),
+    }
+}
+
+fn each_numeric<S: Machine, const R: usize>(
+    simd: S,
+    task: Task<'_>,
+    work: &mut impl Work,
+) -> Tally {
+    match task.numeric {
+        Numeric::Fixed => each_plant::<S, FixedState<S>, R>(simd, task, work),
+        Numeric::F64 | Numeric::F64Rounded => each_plant::<S, TwinState<S>, R>(simd, task, work),
+        // A second filter has no lanes.
+        Numeric::F64Filtered { .. } => one_by_one(task, work),
+    }
+}
+
+fn each_plant<S: Machine, C: Prepare<S>, const R: usize>(
+    simd: S,
+    task: Task<'_>,
+    work: &mut impl Work,
+) -> Tally {
+    match &task.rig.parts().plant {
+        AnyPlant::Plain(step) => engine::run::<S, C, 2, R>(simd, task, &step.linear(), work),
+        AnyPlant::Three(step) => engine::run::<S, C, 3, R>(simd, task, &step.linear(), work),
+        AnyPlant::Four(step) => engine::run::<S, C, 4, R>(simd, task, &step.linear(), work),
+        AnyPlant::Five(step) => engine::run::<S, C, 5, R>(simd, task, &step.linear(), work),
+        AnyPlant::Six(step) => engine::run::<S, C, 6, R>(simd, task, &step.linear(), work),
+        AnyPlant::Seven(step) => engine::run::<S, C, 7, R>(simd, task, &step.linear(), work),
+        _ => one_by_one(task, work),
+    }
+}
+
+fn one_by_one(task: Task<'_>, work: &mut impl Work) -> Tally {
+    let mut tally = Tally::default();
+    while let Some(hit) = work.next(0) {
+        tally.scalar += 1;
+        let outcome = scalar(task, &hit);
+        work.done(0, outcome);
+    }
+    tally
+}
+
+/// A hit in the scalar loop.
+pub(super) fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
+    let Task { rig, numeric, depth } = task;
+    match depth {
+        Depth::Verdict => match rig.verdict(numeric, hit) {
+            // another machine may have been certain before the handle left
+            Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
+            verdict => verdict,
+        }
+        .map(|verdict| Outcome { verdict, rms_m: None }),
+        Depth::Whole => rig
+            .hit(numeric, hit, |_| {})
+            .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
+    }
+}
+
+impl<S: Machine> Prepare<S> for FixedState<S> {
+    fn prepare(rig: &Rig, _: Numeric, hit: &WallHit) -> Result<Self::Controller, SettingsError> {
+        Ok(*rig.core(hit)?.control())
+    }
+
+    fn surface(control: &Self::Controller) -> i32 {
+        control.wall.surface().counts()
+    }
+}
+
+impl<S: Machine> Prepare<S> for TwinState<S> {
+    fn prepare(rig: &Rig, numeric: Numeric, hit: &WallHit) -> Result<Twin, SettingsError> {
+        let rounding = match numeric {
+            Numeric::F64Rounded => twin::Rounding::VelocityLsb,
+            _ => twin::Rounding::Exact,
+        };
+        rig.twin_of_core(hit, rounding, None)
+    }
+
+    fn surface(twin: &Twin) -> i32 {
+        twin.surface()
+    }
+}

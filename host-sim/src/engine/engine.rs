@@ -1,0 +1,335 @@
+//! Keeps the lanes full: reads what they come to, ends hits and begins new ones.
+
+use zwidth::{
+    Output,
+    actuator::Actuator,
+    experiment::{Hit, Scatter, Verdict},
+    units::Force,
+};
+
+use super::{
+    Depth, Outcome, Tally, Work,
+    lanes::{Chunk, Clock, Command, Kept, Lanes, Moving, Shared, mask},
+    machine::{Machine, lanes, lanes_mut},
+    scalar,
+};
+use crate::{
+    plant::LinearStep,
+    scene::Rounding,
+    simulation::{
+        prepared::{HitError, Numeric, Rig, WallHit},
+        twin,
+    },
+};
+
+/// Samples between two looks at the lanes, at most.
+const CHUNK_SAMPLES: u32 = 512;
+/// Counts that a lane may move from one sample to the next.
+const JUMP_MAX: f64 = (1 << 14) as f64;
+/// Counts that a lane may be away from zero when it is looked at. It stays well within the core's range
+/// until the next look: 2^29 + 512 * 2^14 < 2^30.
+const COUNT_MAX: f64 = (1 << 29) as f64;
+/// Sums of squares below it are exact.
+const SQUARES_MAX: f64 = (1u64 << 53) as f64;
+
+/// A controller that lanes stand for, made as the scalar loop makes it.
+pub trait Prepare<S: Machine>: Lanes<S> {
+    /// The controller of a hit.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    fn prepare(
+        rig: &Rig,
+        numeric: Numeric,
+        hit: &WallHit,
+    ) -> Result<Self::Controller, zwidth::SettingsError>;
+    /// Its surface, counts.
+    fn surface(controller: &Self::Controller) -> i32;
+}
+
+/// Which hits, in which arithmetic, and how much of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    pub rig: &'a Rig,
+    pub numeric: Numeric,
+    pub depth: Depth,
+}
+
+/// A hit in a lane.
+#[derive(Clone, Debug)]
+struct Running {
+    hit: WallHit,
+    /// Taken so far.
+    samples: u32,
+    surface: i32,
+    /// First position of the window.
+    origin: i32,
+    sum: i64,
+    squares: u128,
+    contact: bool,
+}
+
+struct Engine<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize> {
+    simd: S,
+    task: Task<'a>,
+    step: LinearStep<P>,
+    /// A hit is over, and the next one has to wait for an output to be due.
+    waiting: bool,
+    tally: Tally,
+    shared: Shared<S, P>,
+    kept: [Kept<S, C::Gains>; R],
+    moving: [Moving<S, C, P>; R],
+    clock: Clock<S, R>,
+    running: Vec<Option<Running>>,
+}
+
+/// Runs the hits of `work` in lanes, all in this thread.
+pub fn run<S: Machine, C: Prepare<S>, const P: usize, const R: usize>(
+    simd: S,
+    task: Task<'_>,
+    step: &LinearStep<P>,
+    work: &mut impl Work,
+) -> Tally {
+    let mut engine = Engine::<S, C, P, R>::new(simd, task, step);
+    for lane in 0..engine.running.len() {
+        engine.begin(lane, work);
+    }
+    while let Some(samples) = engine.until_next_event() {
+        let Engine { shared, kept, moving, clock, .. } = &mut engine;
+        Chunk { shared, kept, moving, clock, samples }.go(simd);
+        for lane in 0..engine.running.len() {
+            if let Some(outcome) = engine.look(lane, samples) {
+                engine.waiting = true;
+                let running = engine.running[lane].take();
+                let outcome = match (outcome, running) {
+                    (Some(outcome), _) => {
+                        engine.tally.in_lanes += 1;
+                        Ok(outcome)
+                    }
+                    (None, Some(running)) => engine.scalar(&running.hit),
+                    (None, None) => continue,
+                };
+                work.done(lane, outcome);
+            }
+        }
+        if engine.waiting && engine.clock.is_due() {
+            engine.waiting = false;
+            for lane in 0..engine.running.len() {
+                if engine.running[lane].is_none() {
+                    engine.begin(lane, work);
+                }
+            }
+        }
+    }
+    engine.tally
+}
+
+impl<'a, S: Machine, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S, C, P, R> {
+    fn new(simd: S, task: Task<'a>, step: &LinearStep<P>) -> Self {
+        let parts = task.rig.parts();
+        let zero = simd.splat_f64s(0.0);
+        let splat = |value: f64| simd.splat_f64s(value);
+        let shared = Shared {
+            phi: step.phi.map(|row| row.map(splat)),
+            gamma: step.gamma.map(splat),
+            before: step.before.map(splat),
+            after: step.after.map(splat),
+            rest_m: splat(step.rest_m[0]),
+            resolution_m: splat(parts.resolution_m),
+            rounds: parts.rounding == Rounding::Round,
+            command: command(simd, task),
+        };
+        let kept = Kept {
+            gains: C::no_gains(simd),
+            surface: zero,
+            origin: zero,
+            within: simd.splat_u64s(0),
+        };
+        let clock = Clock::new(simd, parts.period, parts.latency);
+        Self {
+            simd,
+            task,
+            step: *step,
+            waiting: false,
+            tally: Tally::default(),
+            shared,
+            kept: [kept; R],
+            moving: [Moving::new(simd); R],
+            clock,
+            running: vec![None; R * S::F64_LANES],
+        }
+    }
+
+    fn scalar(&mut self, hit: &WallHit) -> Result<Outcome, HitError> {
+        self.tally.scalar += 1;
+        scalar(self.task, hit)
+    }
+
+    /// Vector and place in it.
+    fn place(lane: usize) -> (usize, usize) {
+        (lane / S::F64_LANES, lane % S::F64_LANES)
+    }
+
+    /// Takes the next hit into a free lane; those that no lane can run are run at once.
+    fn begin(&mut self, lane: usize, work: &mut impl Work) {
+        while let Some(hit) = work.next(lane) {
+            let Task { rig, numeric, .. } = self.task;
+            match C::prepare(rig, numeric, &hit) {
+                Err(error) => {
+                    self.tally.scalar += 1;
+                    work.done(lane, Err(error.into()));
+                }
+                Ok(_) if f64::from(rig.first_count(&hit)).abs() > COUNT_MAX => {
+                    work.done(lane, self.scalar(&hit));
+                }
+                Ok(controller) => return self.start(lane, hit, &controller),
+            }
+        }
+        self.idle(lane);
+    }
+
+    fn start(&mut self, lane: usize, hit: WallHit, controller: &C::Controller) {
+        let rig = self.task.rig;
+        let surface = C::surface(controller);
+        let (vector, place) = Self::place(lane);
+        let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
+        moving.controller.start(&mut kept.gains, place, controller);
+        let state = self.step.at_rest(rig.start_m(&hit));
+        let set = |vector: &mut S::f64s, value: f64| lanes_mut(vector)[place] = value;
+        for (vector, value) in moving.state.iter_mut().zip(state) {
+            set(vector, value);
+        }
+        for vector in
+            moving.pushed.iter_mut().chain([&mut moving.acting_n, &mut moving.counted.jump])
+        {
+            set(vector, 0.0);
+        }
+        set(&mut moving.counted.count, rig.first_count(&hit).into());
+        set(&mut kept.surface, surface.into());
+        lanes_mut(&mut kept.within)[place] = mask(false);
+        for commands_n in &mut self.clock.commands_n {
+            set(&mut commands_n.0[vector], 0.0);
+        }
+        self.running[lane] = Some(Running {
+            hit,
+            samples: 0,
+            surface,
+            origin: 0,
+            sum: 0,
+            squares: 0,
+            contact: false,
+        });
+    }
+
+    /// A lane without a hit stands still where the device rests.
+    fn idle(&mut self, lane: usize) {
+        let still = Moving::<S, C, P>::new(self.simd);
+        let (vector, place) = Self::place(lane);
+        let moving = &mut self.moving[vector];
+        for (vector, value) in moving.state.iter_mut().zip(still.state) {
+            lanes_mut::<_, f64>(vector)[place] = lanes::<_, f64>(&value)[place];
+        }
+        for vector in &mut moving.pushed {
+            lanes_mut(vector)[place] = 0.0;
+        }
+        lanes_mut(&mut moving.acting_n)[place] = 0.0;
+        lanes_mut(&mut self.kept[vector].within)[place] = mask(false);
+    }
+
+    /// Samples until a lane has to be looked at; `None` if none is running.
+    fn until_next_event(&self) -> Option<u32> {
+        let plan = self.task.rig.plan();
+        let next = |running: &Running| match running.samples {
+            // the first sample of the window gives its origin
+            n if n <= plan.settle => plan.settle + 1 - n,
+            n => plan.settle + plan.window - n,
+        };
+        let soonest = self.running.iter().flatten().map(next).min();
+        let to_output = self.waiting.then(|| self.clock.samples_to_output());
+        let samples = soonest.into_iter().chain(to_output).min()?;
+        Some(samples.min(CHUNK_SAMPLES))
+    }
+
+    /// Reads a lane after `samples` more. `Some` if its hit is over, with its outcome if the lanes have it.
+    fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
+        let plan = *self.task.rig.plan();
+        let running = self.running[lane].as_mut()?;
+        running.samples += samples;
+        let (vector, place) = Self::place(lane);
+        let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
+        let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
+        let count = get(&moving.counted.count);
+        let finite = moving.state.iter().all(|value| get(value).is_finite());
+        let near = get(&moving.counted.jump) <= JUMP_MAX && count.abs() <= COUNT_MAX;
+        if !finite || !near || moving.controller.is_lost(place) {
+            return Some(None);
+        }
+        if running.samples <= plan.settle {
+            return None;
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
+        let integer = |value: f64| value as i64;
+        if running.samples == plan.settle + 1 {
+            #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
+            let origin = count as i32;
+            running.origin = origin;
+            running.contact = origin > running.surface;
+            lanes_mut(&mut kept.origin)[place] = count;
+            lanes_mut(&mut kept.within)[place] = mask(true);
+            for (sum, start) in [
+                (&mut moving.counted.sum, 0.0),
+                (&mut moving.counted.squares, 0.0),
+                (&mut moving.counted.deepest, f64::NEG_INFINITY),
+            ] {
+                lanes_mut(sum)[place] = start;
+            }
+        } else {
+            let squares = get(&moving.counted.squares);
+            if squares >= SQUARES_MAX {
+                return Some(None);
+            }
+            running.sum += integer(get(&moving.counted.sum));
+            running.squares += u128::from(integer(squares).unsigned_abs());
+            let surface = f64::from(running.surface) - f64::from(running.origin);
+            running.contact |= get(&moving.counted.deepest) > surface;
+            lanes_mut(&mut moving.counted.sum)[place] = 0.0;
+            lanes_mut(&mut moving.counted.squares)[place] = 0.0;
+        }
+        let taken = running.samples - plan.settle;
+        let scatter = Scatter::of_sums(taken, running.origin, running.sum, running.squares);
+        let hit = Hit::in_window(plan, u32::from(running.contact), scatter);
+        if hit.is_over() {
+            let rms_m = scatter.rms_counts() * self.task.rig.design().resolution_m;
+            let whole = self.task.depth == Depth::Whole;
+            return Some(Some(Outcome { verdict: hit.verdict(), rms_m: whole.then_some(rms_m) }));
+        }
+        let early = (self.task.depth == Depth::Verdict).then(|| hit.certain_verdict()).flatten();
+        early.map(|verdict: Verdict| Some(Outcome { verdict, rms_m: None }))
+    }
+}
+
+/// What an output needs, the same for all hits.
+fn command<S: Machine>(simd: S, task: Task<'_>) -> Command<S> {
+    let Task { rig, numeric, .. } = task;
+    let splat = |value: f64| simd.splat_f64s(value);
+    let push_bits = i64::from(rig.plan().push.bits());
+    let full_bits = f64::from(Force::FULL_SCALE.bits());
+    let push_only = rig.scene().wall.push_only;
+    let codes = match rig.design().output {
+        Output::Continuous => None,
+        Output::Dac { .. } | Output::Pwm { .. } => Actuator::new(rig.design().output).ok(),
+    };
+    let codes = codes.map(|actuator| actuator.codes_per_full_scale());
+    let per_full_scale = codes.unwrap_or(Force::FULL_SCALE.bits().unsigned_abs());
+    Command {
+        push: splat(push_bits as f64 / full_bits),
+        push_bits: simd.splat_u64s(push_bits.cast_unsigned()),
+        least: simd.splat_u64s(if push_only { 0 } else { i64::MIN.cast_unsigned() }),
+        least_wall: splat(if push_only { 0.0 } else { f64::NEG_INFINITY }),
+        codes: codes.map(|codes| simd.splat_u64s(codes.into())),
+        codes_f64: codes.map(|codes| splat(codes.into())),
+        per_code: splat(1.0 / f64::from(per_full_scale)),
+        velocity_lsb: (numeric == Numeric::F64Rounded).then(|| splat(twin::ROUND_TO_LSB)),
+        full_scale_n: splat(task.rig.parts().full_scale_n),
+    }
+}

@@ -1,0 +1,93 @@
+//! Independent hits by number, on all threads, their outcomes in order: however many there are, only a block of
+//! them is in memory.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::{Backend, Depth, Outcome, Work, run};
+use crate::{
+    error::Error,
+    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+};
+
+/// Hits of a block for each lane of each thread. At its end lanes wait for the last one: 1 % of the time.
+const HITS_PER_LANE: u64 = 64;
+
+/// Runs the hits 0 .. `total` that `hit` describes and gives each outcome to `sink`, in order. The outcomes
+/// depend neither on the number of threads nor on `backend`.
+///
+/// # Errors
+/// `stop` was set, or an error of `sink`.
+#[expect(clippy::too_many_arguments, reason = "what, how and where to")]
+pub fn stream(
+    backend: Backend,
+    rig: &Rig,
+    numeric: Numeric,
+    depth: Depth,
+    total: u64,
+    hit: impl Fn(u64) -> WallHit + Sync,
+    stop: &AtomicBool,
+    mut sink: impl FnMut(u64, Result<Outcome, HitError>) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let threads = rayon::current_num_threads();
+    let block = HITS_PER_LANE * (threads * backend.lanes()) as u64;
+    let mut begin = 0;
+    while begin < total {
+        let end = total.min(begin + block);
+        let next = AtomicU64::new(begin);
+        let mut outcomes: Vec<(u64, Result<Outcome, HitError>)> = (0..threads)
+            .into_par_iter()
+            .with_max_len(1)
+            .flat_map_iter(|_| {
+                let lanes = vec![];
+                let mut work =
+                    Numbered { next: &next, end, hit: &hit, stop, lanes, outcomes: vec![] };
+                run(backend, rig, numeric, depth, &mut work);
+                work.outcomes
+            })
+            .collect();
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        outcomes.sort_unstable_by_key(|(number, _)| *number);
+        for (number, outcome) in outcomes {
+            sink(number, outcome)?;
+        }
+        begin = end;
+    }
+    Ok(())
+}
+
+struct Numbered<'a, F> {
+    next: &'a AtomicU64,
+    end: u64,
+    hit: &'a F,
+    stop: &'a AtomicBool,
+    /// Which hit each lane has.
+    lanes: Vec<u64>,
+    outcomes: Vec<(u64, Result<Outcome, HitError>)>,
+}
+
+impl<F: Fn(u64) -> WallHit> Work for Numbered<'_, F> {
+    fn next(&mut self, lane: usize) -> Option<WallHit> {
+        if self.stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        let number = self.next.fetch_add(1, Ordering::Relaxed);
+        if number >= self.end {
+            return None;
+        }
+        if self.lanes.len() <= lane {
+            self.lanes.resize(lane + 1, 0);
+        }
+        *self.lanes.get_mut(lane)? = number;
+        Some((self.hit)(number))
+    }
+
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        if let Some(&number) = self.lanes.get(lane) {
+            self.outcomes.push((number, outcome));
+        }
+    }
+}

@@ -1,0 +1,377 @@
+//! Lanes against the scalar loop, bit for bit, on every backend that this machine has.
+
+use proptest::prelude::*;
+use zwidth::experiment::Verdict;
+
+use super::*;
+use crate::{
+    scene::{
+        NamedScene, Quantisation, Rounding, Scene, Velocity,
+        element::{Amplifier, Arm, Friction, Mode},
+    },
+    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+};
+
+const NUMERICS: [Numeric; 3] = [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded];
+
+fn backends() -> impl Iterator<Item = Backend> {
+    Backend::ALL.into_iter().filter(|backend| backend.is_available())
+}
+
+/// Hits in a list, each by the lane that is free.
+struct Listed<'a> {
+    hits: &'a [WallHit],
+    taken: usize,
+    in_lane: Vec<usize>,
+    outcomes: Vec<Option<Result<Outcome, HitError>>>,
+}
+
+impl Work for Listed<'_> {
+    fn next(&mut self, lane: usize) -> Option<WallHit> {
+        let hit = self.hits.get(self.taken)?;
+        if self.in_lane.len() <= lane {
+            self.in_lane.resize(lane + 1, 0);
+        }
+        self.in_lane[lane] = self.taken;
+        self.taken += 1;
+        Some(*hit)
+    }
+
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        let place = &mut self.outcomes[self.in_lane[lane]];
+        assert!(place.is_none(), "one outcome per hit");
+        *place = Some(outcome);
+    }
+}
+
+fn outcomes(
+    backend: Backend,
+    rig: &Rig,
+    numeric: Numeric,
+    depth: Depth,
+    hits: &[WallHit],
+) -> (Vec<Result<Outcome, HitError>>, Tally) {
+    let mut work = Listed { hits, taken: 0, in_lane: vec![], outcomes: vec![None; hits.len()] };
+    let tally = run(backend, rig, numeric, depth, &mut work);
+    (work.outcomes.into_iter().map(Option::unwrap).collect(), tally)
+}
+
+/// To the bit: RMS as its bits.
+fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Option<u64>), HitError> {
+    outcome.clone().map(|outcome| (outcome.verdict, outcome.rms_m.map(f64::to_bits)))
+}
+
+/// Every backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of them.
+fn hold(rig: &Rig, hits: &[WallHit]) -> u64 {
+    let mut least = u64::MAX;
+    for numeric in NUMERICS {
+        for depth in [Depth::Whole, Depth::Verdict] {
+            let scalar: Vec<_> = hits
+                .iter()
+                .map(|hit| match depth {
+                    Depth::Whole => rig.hit(numeric, hit, |_| {}).map(|report| Outcome {
+                        verdict: report.verdict,
+                        rms_m: Some(report.rms_m),
+                    }),
+                    Depth::Verdict => match rig.verdict(numeric, hit) {
+                        Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
+                        verdict => verdict,
+                    }
+                    .map(|verdict| Outcome { verdict, rms_m: None }),
+                })
+                .collect();
+            for backend in backends() {
+                let (found, tally) = outcomes(backend, rig, numeric, depth, hits);
+                for ((hit, found), expected) in hits.iter().zip(&found).zip(&scalar) {
+                    let context = format!("{backend:?} {numeric:?} {depth:?} {hit:?}");
+                    assert_eq!(bits(found), bits(expected), "{context}");
+                }
+                if backend != Backend::Scalar {
+                    assert_eq!(tally.in_lanes + tally.scalar, hits.len() as u64);
+                    least = least.min(tally.in_lanes);
+                }
+            }
+        }
+    }
+    least
+}
+
+fn paper() -> Scene {
+    NamedScene::load("paper-1um").unwrap().scene
+}
+
+/// A short hit: the arithmetic is the same, and there are many of them.
+fn short(mut scene: Scene) -> Scene {
+    scene.device.start_position_m = scene.wall.position_m - 2e-3;
+    scene.wall_hit.settle_s = 0.1003;
+    scene.wall_hit.window_s = 0.1502;
+    scene
+}
+
+fn grid(cutoffs_hz: &[f64], ks: &[f64], bs: &[f64]) -> Vec<WallHit> {
+    let mut hits = vec![];
+    for &cutoff_hz in cutoffs_hz {
+        for &stiffness_n_per_m in ks {
+            for &damping_n_s_per_m in bs {
+                let start_offset_counts = 0.25 * (hits.len() % 4) as f64;
+                hits.push(WallHit {
+                    cutoff_hz,
+                    stiffness_n_per_m,
+                    damping_n_s_per_m,
+                    start_offset_counts,
+                });
+            }
+        }
+    }
+    hits
+}
+
+#[test]
+fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
+    let hits = grid(&[50.0, 1500.0, 4000.0], &[2000.0, 30_000.0, 90_000.0], &[10.0, 300.0]);
+    for name in ["paper-1um", "paper-2um"] {
+        let rig = Rig::new(&NamedScene::load(name).unwrap().scene).unwrap();
+        assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+    }
+}
+
+/// So short that an interpreter of another machine's instructions runs it in CI: NEON's lanes.
+#[test]
+fn a_few_samples_are_the_same_on_every_backend() {
+    let mut scene = short(paper());
+    scene.device.start_position_m = scene.wall.position_m + 1e-5;
+    scene.wall_hit.settle_s = 0.004;
+    scene.wall_hit.window_s = 0.008;
+    let rig = Rig::new(&scene).unwrap();
+    let hits = grid(&[50.0, 4000.0], &[90_000.0], &[10.0]);
+    assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+    let names: Vec<_> = backends().map(|backend| format!("{backend:?}")).collect();
+    println!("{names:?}");
+}
+
+#[test]
+fn linear_elements_run_in_lanes() {
+    let amplifier = Some(Amplifier { bandwidth_hz: 800.0 });
+    let mode = Some(Mode { mass_kg: 0.1, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 });
+    let arm = Some(Arm {
+        mass_kg: 1.1,
+        damping_n_s_per_m: 10.0,
+        stiffness_n_per_m: 200.0,
+        rest_position_m: 0.05,
+        grip_damping_n_s_per_m: 20.0,
+        grip_stiffness_n_per_m: 1000.0,
+    });
+    let hits = grid(&[800.0, 2500.0], &[2000.0, 25_000.0], &[10.0, 80.0, 300.0]);
+    for (amplifier, mode, arm) in [
+        (amplifier, None, None),
+        (None, mode, None),
+        (amplifier, None, arm),
+        (None, mode, arm),
+        (amplifier, mode, arm),
+    ] {
+        let scene = Scene { amplifier, mode, arm, ..short(paper()) };
+        let rig = Rig::new(&scene).unwrap();
+        assert!(lanes_for(&rig));
+        assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+    }
+}
+
+#[test]
+fn what_has_no_lanes_runs_all_the_same() {
+    let hits = grid(&[800.0], &[2000.0, 25_000.0], &[10.0]);
+    let mut friction = short(paper());
+    friction.friction =
+        Some(Friction { coulomb_n: 0.05, static_n: 0.05, stribeck_speed_m_per_s: 1e-3 });
+    friction.integrator =
+        Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
+    let loops = Scene { velocity: Velocity::TrackingLoop {}, ..short(paper()) };
+    for mut scene in [friction, loops] {
+        scene.sweep.cutoffs_hz = vec![800.0];
+        let rig = Rig::new(&scene).unwrap();
+        assert!(!lanes_for(&rig));
+        assert_eq!(hold(&rig, &hits), 0);
+    }
+}
+
+#[test]
+fn a_hit_without_contact_and_one_that_is_refused_say_so() {
+    let mut scene = short(paper());
+    scene.wall_hit.push_n = 0.0;
+    scene.device.start_position_m = 0.0;
+    let rig = Rig::new(&scene).unwrap();
+    let mut hits = grid(&[800.0], &[2000.0], &[10.0]);
+    hits.extend(grid(&[1e9], &[2000.0], &[10.0]));
+    hits.extend(grid(&[800.0], &[2000.0], &[-1.0]));
+    hits.extend(grid(&[900.0], &[2000.0], &[10.0]));
+    for backend in backends() {
+        let (found, _) = outcomes(backend, &rig, Numeric::Fixed, Depth::Verdict, &hits);
+        assert_eq!(found[0].clone().unwrap().verdict, Verdict::NoContact);
+        assert!(matches!(&found[1], Err(HitError::Settings(e)) if e.parameter == "cutoff_hz"));
+        assert!(
+            matches!(&found[2], Err(HitError::Settings(e)) if e.parameter == "damping_n_s_per_m")
+        );
+        assert_eq!(found[3].clone().unwrap().verdict, Verdict::NoContact);
+    }
+}
+
+/// A handle that leaves the core's range, filters and gains at their ends: never another outcome.
+#[test]
+fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
+    let mut scene = short(paper());
+    scene.encoder.resolution_m = 1e-8;
+    scene.wall.position_m = 0.001;
+    scene.device.start_position_m = 0.0;
+    scene.device.mass_kg = 1e-3;
+    scene.device.stiffness_n_per_m = 0.0;
+    scene.device.damping_n_s_per_m = 0.0;
+    scene.actuator.limit_v = 1000.0;
+    scene.wall_hit.push_n = 500.0;
+    let rig = Rig::new(&scene).unwrap();
+    let hits = grid(&[0.4, 50.0, 4990.0], &[0.0, 2000.0, 1e9], &[0.0, 10.0, 1e6]);
+    assert!(hold(&rig, &hits) < hits.len() as u64, "some left");
+}
+
+fn scenes() -> impl Strategy<Value = Scene> {
+    let loops = (
+        prop_oneof![Just(1u32), Just(2), Just(10), 1u32..40],
+        prop_oneof![Just(0.0), Just(10.0), 0.0..45.0f64],
+        prop_oneof![Just(1e4), 1e3..5e4f64],
+        any::<bool>(),
+        any::<bool>(),
+        -7.9..-3.1f64,
+    );
+    let outputs = prop_oneof![
+        Just(None),
+        (2u32..=24).prop_map(|bits| Some(Quantisation::Dac { bits })),
+        (2u32..10_000).prop_map(|steps| Some(Quantisation::Pwm { steps })),
+    ];
+    let estimators = prop_oneof![
+        3 => any::<bool>().prop_map(|prewarp| Velocity::Butterworth { prewarp }),
+        1 => any::<bool>().prop_map(|prewarp| Velocity::FirstOrder { prewarp }),
+        1 => Just(Velocity::Difference {}),
+    ];
+    let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, 0.05..1.2f64);
+    let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64);
+    (loops, outputs, estimators, bodies, elements).prop_map(
+        |(loops, output, velocity, (mass, damping, stiffness, push), (pole, hand, hz))| {
+            let (period, latency, rate_hz, push_only, round, resolution) = loops;
+            let mut scene = paper();
+            scene.actuator.period = period;
+            scene.actuator.latency = latency;
+            scene.control.rate_hz = rate_hz;
+            scene.wall.push_only = push_only;
+            scene.encoder.rounding = if round { Rounding::Round } else { Rounding::Floor };
+            scene.encoder.resolution_m = 10f64.powf(resolution);
+            scene.output = output;
+            scene.velocity = velocity;
+            scene.device.mass_kg = 10f64.powf(mass);
+            scene.device.damping_n_s_per_m = damping;
+            scene.device.stiffness_n_per_m = stiffness;
+            scene.wall_hit.push_n = push * 5.9; // beyond 1 it saturates
+            scene.wall_hit.push_n = scene.wall_hit.push_n.min(5.9);
+            scene.device.rest_position_m = 0.069;
+            scene.device.start_position_m = 0.0695;
+            scene.wall_hit.settle_s = 0.05;
+            scene.wall_hit.window_s = 0.07;
+            scene.wall_hit.rms_limit_m = 15.0 * scene.encoder.resolution_m;
+            scene.amplifier = pole.then_some(Amplifier { bandwidth_hz: hz });
+            scene.arm = hand.then_some(Arm {
+                mass_kg: 1.0,
+                damping_n_s_per_m: 10.0,
+                stiffness_n_per_m: 200.0,
+                rest_position_m: 0.06,
+                grip_damping_n_s_per_m: 20.0,
+                grip_stiffness_n_per_m: 1000.0,
+            });
+            scene
+        },
+    )
+}
+
+fn walls() -> impl Strategy<Value = Vec<WallHit>> {
+    let wall = (0.0..1.0f64, 0.0..6.5f64, -1.0..4.0f64, 0.0..1.0f64).prop_map(
+        |(cutoff, stiffness, damping, start)| WallHit {
+            cutoff_hz: cutoff, // of the range, see below
+            stiffness_n_per_m: 10f64.powf(stiffness),
+            damping_n_s_per_m: 10f64.powf(damping),
+            start_offset_counts: start,
+        },
+    );
+    prop::collection::vec(wall, 1..20)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn random_scenes_are_the_same_bit_for_bit(scene in scenes(), mut hits in walls()) {
+        prop_assume!(scene.check().is_ok());
+        let rate_hz = scene.control.rate_hz;
+        for hit in &mut hits {
+            // from the lowest to the highest cutoff that is accepted with and without pre-warping
+            hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
+        }
+        let rig = Rig::new(&scene).unwrap();
+        prop_assert!(lanes_for(&rig));
+        hold(&rig, &hits);
+    }
+}
+
+/// The files of a sweep are made of this: it must not depend on backend or threads.
+#[test]
+fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
+    use crate::study::sweep::{Plan, sweep_with};
+    let mut scenes = [paper(), NamedScene::load("paper-2um").unwrap().scene];
+    for scene in &mut scenes {
+        scene.wall_hit.settle_s = 1.0;
+        scene.wall_hit.window_s = 0.5;
+        scene.walk.stiffness_step_n_per_m = 8000.0;
+        scene.walk.damping_step_n_s_per_m = 80.0;
+    }
+    let rigs = scenes.map(|scene| Rig::new(&scene).unwrap());
+    let plans: Vec<Plan<'_>> = rigs
+        .iter()
+        .map(|rig| Plan { name: "s", rig, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
+        .collect();
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    for numeric in [Numeric::Fixed, Numeric::F64] {
+        let mut all = vec![];
+        for backend in backends() {
+            for threads in [1, 2, 5] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let swept = pool.install(|| sweep_with(backend, &plans, numeric, 3, &stop, |_| {}));
+                all.push(format!("{:?}", swept.unwrap()));
+            }
+        }
+        let points = all[0].matches("BoundaryPoint").count();
+        assert!(points > 20, "{points}");
+        assert!(all.iter().all(|swept| *swept == all[0]));
+    }
+}
+
+#[test]
+fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    let mut scene = short(paper());
+    scene.wall_hit.settle_s = 0.001;
+    scene.wall_hit.window_s = 0.001;
+    let rig = Rig::new(&scene).unwrap();
+    let stop = AtomicBool::new(false);
+    let hit = |number: u64| WallHit {
+        stiffness_n_per_m: number as f64,
+        ..grid(&[900.0], &[0.0], &[10.0])[0]
+    };
+    let mut next = 0;
+    let mut take = |number, _| {
+        assert_eq!(number, next);
+        next += 1;
+        if number == 7000 {
+            stop.store(true, Ordering::Relaxed);
+        }
+        Ok(())
+    };
+    let ended =
+        stream(Backend::best(), &rig, Numeric::Fixed, Depth::Whole, 20_000, hit, &stop, &mut take);
+    assert!(matches!(ended, Err(crate::error::Error::Interrupted)));
+    assert!(next > 7000 && next < 20_000);
+}

@@ -1,0 +1,6 @@
+//! Mathematics that knows no device: the exact step of a linear system, integrators, random numbers, statistics.
+
+pub mod exact;
+pub mod integrator;
+pub mod random;
+pub mod statistics;

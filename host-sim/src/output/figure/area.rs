@@ -1,0 +1,358 @@
+//! The area figure: Z-width area over the cutoff.
+
+use plotters::{
+    coord::{
+        combinators::{BindKeyPoints as _, LogCoord, WithKeyPoints},
+        ranged1d::Ranged as _,
+    },
+    prelude::*,
+    style::text_anchor::HPos,
+};
+
+use super::{
+    Figure, FigureError, MARGIN, Page, Plot, WIDTH, at,
+    axis::{Ticks, hertz, scaled_unit},
+    colour::{ACCENT, DATA, QUIET, TEXT},
+    cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows},
+    grid, not_negative,
+    panel::{
+        AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
+    },
+    positive, text,
+};
+
+const LEFT: f64 = 56.0;
+/// With one row of numbers above the plot.
+const TOP: f64 = 112.0;
+const RIGHT: f64 = WIDTH - MARGIN - 8.0;
+const PLOT_HEIGHT: f64 = 220.0;
+const MOST_TICKS: usize = 7;
+/// Keeps the mark of the largest area off the frame.
+const HEADROOM: f64 = 1.03;
+
+const KEY_MIDDLE: f64 = 60.0;
+const KEY_SWATCH: f64 = 20.0;
+const KEY_GAP: f64 = 6.0;
+const KEY_SPACE: f64 = 16.0;
+/// Up from the uppermost row of numbers above the plot.
+const TOP_TITLE_RISE: f64 = 16.0;
+const CAPTION_DROP: f64 = 52.0;
+const CAPTION_PITCH: f64 = 16.0;
+
+const LINE_WIDTH: f64 = 1.6;
+const BAR_WIDTH: f64 = 1.1;
+const CAP_HALF: f64 = 3.5;
+const DOT_RADIUS: f64 = 2.8;
+/// The ring around the ideal mean, open so that its error bar shows.
+const IDEAL_RADIUS: f64 = 6.0;
+const IDEAL_HOLE: f64 = 4.2;
+const BAND_OPACITY: f64 = 0.18;
+const RANGE_OPACITY: f64 = 0.13;
+/// The shade reaches this far beyond the cutoffs at its ends, so that their points lie inside.
+const RANGE_MARGIN: f64 = 6.0;
+
+/// What [`area()`] draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AreaPlot {
+    /// First line above the plot.
+    pub title: String,
+    /// Second line: scene, resolution, and what else identifies the run.
+    pub subtitle: String,
+    /// One point per cutoff, in ascending order of the cutoff.
+    pub points: Vec<AreaPoint>,
+    /// Nominal cutoff that is marked.
+    pub ideal_cutoff_hz: Option<f64>,
+    /// First and last nominal cutoff of the range that is shaded.
+    pub ideal_range_hz: Option<[f64; 2]>,
+    /// What the cutoff means, printed below the axis.
+    pub convention: String,
+}
+
+/// The area of one cutoff over its repeats.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AreaPoint {
+    /// Nominal cutoff.
+    pub cutoff_hz: f64,
+    /// Frequency at which the discrete filter is down by 3 dB.
+    pub true_cutoff_hz: f64,
+    /// Mean area [N² s/m²].
+    pub area: f64,
+    /// Smallest area of the repeats [N² s/m²].
+    pub area_low: f64,
+    /// Largest area of the repeats [N² s/m²].
+    pub area_high: f64,
+}
+
+/// Draws the area from 0 over the logarithm of the cutoff; the upper axis gives true frequencies.
+///
+/// # Errors
+/// [`FigureError`] if an area is NaN, infinite or negative, or a cutoff is not greater than 0.
+pub fn area(plot: &AreaPlot) -> Result<Figure, FigureError> {
+    check(plot)?;
+    Figure::new(Plot::Area(plot.clone()))
+}
+
+pub(super) fn panel_of(rows: usize) -> Panel {
+    let top = TOP + (rows.max(1) - 1) as f64 * ROW_PITCH;
+    Panel { left: LEFT, top, right: RIGHT, bottom: top + PLOT_HEIGHT }
+}
+
+fn caption(plot: &AreaPlot) -> Vec<String> {
+    text::wrap(&plot.convention, SMALL_SIZE, RIGHT - LEFT)
+}
+
+fn x_title_drop(rows: usize) -> f64 {
+    X_TITLE_DROP + (rows.max(1) - 1) as f64 * ROW_PITCH
+}
+
+pub(super) fn height(plot: &AreaPlot) -> f64 {
+    let rows = rows(&labels(plot));
+    let drop = x_title_drop(rows) - X_TITLE_DROP + CAPTION_DROP;
+    (panel_of(rows).bottom + drop + CAPTION_PITCH * caption(plot).len() as f64).ceil()
+}
+
+pub(super) fn draw<DB: DrawingBackend>(
+    plot: &AreaPlot,
+    page: &Page<DB>,
+) -> Result<(), FigureError> {
+    let largest = check(plot)?;
+    let (factor, unit) = scaled_unit(largest, "N² s/m²");
+    let labels = labels(plot);
+    let rows = rows(&labels);
+    let panel = panel_of(rows);
+
+    panel::heading(page, &plot.title, &plot.subtitle)?;
+    key(page, plot)?;
+    let y = if largest > 0.0 {
+        Ticks::around(0.0, HEADROOM * largest / factor, MOST_TICKS)
+    } else {
+        Ticks::nothing()
+    };
+    let cutoffs = cutoff_range(&plot.points).log_scale();
+    let cutoffs = cutoffs.with_key_points(vec![]); // they get ticks of their own
+    let mut chart = panel.chart(page, cutoffs, y, x_title_drop(rows))?;
+    shade_range(page, &panel, plot)?;
+    let titles = ["Cutoff, nominal [Hz]", &format!("Z-width area [{unit}]")];
+    panel::axes(&mut chart, Grid::Horizontal, titles)?;
+    draw_areas(page, &chart, plot, factor)?;
+    panel.frame(page)?;
+    draw_labels(page, &panel, plot, &labels)?;
+    let middle = panel.top - ROW_DROP - (rows.max(1) - 1) as f64 * ROW_PITCH - TOP_TITLE_RISE;
+    let title = [panel.centre()[0], middle];
+    let name = "True −3 dB frequency [Hz]";
+    text::write(page, name, title, HPos::Center, AXIS_TITLE_SIZE, TEXT)?;
+    if largest <= 0.0 {
+        panel.remark(page, "no stable wall found")?;
+    }
+    let first = panel.bottom + x_title_drop(rows) - X_TITLE_DROP + CAPTION_DROP;
+    for (index, line) in caption(plot).iter().enumerate() {
+        let (line, size) = text::fit(line, SMALL_SIZE, RIGHT - LEFT);
+        let y = first + CAPTION_PITCH * index as f64;
+        text::write(page, &line, [LEFT, y], HPos::Left, size, QUIET)?;
+    }
+    Ok(())
+}
+
+/// The largest area.
+fn check(plot: &AreaPlot) -> Result<f64, FigureError> {
+    let mut largest = 0.0_f64;
+    for point in &plot.points {
+        positive("cutoff_hz", point.cutoff_hz)?;
+        positive("true_cutoff_hz", point.true_cutoff_hz)?;
+        for (quantity, value) in
+            [("area", point.area), ("area_low", point.area_low), ("area_high", point.area_high)]
+        {
+            largest = largest.max(not_negative(quantity, value)?);
+        }
+    }
+    if let Some(cutoff_hz) = plot.ideal_cutoff_hz {
+        positive("ideal_cutoff_hz", cutoff_hz)?;
+    }
+    for end_hz in plot.ideal_range_hz.into_iter().flatten() {
+        positive("ideal_range_hz", end_hz)?;
+    }
+    Ok(largest)
+}
+
+fn shade_range<DB: DrawingBackend>(
+    page: &Page<DB>,
+    panel: &Panel,
+    plot: &AreaPlot,
+) -> Result<(), FigureError> {
+    let (Some(ends), false) = (plot.ideal_range_hz, plot.points.is_empty()) else {
+        return Ok(());
+    };
+    let x = LogCoord::from(cutoff_range(&plot.points).log_scale());
+    let limits = panel.x_pixels();
+    let margin = grid(RANGE_MARGIN);
+    let [low, high] = ends.map(|end_hz| x.map(&end_hz, limits).clamp(limits.0, limits.1));
+    let (low, high) = ((low - margin).max(limits.0), (high + margin).min(limits.1));
+    let corners = [(low, grid(panel.top)), (high, grid(panel.bottom))];
+    page.draw(&Rectangle::new(corners, ACCENT.mix(RANGE_OPACITY).filled()))?;
+    Ok(())
+}
+
+fn draw_areas<DB: DrawingBackend>(
+    page: &Page<DB>,
+    chart: &Chart<'_, DB, WithKeyPoints<LogCoord<f64>>>,
+    plot: &AreaPlot,
+    factor: f64,
+) -> Result<(), FigureError> {
+    let points = || plot.points.iter();
+    let place = |point: &AreaPoint, area| chart.backend_coord(&(point.cutoff_hz, area / factor));
+    let highs = points().map(|point| place(point, point.area_high));
+    let lows = points().rev().map(|point| place(point, point.area_low));
+    let band: Vec<_> = highs.chain(lows).collect();
+    page.draw(&Polygon::new(band, DATA.mix(BAND_OPACITY).filled()))?;
+    let means: Vec<_> = points().map(|point| place(point, point.area)).collect();
+    page.draw(&PathElement::new(means.clone(), DATA.stroke_width(stroke(LINE_WIDTH))))?;
+    for (point, mean) in points().zip(means) {
+        let ideal = plot.ideal_cutoff_hz == Some(point.cutoff_hz);
+        let colour = if ideal { ACCENT } else { DATA };
+        if ideal {
+            ring(page, mean)?;
+        }
+        let (x, low) = place(point, point.area_low);
+        let (_, high) = place(point, point.area_high);
+        let cap = |y| vec![(x - grid(CAP_HALF), y), (x + grid(CAP_HALF), y)];
+        for line in [vec![(x, low), (x, high)], cap(low), cap(high)] {
+            page.draw(&PathElement::new(line, colour.stroke_width(stroke(BAR_WIDTH))))?;
+        }
+        page.draw(&Circle::new(mean, grid(DOT_RADIUS), colour.filled()))?;
+    }
+    Ok(())
+}
+
+fn ring<DB: DrawingBackend>(page: &Page<DB>, at: (i32, i32)) -> Result<(), FigureError> {
+    page.draw(&Circle::new(at, grid(IDEAL_RADIUS), ACCENT.filled()))?;
+    page.draw(&Circle::new(at, grid(IDEAL_HOLE), WHITE.filled()))?;
+    Ok(())
+}
+
+/// One line above the plot that says what is what, so that nothing stands on the data.
+fn key<DB: DrawingBackend>(page: &Page<DB>, plot: &AreaPlot) -> Result<(), FigureError> {
+    let y = KEY_MIDDLE;
+    let mut x = LEFT;
+    let label = |x: &mut f64, text: &str| {
+        let left = *x + KEY_SWATCH + KEY_GAP;
+        *x = left + text::width(text, SMALL_SIZE) + KEY_SPACE;
+        text::write(page, text, [left, y], HPos::Left, SMALL_SIZE, TEXT)
+    };
+
+    let (end, middle) = (x + KEY_SWATCH, x + KEY_SWATCH / 2.0);
+    panel::rect(page, x..end, y - 4.0..y + 4.0, DATA.mix(BAND_OPACITY))?;
+    panel::line(page, &[[x, y], [end, y]], DATA, LINE_WIDTH)?;
+    panel::line(page, &[[middle, y - 4.0], [middle, y + 4.0]], DATA, BAR_WIDTH)?;
+    panel::dot(page, [middle, y], DOT_RADIUS, DATA)?;
+    label(&mut x, "mean, lowest to highest")?;
+
+    if let Some([low, high]) = plot.ideal_range_hz {
+        let colour = ACCENT.mix(2.0 * RANGE_OPACITY);
+        panel::rect(page, x..x + KEY_SWATCH, y - 6.0..y + 6.0, colour)?;
+        let text = if low < high {
+            format!("ideal range {} to {} Hz", hertz(low), hertz(high))
+        } else {
+            "ideal range".to_owned()
+        };
+        label(&mut x, &text)?;
+    }
+    if let Some(ideal_hz) = plot.ideal_cutoff_hz {
+        let middle = x + KEY_SWATCH / 2.0;
+        ring(page, at(middle, y))?;
+        panel::dot(page, [middle, y], DOT_RADIUS, ACCENT)?;
+        label(&mut x, &format!("ideal {} Hz", hertz(ideal_hz)))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::figure::testing::{check as look, text_boxes};
+
+    /// Areas of an existing run at 1 µm.
+    const AREAS: [(f64, f64, f64); 6] = [
+        (50.0, 50.0, 6.8e5),
+        (500.0, 496.0, 2.65e7),
+        (1000.0, 968.9, 3.9e7),
+        (1500.0, 1401.8, 4.4e7),
+        (2000.0, 1785.7, 4.69e7),
+        (4000.0, 2860.5, 4.55e7),
+    ];
+
+    fn plot(points: Vec<AreaPoint>) -> AreaPlot {
+        AreaPlot {
+            title: "Areas <1 µm>".to_owned(),
+            subtitle: "resolution 1 µm".to_owned(),
+            points,
+            ideal_cutoff_hz: Some(2000.0),
+            ideal_range_hz: Some([1500.0, 2000.0]),
+            convention: "bilinear, not pre-warped: nominal 2000 Hz is −3 dB at 1785.7 Hz"
+                .to_owned(),
+        }
+    }
+
+    fn point(cutoff_hz: f64, true_cutoff_hz: f64, area: f64) -> AreaPoint {
+        AreaPoint { cutoff_hz, true_cutoff_hz, area, area_low: 0.99 * area, area_high: 1.01 * area }
+    }
+
+    fn run() -> Vec<AreaPoint> {
+        AREAS.iter().map(|(fc, ft, area)| point(*fc, *ft, *area)).collect()
+    }
+
+    #[test]
+    fn it_names_axes_ideal_range_and_convention() {
+        let figure = look(area, &plot(run()));
+        for text in [
+            "Z-width area [10⁷ N² s/m²]",
+            "Cutoff, nominal [Hz]",
+            "True −3 dB frequency [Hz]",
+            "ideal range 1500 to 2000 Hz",
+            "ideal 2000 Hz",
+            ">\n1786\n<",
+            "bilinear, not pre-warped: nominal 2000 Hz is −3 dB at 1785.7 Hz",
+            "Areas &lt;1 µm&gt;",
+        ] {
+            assert!(figure.svg().contains(text), "{text} is missing");
+        }
+    }
+
+    #[test]
+    fn labels_of_crowded_cutoffs_keep_apart() {
+        let points = (1..=30).map(|n| 150.0 * f64::from(n));
+        let points: Vec<AreaPoint> = points.map(|fc| point(fc, 0.9 * fc, 1e4 * fc)).collect();
+        let figure = look(area, &plot(points));
+        let document = roxmltree::Document::parse(figure.svg()).unwrap();
+        let boxes = text_boxes(&document);
+        assert!(boxes.len() > 20);
+        for (index, one) in boxes.iter().enumerate() {
+            for other in &boxes[index + 1..] {
+                assert!(
+                    (0..2).any(|n| one[n + 2] <= other[n] || other[n + 2] <= one[n]),
+                    "texts overlap: {one:?} {other:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn one_cutoff_no_cutoff_and_no_area_have_figures() {
+        look(area, &plot(vec![point(2000.0, 1785.7, 4.69e7)]));
+        for points in [vec![], vec![point(50.0, 50.0, 0.0), point(100.0, 99.97, 0.0)]] {
+            let figure = look(area, &plot(points));
+            assert!(figure.svg().contains("no stable wall found"));
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_an_error() {
+        let quantity = "area";
+        let bad = plot(vec![point(50.0, 50.0, f64::NAN)]);
+        assert_eq!(area(&bad), Err(FigureError::NotPlottable { quantity }));
+        let bad = plot(vec![point(50.0, 50.0, -1.0)]);
+        assert_eq!(area(&bad), Err(FigureError::Negative { quantity }));
+        let quantity = "cutoff_hz";
+        let bad = plot(vec![point(0.0, 50.0, 1.0)]);
+        assert_eq!(area(&bad), Err(FigureError::NotPositive { quantity }));
+    }
+}

@@ -1,0 +1,242 @@
+//! Ticks at round numbers, and the numbers beside them.
+
+use std::ops::Range;
+
+use plotters::coord::{
+    ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter},
+    types::RangedCoordf64,
+};
+
+/// Thin space: groups thousands without looking like a decimal sign in any language.
+const GROUP_SEPARATOR: char = '\u{2009}';
+/// Numbers of fewer digits are easier to read in one piece.
+const GROUPED_FROM_DIGITS: usize = 5;
+/// An axis far from 0 may be so short that the next round number is the same number.
+const MOST_VALUES: u16 = 32;
+const MOST_DECIMALS: usize = 15;
+/// Part of a step by which rounding may displace a tick.
+const SLACK: f64 = 1e-6;
+/// Powers of ten that stay in the ticks; others go to the unit.
+const PLAIN_EXPONENTS: std::ops::RangeInclusive<i32> = -2..=3;
+
+/// Where a linear axis has its ticks, and over what range.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Ticks {
+    pub values: Vec<f64>,
+    pub decimals: usize,
+    pub low: f64,
+    pub high: f64,
+    /// The values are logarithms, and the numbers powers of ten.
+    pub powers: bool,
+}
+
+impl Ticks {
+    /// Ticks at round numbers; the range grows to the next ticks outside.
+    pub(super) fn around(low: f64, high: f64, at_most: usize) -> Self {
+        let inside = Self::within(low, high, at_most);
+        let (Some(step), Some(first)) = (inside.step(), inside.values.first()) else {
+            return inside;
+        };
+        // Ticks are multiples of the step but for rounding.
+        let first = (first / step).round();
+        let first = if low < (first - SLACK) * step { first - 1.0 } else { first };
+        let last = (high / step - SLACK).ceil();
+        let counts = (0..MOST_VALUES).map(f64::from);
+        let values = counts
+            .map(|count| (first + count) * step)
+            .take_while(|value| *value <= (last + SLACK) * step);
+        Self { values: values.collect(), low: first * step, high: last * step, ..inside }
+    }
+
+    /// Ticks at round numbers inside a range that stays as it is.
+    pub(super) fn within(low: f64, high: f64, at_most: usize) -> Self {
+        let mut ticks = Self {
+            values: RangedCoordf64::from(low..high).key_points(at_most),
+            decimals: 0,
+            low,
+            high,
+            powers: false,
+        };
+        let digits = ticks.step().map_or(0.0, |step| -step.log10());
+        let smallest_fitting = |decimals: &usize| *decimals as f64 >= digits - SLACK;
+        ticks.decimals = (0..MOST_DECIMALS).find(smallest_fitting).unwrap_or(MOST_DECIMALS);
+        ticks
+    }
+
+    /// The axis of data that is all 0: one tick.
+    pub(super) fn nothing() -> Self {
+        Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0, powers: false }
+    }
+
+    /// Whole decades around a range of logarithms.
+    pub(super) fn decades(low: f64, high: f64) -> Self {
+        let (low, high) = ((low + SLACK).floor(), (high - SLACK).ceil());
+        let high = high.max(low + 1.0);
+        let counts = (0..MOST_VALUES).map(f64::from);
+        let values = counts.map(|count| low + count).take_while(|value| *value <= high);
+        Self { values: values.collect(), decimals: 0, low, high, powers: true }
+    }
+
+    /// The same range with neither ticks nor numbers.
+    pub(super) fn bare(self) -> Self {
+        Self { values: vec![], ..self }
+    }
+
+    fn step(&self) -> Option<f64> {
+        match self.values[..] {
+            [first, second, ..] if second > first => Some(second - first),
+            _ => None,
+        }
+    }
+}
+
+/// What plotters makes an axis of.
+impl Ranged for Ticks {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        if self.low < self.high {
+            RangedCoordf64::from(self.range()).map(value, (from, to))
+        } else {
+            i32::midpoint(from, to)
+        }
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { vec![] } else { self.values.clone() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+impl ValueFormatter<f64> for Ticks {
+    fn format_ext(&self, value: &f64) -> String {
+        if self.powers {
+            return format!(
+                "10{}",
+                format!("{value:.0}").chars().map(superscript).collect::<String>()
+            );
+        }
+        number(*value, self.decimals)
+    }
+}
+
+/// A number with a true minus sign and grouped thousands, such as `−12 345.6`.
+pub(crate) fn number(value: f64, decimals: usize) -> String {
+    let text = format!("{:.decimals$}", value.abs());
+    let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
+    let mut out = String::new();
+    if value < 0.0 && text.bytes().any(|b| (b'1'..=b'9').contains(&b)) {
+        out.push('−');
+    }
+    for (index, digit) in whole.chars().enumerate() {
+        let left = whole.len() - index;
+        if whole.len() >= GROUPED_FROM_DIGITS && index > 0 && left.is_multiple_of(3) {
+            out.push(GROUP_SEPARATOR);
+        }
+        out.push(digit);
+    }
+    if !fraction.is_empty() {
+        out.push('.');
+        out.push_str(fraction);
+    }
+    out
+}
+
+/// A frequency to about four digits, without idle zeros: `0.5`, `49.96`, `496`, `1785.7`.
+pub(crate) fn hertz(value: f64) -> String {
+    let decimals = match value {
+        v if v >= 1000.0 => 1,
+        v if v >= 10.0 => 2,
+        _ => 3,
+    };
+    let text = number(value, decimals);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// The factor by which values up to `largest` are divided, and the unit with it: `10⁷ N² s/m²`.
+pub(crate) fn scaled_unit(largest: f64, unit: &str) -> (f64, String) {
+    if largest <= 0.0 || !largest.is_finite() {
+        return (1.0, unit.to_owned());
+    }
+    // The printed form gives the exponent exactly, also just below a power of ten.
+    let exponent: i32 = format!("{largest:e}")
+        .split_once('e')
+        .and_then(|(_, exponent)| exponent.parse().ok())
+        .unwrap_or(0);
+    if PLAIN_EXPONENTS.contains(&exponent) {
+        return (1.0, unit.to_owned());
+    }
+    let raised: String = exponent.to_string().chars().map(superscript).collect();
+    (10_f64.powi(exponent), format!("10{raised} {unit}"))
+}
+
+pub(super) fn superscript(digit: char) -> char {
+    match digit {
+        '-' => '⁻',
+        '0' => '⁰',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        '4' => '⁴',
+        '5' => '⁵',
+        '6' => '⁶',
+        '7' => '⁷',
+        '8' => '⁸',
+        '9' => '⁹',
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(ticks: &Ticks) -> Vec<String> {
+        let values = ticks.values.iter();
+        values.map(|value| ticks.format_ext(value)).collect()
+    }
+
+    #[test]
+    fn ticks_are_round_and_cover_the_range() {
+        let ticks = Ticks::around(0.0, 760.0, 9);
+        assert_eq!((ticks.low, ticks.high), (0.0, 800.0));
+        assert_eq!(labels(&ticks)[1], "100");
+        let ticks = Ticks::around(-0.31, 0.25, 7);
+        assert!(ticks.low <= -0.31 && ticks.high >= 0.25);
+        assert!(labels(&ticks).contains(&"0.0".to_owned()));
+        let ticks = Ticks::within(0.03, 0.97, 5);
+        assert_eq!(labels(&ticks), ["0.2", "0.4", "0.6", "0.8"]);
+    }
+
+    #[test]
+    fn ticks_of_short_ranges_end() {
+        assert_eq!(Ticks::around(3.0, 3.0, 5).values, [3.0]);
+        for (low, high) in [(1e15, 1e15 + 0.125), (0.0, 1e-15), (-1e15, 1e15)] {
+            let ticks = Ticks::around(low, high, 6);
+            assert!(ticks.values.len() < usize::from(MOST_VALUES));
+            assert!(ticks.low <= low && high <= ticks.high);
+        }
+    }
+
+    #[test]
+    fn numbers_are_grouped_from_five_digits() {
+        assert_eq!(number(4000.0, 0), "4000");
+        assert_eq!(number(-1_234_567.25, 1), "−1\u{2009}234\u{2009}567.2");
+        assert_eq!(number(-0.001, 1), "0.0");
+        assert_eq!(hertz(1785.66), "1785.7");
+        assert_eq!(hertz(1500.0), "1500");
+        assert_eq!(hertz(49.96), "49.96");
+    }
+
+    #[test]
+    fn the_unit_takes_the_power_of_ten() {
+        assert_eq!(scaled_unit(4.74e7, "N² s/m²"), (1e7, "10⁷ N² s/m²".to_owned()));
+        assert_eq!(scaled_unit(9999.0, "N"), (1.0, "N".to_owned()));
+        assert_eq!(scaled_unit(0.0, "N"), (1.0, "N".to_owned()));
+        assert_eq!(scaled_unit(5e-4, "m").1, "10⁻⁴ m");
+    }
+}

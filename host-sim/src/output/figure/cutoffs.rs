@@ -1,0 +1,150 @@
+//! The cutoff axes of the area figure: ticks, and the numbers that have room.
+
+use std::ops::Range;
+
+use plotters::{
+    coord::{combinators::LogCoord, ranged1d::Ranged as _},
+    prelude::*,
+    style::text_anchor::HPos,
+};
+
+use super::{
+    FigureError, Page,
+    area::{AreaPlot, AreaPoint, panel_of},
+    axis::{hertz, number},
+    colour::{ACCENT, FRAME, TEXT},
+    panel::{
+        Panel, TICK_LENGTH, {self},
+    },
+    text,
+};
+
+const CUTOFF_SIZE: f64 = 11.0;
+/// From the frame to the middle of the first row of numbers, and from row to row.
+pub(super) const ROW_DROP: f64 = 12.5;
+pub(super) const ROW_PITCH: f64 = 13.0;
+/// A cutoff whose number finds room in neither row has a tick only.
+const MOST_ROWS: usize = 2;
+/// Least space between two numbers in a row.
+const LABEL_SPACE: f64 = 4.0;
+
+const TICK_WIDTH: f64 = 1.0;
+/// From a tick to its number in the second row: light, since it passes close to others.
+const LEADER: RGBColor = RGBColor(190, 190, 190);
+
+/// Room left and right of the outermost cutoffs, as a part of the whole axis and at least a factor.
+const PAD_SHARE: f64 = 0.04;
+const LEAST_PAD: f64 = 1.06;
+const LONE_PAD: f64 = 2.0;
+
+/// The range of the axis.
+pub(super) fn cutoff_range(points: &[AreaPoint]) -> Range<f64> {
+    let cutoffs = || points.iter().map(|point| point.cutoff_hz);
+    let low = cutoffs().fold(f64::INFINITY, f64::min);
+    let high = cutoffs().fold(0.0, f64::max);
+    if points.is_empty() {
+        return 1.0..10.0;
+    }
+    let pad = if low < high { (high / low).powf(PAD_SHARE).max(LEAST_PAD) } else { LONE_PAD };
+    low / pad..high * pad
+}
+
+/// The numbers at a cutoff: nominal below the plot, true above it.
+pub(super) struct Label {
+    x: f64,
+    cutoff_hz: f64,
+    nominal: String,
+    true_hz: String,
+    /// `None` where there is no room in any row.
+    row: Option<usize>,
+}
+
+impl Label {
+    fn of(plot: &AreaPlot, point: &AreaPoint) -> Self {
+        let x = LogCoord::from(cutoff_range(&plot.points).log_scale());
+        let true_hz = if point.true_cutoff_hz < 10.0 {
+            hertz(point.true_cutoff_hz)
+        } else {
+            number(point.true_cutoff_hz, 0)
+        };
+        Self {
+            x: f64::from(x.map(&point.cutoff_hz, panel_of(1).x_pixels())) / super::GRID,
+            cutoff_hz: point.cutoff_hz,
+            nominal: hertz(point.cutoff_hz),
+            true_hz,
+            row: None,
+        }
+    }
+
+    fn clashes(&self, other: &Self) -> bool {
+        let width = |text: &str| text::width(text, CUTOFF_SIZE);
+        let half = |label: &Self| width(&label.nominal).max(width(&label.true_hz)) / 2.0;
+        (self.x - other.x).abs() < half(self) + half(other) + LABEL_SPACE
+    }
+}
+
+/// Labels in rows so that those of a row keep apart: the ideal one is placed first, then the ends of
+/// the axis and of the ideal range, then the roundest numbers.
+pub(super) fn labels(plot: &AreaPlot) -> Vec<Label> {
+    let ends = [plot.points.first(), plot.points.last()];
+    let rank = |label: &Label| {
+        let cutoff_hz = label.cutoff_hz;
+        let is_end = |end: &Option<&AreaPoint>| end.is_some_and(|end| end.cutoff_hz == cutoff_hz);
+        let bounds = |range: [f64; 2]| range.contains(&cutoff_hz);
+        if plot.ideal_cutoff_hz == Some(cutoff_hz) {
+            0
+        } else if ends.iter().any(is_end) {
+            1
+        } else if plot.ideal_range_hz.is_some_and(bounds) {
+            2
+        } else {
+            2 + label.nominal.replace('.', "").trim_matches('0').len()
+        }
+    };
+    let mut labels: Vec<Label> = plot.points.iter().map(|point| Label::of(plot, point)).collect();
+    labels.sort_by_key(rank);
+    for index in 0..labels.len() {
+        let (placed, rest) = labels.split_at_mut(index);
+        let free = |row: &usize| {
+            let mut in_row = placed.iter().filter(|label| label.row == Some(*row));
+            in_row.all(|label| !rest[0].clashes(label))
+        };
+        rest[0].row = (0..MOST_ROWS).find(free);
+    }
+    labels
+}
+
+pub(super) fn rows(labels: &[Label]) -> usize {
+    let filled = labels.iter().filter_map(|label| label.row);
+    filled.max().map_or(0, |row| row + 1)
+}
+
+/// Ticks at every cutoff, up to its numbers.
+pub(super) fn draw_labels<DB: DrawingBackend>(
+    page: &Page<DB>,
+    panel: &Panel,
+    plot: &AreaPlot,
+    labels: &[Label],
+) -> Result<(), FigureError> {
+    for label in labels {
+        let ideal = plot.ideal_cutoff_hz == Some(label.cutoff_hz);
+        let colour = if ideal { ACCENT } else { TEXT };
+        let drop = label.row.unwrap_or(0) as f64 * ROW_PITCH;
+        let sides = [(panel.top, -1.0, &label.true_hz), (panel.bottom, 1.0, &label.nominal)];
+        for (frame, side, text) in sides {
+            let tick = frame + side * TICK_LENGTH;
+            panel::line(
+                page,
+                &[[label.x, tick], [label.x, tick + side * drop]],
+                LEADER,
+                TICK_WIDTH,
+            )?;
+            panel::line(page, &[[label.x, frame], [label.x, tick]], FRAME, TICK_WIDTH)?;
+            if label.row.is_some() {
+                let middle = [label.x, frame + side * (ROW_DROP + drop)];
+                text::write(page, text, middle, HPos::Center, CUTOFF_SIZE, colour)?;
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,269 @@
+//! Figures of a sweep, a wall hit, an identification, a board's telemetry and a trade, drawn from plain data.
+//!
+//! ```text
+//! ZwidthPlot    -> zwidth         ┐
+//! AreaPlot      -> area           │
+//! TracePlot     -> hit_trace      ├─> Figure ─> svg(), png()
+//! ResponsePlot  -> pulse_response │
+//! TelemetryPlot -> telemetry      │
+//! CostPlot      -> cost           │
+//! TradePlot     -> trade          ┘
+//! ```
+//! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
+//! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
+//! nothing is taken from the system.
+//! Colours: viridis for cutoffs, which are ordered, and vermilion for the ideal one.
+//!
+//! Drawn by hand, because plotters has it not: legends outside the plot, the numbers at the cutoffs
+//! (two rows, two scales, one colour each), strips of phases, and the lines and texts of the PNG
+//! (see `render`).
+
+mod area;
+mod axis;
+mod colour;
+mod cost;
+mod cutoffs;
+mod panel;
+mod render;
+mod response;
+mod telemetry;
+mod text;
+mod trace;
+mod trade;
+mod zwidth;
+
+use std::fmt;
+
+use plotters::{
+    coord::Shift,
+    drawing::{DrawingArea, DrawingAreaErrorKind},
+    prelude::DrawingBackend,
+    style::RGBColor,
+};
+use plotters_backend::DrawingErrorKind;
+
+pub use area::{AreaPlot, AreaPoint, area};
+pub(crate) use axis::{hertz, number, scaled_unit};
+pub use cost::{CostPanel, CostPlot, cost};
+pub use response::{ResponsePlot, pulse_response};
+pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
+pub(crate) use text::escape;
+pub use trace::{TracePlot, hit_trace};
+pub use trade::{Mark, TradePanel, TradePlot, TradeSeries, trade};
+pub use zwidth::{Curve, ZwidthPlot, zwidth};
+
+/// Width of every figure in SVG user units; a font of 12 units is 4.7 pt on a column of 88 mm.
+const WIDTH: f64 = 640.0;
+const MARGIN: f64 = 12.0;
+/// Steps of the drawing grid per unit.
+const GRID: f64 = 6.0;
+/// Beyond this a plotted number is a mistake, and the axis arithmetic would lose its digits.
+const LARGEST_VALUE: f64 = 1e15;
+/// What is smaller counts as 0 where a logarithm or a division follows.
+const SMALLEST_POSITIVE: f64 = 1e-15;
+
+/// What a figure is drawn on, in grid steps from its top left corner.
+type Page<DB> = DrawingArea<DB, Shift>;
+
+/// A finished figure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    plot: Plot,
+    svg: String,
+}
+
+impl Figure {
+    fn new(plot: Plot) -> Result<Self, FigureError> {
+        let svg = render::svg(&plot)?;
+        Ok(Self { plot, svg })
+    }
+
+    /// One `<svg>` element without ids and without an XML declaration: a file as it is, or inline in
+    /// a page.
+    #[must_use]
+    pub fn svg(&self) -> &str {
+        &self.svg
+    }
+
+    /// The same figure as PNG, three pixels per SVG unit.
+    ///
+    /// # Errors
+    /// [`FigureError::Font`] or [`FigureError::Encoding`], neither of which the data can cause.
+    pub fn png(&self) -> Result<Vec<u8>, FigureError> {
+        render::png(&self.plot)
+    }
+}
+
+/// Checked data of a figure.
+#[derive(Debug, Clone, PartialEq)]
+enum Plot {
+    Zwidth(ZwidthPlot),
+    Area(AreaPlot),
+    Trace(TracePlot),
+    Response(ResponsePlot),
+    Telemetry(TelemetryPlot),
+    Cost(CostPlot),
+    Trade(TradePlot),
+}
+
+impl Plot {
+    fn title(&self) -> &str {
+        match self {
+            Self::Zwidth(plot) => &plot.title,
+            Self::Area(plot) => &plot.title,
+            Self::Trace(plot) => &plot.title,
+            Self::Response(plot) => &plot.title,
+            Self::Telemetry(plot) => &plot.title,
+            Self::Cost(plot) => &plot.title,
+            Self::Trade(plot) => &plot.title,
+        }
+    }
+
+    fn height(&self) -> f64 {
+        match self {
+            Self::Zwidth(_) => zwidth::HEIGHT,
+            Self::Area(plot) => area::height(plot),
+            Self::Trace(_) => trace::HEIGHT,
+            Self::Response(_) => response::HEIGHT,
+            Self::Telemetry(plot) => telemetry::height(plot),
+            Self::Cost(_) => cost::HEIGHT,
+            Self::Trade(plot) => trade::height(plot),
+        }
+    }
+
+    fn draw<DB: DrawingBackend>(&self, page: &Page<DB>) -> Result<(), FigureError> {
+        match self {
+            Self::Zwidth(plot) => zwidth::draw(plot, page),
+            Self::Area(plot) => area::draw(plot, page),
+            Self::Trace(plot) => trace::draw(plot, page),
+            Self::Response(plot) => response::draw(plot, page),
+            Self::Telemetry(plot) => telemetry::draw(plot, page),
+            Self::Cost(plot) => cost::draw(plot, page),
+            Self::Trade(plot) => trade::draw(plot, page),
+        }
+    }
+
+    /// Colour, stroke width and name of the lines that a browser names under the pointer.
+    fn names(&self) -> Vec<(RGBColor, u32, String)> {
+        match self {
+            Self::Zwidth(plot) => zwidth::names(plot),
+            Self::Area(_)
+            | Self::Trace(_)
+            | Self::Response(_)
+            | Self::Telemetry(_)
+            | Self::Cost(_)
+            | Self::Trade(_) => vec![],
+        }
+    }
+}
+
+/// A length in units as steps of the grid.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the cast saturates, and pages are a few thousand steps wide"
+)]
+fn grid(units: f64) -> i32 {
+    (units * GRID).round() as i32
+}
+
+/// A point in units on the grid.
+fn at(x: f64, y: f64) -> (i32, i32) {
+    (grid(x), grid(y))
+}
+
+/// Why there is no figure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FigureError {
+    /// A number is NaN, infinite or larger than 1e15 in magnitude.
+    NotPlottable {
+        /// Which one.
+        quantity: &'static str,
+    },
+    /// A number must be greater than 0.
+    NotPositive {
+        /// Which one.
+        quantity: &'static str,
+    },
+    /// A number must not be less than 0.
+    Negative {
+        /// Which one.
+        quantity: &'static str,
+    },
+    /// A trace has no samples.
+    NoSamples,
+    /// The bundled font cannot be read.
+    Font,
+    /// The bitmap could not be made or compressed.
+    Encoding,
+}
+
+impl fmt::Display for FigureError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotPlottable { quantity } => {
+                write!(f, "{quantity} is not a number between -1e15 and 1e15")
+            }
+            Self::NotPositive { quantity } => write!(f, "{quantity} is not greater than 0"),
+            Self::Negative { quantity } => write!(f, "{quantity} is less than 0"),
+            Self::NoSamples => f.write_str("the trace has no samples"),
+            Self::Font => f.write_str("the bundled font cannot be read"),
+            Self::Encoding => f.write_str("the bitmap cannot be encoded"),
+        }
+    }
+}
+
+impl std::error::Error for FigureError {}
+
+impl<E: std::error::Error + Send + Sync> From<DrawingAreaErrorKind<E>> for FigureError {
+    fn from(error: DrawingAreaErrorKind<E>) -> Self {
+        match error {
+            DrawingAreaErrorKind::BackendError(DrawingErrorKind::FontError(_)) => Self::Font,
+            _ => Self::Encoding,
+        }
+    }
+}
+
+fn plottable(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
+    if value.abs() <= LARGEST_VALUE {
+        Ok(value)
+    } else {
+        Err(FigureError::NotPlottable { quantity })
+    }
+}
+
+fn positive(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
+    if plottable(quantity, value)? >= SMALLEST_POSITIVE {
+        Ok(value)
+    } else {
+        Err(FigureError::NotPositive { quantity })
+    }
+}
+
+fn not_negative(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
+    if plottable(quantity, value)? >= 0.0 {
+        Ok(value)
+    } else {
+        Err(FigureError::Negative { quantity })
+    }
+}
+
+#[cfg(test)]
+mod testing;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_that_cannot_be_plotted_are_named() {
+        for value in [f64::NAN, f64::INFINITY, -1e16] {
+            let error = plottable("damping", value).unwrap_err();
+            assert_eq!(error.to_string(), "damping is not a number between -1e15 and 1e15");
+        }
+        assert_eq!(
+            positive("cutoff", 0.0).unwrap_err().to_string(),
+            "cutoff is not greater than 0"
+        );
+        assert_eq!(not_negative("area", -1.0).unwrap_err().to_string(), "area is less than 0");
+    }
+}

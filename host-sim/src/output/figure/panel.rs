@@ -1,0 +1,181 @@
+//! A plot on a page: heading, axes, grid, frame.
+
+use std::ops::Range;
+
+use plotters::{
+    coord::{
+        Shift,
+        cartesian::Cartesian2d,
+        ranged1d::{AsRangedCoord, Ranged, ValueFormatter},
+    },
+    prelude::*,
+    style::text_anchor::HPos,
+};
+
+use super::{
+    FigureError, MARGIN, Page, WIDTH, at,
+    axis::Ticks,
+    colour::{
+        FRAME, QUIET, TEXT, {self},
+    },
+    grid, text,
+};
+
+pub(super) const TITLE_SIZE: f64 = 16.0;
+pub(super) const SMALL_SIZE: f64 = 12.0;
+pub(super) const AXIS_TITLE_SIZE: f64 = 13.0;
+pub(super) const TICK_LENGTH: f64 = 4.0;
+const TITLE_MIDDLE: f64 = 18.0;
+const SUBTITLE_MIDDLE: f64 = 37.5;
+const GRID_WIDTH: f64 = 0.7;
+const FRAME_WIDTH: f64 = 1.0;
+/// From the frame to the lower edge of the title below it.
+pub(super) const X_TITLE_DROP: f64 = 40.0;
+
+/// The rectangle that data is drawn in.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Panel {
+    pub left: f64,
+    pub top: f64,
+    pub right: f64,
+    pub bottom: f64,
+}
+
+/// A chart over linear stiffness, area or position.
+pub(super) type Chart<'a, DB, X> = ChartContext<'a, DB, Cartesian2d<X, Ticks>>;
+
+impl Panel {
+    /// The chart in this rectangle; `x_title_drop` is the room below it.
+    pub(super) fn chart<'a, DB: DrawingBackend, X: AsRangedCoord>(
+        &self,
+        page: &'a DrawingArea<DB, Shift>,
+        x: X,
+        y: Ticks,
+        x_title_drop: f64,
+    ) -> Result<Chart<'a, DB, X::CoordDescType>, FigureError> {
+        let (_, height) = page.dim_in_pixel();
+        let chart = ChartBuilder::on(page)
+            .margin_left(grid(MARGIN))
+            .margin_right(grid(WIDTH - self.right))
+            .margin_top(grid(self.top))
+            .margin_bottom(height.cast_signed() - grid(self.bottom + x_title_drop))
+            .x_label_area_size(grid(x_title_drop))
+            .y_label_area_size(grid(self.left - MARGIN))
+            .build_cartesian_2d(x, y)?;
+        Ok(chart)
+    }
+
+    pub(super) fn centre(&self) -> [f64; 2] {
+        [f64::midpoint(self.left, self.right), f64::midpoint(self.top, self.bottom)]
+    }
+
+    pub(super) fn x_pixels(&self) -> (i32, i32) {
+        (grid(self.left), grid(self.right))
+    }
+
+    /// The frame, painted after the data so that lines end under it.
+    pub(super) fn frame<DB: DrawingBackend>(&self, page: &Page<DB>) -> Result<(), FigureError> {
+        let (l, t, r, b) = (self.left, self.top, self.right, self.bottom);
+        let corners = [[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]];
+        line(page, &corners, FRAME, FRAME_WIDTH)
+    }
+
+    /// A remark in the middle of an empty plot.
+    pub(super) fn remark<DB: DrawingBackend>(
+        &self,
+        page: &Page<DB>,
+        remark: &str,
+    ) -> Result<(), FigureError> {
+        let size = AXIS_TITLE_SIZE;
+        text::write(page, remark, self.centre(), HPos::Center, size, QUIET)
+    }
+}
+
+/// Which grid lines [`axes`] draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Grid {
+    Both,
+    Horizontal,
+}
+
+/// Draws grid, ticks, numbers and titles.
+pub(super) fn axes<DB, X>(
+    chart: &mut Chart<'_, DB, X>,
+    grid_lines: Grid,
+    [x_title, y_title]: [&str; 2],
+) -> Result<(), FigureError>
+where
+    DB: DrawingBackend,
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let mut mesh = chart.configure_mesh();
+    mesh.bold_line_style(colour::GRID.stroke_width(stroke(GRID_WIDTH)))
+        .axis_style(FRAME.stroke_width(stroke(FRAME_WIDTH)))
+        .set_all_tick_mark_size(grid(TICK_LENGTH))
+        .label_style(text::style(SMALL_SIZE, TEXT))
+        .axis_desc_style(text::style(AXIS_TITLE_SIZE, TEXT))
+        .x_desc(x_title)
+        .y_desc(y_title);
+    if grid_lines == Grid::Horizontal {
+        mesh.disable_x_mesh();
+    }
+    mesh.draw()?;
+    Ok(())
+}
+
+/// Title and subtitle at the top left, cut to the width of the page.
+pub(super) fn heading<DB: DrawingBackend>(
+    page: &Page<DB>,
+    title: &str,
+    subtitle: &str,
+) -> Result<(), FigureError> {
+    page.fill(&WHITE)?;
+    let room = WIDTH - 2.0 * MARGIN;
+    for (line, middle, size, colour) in
+        [(title, TITLE_MIDDLE, TITLE_SIZE, TEXT), (subtitle, SUBTITLE_MIDDLE, SMALL_SIZE, QUIET)]
+    {
+        let (line, size) = text::fit(line, size, room);
+        text::write(page, &line, [MARGIN, middle], HPos::Left, size, colour)?;
+    }
+    Ok(())
+}
+
+/// A stroke width on the grid.
+pub(super) fn stroke(units: f64) -> u32 {
+    grid(units).unsigned_abs()
+}
+
+/// A line through points of the page.
+pub(super) fn line<DB: DrawingBackend>(
+    page: &Page<DB>,
+    points: &[[f64; 2]],
+    colour: RGBColor,
+    width: f64,
+) -> Result<(), FigureError> {
+    let points: Vec<_> = points.iter().map(|[x, y]| at(*x, *y)).collect();
+    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
+    Ok(())
+}
+
+/// A filled rectangle of the page.
+pub(super) fn rect<DB: DrawingBackend>(
+    page: &Page<DB>,
+    x: Range<f64>,
+    y: Range<f64>,
+    colour: RGBAColor,
+) -> Result<(), FigureError> {
+    let corners = [at(x.start, y.start), at(x.end, y.end)];
+    page.draw(&Rectangle::new(corners, colour.filled()))?;
+    Ok(())
+}
+
+/// A filled circle of the page.
+pub(super) fn dot<DB: DrawingBackend>(
+    page: &Page<DB>,
+    [x, y]: [f64; 2],
+    radius: f64,
+    colour: RGBColor,
+) -> Result<(), FigureError> {
+    page.draw(&Circle::new(at(x, y), grid(radius), colour.filled()))?;
+    Ok(())
+}

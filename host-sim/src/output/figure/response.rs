@@ -1,0 +1,214 @@
+//! Voltage, measured and modelled position, and what is between them: the paper's figure 4.
+
+use plotters::{prelude::*, style::text_anchor::HPos};
+
+use super::{
+    Figure, FigureError, Page, Plot, WIDTH,
+    axis::Ticks,
+    colour::{ACCENT, DATA, TEXT},
+    panel::{
+        Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
+    },
+    plottable, positive, text,
+    trace::{range, reduce},
+};
+
+const VOLTAGE: Panel = Panel { left: 76.0, top: 58.0, right: WIDTH - 24.0, bottom: 118.0 };
+const POSITION: Panel =
+    Panel { top: VOLTAGE.bottom + 34.0, bottom: VOLTAGE.bottom + 224.0, ..VOLTAGE };
+const RESIDUAL: Panel =
+    Panel { top: POSITION.bottom + 22.0, bottom: POSITION.bottom + 112.0, ..VOLTAGE };
+pub(super) const HEIGHT: f64 = RESIDUAL.bottom + 50.0;
+/// Room below a panel whose times stand below another one.
+const NO_TITLE_DROP: f64 = 4.0;
+const MOST_X_TICKS: usize = 9;
+const MOST_Y_TICKS: usize = 6;
+const FEW_Y_TICKS: usize = 5;
+/// Room above and below the pulses, in terms of their height.
+const VOLTAGE_PAD: f64 = 0.15;
+
+/// The measured line is broad and the modelled one thin, so that both show where they agree.
+const MEASURED_WIDTH: f64 = 3.2;
+const MODEL_WIDTH: f64 = 1.1;
+const RESIDUAL_WIDTH: f64 = 0.5;
+const MEASURED_OPACITY: f64 = 0.45;
+/// Legend above the position.
+const LEGEND_MIDDLE: f64 = POSITION.top - 14.0;
+const LEGEND_SAMPLE: f64 = 26.0;
+const LEGEND_GAP: f64 = 6.0;
+const LEGEND_PITCH: f64 = 18.0;
+
+const MM_PER_M: f64 = 1e3;
+const UM_PER_M: f64 = 1e6;
+/// From here on the residual is in millimetres.
+const MM_FROM_M: f64 = 2e-3;
+
+/// What [`pulse_response`] draws; all rows are even in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResponsePlot {
+    /// First line above the plot.
+    pub title: String,
+    /// Second line: the parameters.
+    pub subtitle: String,
+    /// Time of the first row, s.
+    pub start_s: f64,
+    /// Time between rows, s.
+    pub step_s: f64,
+    /// Command at each row, V.
+    pub voltage_v: Vec<f64>,
+    /// Measured position at each row, m.
+    pub measured_m: Vec<f64>,
+    /// First row that was fitted.
+    pub first: usize,
+    /// Modelled position from there on, m.
+    pub model_m: Vec<f64>,
+    /// Measured less modelled from there on, m.
+    pub residual_m: Vec<f64>,
+}
+
+/// Draws the response to a voltage, measured and modelled.
+///
+/// # Errors
+/// [`FigureError`] if a number is NaN or infinite, the step is not greater than 0, or there are no samples.
+pub fn pulse_response(plot: &ResponsePlot) -> Result<Figure, FigureError> {
+    plottable("start_s", plot.start_s)?;
+    positive("step_s", plot.step_s)?;
+    if plot.measured_m.is_empty() || plot.model_m.is_empty() {
+        return Err(FigureError::NoSamples);
+    }
+    for (quantity, values) in [
+        ("voltage_v", &plot.voltage_v),
+        ("measured_m", &plot.measured_m),
+        ("model_m", &plot.model_m),
+        ("residual_m", &plot.residual_m),
+    ] {
+        for value in values {
+            plottable(quantity, *value)?;
+        }
+    }
+    Figure::new(Plot::Response(plot.clone()))
+}
+
+pub(super) fn draw<DB: DrawingBackend>(
+    plot: &ResponsePlot,
+    page: &Page<DB>,
+) -> Result<(), FigureError> {
+    panel::heading(page, &plot.title, &plot.subtitle)?;
+    let end_s = plot.start_s + plot.step_s * plot.measured_m.len() as f64;
+    let times = || Ticks::within(plot.start_s, end_s, MOST_X_TICKS);
+    let time = |row: usize| plot.start_s + row as f64 * plot.step_s;
+
+    let held = plot.voltage_v.iter().enumerate();
+    let voltage = held.flat_map(|(row, volts)| [(time(row), *volts), (time(row + 1), *volts)]);
+    let [low, high] = range(plot.voltage_v.iter().copied());
+    let pad = VOLTAGE_PAD * (high - low);
+    let y = Ticks::within(low - pad, high + pad, FEW_Y_TICKS);
+    let mut chart = VOLTAGE.chart(page, times().bare(), y, NO_TITLE_DROP)?;
+    panel::axes(&mut chart, Grid::Horizontal, ["", "u [V]"])?;
+    line(page, &chart, voltage, TEXT.mix(1.0), MODEL_WIDTH)?;
+    VOLTAGE.frame(page)?;
+
+    let all = plot.measured_m.iter().chain(&plot.model_m);
+    let [low, high] = range(all.map(|position_m| position_m * MM_PER_M));
+    let y = Ticks::around(low, high, MOST_Y_TICKS);
+    let mut chart = POSITION.chart(page, times().bare(), y, NO_TITLE_DROP)?;
+    panel::axes(&mut chart, Grid::Horizontal, ["", "Position x [mm]"])?;
+    let scaled = |values: &[f64], first: usize, factor: f64| -> Vec<(f64, f64)> {
+        let values = values.iter().enumerate();
+        values.map(|(row, value)| (time(first + row), value * factor)).collect()
+    };
+    let measured = scaled(&plot.measured_m, 0, MM_PER_M);
+    line(page, &chart, measured.into_iter(), DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH)?;
+    let model = scaled(&plot.model_m, plot.first, MM_PER_M);
+    line(page, &chart, model.into_iter(), ACCENT.mix(1.0), MODEL_WIDTH)?;
+    POSITION.frame(page)?;
+    legend(page)?;
+
+    let [low, high] = range(plot.residual_m.iter().copied());
+    let (unit, factor) =
+        if low.abs().max(high) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) };
+    let y = Ticks::around(low * factor, high * factor, FEW_Y_TICKS);
+    let mut chart = RESIDUAL.chart(page, times(), y, X_TITLE_DROP)?;
+    panel::axes(&mut chart, Grid::Horizontal, ["Time t [s]", &format!("Residual [{unit}]")])?;
+    let residual = scaled(&plot.residual_m, plot.first, factor);
+    line(page, &chart, residual.into_iter(), DATA.mix(1.0), RESIDUAL_WIDTH)?;
+    RESIDUAL.frame(page)
+}
+
+fn line<DB: DrawingBackend>(
+    page: &Page<DB>,
+    chart: &Chart<'_, DB, Ticks>,
+    points: impl Iterator<Item = (f64, f64)>,
+    colour: RGBAColor,
+    width: f64,
+) -> Result<(), FigureError> {
+    let points = reduce(points.map(|point| chart.backend_coord(&point)));
+    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
+    Ok(())
+}
+
+fn legend<DB: DrawingBackend>(page: &Page<DB>) -> Result<(), FigureError> {
+    let mut left = POSITION.left;
+    for (name, colour, width) in [
+        ("measured", DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH),
+        ("model", ACCENT.mix(1.0), MODEL_WIDTH),
+    ] {
+        let ends = [left, left + LEGEND_SAMPLE].map(|x| super::at(x, LEGEND_MIDDLE));
+        page.draw(&PathElement::new(ends.to_vec(), colour.stroke_width(stroke(width))))?;
+        left += LEGEND_SAMPLE + LEGEND_GAP;
+        text::write(page, name, [left, LEGEND_MIDDLE], HPos::Left, SMALL_SIZE, TEXT)?;
+        left += text::width(name, SMALL_SIZE) + LEGEND_PITCH;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::figure::testing::{Pixels, check as look};
+
+    fn plot() -> ResponsePlot {
+        let rows = 20_000;
+        let measured_m: Vec<f64> = (0..rows).map(|n| 0.02 * (f64::from(n) * 5e-4).sin()).collect();
+        ResponsePlot {
+            title: "Response to a voltage".to_owned(),
+            subtitle: "m = 0.416 kg".to_owned(),
+            start_s: 0.0,
+            step_s: 1e-4,
+            voltage_v: (0..rows).map(|n| if n < 2000 { 4.0 } else { 0.0 }).collect(),
+            first: 10,
+            model_m: measured_m[10..].iter().map(|x| x + 1e-6).collect(),
+            residual_m: vec![-1e-6; 19_990],
+            measured_m,
+        }
+    }
+
+    #[test]
+    fn the_response_stays_small_and_labelled() {
+        let figure = look(pulse_response, &plot());
+        assert!(figure.svg().len() < 300_000);
+        for text in ["u [V]", "Position x [mm]", "Residual [µm]", "Time t [s]", "measured", "model"]
+        {
+            assert!(figure.svg().contains(text), "{text} is missing");
+        }
+        assert!(Pixels::of(&figure).count(ACCENT) > 500, "the model does not show");
+    }
+
+    #[test]
+    fn a_model_that_is_far_off_is_seen() {
+        let mut off = plot();
+        off.residual_m = vec![-0.01; 19_990];
+        assert!(look(pulse_response, &off).svg().contains("Residual [mm]"));
+    }
+
+    #[test]
+    fn impossible_responses_are_errors() {
+        let mut bad = plot();
+        bad.model_m[3] = f64::NAN;
+        assert_eq!(pulse_response(&bad), Err(FigureError::NotPlottable { quantity: "model_m" }));
+        assert_eq!(
+            pulse_response(&ResponsePlot { measured_m: vec![], ..plot() }),
+            Err(FigureError::NoSamples)
+        );
+    }
+}

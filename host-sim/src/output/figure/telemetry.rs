@@ -1,0 +1,210 @@
+//! What a board told about itself: position, velocity, force and facts over time.
+
+use plotters::{prelude::*, style::text_anchor::HPos};
+
+use super::{
+    Figure, FigureError, Page, Plot, WIDTH,
+    axis::Ticks,
+    colour::{ACCENT, DATA, FRAME, TEXT},
+    panel::{
+        AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, {self},
+    },
+    plottable, text,
+    trace::{draw_trace, range},
+};
+
+const TOP: f64 = 56.0;
+const PANEL_HEIGHT: f64 = 104.0;
+/// From one panel to the next: the numbers of the time axis stand in it.
+const GAP: f64 = 26.0;
+const PANELS: usize = 3;
+/// One row of facts.
+const ROW: f64 = 16.0;
+const BAR: f64 = 9.0;
+const LEFT: f64 = 84.0;
+const RIGHT: f64 = WIDTH - 20.0;
+const MOST_X_TICKS: usize = 9;
+const MOST_Y_TICKS: usize = 5;
+/// Shortest axis of time: its numbers must not need many digits.
+const SHORTEST: f64 = 1e-3;
+const NAME_GAP: f64 = 8.0;
+const BAR_OPACITY: f64 = 0.75;
+
+/// One record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TelemetryPoint {
+    /// On the axis of time; rising.
+    pub time: f64,
+    /// Position, velocity, force.
+    pub values: [f64; PANELS],
+    /// Records are missing between the one before and this one: the line is broken here.
+    pub after_gap: bool,
+    /// Bits of `TelemetryPlot::facts`.
+    pub facts: u32,
+}
+
+/// What [`telemetry`] draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TelemetryPlot {
+    /// First line above the plot.
+    pub title: String,
+    /// Second line: what identifies the capture.
+    pub subtitle: String,
+    /// Title of the axis of time, with its unit.
+    pub time_title: String,
+    /// Titles of the three panels, with their units.
+    pub titles: [String; PANELS],
+    /// Names of the facts, the bit of each, and whether it is bad news.
+    pub facts: Vec<(String, u32, bool)>,
+    /// The records.
+    pub points: Vec<TelemetryPoint>,
+}
+
+/// Draws three panels above each other and a bar for each fact, as long as it holds.
+///
+/// # Errors
+/// [`FigureError`] if a number is NaN or infinite, or there are no records.
+pub fn telemetry(plot: &TelemetryPlot) -> Result<Figure, FigureError> {
+    if plot.points.is_empty() {
+        return Err(FigureError::NoSamples);
+    }
+    for point in &plot.points {
+        plottable("time", point.time)?;
+        for value in point.values {
+            plottable("telemetry", value)?;
+        }
+    }
+    Figure::new(Plot::Telemetry(plot.clone()))
+}
+
+pub(super) fn height(plot: &TelemetryPlot) -> f64 {
+    facts_top(plot) + ROW * plot.facts.len() as f64 + X_TITLE_DROP + 12.0
+}
+
+/// Where the facts begin: below the last panel.
+fn facts_top(_: &TelemetryPlot) -> f64 {
+    panel_top(PANELS)
+}
+
+fn panel_top(index: usize) -> f64 {
+    TOP + index as f64 * (PANEL_HEIGHT + GAP)
+}
+
+pub(super) fn draw<DB: DrawingBackend>(
+    plot: &TelemetryPlot,
+    page: &Page<DB>,
+) -> Result<(), FigureError> {
+    panel::heading(page, &plot.title, &plot.subtitle)?;
+    let [from, to] = range(plot.points.iter().map(|point| point.time));
+    let to = to.max(from + SHORTEST);
+    for (index, title) in plot.titles.iter().enumerate() {
+        let top = panel_top(index);
+        let panel = Panel { left: LEFT, top, right: RIGHT, bottom: top + PANEL_HEIGHT };
+        let [low, high] = range(plot.points.iter().map(|point| point.values[index]));
+        let x = Ticks::within(from, to, MOST_X_TICKS);
+        let y = Ticks::around(low, high, MOST_Y_TICKS);
+        let mut chart = panel.chart(page, x, y, GAP - 4.0)?;
+        panel::axes(&mut chart, Grid::Both, ["", title])?;
+        for line in plot.points.chunk_by(|_, next| !next.after_gap) {
+            let points = line.iter().map(|point| (point.time, point.values[index]));
+            draw_trace(page, &chart, points)?;
+        }
+        panel.frame(page)?;
+    }
+    draw_facts(page, plot, [from, to])
+}
+
+fn draw_facts<DB: DrawingBackend>(
+    page: &Page<DB>,
+    plot: &TelemetryPlot,
+    [from, to]: [f64; 2],
+) -> Result<(), FigureError> {
+    let x = |time: f64| LEFT + (time - from) / (to - from) * (RIGHT - LEFT);
+    let top = facts_top(plot);
+    for (row, (name, bit, bad)) in plot.facts.iter().enumerate() {
+        let middle = top + ROW * (row as f64 + 0.5);
+        let beside = [LEFT - NAME_GAP, middle];
+        text::write(page, name, beside, HPos::Right, SMALL_SIZE, TEXT)?;
+        let colour = if *bad { ACCENT } else { DATA };
+        let runs = plot.points.chunk_by(|a, b| (a.facts & bit == b.facts & bit) && !b.after_gap);
+        let mut runs = runs.peekable();
+        while let Some(run) = runs.next() {
+            let [first, .., last] = run else {
+                // One record: as long as to the next.
+                let until = runs.peek().map_or(to, |next| next[0].time);
+                if run[0].facts & bit != 0 {
+                    bar(page, [x(run[0].time), x(until)], middle, colour)?;
+                }
+                continue;
+            };
+            let next = runs.peek().filter(|next| !next[0].after_gap);
+            let until = next.map_or(last.time, |next| next[0].time);
+            if first.facts & bit != 0 {
+                bar(page, [x(first.time), x(until)], middle, colour)?;
+            }
+        }
+    }
+    let bottom = top + ROW * plot.facts.len() as f64;
+    panel::line(page, &[[LEFT, bottom + 4.0], [RIGHT, bottom + 4.0]], FRAME, 1.0)?;
+    let title = [f64::midpoint(LEFT, RIGHT), bottom + X_TITLE_DROP - 14.0];
+    text::write(page, &plot.time_title, title, HPos::Center, AXIS_TITLE_SIZE, TEXT)
+}
+
+fn bar<DB: DrawingBackend>(
+    page: &Page<DB>,
+    [from, to]: [f64; 2],
+    middle: f64,
+    colour: RGBColor,
+) -> Result<(), FigureError> {
+    // Not too short to be seen.
+    let to = to.max(from + 1.0).min(RIGHT);
+    panel::rect(page, from..to, middle - BAR / 2.0..middle + BAR / 2.0, colour.mix(BAR_OPACITY))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::figure::testing::check as look;
+
+    fn plot(points: Vec<TelemetryPoint>) -> TelemetryPlot {
+        TelemetryPlot {
+            title: "Telemetry".to_owned(),
+            subtitle: "capture.bin".to_owned(),
+            time_title: "Time t [s]".to_owned(),
+            titles: ["x [mm]", "v [m/s]", "F [N]"].map(str::to_owned),
+            facts: vec![("contact".to_owned(), 1, false), ("fault".to_owned(), 2, true)],
+            points,
+        }
+    }
+
+    fn points() -> Vec<TelemetryPoint> {
+        (0..2_000u32)
+            .map(|n| TelemetryPoint {
+                time: f64::from(n) * 1e-3,
+                values: [f64::from(n), (f64::from(n) / 100.0).sin(), 0.0],
+                after_gap: n == 700,
+                facts: u32::from(n > 1_000) | u32::from(n == 1_999) << 1,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn panels_and_facts_are_named() {
+        let figure = look(telemetry, &plot(points()));
+        for text in ["Time t [s]", "x [mm]", "v [m/s]", "F [N]", "contact", "fault"] {
+            assert!(figure.svg().contains(text), "{text} is missing");
+        }
+        assert!(figure.svg().len() < 300_000);
+    }
+
+    #[test]
+    fn one_record_and_standstill_have_figures_and_nothing_has_none() {
+        look(telemetry, &plot(points()[..1].to_vec()));
+        assert_eq!(telemetry(&plot(vec![])), Err(FigureError::NoSamples));
+        let bad = TelemetryPoint { time: f64::NAN, ..points()[0] };
+        assert_eq!(
+            telemetry(&plot(vec![bad])),
+            Err(FigureError::NotPlottable { quantity: "time" })
+        );
+    }
+}

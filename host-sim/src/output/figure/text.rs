@@ -1,0 +1,162 @@
+//! Text on a page: style, width, cutting and wrapping, and what is safe in markup.
+
+use std::sync::LazyLock;
+
+use ab_glyph::{Font as _, FontRef};
+use plotters::{
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
+
+use super::{FigureError, Page, at};
+
+/// Families tried by a browser; the first is the bundled one, the second has nearly its widths.
+pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
+/// plotters writes this part of a nominal size into SVG.
+const NOMINAL_PER_EM: f64 = 1.24;
+/// A text may shrink to this part of its size before it is cut.
+const SMALLEST_SHARE: f64 = 0.8;
+
+/// DejaVu Sans; its licence stands beside it.
+static FONT: LazyLock<Option<FontRef<'static>>> =
+    LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../../fonts/DejaVuSans.ttf")).ok());
+
+/// The parsed font.
+pub(super) fn font() -> Result<&'static FontRef<'static>, FigureError> {
+    FONT.as_ref().ok_or(FigureError::Font)
+}
+
+/// Advance of one character in units of the font size.
+pub(super) fn advance(font: &FontRef<'_>, c: char) -> f64 {
+    let units_per_em = font.units_per_em().unwrap_or(1.0);
+    f64::from(font.h_advance_unscaled(font.glyph_id(c)) / units_per_em)
+}
+
+/// Width of a line of text, without kerning.
+pub(super) fn width(text: &str, size: f64) -> f64 {
+    font().map_or(0.0, |font| text.chars().map(|c| advance(font, c)).sum::<f64>() * size)
+}
+
+/// A style of `size` units.
+pub(super) fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
+    let nominal = size * super::GRID * NOMINAL_PER_EM;
+    (FONT_FAMILIES, nominal).into_font().color(&colour)
+}
+
+/// The size of one em on the grid.
+pub(super) fn em(nominal: f64) -> f64 {
+    nominal / NOMINAL_PER_EM
+}
+
+/// Writes a line of text; `x` is its start, middle or end, `y` the middle of its digits.
+pub(super) fn write<DB: DrawingBackend>(
+    page: &Page<DB>,
+    text: &str,
+    [x, y]: [f64; 2],
+    anchor: HPos,
+    size: f64,
+    colour: RGBColor,
+) -> Result<(), FigureError> {
+    let style = style(size, colour).pos(Pos::new(anchor, VPos::Center));
+    page.draw_text(&printable(text), &style, at(x, y))?;
+    Ok(())
+}
+
+/// The text and its size so that it is at most `limit` wide: first shrunk, then cut with an ellipsis.
+pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
+    let natural = width(text, size);
+    if natural <= limit {
+        return (text.to_owned(), size);
+    }
+    let size = size * (limit / natural).max(SMALLEST_SHARE);
+    let mut kept: Vec<char> = text.chars().collect();
+    loop {
+        let shown: String = kept.iter().collect();
+        if width(&shown, size) <= limit {
+            return (shown, size);
+        }
+        if kept.pop() == Some('…') {
+            kept.pop();
+        }
+        if kept.is_empty() {
+            return (String::new(), size);
+        }
+        kept.push('…');
+    }
+}
+
+/// The text broken at spaces into lines of at most `limit`, unless a single word is longer.
+pub(super) fn wrap(text: &str, size: f64, limit: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if width(&format!("{line} {word}"), size) <= limit => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// Without the characters that XML 1.0 does not allow at all: they become U+FFFD.
+fn printable(text: &str) -> String {
+    let allowed = |c| match c {
+        '\t' | '\n' | '\r' => c,
+        '\u{0}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}' => '\u{fffd}',
+        _ => c,
+    };
+    text.chars().map(allowed).collect()
+}
+
+/// Text made safe for XML and HTML, in elements and in quoted attributes.
+pub(crate) fn escape(text: &str) -> String {
+    printable(text)
+        .replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+        .replace('\'', "&#39;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bundled_font_has_what_the_figures_need() {
+        let font = font().unwrap();
+        for c in "0123456789 AZaz [](),.;:/=%×·µ²³⁰¹⁴⁵⁶⁷⁸⁹⁻−–±…\u{2009}".chars()
+        {
+            assert!(font.glyph_id(c).0 != 0, "no glyph for {c:?}");
+        }
+    }
+
+    #[test]
+    fn a_fitted_text_keeps_the_limit() {
+        const LIMIT: f64 = 100.0;
+        let (same, size) = fit("short", 10.0, LIMIT);
+        assert_eq!((same.as_str(), size), ("short", 10.0));
+        let (cut, size) = fit(&"wide ".repeat(40), 10.0, LIMIT);
+        assert!(cut.ends_with('…'));
+        assert!(width(&cut, size) <= LIMIT);
+        assert_eq!(fit("word", 10.0, 0.0).0, "");
+    }
+
+    #[test]
+    fn wrapped_lines_keep_every_word() {
+        let text = "one two three four five six seven";
+        let lines = wrap(text, 10.0, 60.0);
+        assert!(lines.len() > 1);
+        assert_eq!(lines.join(" "), text);
+    }
+
+    #[test]
+    fn escape_covers_markup_and_control_characters() {
+        assert_eq!(
+            escape("<a b=\"c\">'&'\u{1}"),
+            "&lt;a b=&quot;c&quot;&gt;&#39;&amp;&#39;\u{fffd}"
+        );
+    }
+}

@@ -1,0 +1,369 @@
+//! The Z-width figure: stiffness over damping, one boundary per curve.
+
+use plotters::{prelude::*, style::text_anchor::HPos};
+
+use super::{
+    Figure, FigureError, MARGIN, Page, Plot, WIDTH,
+    axis::{Ticks, hertz},
+    colour::{ACCENT, QUIET, TEXT, ordered},
+    grid, not_negative,
+    panel::{
+        AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
+    },
+    text,
+};
+use crate::study::walk::BoundaryPoint;
+
+pub(super) const HEIGHT: f64 = 400.0;
+const LEFT: f64 = 64.0;
+const TOP: f64 = 58.0;
+const BOTTOM: f64 = HEIGHT - 50.0;
+const MOST_TICKS: usize = 9;
+/// Keeps the highest peak, and the halo of the ideal curve, off the frame.
+const HEADROOM: f64 = 1.02;
+/// From here on the axis counts in kN/m.
+const KILO_FROM_N_PER_M: f64 = 2e3;
+/// From here on the axis counts in MN/m.
+const MEGA_FROM_N_PER_M: f64 = 2e6;
+
+const CURVE_WIDTH: f64 = 1.4;
+const IDEAL_WIDTH: f64 = 2.4;
+const IDEAL_HALO: f64 = 4.0;
+const DOT_RADIUS: f64 = 1.9;
+const IDEAL_DOT_RADIUS: f64 = 2.6;
+/// Points nearer than this on average are drawn as a line only.
+const DOT_SPACING: f64 = 4.0;
+/// From this many curves on, the dots are smaller by [`CROWD_SHARE`].
+const CROWD: usize = 16;
+const CROWD_SHARE: f64 = 0.7;
+
+const LEGEND_PITCH: f64 = 17.0;
+const LEGEND_GAP: f64 = 14.0;
+const LEGEND_SWATCH: f64 = 20.0;
+const LEGEND_SWATCH_GAP: f64 = 6.0;
+const LEGEND_TITLE_MIDDLE: f64 = TOP + 5.5;
+const LEGEND_FIRST_MIDDLE: f64 = TOP + 28.0;
+const LEGEND_ROWS: usize = 17;
+const LEGEND_COLUMNS: usize = 2;
+const NOTE_DROP: f64 = 33.0;
+
+/// What [`zwidth()`] draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ZwidthPlot {
+    /// First line above the plot.
+    pub title: String,
+    /// Second line: scene, resolution, and what else identifies the run.
+    pub subtitle: String,
+    /// Title of the legend.
+    pub legend: String,
+    /// The boundaries; the colours follow their order.
+    pub curves: Vec<Curve>,
+}
+
+/// One boundary.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// What the legend calls it.
+    pub name: String,
+    /// What it says under the pointer.
+    pub detail: String,
+    /// Drawn in the accent colour and on top.
+    pub ideal: bool,
+    /// The boundary in the order of the walk; empty if no wall was stable.
+    pub points: Vec<BoundaryPoint>,
+}
+
+impl Curve {
+    /// Title of the legend of curves named by their cutoff.
+    pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
+
+    /// The boundary of one nominal cutoff, whose filter is down by 3 dB at `true_cutoff_hz`.
+    pub fn of_cutoff(
+        cutoff_hz: f64,
+        true_cutoff_hz: f64,
+        ideal: bool,
+        points: Vec<BoundaryPoint>,
+    ) -> Self {
+        let name = hertz(cutoff_hz);
+        let detail = format!("{name} Hz nominal, −3 dB at {} Hz", hertz(true_cutoff_hz));
+        Self { name, detail, ideal, points }
+    }
+}
+
+/// Draws stiffness over damping, both from 0, with a legend of the curves.
+///
+/// Beyond 34 curves the legend names every second, third, .. one, the ideal one always.
+///
+/// # Errors
+/// [`FigureError`] if a number is NaN, infinite or negative.
+pub fn zwidth(plot: &ZwidthPlot) -> Result<Figure, FigureError> {
+    largest(plot)?;
+    Figure::new(Plot::Zwidth(plot.clone()))
+}
+
+pub(super) fn draw<DB: DrawingBackend>(
+    plot: &ZwidthPlot,
+    page: &Page<DB>,
+) -> Result<(), FigureError> {
+    let [largest_damping, largest_stiffness] = largest(plot)?;
+    let (unit, factor) = match largest_stiffness {
+        k if k < KILO_FROM_N_PER_M => ("N/m", 1.0),
+        k if k < MEGA_FROM_N_PER_M => ("kN/m", 1e3),
+        _ => ("MN/m", 1e6),
+    };
+    panel::heading(page, &plot.title, &plot.subtitle)?;
+    let legend = Legend::of(plot);
+    let panel =
+        Panel { left: LEFT, top: TOP, right: WIDTH - MARGIN - legend.width(), bottom: BOTTOM };
+    let mut x = Ticks::around(0.0, largest_damping, MOST_TICKS);
+    let mut y = Ticks::around(0.0, HEADROOM * largest_stiffness / factor, MOST_TICKS);
+    let empty = plot.curves.iter().all(|curve| curve.points.is_empty());
+    if empty {
+        (x, y) = (x.bare(), y.bare());
+        panel.remark(page, "no stable wall found")?;
+    }
+    let mut chart = panel.chart(page, x, y, X_TITLE_DROP)?;
+    let titles = ["Damping B [N s/m]", &format!("Stiffness K [{unit}]")];
+    panel::axes(&mut chart, Grid::Both, titles)?;
+    panel.frame(page)?;
+
+    // The ideal curve comes last, on top of the others.
+    let styles = styles(plot);
+    for on_top in [false, true] {
+        for (curve, style) in plot.curves.iter().zip(&styles) {
+            if style.ideal == on_top {
+                let place = |point: &BoundaryPoint| {
+                    let stiffness = point.stiffness_n_per_m / factor;
+                    chart.backend_coord(&(point.damping_n_s_per_m, stiffness))
+                };
+                draw_curve(page, curve.points.iter().map(place).collect(), *style)?;
+            }
+        }
+    }
+    legend.draw(page, panel.right + LEGEND_GAP)
+}
+
+/// What each line says under the pointer.
+pub(super) fn names(plot: &ZwidthPlot) -> Vec<(RGBColor, u32, String)> {
+    let name = |(curve, style): (&Curve, Style)| {
+        let name = curve.detail.clone();
+        (!curve.points.is_empty()).then_some((style.colour, stroke(style.width()), name))
+    };
+    plot.curves.iter().zip(styles(plot)).filter_map(name).collect()
+}
+
+/// Largest damping and stiffness, at least 1 each so that the axes have a length.
+fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
+    let mut largest = [0.0_f64; 2];
+    for curve in &plot.curves {
+        for point in &curve.points {
+            let damping = not_negative("damping_n_s_per_m", point.damping_n_s_per_m)?;
+            let stiffness = not_negative("stiffness_n_per_m", point.stiffness_n_per_m)?;
+            largest = [largest[0].max(damping), largest[1].max(stiffness)];
+        }
+    }
+    Ok(largest.map(|value| if value > 0.0 { value } else { 1.0 }))
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Style {
+    colour: RGBColor,
+    ideal: bool,
+    crowded: bool,
+}
+
+impl Style {
+    fn width(self) -> f64 {
+        if self.ideal { IDEAL_WIDTH } else { CURVE_WIDTH }
+    }
+
+    fn radius(self) -> f64 {
+        match (self.ideal, self.crowded) {
+            (true, _) => IDEAL_DOT_RADIUS,
+            (false, false) => DOT_RADIUS,
+            (false, true) => DOT_RADIUS * CROWD_SHARE,
+        }
+    }
+}
+
+fn styles(plot: &ZwidthPlot) -> Vec<Style> {
+    let count = plot.curves.len();
+    let style = |(index, curve): (usize, &Curve)| {
+        let ideal = curve.ideal;
+        let colour = if ideal { ACCENT } else { ordered(index, count) };
+        let crowded = count >= CROWD;
+        Style { colour, ideal, crowded }
+    };
+    plot.curves.iter().enumerate().map(style).collect()
+}
+
+fn draw_curve<DB: DrawingBackend>(
+    page: &Page<DB>,
+    points: Vec<(i32, i32)>,
+    style: Style,
+) -> Result<(), FigureError> {
+    let (Some(first), Some(last)) = (points.first(), points.last()) else {
+        return Ok(());
+    };
+    let gaps = (points.len() - 1) as f64;
+    let dotted = f64::from((last.0 - first.0).abs()) >= gaps * f64::from(grid(DOT_SPACING));
+    if style.ideal {
+        let halo = WHITE.stroke_width(stroke(IDEAL_HALO));
+        page.draw(&PathElement::new(points.clone(), halo))?;
+    }
+    let line = style.colour.stroke_width(stroke(style.width()));
+    page.draw(&PathElement::new(points.clone(), line))?;
+    if dotted {
+        for point in points {
+            let dot = Circle::new(point, grid(style.radius()), style.colour.filled());
+            page.draw(&dot)?;
+        }
+    }
+    Ok(())
+}
+
+struct Legend {
+    title: String,
+    entries: Vec<(String, Style)>,
+    /// Every how many curves are named.
+    every: usize,
+    columns: usize,
+    column_width: f64,
+}
+
+impl Legend {
+    fn of(plot: &ZwidthPlot) -> Self {
+        let every = plot.curves.len().div_ceil(LEGEND_ROWS * LEGEND_COLUMNS).max(1);
+        let named = |(index, (curve, style)): (usize, (&Curve, Style))| {
+            let mut text = curve.name.clone();
+            if curve.points.is_empty() {
+                text.push_str(" (none)");
+            } else if style.ideal {
+                text.push_str(" ideal");
+            }
+            (style.ideal || index.is_multiple_of(every)).then_some((text, style))
+        };
+        let entries: Vec<_> =
+            plot.curves.iter().zip(styles(plot)).enumerate().filter_map(named).collect();
+        let widest =
+            entries.iter().map(|(text, _)| text::width(text, SMALL_SIZE)).fold(0.0, f64::max);
+        Self {
+            title: plot.legend.clone(),
+            columns: entries.len().div_ceil(LEGEND_ROWS),
+            column_width: LEGEND_SWATCH + LEGEND_SWATCH_GAP + widest + LEGEND_GAP,
+            entries,
+            every,
+        }
+    }
+
+    fn width(&self) -> f64 {
+        let titles = text::width(&self.title, AXIS_TITLE_SIZE) + LEGEND_GAP;
+        (self.columns as f64 * self.column_width).max(titles)
+    }
+
+    fn draw<DB: DrawingBackend>(&self, page: &Page<DB>, left: f64) -> Result<(), FigureError> {
+        let write =
+            |text: &str, at, size, colour| text::write(page, text, at, HPos::Left, size, colour);
+        let title = [left, LEGEND_TITLE_MIDDLE];
+        write(&self.title, title, AXIS_TITLE_SIZE, TEXT)?;
+        let rows = self.entries.len().div_ceil(self.columns.max(1)).max(1);
+        for (index, (text, style)) in self.entries.iter().enumerate() {
+            let x = left + (index / rows) as f64 * self.column_width;
+            let y = LEGEND_FIRST_MIDDLE + (index % rows) as f64 * LEGEND_PITCH;
+            if !text.ends_with(')') {
+                let swatch = [[x, y], [x + LEGEND_SWATCH, y]];
+                panel::line(page, &swatch, style.colour, style.width())?;
+                let middle = [x + LEGEND_SWATCH / 2.0, y];
+                panel::dot(page, middle, style.radius(), style.colour)?;
+            }
+            let colour = if style.ideal { ACCENT } else { TEXT };
+            let beside = [x + LEGEND_SWATCH + LEGEND_SWATCH_GAP, y];
+            write(text, beside, SMALL_SIZE, colour)?;
+        }
+        if self.every > 1 {
+            let note = format!("1 in {} named", self.every);
+            write(&note, [left, BOTTOM + NOTE_DROP], SMALL_SIZE, QUIET)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::figure::testing::{Pixels, check as look};
+
+    fn curve(cutoff_hz: f64, stiffness_n_per_m: f64, points: u32) -> Curve {
+        let points = (1..=points).map(|n| BoundaryPoint {
+            damping_n_s_per_m: 10.0 * f64::from(n),
+            stiffness_n_per_m: stiffness_n_per_m * f64::from(n.min(70 - n) + 1) / 36.0,
+        });
+        Curve::of_cutoff(cutoff_hz, 0.9 * cutoff_hz, cutoff_hz == 300.0, points.collect())
+    }
+
+    fn plot(curves: Vec<Curve>) -> ZwidthPlot {
+        ZwidthPlot {
+            title: "Z-width \"paper\" & more".to_owned(),
+            subtitle: "resolution 1 µm".to_owned(),
+            legend: Curve::CUTOFF_LEGEND.into(),
+            curves,
+        }
+    }
+
+    fn many(count: u32) -> Vec<Curve> {
+        let cutoffs = (1..=count).map(|n| 100.0 * f64::from(n));
+        cutoffs.map(|fc| curve(fc, 30.0 * fc, 69)).collect()
+    }
+
+    #[test]
+    fn it_holds_every_curve_and_names_axes() {
+        for count in [1, 12, 30, 80] {
+            let plot = plot(many(count));
+            let figure = look(zwidth, &plot);
+            let svg = figure.svg();
+            assert!(svg.contains("Damping B [N s/m]"));
+            assert!(svg.contains("Stiffness K [kN/m]"));
+            for curve in &plot.curves {
+                let name = format!("<title>{} Hz nominal", curve.name);
+                assert_eq!(svg.matches(&name).count(), 1, "{name}");
+            }
+            assert_eq!(svg.contains("300 ideal"), count >= 3);
+        }
+    }
+
+    #[test]
+    fn the_bitmap_shows_the_ideal_curve_where_it_is() {
+        let figure = look(zwidth, &plot(vec![curve(300.0, 36_000.0, 69)]));
+        let pixels = Pixels::of(&figure);
+        assert!(pixels.count(ACCENT) > 1000);
+        // The peak of 36 kN/m at 350 N s/m, in the middle of 0 to 700, on an axis up to 40.
+        let right = WIDTH - MARGIN - Legend::of(&plot(vec![curve(300.0, 1.0, 1)])).width();
+        let peak = BOTTOM - 0.9 * (BOTTOM - TOP);
+        assert_eq!(pixels.at(f64::midpoint(LEFT, right), peak), [213, 94, 0]);
+    }
+
+    #[test]
+    fn empty_boundaries_are_said_to_be_empty() {
+        for curves in [vec![], vec![curve(50.0, 0.0, 0), curve(300.0, 0.0, 0)]] {
+            let figure = look(zwidth, &plot(curves));
+            assert!(figure.svg().contains("no stable wall found"));
+        }
+        let figure = look(zwidth, &plot(vec![curve(50.0, 0.0, 0), curve(300.0, 9e4, 1)]));
+        assert!(figure.svg().contains("50 (none)"));
+        assert!(figure.svg().contains("300 ideal"));
+        assert!(!figure.svg().contains("no stable wall found"));
+    }
+
+    #[test]
+    fn soft_walls_are_in_newtons_per_metre() {
+        let figure = look(zwidth, &plot(vec![curve(50.0, 900.0, 20)]));
+        assert!(figure.svg().contains("Stiffness K [N/m]"));
+    }
+
+    #[test]
+    fn what_is_no_number_is_an_error() {
+        let bad = plot(vec![curve(50.0, f64::NAN, 3)]);
+        let quantity = "stiffness_n_per_m";
+        assert_eq!(zwidth(&bad), Err(FigureError::NotPlottable { quantity }));
+    }
+}

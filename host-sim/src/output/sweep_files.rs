@@ -1,0 +1,429 @@
+//! The files of a sweep: tables, figures, report.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+use zwidth::experiment::Ended;
+
+use crate::{
+    cli::SCHEMA_VERSION,
+    error::Error,
+    output::{
+        figure::{
+            AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot, {self},
+        },
+        files::{MANIFEST, Staging, png},
+        manifest::Manifest,
+        report::{
+            AreaRow, Report, ReportFigure, {self},
+        },
+    },
+    scene::NamedScene,
+    simulation::{
+        prepared::{Numeric, Rig, WallHit},
+        trace::Trace,
+    },
+    study::{
+        envelope::{
+            Envelope, {self},
+        },
+        sweep::{CutoffResult, SweepResult, start_offset_counts},
+    },
+};
+
+/// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
+pub const FILES: [&str; 13] = [
+    "boundary.csv",
+    "areas.csv",
+    "envelope.csv",
+    "summary.json",
+    "zwidth.svg",
+    "zwidth.png",
+    "area.svg",
+    "area.png",
+    "hit.svg",
+    "hit.png",
+    "report.html",
+    SENSITIVITY,
+    MANIFEST,
+];
+
+const SENSITIVITY: &str = "sensitivity.csv";
+
+/// The result of one variant of a scene.
+#[derive(Clone, Debug)]
+pub struct VariantResult {
+    /// Short name.
+    pub name: &'static str,
+    /// What is different.
+    pub change: String,
+    /// Its study.
+    pub result: SweepResult,
+}
+
+/// A finished study of one scene.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// The scene.
+    pub scene: NamedScene,
+    /// The scene, prepared.
+    pub rig: Rig,
+    /// Arithmetic of the controller.
+    pub numeric: Numeric,
+    /// Its name.
+    pub numeric_name: &'static str,
+    /// Walks per cutoff.
+    pub repeats: u32,
+    /// The walks.
+    pub result: SweepResult,
+    /// Walls that the firmware may render, per cutoff.
+    pub envelopes: Vec<Envelope>,
+    /// The sensitivity study; empty if none was asked for.
+    pub variants: Vec<VariantResult>,
+    /// The command that made it.
+    pub command: String,
+}
+
+/// `summary.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    schema_version: u32,
+    scene: String,
+    numeric: &'static str,
+    repeats: u32,
+    ideal_cutoff_hz: Option<f64>,
+    ideal_true_cutoff_hz: Option<f64>,
+    ideal_cutoff_range_hz: Option<[f64; 2]>,
+    ideal_cutoff_range_basis: Option<&'static str>,
+    cutoffs: Vec<CutoffSummary>,
+    notes: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sensitivity: Vec<VariantSummary>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct CutoffSummary {
+    #[serde(flatten)]
+    areas: AreaRow,
+    walks: Vec<WalkSummary>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct WalkSummary {
+    area: f64,
+    hits: u64,
+    ended_by: &'static str,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct VariantSummary {
+    name: &'static str,
+    change: String,
+    ideal_cutoff_hz: Option<f64>,
+    ideal_cutoff_range_hz: Option<[f64; 2]>,
+    area_at_ideal: Option<f64>,
+}
+
+/// How frequencies are given, one sentence.
+fn convention(study: &Study) -> String {
+    let scene = &study.scene.scene;
+    let shown = study.result.ideal.map(|ideal| ideal.cutoff_hz);
+    let shown = shown.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
+    let nominal_is_true = scene.true_cutoff_hz(1.0) == 1.0;
+    if nominal_is_true {
+        return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
+    }
+    let Some(nominal) = shown else {
+        return "Bilinear, not pre-warped.".into();
+    };
+    let true_hz = scene.true_cutoff_hz(nominal);
+    format!("Bilinear, not pre-warped: nominal {nominal} Hz is -3 dB at {true_hz:.1} Hz.")
+}
+
+fn subtitle(study: &Study) -> String {
+    let scene = &study.scene.scene;
+    let rate_khz = scene.control.rate_hz / 1e3;
+    format!(
+        "{} um encoder, {rate_khz} kHz sampling, {} kHz output, latency {} samples, RMS limit {} um",
+        tidy(scene.encoder.resolution_m * 1e6),
+        tidy(rate_khz / f64::from(scene.actuator.period)),
+        scene.actuator.latency,
+        tidy(scene.wall_hit.rms_limit_m * 1e6),
+    )
+}
+
+/// A number without the last digits of a unit conversion.
+fn tidy(value: f64) -> f64 {
+    format!("{value:.9e}").parse().unwrap_or(value)
+}
+
+impl Study {
+    /// What `summary.json` says.
+    pub fn summary(&self) -> Summary {
+        let ideal = self.result.ideal;
+        Summary {
+            schema_version: SCHEMA_VERSION,
+            scene: self.scene.name.clone(),
+            numeric: self.numeric_name,
+            repeats: self.repeats,
+            ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
+            ideal_true_cutoff_hz: ideal.map(|i| self.scene.scene.true_cutoff_hz(i.cutoff_hz)),
+            ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
+            ideal_cutoff_range_basis: ideal.map(|ideal| ideal.basis.name()),
+            cutoffs: self.result.cutoffs.iter().map(cutoff_summary).collect(),
+            notes: self.result.notes(),
+            sensitivity: self.variants.iter().map(variant_summary).collect(),
+        }
+    }
+
+    /// Draws, writes and commits every file.
+    ///
+    /// # Errors
+    /// A file cannot be written; none is then left half-written.
+    pub fn write(&self, mut staging: Staging) -> Result<(), Error> {
+        let manifest = Manifest::new(SCHEMA_VERSION, self.command.clone(), &self.scene);
+        let mut figures = vec![
+            ("zwidth.svg", "zwidth.png", self.zwidth()?, self.zwidth_caption()),
+            ("area.svg", "area.png", self.area()?, convention(self)),
+        ];
+        if let Some((figure, caption)) = self.hit()? {
+            figures.push(("hit.svg", "hit.png", figure, caption));
+        }
+        for (svg_name, png_name, figure, _) in &figures {
+            staging.write(svg_name, figure.svg().as_bytes())?;
+            staging.write(png_name, &png(figure)?)?;
+        }
+        let figures = figures
+            .into_iter()
+            .map(|(_, _, figure, caption)| ReportFigure { figure, caption })
+            .collect();
+        staging.write("boundary.csv", self.boundary_csv().as_bytes())?;
+        staging.write("areas.csv", self.areas_csv().as_bytes())?;
+        staging.write("envelope.csv", self.envelope_csv().as_bytes())?;
+        if !self.variants.is_empty() {
+            staging.write(SENSITIVITY, self.sensitivity_csv().as_bytes())?;
+        }
+        staging.write("summary.json", &json(&self.summary())?)?;
+        staging.write("report.html", self.report(figures, &manifest).as_bytes())?;
+        staging.write(MANIFEST, &json(&manifest)?)?;
+        staging.commit()
+    }
+
+    fn zwidth(&self) -> Result<Figure, Error> {
+        let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
+        let curves = self.result.cutoffs.iter().map(|result| {
+            let first = result.boundaries.first();
+            let points = first.map(|first| first.points.clone()).unwrap_or_default();
+            let is_ideal = ideal == Some(result.cutoff_hz);
+            Curve::of_cutoff(result.cutoff_hz, result.true_cutoff_hz, is_ideal, points)
+        });
+        figure::zwidth(&ZwidthPlot {
+            title: format!("Z-width, {}", self.scene.name),
+            subtitle: subtitle(self),
+            legend: Curve::CUTOFF_LEGEND.into(),
+            curves: curves.collect(),
+        })
+        .map_err(undrawable)
+    }
+
+    fn zwidth_caption(&self) -> String {
+        "Boundary of the stable walls, one curve per nominal cutoff: the largest K that the walk \
+         found stable at each B. The first of the repeated walks is shown."
+            .into()
+    }
+
+    fn area(&self) -> Result<Figure, Error> {
+        let ideal = self.result.ideal;
+        let points = self.result.cutoffs.iter().map(|result| AreaPoint {
+            cutoff_hz: result.cutoff_hz,
+            true_cutoff_hz: result.true_cutoff_hz,
+            area: result.area(),
+            area_low: result.area_low(),
+            area_high: result.area_high(),
+        });
+        let walks = match self.repeats {
+            1 => "One walk per cutoff.".to_owned(),
+            n => format!("Points are means of {n} walks, starts spread over one count."),
+        };
+        figure::area(&AreaPlot {
+            title: format!("Z-width area over the cutoff, {}", self.scene.name),
+            subtitle: subtitle(self),
+            points: points.collect(),
+            ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
+            ideal_range_hz: ideal.map(|ideal| ideal.range_hz),
+            convention: format!("{} {walks}", convention(self)),
+        })
+        .map_err(undrawable)
+    }
+
+    /// The hit on the stiffest wall of the boundary at the ideal cutoff.
+    fn hit(&self) -> Result<Option<(Figure, String)>, Error> {
+        let Some(ideal) = self.result.ideal else {
+            return Ok(None);
+        };
+        let found = self.result.cutoffs.iter().find(|result| result.cutoff_hz == ideal.cutoff_hz);
+        let points = found.and_then(|result| result.boundaries.first()).map(|first| &first.points);
+        let stiffest = points.and_then(|points| {
+            points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
+        });
+        let Some(wall) = stiffest else {
+            return Ok(None);
+        };
+        let hit = WallHit {
+            cutoff_hz: ideal.cutoff_hz,
+            stiffness_n_per_m: wall.stiffness_n_per_m,
+            damping_n_s_per_m: wall.damping_n_s_per_m,
+            start_offset_counts: 0.0,
+        };
+        let mut trace = Trace::new(&self.rig, &hit)?;
+        let report = self.rig.hit(self.numeric, &hit, |sample| trace.push(sample))?;
+        let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
+                       over time, and the window that decides."
+            .into();
+        Ok(Some((trace.figure(&self.scene, &hit, &report)?, caption)))
+    }
+
+    fn boundary_csv(&self) -> String {
+        let mut text = String::from(
+            "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
+        );
+        for result in &self.result.cutoffs {
+            for (repeat, boundary) in (0u32..).zip(&result.boundaries) {
+                let offset = start_offset_counts(repeat, self.repeats);
+                for point in &boundary.points {
+                    let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
+                    let _ = writeln!(text, "{},{repeat},{offset},{b},{k}", result.cutoff_hz);
+                }
+            }
+        }
+        text
+    }
+
+    fn areas_csv(&self) -> String {
+        let mut text = String::from(
+            "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",
+        );
+        for result in &self.result.cutoffs {
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{},{},{}",
+                result.cutoff_hz,
+                result.true_cutoff_hz,
+                result.area(),
+                result.area_low(),
+                result.area_high(),
+                result.stiffness_peak_n_per_m(),
+                result.damping_max_n_s_per_m()
+            );
+        }
+        text
+    }
+
+    /// For the firmware, see [`crate::study::envelope`].
+    fn envelope_csv(&self) -> String {
+        format!("{}{}", envelope::HEADER, envelope::rows(&self.scene, &self.envelopes))
+    }
+
+    fn sensitivity_csv(&self) -> String {
+        let mut text = String::from("variant,cutoff_hz,true_cutoff_hz,area,area_low,area_high\n");
+        for variant in &self.variants {
+            for result in &variant.result.cutoffs {
+                let _ = writeln!(
+                    text,
+                    "{},{},{},{},{},{}",
+                    variant.name,
+                    result.cutoff_hz,
+                    result.true_cutoff_hz,
+                    result.area(),
+                    result.area_low(),
+                    result.area_high()
+                );
+            }
+        }
+        text
+    }
+
+    fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
+        let mut notes = self.result.notes();
+        notes.extend(self.variants.iter().map(VariantResult::sentence));
+        let areas = self.result.cutoffs.iter().map(area_row);
+        report::html(&Report {
+            title: format!("{}: {}", self.scene.name, subtitle(self)),
+            ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
+            ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
+            figures,
+            areas: areas.collect(),
+            notes,
+            scene: self.scene.text.clone(),
+            provenance: manifest.facts(),
+        })
+    }
+}
+
+impl VariantResult {
+    /// What changes, and where the ideal cutoff then is.
+    pub fn sentence(&self) -> String {
+        match self.result.ideal {
+            None => format!("{}: no stable wall at any cutoff", self.change),
+            Some(ideal) => {
+                let [low, high] = ideal.range_hz;
+                let (change, cutoff_hz) = (&self.change, ideal.cutoff_hz);
+                let edge = if self.result.ends_at_edge() {
+                    " (an end of the cutoffs that were tried; it may go on beyond)"
+                } else {
+                    ""
+                };
+                format!(
+                    "{change}: ideal range {low} to {high} Hz{edge}, ideal cutoff {cutoff_hz} Hz"
+                )
+            }
+        }
+    }
+}
+
+fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
+    let walks = result.boundaries.iter().map(|boundary| WalkSummary {
+        area: boundary.area,
+        hits: boundary.hits,
+        ended_by: boundary.ended.map_or("first_point_unstable", Ended::name),
+    });
+    CutoffSummary { areas: area_row(result), walks: walks.collect() }
+}
+
+/// One cutoff in numbers, for every table that has a row of it.
+fn area_row(result: &CutoffResult) -> AreaRow {
+    AreaRow {
+        cutoff_hz: result.cutoff_hz,
+        true_cutoff_hz: result.true_cutoff_hz,
+        area: result.area(),
+        area_low: result.area_low(),
+        area_high: result.area_high(),
+        stiffness_peak_n_per_m: result.stiffness_peak_n_per_m(),
+        damping_max_n_s_per_m: result.damping_max_n_s_per_m(),
+    }
+}
+
+fn variant_summary(variant: &VariantResult) -> VariantSummary {
+    let ideal = variant.result.ideal;
+    let at_ideal = ideal.and_then(|ideal| {
+        variant.result.cutoffs.iter().find(|result| result.cutoff_hz == ideal.cutoff_hz)
+    });
+    VariantSummary {
+        name: variant.name,
+        change: variant.change.clone(),
+        ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
+        ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
+        area_at_ideal: at_ideal.map(CutoffResult::area),
+    }
+}
+
+fn json(value: &impl Serialize) -> Result<Vec<u8>, Error> {
+    let mut text = serde_json::to_vec_pretty(value)
+        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
+    text.push(b'\n');
+    Ok(text)
+}
+
+fn undrawable(error: FigureError) -> Error {
+    Error::Internal(format!("cannot draw: {error}"))
+}

@@ -1,0 +1,344 @@
+//! The device with its linear elements as one system `z' = A z + b u`, u the commanded force.
+//!
+//! The bodies stand in a row: device, [`Mode`], [`Arm`]. Each hangs on the one before it; the first and
+//! the last also on the ground. The state is position and speed of each body, then the amplifier's
+//! force if there is one:
+//! ```text
+//! z = (x0, v0, x1, v1, .., F)
+//! ```
+//! Positions are taken from where the bodies rest without a force, so that the system has no
+//! constant term. An odd number of states means an amplifier.
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+use super::{Amplifier, Arm, Mode};
+use crate::{
+    numerics::exact::{discretise_increment, oscillator_increment},
+    scene::{Device, Scene},
+};
+
+/// Most states that a chain has: three bodies and an amplifier.
+pub const STATES_MAX: usize = 7;
+
+/// A device and the linear elements on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chain {
+    /// Where motor and encoder are.
+    pub device: Device,
+    /// A second mass behind the transmission.
+    pub mode: Option<Mode>,
+    /// A person on the handle.
+    pub arm: Option<Arm>,
+    /// The actuator's lag.
+    pub amplifier: Option<Amplifier>,
+}
+
+/// One body: its mass, what holds it to the ground, what holds it to the body before it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Body {
+    mass_kg: f64,
+    ground: [f64; 2], // stiffness, damping
+    joint: [f64; 2],
+}
+
+impl Chain {
+    /// The linear part of a scene's plant.
+    pub fn of(scene: &Scene) -> Self {
+        let Scene { device, mode, arm, amplifier, .. } = *scene;
+        Self { device, mode, arm, amplifier }
+    }
+
+    /// A device alone.
+    pub fn alone(device: Device) -> Self {
+        Self { device, mode: None, arm: None, amplifier: None }
+    }
+
+    /// Number of states.
+    pub fn states(&self) -> usize {
+        2 + 2 * usize::from(self.mode.is_some())
+            + 2 * usize::from(self.arm.is_some())
+            + usize::from(self.amplifier.is_some())
+    }
+
+    fn bodies(&self) -> ([Body; 3], usize) {
+        let device = &self.device;
+        let first = Body {
+            mass_kg: device.mass_kg,
+            ground: [device.stiffness_n_per_m, device.damping_n_s_per_m],
+            joint: [0.0; 2],
+        };
+        let mode = self.mode.map(|mode| Body {
+            mass_kg: mode.mass_kg,
+            ground: [0.0; 2],
+            joint: [mode.stiffness_n_per_m, mode.damping_n_s_per_m],
+        });
+        let arm = self.arm.map(|arm| Body {
+            mass_kg: arm.mass_kg,
+            ground: [arm.stiffness_n_per_m, arm.damping_n_s_per_m],
+            joint: [arm.grip_stiffness_n_per_m, arm.grip_damping_n_s_per_m],
+        });
+        let (mut bodies, mut count) = ([first, Body::default(), Body::default()], 1);
+        for body in [mode, arm].into_iter().flatten() {
+            bodies[count] = body;
+            count += 1;
+        }
+        (bodies, count)
+    }
+
+    /// A and b; N must be [`states`](Self::states).
+    ///
+    /// # Panics
+    /// On another N.
+    pub fn system<const N: usize>(&self) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
+        assert_eq!(N, self.states(), "states of the chain");
+        let (mut a, mut b) = (SMatrix::<f64, N, N>::zeros(), SVector::<f64, N>::zeros());
+        let (bodies, count) = self.bodies();
+        for (i, body) in bodies[..count].iter().enumerate() {
+            let (x, v) = (2 * i, 2 * i + 1);
+            a[(x, v)] = 1.0;
+            // Stiffness and damping on this body from the ground and from both neighbours.
+            let next = if i + 1 < count { bodies[i + 1].joint } else { [0.0; 2] };
+            for (part, column) in [(0, x), (1, v)] {
+                let own = body.ground[part] + body.joint[part] + next[part];
+                a[(v, column)] = -own / body.mass_kg;
+                if i > 0 {
+                    a[(v, column - 2)] = body.joint[part] / body.mass_kg;
+                }
+                if i + 1 < count {
+                    a[(v, column + 2)] = next[part] / body.mass_kg;
+                }
+            }
+        }
+        let mobility = 1.0 / self.device.mass_kg;
+        match self.amplifier {
+            None => b[1] = mobility,
+            Some(amplifier) => {
+                let pole = amplifier.pole_per_s();
+                a[(1, N - 1)] = mobility;
+                a[(N - 1, N - 1)] = -pole;
+                b[N - 1] = pole;
+            }
+        }
+        (a, b)
+    }
+
+    /// Where each body rests without a force, m; unused places repeat the device's.
+    ///
+    /// The springs stand in a row from the device's rest position to the arm's; all carry the same force.
+    /// Springs of stiffness 0 part the row: what is behind the last of them rests at the arm's end, the others at the
+    /// device's.
+    pub fn rest_m(&self) -> [f64; 3] {
+        let origin = self.device.rest_position_m;
+        let (bodies, count) = self.bodies();
+        let Some(arm) = self.arm else { return [origin; 3] };
+        // Springs in their order: device's own, joints, arm's own.
+        let mut springs = [self.device.stiffness_n_per_m; 4];
+        for i in 1..count {
+            springs[i] = bodies[i].joint[0];
+        }
+        springs[count] = arm.stiffness_n_per_m;
+        let springs = &springs[..=count];
+        let gap = arm.rest_position_m - origin;
+        let last_parted = springs.iter().rposition(|k| *k == 0.0);
+        let force = gap / springs.iter().map(|k| 1.0 / k).sum::<f64>();
+        let mut rest = [origin; 3];
+        let mut stretch = 0.0;
+        for (i, at) in rest[..count].iter_mut().enumerate() {
+            match last_parted {
+                Some(last) if i < last => {}
+                Some(_) => *at = arm.rest_position_m,
+                None => {
+                    stretch += force / springs[i];
+                    *at = origin + stretch;
+                }
+            }
+        }
+        rest
+    }
+
+    /// A, for any number of states.
+    pub fn matrix(&self) -> DMatrix<f64> {
+        fn general<const N: usize>(chain: &Chain) -> DMatrix<f64> {
+            let (a, _) = chain.system::<N>();
+            DMatrix::from_fn(N, N, |row, column| a[(row, column)])
+        }
+        match self.states() {
+            2 => general::<2>(self),
+            3 => general::<3>(self),
+            4 => general::<4>(self),
+            5 => general::<5>(self),
+            6 => general::<6>(self),
+            _ => general::<7>(self),
+        }
+    }
+
+    /// `M^-1/2 X M^-1/2` of the bodies' stiffness, 1/s^2, and damping, 1/s, with that stiffness and damping more on the
+    /// device; rows of bodies that are not there are 0.
+    pub fn per_mass(
+        &self,
+        (stiffness_n_per_m, damping_n_s_per_m): (f64, f64),
+    ) -> [SMatrix<f64, 3, 3>; 2] {
+        let (mut bodies, count) = self.bodies();
+        bodies[0].ground[0] += stiffness_n_per_m;
+        bodies[0].ground[1] += damping_n_s_per_m;
+        [0, 1].map(|part| {
+            let mut matrix = SMatrix::<f64, 3, 3>::zeros();
+            for (i, body) in bodies[..count].iter().enumerate() {
+                matrix[(i, i)] += (body.ground[part] + body.joint[part]) / body.mass_kg;
+                if i > 0 {
+                    let before = bodies[i - 1].mass_kg;
+                    matrix[(i - 1, i - 1)] += body.joint[part] / before;
+                    let across = -body.joint[part] / libm::sqrt(before * body.mass_kg);
+                    matrix[(i, i - 1)] = across;
+                    matrix[(i - 1, i)] = across;
+                }
+            }
+            matrix
+        })
+    }
+
+    /// `exp(A dt) - 1` and the response to a unit force over `dt`, for any number of states.
+    pub fn increment(&self, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
+        fn general<const N: usize>(chain: &Chain, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
+            let (a, b) = chain.system::<N>();
+            let (less, gamma) = discretise_increment(&a, &b, dt);
+            (
+                DMatrix::from_fn(N, N, |row, column| less[(row, column)]),
+                DVector::from_fn(N, |row, _| gamma[row]),
+            )
+        }
+        match self.states() {
+            2 => {
+                let mass = self.device.mass_kg;
+                let w2 = self.device.stiffness_n_per_m / mass;
+                let step = oscillator_increment(w2, self.device.damping_n_s_per_m / mass, dt);
+                let less = step.phi_minus_one;
+                (
+                    DMatrix::from_fn(2, 2, |row, column| less[row][column]),
+                    DVector::from_fn(2, |row, _| step.gamma[row] / mass),
+                )
+            }
+            3 => general::<3>(self, dt),
+            4 => general::<4>(self, dt),
+            5 => general::<5>(self, dt),
+            6 => general::<6>(self, dt),
+            _ => general::<7>(self, dt),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn paper() -> Chain {
+        Chain::of(&NamedScene::load("paper-1um").unwrap().scene)
+    }
+
+    const ARM: Arm = Arm {
+        mass_kg: 1.3,
+        damping_n_s_per_m: 9.0,
+        stiffness_n_per_m: 300.0,
+        rest_position_m: 0.09,
+        grip_damping_n_s_per_m: 20.0,
+        grip_stiffness_n_per_m: 1500.0,
+    };
+    const MODE: Mode = Mode { mass_kg: 0.2, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
+
+    /// Accelerations at a state, body by body from the forces: written without the row of bodies.
+    fn accelerations(chain: &Chain, at_m: [f64; 3], speeds: [f64; 3], force_n: f64) -> Vec<f64> {
+        let device = chain.device;
+        let mut forces = [
+            force_n
+                - device.stiffness_n_per_m * (at_m[0] - device.rest_position_m)
+                - device.damping_n_s_per_m * speeds[0],
+            0.0,
+            0.0,
+        ];
+        let mut masses = vec![device.mass_kg];
+        let mut handle = 0;
+        if let Some(mode) = chain.mode {
+            let pull = mode.stiffness_n_per_m * (at_m[1] - at_m[0])
+                + mode.damping_n_s_per_m * (speeds[1] - speeds[0]);
+            forces[0] += pull;
+            forces[1] -= pull;
+            masses.push(mode.mass_kg);
+            handle = 1;
+        }
+        if let Some(arm) = chain.arm {
+            let last = handle + 1;
+            let pull = arm.grip_stiffness_n_per_m * (at_m[last] - at_m[handle])
+                + arm.grip_damping_n_s_per_m * (speeds[last] - speeds[handle]);
+            forces[handle] += pull;
+            forces[last] -= pull
+                + arm.stiffness_n_per_m * (at_m[last] - arm.rest_position_m)
+                + arm.damping_n_s_per_m * speeds[last];
+            masses.push(arm.mass_kg);
+        }
+        masses.iter().zip(forces).map(|(mass, force)| force / mass).collect()
+    }
+
+    fn check<const N: usize>(chain: &Chain) {
+        let (a, b) = chain.system::<N>();
+        let (at_m, speeds, force_n) = ([0.03, 0.034, 0.041], [0.2, -0.3, 0.5], 1.7);
+        let rest_m = chain.rest_m();
+        let mut z = SVector::<f64, N>::zeros();
+        for body in 0..N / 2 {
+            z[2 * body] = at_m[body] - rest_m[body];
+            z[2 * body + 1] = speeds[body];
+        }
+        if let Some(amplifier) = chain.amplifier {
+            z[N - 1] = force_n;
+            let rate = (a * z + b * 2.5)[N - 1];
+            let expected = core::f64::consts::TAU * amplifier.bandwidth_hz * (2.5 - force_n);
+            assert!((rate / expected - 1.0).abs() < 1e-14);
+        }
+        let command = if chain.amplifier.is_some() { 0.0 } else { force_n };
+        let rates = a * z + b * command;
+        for (body, expected) in accelerations(chain, at_m, speeds, force_n).iter().enumerate() {
+            assert_eq!(rates[2 * body], speeds[body]);
+            let error = rates[2 * body + 1] / expected - 1.0;
+            assert!(error.abs() < 1e-12, "{chain:?}, body {body}: {error:e}");
+        }
+    }
+
+    #[test]
+    fn equations_of_motion_follow_from_the_forces() {
+        let amplifier = Some(Amplifier { bandwidth_hz: 800.0 });
+        let (mode, arm) = (Some(MODE), Some(ARM));
+        check::<2>(&paper());
+        check::<3>(&Chain { amplifier, ..paper() });
+        check::<4>(&Chain { arm, ..paper() });
+        check::<4>(&Chain { mode, ..paper() });
+        check::<5>(&Chain { mode, amplifier, ..paper() });
+        check::<6>(&Chain { mode, arm, ..paper() });
+        check::<7>(&Chain { mode, arm, amplifier, ..paper() });
+        let free = Device { stiffness_n_per_m: 0.0, ..paper().device };
+        check::<6>(&Chain { device: free, mode, arm, amplifier: None });
+    }
+
+    #[test]
+    fn bodies_rest_where_no_force_moves_them() {
+        let full = Chain { mode: Some(MODE), arm: Some(ARM), ..paper() };
+        for broken in 0..16 {
+            let mut chain = full;
+            let arm = chain.arm.as_mut().unwrap();
+            if broken & 1 != 0 {
+                chain.device.stiffness_n_per_m = 0.0;
+            }
+            if broken & 2 != 0 {
+                chain.mode.as_mut().unwrap().stiffness_n_per_m = 0.0;
+            }
+            if broken & 4 != 0 {
+                arm.grip_stiffness_n_per_m = 0.0;
+            }
+            if broken & 8 != 0 {
+                arm.stiffness_n_per_m = 0.0;
+            }
+            let still = accelerations(&chain, chain.rest_m(), [0.0; 3], 0.0);
+            assert!(still.iter().all(|a| a.abs() < 1e-9), "{broken:04b}: {still:?}");
+        }
+        assert_eq!(paper().rest_m(), [0.0517; 3]);
+    }
+}

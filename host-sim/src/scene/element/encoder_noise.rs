@@ -1,0 +1,35 @@
+//! Encoder noise: a Gaussian error of every reading, before quantisation. White.
+//!
+//! A function of seed, start of the hit and sample number: the same on any number of threads, the same for all
+//! walls that are compared, another one for each repeat of a sweep.
+//!
+//! White measurement noise as Kalman filters suppose it, with the quantiser apart.
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+use crate::numerics::random;
+
+/// White noise on the encoder's reading.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderNoise {
+    /// Standard deviation, m.
+    pub rms_m: f64,
+    /// Chooses the noise.
+    pub seed: u32,
+}
+
+impl EncoderNoise {
+    /// Error of the reading at a sample, m; `hit` tells hits apart.
+    #[inline]
+    pub fn error_m(&self, hit: u64, sample: u64) -> f64 {
+        self.rms_m * random::gaussian(hit ^ (u64::from(self.seed) << 32), sample)
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        Checker("encoder_noise").within("rms_m", self.rms_m, 0.0..=1.0)
+    }
+}

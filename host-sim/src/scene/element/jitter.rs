@@ -1,0 +1,86 @@
+//! Sample jitter: the encoder is read late, by a time that varies from sample to sample.
+//!
+//! Sample n is read at `n T + d`, d evenly spread over 0, peak/256, .., peak, while the controller takes it for one at
+//! n T. Commands are not delayed by it: a timer paces the output. So the peak may not exceed the latency, and it
+//! is shorter than a sample. The 256 steps stand for the timer's ticks; they let the position be
+//! computed exactly, from a table.
+//!
+//! Evenly spread because nothing else is known of it.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Chain, Checker, STATES_MAX};
+use crate::numerics::random;
+
+/// Levels of the delay beside 0.
+const LEVELS: u64 = 256;
+/// Tells this stream of random numbers from the noise's.
+const STREAM: u64 = 0x6a69_7474_6572;
+
+/// Late readings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Jitter {
+    /// Largest delay, s.
+    pub peak_s: f64,
+    /// Chooses the delays.
+    pub seed: u32,
+}
+
+/// Position a while into a sample, as a sum over the state at its beginning and the forces before and after the
+/// sample's split.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Glimpse {
+    state: [f64; STATES_MAX],
+    before: f64,
+    after: f64,
+}
+
+impl Glimpse {
+    fn new(chain: &Chain, delay_s: f64, split_s: f64) -> Self {
+        let (less, gamma) = chain.increment(delay_s);
+        let mut state = [0.0; STATES_MAX];
+        for (column, weight) in state[..gamma.len()].iter_mut().enumerate() {
+            *weight = less[(0, column)] + if column == 0 { 1.0 } else { 0.0 };
+        }
+        let after = if delay_s > split_s { chain.increment(delay_s - split_s).1[0] } else { 0.0 };
+        Self { state, before: gamma[0] - after, after }
+    }
+
+    /// Distance from where the device rests, m.
+    #[inline]
+    pub fn offset_m(&self, z: &[f64; STATES_MAX], before_n: f64, after_n: f64) -> f64 {
+        let free: f64 = self.state.iter().zip(z).map(|(weight, value)| weight * value).sum();
+        free + self.before * before_n + self.after * after_n
+    }
+}
+
+impl Jitter {
+    /// Level of the delay at a sample, 0 to 256; `hit` tells hits apart.
+    #[inline]
+    pub fn level(&self, hit: u64, sample: u64) -> usize {
+        let seed = hit ^ (u64::from(self.seed) << 32) ^ STREAM;
+        (random::bits(seed, sample) % (LEVELS + 1)) as usize
+    }
+
+    /// Delay of a level, s.
+    #[inline]
+    pub fn delay_s(&self, level: usize) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "at most 256")]
+        let share = level as f64 / LEVELS as f64;
+        self.peak_s * share
+    }
+
+    /// What the encoder sees at each level, with a command taking effect at `split_s` of the sample.
+    pub fn glimpses(&self, chain: &Chain, split_s: f64) -> Vec<Glimpse> {
+        let levels = usize::try_from(LEVELS).unwrap_or(0);
+        (0..=levels).map(|level| Glimpse::new(chain, self.delay_s(level), split_s)).collect()
+    }
+
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self, latency_s: f64, sample_s: f64) -> Result<(), String> {
+        let most = latency_s.min(sample_s.next_down());
+        Checker("jitter").within("peak_s", self.peak_s, 0.0..=most)
+    }
+}

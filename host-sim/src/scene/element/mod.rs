@@ -1,0 +1,87 @@
+//! The optional elements of a scene, one file each: the table as it stands in the scene file, its
+//! equation, its source, its tests. What is absent is not modelled and costs nothing.
+//!
+//! | element | table | advanced |
+//! |---------|-------|----------|
+//! | [`Amplifier`] | `[amplifier]` | exactly |
+//! | [`Mode`] | `[mode]` | exactly |
+//! | [`Arm`] | `[arm]` | exactly |
+//! | [`Friction`] | `[friction]` | by the scene's `[integrator]` |
+//! | [`Cogging`] | `[cogging]` | by the scene's `[integrator]` |
+//! | [`Travel`] | `[travel]` | by the scene's `[integrator]` |
+//! | [`EncoderError`] | `[encoder_error]` | not part of the motion |
+//! | [`EncoderNoise`] | `[encoder_noise]` | not part of the motion |
+//! | [`Jitter`] | `[jitter]` | exactly, or by the scene's `[integrator]` |
+//!
+//! The linear ones join the device in a [`Chain`], whose step over a sample is exact
+//! ([`crate::plant::AugmentedStep`]).
+//! With a non-linear one the whole plant is integrated ([`crate::plant::IntegratedStep`]).
+
+use std::ops::RangeInclusive;
+
+mod amplifier;
+mod arm;
+mod chain;
+mod cogging;
+mod encoder_error;
+mod encoder_noise;
+mod friction;
+mod jitter;
+mod mode;
+mod travel;
+
+pub use amplifier::Amplifier;
+pub use arm::Arm;
+pub use chain::{Chain, STATES_MAX};
+pub use cogging::Cogging;
+pub use encoder_error::EncoderError;
+pub use encoder_noise::EncoderNoise;
+pub use friction::Friction;
+pub use jitter::{Glimpse, Jitter};
+pub use mode::Mode;
+pub use travel::{End, REST_SPEED_M_PER_S, Travel};
+
+use crate::scene::Scene;
+
+/// The elements of a plant that are not linear.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Nonlinear {
+    /// Dry friction.
+    pub friction: Option<Friction>,
+    /// The motor's cogging.
+    pub cogging: Option<Cogging>,
+    /// Travel limits.
+    pub travel: Option<Travel>,
+}
+
+impl Nonlinear {
+    /// Those of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        Self { friction: scene.friction, cogging: scene.cogging, travel: scene.travel }
+    }
+
+    /// Stiffness and damping that they add to the device where they are steepest, N/m and N s/m.
+    pub fn steepest(&self) -> (f64, f64) {
+        let mut sum = (0.0, 0.0);
+        if let Some(friction) = self.friction {
+            sum.1 += friction.steepest_n_s_per_m();
+        }
+        if let Some(cogging) = self.cogging {
+            sum.0 += cogging.stiffness_n_per_m();
+        }
+        if let Some(Travel::Spring { stiffness_n_per_m, damping_n_s_per_m, .. }) = self.travel {
+            sum = (sum.0 + stiffness_n_per_m, sum.1 + damping_n_s_per_m);
+        }
+        sum
+    }
+}
+
+/// Refuses values of one table.
+#[derive(Clone, Copy, Debug)]
+struct Checker(&'static str);
+
+impl Checker {
+    fn within(self, key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
+        crate::scene::within(&format!("{}.{key}", self.0), value, range)
+    }
+}

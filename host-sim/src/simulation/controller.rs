@@ -1,0 +1,119 @@
+//! What the sampled loop asks of a controller, and the core behind that interface.
+
+use zwidth::{
+    Control, CounterWidth, Design, Drive, Motion, Sampler, Settings, SettingsError,
+    units::{Force, Velocity},
+    velocity::Senses,
+};
+
+/// What a controller did at an output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rendered {
+    /// Force asked of the actuator, fraction of full scale, after saturation.
+    pub force: f64,
+    /// Force that the actuator's code stands for, fraction of full scale.
+    pub output: f64,
+    /// More was asked for than the actuator can give.
+    pub saturated: bool,
+}
+
+/// A controller in the loop: counts in, force out.
+pub trait Controller {
+    /// Takes one sample; `true` if an output is due with it.
+    fn sample(&mut self, count: i32) -> bool;
+    /// [`sample`](Self::sample) with what is sensed beside the count.
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool;
+    /// The output that is due with the last sample.
+    fn render(&mut self) -> Rendered;
+    /// The velocity at the last sample, counts per sample.
+    fn velocity(&self) -> f64;
+    /// The wall's surface, counts; contact is beyond it.
+    fn surface(&self) -> i32;
+}
+
+/// The fixed-point core: the code that the firmware runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Fixed {
+    control: Control,
+    sampler: Sampler,
+    motion: Motion,
+    push: Force,
+    per_force_bit: f64,
+    zero_code: i32,
+    per_code: f64,
+}
+
+impl Fixed {
+    /// The core with those settings, at rest at `count`, with a constant push.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn new(
+        settings: &Settings,
+        design: &Design,
+        push: Force,
+        count: i32,
+    ) -> Result<Self, SettingsError> {
+        let control = settings.build(design)?;
+        let sampler = Sampler::new(count.cast_unsigned(), CounterWidth::Bits32);
+        let motion = { sampler }.sample(&control, count.cast_unsigned());
+        Ok(Self {
+            control,
+            sampler,
+            motion,
+            push,
+            per_force_bit: 1.0 / f64::from(Force::FULL_SCALE.bits()),
+            zero_code: control.actuator.zero().code(),
+            per_code: 1.0 / f64::from(control.actuator.codes_per_full_scale()),
+        })
+    }
+
+    /// The core's settings, folded into integers.
+    pub fn control(&self) -> &Control {
+        &self.control
+    }
+
+    /// The last sample as the core saw it.
+    pub fn motion(&self) -> Motion {
+        self.motion
+    }
+
+    /// Another velocity for the last sample.
+    #[inline]
+    pub(crate) fn set_velocity(&mut self, velocity: Velocity) {
+        self.motion.velocity = velocity;
+    }
+}
+
+impl Controller for Fixed {
+    #[inline]
+    fn sample(&mut self, count: i32) -> bool {
+        self.motion = self.sampler.sample(&self.control, count.cast_unsigned());
+        self.motion.due
+    }
+
+    #[inline]
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
+        self.motion = self.sampler.sense(&self.control, count.cast_unsigned(), senses);
+        self.motion.due
+    }
+
+    #[inline(always)] // called, it would keep the state of the loop in memory
+    fn render(&mut self) -> Rendered {
+        let Drive { force, command, saturated, .. } = self.control.render(self.motion, self.push);
+        Rendered {
+            force: f64::from(force.bits()) * self.per_force_bit,
+            output: f64::from(command.code() - self.zero_code) * self.per_code,
+            saturated,
+        }
+    }
+
+    #[inline]
+    fn velocity(&self) -> f64 {
+        f64::from(self.motion.velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
+    }
+
+    fn surface(&self) -> i32 {
+        self.control.wall.surface().counts()
+    }
+}

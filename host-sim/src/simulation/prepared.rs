@@ -1,0 +1,409 @@
+//! A scene made ready to run wall hits: everything that does not change from hit to hit.
+
+use std::ops::ControlFlow;
+
+use zwidth::{
+    Design, SettingsError,
+    experiment::{Hit, HitPlan, Verdict},
+    units::{Force, Position},
+};
+
+use crate::{
+    error::Error,
+    plant::{AnyPlant, Moment, Plant, each_plant},
+    scene::Scene,
+    simulation::{
+        Parts, Sample, Simulation,
+        controller::{Controller, Fixed},
+        senses::{AnySensing, Blind, Sensing},
+        twin::{
+            Twin, {self},
+        },
+    },
+};
+
+/// Which arithmetic the controller uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Numeric {
+    /// The fixed-point core.
+    Fixed,
+    /// Its `f64` twin.
+    F64,
+    /// The `f64` twin with the velocity rounded to the fixed-point LSB.
+    F64Rounded,
+    /// The `f64` twin with a first-order low-pass behind its estimator: a chain that the core does not
+    /// have, for comparison with laboratories that do.
+    F64Filtered {
+        /// Cutoff of the low-pass, Hz.
+        cutoff_hz: u32,
+    },
+}
+
+impl Numeric {
+    /// How the twin rounds, and the low-pass behind its estimator; `None` for the core.
+    fn twin(self) -> Option<(twin::Rounding, Option<u32>)> {
+        match self {
+            Self::Fixed => None,
+            Self::F64 => Some((twin::Rounding::Exact, None)),
+            Self::F64Rounded => Some((twin::Rounding::VelocityLsb, None)),
+            Self::F64Filtered { cutoff_hz } => Some((twin::Rounding::Exact, Some(cutoff_hz))),
+        }
+    }
+}
+
+/// One wall, hit from one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallHit {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Start, counts beyond the scene's start position.
+    pub start_offset_counts: f64,
+}
+
+/// What a hit showed, in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitReport {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Population RMS of the measured position about its mean over the window, m.
+    pub rms_m: f64,
+    /// Mean of the measured position over the window, m.
+    pub mean_m: f64,
+    /// Deepest position behind the surface during the whole hit, m; 0 if it was never reached.
+    pub peak_penetration_m: f64,
+    /// Outputs that saturated, as a fraction of all outputs of the whole hit.
+    pub saturated_fraction: f64,
+    /// Samples in contact, as a fraction of the window.
+    pub contact_fraction: f64,
+}
+
+impl HitReport {
+    /// In contact, and the RMS stayed below the limit.
+    pub fn is_stable(&self) -> bool {
+        self.verdict == Verdict::Stable
+    }
+}
+
+/// Name of a verdict in reports.
+pub fn verdict_name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Stable => "stable",
+        Verdict::Unstable => "unstable",
+        Verdict::NoContact => "no_contact",
+    }
+}
+
+/// Why a hit has no verdict.
+#[derive(Clone, Debug, PartialEq)]
+pub enum HitError {
+    /// A setting is out of range.
+    Settings(SettingsError),
+    /// The handle left the +-2^30 counts that the core accepts, at this sample.
+    OutOfRange(u64),
+}
+
+impl From<SettingsError> for HitError {
+    fn from(error: SettingsError) -> Self {
+        Self::Settings(error)
+    }
+}
+
+impl std::fmt::Display for HitError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Settings(error) => error.fmt(f),
+            Self::OutOfRange(sample) => write!(
+                f,
+                "out of range: the handle left +-{} counts at sample {sample}",
+                Position::LIMIT
+            ),
+        }
+    }
+}
+
+impl std::error::Error for HitError {}
+
+impl From<HitError> for Error {
+    fn from(error: HitError) -> Self {
+        Self::input(error)
+    }
+}
+
+/// A scene made ready.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    scene: Scene,
+    design: Design,
+    plan: HitPlan,
+    parts: Parts<AnyPlant>,
+}
+
+/// How many samples pass between two looks for an early verdict.
+const EARLY_CHECK_SAMPLES: u32 = 256;
+
+impl Rig {
+    /// Prepares a scene.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a value is out of range.
+    pub fn new(scene: &Scene) -> Result<Self, Error> {
+        scene.check().map_err(Error::Input)?;
+        let design = scene.design();
+        let plan = scene.hit_settings().build(&design).map_err(Error::input)?;
+        let latency = scene.actuator.latency;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the check above"
+        )]
+        let whole = latency.floor() as u32;
+        let parts = Parts {
+            plant: AnyPlant::of(scene, 1.0 / design.rate_hz, latency.fract()),
+            resolution_m: design.resolution_m,
+            rounding: scene.encoder.rounding,
+            full_scale_n: design.full_scale_n,
+            latency: whole,
+            period: design.period,
+        };
+        Ok(Self { scene: scene.clone(), design, plan, parts })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The core's design.
+    pub fn design(&self) -> &Design {
+        &self.design
+    }
+
+    /// The loop around the controller.
+    pub(crate) fn parts(&self) -> &Parts<AnyPlant> {
+        &self.parts
+    }
+
+    /// The hit in samples.
+    pub fn plan(&self) -> &HitPlan {
+        &self.plan
+    }
+
+    /// The loop around the core, ready for sample 0 of a hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range.
+    pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
+        let parts = self.parts.clone();
+        Ok(Simulation::new(parts, self.core(hit)?, self.sensing(), self.start_m(hit)))
+    }
+
+    /// The loop around the `f64` twin, ready for sample 0 of a hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range.
+    pub fn twin(
+        &self,
+        hit: &WallHit,
+        rounding: twin::Rounding,
+    ) -> Result<Simulation<Twin>, SettingsError> {
+        let twin = self.twin_of_core(hit, rounding, None)?;
+        Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
+    }
+
+    pub(crate) fn sensing(&self) -> AnySensing {
+        AnySensing::of(&self.scene)
+    }
+
+    /// The core at rest where the hit starts.
+    pub(crate) fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
+        let count = self.first_count(hit);
+        Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
+    }
+
+    pub(crate) fn twin_of_core(
+        &self,
+        hit: &WallHit,
+        rounding: twin::Rounding,
+        behind: Option<u32>,
+    ) -> Result<Twin, SettingsError> {
+        let count = self.first_count(hit);
+        let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
+        let twin = Twin::new(&self.settings(hit), &self.design, rounding, push, count)?;
+        match behind {
+            None => Ok(twin),
+            Some(cutoff_hz) => twin.followed_by(cutoff_hz.into(), self.design.rate_hz),
+        }
+    }
+
+    /// What the encoder reads for sample 0: the controller starts at rest there.
+    pub(crate) fn first_count(&self, hit: &WallHit) -> i32 {
+        let plant = &self.parts.plant;
+        let (index, before_n, after_n) = (0, 0.0, 0.0);
+        let state = plant.at_rest(self.start_m(hit));
+        self.parts.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
+    }
+
+    /// Runs a whole hit; `observe` sees every sample.
+    ///
+    /// # Errors
+    /// A setting is out of range, or the handle leaves the core's range.
+    pub fn hit(
+        &self,
+        numeric: Numeric,
+        hit: &WallHit,
+        observe: impl FnMut(&Sample),
+    ) -> Result<HitReport, HitError> {
+        match numeric.twin() {
+            None => self.whole_hit(hit, self.core(hit)?, observe),
+            Some((rounding, behind)) => {
+                self.whole_hit(hit, self.twin_of_core(hit, rounding, behind)?, observe)
+            }
+        }
+    }
+
+    /// The verdict of a hit, found as early as it is certain.
+    ///
+    /// # Errors
+    /// A setting is out of range, or the handle leaves the core's range.
+    pub fn verdict(&self, numeric: Numeric, hit: &WallHit) -> Result<Verdict, HitError> {
+        match numeric.twin() {
+            None => self.early_verdict(hit, self.core(hit)?),
+            Some((rounding, behind)) => {
+                self.early_verdict(hit, self.twin_of_core(hit, rounding, behind)?)
+            }
+        }
+    }
+
+    /// Plant and senses are told apart here, once per run, and not in its loop.
+    fn whole_hit<C: Controller + Copy>(
+        &self,
+        hit: &WallHit,
+        controller: C,
+        observe: impl FnMut(&Sample),
+    ) -> Result<HitReport, HitError> {
+        let start_m = self.start_m(hit);
+        each_plant!(&self.parts.plant, plant => {
+            let parts = self.parts.with(plant);
+            match self.sensing() {
+                AnySensing::Blind => {
+                    self.run_whole(Simulation::new(parts, controller, Blind, start_m), observe)
+                }
+                AnySensing::Full(full) => {
+                    self.run_whole(Simulation::new(parts, controller, full, start_m), observe)
+                }
+            }
+        })
+    }
+
+    /// The verdict with any controller that is at rest where the hit starts.
+    pub(crate) fn early_verdict<C: Controller + Copy>(
+        &self,
+        hit: &WallHit,
+        controller: C,
+    ) -> Result<Verdict, HitError> {
+        let start_m = self.start_m(hit);
+        each_plant!(&self.parts.plant, plant => {
+            let parts = self.parts.with(plant);
+            match self.sensing() {
+                AnySensing::Blind => {
+                    self.run_to_verdict(Simulation::new(parts, controller, Blind, start_m))
+                }
+                AnySensing::Full(full) => {
+                    self.run_to_verdict(Simulation::new(parts, controller, full, start_m))
+                }
+            }
+        })
+    }
+
+    fn run_whole<C: Controller + Copy, S: Sensing, P: Plant>(
+        &self,
+        mut simulation: Simulation<C, S, P>,
+        mut observe: impl FnMut(&Sample),
+    ) -> Result<HitReport, HitError> {
+        let surface = simulation.controller().surface();
+        let surface_m = f64::from(surface) * self.parts.resolution_m;
+        let mut hit = Hit::new(self.plan);
+        let (mut outputs, mut saturated) = (0u32, 0u32);
+        let mut peak_penetration_m = 0f64;
+        let ended = simulation.run(self.samples(), |sample| {
+            observe(sample);
+            if let Some(rendered) = sample.rendered {
+                outputs += 1;
+                saturated += u32::from(rendered.saturated);
+            }
+            peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
+            judge(&mut hit, sample, surface)
+        });
+        let verdict = verdict(ended, &hit)?;
+        let scatter = hit.scatter();
+        Ok(HitReport {
+            verdict,
+            rms_m: scatter.rms_counts() * self.parts.resolution_m,
+            mean_m: scatter.mean_counts() * self.parts.resolution_m,
+            peak_penetration_m,
+            saturated_fraction: f64::from(saturated) / f64::from(outputs),
+            contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
+        })
+    }
+
+    fn run_to_verdict<C: Controller + Copy, S: Sensing, P: Plant>(
+        &self,
+        mut simulation: Simulation<C, S, P>,
+    ) -> Result<Verdict, HitError> {
+        let surface = simulation.controller().surface();
+        let mut hit = Hit::new(self.plan);
+        let mut left = self.samples();
+        while left > 0 {
+            let samples = left.min(EARLY_CHECK_SAMPLES);
+            left -= samples;
+            let mut here = hit; // a copy, so that it can live in registers
+            let ended = simulation.run(samples, |sample| judge(&mut here, sample, surface));
+            hit = here;
+            if ended.is_break() {
+                return verdict(ended, &hit);
+            }
+            if let Some(certain) = hit.certain_verdict() {
+                return Ok(certain);
+            }
+        }
+        verdict(ControlFlow::Continue(()), &hit)
+    }
+
+    /// Samples of a whole hit.
+    fn samples(&self) -> u32 {
+        self.plan.settle + self.plan.window
+    }
+
+    pub(crate) fn start_m(&self, hit: &WallHit) -> f64 {
+        self.scene.device.start_position_m + hit.start_offset_counts * self.design.resolution_m
+    }
+
+    fn settings(&self, hit: &WallHit) -> zwidth::Settings {
+        self.scene.settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
+    }
+}
+
+/// Feeds one sample to the hit; breaks with its verdict.
+#[inline]
+fn judge(hit: &mut Hit, sample: &Sample, surface: i32) -> ControlFlow<Result<Verdict, HitError>> {
+    let position = Position::from_counts(sample.count);
+    if !position.in_range() {
+        return ControlFlow::Break(Err(HitError::OutOfRange(sample.index)));
+    }
+    match hit.sample(position, sample.count > surface) {
+        Some(verdict) => ControlFlow::Break(Ok(verdict)),
+        None => ControlFlow::Continue(()),
+    }
+}
+
+/// How a run ended. A run of all samples breaks with its last one.
+fn verdict(ended: ControlFlow<Result<Verdict, HitError>>, hit: &Hit) -> Result<Verdict, HitError> {
+    match ended {
+        ControlFlow::Break(verdict) => verdict,
+        ControlFlow::Continue(()) => Ok(hit.verdict()),
+    }
+}

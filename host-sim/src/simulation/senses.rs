@@ -1,0 +1,478 @@
+//! What the controller senses beside the count: commanded force, acceleration, edge times.
+//!
+//! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
+//! the rig chooses once per run. Only the sense that the scene's estimator looks at is worked out.
+
+use zwidth::{
+    units::{Acceleration, Force},
+    velocity::{Edge, Sense, Senses},
+};
+
+use crate::{
+    scene::{Accelerometer, LATENCY_KNOWN_MAX, Rounding, Scene, element::EncoderError},
+    simulation::controller::Controller,
+};
+
+/// A handle at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Handle {
+    /// Position, m.
+    pub position_m: f64,
+    /// Speed, m/s.
+    pub speed_m_per_s: f64,
+}
+
+/// What senses the motion from sample to sample.
+pub trait Sensing: Copy {
+    /// Lets the controller take a sample, with what there is to sense.
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool;
+    /// The controller granted a force, fraction of full scale.
+    fn granted(&mut self, force: f64);
+    /// The handle moved on by one sample.
+    fn moved(&mut self, from: Handle, to: Handle);
+}
+
+/// Nothing but the count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Blind;
+
+impl Sensing for Blind {
+    #[inline(always)]
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+        controller.sample(count)
+    }
+
+    #[inline(always)]
+    fn granted(&mut self, _: f64) {}
+
+    #[inline(always)]
+    fn moved(&mut self, _: Handle, _: Handle) {}
+}
+
+/// What the scene's estimator looks at.
+///
+/// *Force*: what the firmware tells ([`zwidth::safety::GuardedSampler`]): the force last granted,
+/// saturated and held, as if it had acted since the last sample. The latency of our boards is below half
+/// a sample. With `actuator.latency_known` it is told as many whole samples later as that latency is
+/// nearest to, when it acts.
+///
+/// *Acceleration*: the mean over the sample, from the speeds; through a first-order low-pass if the
+/// scene gives the accelerometer a bandwidth, then noise, bias, range and resolution.
+///
+/// *Edges*: the last crossing of a count's border, on the cubic through positions and speeds of both
+/// ends (Hermite), with the scene's encoder error. Under a constant force it is off by less than 1e-6 counts for the scenes' devices;
+/// where the force steps by dF within the sample by up to `0.0185 dF T^2 / m`, 0.005 counts for the
+/// whole range of the paper's device. With noise or jitter of the readings, which are one number a
+/// sample, edges would not go with the counts: such a scene has none ([`Scene::feeds`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Full {
+    /// What is looked at.
+    looks_at: Option<Sense>,
+    counts_per_m: f64,
+    /// Added to a position in counts before it is floored.
+    rounding: f64,
+    /// Speed in m/s to counts per sample.
+    speed: f64,
+    accelerometer: Option<Sensor>,
+    encoder_error: Option<EncoderError>,
+    told: Told,
+    senses: Senses,
+}
+
+/// Forces that were granted and are not told yet: a ring, a place for each sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Told {
+    granted: Force,
+    ring: [Force; LATENCY_KNOWN_MAX as usize],
+    /// Places in use; 0: told at once.
+    samples: usize,
+    next: usize,
+}
+
+impl Told {
+    fn new(scene: &Scene) -> Self {
+        let actuator = &scene.actuator;
+        let samples = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
+        Self { granted: Force::ZERO, ring: [Force::ZERO; _], samples, next: 0 }
+    }
+
+    /// A sample on: the force to tell.
+    fn moved(&mut self) -> Force {
+        if self.samples == 0 {
+            return self.granted;
+        }
+        let told = std::mem::replace(&mut self.ring[self.next], self.granted);
+        self.next = (self.next + 1) % self.samples;
+        told
+    }
+}
+
+/// An accelerometer, in counts and samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sensor {
+    full_scale: f64,
+    /// 0: none.
+    resolution: f64,
+    bias: f64,
+    /// RMS of the noise of one reading.
+    noise: f64,
+    /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
+    follows: f64,
+    filtered: f64,
+    random: u64,
+}
+
+impl Full {
+    /// The senses of that scene, at rest before sample 0.
+    pub fn new(scene: &Scene) -> Self {
+        let design = scene.design();
+        let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
+        Self {
+            looks_at: scene.velocity.sense(),
+            counts_per_m: 1.0 / resolution_m,
+            rounding: match scene.encoder.rounding {
+                Rounding::Floor => 0.0,
+                Rounding::Round => 0.5,
+            },
+            speed: 1.0 / (resolution_m * rate_hz),
+            accelerometer: scene
+                .accelerometer
+                .as_ref()
+                .map(|sensor| Sensor::new(sensor, rate_hz, resolution_m)),
+            encoder_error: scene.encoder_error,
+            told: Told::new(scene),
+            senses: Senses::NONE,
+        }
+    }
+}
+
+impl Sensing for Full {
+    #[inline]
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+        controller.sense(count, &self.senses)
+    }
+
+    #[inline]
+    fn granted(&mut self, force: f64) {
+        let bits = round(force * f64::from(Force::FULL_SCALE.bits()));
+        self.told.granted = Force::saturating_from_bits(bits);
+    }
+
+    #[inline]
+    fn moved(&mut self, from: Handle, to: Handle) {
+        self.senses.force = self.told.moved();
+        if matches!(self.looks_at, None | Some(Sense::Force)) {
+            return;
+        }
+        let [v0, v1] = [from, to].map(|handle| handle.speed_m_per_s * self.speed);
+        if let Some(sensor) = &mut self.accelerometer {
+            let bits = sensor.read(v1 - v0) * f64::from(1u32 << Acceleration::FRACTION_BITS);
+            self.senses.acceleration = Acceleration::saturating_from_bits(round(bits));
+        }
+        if self.looks_at != Some(Sense::Edge) {
+            return;
+        }
+        let [shown, shown_then] = [from, to].map(|Handle { position_m, speed_m_per_s }| {
+            let (error_m, slope) = self
+                .encoder_error
+                .map_or((0.0, 0.0), |e| (e.error_m(position_m), e.slope(position_m)));
+            let position = (position_m + error_m) * self.counts_per_m + self.rounding;
+            [position, speed_m_per_s * (1.0 + slope) * self.speed]
+        });
+        self.senses.edge = match last_edge(shown, shown_then) {
+            Some((at, up)) => {
+                let age = ((1.0 - at) * f64::from(Edge::SAMPLE)).floor();
+                Some(Edge { age: whole(age).min(Edge::SAMPLE - 1), up })
+            }
+            None => self
+                .senses
+                .edge
+                .map(|edge| Edge { age: edge.age.saturating_add(Edge::SAMPLE), ..edge }),
+        };
+    }
+}
+
+impl Sensor {
+    fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
+        let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
+        let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
+        Self {
+            full_scale: sensor.full_scale_m_per_s2 * per_unit,
+            resolution: sensor.resolution_m_per_s2 * per_unit,
+            bias: sensor.bias_m_per_s2 * per_unit,
+            // A density up to half the rate, that many readings per second.
+            noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
+            follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
+            filtered: 0.0,
+            random: 0,
+        }
+    }
+
+    fn read(&mut self, acceleration: f64) -> f64 {
+        self.filtered += self.follows * (acceleration - self.filtered);
+        let noise = if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 };
+        let reading = (self.filtered + noise + self.bias).clamp(-self.full_scale, self.full_scale);
+        if self.resolution > 0.0 {
+            (reading / self.resolution).round() * self.resolution
+        } else {
+            reading
+        }
+    }
+
+    /// A normally distributed number, mean 0, RMS 1 (Box and Muller, Ann. Math. Stat. 29, 1958).
+    fn normal(&mut self) -> f64 {
+        let (radius, angle) = (1.0 - self.uniform(), self.uniform());
+        (-2.0 * libm::log(radius)).sqrt() * libm::cos(2.0 * core::f64::consts::PI * angle)
+    }
+
+    /// In 0 .. 1, by SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
+    fn uniform(&mut self) -> f64 {
+        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.random;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        bits ^= bits >> 31;
+        #[expect(clippy::cast_precision_loss, reason = "53 bits")]
+        let high = (bits >> 11) as f64;
+        high / (1u64 << 53) as f64
+    }
+}
+
+/// The nearest integer, saturating.
+fn round(value: f64) -> i32 {
+    #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
+    let nearest = value.round() as i32;
+    nearest
+}
+
+fn whole(value: f64) -> u32 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates, as it must"
+    )]
+    let whole = value as u32;
+    whole
+}
+
+/// When within the sample (0 to 1) the handle last came over a border into the cell in which it
+/// ends, and whether upwards; `None` if it never left it. Position and speed of both ends, in counts
+/// and samples.
+pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
+    let cell = x1.floor();
+    // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
+    let moved = x1 - x0;
+    let a = v0 + v1 - 2.0 * moved;
+    let b = 3.0 * moved - 2.0 * v0 - v1;
+    let at = |t: f64| x0 + t * (v0 + t * (b + t * a));
+    // From the end back over pieces without a turn.
+    let mut until = 1.0;
+    for from in turns(v0, b, a) {
+        let x = at(from);
+        let border = if x < cell {
+            Some((cell, true))
+        } else if x >= cell + 1.0 {
+            Some((cell + 1.0, false))
+        } else {
+            None
+        };
+        if let Some((border, up)) = border {
+            return Some((crossing(|t| at(t) - border, from, until), up));
+        }
+        until = from;
+    }
+    None
+}
+
+/// Where `v0 + 2 b t + 3 a t^2` is 0 between 0 and 1, latest first, and 0.
+fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
+    let discriminant = b * b - 3.0 * a * v0;
+    let roots = if discriminant > 0.0 {
+        let q = -(b + discriminant.sqrt().copysign(b));
+        let (one, two) = (q / (3.0 * a), v0 / q); // not finite if there is no such root
+        [one.max(two), one.min(two)]
+    } else {
+        [0.0; 2]
+    };
+    roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
+}
+
+/// Halvings of a sample: far below the 2^-16 that an age has.
+const HALVINGS: u32 = 32;
+
+/// Where a monotone function is 0, between two places where it has different signs.
+fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64 {
+    let rises = function(from) < 0.0;
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (from + until);
+        if (function(middle) < 0.0) == rises {
+            from = middle;
+        } else {
+            until = middle;
+        }
+    }
+    until
+}
+
+/// The senses that a run has.
+#[expect(clippy::large_enum_variant, reason = "copied once per run")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnySensing {
+    /// None: the estimator does not look.
+    Blind,
+    /// All.
+    Full(Full),
+}
+
+impl AnySensing {
+    /// The senses of that scene if its estimator needs one.
+    pub fn of(scene: &Scene) -> Self {
+        match scene.velocity.sense() {
+            None => Self::Blind,
+            Some(_) => Self::Full(Full::new(scene)),
+        }
+    }
+}
+
+impl Sensing for AnySensing {
+    #[inline]
+    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+        match self {
+            Self::Blind => Blind.sample(controller, count),
+            Self::Full(full) => full.sample(controller, count),
+        }
+    }
+
+    #[inline]
+    fn granted(&mut self, force: f64) {
+        if let Self::Full(full) = self {
+            full.granted(force);
+        }
+    }
+
+    #[inline]
+    fn moved(&mut self, from: Handle, to: Handle) {
+        if let Self::Full(full) = self {
+            full.moved(from, to);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{NamedScene, Velocity};
+
+    fn full(edit: impl FnOnce(&mut Scene)) -> Full {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        edit(&mut scene);
+        Full::new(&scene)
+    }
+
+    fn handle(position_m: f64, speed_m_per_s: f64) -> Handle {
+        Handle { position_m, speed_m_per_s }
+    }
+
+    #[test]
+    fn the_force_is_the_one_last_granted_whatever_the_latency() {
+        let mut sensing = full(|scene| scene.actuator.latency = 10.25);
+        assert_eq!(sensing.senses.force, Force::ZERO);
+        sensing.granted(0.375);
+        sensing.moved(handle(0.0, 0.0), handle(1e-6, 0.0));
+        assert_eq!(sensing.senses.force.bits(), 3 << 27);
+        sensing.granted(-1.0);
+        sensing.moved(handle(0.0, 0.0), handle(1e-6, 0.0));
+        assert_eq!(sensing.senses.force.bits(), -(1 << 30));
+    }
+
+    #[test]
+    fn with_a_known_latency_it_is_the_one_that_acts() {
+        for (latency, samples) in [(0.49, 0), (2.6, 3), (64.0, 64)] {
+            let mut sensing = full(|scene| {
+                scene.actuator.latency = latency;
+                scene.actuator.latency_known = true;
+                scene.check().unwrap();
+            });
+            for n in 0..200 {
+                sensing.granted(f64::from(n + 1) / 1024.0);
+                sensing.moved(handle(0.0, 0.0), handle(0.0, 0.0));
+                let told = (n + 1 - samples).max(0) << 20;
+                assert_eq!(sensing.senses.force.bits(), told, "{latency} {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_edge_gets_older_until_the_next_one() {
+        let (at, on) = (handle(0.5e-6, 0.01), handle(1.5e-6, 0.01)); // one count per sample
+        let mut rest = full(|scene| scene.velocity = Velocity::TimeStamps { span_samples: 1 });
+        rest.moved(handle(0.5e-6, 0.0), handle(0.5e-6, 0.0));
+        assert_eq!(rest.senses.edge, None);
+        rest.moved(at, on);
+        let half = rest.senses.edge.unwrap();
+        assert!(half.up && half.age.abs_diff(1 << 15) <= 1, "{half:?}");
+        let still = handle(1.5e-6, 0.0);
+        rest.moved(still, still);
+        assert_eq!(rest.senses.edge, Some(Edge { age: half.age + (1 << 16), up: true }));
+    }
+
+    #[test]
+    fn edges_come_where_the_wrong_encoder_shows_them() {
+        let error = EncoderError { cycle_m: 4e-6, first_m: 2e-7, second_m: 0.0, phase_rad: 0.7 };
+        let mut wrong = full(|scene| {
+            scene.velocity = Velocity::TimeStamps { span_samples: 1 };
+            scene.encoder_error = Some(error);
+        });
+        let speed = 3e-7; // m per sample
+        let shown = |n: f64| (n * speed + error.error_m(n * speed)) * 1e6;
+        let mut edges = 0;
+        for n in 0..200 {
+            let (from, to) = (f64::from(n), f64::from(n + 1));
+            wrong.moved(handle(from * speed, speed * 1e4), handle(to * speed, speed * 1e4));
+            if shown(from).floor() == shown(to).floor() {
+                continue;
+            }
+            let age = f64::from(wrong.senses.edge.unwrap().age) / f64::from(Edge::SAMPLE);
+            let border = shown(to).floor();
+            assert!((shown(to - age) - border).abs() < 2e-3, "{n}: {}", shown(to - age) - border);
+            edges += 1;
+        }
+        assert!(edges > 50);
+    }
+
+    #[test]
+    fn an_accelerometer_has_bias_range_resolution_bandwidth_and_noise() {
+        let with = |edit: fn(&mut Accelerometer)| {
+            let mut sensor = Accelerometer {
+                full_scale_m_per_s2: 50.0,
+                resolution_m_per_s2: 0.0,
+                noise_m_per_s2_per_sqrt_hz: 0.0,
+                bias_m_per_s2: 0.0,
+                bandwidth_hz: None,
+            };
+            edit(&mut sensor);
+            full(|scene| {
+                scene.velocity = Velocity::Fusion {};
+                scene.accelerometer = Some(sensor);
+            })
+        };
+        // one m/s^2 is 0.01 counts per sample^2
+        let read = |sensing: &mut Full, m_per_s2: f64| {
+            sensing.moved(handle(0.0, 0.0), handle(0.0, m_per_s2 * 1e-4));
+            f64::from(sensing.senses.acceleration.bits()) / 2f64.powi(24) * 100.0
+        };
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-5, "{a} {b}");
+        near(read(&mut with(|_| {}), 3.0), 3.0);
+        near(read(&mut with(|s| s.bias_m_per_s2 = -0.5), 3.0), 2.5);
+        near(read(&mut with(|_| {}), -70.0), -50.0);
+        near(read(&mut with(|s| s.resolution_m_per_s2 = 0.4), 3.0), 3.2);
+        let mut slow = with(|s| s.bandwidth_hz = Some(100.0));
+        near(read(&mut slow, 3.0), 3.0 * (1.0 - (-2.0 * core::f64::consts::PI * 0.01).exp()));
+        let mut noisy = with(|s| s.noise_m_per_s2_per_sqrt_hz = 0.01);
+        let readings: Vec<f64> = (0..20_000).map(|_| read(&mut noisy, 0.0)).collect();
+        let mean = readings.iter().sum::<f64>() / 20_000.0;
+        let rms = (readings.iter().map(|x| x * x).sum::<f64>() / 20_000.0).sqrt();
+        // density times the root of half the rate: 0.7071; five standard errors
+        assert!((rms / 0.5f64.sqrt() - 1.0).abs() < 0.025 && mean.abs() < 0.025, "{rms} {mean}");
+    }
+}

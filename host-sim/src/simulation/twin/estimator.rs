@@ -1,0 +1,275 @@
+//! The estimators in `f64`.
+
+use zwidth::{
+    Design, SettingsError, VelocitySettings,
+    units::{Acceleration, Force},
+    velocity::{
+        FirDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
+        {self},
+    },
+};
+
+use super::{
+    FLUSH_BELOW,
+    foaw::Foaw,
+    kalman::KalmanState,
+    levant::{Levant, LevantState},
+    loops::Loop,
+    stamps::Stamps,
+};
+
+/// An estimator in `f64`; velocities in counts per sample.
+#[derive(Clone, Copy, Debug)]
+pub struct TwinEstimator {
+    kind: Kind,
+    inputs: [f64; 2],
+    outputs: [f64; 2],
+    rest: Rest,
+}
+
+/// What the estimators with a file of their own remember.
+#[derive(Clone, Copy, Debug)]
+struct Rest {
+    /// Last differences, newest first.
+    past: [f64; LENGTH],
+    levant: LevantState,
+    kalman: KalmanState,
+    loops: Loop,
+    stamps: Stamps,
+    behind: Option<Behind>,
+}
+
+/// A first-order low-pass behind an estimator.
+#[derive(Clone, Copy, Debug)]
+struct Behind {
+    filter: FirstOrder,
+    input: f64,
+    output: f64,
+}
+
+impl Behind {
+    fn update(&mut self, input: f64) -> f64 {
+        let FirstOrder { b0, a1 } = self.filter;
+        let raw = b0 * (input + self.input) - a1 * self.output;
+        self.input = input;
+        self.output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+        self.output
+    }
+}
+
+pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
+
+/// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
+/// numbers can live in registers.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "copied once per run")]
+enum Kind {
+    Butterworth(velocity::Design),
+    FirstOrder(FirstOrder),
+    Difference,
+    /// Weights of the last differences, newest first.
+    Fir([f64; LENGTH]),
+    TrackingLoop(TrackingLoop),
+    Observer(ObserverDesign),
+    Fusion(ObserverDesign),
+    /// Span in samples.
+    TimeStamps(f64),
+    Foaw(Foaw),
+    Levant(Levant),
+    Kalman(KalmanDesign),
+}
+
+/// `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`, the form of all usual estimators.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LowPass {
+    pub past: [f64; 2],
+    pub b0: f64,
+    pub a: [f64; 2],
+}
+
+impl TwinEstimator {
+    /// The usual estimators in one form; `None` for the others.
+    pub(crate) fn low_pass(&self) -> Option<LowPass> {
+        match self.kind {
+            Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
+                Some(LowPass { past: [2.0, 1.0], b0, a: [a1, a2] })
+            }
+            Kind::FirstOrder(FirstOrder { b0, a1 }) => {
+                Some(LowPass { past: [1.0, 0.0], b0, a: [a1, 0.0] })
+            }
+            Kind::Difference => Some(LowPass { past: [0.0; 2], b0: 1.0, a: [0.0; 2] }),
+            _ => None,
+        }
+    }
+
+    /// The estimator of those settings at rest.
+    ///
+    /// # Errors
+    /// A parameter is out of range.
+    pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
+        settings.build(design)?; // the ranges
+        let rate_hz = design.rate_hz;
+        let kind = match *settings {
+            VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
+                Kind::Butterworth(velocity::Design::new(cutoff_hz, rate_hz, prewarp)?)
+            }
+            VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
+                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, prewarp)?)
+            }
+            VelocitySettings::Difference => Kind::Difference,
+            VelocitySettings::Taylor { order } => fir(&FirDesign::taylor(order)?),
+            VelocitySettings::LeastSquares { degree, window_samples } => {
+                fir(&FirDesign::least_squares(degree, window_samples)?)
+            }
+            VelocitySettings::TrackingLoop { bandwidth_hz } => {
+                Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
+            }
+            VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
+                Kind::Observer(ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?)
+            }
+            VelocitySettings::TimeStamps { span_samples } => {
+                settings.build(design)?; // the range
+                Kind::TimeStamps(span_samples.into())
+            }
+            VelocitySettings::Fusion { crossover_hz } => {
+                Kind::Fusion(ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?)
+            }
+            VelocitySettings::Foaw { best, window_samples: window, noise_counts } => {
+                let noise = (16.0 * noise_counts).round() / 16.0; // as the setting is documented
+                Kind::Foaw(Foaw { best, window, noise })
+            }
+            VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+                let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
+                Kind::Levant(Levant { implicit, sizes })
+            }
+            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+                Kind::Kalman(KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?)
+            }
+            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+                Kind::Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?)
+            }
+        };
+        let rest = Rest {
+            past: [0.0; LENGTH],
+            levant: LevantState::default(),
+            kalman: KalmanState::default(),
+            loops: Loop::default(),
+            stamps: Stamps::REST,
+            behind: None,
+        };
+        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
+    }
+
+    /// The same with a first-order low-pass behind it, for any without a low-pass of its own.
+    ///
+    /// # Errors
+    /// The cutoff is out of range, or the estimator ends in a low-pass.
+    pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        let filter = FirstOrder::new(cutoff_hz, rate_hz, false)?;
+        match self.kind {
+            Kind::Butterworth(_) | Kind::FirstOrder(_) => {
+                let parameter = "low-passes in the estimator before the one behind it";
+                return Err(SettingsError { parameter, value: 1.0, range: 0.0..=0.0 });
+            }
+            Kind::Difference => self.kind = Kind::FirstOrder(filter),
+            _ => self.rest.behind = Some(Behind { filter, input: 0.0, output: 0.0 }),
+        }
+        Ok(self)
+    }
+
+    /// The velocity after a move by `difference` counts.
+    #[inline]
+    pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
+        let input = f64::from(difference);
+        match &self.kind {
+            Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
+                let [x1, x2] = self.inputs;
+                let [y1, y2] = self.outputs;
+                let raw = b0 * (input + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
+                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+                self.inputs = [input, x1];
+                self.outputs = [output, y1];
+                output
+            }
+            Kind::FirstOrder(FirstOrder { b0, a1 }) => {
+                let [x1, _] = self.inputs;
+                let [y1, _] = self.outputs;
+                let raw = b0 * (input + x1) - a1 * y1;
+                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+                self.inputs = [input, x1];
+                self.outputs = [output, y1];
+                output
+            }
+            Kind::Difference => input,
+            other => {
+                let velocity = self.rest.update(other, difference, senses);
+                match &mut self.rest.behind {
+                    None => velocity,
+                    Some(behind) => behind.update(velocity),
+                }
+            }
+        }
+    }
+}
+
+impl Rest {
+    #[inline(never)] // so that the other estimators' state stays in registers
+    fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
+        let input = f64::from(difference);
+        match kind {
+            Kind::TrackingLoop(gains) => self.loops.track(gains, difference.into()),
+            Kind::Observer(observer) => {
+                let force = f64::from(senses.force.bits()) / f64::from(Force::FULL_SCALE.bits());
+                let known = force * observer.per_full_scale;
+                self.loops.observe(observer, difference.into(), known)
+            }
+            Kind::Fusion(observer) => {
+                let bits = f64::from(senses.acceleration.bits());
+                let known = bits / f64::from(1u32 << Acceleration::FRACTION_BITS);
+                self.loops.observe(observer, difference.into(), known)
+            }
+            Kind::TimeStamps(span) => self.stamps.update(*span, difference, senses.edge),
+            Kind::Fir(weights) => weighted(weights, &mut self.past, input),
+            Kind::Foaw(foaw) => foaw.update(&mut self.past, input),
+            Kind::Levant(levant) => levant.update(&mut self.levant, input),
+            Kind::Kalman(gains) => self.kalman.update(gains, input),
+            Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Difference => input,
+        }
+    }
+}
+
+fn fir(design: &FirDesign) -> Kind {
+    let mut weights = [0.0; LENGTH];
+    for (weight, exact) in weights.iter_mut().zip(design.weights()) {
+        *weight = *exact;
+    }
+    Kind::Fir(weights)
+}
+
+#[inline(never)] // so that the other estimators' state stays in registers
+fn weighted(weights: &[f64; LENGTH], past: &mut [f64; LENGTH], input: f64) -> f64 {
+    past.rotate_right(1);
+    past[0] = input;
+    weights.iter().zip(past).map(|(weight, input)| weight * *input).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    #[test]
+    fn a_low_pass_goes_behind_what_has_none() {
+        let design = NamedScene::load("paper-1um").unwrap().scene.design();
+        let of = |settings: VelocitySettings| TwinEstimator::new(&settings, &design).unwrap();
+        let first_order = VelocitySettings::FirstOrder { cutoff_hz: 50.0, prewarp: false };
+        let mut behind = of(VelocitySettings::Difference).followed_by(50.0, 1e4).unwrap();
+        let mut whole = of(first_order);
+        for n in 0..100 {
+            let moved = n * n % 7 - 3;
+            assert_eq!(behind.update(moved, &Senses::NONE), whole.update(moved, &Senses::NONE));
+        }
+        let refused = of(first_order).followed_by(50.0, 1e4).unwrap_err().to_string();
+        assert!(refused.starts_with("low-passes in the estimator"), "{refused}");
+    }
+}

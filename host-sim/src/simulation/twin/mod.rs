@@ -1,0 +1,161 @@
+//! The controller's twin in `f64`: the same maths without quantised coefficients, velocities,
+//! gains or forces. What differs between it and the core is what fixed point costs.
+
+mod estimator;
+mod foaw;
+mod kalman;
+mod levant;
+mod loops;
+mod stamps;
+
+pub(crate) use estimator::LowPass;
+pub use estimator::TwinEstimator;
+use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
+
+use crate::simulation::controller::{Controller, Rendered};
+
+/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
+pub(crate) const FLUSH_BELOW: f64 = 1e-30;
+
+/// Whether the twin rounds its velocity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rounding {
+    /// Exact to `f64`.
+    Exact,
+    /// The velocity that leaves the filter is rounded to the fixed-point LSB, 2^-16 counts per
+    /// sample; the filter's own state is not. The least that any fixed-point form of that format
+    /// changes.
+    VelocityLsb,
+}
+
+/// The controller in `f64`.
+#[derive(Clone, Copy, Debug)]
+pub struct Twin {
+    estimator: TwinEstimator,
+    rounding: Rounding,
+    velocity: f64,
+    count: i32,
+    surface: i32,
+    /// Fraction of full scale per count.
+    stiffness: f64,
+    /// Fraction of full scale per count per sample.
+    damping: f64,
+    push_only: bool,
+    push: f64,
+    codes_per_full_scale: Option<f64>,
+    period: u32,
+    until_due: u32,
+}
+
+/// Adding and subtracting this rounds to a multiple of 2^-16 (to even in ties).
+pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
+
+impl Twin {
+    /// The twin of the core with those settings, at rest at `count`; `push` is a fraction of full
+    /// scale.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn new(
+        settings: &Settings,
+        design: &Design,
+        rounding: Rounding,
+        push: f64,
+        count: i32,
+    ) -> Result<Self, SettingsError> {
+        let control = settings.build(design)?; // the ranges, and the surface in counts
+        let wall = &settings.wall;
+        let per_count = design.resolution_m / design.full_scale_n;
+        Ok(Self {
+            estimator: TwinEstimator::new(&settings.velocity, design)?,
+            rounding,
+            velocity: 0.0,
+            count,
+            surface: control.wall.surface().counts(),
+            stiffness: wall.stiffness_n_per_m * per_count,
+            damping: wall.damping_n_s_per_m * per_count * design.rate_hz,
+            push_only: wall.push_only,
+            push,
+            codes_per_full_scale: match design.output {
+                Output::Continuous => None,
+                Output::Dac { .. } | Output::Pwm { .. } => {
+                    Some(f64::from(control.actuator.codes_per_full_scale()))
+                }
+            },
+            period: design.period,
+            until_due: 0,
+        })
+    }
+
+    /// The same with a first-order low-pass behind its estimator.
+    ///
+    /// # Errors
+    /// The cutoff is out of range, or the estimator ends in a low-pass.
+    pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        self.estimator = self.estimator.followed_by(cutoff_hz, rate_hz)?;
+        Ok(self)
+    }
+}
+
+impl Twin {
+    /// The usual estimators in one form; `None` for the others.
+    pub(crate) fn low_pass(&self) -> Option<LowPass> {
+        self.estimator.low_pass()
+    }
+
+    /// Stiffness and damping, fraction of full scale per count and per count per sample.
+    pub(crate) fn wall_gains(&self) -> [f64; 2] {
+        [self.stiffness, self.damping]
+    }
+}
+
+impl Controller for Twin {
+    #[inline(always)] // called, it would keep the state of the loop in memory
+    fn sample(&mut self, count: i32) -> bool {
+        self.sense(count, &Senses::NONE)
+    }
+
+    #[inline(always)] // as sample
+    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
+        let difference = count.wrapping_sub(self.count);
+        self.count = count;
+        let output = self.estimator.update(difference, senses);
+        self.velocity = match self.rounding {
+            Rounding::Exact => output,
+            Rounding::VelocityLsb => (output + ROUND_TO_LSB) - ROUND_TO_LSB,
+        };
+        let due = self.until_due == 0;
+        self.until_due = if due { self.period - 1 } else { self.until_due - 1 };
+        due
+    }
+
+    #[inline(always)] // called, it would keep the state of the loop in memory
+    fn render(&mut self) -> Rendered {
+        let penetration = i64::from(self.count) - i64::from(self.surface);
+        let mut wall = 0.0;
+        if penetration > 0 {
+            #[expect(clippy::cast_precision_loss, reason = "below 2^33")]
+            let depth = penetration as f64;
+            wall = self.stiffness * depth + self.damping * self.velocity;
+            if self.push_only {
+                wall = wall.max(0.0);
+            }
+        }
+        let wanted = self.push - wall;
+        let force = wanted.clamp(-1.0, 1.0);
+        let output = match self.codes_per_full_scale {
+            None => force,
+            Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
+        };
+        Rendered { force, output, saturated: force != wanted }
+    }
+
+    #[inline]
+    fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    fn surface(&self) -> i32 {
+        self.surface
+    }
+}

@@ -1,0 +1,222 @@
+//! The walls that the firmware may render without being unlocked.
+//!
+//! The boundary walk records the largest stable K at each B, as the paper does. Below it not every
+//! wall is stable: at large B a soft wall chatters where a stiffer one holds (the walk comes down
+//! from above and never sees it). So the envelope has an interval of K at each B, the longest one in
+//! which every hit is stable, up to the smallest boundary of all repeats.
+//!
+//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which bounds
+//! their number; between two B the firmware takes what both of them allow.
+
+use std::{fmt::Write as _, sync::atomic::AtomicBool};
+
+use zwidth::experiment::{Cell, Verdict};
+
+use crate::{
+    engine::{Backend, Depth, stream},
+    error::Error,
+    scene::NamedScene,
+    simulation::prepared::{Numeric, Rig, WallHit},
+    study::sweep::{CutoffResult, SweepResult},
+};
+
+/// Steps of the walk's grid between two lines that are hit.
+pub const STRIDE: i32 = 5;
+
+/// The walls that are stable at one B.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Lowest K, N/m; 0 if the softest wall of the grid is stable.
+    pub low_n_per_m: f64,
+    /// Highest K, N/m; 0 if no hit was stable.
+    pub high_n_per_m: f64,
+}
+
+/// The envelope at one cutoff.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Envelope {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// Its intervals, B ascending.
+    pub intervals: Vec<Interval>,
+}
+
+/// Rows of `envelope.csv` for the firmware, without the header.
+pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
+    let estimator = scene.scene.velocity.name();
+    let (device, actuator) = (&scene.name, scene.scene.actuator);
+    let (latency, period) = (actuator.latency, actuator.period);
+    let mut text = String::new();
+    for Envelope { cutoff_hz, intervals } in envelopes {
+        // The firmware's key has no second parameter: it knows walls for the default only.
+        let second = scene.scene.velocity.settings(*cutoff_hz).second();
+        if second.is_some_and(|(parameter, value)| value != parameter.default) {
+            continue;
+        }
+        for Interval { damping_n_s_per_m: b, low_n_per_m: low, high_n_per_m: high } in intervals {
+            let _ = writeln!(
+                text,
+                "{device},{estimator},{cutoff_hz},{latency},{period},{b},{low},{high}"
+            );
+        }
+    }
+    text
+}
+
+/// The columns of `envelope.csv`.
+pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samples,damping_n_s_per_m,\
+     stiffness_low_n_per_m,stiffness_high_n_per_m\n";
+
+/// The envelopes of all cutoffs of a sweep, on all threads of the current pool.
+///
+/// # Errors
+/// A setting is out of range, or `stop` was set.
+pub fn envelopes(
+    rig: &Rig,
+    numeric: Numeric,
+    sweep: &SweepResult,
+    stop: &AtomicBool,
+) -> Result<Vec<Envelope>, Error> {
+    let columns = |result: &CutoffResult| {
+        let shortest = result.boundaries.iter().map(|boundary| boundary.points.len()).min();
+        let cutoff_hz = result.cutoff_hz;
+        let lows = (0..shortest.unwrap_or(0)).step_by(STRIDE.unsigned_abs() as usize).map(|n| {
+            // Every walk has one point per B, from the same first B on.
+            let points = result.boundaries.iter().filter_map(|boundary| boundary.points.get(n));
+            points.map(|point| point.stiffness_n_per_m).fold(f64::INFINITY, f64::min)
+        });
+        let lows: Vec<f64> = lows.collect();
+        (0..)
+            .step_by(STRIDE.unsigned_abs() as usize)
+            .zip(lows)
+            .map(move |(n, low)| (cutoff_hz, n, low))
+            .collect::<Vec<_>>()
+    };
+    let columns = sweep
+        .cutoffs
+        .iter()
+        .flat_map(columns)
+        .map(|(cutoff_hz, damping, boundary)| (cutoff_hz, Column::new(rig, damping, boundary)));
+    let columns: Vec<(f64, Column)> = columns.collect();
+    let mut hits = vec![];
+    for (cutoff_hz, column) in &columns {
+        hits.extend(column.stiffnesses_n_per_m.iter().map(|&stiffness_n_per_m| WallHit {
+            cutoff_hz: *cutoff_hz,
+            stiffness_n_per_m,
+            damping_n_s_per_m: column.damping_n_s_per_m,
+            start_offset_counts: 0.0,
+        }));
+    }
+    let mut stable = vec![];
+    #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
+    let hit = |number: u64| hits[number as usize];
+    let (backend, depth) = (Backend::best(), Depth::Verdict);
+    stream(backend, rig, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
+        stable.push(outcome?.verdict == Verdict::Stable);
+        Ok(())
+    })?;
+    let mut stable = stable.into_iter();
+    let mut envelopes: Vec<Envelope> = vec![];
+    for (cutoff_hz, column) in columns {
+        let interval = column.longest(stable.by_ref());
+        match envelopes.last_mut() {
+            Some(envelope) if envelope.cutoff_hz == cutoff_hz => envelope.intervals.push(interval),
+            _ => envelopes.push(Envelope { cutoff_hz, intervals: vec![interval] }),
+        }
+    }
+    Ok(envelopes)
+}
+
+/// Hits at rising K at one B, the last at the boundary itself.
+struct Column {
+    damping_n_s_per_m: f64,
+    stiffnesses_n_per_m: Vec<f64>,
+}
+
+impl Column {
+    fn new(rig: &Rig, damping: i32, boundary_n_per_m: f64) -> Self {
+        let plan = rig.scene().walk_plan();
+        let damping_n_s_per_m = plan.damping_n_s_per_m(Cell { stiffness: 0, damping });
+        let mut stiffnesses_n_per_m = vec![];
+        for stiffness in (0..).step_by(STRIDE.unsigned_abs() as usize) {
+            let next = plan.stiffness_n_per_m(Cell { stiffness, damping }).min(boundary_n_per_m);
+            stiffnesses_n_per_m.push(next);
+            if next >= boundary_n_per_m {
+                break;
+            }
+        }
+        Self { damping_n_s_per_m, stiffnesses_n_per_m }
+    }
+
+    /// The longest run of stable hits; takes as many verdicts as there are hits.
+    fn longest(&self, verdicts: impl Iterator<Item = bool>) -> Interval {
+        let damping_n_s_per_m = self.damping_n_s_per_m;
+        let mut longest = Interval { damping_n_s_per_m, low_n_per_m: 0.0, high_n_per_m: 0.0 };
+        // Lowest K of the run that goes on; below the first line of the grid there is none.
+        let mut run_n_per_m = Some(0.0);
+        for (&next, stable) in self.stiffnesses_n_per_m.iter().zip(verdicts) {
+            if !stable {
+                run_n_per_m = None;
+                continue;
+            }
+            let low_n_per_m = *run_n_per_m.get_or_insert(next);
+            let longer = next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m;
+            if longer || longest.high_n_per_m == 0.0 {
+                longest = Interval { low_n_per_m, high_n_per_m: next, ..longest };
+            }
+        }
+        longest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::sweep::{Plan, sweep};
+
+    /// The cutoff whose rows are made anew; every other one is made by the same code.
+    const CUTOFF_HZ: f64 = 1500.0;
+
+    #[test]
+    fn the_tables_of_the_boards_are_what_a_sweep_of_their_scenes_says() {
+        for (board, table) in [
+            ("nucleo-f446re", include_str!("../../../scenes/nucleo-f446re.envelope.csv")),
+            ("discovery-f407", include_str!("../../../scenes/discovery-f407.envelope.csv")),
+        ] {
+            let scene = NamedScene::load(board).unwrap();
+            let rig = Rig::new(&scene.scene).unwrap();
+            let plan = Plan { name: board, rig: &rig, cutoffs_hz: &[CUTOFF_HZ] };
+            let stop = AtomicBool::new(false);
+            let swept = sweep(&[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
+            let made = envelopes(&rig, Numeric::Fixed, &swept[0], &stop).unwrap();
+            let made = rows(&scene, &made);
+            let (header, lines) = table.split_once('\n').unwrap();
+            assert_eq!(header, HEADER.trim_end());
+            let of_cutoff = |line: &&str| line.split(',').nth(2) == Some("1500");
+            let committed: Vec<&str> = lines.lines().filter(of_cutoff).collect();
+            assert!(committed.len() >= 10, "{}", committed.len());
+            assert_eq!(made.lines().collect::<Vec<_>>(), committed, "{board}");
+        }
+    }
+
+    #[test]
+    fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {
+        // 4000 Hz, 2 um, B = 390 N s/m: K = 52,000 N/m is stable, 2000 to 40,000 are not.
+        let scene = NamedScene::load("paper-2um").unwrap();
+        let rig = Rig::new(&scene.scene).unwrap();
+        let column = Column::new(&rig, 38, 52_000.0);
+        let hit = |stiffness_n_per_m: &f64| WallHit {
+            cutoff_hz: 4000.0,
+            stiffness_n_per_m: *stiffness_n_per_m,
+            damping_n_s_per_m: column.damping_n_s_per_m,
+            start_offset_counts: 0.0,
+        };
+        let verdict = |hit| rig.verdict(Numeric::Fixed, &hit) == Ok(Verdict::Stable);
+        let interval = column.longest(column.stiffnesses_n_per_m.iter().map(hit).map(verdict));
+        assert_eq!(interval.damping_n_s_per_m, 390.0);
+        assert!(interval.low_n_per_m > 40_000.0, "{interval:?}");
+        assert_eq!(interval.high_n_per_m, 52_000.0);
+    }
+}

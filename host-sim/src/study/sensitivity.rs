@@ -1,0 +1,85 @@
+//! How the ideal cutoff moves with what a study has to assume.
+//!
+//! The recommendation is not a property of the device alone: it moves with the RMS limit, with
+//! whether the wall may pull, with the latency, with the output rate and with the impact speed.
+//! Each variant changes one of them and leaves the rest of the scene as it is.
+
+use crate::{error::Error, scene::Scene, simulation::prepared::Rig};
+
+/// A scene with one assumption changed.
+#[derive(Clone, Debug)]
+pub struct Variant {
+    /// Short name, for files.
+    pub name: &'static str,
+    /// What is different, for people.
+    pub change: String,
+    /// The changed scene, prepared.
+    pub rig: Rig,
+}
+
+/// The variants of a scene. One that changes nothing (half a latency of zero) or leaves the accepted
+/// ranges (twice a latency of 600 samples) is left out.
+///
+/// # Errors
+/// A variant's value is out of range.
+pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
+    let mut variants = vec![];
+    let mut add = |name, change: String, edit: &dyn Fn(&mut Scene)| {
+        let mut changed = scene.clone();
+        edit(&mut changed);
+        if changed == *scene || changed.check().is_err() {
+            return Ok(());
+        }
+        variants.push(Variant { name, change, rig: Rig::new(&changed)? });
+        Ok::<(), Error>(())
+    };
+    let limit_m = scene.wall_hit.rms_limit_m;
+    for (name, factor) in [("rms_limit_third", 1.0 / 3.0), ("rms_limit_double", 2.0)] {
+        let rms_limit_m = limit_m * factor;
+        let change =
+            format!("RMS limit {:.3} um instead of {:.3} um", rms_limit_m * 1e6, limit_m * 1e6);
+        add(name, change, &|scene| scene.wall_hit.rms_limit_m = rms_limit_m)?;
+    }
+    let pulls = if scene.wall.push_only { "the wall may pull" } else { "the wall never pulls" };
+    add("push_only_flipped", pulls.into(), &|scene| scene.wall.push_only = !scene.wall.push_only)?;
+    let latency = scene.actuator.latency;
+    for (name, factor) in [("latency_half", 0.5), ("latency_double", 2.0)] {
+        let changed = latency * factor;
+        let change = format!("latency {changed} samples instead of {latency}");
+        add(name, change, &|scene| scene.actuator.latency = changed)?;
+    }
+    let period = scene.actuator.period;
+    let halved = (period / 2).max(1);
+    let change = format!("an output every {halved} samples instead of {period}, same latency");
+    add("output_rate_double", change, &|scene| scene.actuator.period = halved)?;
+    let (start_m, wall_m) = (scene.device.start_position_m, scene.wall.position_m);
+    let closer_m = wall_m - (wall_m - start_m) / 2.0;
+    let change = format!("slower impact: start at {closer_m} m instead of {start_m} m");
+    add("slower_impact", change, &|scene| scene.device.start_position_m = closer_m)?;
+    Ok(variants)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    #[test]
+    fn each_variant_changes_one_thing_and_impossible_ones_are_left_out() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        let names =
+            |scene: &Scene| variants(scene).unwrap().iter().map(|v| v.name).collect::<Vec<_>>();
+        assert_eq!(names(&scene).len(), 7);
+        let all = variants(&scene).unwrap();
+        let find = |name| all.iter().find(|v| v.name == name).unwrap().rig.scene().clone();
+        assert!((find("rms_limit_third").wall_hit.rms_limit_m - 5e-6).abs() < 1e-18);
+        assert_eq!(find("latency_half").actuator.latency, 5.0);
+        assert_eq!(find("output_rate_double").actuator.period, 5);
+        assert_eq!(find("slower_impact").device.start_position_m, 0.035);
+        assert!(!find("push_only_flipped").wall.push_only);
+        scene.actuator.latency = 600.0;
+        assert!(!names(&scene).contains(&"latency_double"));
+        scene.actuator.latency = 0.0;
+        assert_eq!(names(&scene).iter().filter(|name| name.starts_with("latency")).count(), 0);
+    }
+}

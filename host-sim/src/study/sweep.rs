@@ -1,0 +1,342 @@
+//! The study over cutoffs: boundaries with repeats, areas with their spread, the ideal cutoff and
+//! the range that the repeats cannot tell from it.
+//!
+//! At its edge the boundary is chaotic: moving the start by a fraction of a count moves one walk's
+//! area by 0.2 to 2 %. So every walk is repeated from starts spread over one count, and the
+//! result is the mean with its low and high.
+
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use rayon::prelude::*;
+use zwidth::experiment::Ended;
+
+pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
+use crate::{
+    engine::{Backend, Queue, Start, walks},
+    error::Error,
+    numerics::statistics::Repeats,
+    simulation::prepared::{Numeric, Rig},
+    study::walk::Boundary,
+};
+
+/// All boundaries at one cutoff.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CutoffResult {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// -3 dB frequency of the digital filter, Hz.
+    pub true_cutoff_hz: f64,
+    /// One boundary per repeat, the first from the scene's own start.
+    pub boundaries: Vec<Boundary>,
+}
+
+/// A study.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepResult {
+    /// Cutoffs ascending.
+    pub cutoffs: Vec<CutoffResult>,
+    /// The recommendation; `None` if no cutoff has a stable wall.
+    pub ideal: Option<Ideal>,
+}
+
+/// The recommended cutoff.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ideal {
+    /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
+    pub cutoff_hz: f64,
+    /// Lowest and highest of the cutoffs that the repeats cannot tell from one that is as good, Hz.
+    pub range_hz: [f64; 2],
+    /// What the range rests on.
+    pub basis: RangeBasis,
+}
+
+/// What the range of the ideal cutoff rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RangeBasis {
+    /// Welch's t-test, one-sided at [`LEVEL`], does not show the mean area to be below 98 % of the
+    /// largest. More repeats make the range narrower, down to the cutoffs that really are as good.
+    Repeats,
+    /// There are no repeats: the area is at least 98 % of the largest.
+    WithinTwoPercent,
+}
+
+impl RangeBasis {
+    /// Name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Repeats => "welch_t_5_percent",
+            Self::WithinTwoPercent => "within_two_percent",
+        }
+    }
+}
+
+impl CutoffResult {
+    fn areas(&self) -> impl Iterator<Item = f64> {
+        self.boundaries.iter().map(|boundary| boundary.area)
+    }
+
+    fn repeats(&self) -> Repeats {
+        Repeats::of(self.boundaries.iter().map(|boundary| boundary.area))
+    }
+
+    /// Mean area over the repeats, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        self.repeats().mean
+    }
+
+    /// Smallest area of the repeats, N^2 s/m^2.
+    pub fn area_low(&self) -> f64 {
+        self.areas().reduce(f64::min).unwrap_or(0.0)
+    }
+
+    /// Largest area of the repeats, N^2 s/m^2.
+    pub fn area_high(&self) -> f64 {
+        self.areas().reduce(f64::max).unwrap_or(0.0)
+    }
+
+    /// Largest K of any repeat, N/m.
+    pub fn stiffness_peak_n_per_m(&self) -> f64 {
+        self.boundaries.iter().map(Boundary::stiffness_peak_n_per_m).fold(0.0, f64::max)
+    }
+
+    /// Largest B of any repeat, N s/m.
+    pub fn damping_max_n_s_per_m(&self) -> f64 {
+        self.boundaries.iter().map(Boundary::damping_max_n_s_per_m).fold(0.0, f64::max)
+    }
+
+    /// Hits over all repeats.
+    pub fn hits(&self) -> u64 {
+        self.boundaries.iter().map(|boundary| boundary.hits).sum()
+    }
+}
+
+/// Which walks a study makes.
+#[derive(Clone, Debug)]
+pub struct Plan<'a> {
+    /// What errors call it.
+    pub name: &'a str,
+    /// The prepared scene.
+    pub rig: &'a Rig,
+    /// Nominal cutoffs, Hz, in any order.
+    pub cutoffs_hz: &'a [f64],
+}
+
+/// Makes several studies at once: at every cutoff of every plan `repeats` walks (one or more), on
+/// all threads of the current pool. `done` is called after each walk, from any thread. The result
+/// does not depend on the number of threads.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn sweep(
+    plans: &[Plan<'_>],
+    numeric: Numeric,
+    repeats: u32,
+    stop: &AtomicBool,
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<Vec<SweepResult>, Error> {
+    sweep_with(Backend::best(), plans, numeric, repeats, stop, done)
+}
+
+/// [`sweep`] with instructions of one's choice; the result does not depend on them.
+///
+/// # Errors
+/// As [`sweep`].
+pub fn sweep_with(
+    backend: Backend,
+    plans: &[Plan<'_>],
+    numeric: Numeric,
+    repeats: u32,
+    stop: &AtomicBool,
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<Vec<SweepResult>, Error> {
+    let sorted: Vec<Vec<f64>> = plans.iter().map(|plan| ascending(plan.cutoffs_hz)).collect();
+    let starts: Vec<Vec<Start>> = sorted.iter().map(|cutoffs| starts(cutoffs, repeats)).collect();
+    let queues: Vec<Queue<'_>> =
+        plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.rig, starts)).collect();
+    // Every walk runs to its end or to the interruption, so that the error that is reported is the
+    // first in this order, not the first in time.
+    let threads = rayon::current_num_threads();
+    let made: Vec<_> = (0..threads)
+        .into_par_iter()
+        .with_max_len(1)
+        .flat_map_iter(|thread| {
+            let mut made = vec![];
+            for n in 0..queues.len() {
+                // threads begin with different scenes: fewer of them share the end of a queue
+                let plan = (n + thread) % queues.len();
+                walks(backend, numeric, &queues[plan], stop, |walk, boundary| {
+                    if let Ok(boundary) = &boundary {
+                        done(boundary);
+                    }
+                    made.push(((plan, walk), boundary));
+                });
+            }
+            made
+        })
+        .collect();
+    let mut made: BTreeMap<(usize, usize), Result<Boundary, Error>> = made.into_iter().collect();
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    let mut results = Vec::with_capacity(plans.len());
+    for (place, (plan, cutoffs_hz)) in plans.iter().zip(sorted).enumerate() {
+        let mut cutoffs = Vec::with_capacity(cutoffs_hz.len());
+        let mut walks = 0..;
+        for cutoff_hz in cutoffs_hz {
+            let mut boundary = |walk| match made.remove(&(place, walk)) {
+                Some(boundary) => boundary.map_err(|error| error.of(plan.name)),
+                None => Err(Error::Internal("a walk has no result".into())),
+            };
+            let walks = walks.by_ref().take(repeats as usize);
+            let boundaries = walks.map(&mut boundary).collect::<Result<_, _>>()?;
+            let true_cutoff_hz = plan.rig.scene().true_cutoff_hz(cutoff_hz);
+            cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries });
+        }
+        let ideal = ideal(&cutoffs);
+        results.push(SweepResult { cutoffs, ideal });
+    }
+    Ok(results)
+}
+
+/// All walks of a scene, in the order of the result.
+fn starts(cutoffs_hz: &[f64], repeats: u32) -> Vec<Start> {
+    let of_cutoff = |&cutoff_hz: &f64| {
+        (0..repeats).map(move |repeat| {
+            let start_offset_counts = start_offset_counts(repeat, repeats);
+            Start { cutoff_hz, start_offset_counts }
+        })
+    };
+    cutoffs_hz.iter().flat_map(of_cutoff).collect()
+}
+
+/// Where a repeat starts: `repeat / repeats` of a count beyond the scene's start.
+pub fn start_offset_counts(repeat: u32, repeats: u32) -> f64 {
+    f64::from(repeat) / f64::from(repeats)
+}
+
+/// Each cutoff once, from low to high.
+pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
+    let mut sorted = cutoffs_hz.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    sorted
+}
+
+fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
+    let best = cutoffs.iter().max_by(|a, b| a.area().total_cmp(&b.area()))?;
+    let enough = AS_GOOD_AS_BEST * best.area();
+    let ideal = cutoffs.iter().find(|result| result.area() >= enough).filter(|_| enough > 0.0)?;
+    let basis =
+        if ideal.boundaries.len() > 1 { RangeBasis::Repeats } else { RangeBasis::WithinTwoPercent };
+    let is_worse =
+        |result: &CutoffResult| result.repeats().is_below(AS_GOOD_AS_BEST, &best.repeats());
+    let alike = cutoffs.iter().filter(|result| !is_worse(result));
+    let range_hz = alike.fold([ideal.cutoff_hz; 2], |[low, high], result| {
+        [low.min(result.cutoff_hz), high.max(result.cutoff_hz)]
+    });
+    Some(Ideal { cutoff_hz: ideal.cutoff_hz, range_hz, basis })
+}
+
+impl SweepResult {
+    /// The ideal range touches the first or the last cutoff, so it may go on beyond.
+    pub fn ends_at_edge(&self) -> bool {
+        let (Some(ideal), Some(first), Some(last)) =
+            (self.ideal, self.cutoffs.first(), self.cutoffs.last())
+        else {
+            return false;
+        };
+        ideal.range_hz[0] == first.cutoff_hz || ideal.range_hz[1] == last.cutoff_hz
+    }
+
+    /// What a reader must know beside the numbers, one sentence each.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = vec![];
+        for result in &self.cutoffs {
+            let cutoff_hz = result.cutoff_hz;
+            let walks = result.boundaries.len();
+            let count = |ended| result.boundaries.iter().filter(|b| b.ended == ended).count();
+            for (ended, what) in [
+                (None, "the first point is unstable"),
+                (Some(Ended::DampingMax), "B reached walk.damping_max_n_s_per_m"),
+                (Some(Ended::StiffnessMax), "K reached walk.stiffness_max_n_per_m"),
+                (Some(Ended::BothMax), "K and B reached their caps in [walk]"),
+            ] {
+                let found = count(ended);
+                let effect =
+                    if ended.is_none() { "its area counts as 0" } else { "the area is cut there" };
+                if found > 0 {
+                    notes.push(format!(
+                        "{cutoff_hz} Hz: {what} in {found} of {walks} walks; {effect}"
+                    ));
+                }
+            }
+        }
+        if self.cutoffs.len() == 1 {
+            notes.push("only one cutoff was tried; there is nothing to compare it with".into());
+        } else if self.ends_at_edge() {
+            notes.push(
+                "the ideal range touches an end of the cutoffs that were tried; it may go on beyond"
+                    .into(),
+            );
+        }
+        notes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cutoff(cutoff_hz: f64, areas: &[f64]) -> CutoffResult {
+        let boundary = |&area: &f64| Boundary { points: vec![], area, hits: 1, ended: None };
+        let boundaries = areas.iter().map(boundary).collect();
+        CutoffResult { cutoff_hz, true_cutoff_hz: cutoff_hz, boundaries }
+    }
+
+    /// Areas of that mean, spread evenly over +-1 %.
+    fn spread(mean: f64, repeats: u32) -> Vec<f64> {
+        let place = |n: u32| f64::from(2 * n + 1) / f64::from(repeats) - 1.0;
+        (0..repeats).map(|n| mean * (1.0 + 0.01 * place(n))).collect()
+    }
+
+    #[test]
+    fn the_ideal_cutoff_is_the_smallest_within_two_percent_of_the_best() {
+        let results = [
+            cutoff(500.0, &[90.0]),
+            cutoff(1000.0, &[98.0]),
+            cutoff(2000.0, &[100.0]),
+            cutoff(3000.0, &[99.0]),
+            cutoff(4000.0, &[97.0]),
+        ];
+        let ideal = ideal(&results).unwrap();
+        assert_eq!((ideal.cutoff_hz, ideal.range_hz), (1000.0, [1000.0, 3000.0]));
+        assert_eq!(ideal.basis, RangeBasis::WithinTwoPercent);
+        assert_eq!(super::ideal(&[cutoff(1000.0, &[0.0, 0.0])]), None);
+    }
+
+    #[test]
+    fn four_repeats_start_at_quarters_of_a_count() {
+        let starts = [0, 1, 2, 3].map(|repeat| start_offset_counts(repeat, 4));
+        assert_eq!(starts, [0.0, 0.25, 0.5, 0.75]);
+    }
+
+    #[test]
+    fn repeats_make_the_range_narrower_and_never_drop_what_is_as_good() {
+        let width = |repeats: u32| {
+            let means =
+                [(800.0, 90.0), (1000.0, 97.2), (1200.0, 98.5), (1500.0, 100.0), (2000.0, 97.8)];
+            let results = means.map(|(hz, mean)| cutoff(hz, &spread(mean, repeats)));
+            let ideal = ideal(&results).unwrap();
+            assert_eq!(ideal.cutoff_hz, 1200.0);
+            assert!(ideal.range_hz[0] <= 1200.0 && ideal.range_hz[1] >= 1500.0);
+            assert!(ideal.range_hz[0] > 800.0, "10 % less is seen with two walks already");
+            ideal.range_hz[1] - ideal.range_hz[0]
+        };
+        let widths = [2, 3, 4, 8, 16, 64, 256].map(width);
+        assert!(widths.is_sorted_by(|a, b| a >= b), "{widths:?}");
+        assert_eq!((widths[0], widths[6]), (1000.0, 300.0));
+    }
+}

@@ -1,0 +1,253 @@
+//! The boundary of the stable walls at one cutoff, followed by the core's walk.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
+
+use crate::{
+    engine::{Backend, Depth, Outcome, Work, lanes_for, run},
+    error::Error,
+    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+};
+
+/// A wall on the boundary: the largest K that was stable at this B.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundaryPoint {
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+}
+
+/// A boundary.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Boundary {
+    /// Its points, B ascending.
+    pub points: Vec<BoundaryPoint>,
+    /// Area under it: the sum of K dB over its points, N^2 s/m^2.
+    pub area: f64,
+    /// Hits that it took.
+    pub hits: u64,
+    /// Why it ends where it ends; `None` if its first point is unstable.
+    pub ended: Option<Ended>,
+}
+
+impl Boundary {
+    /// Largest K, N/m; 0 for an empty boundary.
+    pub fn stiffness_peak_n_per_m(&self) -> f64 {
+        self.points.iter().map(|point| point.stiffness_n_per_m).fold(0.0, f64::max)
+    }
+
+    /// Largest B with a stable K, N s/m; 0 for an empty boundary.
+    pub fn damping_max_n_s_per_m(&self) -> f64 {
+        self.points.iter().map(|point| point.damping_n_s_per_m).fold(0.0, f64::max)
+    }
+}
+
+/// A walk in progress, with what it has found.
+#[derive(Clone, Debug)]
+pub struct Progress {
+    walk: Walk,
+    boundary: Boundary,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+}
+
+impl Progress {
+    /// The walk of that scene at `cutoff_hz`, its first hit still to come.
+    pub fn new(rig: &Rig, cutoff_hz: f64, start_offset_counts: f64) -> Self {
+        let walk = Walk::new(rig.scene().walk_plan());
+        let boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
+        Self { walk, boundary, cutoff_hz, start_offset_counts }
+    }
+
+    /// The next hit.
+    pub fn hit(&self) -> WallHit {
+        self.hit_at(self.walk.cell())
+    }
+
+    fn hit_at(&self, cell: Cell) -> WallHit {
+        WallHit {
+            cutoff_hz: self.cutoff_hz,
+            stiffness_n_per_m: self.walk.plan().stiffness_n_per_m(cell),
+            damping_n_s_per_m: self.walk.plan().damping_n_s_per_m(cell),
+            start_offset_counts: self.start_offset_counts,
+        }
+    }
+
+    /// Takes the verdict of [`hit`](Self::hit). `Some` once the walk is over: its boundary, or why there is none.
+    /// A first point that is unstable gives an empty boundary; a hit that leaves the core's range counts as unstable.
+    pub fn report(
+        &mut self,
+        verdict: Result<Verdict, HitError>,
+    ) -> Option<Result<Boundary, Error>> {
+        let hit = self.hit();
+        self.boundary.hits += 1;
+        let verdict = match verdict {
+            // an early verdict may end the hit before the handle leaves; both are unstable
+            Err(HitError::OutOfRange(_)) => Verdict::Unstable,
+            Err(error) => return Some(Err(error.into())),
+            Ok(verdict) => verdict,
+        };
+        let step = match self.walk.report(verdict) {
+            Ok(step) => step,
+            Err(WalkError::FirstUnstable) => return Some(Ok(self.boundary.clone())),
+            Err(error @ WalkError::NoContact(_)) => {
+                let (k, b) = (hit.stiffness_n_per_m, hit.damping_n_s_per_m);
+                return Some(Err(Error::Input(format!(
+                    "no_contact at {} Hz, K = {k} N/m, B = {b} N s/m: {error}; \
+                     raise wall_hit.push_n or move wall.position_m closer",
+                    self.cutoff_hz
+                ))));
+            }
+        };
+        let plan = self.walk.plan();
+        if let Some(cell) = step.boundary {
+            let stiffness_n_per_m = plan.stiffness_n_per_m(cell);
+            let damping_n_s_per_m = plan.damping_n_s_per_m(cell);
+            self.boundary.area += stiffness_n_per_m * plan.damping_step_n_s_per_m;
+            self.boundary.points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
+        }
+        self.boundary.ended = step.ended;
+        step.ended.map(|_| Ok(self.boundary.clone()))
+    }
+}
+
+/// Follows the boundary at `cutoff_hz`. A first point that is unstable gives an empty boundary; a
+/// hit that leaves the core's range counts as unstable.
+/// `stop` is looked at between two hits.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn walk(
+    rig: &Rig,
+    numeric: Numeric,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+    stop: &AtomicBool,
+) -> Result<Boundary, Error> {
+    let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
+    let mut known = BTreeMap::new();
+    loop {
+        while let Some(verdict) = known.remove(&place(progress.walk.cell())) {
+            if let Some(ended) = progress.report(verdict) {
+                return ended;
+            }
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let backend = Backend::best();
+        let lanes = if lanes_for(rig) { backend.lanes() } else { 1 };
+        let cells = ahead(&progress.walk, &known, lanes);
+        let mut work =
+            Ahead { progress: &progress, cells, begun: 0, lanes: vec![], known: &mut known };
+        run(backend, rig, numeric, Depth::Verdict, &mut work);
+    }
+}
+
+/// [`walk`] by other hits, one by one.
+pub(crate) fn walk_with(
+    rig: &Rig,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+    stop: &AtomicBool,
+    verdict: impl Fn(&WallHit) -> Result<Verdict, HitError>,
+) -> Result<Boundary, Error> {
+    let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
+    loop {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        if let Some(ended) = progress.report(verdict(&progress.hit())) {
+            return ended;
+        }
+    }
+}
+
+type Known = BTreeMap<(i32, i32), Result<Verdict, HitError>>;
+
+fn place(cell: Cell) -> (i32, i32) {
+    (cell.stiffness, cell.damping)
+}
+
+/// A walk alone would fill one lane, so the others run what it may ask for next: the cells that are the fewest
+/// unknown verdicts away. The first is the one that it asks for now. Which of them are ever used, and so the
+/// boundary and its count of hits, does not depend on how many there are.
+fn ahead(walk: &Walk, known: &Known, lanes: usize) -> Vec<Cell> {
+    let mut cells: Vec<Cell> = vec![];
+    let mut next = VecDeque::from([*walk]);
+    while let Some(walk) = next.pop_front().filter(|_| cells.len() < lanes) {
+        let cell = walk.cell();
+        let verdicts = match known.get(&place(cell)) {
+            Some(Ok(verdict)) => vec![*verdict],
+            Some(Err(_)) => vec![Verdict::Unstable],
+            None if cells.contains(&cell) => vec![Verdict::Stable, Verdict::Unstable],
+            None => {
+                cells.push(cell);
+                vec![Verdict::Stable, Verdict::Unstable]
+            }
+        };
+        for verdict in verdicts {
+            let mut later = walk;
+            if later.report(verdict).is_ok_and(|step| step.ended.is_none())
+                && next.len() < AHEAD_MAX
+            {
+                next.push_back(later);
+            }
+        }
+    }
+    cells
+}
+
+/// Bounds the look ahead where walks meet in the same cells again.
+const AHEAD_MAX: usize = 1000;
+
+struct Ahead<'a> {
+    progress: &'a Progress,
+    cells: Vec<Cell>,
+    begun: usize,
+    /// Which cell each lane has.
+    lanes: Vec<Cell>,
+    known: &'a mut Known,
+}
+
+impl Work for Ahead<'_> {
+    fn next(&mut self, lane: usize) -> Option<WallHit> {
+        let cell = *self.cells.get(self.begun)?;
+        self.begun += 1;
+        if self.lanes.len() <= lane {
+            self.lanes.resize(lane + 1, cell);
+        }
+        *self.lanes.get_mut(lane)? = cell;
+        Some(self.progress.hit_at(cell))
+    }
+
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        if let Some(cell) = self.lanes.get(lane) {
+            self.known.insert(place(*cell), outcome.map(|outcome| outcome.verdict));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    #[test]
+    fn a_walk_that_looks_ahead_is_the_walk_hit_by_hit() {
+        for (name, cutoff_hz, offset) in [("paper-1um", 200.0, 0.0), ("paper-2um", 1500.0, 0.75)] {
+            let rig = Rig::new(&NamedScene::load(name).unwrap().scene).unwrap();
+            let stop = AtomicBool::new(false);
+            let ahead = walk(&rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap();
+            let verdict = |hit: &WallHit| rig.verdict(Numeric::Fixed, hit);
+            let plain = walk_with(&rig, cutoff_hz, offset, &stop, verdict).unwrap();
+            assert_eq!(ahead, plain);
+            assert!(plain.hits > 40 && plain.points.len() > 10, "{}", plain.hits);
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Decimal numbers in and out, without heap and without the panic paths of the standard formatter.
+
+use core::fmt::{
+    Write as _, {self},
+};
+
+/// Most significant digits that are read: any number of 15 digits is below 2^53.
+const DIGITS: u32 = 15;
+
+/// Powers of ten that are exact in `f64`.
+const POWERS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+];
+
+/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits, and a power of ten within +-22
+/// when they are taken as an integer. The result is the nearest `f64`, since both are exact in it
+/// and one operation rounds once.
+pub(super) fn parse(text: &[u8]) -> Option<f64> {
+    let (negative, text) = match text {
+        [b'-', rest @ ..] => (true, rest),
+        [b'+', rest @ ..] => (false, rest),
+        _ => (false, text),
+    };
+    let end = text.iter().position(|byte| matches!(byte, b'e' | b'E')).unwrap_or(text.len());
+    let (digits, exponent) = text.split_at_checked(end)?;
+    let mut exponent = match exponent {
+        [] => 0,
+        [_, b'-', rest @ ..] => -integer(rest)?,
+        [_, b'+', rest @ ..] | [_, rest @ ..] => integer(rest)?,
+    };
+    let (mut mantissa, mut significant, mut any, mut point) = (0u64, 0, false, false);
+    for &byte in digits {
+        match byte {
+            b'.' if !point => point = true,
+            b'0'..=b'9' => {
+                any = true;
+                significant += u32::from(significant > 0 || byte != b'0');
+                if significant > DIGITS {
+                    return None;
+                }
+                mantissa = mantissa * 10 + u64::from(byte - b'0'); // below 10^15
+                exponent -= i32::from(point);
+            }
+            _ => return None,
+        }
+    }
+    if !any {
+        return None;
+    }
+    #[expect(clippy::cast_precision_loss, reason = "below 10^15, so exact")]
+    let value = mantissa as f64;
+    let power = POWERS.get(usize::try_from(exponent.unsigned_abs()).ok()?);
+    let value = match (mantissa, power) {
+        (0, _) => return Some(0.0),
+        (_, Some(power)) if exponent < 0 => value / power,
+        (_, Some(power)) => value * power,
+        (_, None) => return None,
+    };
+    Some(if negative { -value } else { value })
+}
+
+/// One to three digits.
+fn integer(text: &[u8]) -> Option<i32> {
+    if !(1..=3).contains(&text.len()) {
+        return None;
+    }
+    text.iter().try_fold(0, |value, byte| match byte {
+        b'0'..=b'9' => Some(value * 10 + i32::from(byte - b'0')),
+        _ => None,
+    })
+}
+
+/// A number for a reply: 12 significant digits, without trailing zeros.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decimal(pub f64);
+
+impl fmt::Display for Decimal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = self.0;
+        if value.is_nan() {
+            return f.write_str("nan");
+        }
+        if value < 0.0 {
+            f.write_char('-')?;
+        }
+        let mut scaled = value.abs();
+        if scaled == 0.0 {
+            return f.write_char('0');
+        }
+        if scaled.is_infinite() {
+            return f.write_str("inf");
+        }
+        // value = scaled * 10^exponent, with 12 digits before the point.
+        let mut exponent = 0i32;
+        while scaled >= 1e12 {
+            scaled /= 10.0;
+            exponent += 1;
+        }
+        while scaled < 1e11 {
+            scaled *= 10.0;
+            exponent -= 1;
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
+        let mut digits = libm::round(scaled) as u64;
+        while digits.is_multiple_of(10) && digits > 0 {
+            digits /= 10;
+            exponent += 1;
+        }
+        write_digits(f, digits, exponent)
+    }
+}
+
+/// `digits * 10^exponent`; `digits` ends in no zero.
+fn write_digits(f: &mut fmt::Formatter<'_>, digits: u64, exponent: i32) -> fmt::Result {
+    let count = digits.checked_ilog10().map_or(1, |log| log.cast_signed() + 1);
+    let point = count + exponent; // digits before the point
+    let digit = |n: i32| {
+        let place = u32::try_from(count - 1 - n).unwrap_or_default();
+        let value = digits / 10u64.saturating_pow(place) % 10;
+        char::from(b'0' + u8::try_from(value).unwrap_or_default())
+    };
+    if !(-5..=15).contains(&point) {
+        f.write_char(digit(0))?;
+        if count > 1 {
+            f.write_char('.')?;
+        }
+        for n in 1..count {
+            f.write_char(digit(n))?;
+        }
+        return write!(f, "e{}", point - 1);
+    }
+    if point <= 0 {
+        f.write_str("0.")?;
+        for _ in point..0 {
+            f.write_char('0')?;
+        }
+    }
+    for n in 0..count {
+        if n > 0 && n == point {
+            f.write_char('.')?;
+        }
+        f.write_char(digit(n))?;
+    }
+    for _ in count..point {
+        f.write_char('0')?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::{format, string::ToString};
+
+    #[test]
+    fn usual_numbers_are_read_exactly() {
+        for text in [
+            "2000",
+            "0.07",
+            "-1.5e3",
+            "+5",
+            "1e-6",
+            ".5",
+            "5.",
+            "2.835",
+            "1E22",
+            "0e999",
+            "007",
+            "123456789012345",
+        ] {
+            assert_eq!(parse(text.as_bytes()), text.parse().ok(), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_none() {
+        for text in [
+            "",
+            "-",
+            ".",
+            "e5",
+            "1e",
+            "1e+",
+            "1e1000",
+            "1..2",
+            "1,5",
+            "0x10",
+            "nan",
+            "inf",
+            "--1",
+            "1 2",
+            "1234567890123456",
+            "1e23",
+            "1e-23",
+            "5N",
+            "\u{7f}",
+            "1e5e5",
+        ] {
+            assert_eq!(parse(text.as_bytes()), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn replies_show_plain_decimals() {
+        for (value, text) in [
+            (0.0, "0"),
+            (-0.0, "0"),
+            (2000.0, "2000"),
+            (0.07, "0.07"),
+            (-1.5, "-1.5"),
+            (1e-6, "0.000001"),
+            (1e-7, "1e-7"),
+            (0.000_012, "0.000012"),
+            (1e15, "1e15"),
+            (123_456.789, "123456.789"),
+            (1.0 / 3.0, "0.333333333333"),
+            (999_999_999_999.9, "1000000000000"),
+            (1e7, "10000000"),
+            (2.835, "2.835"),
+            (1e300, "1e300"),
+            (f64::NAN, "nan"),
+            (f64::NEG_INFINITY, "-inf"),
+            (1.25e-9, "1.25e-9"),
+            (5e-324, "4.94065645841e-324"),
+        ] {
+            assert_eq!(Decimal(value).to_string(), text);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn reading_agrees_with_the_standard_library(
+            mantissa in 0u64..1_000_000_000_000_000, places in 0usize..18, exponent in -8i32..8, negative in any::<bool>()
+        ) {
+            let digits = format!("{mantissa:018}");
+            let (whole, rest) = digits.split_at(18 - places);
+            let sign = if negative { "-" } else { "" };
+            let text = format!("{sign}{whole}.{rest}e{exponent}");
+            if let Some(value) = parse(text.as_bytes()) {
+                prop_assert_eq!(value, text.parse::<f64>().unwrap());
+            } else {
+                prop_assert!(exponent - i32::try_from(places).unwrap() < -22);
+            }
+        }
+
+        #[test]
+        fn what_is_shown_is_within_half_of_the_12th_digit(value in any::<f64>()) {
+            let shown: f64 = Decimal(value).to_string().to_lowercase().parse().unwrap();
+            let normal = value.abs() > 1e-300 && value.is_finite();
+            prop_assert!(!normal || (shown / value - 1.0).abs() < 5.1e-12, "{value} {shown}");
+        }
+    }
+}

@@ -1,0 +1,390 @@
+//! Replies: one line each, `ok ...` or `error: ...`.
+
+use core::fmt;
+
+use super::{Decimal, ParseError, Situation, usages};
+use crate::{
+    SettingsError,
+    safety::{
+        Fault, Refusal,
+        envelope::{Envelope, Key, Outside},
+    },
+    store::{Source, Stored},
+    telemetry::Record,
+    velocity::{EstimatorName, Parameter, Sense},
+};
+
+/// What the board answers. Write it with [`Text::of`](super::Text::of); the line end is not in it.
+#[derive(Clone, Copy, Debug)]
+pub enum Reply<'a> {
+    /// All commands.
+    Help,
+    /// What runs: version and board.
+    Version(&'a str, &'a str),
+    /// Done.
+    Done(&'static str),
+    /// Done, and this is now in force: name, value, unit.
+    Value(&'static str, f64, &'static str),
+    /// Done, and this is now in force: name, word.
+    Word(&'static str, &'a str),
+    /// How things stand, with the newest output.
+    Status(&'a Situation, &'a Record),
+    /// The settings in force.
+    Settings(&'a Stored),
+    /// Settings were loaded.
+    Loaded(Source),
+    /// The faults.
+    Faults(&'a Situation),
+    /// The line is no command.
+    Parse(ParseError),
+    /// Not now.
+    Refused(Refusal),
+    /// Not this value.
+    Range(&'a SettingsError),
+    /// Not this estimator: the board has not what it needs.
+    NoSense(EstimatorName, Sense),
+    /// Not this wall, says this table of this key.
+    Outside(Outside, &'a Envelope<'a>, Key<'a>),
+    /// The hardware failed at this.
+    Failed(&'a str),
+}
+
+impl fmt::Display for Reply<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Help => {
+                f.write_str("ok ")?;
+                for (n, usage) in usages().enumerate() {
+                    f.write_str(if n > 0 { ", " } else { "" })?;
+                    f.write_str(usage)?;
+                }
+                Ok(())
+            }
+            Self::Version(version, board) => write!(f, "ok version {version}, board {board}"),
+            Self::Done(name) => write!(f, "ok {name}"),
+            Self::Value(name, value, unit) => write!(f, "ok {name} {} {unit}", Decimal(*value)),
+            Self::Word(name, word) => write!(f, "ok {name} {word}"),
+            Self::Status(now, record) => status(f, now, record),
+            Self::Settings(stored) => settings(f, stored),
+            Self::Loaded(source) => write!(f, "ok load: {source}"),
+            Self::Faults(now) => faults(f, now),
+            Self::Parse(error) => write!(f, "error: {error}"),
+            Self::Refused(refusal) => refused(f, *refusal),
+            Self::Range(error) => {
+                let (low, high) = (error.range.start(), error.range.end());
+                write!(
+                    f,
+                    "error: {} is {}, allowed {} to {}",
+                    error.parameter,
+                    Decimal(error.value),
+                    Decimal(*low),
+                    Decimal(*high)
+                )
+            }
+            Self::NoSense(name, sense) => write!(
+                f,
+                "error: estimator {} needs {}, which this board has not",
+                name.text(),
+                sense.text()
+            ),
+            Self::Outside(outside, envelope, key) => {
+                write!(f, "error: {}", outside.text())?;
+                if *outside == Outside::UnknownKey {
+                    known(f, envelope, key)?;
+                }
+                if let Some([low, high]) = outside.allowed() {
+                    write!(f, " {} to {}", Decimal(low), Decimal(high))?;
+                }
+                f.write_str(", or unlock envelope")
+            }
+            Self::Failed(what) => write!(f, "error: {what} failed"),
+        }
+    }
+}
+
+/// What a table holds beside a key: estimators with their cutoffs.
+fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>, key: &Key<'_>) -> fmt::Result {
+    let mut last = "";
+    for key in envelope.beside(key) {
+        if key.estimator != last {
+            write!(f, "; known: {}", key.estimator)?;
+            last = key.estimator;
+        }
+        write!(f, " {}", Decimal(key.cutoff_hz))?;
+    }
+    Ok(())
+}
+
+fn status(f: &mut fmt::Formatter<'_>, now: &Situation, record: &Record) -> fmt::Result {
+    let status = &now.status;
+    write!(f, "ok status {}, fault ", status.state.name())?;
+    fault(f, status.fault.map(|record| record.fault))?;
+    write!(f, ", {}", now.activity.name())?;
+    write!(
+        f,
+        ", sample {}, position {} counts, velocity {} counts/sample, force {} %, code {}",
+        record.sample,
+        record.position.counts(),
+        Decimal(f64::from(record.velocity.bits()) / 65_536.0),
+        Decimal(f64::from(record.force.bits()) / f64::from(1u32 << 30) * 100.0),
+        record.command.code(),
+    )?;
+    for (fact, yes, no) in [
+        (status.zeroed, "zeroed", "not zeroed"),
+        (status.contact, "in contact", "free"),
+        (status.inputs.stop_closed, "stop closed", "stop open"),
+        (status.inputs.supply_good, "supply good", "supply low"),
+        (status.inputs.settings_valid, "settings valid", "settings refused"),
+        (status.unlocked, "envelope unlocked", "envelope locked"),
+    ] {
+        write!(f, ", {}", if fact { yes } else { no })?;
+    }
+    Ok(())
+}
+
+fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
+    let wall = &stored.settings.wall;
+    let plus = |reversed: bool| if reversed { '-' } else { '+' };
+    write!(
+        f,
+        "ok get k {} N/m, b {} N s/m, wall {} m, ",
+        Decimal(wall.stiffness_n_per_m),
+        Decimal(wall.damping_n_s_per_m),
+        Decimal(wall.position_m),
+    )?;
+    let (estimator, values) = EstimatorName::of(&stored.settings.velocity);
+    for (parameter, value) in estimator.parameters().into_iter().zip(values) {
+        if let Some(Parameter { name, unit, .. }) = parameter {
+            write!(f, "{name} {} {unit}, ", Decimal(value))?;
+        }
+    }
+    write!(
+        f,
+        "estimator {}, push {} N, {}, device {}, motor {}, encoder {}",
+        estimator.text(),
+        Decimal(stored.push_n),
+        if wall.push_only { "push only" } else { "two-sided" },
+        stored.device.name(),
+        plus(stored.signs.motor_reversed),
+        plus(stored.signs.encoder_reversed),
+    )?;
+    let grid = &stored.grid;
+    write!(
+        f,
+        ", full scale {} N, start {} m, settle {} s, window {} s, rms {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m",
+        Decimal(stored.full_scale_n),
+        Decimal(stored.start_m),
+        Decimal(stored.settle_s),
+        Decimal(stored.window_s),
+        Decimal(stored.rms_limit_m),
+        Decimal(grid.stiffness_start_n_per_m),
+        Decimal(grid.stiffness_step_n_per_m),
+        Decimal(grid.stiffness_max_n_per_m),
+        Decimal(grid.damping_start_n_s_per_m),
+        Decimal(grid.damping_step_n_s_per_m),
+        Decimal(grid.damping_max_n_s_per_m),
+    )
+}
+
+fn faults(f: &mut fmt::Formatter<'_>, now: &Situation) -> fmt::Result {
+    let status = &now.status;
+    let Some(first) = status.fault else {
+        return f.write_str("ok faults none");
+    };
+    write!(
+        f,
+        "ok faults {}, sample {}, position {} counts, velocity {} counts/sample, force {} %",
+        first.fault,
+        first.sample,
+        first.position.counts(),
+        Decimal(f64::from(first.velocity.bits()) / 65_536.0),
+        Decimal(f64::from(first.force.bits()) / f64::from(1u32 << 30) * 100.0),
+    )?;
+    for (name, set) in [("all", status.causes), ("still there", status.present)] {
+        write!(f, ", {name}")?;
+        for fault in Fault::ALL.iter().filter(|fault| set.contains(**fault)) {
+            write!(f, " {}", fault.code())?;
+        }
+        f.write_str(if set.is_empty() { " none" } else { "" })?;
+    }
+    Ok(())
+}
+
+fn refused(f: &mut fmt::Formatter<'_>, refusal: Refusal) -> fmt::Result {
+    write!(f, "error: {}", refusal.text())?;
+    match refusal {
+        Refusal::Faulted(code) | Refusal::CausePresent(code) => write!(f, ", fault {code}"),
+        _ => Ok(()),
+    }
+}
+
+fn fault(f: &mut fmt::Formatter<'_>, latched: Option<Fault>) -> fmt::Result {
+    match latched {
+        None => f.write_str("none"),
+        Some(fault) => write!(f, "{fault}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Settings, WallSettings,
+        console::{Activity, Command, REPLY_MAX, Text, allowed},
+        experiment::WalkPlan,
+        safety::{FaultRecord, FaultSet, Inputs, State, Status, envelope::Boundary},
+        store::{DeviceKey, Signs},
+        units::{Force, Position, Velocity},
+    };
+
+    const fn key(cutoff_hz: f64, period_samples: f64) -> Key<'static> {
+        let (device, estimator) = ("nucleo-f446re", "butterworth");
+        Key { device, estimator, cutoff_hz, latency_samples: 0.1, period_samples }
+    }
+    const fn boundary(cutoff_hz: f64) -> Boundary<'static> {
+        Boundary { key: key(cutoff_hz, 10.0), points: &[] }
+    }
+    static TABLE: Envelope<'static> =
+        Envelope { boundaries: &[boundary(1000.0), boundary(1500.0)] };
+
+    const NOW: Situation = Situation {
+        status: Status {
+            state: State::Off,
+            fault: None,
+            causes: FaultSet::EMPTY,
+            present: FaultSet::EMPTY,
+            zeroed: true,
+            unlocked: false,
+            contact: false,
+            inputs: Inputs {
+                stop_closed: true,
+                supply_good: true,
+                settings_valid: true,
+                halted: false,
+            },
+        },
+        activity: Activity::None,
+    };
+
+    #[track_caller]
+    fn shows(reply: Reply<'_>, text: &str) {
+        assert_eq!(Text::<REPLY_MAX>::of(reply).as_str(), text);
+    }
+
+    #[test]
+    fn values_come_back_with_their_unit_and_refusals_with_a_reason() {
+        shows(Reply::Value("k", 2000.0, "N/m"), "ok k 2000 N/m");
+        shows(Reply::Word("stream", "on"), "ok stream on");
+        shows(Reply::Done("arm"), "ok arm");
+        shows(Reply::Version("0.1.0", "nucleo-f446re"), "ok version 0.1.0, board nucleo-f446re");
+        shows(
+            Reply::Refused(Refusal::Faulted(Fault::LateRender)),
+            "error: a fault is latched: see faults, then clear, fault 20 (late render)",
+        );
+        shows(
+            Reply::Parse(ParseError::Missing("k N_PER_M")),
+            "error: something is missing: k N_PER_M",
+        );
+        shows(
+            Reply::Outside(
+                Outside::Stiffness { lowest: 0.0, highest: 8000.0 },
+                &TABLE,
+                key(1000.0, 10.0),
+            ),
+            "error: beyond the envelope: k at this b is allowed from 0 to 8000, or unlock envelope",
+        );
+        shows(
+            Reply::Outside(Outside::UnknownKey, &TABLE, key(1234.0, 10.0)),
+            "error: no envelope for this device, estimator, cutoff, latency and output period; known: \
+             butterworth 1000 1500, or unlock envelope",
+        );
+        shows(
+            Reply::Outside(Outside::UnknownKey, &TABLE, key(1500.0, 1.0)),
+            "error: no envelope for this device, estimator, cutoff, latency and output period, or unlock envelope",
+        );
+        let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
+        shows(Reply::Range(&range), "error: stiffness_n_per_m is 20000000, allowed 0 to 10000000");
+    }
+
+    #[test]
+    fn help_fits_and_names_every_command() {
+        let text = Text::<REPLY_MAX>::of(Reply::Help);
+        assert!(!text.as_str().contains('~'), "{}", text.as_str());
+        for usage in usages() {
+            assert!(text.as_str().contains(usage), "{usage}");
+        }
+    }
+
+    #[test]
+    fn the_longest_replies_fit_into_one_line() {
+        let record = FaultRecord {
+            sample: u64::MAX,
+            position: Position::from_counts(i32::MIN),
+            velocity: Velocity::saturating_from_bits(i32::MIN),
+            force: Force::saturating_from_bits(-(1 << 30) + 1),
+            ..FaultRecord::bare(Fault::PushWithoutMotion)
+        };
+        let every = Fault::ALL.iter().fold(FaultSet::EMPTY, |set, fault| set.with(*fault));
+        let status = Status {
+            state: State::Fault,
+            fault: Some(record),
+            causes: every,
+            present: every,
+            inputs: Inputs { settings_valid: false, ..NOW.status.inputs },
+            ..NOW.status
+        };
+        let now = Situation { status, ..NOW };
+        let output = Record {
+            sample: u64::MAX,
+            position: record.position,
+            velocity: record.velocity,
+            force: record.force,
+            ..Record::EMPTY
+        };
+        let stored = Stored {
+            device: DeviceKey::new("0123456789abcdef").unwrap(),
+            settings: Settings {
+                velocity: EstimatorName::ButterworthPrewarped.settings([1.234_567_890_12e-5, 0.0]),
+                wall: WallSettings {
+                    position_m: -1.234_567_890_12e-5,
+                    stiffness_n_per_m: 1.234_567_890_12e-5,
+                    damping_n_s_per_m: 1.234_567_890_12e-5,
+                    push_only: false,
+                },
+            },
+            push_n: -1.234_567_890_12e-5,
+            signs: Signs { motor_reversed: true, encoder_reversed: false },
+            start_m: -1.234_567_890_12e-5,
+            settle_s: 1.234_567_890_12e-5,
+            window_s: 1.234_567_890_12e-5,
+            rms_limit_m: 1.234_567_890_12e-5,
+            full_scale_n: 1.234_567_890_12e-5,
+            grid: WalkPlan {
+                stiffness_start_n_per_m: 1.234_567_890_12e-5,
+                stiffness_step_n_per_m: 1.234_567_890_12e-5,
+                stiffness_max_n_per_m: 1.234_567_890_12e-5,
+                damping_start_n_s_per_m: 1.234_567_890_12e-5,
+                damping_step_n_s_per_m: 1.234_567_890_12e-5,
+                damping_max_n_s_per_m: 1.234_567_890_12e-5,
+            },
+        };
+        for reply in [
+            Reply::Status(&now, &output),
+            Reply::Faults(&now),
+            Reply::Faults(&NOW),
+            Reply::Settings(&stored),
+            Reply::Loaded(Source::Defaults),
+        ] {
+            let text = Text::<REPLY_MAX>::of(reply);
+            assert!(!text.as_str().contains(['~', '\n', '?']), "{}", text.as_str());
+            assert!(text.as_str().starts_with("ok "));
+        }
+        shows(Reply::Faults(&NOW), "ok faults none");
+    }
+
+    #[test]
+    fn a_refused_command_has_a_reply_that_says_what_helps() {
+        let refusal = allowed(&Command::Walk, &NOW).unwrap_err();
+        shows(Reply::Refused(refusal), "error: not armed: arm first and wait for the ramp");
+    }
+}

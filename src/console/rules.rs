@@ -1,0 +1,386 @@
+//! Which command is met when: one table.
+
+use super::Command;
+use crate::safety::{Fault, Refusal, State, Status};
+
+/// What the rendering task is doing besides the wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Activity {
+    /// Nothing.
+    #[default]
+    None,
+    /// A wall hit.
+    Hit,
+    /// A boundary walk, which sets K and B by itself.
+    Walk,
+    /// A force calibration.
+    Calibration,
+}
+
+impl Activity {
+    /// Name in replies.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "idle",
+            Self::Hit => "hit",
+            Self::Walk => "walk",
+            Self::Calibration => "calibration",
+        }
+    }
+}
+
+/// All that decides whether a command is met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Situation {
+    /// What the supervisor says.
+    pub status: Status,
+    /// What else goes on.
+    pub activity: Activity,
+}
+
+/// What a command needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Need {
+    /// The force is off: neither armed nor on the way there.
+    Off,
+    /// The full force acts.
+    Armed,
+    /// Neither sign test nor ramp is going on.
+    NotArming,
+    /// Out of the wall, as long as force is on. With the force off a wall does nothing.
+    NoContact,
+    /// Out of the wall, force or not.
+    Outside,
+    /// No experiment.
+    Idle,
+    /// No experiment but a calibration, which goes on with another force.
+    IdleOrCalibration,
+    /// No walk.
+    NoWalk,
+    /// No fault.
+    NoFault,
+    /// A fault.
+    Fault,
+    /// Every cause of it is gone.
+    CauseGone,
+    /// The emergency stop is closed.
+    StopClosed,
+    /// The supply is high enough.
+    Supply,
+    /// The settings were accepted.
+    Settings,
+    /// The count was zeroed.
+    Zeroed,
+    /// The envelope is unlocked.
+    Unlocked,
+}
+
+/// What each command needs, in the order in which it is asked for.
+const fn needs(command: &Command) -> &'static [Need] {
+    use Need as N;
+    match command {
+        Command::Help
+        | Command::Version
+        | Command::Status
+        | Command::Get
+        | Command::Faults
+        | Command::Stream(_)
+        | Command::Stop
+        | Command::Disarm => &[],
+        Command::Arm => {
+            &[N::NoFault, N::Off, N::StopClosed, N::Supply, N::Settings, N::Zeroed, N::Outside]
+        }
+        Command::Clear => &[N::Fault, N::CauseGone],
+        Command::UnlockEnvelope => &[N::NoFault],
+        Command::Zero => &[N::NotArming, N::Idle, N::NoContact],
+        Command::Stiffness(_) | Command::Damping(_) | Command::Push(_) | Command::Grid(..) => {
+            &[N::NoWalk]
+        }
+        Command::Start(_) | Command::Settle(_) | Command::Window(_) | Command::RmsLimit(_) => {
+            &[N::Idle]
+        }
+        // A turned sign makes every wall pull, another full scale moves every force.
+        Command::MotorReversed(_) | Command::EncoderReversed(_) | Command::FullScale(_) => {
+            &[N::Off]
+        }
+        Command::Wall(_)
+        | Command::Cutoff(_)
+        | Command::Tuning(_)
+        | Command::Second(_)
+        | Command::Estimator(_)
+        | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
+        // Flash is programmed 32 bits at a time, for which the chip wants 2.7 V: a detector may call somewhat less
+        // good, and then a record may be lost, which its CRC tells.
+        Command::Save => &[N::Off, N::Supply],
+        Command::Hit => &[N::NoFault, N::Armed, N::Idle],
+        Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],
+        Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::Unlocked],
+    }
+}
+
+impl Need {
+    /// Why it is not met, if so.
+    fn refusal(self, now: &Situation) -> Option<Refusal> {
+        let status = &now.status;
+        let (state, inputs) = (status.state, status.inputs);
+        let unmet = |met: bool, refusal: Refusal| (!met).then_some(refusal);
+        match self {
+            Self::Off => match state {
+                State::Off | State::Fault => None,
+                State::SignTest | State::RampIn | State::Armed => Some(Refusal::On),
+            },
+            Self::Armed => unmet(state == State::Armed, Refusal::NotArmed),
+            Self::NotArming => {
+                let arming = matches!(state, State::SignTest | State::RampIn);
+                unmet(!arming, Refusal::Arming)
+            }
+            Self::NoContact => unmet(!(state.is_on() && status.contact), Refusal::Contact),
+            Self::Outside => unmet(!status.contact, Refusal::Contact),
+            Self::Idle => unmet(now.activity == Activity::None, Refusal::Busy),
+            Self::IdleOrCalibration => {
+                let free = matches!(now.activity, Activity::None | Activity::Calibration);
+                unmet(free, Refusal::Busy)
+            }
+            Self::NoWalk => unmet(now.activity != Activity::Walk, Refusal::Busy),
+            Self::NoFault => (state == State::Fault).then(|| {
+                let fault = status.fault.map_or(Fault::Settings, |record| record.fault);
+                Refusal::Faulted(fault)
+            }),
+            Self::Fault => unmet(state == State::Fault, Refusal::NoFault),
+            Self::CauseGone => status.present.first().map(Refusal::CausePresent),
+            Self::StopClosed => unmet(inputs.stop_closed, Refusal::StopOpen),
+            Self::Supply => unmet(inputs.supply_good, Refusal::Supply),
+            Self::Settings => unmet(inputs.settings_valid, Refusal::Settings),
+            Self::Zeroed => unmet(status.zeroed, Refusal::NotZeroed),
+            Self::Unlocked => unmet(status.unlocked, Refusal::Locked),
+        }
+    }
+}
+
+/// Whether `command` is met now. Ranges and the envelope are checked where the settings are built.
+///
+/// The supervisor checks again what is dangerous, with its own, newer state: what is allowed here
+/// may still be refused there.
+///
+/// # Errors
+/// The first thing that is in the way.
+pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
+    match needs(command).iter().find_map(|need| need.refusal(now)) {
+        None => Ok(()),
+        Some(refusal) => Err(refusal),
+    }
+}
+
+/// Whether [`Command::Load`] may change the directions of motor or encoder or the full scale now:
+/// as their own commands may, only with the force off.
+///
+/// # Errors
+/// The force is on.
+pub fn signs_allowed(now: &Situation) -> Result<(), Refusal> {
+    Need::Off.refusal(now).map_or(Ok(()), Err)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        console::GridValue,
+        safety::{FaultRecord, FaultSet, Inputs},
+        velocity::EstimatorName,
+    };
+    use std::vec::Vec;
+
+    const COMMANDS: [Command; 33] = [
+        Command::Help,
+        Command::Version,
+        Command::Status,
+        Command::Get,
+        Command::Zero,
+        Command::Arm,
+        Command::Disarm,
+        Command::Stiffness(1.0),
+        Command::Damping(1.0),
+        Command::Wall(1.0),
+        Command::Cutoff(1.0),
+        Command::Estimator(EstimatorName::Butterworth),
+        Command::Push(1.0),
+        Command::Hit,
+        Command::Walk,
+        Command::Stop,
+        Command::UnlockEnvelope,
+        Command::Stream(true),
+        Command::Stream(false),
+        Command::Save,
+        Command::Load,
+        Command::Faults,
+        Command::Clear,
+        Command::Calibrate(10.0),
+        Command::FullScale(5.0),
+        Command::Start(0.0),
+        Command::Settle(4.0),
+        Command::Window(2.0),
+        Command::RmsLimit(1e-5),
+        Command::Grid(GridValue::StiffnessStep, 1.0),
+        Command::MotorReversed(true),
+        Command::EncoderReversed(true),
+        Command::Second(1.0),
+    ];
+
+    /// Every situation: 5 states x 4 activities x 2^7 facts.
+    fn situations() -> Vec<Situation> {
+        let states = [State::Off, State::SignTest, State::RampIn, State::Armed, State::Fault];
+        let activities = [Activity::None, Activity::Hit, Activity::Walk, Activity::Calibration];
+        let mut all = Vec::new();
+        for state in states {
+            for activity in activities {
+                // Under Miri a part of them, with every fact in both its values.
+                for facts in (0..128u32).step_by(if cfg!(miri) { 23 } else { 1 }) {
+                    let fact = |n: u32| facts >> n & 1 == 1;
+                    let fault =
+                        (state == State::Fault).then(|| FaultRecord::bare(Fault::OverSpeed));
+                    let present = FaultSet::EMPTY.with_if(Fault::OverSpeed, fact(6));
+                    all.push(Situation {
+                        status: Status {
+                            state,
+                            fault,
+                            causes: FaultSet::EMPTY,
+                            present,
+                            zeroed: fact(0),
+                            unlocked: fact(1),
+                            contact: fact(2),
+                            inputs: Inputs {
+                                stop_closed: fact(3),
+                                supply_good: fact(4),
+                                settings_valid: fact(5),
+                                halted: false,
+                            },
+                        },
+                        activity,
+                    });
+                }
+            }
+        }
+        all
+    }
+
+    /// For every situation, whether `command` is met exactly when `expected` says so.
+    fn met(command: Command, expected: impl Fn(&Situation) -> bool) {
+        for now in situations() {
+            assert_eq!(allowed(&command, &now).is_ok(), expected(&now), "{command:?} {now:?}");
+        }
+    }
+
+    fn in_contact(now: &Situation) -> bool {
+        now.status.contact && now.status.state.is_on()
+    }
+
+    #[test]
+    fn whatever_looks_or_makes_safer_is_always_met() {
+        for command in COMMANDS {
+            let harmless = matches!(
+                command,
+                Command::Help
+                    | Command::Version
+                    | Command::Status
+                    | Command::Get
+                    | Command::Faults
+                    | Command::Stream(_)
+                    | Command::Disarm
+                    | Command::Stop
+            );
+            let always = situations().iter().all(|now| allowed(&command, now).is_ok());
+            assert_eq!(always, harmless, "{command:?}");
+        }
+    }
+
+    #[test]
+    fn arm_needs_zero_settings_no_fault_stop_and_supply() {
+        met(Command::Arm, |now| {
+            let (status, inputs) = (now.status, now.status.inputs);
+            status.state == State::Off
+                && status.zeroed
+                && !status.contact
+                && inputs.stop_closed
+                && inputs.supply_good
+                && inputs.settings_valid
+        });
+    }
+
+    #[test]
+    fn nothing_that_moves_the_wall_or_the_velocity_is_met_in_contact() {
+        for command in
+            [Command::Wall(1.0), Command::Cutoff(1.0), Command::Load, COMMANDS[11], COMMANDS[32]]
+        {
+            met(command, |now| {
+                !in_contact(now)
+                    && now.activity != Activity::Walk
+                    && !matches!(now.status.state, State::SignTest | State::RampIn)
+            });
+        }
+        met(Command::Zero, |now| {
+            !in_contact(now)
+                && now.activity == Activity::None
+                && !matches!(now.status.state, State::SignTest | State::RampIn)
+        });
+    }
+
+    #[test]
+    fn gains_push_and_grid_are_free_but_for_a_walk() {
+        let grid = Command::Grid(GridValue::DampingMax, 1.0);
+        for command in [Command::Stiffness(1.0), Command::Damping(1.0), Command::Push(1.0), grid] {
+            met(command, |now| now.activity != Activity::Walk);
+        }
+        for n in [25, 26, 27, 28] {
+            met(COMMANDS[n], |now| now.activity == Activity::None);
+        }
+    }
+
+    #[test]
+    fn experiments_need_full_force_and_a_walk_the_key() {
+        let ready =
+            |now: &Situation| now.status.state == State::Armed && now.activity == Activity::None;
+        met(Command::Hit, ready);
+        met(Command::Walk, |now| ready(now) && now.status.unlocked);
+        met(Command::Calibrate(10.0), |now| {
+            now.status.state == State::Armed
+                && matches!(now.activity, Activity::None | Activity::Calibration)
+                && !now.status.contact
+        });
+    }
+
+    #[test]
+    fn flash_is_written_and_signs_and_full_scale_change_only_with_the_force_off() {
+        for command in
+            [Command::MotorReversed(true), Command::EncoderReversed(false), Command::FullScale(5.0)]
+        {
+            met(command, |now| !now.status.state.is_on());
+        }
+        met(Command::Save, |now| !now.status.state.is_on() && now.status.inputs.supply_good);
+        for now in situations() {
+            assert_eq!(signs_allowed(&now).is_ok(), !now.status.state.is_on());
+        }
+    }
+
+    #[test]
+    fn clear_needs_a_fault_whose_cause_is_gone() {
+        met(Command::Clear, |now| {
+            now.status.state == State::Fault && now.status.present.is_empty()
+        });
+        met(Command::UnlockEnvelope, |now| now.status.state != State::Fault);
+    }
+
+    #[test]
+    fn refusals_name_what_is_in_the_way_first() {
+        let mut now = situations()[0]; // off, nothing fulfilled
+        assert_eq!(allowed(&Command::Arm, &now), Err(Refusal::StopOpen));
+        now.status.state = State::Fault;
+        now.status.fault = Some(FaultRecord::bare(Fault::LateRender));
+        assert_eq!(allowed(&Command::Arm, &now), Err(Refusal::Faulted(Fault::LateRender)));
+        now.status.state = State::Armed;
+        now.status.contact = true;
+        assert_eq!(allowed(&Command::Wall(0.0), &now), Err(Refusal::Contact));
+        assert_eq!(allowed(&Command::Save, &now), Err(Refusal::On));
+        now.activity = Activity::Hit;
+        assert_eq!(allowed(&Command::Walk, &now), Err(Refusal::Busy));
+    }
+}
