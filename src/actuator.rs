@@ -7,7 +7,7 @@ use core::ops::RangeInclusive;
 
 use crate::{
     settings::{SettingsError, widen, within},
-    units::{Command, Force},
+    units::{Force, OutputCode},
 };
 
 /// How the hardware takes its command.
@@ -64,18 +64,18 @@ impl Actuator {
 
     /// The nearest code; halves round away from zero force, the same on both sides.
     #[inline]
-    pub fn command(&self, force: Force) -> Command {
+    pub fn command(&self, force: Force) -> OutputCode {
         let bits = i64::from(force.bits());
         let scaled = bits.abs() * i64::from(self.per_full_scale);
         let half = (1i64 << self.shift) >> 1;
         #[expect(clippy::cast_possible_truncation, reason = "at most per_full_scale, an i32")]
         let codes = ((scaled + half) >> self.shift) as i32;
-        Command(self.zero + if bits < 0 { -codes } else { codes })
+        OutputCode(self.zero + if bits < 0 { -codes } else { codes })
     }
 
     /// The code that asks for no force.
-    pub fn zero(&self) -> Command {
-        Command(self.zero)
+    pub fn zero(&self) -> OutputCode {
+        OutputCode(self.zero)
     }
 
     /// Codes from zero force to full scale.

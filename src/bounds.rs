@@ -16,9 +16,9 @@ use std::vec::Vec;
 use crate::{
     Gain, Output,
     actuator::Actuator,
-    experiment::{RmsLimit, Scatter},
+    experiment::{RmsLimit, RunningVariance},
     units::{Demand, Force, Position, Velocity},
-    velocity::{Biquad, BiquadState, CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder},
+    velocity::{Biquad, BiquadState, ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder},
     wall::Wall,
 };
 
@@ -46,7 +46,9 @@ fn coefficient_boxes() -> Vec<[[i32; 2]; 5]> {
             let filters = (first..=first + LOOKS).filter_map(|n| {
                 let prewarp = kind % 2 == 1;
                 if kind < 2 {
-                    Design::new(cutoff(n), 1e4, prewarp).ok().map(|design| design.quantise())
+                    ButterworthDesign::new(cutoff(n), 1e4, prewarp)
+                        .ok()
+                        .map(|design| design.quantise())
                 } else {
                     FirstOrder::new(cutoff(n), 1e4, prewarp).ok().map(|design| design.quantise())
                 }
@@ -154,7 +156,7 @@ fn products_walls_and_codes_never_overflow() {
 /// directly: sum and sum of squares grow by at most that much with each sample.
 #[test]
 fn the_sums_of_a_hit_hold_its_longest_window() {
-    let mut scatter = Scatter::at_its_widest(1 << 24);
+    let mut scatter = RunningVariance::at_its_widest(1 << 24);
     for position in [i32::MIN, i32::MAX] {
         scatter.push(Position::from_counts(position));
         for limit in [0, u32::MAX] {

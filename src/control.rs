@@ -8,17 +8,15 @@ use crate::{
     CounterWidth,
     actuator::Actuator,
     encoder::Encoder,
-    units::{Command, Force, Position, Velocity},
-    velocity::{
-        Estimator, Senses, {self},
-    },
+    units::{Force, OutputCode, Position, Velocity},
+    velocity::{self, Estimator, Senses},
     wall::Wall,
 };
 
-/// Everything that a sample needs to know, in integers. Immutable: a change is a new `Control`,
+/// Everything that a sample needs to know, in integers. Immutable: a change is a new `LoopParameters`,
 /// swapped whole between two samples. Made by [`Settings::build`](crate::Settings::build).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Control {
+pub struct LoopParameters {
     /// Velocity estimator.
     pub estimator: Estimator,
     /// Virtual wall.
@@ -58,7 +56,7 @@ pub struct Drive {
     /// What the actuator is asked for: push minus wall, saturated.
     pub force: Force,
     /// The same as a DAC or PWM code.
-    pub command: Command,
+    pub command: OutputCode,
     /// The handle is inside the wall.
     pub contact: bool,
     /// The actuator could not give all that was asked for.
@@ -103,13 +101,13 @@ impl Sampler {
 
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
-    pub fn sample(&mut self, control: &Control, counter: u32) -> Motion {
+    pub fn sample(&mut self, control: &LoopParameters, counter: u32) -> Motion {
         self.sense(control, counter, &Senses::NONE)
     }
 
     /// [`sample`](Self::sample) for estimators that look at more than the count.
     #[inline(always)] // as Estimator::update
-    pub fn sense(&mut self, control: &Control, counter: u32, senses: &Senses) -> Motion {
+    pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Motion {
         let position = self.encoder.track(counter);
         let velocity = control.estimator.update(&mut self.velocity, position, senses);
         let sample = self.sample;
@@ -125,7 +123,7 @@ impl Sampler {
     }
 }
 
-impl Control {
+impl LoopParameters {
     /// The output that answers `motion`: `push` (into the wall) minus what the wall gives back.
     /// Both share the actuator's range.
     #[inline]

@@ -6,9 +6,9 @@
 //! ```
 //!
 //! The firmware and the simulator compile this very code. Both call two functions:
-//! [`Sampler::sample`] for every encoder sample (10 kHz) and [`Control::render`] for every output
+//! [`Sampler::sample`] for every encoder sample (10 kHz) and [`LoopParameters::render`] for every output
 //! (1 kHz). What a person sets is [`Settings`] in SI units; [`Settings::build`] checks it and folds
-//! all units into the integer coefficients of a [`Control`]; what samples change is the
+//! all units into the integer coefficients of a [`LoopParameters`]; what samples change is the
 //! [`Sampler`]'s state. The formats stand in one table, in [`units`].
 //!
 //! ```
@@ -64,7 +64,7 @@ pub mod velocity;
 pub mod wall;
 
 pub use actuator::Output;
-pub use control::{Control, Drive, Motion, Sampler};
+pub use control::{Drive, LoopParameters, Motion, Sampler};
 pub use encoder::CounterWidth;
 pub use gain::Gain;
 pub use settings::{Design, HitSettings, Settings, SettingsError, WallSettings, limits, shorten};

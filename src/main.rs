@@ -17,6 +17,8 @@
 #[cfg(target_os = "none")]
 mod board;
 #[cfg(target_os = "none")]
+mod sync;
+#[cfg(target_os = "none")]
 mod task;
 
 #[cfg(not(target_os = "none"))]

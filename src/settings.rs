@@ -1,13 +1,13 @@
 //! What a person sets, in SI units, and its way into integers.
 //!
-//! Three forms, three types: [`Settings`] (floats, for people), [`Control`] (integers, immutable),
+//! Three forms, three types: [`Settings`] (floats, for people), [`LoopParameters`] (integers, immutable),
 //! state (what samples change). [`Settings::build`] is the only place that refuses; a refused
-//! change leaves the old [`Control`] running.
+//! change leaves the old [`LoopParameters`] running.
 
 use core::{fmt, num::NonZeroU32, ops::RangeInclusive};
 
 use crate::{
-    Control, Gain, Output, VelocitySettings,
+    Gain, LoopParameters, Output, VelocitySettings,
     actuator::Actuator,
     experiment::{HitPlan, RmsLimit},
     units::{Force, Position, Velocity},
@@ -196,7 +196,7 @@ impl Settings {
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
-    pub fn build(&self, design: &Design) -> Result<Control, SettingsError> {
+    pub fn build(&self, design: &Design) -> Result<LoopParameters, SettingsError> {
         design.check()?;
         let wall = &self.wall;
         within("stiffness_n_per_m", wall.stiffness_n_per_m, limits::STIFFNESS_N_PER_M)?;
@@ -205,7 +205,7 @@ impl Settings {
         // One count of penetration, and one LSB of velocity, in SI units.
         let velocity_lsb =
             design.resolution_m * design.rate_hz / f64::from(1u32 << Velocity::FRACTION_BITS);
-        Ok(Control {
+        Ok(LoopParameters {
             estimator: self.velocity.build(design)?,
             wall: Wall {
                 surface: design.position("position_m", wall.position_m)?,

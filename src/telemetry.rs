@@ -7,7 +7,7 @@
 
 use crate::{
     crc,
-    units::{Command, Force, Position, Velocity},
+    units::{Force, OutputCode, Position, Velocity},
 };
 
 /// Facts of one output, as bits.
@@ -73,7 +73,7 @@ pub struct Record {
     /// Force that the output gives, after ramps; 0 while it is off.
     pub force: Force,
     /// DAC or PWM code that the hardware was given.
-    pub command: Command,
+    pub command: OutputCode,
     /// Facts.
     pub flags: Flags,
     /// Number of the settings in force, modulo 2^16: counts up with every change.
@@ -107,7 +107,7 @@ impl Record {
         position: Position::from_counts(0),
         velocity: Velocity::ZERO,
         force: Force::ZERO,
-        command: Command(0),
+        command: OutputCode(0),
         flags: Flags(0),
         settings: 0,
         fault: 0,
@@ -159,7 +159,7 @@ impl Frame {
                 position: Position::from_counts(i32::from_le_bytes(take(&mut rest)?)),
                 velocity: Velocity::saturating_from_bits(i32::from_le_bytes(take(&mut rest)?)),
                 force: Force::saturating_from_bits(i32::from_le_bytes(take(&mut rest)?)),
-                command: Command(i32::from_le_bytes(take(&mut rest)?)),
+                command: OutputCode(i32::from_le_bytes(take(&mut rest)?)),
                 flags: Flags::from_bits(u16::from_le_bytes(take(&mut rest)?)),
                 settings: u16::from_le_bytes(take(&mut rest)?),
                 fault,
@@ -275,7 +275,7 @@ mod tests {
                     position: Position::from_counts(position),
                     velocity: Velocity::saturating_from_bits(velocity),
                     force: Force::saturating_from_bits(force),
-                    command: Command(command),
+                    command: OutputCode(command),
                     flags: Flags::from_bits(flags),
                     settings,
                     fault,
@@ -303,7 +303,7 @@ mod tests {
                 position: Position::from_counts(70_000),
                 velocity: Velocity::saturating_from_bits(1 << 15),
                 force: Force::saturating_from_bits(-(1 << 29)),
-                command: Command(1024),
+                command: OutputCode(1024),
                 flags: Flags::from_bits(0x019B),
                 settings: 3,
                 fault: 0,

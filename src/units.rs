@@ -7,7 +7,7 @@
 //! | [`Acceleration`] | counts per sample^2  | `Q24`   | 2^-24        | +-127, saturating     | an accelerometer |
 //! | [`Demand`]   | fraction of full scale   | `Q30` in `i64` | 2^-30 | +-2^32                | [`Wall::demand`](crate::wall::Wall::demand) |
 //! | [`Force`]    | fraction of full scale   | `Q30`   | 2^-30        | +-1, saturating       | [`Demand::saturate`] |
-//! | [`Command`]  | DAC or PWM code          | `i32`   | 1 code       | of the output         | [`Actuator::command`](crate::actuator::Actuator::command) |
+//! | [`OutputCode`]  | DAC or PWM code          | `i32`   | 1 code       | of the output         | [`Actuator::command`](crate::actuator::Actuator::command) |
 //! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
 //! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
 //!
@@ -218,9 +218,9 @@ impl Demand {
 
 /// What the output hardware is given: a DAC code, or a signed PWM compare value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Command(pub(crate) i32);
+pub struct OutputCode(pub(crate) i32);
 
-impl Command {
+impl OutputCode {
     /// The code.
     #[inline]
     pub const fn code(self) -> i32 {

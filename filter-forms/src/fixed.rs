@@ -163,7 +163,7 @@ mod tests {
     use super::*;
     use zwidth::{
         units::Velocity,
-        velocity::{BiquadState, Design},
+        velocity::{BiquadState, ButterworthDesign},
     };
 
     /// Speeds of a hand, in LSB: fast, slow, back, still.
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn with_words_of_32_bits_it_is_the_core_to_the_bit() {
         for cutoff_hz in [0.35, 1.0, 20.0, 200.0, 639.0, 641.0, 2000.0, 4990.0] {
-            let core = Design::new(cutoff_hz, 1e4, false).unwrap().quantise();
+            let core = ButterworthDesign::new(cutoff_hz, 1e4, false).unwrap().quantise();
             let c = Coefficients::<i32>::exact_at_dc(&Prototype::new(cutoff_hz, 1e4)).unwrap();
             assert_eq!(core.bits(), [c.b[0], c.b[1], c.b[2], c.a[0], c.a[1]], "{cutoff_hz}");
             let mut same = Direct1Feedback::new(c, core.shaping());

@@ -34,7 +34,7 @@ pub use variant::{Form, Format, Variant};
 use zwidth::{
     SettingsError,
     units::Velocity,
-    velocity::{Biquad, BiquadState, Design, Shaping},
+    velocity::{Biquad, BiquadState, ButterworthDesign, Shaping},
 };
 
 use fixed::Coefficients;
@@ -161,7 +161,8 @@ impl Filter {
         let p = Prototype::new(cutoff_hz, rate_hz);
         let kind = match variant.format {
             Format::I32Feedback => {
-                let design = Design::new(cutoff_hz, rate_hz, false).map_err(Refused::Core)?;
+                let design =
+                    ButterworthDesign::new(cutoff_hz, rate_hz, false).map_err(Refused::Core)?;
                 Kind::Core(Core { filter: design.quantise(), state: BiquadState::default() })
             }
             Format::I32 => match variant.form {
@@ -193,7 +194,7 @@ impl Filter {
             Format::Q15Feedback => {
                 let c = Coefficients::exact_at_dc(&p)?;
                 // the order that the core takes; where it refuses, the cutoff is low
-                let design = Design::new(cutoff_hz, rate_hz, false);
+                let design = ButterworthDesign::new(cutoff_hz, rate_hz, false);
                 let shaping = design.map_or(Shaping::Second, |design| design.quantise().shaping());
                 Kind::HalfFeedback(fixed::Direct1Feedback::new(c, shaping))
             }

@@ -73,13 +73,13 @@ impl Prototype {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use zwidth::velocity::Design;
+    use zwidth::velocity::ButterworthDesign;
 
     #[test]
     fn it_is_the_cores_filter() {
         for cutoff_hz in [0.35, 1.0, 20.0, 1500.0, 4990.0] {
             let ours = Prototype::new(cutoff_hz, 1e4);
-            let core = Design::new(cutoff_hz, 1e4, false).unwrap();
+            let core = ButterworthDesign::new(cutoff_hz, 1e4, false).unwrap();
             assert!((ours.b0() / core.b0 - 1.0).abs() < 1e-15);
             assert!((ours.a1() - core.a1).abs() < 1e-15 && (ours.a2() - core.a2).abs() < 1e-15);
             assert!((ours.alpha1() - (2.0 + core.a1)).abs() < 1e-15);

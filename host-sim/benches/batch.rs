@@ -21,7 +21,7 @@ use host_sim::{
     engine::{Backend, Depth, Outcome, Work, run, stream},
     output::figure::{CostPanel, CostPlot, cost},
     scene::NamedScene,
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 use plain::{SAMPLES, plain};
 
@@ -52,7 +52,7 @@ impl Work for Hits {
 }
 
 /// Samples per second of one run.
-fn throughput(rig: &Rig, backend: Backend, numeric: Numeric) -> f64 {
+fn throughput(rig: &PreparedScene, backend: Backend, numeric: Numeric) -> f64 {
     // the scalar loop is slow, and needs fewer hits for the same precision
     let hits = if backend == Backend::Scalar { HITS / 4 } else { HITS };
     let mut work = Hits { left: hits, unstable: 0 };
@@ -83,7 +83,7 @@ fn main() {
     if let Some(place) = arguments.iter().position(|argument| argument == "--figure") {
         return figure(Path::new(&arguments[place + 1]));
     }
-    let rig = Rig::new(&NamedScene::load("paper-1um").unwrap().scene).unwrap();
+    let rig = PreparedScene::new(&NamedScene::load("paper-1um").unwrap().scene).unwrap();
     let mut rows = vec![];
     for backend in Backend::ALL.into_iter().filter(|backend| backend.is_available()) {
         for (name, numeric) in [("fixed", Numeric::Fixed), ("f64", Numeric::F64)] {
@@ -114,16 +114,16 @@ fn main() {
 }
 
 /// The paper's device with a hit of so many samples, the last half of them its window.
-fn rig_of(samples: u64) -> Rig {
+fn rig_of(samples: u64) -> PreparedScene {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.device.start_position_m = 0.0695;
     scene.wall_hit.settle_s = samples as f64 * 0.5e-4;
     scene.wall_hit.window_s = samples as f64 * 0.5e-4;
-    Rig::new(&scene).unwrap()
+    PreparedScene::new(&scene).unwrap()
 }
 
 /// Processor time of one thread for so many hits, s.
-fn cost_of(rig: &Rig, numeric: Numeric, hits: u64) -> f64 {
+fn cost_of(rig: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let hit = |number: u64| WallHit {
         cutoff_hz: 1500.0,
         stiffness_n_per_m: 40_000.0 + 1e-2 * number as f64,

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use host_sim::{
     scene::NamedScene,
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
 const PAPER: &str = include_str!("../../scenes/paper-1um.toml");
@@ -75,7 +75,7 @@ fn elements(c: &mut Criterion) {
     for (name, tables) in cases {
         let text = format!("{PAPER}\n{}", tables.join("\n"));
         let scene = NamedScene::parse(name.into(), text, name).expect("valid").scene;
-        let rig = Rig::new(&scene).expect("valid");
+        let rig = PreparedScene::new(&scene).expect("valid");
         group.bench_function(name, |bencher| {
             bencher.iter(|| rig.hit(black_box(Numeric::Fixed), black_box(&HIT), |_| ()).unwrap());
         });

@@ -16,7 +16,7 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use host_sim::{
     scene::NamedScene,
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 use plain::{SAMPLES, plain};
 
@@ -28,7 +28,8 @@ const HIT: WallHit = WallHit {
 };
 
 fn step(c: &mut Criterion) {
-    let rig = Rig::new(&NamedScene::load("paper-1um").expect("built in").scene).expect("valid");
+    let rig =
+        PreparedScene::new(&NamedScene::load("paper-1um").expect("built in").scene).expect("valid");
     let mut group = c.benchmark_group("one wall hit");
     group.throughput(Throughput::Elements(SAMPLES as u64));
     group.bench_function("plain f64 loop", |bencher| {

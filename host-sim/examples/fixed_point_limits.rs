@@ -13,7 +13,7 @@ use host_sim::{
     error::Error,
     output::figure::{Mark, TradePanel, TradePlot, TradeSeries, trade},
     scene::NamedScene,
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 use zwidth::experiment::Verdict;
 
@@ -35,7 +35,11 @@ fn hit(cutoff_hz: f64, number: u64) -> WallHit {
 }
 
 /// Verdicts of all walls; none for a handle that leaves the core's range.
-fn verdicts(rig: &Rig, numeric: Numeric, cutoff_hz: f64) -> Result<Vec<Option<Verdict>>, Error> {
+fn verdicts(
+    rig: &PreparedScene,
+    numeric: Numeric,
+    cutoff_hz: f64,
+) -> Result<Vec<Option<Verdict>>, Error> {
     let mut all = vec![];
     let total = STEPS * STEPS * STARTS;
     let stop = AtomicBool::new(false);
@@ -56,7 +60,7 @@ fn run() -> Result<(), Error> {
         scene.encoder.resolution_m = resolution_m;
         // 15 um, or 15 counts where a count is more than one.
         scene.wall_hit.rms_limit_m = 15.0 * resolution_m.max(1e-6);
-        let rig = Rig::new(&scene)?;
+        let rig = PreparedScene::new(&scene)?;
         let mut points = vec![vec![], vec![]];
         for cutoff_hz in CUTOFFS_HZ {
             let exact = verdicts(&rig, Numeric::F64, cutoff_hz)?;

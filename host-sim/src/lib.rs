@@ -16,7 +16,7 @@
 //! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
 //! | [`numerics`] | mathematics that knows no device |
 //!
-//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::Rig`] prepares it and
+//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares it and
 //! runs wall hits in a [`simulation::Simulation`] around the core
 //! ([`Fixed`](simulation::controller::Fixed)) or around its `f64` twin ([`simulation::twin`]).
 //! [`study`] runs the hits of a walk in the [`engine`]'s lanes, a second text of the core's arithmetic for

@@ -19,11 +19,12 @@
 use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
 use zwidth::velocity::Sense;
 
+pub(super) use super::f4::pwm::{Output, start, zero};
 use super::{
-    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, Pace, RATE_HZ, SettingsFlash, Supply,
-    Watchdog, debugger, enable, pwm, reset, rtt,
+    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, RATE_HZ, SampleTimer, SettingsFlash,
+    Supply, Watchdog,
+    f4::{debugger, enable, pwm, reset, rtt},
 };
-pub(super) use pwm::{Output, start, zero};
 
 /// Name, as in `--board` and in the feature.
 pub const NAME: &str = "discovery-f407";
@@ -66,7 +67,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     enable::init();
     let drive = Drive { output: Output::new(e.pe9, e.pe11, STEPS) };
     let _enable = e.pe13.into_alternate::<1>();
-    let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
+    let sample_timer = SampleTimer::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     let encoder = Encoder::new(device.TIM2, a.pa15.into_alternate::<1>(), a.pa1, &mut rcc);
     let supply = Supply::new(device.PWR, &device.EXTI, SUPPLY_LEVEL, &mut rcc);
     let halts = Halts::new(device.TIM6, CORE_HZ / 2, RATE_HZ, &mut rcc);
@@ -76,7 +77,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let watchdog = Watchdog::start(device.IWDG);
     Board {
         encoder,
-        pace,
+        sample_timer,
         drive,
         stop: EmergencyStop(()),
         supply,

@@ -13,57 +13,37 @@ compile_error!("pick a board: --features nucleo-f446re or discovery-f407");
 #[cfg(feature = "discovery-f407")]
 mod discovery_f407;
 #[cfg(feature = "discovery-f407")]
-use discovery_f407 as this;
+use discovery_f407 as selected;
 #[cfg(feature = "nucleo-f446re")]
 mod nucleo_f446re;
 #[cfg(feature = "nucleo-f446re")]
-use nucleo_f446re as this;
+use nucleo_f446re as selected;
 
-#[allow(dead_code, reason = "a board has one output")]
-mod dac;
-mod debugger;
-#[cfg(all(feature = "nucleo-f446re", feature = "time-stamps"))]
-mod edges;
-mod enable;
-mod encoder;
-mod fault_memory;
-mod halt;
-mod latest;
-#[cfg(not(feature = "usual-logger"))]
-mod logger;
-#[cfg(not(feature = "usual-logger"))]
-pub mod mask;
-mod pace;
-#[allow(dead_code, reason = "a board has one output")]
-mod pwm;
-mod reset;
-mod rtt;
-mod settings;
-mod snapshot;
-mod supply;
-mod watchdog;
+mod f4;
 
-pub use debugger::Halts;
-pub use encoder::{Encoder, turn as turn_encoder};
-pub use fault_memory::FaultMemory;
-pub use latest::{Latest, Newest, Publisher};
 #[cfg(not(feature = "usual-logger"))]
-pub use logger::dropped as log_dropped;
-pub use pace::Pace;
+pub use f4::logger::dropped as log_dropped;
 #[cfg(feature = "usual-logger")]
-pub use rtt::log_dropped;
-pub use rtt::{Commands, Link, Up};
-pub use settings::{FlashError, SettingsFlash};
-pub use snapshot::{Reading, Snapshot, Writing};
-pub use supply::{Supply, has_dropped as supply_has_dropped};
-pub use this::{LATENCY_SAMPLES, NAME, OUTPUT, SENSES, take};
-pub use watchdog::Watchdog;
+pub use f4::rtt::log_dropped;
+pub use f4::{
+    debugger::Halts,
+    encoder::{Encoder, turn as turn_encoder},
+    fault_memory::FaultMemory,
+    flash::{FlashError, SettingsFlash},
+    rtt::{Commands, Link, UpLink},
+    sample_timer::SampleTimer,
+    supply::{Supply, has_dropped as supply_has_dropped},
+    watchdog::Watchdog,
+};
+pub use selected::{LATENCY_SAMPLES, NAME, OUTPUT, SENSES, take};
+
+use f4::{enable, sample_timer};
 
 use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::{safety::ResetCause, units::Command};
+use zwidth::{safety::ResetCause, units::OutputCode};
 
 /// Samples per second, Hz.
 pub const RATE_HZ: u32 = 10_000;
@@ -73,7 +53,7 @@ pub struct Board {
     /// Position.
     pub encoder: Encoder,
     /// When to sample.
-    pub pace: Pace,
+    pub sample_timer: SampleTimer,
     /// Force and enable.
     pub drive: Drive,
     /// Emergency stop.
@@ -96,20 +76,20 @@ pub struct Board {
 
 /// The force output and the amplifier's enable line.
 pub struct Drive {
-    output: this::Output,
+    output: selected::Output,
 }
 
 impl Drive {
     /// Puts a command out, mirrored about zero force if the motor is mounted the other way round.
     /// It moves nothing while the amplifier is off.
     #[inline(always)]
-    pub fn write(&mut self, command: Command, mirrored: bool) {
+    pub fn write(&mut self, command: OutputCode, mirrored: bool) {
         self.output.write(command, mirrored);
     }
 
     /// Enables the amplifier at zero force. The emergency stop's hardware has the last word.
     pub fn on(&mut self) {
-        this::zero();
+        selected::zero();
         enable::on();
     }
 
@@ -129,8 +109,8 @@ impl Drive {
 /// Starts the output's clock and, right after it, the sampling: their distance sets the phase of the PWM. Once,
 /// with all interrupts on.
 pub fn start() {
-    this::start();
-    pace::start();
+    selected::start();
+    sample_timer::start();
 }
 
 /// Off: enable inactive first, then zero force. From any task, and from the panic and fault
@@ -138,7 +118,7 @@ pub fn start() {
 #[inline(always)]
 pub fn off() {
     enable::off();
-    this::zero();
+    selected::zero();
 }
 
 /// Normally closed switch to ground with a pull-up: an open switch or a cut wire reads as a stop.
@@ -149,7 +129,7 @@ impl EmergencyStop {
     /// The switch is closed: no stop.
     #[inline(always)]
     pub fn is_closed(&self) -> bool {
-        this::stop_input_is_low()
+        selected::stop_input_is_low()
     }
 }
 

@@ -21,11 +21,12 @@
 use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
 use zwidth::velocity::Sense;
 
+pub(super) use super::f4::dac::{Output, start, zero};
 use super::{
-    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, Pace, RATE_HZ, SettingsFlash, Supply,
-    Watchdog, dac, debugger, enable, reset, rtt,
+    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, RATE_HZ, SampleTimer, SettingsFlash,
+    Supply, Watchdog,
+    f4::{debugger, enable, reset, rtt},
 };
-pub(super) use dac::{Output, start, zero};
 
 /// Name, as in `--board` and in the feature.
 pub const NAME: &str = "nucleo-f446re";
@@ -68,9 +69,9 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     enable::init();
     let _enable = a.pa10.into_alternate::<1>();
     let drive = Drive { output: Output::new(device.DAC, a.pa4.into_analog(), &mut rcc) };
-    let pace = Pace::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
+    let sample_timer = SampleTimer::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
     #[cfg(feature = "time-stamps")]
-    let edges = super::edges::Edges::new(device.TIM3, a.pa6, a.pa7, &mut rcc);
+    let edges = super::f4::edges::Edges::new(device.TIM3, a.pa6, a.pa7, &mut rcc);
     let encoder = Encoder::new(
         device.TIM2,
         a.pa0,
@@ -87,7 +88,7 @@ pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board 
     let watchdog = Watchdog::start(device.IWDG);
     Board {
         encoder,
-        pace,
+        sample_timer,
         drive,
         stop: EmergencyStop(()),
         supply,

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::number;
-use crate::{experiment::WalkPlan, velocity::EstimatorName};
+use crate::{experiment::WalkSettings, velocity::EstimatorName};
 
 /// What a person asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,7 +115,7 @@ impl GridValue {
     }
 
     /// Its place in a plan.
-    pub const fn of(self, plan: &mut WalkPlan) -> &mut f64 {
+    pub const fn of(self, plan: &mut WalkSettings) -> &mut f64 {
         match self {
             Self::StiffnessStart => &mut plan.stiffness_start_n_per_m,
             Self::StiffnessStep => &mut plan.stiffness_step_n_per_m,
@@ -326,7 +326,7 @@ mod tests {
     #[test]
     fn every_value_of_the_grid_has_a_command_of_its_name() {
         use GridValue as G;
-        let mut plan = WalkPlan {
+        let mut plan = WalkSettings {
             stiffness_start_n_per_m: 1.0,
             stiffness_step_n_per_m: 2.0,
             stiffness_max_n_per_m: 3.0,

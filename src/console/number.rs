@@ -1,8 +1,6 @@
 //! Decimal numbers in and out, without heap and without the panic paths of the standard formatter.
 
-use core::fmt::{
-    Write as _, {self},
-};
+use core::fmt::{self, Write as _};
 
 /// Most significant digits that are read: any number of 15 digits is below 2^53.
 const DIGITS: u32 = 15;

@@ -231,7 +231,7 @@ mod tests {
     use crate::{
         Settings, WallSettings,
         console::{Activity, Command, REPLY_MAX, Text, allowed},
-        experiment::WalkPlan,
+        experiment::WalkSettings,
         safety::{FaultRecord, FaultSet, Inputs, State, Status, envelope::Boundary},
         store::{DeviceKey, Signs},
         units::{Force, Position, Velocity},
@@ -359,7 +359,7 @@ mod tests {
             window_s: 1.234_567_890_12e-5,
             rms_limit_m: 1.234_567_890_12e-5,
             full_scale_n: 1.234_567_890_12e-5,
-            grid: WalkPlan {
+            grid: WalkSettings {
                 stiffness_start_n_per_m: 1.234_567_890_12e-5,
                 stiffness_step_n_per_m: 1.234_567_890_12e-5,
                 stiffness_max_n_per_m: 1.234_567_890_12e-5,

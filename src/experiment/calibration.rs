@@ -163,7 +163,7 @@ impl Calibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::back::tests::{DESIGN, Handle};
+    use crate::experiment::return_move::tests::{DESIGN, Handle};
 
     const SETTINGS: CalibrationSettings = CalibrationSettings {
         percent: 20.0,

@@ -145,7 +145,7 @@ impl Duty {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::back::tests::DESIGN;
+    use crate::experiment::return_move::tests::DESIGN;
     use proptest::prelude::*;
 
     const SETTINGS: DutySettings = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };

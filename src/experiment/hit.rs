@@ -3,7 +3,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{RmsLimit, Scatter};
+use super::{RmsLimit, RunningVariance};
 use crate::units::{Force, Position};
 
 /// A wall hit in samples, counts and fractions of full scale; made by
@@ -37,17 +37,17 @@ pub struct Hit {
     plan: HitPlan,
     samples: u32,
     contact_samples: u32,
-    scatter: Scatter,
+    scatter: RunningVariance,
 }
 
 impl Hit {
     /// A hit whose first sample is still to come.
     pub fn new(plan: HitPlan) -> Self {
-        Self { plan, samples: 0, contact_samples: 0, scatter: Scatter::default() }
+        Self { plan, samples: 0, contact_samples: 0, scatter: RunningVariance::default() }
     }
 
     /// A hit in its window, whose samples were taken elsewhere.
-    pub fn in_window(plan: HitPlan, contact_samples: u32, scatter: Scatter) -> Self {
+    pub fn in_window(plan: HitPlan, contact_samples: u32, scatter: RunningVariance) -> Self {
         Self { plan, samples: plan.settle, contact_samples, scatter }
     }
 
@@ -87,7 +87,7 @@ impl Hit {
 
     /// The window so far.
     #[inline]
-    pub fn scatter(&self) -> &Scatter {
+    pub fn scatter(&self) -> &RunningVariance {
         &self.scatter
     }
 

@@ -36,7 +36,7 @@ impl RmsLimit {
 
 /// Sums that give mean and RMS of positions without rounding. Up to 2^24 of them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Scatter {
+pub struct RunningVariance {
     samples: u32,
     /// The first position: differences from it stay small.
     origin: Position,
@@ -44,7 +44,7 @@ pub struct Scatter {
     sum_of_squares: u128,
 }
 
-impl Scatter {
+impl RunningVariance {
     /// Positions that were summed up elsewhere: how many, the first of them, and the sums of their
     /// differences from it and of the squares of those.
     pub const fn of_sums(samples: u32, origin: i32, sum: i64, sum_of_squares: u128) -> Self {
@@ -108,7 +108,7 @@ impl Scatter {
 }
 
 #[cfg(test)]
-impl Scatter {
+impl RunningVariance {
     /// The sums that `samples` - 1 positions at the far ends of the range can have led to.
     pub(crate) fn at_its_widest(samples: u32) -> Self {
         let (before, widest) = (samples - 1, 1i64 << 32);
@@ -131,8 +131,8 @@ mod tests {
     const HIT: u32 = if cfg!(miri) { 200 } else { 20_000 };
     const ANY_HIT: usize = if cfg!(miri) { 20 } else { 300 };
 
-    fn scatter(counts: &[i32]) -> Scatter {
-        let mut scatter = Scatter::default();
+    fn scatter(counts: &[i32]) -> RunningVariance {
+        let mut scatter = RunningVariance::default();
         counts.iter().for_each(|&c| scatter.push(Position::from_counts(c)));
         scatter
     }
@@ -156,11 +156,11 @@ mod tests {
         let scatter = scatter(&wide);
         assert!(!scatter.is_below(RmsLimit::from_counts(65_535.0)));
         assert!((scatter.rms_counts() / 2f64.powi(31) - 1.0).abs() < 1e-9);
-        let most = Scatter {
+        let most = RunningVariance {
             samples: 1 << 24,
             sum: 0,
             sum_of_squares: (1u128 << 64) << 24,
-            ..Scatter::default()
+            ..RunningVariance::default()
         };
         assert!(!most.is_below(RmsLimit::from_counts(65_535.0)));
         assert!(most.must_reach(RmsLimit::from_counts(65_535.0), 1 << 24));

@@ -1,7 +1,7 @@
 //! The boundary walk (paper, 2.2.3): from a stable wall, K up until a hit is unstable; then B up,
 //! and K up or down to the boundary again, until no K is stable.
 //!
-//! K and B live on a grid, so the walk itself is integer; [`WalkPlan`] turns a [`Cell`] into SI
+//! K and B live on a grid, so the walk itself is integer; [`WalkSettings`] turns a [`Cell`] into SI
 //! units. One hit costs seconds on a board, so the walk asks for one [`Cell`] at a time and takes
 //! its verdict; it neither knows nor cares who runs the hit.
 
@@ -12,7 +12,7 @@ use crate::{SettingsError, limits, settings::within};
 
 /// Grid and caps of a walk, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WalkPlan {
+pub struct WalkSettings {
     /// First K, N/m; must be stable together with the first B.
     pub stiffness_start_n_per_m: f64,
     /// Step of K, N/m.
@@ -36,7 +36,7 @@ pub struct Cell {
     pub damping: i32,
 }
 
-impl WalkPlan {
+impl WalkSettings {
     /// Most points that a walk may have along either axis.
     const STEPS_MAX: f64 = 1e6;
 
@@ -157,7 +157,7 @@ enum Phase {
 /// A walk in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
-    plan: WalkPlan,
+    plan: WalkSettings,
     phase: Phase,
     cell: Cell,
     stiffness_capped: bool,
@@ -165,12 +165,12 @@ pub struct Walk {
 
 impl Walk {
     /// A walk whose first hit is still to come.
-    pub fn new(plan: WalkPlan) -> Self {
+    pub fn new(plan: WalkSettings) -> Self {
         Self { plan, phase: Phase::First, cell: Cell::default(), stiffness_capped: false }
     }
 
     /// The grid and caps.
-    pub fn plan(&self) -> &WalkPlan {
+    pub fn plan(&self) -> &WalkSettings {
         &self.plan
     }
 
@@ -274,7 +274,7 @@ pub struct WalkTotals {
 
 impl WalkTotals {
     /// Takes what a hit led to.
-    pub fn add(&mut self, plan: &WalkPlan, step: &Step) {
+    pub fn add(&mut self, plan: &WalkSettings, step: &Step) {
         self.hits = self.hits.saturating_add(1);
         let Some(cell) = step.boundary else { return };
         let (k, b) = (plan.stiffness_n_per_m(cell), plan.damping_n_s_per_m(cell));
@@ -290,7 +290,7 @@ mod tests {
     use super::*;
     use std::{vec, vec::Vec};
 
-    const PLAN: WalkPlan = WalkPlan {
+    const PLAN: WalkSettings = WalkSettings {
         stiffness_start_n_per_m: 2000.0,
         stiffness_step_n_per_m: 2000.0,
         stiffness_max_n_per_m: 1e5,
@@ -300,7 +300,7 @@ mod tests {
     };
 
     /// Walks along a boundary given as the largest stable K at each B.
-    fn walk(plan: WalkPlan, k_max: impl Fn(f64) -> f64) -> (Vec<(f64, f64)>, usize, Ended) {
+    fn walk(plan: WalkSettings, k_max: impl Fn(f64) -> f64) -> (Vec<(f64, f64)>, usize, Ended) {
         let mut walk = Walk::new(plan);
         let (mut points, mut hits) = (vec![], 0);
         loop {
@@ -350,16 +350,16 @@ mod tests {
     #[test]
     fn a_grid_that_cannot_be_is_refused_by_name() {
         assert_eq!(PLAN.check(), Ok(()));
-        let named = |plan: WalkPlan| plan.check().unwrap_err().parameter;
+        let named = |plan: WalkSettings| plan.check().unwrap_err().parameter;
         let base = PLAN;
         for (plan, name) in [
-            (WalkPlan { stiffness_start_n_per_m: 0.0, ..base }, "stiffness_start_n_per_m"),
-            (WalkPlan { stiffness_step_n_per_m: f64::NAN, ..base }, "stiffness_step_n_per_m"),
-            (WalkPlan { stiffness_step_n_per_m: 0.01, ..base }, "stiffness_step_n_per_m"),
-            (WalkPlan { stiffness_max_n_per_m: 1e8, ..base }, "stiffness_max_n_per_m"),
-            (WalkPlan { damping_start_n_s_per_m: -1.0, ..base }, "damping_start_n_s_per_m"),
-            (WalkPlan { damping_step_n_s_per_m: 2000.0, ..base }, "damping_step_n_s_per_m"),
-            (WalkPlan { damping_max_n_s_per_m: 2e4, ..base }, "damping_max_n_s_per_m"),
+            (WalkSettings { stiffness_start_n_per_m: 0.0, ..base }, "stiffness_start_n_per_m"),
+            (WalkSettings { stiffness_step_n_per_m: f64::NAN, ..base }, "stiffness_step_n_per_m"),
+            (WalkSettings { stiffness_step_n_per_m: 0.01, ..base }, "stiffness_step_n_per_m"),
+            (WalkSettings { stiffness_max_n_per_m: 1e8, ..base }, "stiffness_max_n_per_m"),
+            (WalkSettings { damping_start_n_s_per_m: -1.0, ..base }, "damping_start_n_s_per_m"),
+            (WalkSettings { damping_step_n_s_per_m: 2000.0, ..base }, "damping_step_n_s_per_m"),
+            (WalkSettings { damping_max_n_s_per_m: 2e4, ..base }, "damping_max_n_s_per_m"),
         ] {
             assert_eq!(named(plan), name);
         }
@@ -377,7 +377,7 @@ mod tests {
 
     #[test]
     fn k_goes_below_its_start_but_stays_positive() {
-        let plan = WalkPlan { stiffness_start_n_per_m: 5000.0, ..PLAN };
+        let plan = WalkSettings { stiffness_start_n_per_m: 5000.0, ..PLAN };
         let (points, _, ended) = walk(plan, |b| if b < 15.0 { 5000.0 } else { 1500.0 });
         assert_eq!(points[..2], [(10.0, 5000.0), (20.0, 1000.0)]);
         assert_eq!(ended, Ended::DampingMax);
@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn decimal_grids_reach_their_caps_and_never_k_zero() {
-        let plan = WalkPlan {
+        let plan = WalkSettings {
             stiffness_start_n_per_m: 0.1,
             stiffness_step_n_per_m: 0.1,
             stiffness_max_n_per_m: 0.3,
@@ -398,7 +398,7 @@ mod tests {
         assert!(points.iter().all(|&(_, k)| (k - 0.3).abs() < 1e-12));
         // 1401.4 - 14 * 100.1 is not 0 but 2e-13
         let plan =
-            WalkPlan { stiffness_start_n_per_m: 1401.4, stiffness_step_n_per_m: 100.1, ..PLAN };
+            WalkSettings { stiffness_start_n_per_m: 1401.4, stiffness_step_n_per_m: 100.1, ..PLAN };
         let (_, hits, ended) = walk(plan, |b| if b < 15.0 { 1401.4 } else { -1.0 });
         // up once, across, then 13 cells down to 100.1
         assert_eq!((hits, ended), (2 + 1 + 13, Ended::Closed));
@@ -406,7 +406,7 @@ mod tests {
 
     #[test]
     fn a_walk_that_is_over_stays_within_its_caps_and_repeats_its_answer() {
-        let mut over = Walk::new(WalkPlan { damping_max_n_s_per_m: 10.0, ..PLAN });
+        let mut over = Walk::new(WalkSettings { damping_max_n_s_per_m: 10.0, ..PLAN });
         over.report(Verdict::Stable).unwrap();
         assert_eq!(over.report(Verdict::Unstable).unwrap().ended, Some(Ended::DampingMax));
         for verdict in [Verdict::Stable, Verdict::Unstable, Verdict::NoContact] {

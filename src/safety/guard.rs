@@ -10,11 +10,11 @@
 use core::hint::cold_path;
 
 use super::{Fault, FaultSet, SafetyPlan};
-use crate::{Control, CounterWidth, Motion, Sampler, units::Force, velocity::Senses};
+use crate::{CounterWidth, LoopParameters, Motion, Sampler, units::Force, velocity::Senses};
 
 /// From `render` to `sample`: what the guard has to know, with nothing left to work out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Down {
+pub struct GuardCommand {
     /// Low 32 bits of the sample that the last finished output answered.
     pub rendered: u32,
     /// [`Guard::events`] that `clear` has dealt with.
@@ -39,7 +39,7 @@ pub struct Down {
     pub stall: bool,
 }
 
-impl Down {
+impl GuardCommand {
     /// As it is before the first output.
     pub const fn start(plan: &SafetyPlan) -> Self {
         Self {
@@ -58,7 +58,7 @@ impl Down {
 
 /// From `sample` to `render`: the motion and what the guard thinks of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Up {
+pub struct SampleReport {
     /// The sample.
     pub motion: Motion,
     /// [`Step::present`] of it.
@@ -111,7 +111,7 @@ impl Guard {
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler {
     sampler: Sampler,
-    /// [`Down::requests`] and [`Down::restarts`] that were met.
+    /// [`GuardCommand::requests`] and [`GuardCommand::restarts`] that were met.
     requests: u32,
     restarts: u32,
     /// Found, and not in [`Guard`] yet.
@@ -133,7 +133,7 @@ impl GuardedSampler {
     }
 
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
-    /// constant rate, with the newest [`Down`]. `senses` is what the board has beside the count; the
+    /// constant rate, with the newest [`GuardCommand`]. `senses` is what the board has beside the count; the
     /// force is that of `down`. `guard` is what was found so far; it is written in its place, and
     /// [`Step::told`] set then.
     ///
@@ -142,10 +142,10 @@ impl GuardedSampler {
     #[inline]
     pub fn step(
         &mut self,
-        control: &Control,
+        control: &LoopParameters,
         counter: u32,
         senses: &Senses,
-        down: &Down,
+        down: &GuardCommand,
         guard: &mut Guard,
     ) -> Step {
         let before = self.sampler.position();
@@ -217,7 +217,7 @@ impl GuardedSampler {
 
     /// The output of the due sample before this one has to be there, unless flash was written.
     #[inline(always)]
-    fn expect_output(&mut self, sample: u32, down: &Down, period: u32) {
+    fn expect_output(&mut self, sample: u32, down: &GuardCommand, period: u32) {
         let behind = sample.wrapping_sub(down.rendered);
         if behind != period && !down.stall {
             cold_path();

@@ -1,19 +1,19 @@
 //! The supervisor: nothing else can give the motor a force, and it gives none unless armed.
 //!
 //! ```text
-//!            Up: motion, what the guard found                    Status, Record
+//!            SampleReport: motion, what the guard found                    Status, Record
 //! sample ──────────────────────────────────────▶ render ──────────────────────────▶ link
 //! (GuardedSampler, every sample)                 (Supervisor, every output)
 //!        ◀──────────────────────────────────────        ◀──────────────────────────
-//!            Down: rendered, acknowledged, zeros                 Request
+//!            GuardCommand: rendered, acknowledged, zeros                 Request
 //! ```
 //!
 //! It works at two priorities without locks, because each side owns its half and hands the other
 //! plain `Copy` records. [`GuardedSampler`] runs for every sample: count jump, over-speed, late
 //! output; with any of these it raises [`Step::cut`], and the sampling task switches the output off by
 //! itself. [`Supervisor`] runs for every output: states, ramps, sign test, push
-//! without motion, out of range, emergency stop, brown-out, settings. It answers with a [`Grant`]; only a
-//! [`Grant::On`] carries a force, and only this module can make one.
+//! without motion, out of range, emergency stop, brown-out, settings. It answers with a [`OutputCommand`]; only a
+//! [`OutputCommand::On`] carries a force, and only this module can make one.
 //!
 //! ```text
 //!  ┌─────┐ arm  ┌──────────┐ moved the right way ┌──────────┐ ramp done ┌───────┐
@@ -33,26 +33,26 @@
 //! enable in hardware.
 
 mod blackbox;
-mod change;
+mod debug_halt;
 pub mod envelope;
 mod fault;
-mod grant;
+mod gain_fade;
 mod guard;
-mod halt;
 mod memory;
+mod output_command;
 mod plan;
-mod push;
 mod records;
 mod sign;
 mod speed;
+mod stuck_encoder;
 mod supervisor;
 
 pub use blackbox::BlackBox;
+pub use debug_halt::HaltWatch;
 pub use fault::{Fault, FaultSet};
-pub use grant::{Grant, Granted};
-pub use guard::{Down, Guard, GuardedSampler, Step, Up};
-pub use halt::HaltWatch;
+pub use guard::{Guard, GuardCommand, GuardedSampler, SampleReport, Step};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
+pub use output_command::{GrantedForce, OutputCommand};
 pub use plan::{SLEW, SafetyPlan, SafetySettings};
 pub use records::{Inputs, Refusal, Request, State, Status};
 pub use supervisor::{Rendered, Supervisor};

@@ -5,16 +5,16 @@
 use core::hint::cold_path;
 
 use super::{
-    Down, Fault, FaultRecord, FaultSet, Grant, Granted, Inputs, MemoryUpdate, Refusal, Request,
-    SafetyPlan, State, Status, Up,
-    change::Change,
+    Fault, FaultRecord, FaultSet, GrantedForce, GuardCommand, Inputs, MemoryUpdate, OutputCommand,
+    Refusal, Request, SafetyPlan, SampleReport, State, Status,
+    gain_fade::Change,
     plan::STUCK_RENDERS,
-    push::PushWatch,
     sign::{SignStep, SignTest},
     speed::SpeedWatch,
+    stuck_encoder::StuckEncoder,
 };
 use crate::{
-    Control, Drive, Motion,
+    Drive, LoopParameters, Motion,
     telemetry::{Flags, Record},
     units::{Demand, Force, Position},
 };
@@ -23,11 +23,11 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rendered {
     /// What the output may do.
-    pub grant: Grant,
+    pub grant: OutputCommand,
     /// What push and wall ask for, supervision aside.
     pub drive: Drive,
     /// For the sampling task. Publish it after the output hardware is written.
-    pub down: Down,
+    pub down: GuardCommand,
     /// For the backup RAM, in the rare case that it changes.
     pub memory: Option<MemoryUpdate>,
     /// For telemetry and black box. `settings` is left 0.
@@ -43,18 +43,18 @@ pub struct Supervisor {
     /// Outputs since the ramp began.
     ramp: u32,
     change: Option<Change>,
-    watch: PushWatch,
+    watch: StuckEncoder,
     speed: SpeedWatch,
     /// The handle is held on purpose.
     still: bool,
     /// The grant of the last output.
-    last: Grant,
+    last: OutputCommand,
     fault: Option<FaultRecord>,
     causes: FaultSet,
     present: FaultSet,
     /// [`super::Guard::events`] that were looked at.
     seen: u32,
-    /// The count was zeroed as often as asked, as far as the last [`Up`] knows.
+    /// The count was zeroed as often as asked, as far as the last [`SampleReport`] knows.
     zeros: u32,
     zeroed: bool,
     unlocked: bool,
@@ -64,7 +64,7 @@ pub struct Supervisor {
     inputs: Inputs,
     /// The last output.
     record: Record,
-    down: Down,
+    down: GuardCommand,
     memory: Option<MemoryUpdate>,
 }
 
@@ -77,10 +77,10 @@ impl Supervisor {
             sign: SignTest::new(),
             ramp: 0,
             change: None,
-            watch: PushWatch::default(),
+            watch: StuckEncoder::default(),
             speed: SpeedWatch::default(),
             still: false,
-            last: Grant::Off,
+            last: OutputCommand::Off,
             fault: boot,
             causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
             present: FaultSet::EMPTY,
@@ -97,7 +97,7 @@ impl Supervisor {
                 halted: false,
             },
             record: Record::EMPTY,
-            down: Down::start(&plan),
+            down: GuardCommand::start(&plan),
             memory: None,
         }
     }
@@ -105,7 +105,13 @@ impl Supervisor {
     /// The output that answers `up`: `push` (into the wall) minus what the wall gives back, as far
     /// as it may act. `control` is that of the very sample.
     #[inline]
-    pub fn render(&mut self, control: &Control, up: &Up, push: Force, inputs: Inputs) -> Rendered {
+    pub fn render(
+        &mut self,
+        control: &LoopParameters,
+        up: &SampleReport,
+        push: Force,
+        inputs: Inputs,
+    ) -> Rendered {
         let drive = control.render(up.motion, push);
         self.inputs = inputs;
         self.contact = drive.contact;
@@ -115,8 +121,10 @@ impl Supervisor {
         self.look(up, inputs, self.zeros != before);
         let force = self.force(control, up, push, &drive, held);
         let grant = match force {
-            Some(force) => Grant::On(Granted { force, command: control.actuator.command(force) }),
-            None => Grant::Off,
+            Some(force) => {
+                OutputCommand::On(GrantedForce { force, command: control.actuator.command(force) })
+            }
+            None => OutputCommand::Off,
         };
         self.last = grant;
         self.down.rendered = up.motion.number();
@@ -157,13 +165,13 @@ impl Supervisor {
     }
 
     /// Whether the sampling task has switched off by itself.
-    pub fn is_cut(&self, up: &Up) -> bool {
+    pub fn is_cut(&self, up: &SampleReport) -> bool {
         !up.present.is_empty() || up.guard.events != self.down.acknowledged
     }
 
     /// For the sampling task, as the last [`request`](Self::request) left it. Publish it at once
     /// where the request is not to wait for the next output: a stall, a zero.
-    pub fn down(&self) -> Down {
+    pub fn down(&self) -> GuardCommand {
         self.down
     }
 
@@ -219,7 +227,7 @@ impl Supervisor {
     ///
     /// # Errors
     /// In contact, before or after.
-    pub fn may_change(&self, from: &Control, to: &Control) -> Result<(), Refusal> {
+    pub fn may_change(&self, from: &LoopParameters, to: &LoopParameters) -> Result<(), Refusal> {
         let moved = from.wall.surface() != to.wall.surface();
         let same = from.estimator == to.estimator && !moved;
         let inside = moved && to.wall.penetration(self.record.position) > 0;
@@ -258,7 +266,7 @@ impl Supervisor {
         }
         self.state = State::SignTest;
         self.sign = SignTest::new();
-        self.watch = PushWatch::default();
+        self.watch = StuckEncoder::default();
         self.memory = Some(MemoryUpdate::Write(FaultRecord::bare(Fault::ResetWhileArmed)));
         Ok(())
     }
@@ -329,7 +337,7 @@ impl Supervisor {
 
     /// Takes note of a zero that `sample` has carried out. The motion was renamed by it, so the
     /// force of the last output is what a change has to start from.
-    fn follow_zero(&mut self, up: &Up) -> Option<Force> {
+    fn follow_zero(&mut self, up: &SampleReport) -> Option<Force> {
         if up.guard.zeros == self.zeros {
             return None;
         }
@@ -340,7 +348,7 @@ impl Supervisor {
 
     /// Latches every fault that is there.
     #[inline]
-    fn look(&mut self, up: &Up, inputs: Inputs, renamed: bool) {
+    fn look(&mut self, up: &SampleReport, inputs: Inputs, renamed: bool) {
         let on = self.state.is_on();
         let fast = self.speed.too_fast(up.motion.position, renamed, self.plan.moved);
         let outside = FaultSet::EMPTY
@@ -407,8 +415,8 @@ impl Supervisor {
     #[inline]
     fn force(
         &mut self,
-        control: &Control,
-        up: &Up,
+        control: &LoopParameters,
+        up: &SampleReport,
         push: Force,
         drive: &Drive,
         held: Option<Force>,
@@ -447,10 +455,16 @@ impl Supervisor {
         Some(Demand::from_bits(force).saturate().0)
     }
 
-    fn record_of(&self, control: &Control, up: &Up, drive: &Drive, grant: Grant) -> Record {
+    fn record_of(
+        &self,
+        control: &LoopParameters,
+        up: &SampleReport,
+        drive: &Drive,
+        grant: OutputCommand,
+    ) -> Record {
         let (force, command) = match grant {
-            Grant::Off => (Force::ZERO, control.actuator.zero()),
-            Grant::On(granted) => (granted.force, granted.command),
+            OutputCommand::Off => (Force::ZERO, control.actuator.zero()),
+            OutputCommand::On(granted) => (granted.force, granted.command),
         };
         let fading = self.change.as_ref().is_some_and(Change::is_fading);
         Record {
@@ -482,6 +496,6 @@ fn nearest(motion: Motion, number: u32) -> u64 {
     motion.sample.saturating_add_signed(away.into())
 }
 
-fn force_is_on(grant: Grant) -> bool {
-    matches!(grant, Grant::On(_))
+fn force_is_on(grant: OutputCommand) -> bool {
+    matches!(grant, OutputCommand::On(_))
 }

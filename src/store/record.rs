@@ -1,6 +1,6 @@
 //! One settings record as flash words.
 
-use crate::{Settings, WallSettings, crc, experiment::WalkPlan, velocity::EstimatorName};
+use crate::{Settings, WallSettings, crc, experiment::WalkSettings, velocity::EstimatorName};
 
 /// What is kept: everything that a person sets, and what belongs to the device it was set for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Stored {
     /// Force at full command, N: what the calibration found.
     pub full_scale_n: f64,
     /// Grid and caps of the walk.
-    pub grid: WalkPlan,
+    pub grid: WalkSettings,
 }
 
 /// Name of a device, up to 16 bytes, as in the scene and in the envelope.
@@ -184,7 +184,7 @@ impl Stored {
             window_s,
             rms_limit_m,
             full_scale_n,
-            grid: WalkPlan {
+            grid: WalkSettings {
                 stiffness_start_n_per_m: k0,
                 stiffness_step_n_per_m: dk,
                 stiffness_max_n_per_m: k_max,
@@ -226,8 +226,8 @@ pub(super) mod tests {
         }
     }
 
-    pub fn grid([k0, dk, k_max, b0, db, b_max]: [f64; 6]) -> WalkPlan {
-        WalkPlan {
+    pub fn grid([k0, dk, k_max, b0, db, b_max]: [f64; 6]) -> WalkSettings {
+        WalkSettings {
             stiffness_start_n_per_m: k0,
             stiffness_step_n_per_m: dk,
             stiffness_max_n_per_m: k_max,

@@ -5,10 +5,10 @@
 //! (`scenes/BOARD.envelope.csv`, taken in by build.rs).
 
 use zwidth::{
-    Control, Design, HitSettings, Settings, SettingsError, VelocitySettings, WallSettings,
+    Design, HitSettings, LoopParameters, Settings, SettingsError, VelocitySettings, WallSettings,
     experiment::{
-        CalibrationPlan, CalibrationSettings, DutyPlan, DutySettings, ReturnSettings, TrialPlan,
-        WalkPlan,
+        CalibrationPlan, CalibrationSettings, DutyPlan, DutySettings, HitSequencePlan,
+        ReturnSettings, WalkSettings,
     },
     safety::{SafetyPlan, SafetySettings},
     store::{DeviceKey, Signs, Stored},
@@ -81,7 +81,7 @@ pub fn design(full_scale_n: f64) -> Result<Design, SettingsError> {
 ///
 /// # Errors
 /// Names the first that is out of range.
-pub fn constants() -> Result<(Control, SafetyPlan, DutyPlan), SettingsError> {
+pub fn constants() -> Result<(LoopParameters, SafetyPlan, DutyPlan), SettingsError> {
     let safety = SAFETY.build(&DESIGN)?;
     DUTY.build(&DESIGN, 0)?;
     let defaults = defaults();
@@ -93,7 +93,7 @@ pub fn constants() -> Result<(Control, SafetyPlan, DutyPlan), SettingsError> {
 ///
 /// # Errors
 /// Names what is out of range; a start at or behind the wall is.
-pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
+pub fn trial(stored: &Stored, early: bool) -> Result<HitSequencePlan, SettingsError> {
     let design = design(stored.full_scale_n)?;
     let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
     let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
@@ -115,7 +115,7 @@ pub fn trial(stored: &Stored, early: bool) -> Result<TrialPlan, SettingsError> {
         return Err(SettingsError { parameter: "settle_s and window_s together", value, range });
     }
     let duty = duty.build(&design, hit.settle.saturating_add(hit.window))?;
-    Ok(TrialPlan { hit, back, duty, early })
+    Ok(HitSequencePlan { hit, back, duty, early })
 }
 
 /// A calibration at that part of full scale.
@@ -170,7 +170,7 @@ pub fn defaults() -> Stored {
         window_s: PAPER_WINDOW_S * part,
         rms_limit_m: 1.5e-5,
         full_scale_n: DESIGN.full_scale_n,
-        grid: WalkPlan {
+        grid: WalkSettings {
             stiffness_start_n_per_m: 2000.0,
             stiffness_step_n_per_m: 2000.0,
             stiffness_max_n_per_m: 1e7,

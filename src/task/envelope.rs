@@ -2,7 +2,7 @@
 //! `scenes/BOARD.envelope.csv`, which a sweep wrote, as the build script took it in.
 
 use zwidth::{
-    Control, SettingsError,
+    LoopParameters, SettingsError,
     safety::envelope::{Boundary, Envelope, Key, Outside, Point},
     store::Stored,
 };
@@ -18,7 +18,7 @@ include!(concat!(env!("OUT_DIR"), "/envelope.rs"));
 ///
 /// # Errors
 /// Names what is out of range.
-pub fn control(stored: &Stored) -> Result<Control, SettingsError> {
+pub fn control(stored: &Stored) -> Result<LoopParameters, SettingsError> {
     stored.settings.build(&device::design(stored.full_scale_n)?)
 }
 
@@ -53,5 +53,5 @@ pub fn inside(stored: &Stored) -> Result<(), Outside> {
 /// Names what is out of range.
 pub fn order(stored: &Stored) -> Result<Order, SettingsError> {
     let gains = if inside(stored).is_ok() { Gains::Inside } else { Gains::Outside };
-    Ok(Order::Control(control(stored)?, gains))
+    Ok(Order::LoopParameters(control(stored)?, gains))
 }

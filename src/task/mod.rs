@@ -4,12 +4,12 @@
 //!      Due, Guard, positions         Report
 //! sample ───────────────▶ render ───────────────▶ link
 //!        ◀───────────────        ◀───────────────
-//!           Control, Down            Order
+//!           LoopParameters, GuardCommand            Order
 //! ```
 //! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
-//! positions through a [`trail`]. Of all else only the newest counts: `Due` and `Guard` go up
-//! through [`Snapshot`](crate::board::Snapshot), `Control` and `Down` come down through
-//! [`Latest`](crate::board::Latest).
+//! positions through a [`position_ring`](crate::sync::position_ring). Of all else only the newest counts: `Due` and `Guard` go up
+//! through [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` come down through
+//! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
 mod device;
 mod envelope;
@@ -18,7 +18,6 @@ mod link;
 mod order;
 mod render;
 mod sample;
-mod trail;
 
 use core::sync::atomic::AtomicU32;
 
@@ -31,26 +30,28 @@ use sample::Due;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
-    Control, CounterWidth,
-    safety::{Down, Fault, FaultRecord, Guard, GuardedSampler, Supervisor, boot_fault},
+    CounterWidth, LoopParameters,
+    safety::{Fault, FaultRecord, Guard, GuardCommand, GuardedSampler, Supervisor, boot_fault},
     store::Source,
 };
 
-use crate::board::{
-    Board, Latest, Snapshot, {self},
-};
+use crate::board::{self, Board};
+use crate::sync::{DoubleBuffer, Seqlock, position_ring};
 
 /// One more than the outputs that may wait for `link`: at 1 kHz 15 ms.
 const REPORTS: usize = 16;
 /// One more than the orders that may wait for `render`: they come one at a time.
 const ORDERS: usize = 2;
 
+// `render` follows the positions of a whole output period.
+const _: () = assert!((device::PERIOD as usize) < position_ring::LENGTH / 2);
+
 /// Memory of what goes between the tasks.
 pub struct Queues {
-    due: Snapshot<Due>,
-    guard: Snapshot<Guard>,
-    control: Latest<Control>,
-    down: Latest<Down>,
+    due: Seqlock<Due>,
+    guard: Seqlock<Guard>,
+    control: DoubleBuffer<LoopParameters>,
+    down: DoubleBuffer<GuardCommand>,
     reports: Queue<Report, REPORTS>,
     orders: Queue<Order, ORDERS>,
 }
@@ -59,10 +60,10 @@ impl Queues {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            due: Snapshot::new(Due::BEFORE),
-            guard: Snapshot::new(Guard::NOTHING),
-            control: Latest::new(),
-            down: Latest::new(),
+            due: Seqlock::new(Due::BEFORE),
+            guard: Seqlock::new(Guard::NOTHING),
+            control: DoubleBuffer::new(),
+            down: DoubleBuffer::new(),
             reports: Queue::new(),
             orders: Queue::new(),
         }
@@ -71,7 +72,7 @@ impl Queues {
 
 /// What the watchdog has to know.
 struct Flags {
-    /// [`Down::rendered`].
+    /// [`GuardCommand::rendered`].
     rendered: AtomicU32,
     /// Passes of `link`.
     links: AtomicU32,
@@ -112,9 +113,9 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = queues.control.split(control);
-    let (down_in, down_out) = queues.down.split(Down::start(&plan));
+    let (down_in, down_out) = queues.down.split(GuardCommand::start(&plan));
     board::turn_encoder(stored.signs.encoder_reversed);
-    let Board { drive, pace, encoder, stop, supply, halts, memory, .. } = board;
+    let Board { drive, sample_timer, encoder, stop, supply, halts, memory, .. } = board;
     let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
     let outputs = render::Outputs { drive, stop, supply, halts, memory };
     let ends = render::Ends {
@@ -126,7 +127,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         reports: reports_in,
     };
     (
-        Sample::new(encoder, pace, sampler, control_out, down_out, due_in, guard_in),
+        Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
         Idle::new(board.watchdog),

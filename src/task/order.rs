@@ -1,9 +1,11 @@
 //! What `link` asks of `render`, and what `render` tells `link`.
 
 use zwidth::{
-    Control,
+    LoopParameters,
     console::Activity,
-    experiment::{Broken, CalibrationEnd, CalibrationPlan, Scatter, TrialPlan, Verdict},
+    experiment::{
+        AbortReason, CalibrationEnd, CalibrationPlan, HitSequencePlan, RunningVariance, Verdict,
+    },
     safety::{Refusal, Request, Status},
     store::Signs,
     telemetry::Record,
@@ -19,9 +21,9 @@ pub enum Order {
     /// For the supervisor.
     Request(Request),
     /// New settings, and whether their gains are inside the envelope or need it unlocked.
-    Control(Control, Gains),
+    LoopParameters(LoopParameters, Gains),
     /// Run a wall hit.
-    Hit(TrialPlan),
+    Hit(HitSequencePlan),
     /// Hold a constant force, or go on with another one.
     Calibrate(CalibrationPlan),
     /// Turn motor and encoder.
@@ -49,9 +51,9 @@ pub enum Event {
     /// An order was met or refused.
     Answer(Result<(), Refusal>),
     /// A hit is over: its verdict, and the window it was judged by.
-    HitOver(Verdict, Scatter),
+    HitOver(Verdict, RunningVariance),
     /// A hit ended without a verdict.
-    HitBroken(Broken),
+    HitAborted(AbortReason),
     /// The force of a calibration is complete.
     CalibrationHolds,
     /// A calibration is over.

@@ -4,11 +4,12 @@ use core::sync::atomic::Ordering::Relaxed;
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
-    Control,
+    LoopParameters,
     console::Activity,
-    experiment::{Broken, Calibration, CalibrationEnd, Duty, DutyPlan, Trial},
+    experiment::{AbortReason, Calibration, CalibrationEnd, Duty, DutyPlan, HitSequence},
     safety::{
-        BlackBox, Down, Grant, Guard, Inputs, MemoryUpdate, Refusal, Request, State, Supervisor, Up,
+        BlackBox, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand, Refusal, Request,
+        SampleReport, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -20,11 +21,9 @@ use super::{
     device::PERIOD,
     order::{Event, Gains, Order, Report},
     sample::Due,
-    trail::Follower,
 };
-use crate::board::{
-    Drive, EmergencyStop, FaultMemory, Halts, Publisher, Reading, Supply, {self},
-};
+use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Supply};
+use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
 /// Records of the black box: half a second at 1 kHz.
 const HISTORY: usize = 500;
@@ -46,13 +45,13 @@ pub struct Outputs {
 /// Its ends of the queues.
 pub struct Ends {
     /// From `sample`, one per output.
-    pub due: Reading<Due>,
+    pub due: SeqlockReader<Due>,
     /// From `sample`: what the guard found, when it has changed.
-    pub guard: Reading<Guard>,
+    pub guard: SeqlockReader<Guard>,
     /// To `sample`.
-    pub control: Publisher<Control>,
+    pub control: DoubleBufferWriter<LoopParameters>,
     /// To `sample`, with every output.
-    pub down: Publisher<Down>,
+    pub down: DoubleBufferWriter<GuardCommand>,
     /// From `link`.
     pub orders: Consumer<'static, Order, ORDERS>,
     /// To `link`.
@@ -63,7 +62,7 @@ pub struct Ends {
 #[expect(clippy::large_enum_variant, reason = "there is one, in its place, and no heap")]
 enum Experiment {
     None,
-    Hit(Trial),
+    Hit(HitSequence),
     Calibration(Calibration),
 }
 
@@ -79,7 +78,7 @@ pub struct Render {
     zeros: u32,
     /// The positions of all samples.
     positions: Follower,
-    control: Control,
+    control: LoopParameters,
     gains: Gains,
     /// Counts up with every change of the settings.
     settings: u16,
@@ -104,7 +103,7 @@ impl Render {
         outputs: Outputs,
         ends: Ends,
         supervisor: Supervisor,
-        control: Control,
+        control: LoopParameters,
         signs: Signs,
         duty_plan: DutyPlan,
     ) -> Self {
@@ -173,7 +172,7 @@ impl Render {
     }
 
     /// What the board says at this output.
-    fn inputs(&mut self, up: &Up) -> Inputs {
+    fn inputs(&mut self, up: &SampleReport) -> Inputs {
         let cut = self.supervisor.is_cut(up);
         let halted = self.outputs.halts.since_the_last(up.motion.sample, PERIOD);
         // A stop that is over before the next look is one all the same. A halt may set the same flag.
@@ -191,13 +190,13 @@ impl Render {
         }
     }
 
-    fn put_out(&mut self, grant: Grant) {
+    fn put_out(&mut self, grant: OutputCommand) {
         match grant {
-            Grant::Off => {
+            OutputCommand::Off => {
                 board::off();
                 self.was_on = false;
             }
-            Grant::On(granted) => {
+            OutputCommand::On(granted) => {
                 if !self.was_on {
                     self.outputs.drive.on();
                     self.was_on = true;
@@ -219,7 +218,7 @@ impl Render {
                     self.push = push;
                     return;
                 }
-                Err(broken) => Event::HitBroken(broken),
+                Err(broken) => Event::HitAborted(broken),
             },
             Experiment::Calibration(calibration) => match calibration.output(position, contact) {
                 Ok(push) => {
@@ -249,10 +248,10 @@ impl Render {
     }
 
     /// Feeds the samples since the last output to the experiment.
-    fn observe(&mut self, grant: Grant) {
-        let on = matches!(grant, Grant::On(_));
+    fn observe(&mut self, grant: OutputCommand) {
+        let on = matches!(grant, OutputCommand::On(_));
         match self.experiment {
-            Experiment::Hit(_) if !on => self.end(Event::HitBroken(Broken::Off)),
+            Experiment::Hit(_) if !on => self.end(Event::HitAborted(AbortReason::Off)),
             Experiment::Calibration(_) if !on => {
                 self.end(Event::CalibrationOver(CalibrationEnd::Off));
             }
@@ -292,7 +291,7 @@ impl Render {
                 }
                 result
             }
-            Order::Control(control, gains) => {
+            Order::LoopParameters(control, gains) => {
                 self.supervisor.may_change(&self.control, &control)?;
                 self.ends.control.publish(control); // from the next sample on, whole
                 if control.estimator != self.control.estimator {
@@ -310,7 +309,7 @@ impl Render {
                 Err(Refusal::NotArmed)
             }
             Order::Hit(plan) => {
-                self.experiment = Experiment::Hit(Trial::new(plan));
+                self.experiment = Experiment::Hit(HitSequence::new(plan));
                 Ok(())
             }
             Order::Calibrate(plan) => {

@@ -1,15 +1,13 @@
 //! `sample`: 10 kHz, priority 15, interrupt of the sampling timer.
 
 use zwidth::{
-    Control, Motion,
-    safety::{Down, FaultSet, Guard, GuardedSampler, Up},
+    LoopParameters, Motion,
+    safety::{FaultSet, Guard, GuardCommand, GuardedSampler, SampleReport},
     units::{Position, Velocity},
 };
 
-use super::trail;
-use crate::board::{
-    Encoder, Newest, Pace, Writing, {self},
-};
+use crate::board::{self, Encoder, SampleTimer};
+use crate::sync::{DoubleBufferReader, SeqlockWriter, position_ring};
 
 /// What `render` needs of a due sample.
 #[derive(Clone, Copy)]
@@ -30,34 +28,34 @@ impl Due {
     };
 
     /// To be answered, together with what the guard found.
-    pub fn up(self, guard: Guard) -> Up {
+    pub fn up(self, guard: Guard) -> SampleReport {
         let Self { sample, position, velocity, present } = self;
-        Up { motion: Motion { sample, position, velocity, due: true }, present, guard }
+        SampleReport { motion: Motion { sample, position, velocity, due: true }, present, guard }
     }
 }
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
     encoder: Encoder,
-    pace: Pace,
+    sample_timer: SampleTimer,
     sampler: GuardedSampler,
-    control: Newest<Control>,
-    down: Newest<Down>,
-    due: Writing<Due>,
-    guard: Writing<Guard>,
+    control: DoubleBufferReader<LoopParameters>,
+    down: DoubleBufferReader<GuardCommand>,
+    due: SeqlockWriter<Due>,
+    guard: SeqlockWriter<Guard>,
 }
 
 impl Sample {
     pub(super) fn new(
         encoder: Encoder,
-        pace: Pace,
+        sample_timer: SampleTimer,
         sampler: GuardedSampler,
-        control: Newest<Control>,
-        down: Newest<Down>,
-        due: Writing<Due>,
-        guard: Writing<Guard>,
+        control: DoubleBufferReader<LoopParameters>,
+        down: DoubleBufferReader<GuardCommand>,
+        due: SeqlockWriter<Due>,
+        guard: SeqlockWriter<Guard>,
     ) -> Self {
-        Self { encoder, pace, sampler, control, down, due, guard }
+        Self { encoder, sample_timer, sampler, control, down, due, guard }
     }
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
@@ -68,7 +66,7 @@ impl Sample {
     #[inline(always)]
     pub fn run(&mut self) {
         let (count, senses) = self.encoder.sense();
-        self.pace.acknowledge();
+        self.sample_timer.acknowledge();
         let guard = self.guard.place();
         let step = self.sampler.step(self.control.get(), count, &senses, self.down.get(), guard);
         let Motion { sample, position, velocity, due } = step.motion;
@@ -79,7 +77,7 @@ impl Sample {
         if step.cut {
             board::off();
         }
-        trail::note(sample, position);
+        position_ring::note(sample, position);
         if due {
             self.due.write(Due { sample, position, velocity, present: step.present }, number);
             super::pend_render();

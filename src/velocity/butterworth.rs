@@ -60,7 +60,7 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
 
 /// Coefficients in floating point, normalised to `a0 = 1`; `b1 = 2 b0`, `b2 = b0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Design {
+pub struct ButterworthDesign {
     /// Gain of the numerator `b0 (1 + z^-1)^2`.
     pub b0: f64,
     /// Denominator `1 + a1 z^-1 + a2 z^-2`.
@@ -70,7 +70,7 @@ pub struct Design {
     cutoff_per_rate: f64,
 }
 
-impl Design {
+impl ButterworthDesign {
     /// The filter of equation (2) for that cutoff and sample rate, both in Hz.
     ///
     /// # Errors

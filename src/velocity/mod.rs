@@ -33,7 +33,9 @@ mod time_stamps;
 mod tracking;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
-pub use butterworth::{CUTOFF_MAX, CUTOFF_MIN, Design, FirstOrder, PREWARPED_MAX, true_cutoff_hz};
+pub use butterworth::{
+    ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, true_cutoff_hz,
+};
 #[cfg(feature = "time-stamps")]
 pub use edge_timer::Captures;
 #[cfg(feature = "time-stamps")]

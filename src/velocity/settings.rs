@@ -17,10 +17,8 @@ use super::SPAN_MAX;
 use super::TimeStamps;
 #[cfg(feature = "tracking-loop")]
 use super::TrackingLoop;
-use super::{Design, Estimator, FirstOrder};
-use crate::settings::{
-    SettingsError, {self},
-};
+use super::{ButterworthDesign, Estimator, FirstOrder};
+use crate::settings::{self, SettingsError};
 
 /// Which estimator, and its parameters in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,7 +122,7 @@ impl VelocitySettings {
         let rate_hz = design.rate_hz;
         Ok(match *self {
             Self::Butterworth { cutoff_hz, prewarp } => {
-                Estimator::LowPass(Design::new(cutoff_hz, rate_hz, prewarp)?.quantise())
+                Estimator::LowPass(ButterworthDesign::new(cutoff_hz, rate_hz, prewarp)?.quantise())
             }
             Self::FirstOrder { cutoff_hz, prewarp } => {
                 Estimator::LowPass(FirstOrder::new(cutoff_hz, rate_hz, prewarp)?.quantise())

@@ -3,7 +3,7 @@
 
 use host_sim::{
     scene::NamedScene,
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 use virtual_board::{
     board::{BOARDS, Board},
@@ -12,7 +12,7 @@ use virtual_board::{
     world::World,
 };
 use zwidth::{
-    Control, Settings, VelocitySettings, WallSettings,
+    LoopParameters, Settings, VelocitySettings, WallSettings,
     telemetry::{Decoder, Record},
     velocity::{EstimatorName, Senses},
 };
@@ -39,7 +39,7 @@ fn settings(velocity: VelocitySettings) -> Settings {
 }
 
 /// Booted, the handle led, `time-stamps` chosen; and the settings in the order in which they were taken.
-fn chosen(firmware: &Firmware) -> (World<'_>, Vec<Control>) {
+fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let mut world = firmware.boot_with_edge_times();
     world.lead(0.0);
     ok(&mut world, "estimator time-stamps");
@@ -239,7 +239,7 @@ fn hits_end_as_in_the_simulator() {
         text = text.replace(from, to);
     }
     let scene = NamedScene::parse("stamps".to_owned(), text, "test").unwrap();
-    let rig = Rig::new(&scene.scene).unwrap();
+    let rig = PreparedScene::new(&scene.scene).unwrap();
     let session = Session { board, scene, elf, table };
     for (k, b, stable) in
         [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]

@@ -6,7 +6,7 @@ use virtual_board::{
     mcu::{Cycles, SAMPLE},
 };
 use zwidth::{
-    Control, Design, Settings, VelocitySettings, WallSettings,
+    Design, LoopParameters, Settings, VelocitySettings, WallSettings,
     telemetry::{Decoder, Record},
     units::Force,
     velocity::{Edge, EstimatorName, Sense, Senses},
@@ -99,7 +99,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
         let frames = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
         let records: Vec<Record> = frames.map(|frame| frame.record).collect();
         assert_eq!(decoder.dropped, 0);
-        let taken: Vec<Control> =
+        let taken: Vec<LoopParameters> =
             settings.iter().map(|settings| settings.build(&design).unwrap()).collect();
         let edges = if captured {
             edges::latest(board, &world.powered.mcu.take_edge_notes(), 0, false).0
@@ -119,7 +119,12 @@ fn every_estimator_runs_on_the_board_and_is_the_cores() {
 
 /// Replays the counts, and the edges of a board that has their times, on the core with the settings of
 /// each record, and the force that the record before it says; how many velocities were equal.
-fn compare(readings: &[u32], edges: &[Option<Edge>], records: &[Record], taken: &[Control]) -> u64 {
+fn compare(
+    readings: &[u32],
+    edges: &[Option<Edge>],
+    records: &[Record],
+    taken: &[LoopParameters],
+) -> u64 {
     let [first, readings @ ..] = readings else { panic!("no counts") };
     let mut replay = Replay::new(*first, taken);
     let mut records = records.iter().peekable();

@@ -11,7 +11,7 @@ use host_sim::scene::{NamedScene, Scene};
 use object::{Object as _, ObjectSection as _};
 use virtual_board::{board::Board, elf::Elf, image, log, world::World};
 use zwidth::{
-    Control, CounterWidth, Motion, Sampler,
+    CounterWidth, LoopParameters, Motion, Sampler,
     telemetry::{Flags, Record},
     velocity::Senses,
 };
@@ -92,14 +92,14 @@ impl Firmware {
 pub struct Replay<'a> {
     sampler: Sampler,
     /// Settings in the order in which the firmware took them.
-    controls: &'a [Control],
+    controls: &'a [LoopParameters],
     number: u16,
     zeroed: bool,
 }
 
 impl<'a> Replay<'a> {
     /// From the first reading of the counter on.
-    pub fn new(first: u32, controls: &'a [Control]) -> Self {
+    pub fn new(first: u32, controls: &'a [LoopParameters]) -> Self {
         let sampler = Sampler::new(first, CounterWidth::Bits32);
         Self { sampler, controls, number: 0, zeroed: false }
     }
@@ -113,7 +113,7 @@ impl<'a> Replay<'a> {
         reading: u32,
         next: Option<&Record>,
         senses: &Senses,
-    ) -> (&'a Control, Motion) {
+    ) -> (&'a LoopParameters, Motion) {
         let old = self.controls[usize::from(self.number)].estimator;
         let mut zero = false;
         if n % 10 == 1

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use host_sim::{
     scene::{NamedScene, Scene},
-    simulation::prepared::{Numeric, Rig},
+    simulation::prepared::{Numeric, PreparedScene},
     study::{sweep::start_offset_counts, walk},
 };
 use virtual_board::{
@@ -37,7 +37,7 @@ fn session(board: Board, edit: impl Fn(&mut Scene)) -> Session {
 /// The walk on the virtual board, held against the simulator's.
 fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
     let session = session(board, edit);
-    let rig = Rig::new(&session.scene.scene).unwrap();
+    let rig = PreparedScene::new(&session.scene.scene).unwrap();
     let stop = AtomicBool::new(false);
     let simulated = (0..REPEATS).map(|repeat| {
         let offset = start_offset_counts(repeat, REPEATS);

@@ -8,7 +8,7 @@ use host_sim::{
     simulation::{
         Sample, Simulation,
         controller::Controller,
-        prepared::{Numeric, Rig, WallHit},
+        prepared::{Numeric, PreparedScene, WallHit},
         twin,
     },
 };
@@ -62,7 +62,7 @@ fn growth(numeric: Numeric, rate_hz: f64, stiffness_n_per_m: f64) -> f64 {
         rms_m(&mut simulation, 4 * second);
         rms_m(&mut simulation, second) / early
     }
-    let rig = Rig::new(&linear_scene(rate_hz, stiffness_n_per_m)).unwrap();
+    let rig = PreparedScene::new(&linear_scene(rate_hz, stiffness_n_per_m)).unwrap();
     let hit = hit(0.1 * rate_hz, stiffness_n_per_m, 0.0);
     let second = rate_hz as u32;
     match numeric {
@@ -115,7 +115,7 @@ fn a_fractional_latency_is_exact() {
     for latency in [0.3, 10.3, 7.75] {
         let mut scene = paper();
         scene.actuator.latency = latency;
-        let rig = Rig::new(&scene).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
         let mut simulation = rig.fixed(&hit(500.0, 4000.0, 30.0)).unwrap();
         let sample_s = 1.0 / scene.control.rate_hz;
         let whole = latency.floor() as usize;
@@ -142,7 +142,7 @@ fn a_fractional_latency_is_exact() {
 #[test]
 fn scaling_forces_or_lengths_by_a_power_of_two_changes_no_bit() {
     fn run(scene: &Scene, hit: &WallHit) -> Vec<Sample> {
-        let mut simulation = Rig::new(scene).unwrap().fixed(hit).unwrap();
+        let mut simulation = PreparedScene::new(scene).unwrap().fixed(hit).unwrap();
         (0..30_000).map(|_| simulation.step()).collect()
     }
     let scene = paper();
@@ -182,7 +182,8 @@ fn commands_take_effect_after_their_latency_and_nothing_acts_before_the_first() 
     for (latency, first_effect) in [(0.0, 0), (10.0, 10), (3.0, 3), (25.0, 25)] {
         let mut scene = paper();
         scene.actuator.latency = latency;
-        let mut simulation = Rig::new(&scene).unwrap().fixed(&hit(500.0, 2000.0, 10.0)).unwrap();
+        let mut simulation =
+            PreparedScene::new(&scene).unwrap().fixed(&hit(500.0, 2000.0, 10.0)).unwrap();
         for n in 0..100 {
             let acting_n = simulation.step().output_n;
             assert_eq!(acting_n != 0.0, n >= first_effect, "latency {latency}, sample {n}");
@@ -196,7 +197,7 @@ fn quantised_outputs_come_near_the_ideal_one_as_their_resolution_grows() {
     let run = |output| {
         let mut scene = paper();
         scene.output = output;
-        let rig = Rig::new(&scene).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
         let wall = hit(500.0, 4000.0, 30.0);
         let fixed = rig.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
         let twin = rig.hit(Numeric::F64, &wall, |_| ()).unwrap();
@@ -226,7 +227,7 @@ fn core_and_twin_agree_on_every_force_while_they_see_the_same_counts() {
             let mut scene = paper();
             scene.output = output;
             scene.wall.push_only = false;
-            let rig = Rig::new(&scene).unwrap();
+            let rig = PreparedScene::new(&scene).unwrap();
             let wall = hit(1500.0, 8000.0, damping);
             let mut core = rig.fixed(&wall).unwrap();
             let mut twin = rig.twin(&wall, twin::Rounding::Exact).unwrap();

@@ -5,7 +5,7 @@ use host_sim::scene::NamedScene;
 use zwidth::{
     Design, HitSettings, Output, Settings, VelocitySettings, WallSettings,
     console::parse,
-    experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkPlan},
+    experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
     safety::SafetySettings,
     velocity::EstimatorName,
 };
@@ -165,7 +165,7 @@ fn every_number_of_the_core_is_refused() {
         hold_s: 30.0,
         travel_m: 1e-3,
     };
-    let walk = WalkPlan {
+    let walk = WalkSettings {
         stiffness_start_n_per_m: 2000.0,
         stiffness_step_n_per_m: 2000.0,
         stiffness_max_n_per_m: 1e7,
@@ -251,12 +251,12 @@ fn every_number_of_the_core_is_refused() {
             assert!(calibration.build(&DESIGN).is_err(), "{calibration:?}");
         }
         for walk in [
-            WalkPlan { stiffness_start_n_per_m: bad, ..walk },
-            WalkPlan { stiffness_step_n_per_m: bad, ..walk },
-            WalkPlan { stiffness_max_n_per_m: bad, ..walk },
-            WalkPlan { damping_start_n_s_per_m: bad, ..walk },
-            WalkPlan { damping_step_n_s_per_m: bad, ..walk },
-            WalkPlan { damping_max_n_s_per_m: bad, ..walk },
+            WalkSettings { stiffness_start_n_per_m: bad, ..walk },
+            WalkSettings { stiffness_step_n_per_m: bad, ..walk },
+            WalkSettings { stiffness_max_n_per_m: bad, ..walk },
+            WalkSettings { damping_start_n_s_per_m: bad, ..walk },
+            WalkSettings { damping_step_n_s_per_m: bad, ..walk },
+            WalkSettings { damping_max_n_s_per_m: bad, ..walk },
         ] {
             assert!(walk.check().is_err(), "{walk:?}");
         }

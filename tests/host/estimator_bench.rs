@@ -325,7 +325,7 @@ pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i6
 pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     use host_sim::{
         scene::NamedScene,
-        simulation::prepared::{Numeric, Rig, WallHit},
+        simulation::prepared::{Numeric, PreparedScene, WallHit},
     };
     let built_in = host_sim::scene::BUILT_IN[0].1;
     let usual = "estimator = \"butterworth\"\nprewarp = false";
@@ -334,7 +334,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     let list = built_in.lines().find(|line| line.starts_with("cutoffs_hz")).unwrap();
     let text = built_in.replace(usual, velocity).replace(list, "cutoffs_hz = [100, 300, 1000]");
     let scene = NamedScene::parse("x".into(), text + table, "x").unwrap().scene;
-    let rig = Rig::new(&scene).unwrap();
+    let rig = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
         cutoff_hz,
         stiffness_n_per_m: 10_000.0,

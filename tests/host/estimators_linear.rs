@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use proptest::prelude::*;
 use zwidth::{
     VelocitySettings,
-    velocity::{Design, EstimatorName, FirDesign},
+    velocity::{ButterworthDesign, EstimatorName, FirDesign},
 };
 
 use crate::estimator_bench::{
@@ -176,7 +176,7 @@ fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
         // a1 is rounded to 2^-30 and a2 to half of that, which counts for more the smaller their sum
         // 1 + a1 + a2 = 4 b0 is
         VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-            let b0 = Design::new(cutoff_hz, DESIGN.rate_hz, prewarp).unwrap().b0;
+            let b0 = ButterworthDesign::new(cutoff_hz, DESIGN.rate_hz, prewarp).unwrap().b0;
             1.5 + fastest * 3.0 * 2f64.powi(-31) / (4.0 * b0)
         }
         _ => 1.5,

@@ -2,12 +2,13 @@
 //! profile, so an addition that wraps fails the test.
 
 use host_sim::{
-    scene::{Accelerometer, NamedScene, Scene, Velocity as Estimator},
-    simulation::prepared::{HitError, HitReport, Numeric, Rig, WallHit},
+    scene::{Accelerometer, EstimatorChoice as Estimator, NamedScene, Scene},
+    simulation::prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
 };
 use proptest::{prelude::*, test_runner::TestRunner};
 use zwidth::{
-    Control, CounterWidth, Design, Gain, Output, Sampler, Settings, VelocitySettings, WallSettings,
+    CounterWidth, Design, Gain, LoopParameters, Output, Sampler, Settings, VelocitySettings,
+    WallSettings,
     experiment::Verdict,
     units::{Force, Position, Velocity},
     velocity::{CUTOFF_MAX, CUTOFF_MIN},
@@ -23,7 +24,7 @@ fn wall(cutoff_hz: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallH
 
 /// A hit with core and twin, every number of which must be finite.
 fn hit(scene: &Scene, wall: &WallHit) -> [Result<HitReport, HitError>; 2] {
-    let rig = Rig::new(scene).unwrap();
+    let rig = PreparedScene::new(scene).unwrap();
     [Numeric::Fixed, Numeric::F64].map(|numeric| {
         let report = rig.hit(numeric, wall, |sample| {
             assert!(sample.position_m.is_finite() && sample.output_n.is_finite());
@@ -35,7 +36,7 @@ fn hit(scene: &Scene, wall: &WallHit) -> [Result<HitReport, HitError>; 2] {
     })
 }
 
-fn build(design: &Design, cutoff_hz: f64, stiffness: f64, damping: f64) -> Control {
+fn build(design: &Design, cutoff_hz: f64, stiffness: f64, damping: f64) -> LoopParameters {
     let settings = Settings {
         velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp: false },
         wall: WallSettings {

@@ -176,7 +176,7 @@ fn the_measured_frequency_response_is_the_theoretical_one() {
     println!("worst error of the gain: {worst:.2e}");
 }
 
-fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::Control {
+fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
     let design = Design {
         rate_hz,
         resolution_m: 1e-6,

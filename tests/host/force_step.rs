@@ -14,11 +14,11 @@ use proptest::{
     test_runner::{RngAlgorithm, TestRng, TestRunner},
 };
 use zwidth::{
-    Control, CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
+    CounterWidth, Design, LoopParameters, Sampler, Settings, VelocitySettings, WallSettings,
     console::{Activity, Command, Situation, allowed},
     safety::{
-        Down, Guard, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings, State,
-        Supervisor, Up,
+        Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings,
+        SampleReport, State, Supervisor,
     },
     telemetry::Flags,
     units::Force,
@@ -45,11 +45,11 @@ enum Ask {
 struct Loop {
     design: Design,
     settings: Settings,
-    control: Control,
+    control: LoopParameters,
     sampler: GuardedSampler,
     guard: Guard,
     supervisor: Supervisor,
-    down: Down,
+    down: GuardCommand,
     push: Force,
     plant: PlantStep,
     state: PlantState,
@@ -91,7 +91,7 @@ impl Loop {
             sampler: GuardedSampler::new(counter, CounterWidth::Bits32),
             supervisor: Supervisor::new(plan, None),
             guard: Guard::NOTHING,
-            down: Down::start(&plan),
+            down: GuardCommand::start(&plan),
             push: Force::ZERO,
             state: plant.at_rest(rest_m),
             plant,
@@ -117,7 +117,7 @@ impl Loop {
     fn control(&mut self, counter: u32) -> Option<Rendered> {
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
-        let up = Up { motion: step.motion, present: step.present, guard: self.guard };
+        let up = SampleReport { motion: step.motion, present: step.present, guard: self.guard };
         step.motion.due.then(|| {
             let rendered = self.supervisor.render(&self.control, &up, self.push, GOOD);
             self.down = rendered.down;
@@ -383,7 +383,7 @@ fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
                     exchanged.restart();
                 }
                 let control = &controls[usize::from(n >= WARM_UP)];
-                let off = |sampler: &mut Sampler, control: &Control| {
+                let off = |sampler: &mut Sampler, control: &LoopParameters| {
                     let velocity = sampler.sample(control, count(n)).velocity;
                     (f64::from(velocity.bits()) / 65_536.0 - truly(f64::from(n))).abs()
                 };

@@ -4,7 +4,7 @@ use std::sync::{OnceLock, atomic::AtomicBool};
 
 use host_sim::{
     scene::NamedScene,
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         sweep::{Plan, SweepResult, sweep},
         walk::{Boundary, BoundaryPoint},
@@ -16,8 +16,8 @@ const CELL: f64 = 2000.0 * 10.0;
 const SCENES: [&str; 2] = ["paper-1um", "paper-2um"];
 const REPEATS: u32 = 4;
 
-fn rig(scene: &str) -> Rig {
-    Rig::new(&NamedScene::load(scene).unwrap().scene).unwrap()
+fn rig(scene: &str) -> PreparedScene {
+    PreparedScene::new(&NamedScene::load(scene).unwrap().scene).unwrap()
 }
 
 /// The default sweep of both scenes; made once.
@@ -124,7 +124,12 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
 
 /// Whether the exact twin itself gives both verdicts at this wall when the start is moved by up to
 /// 0.015 count, in steps of 0.0001.
-fn is_chaotic(rig: &Rig, cutoff_hz: f64, start_offset_counts: f64, wall: BoundaryPoint) -> bool {
+fn is_chaotic(
+    rig: &PreparedScene,
+    cutoff_hz: f64,
+    start_offset_counts: f64,
+    wall: BoundaryPoint,
+) -> bool {
     let verdict = |n: i32| {
         let hit = WallHit {
             cutoff_hz,

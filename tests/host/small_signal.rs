@@ -9,7 +9,7 @@ use host_sim::{
     simulation::{
         Simulation,
         controller::Fixed,
-        prepared::{Rig, WallHit},
+        prepared::{PreparedScene, WallHit},
     },
 };
 use rayon::prelude::*;
@@ -41,7 +41,7 @@ fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m
     let chunk = scene.control.rate_hz as u32 / CHUNKS_PER_SECOND;
     let wall =
         WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 };
-    let mut simulation = Rig::new(&scene).unwrap().fixed(&wall).unwrap();
+    let mut simulation = PreparedScene::new(&scene).unwrap().fixed(&wall).unwrap();
     let mut sizes_m = vec![];
     for _ in 0..6 * CHUNKS_PER_SECOND {
         let size_m = size_m(&mut simulation, chunk);

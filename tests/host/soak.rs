@@ -4,12 +4,12 @@ use std::ops::ControlFlow;
 
 use host_sim::{
     scene::NamedScene,
-    simulation::prepared::{Rig, WallHit},
+    simulation::prepared::{PreparedScene, WallHit},
 };
 use zwidth::{
-    experiment::Scatter,
+    experiment::RunningVariance,
     units::{Position, Velocity},
-    velocity::{BiquadState, Design},
+    velocity::{BiquadState, ButterworthDesign},
 };
 
 const RATE_HZ: f64 = 5e4;
@@ -24,7 +24,7 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     scene.control.rate_hz = RATE_HZ;
     scene.sweep.cutoffs_hz = vec![1500.0];
     // One hit that never ends: the loop goes on, what it does is looked at from outside.
-    let rig = Rig::new(&scene).unwrap();
+    let rig = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
         cutoff_hz: 1500.0,
         stiffness_n_per_m: 20_000.0,
@@ -35,7 +35,7 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     let mut hours = vec![];
     let mut number = 0;
     for _ in 0..HOURS {
-        let mut scatter = Scatter::default();
+        let mut scatter = RunningVariance::default();
         let ended = simulation.run(HOUR as u32, |sample| {
             number = sample.index;
             // The last ten seconds of each hour.
@@ -63,7 +63,7 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
 #[test]
 #[ignore = "a minute; CI runs it"]
 fn a_day_at_constant_speed_the_velocitys_sum_is_the_way_to_one_count() {
-    let filter = Design::new(300.0, RATE_HZ, false).unwrap().quantise();
+    let filter = ButterworthDesign::new(300.0, RATE_HZ, false).unwrap().quantise();
     let mut state = BiquadState::default();
     // Counts of a speed that is no whole number of them per sample: 0.3141592653.
     let (mut phase, mut way, mut sum) = (0u32, 0i64, 0i64);

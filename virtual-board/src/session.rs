@@ -45,7 +45,7 @@ impl From<String> for Failed {
 
 /// A hit as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HitReport {
+pub struct BoardHit {
     /// The firmware's line.
     pub line: String,
     /// `stable`, `unstable` or `no_contact`.
@@ -56,7 +56,7 @@ pub struct HitReport {
     pub mean_m: f64,
 }
 
-impl HitReport {
+impl BoardHit {
     /// # Errors
     /// The line is an error, or no result of a hit.
     fn read(line: String) -> Result<Self, Failed> {
@@ -141,7 +141,7 @@ impl Session {
     ///
     /// # Errors
     /// The firmware refused a value, its hit ended without a verdict, or its program ended.
-    pub fn hit(&self, [cutoff_hz, k, b]: [f64; 3]) -> Result<(HitReport, World<'_>), Failed> {
+    pub fn hit(&self, [cutoff_hz, k, b]: [f64; 3]) -> Result<(BoardHit, World<'_>), Failed> {
         let mut world = self.ready(cutoff_hz)?;
         for line in [format!("k {k}"), format!("b {b}"), "arm".to_owned()] {
             ask(&mut world, &line)?;
@@ -149,7 +149,7 @@ impl Session {
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "hit")?;
         let line = world.reply(LINE_SAMPLES)?;
-        Ok((HitReport::read(line)?, world))
+        Ok((BoardHit::read(line)?, world))
     }
 
     /// The boundary walk over the scene's grid; `each` sees every line of it.

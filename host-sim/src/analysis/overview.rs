@@ -10,13 +10,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::{
-    analysis::linear::{
-        LinearError,
-        passivity::Passivity,
-        {self},
-    },
+    analysis::linear::{self, LinearError, passivity::Passivity},
     error::Error,
-    simulation::prepared::{HitReport, Numeric, Rig, WallHit},
+    simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
     study::walk::{BoundaryPoint, walk},
 };
 
@@ -49,7 +45,7 @@ impl Explained {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn explain(
-    rig: &Rig,
+    rig: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
     envelope: &linear::Boundary,
@@ -125,16 +121,21 @@ mod tests {
         of.latency_samples = scene.actuator.latency;
         let envelope = linear::Boundary::new(&of).unwrap();
         let stop = AtomicBool::new(false);
-        let explained =
-            explain(&Rig::new(&scene).unwrap(), Numeric::Fixed, cutoff_hz, &envelope, &stop)
-                .unwrap();
+        let explained = explain(
+            &PreparedScene::new(&scene).unwrap(),
+            Numeric::Fixed,
+            cutoff_hz,
+            &envelope,
+            &stop,
+        )
+        .unwrap();
         let above: Vec<&Explained> = explained.iter().filter(|e| e.is_unstable()).collect();
         assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
         // At rest between two counts the RMS is below half a count.
         let at_rest_m = 0.5 * scene.encoder.resolution_m;
         assert!(above.iter().all(|e| e.report.is_stable() && e.report.rms_m > at_rest_m));
         scene.wall_hit.rms_limit_m = at_rest_m;
-        let strict = Rig::new(&scene).unwrap();
+        let strict = PreparedScene::new(&scene).unwrap();
         for e in above {
             let wall = WallHit {
                 cutoff_hz,
@@ -160,7 +161,7 @@ mod tests {
             .find(|(_, limit)| limit.unstable_at_zero && !limit.further_stable.is_empty())
             .unwrap();
         let &(from, to) = limit.further_stable.first().unwrap();
-        let report = Rig::new(&scene)
+        let report = PreparedScene::new(&scene)
             .unwrap()
             .hit(
                 Numeric::Fixed,

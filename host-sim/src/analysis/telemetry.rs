@@ -6,9 +6,7 @@ use zwidth::telemetry::{Decoder, Flags, Frame, Record};
 
 use crate::{
     error::Error,
-    output::figure::{
-        Figure, TelemetryPlot, TelemetryPoint, {self},
-    },
+    output::figure::{self, Figure, TelemetryPlot, TelemetryPoint},
     scene::Scene,
 };
 

@@ -13,26 +13,16 @@ use crate::{
         fidelity::Point,
         most_walks,
         search::{Budget, MASS_WRONG_BY, WRONG_BY},
-        table::{
-            CRITERIA, Part, {self},
-        },
+        table::{self, CRITERIA, Part},
         terminal,
-        winners::{
-            Winner, {self},
-        },
+        winners::{self, Winner},
     },
     error::Error,
     output::{
-        figure::{
-            Curve, Figure, ZwidthPlot, {self},
-        },
-        files::{
-            MANIFEST, Staging, {self},
-        },
+        figure::{self, Curve, Figure, ZwidthPlot},
+        files::{self, MANIFEST, Staging},
         manifest::Manifest,
-        report::{
-            ReportFigure, {self},
-        },
+        report::{self, ReportFigure},
     },
     scene::{NamedScene, refused},
 };

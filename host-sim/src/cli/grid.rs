@@ -8,9 +8,7 @@ use zwidth::experiment::Verdict;
 
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
-    list::{
-        List, {self},
-    },
+    list::{self, List},
     no_cutoff, print_json, print_text, progress, start_offset,
 };
 use crate::{
@@ -18,7 +16,7 @@ use crate::{
     error::Error,
     output::files::GrowingFile,
     scene::NamedScene,
-    simulation::prepared::{HitError, Rig, WallHit, verdict_name},
+    simulation::prepared::{HitError, PreparedScene, WallHit, verdict_name},
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
@@ -99,7 +97,7 @@ impl Walls {
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
     let walls = prepare(args, &scene)?;
-    let rig = Rig::new(&scene.scene)?;
+    let rig = PreparedScene::new(&scene.scene)?;
     let mut csv = args.csv.as_ref().map(|path| GrowingFile::new(path, common.force)).transpose()?;
     if let Some(csv) = &mut csv {
         csv.write(HEADER.as_bytes())?;

@@ -11,7 +11,7 @@ use crate::{
     output::files,
     scene::NamedScene,
     simulation::{
-        prepared::{HitReport, Rig, WallHit, verdict_name},
+        prepared::{HitReport, PreparedScene, WallHit, verdict_name},
         trace::Trace,
     },
 };
@@ -80,7 +80,7 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     if args.trace.is_some() && args.trace == args.plot {
         return Err(Error::input("--trace and --plot name the same file"));
     }
-    let rig = Rig::new(&scene.scene)?;
+    let rig = PreparedScene::new(&scene.scene)?;
     let mut trace = Trace::new(&rig, &hit)?;
     let keep = args.trace.is_some() || args.plot.is_some();
     let report = rig.hit(common.numeric.into(), &hit, |sample| {

@@ -8,9 +8,7 @@ use serde::Serialize;
 
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
-    list::{
-        List, {self},
-    },
+    list::{self, List},
     no_cutoff, print_json, print_text,
 };
 use crate::{
@@ -20,17 +18,11 @@ use crate::{
     },
     error::Error,
     output::{
-        figure::{
-            Curve, ZwidthPlot, {self},
-        },
+        figure::{self, Curve, ZwidthPlot},
         files,
     },
-    scene::{
-        NamedScene,
-        estimator::transfer_function,
-        {self},
-    },
-    simulation::prepared::{Rig, WallHit},
+    scene::{self, NamedScene, estimator::transfer_function},
+    simulation::prepared::{PreparedScene, WallHit},
     study::walk::BoundaryPoint,
 };
 
@@ -149,7 +141,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             check_wall(&scene, &wall, "--cutoffs")?;
         }
     }
-    let rig = args.simulated.then(|| Rig::new(&scene.scene)).transpose()?;
+    let rig = args.simulated.then(|| PreparedScene::new(&scene.scene)).transpose()?;
     let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz
         .par_iter()
         .map(|&cutoff_hz| analyse(&scene, cutoff_hz, args, rig.as_ref(), common))
@@ -267,7 +259,7 @@ fn analyse(
     scene: &NamedScene,
     cutoff_hz: f64,
     args: &LinearArgs,
-    rig: Option<&Rig>,
+    rig: Option<&PreparedScene>,
     common: &Common,
 ) -> Result<Analysis, Error> {
     let scene = &scene.scene;

@@ -7,21 +7,17 @@ use serde::Serialize;
 
 use super::{
     Common, SCHEMA_VERSION, STOP, check_wall,
-    list::{
-        List, {self},
-    },
+    list::{self, List},
     no_cutoff, print_json, print_text, progress,
 };
 use crate::{
     error::Error,
     output::{
         files::Staging,
-        sweep_files::{
-            Study, Summary, VariantResult, {self},
-        },
+        sweep_files::{self, Study, Summary, VariantResult},
     },
     scene::{NamedScene, STUDY},
-    simulation::prepared::{Rig, WallHit},
+    simulation::prepared::{PreparedScene, WallHit},
     study::{
         envelope::envelopes,
         sensitivity::{Variant, variants},
@@ -55,7 +51,7 @@ struct Json {
 /// One scene with what it needs before the walks begin.
 struct Job {
     scene: NamedScene,
-    rig: Rig,
+    rig: PreparedScene,
     cutoffs_hz: Vec<f64>,
     variants: Vec<Variant>,
     staging: Staging,
@@ -149,7 +145,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
             Some(out) => out.clone(),
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
-        let rig = Rig::new(&scene.scene)?;
+        let rig = PreparedScene::new(&scene.scene)?;
         let staging = Staging::new(&folder, &sweep_files::FILES, common.force)?;
         jobs.push(Job { scene, rig, cutoffs_hz, variants, staging, folder });
     }

@@ -9,22 +9,14 @@ use super::{Common, NumericArg, SCHEMA_VERSION, STOP, list, print_json, print_te
 use crate::{
     analysis::trade::{
         Bench, Criterion, Format, Variant, cost, default_cutoffs_hz, figures,
-        filters::{
-            Filters, {self},
-        },
-        plant::{
-            Plants, {self},
-        },
-        table::{
-            GoodFor, {self},
-        },
+        filters::{self, Filters},
+        plant::{self, Plants},
+        table::{self, GoodFor},
     },
     error::Error,
     output::{
         figure::{hertz, number},
-        files::{
-            MANIFEST, Staging, {self},
-        },
+        files::{self, MANIFEST, Staging},
         manifest::Manifest,
     },
     scene::{NamedScene, refused},

@@ -12,7 +12,7 @@ use crate::{
     error::Error,
     output::files,
     scene::NamedScene,
-    simulation::prepared::{Rig, WallHit},
+    simulation::prepared::{PreparedScene, WallHit},
     study::walk::{Boundary, walk},
 };
 
@@ -62,7 +62,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         files::refuse_existing(path, common.force)?;
     }
     let velocity = scene.scene.velocity;
-    let rig = Rig::new(&scene.scene)?;
+    let rig = PreparedScene::new(&scene.scene)?;
     let boundary =
         walk(&rig, common.numeric.into(), first.cutoff_hz, first.start_offset_counts, &STOP)
             .map_err(|error| error.of(&scene.name))?;

@@ -3,23 +3,19 @@
 use zwidth::{SettingsError, experiment::Verdict};
 
 use super::{
-    engine::{
-        Prepare, Task, {self},
-    },
+    engine::{self, Prepare, Task},
     fixed::FixedState,
-    machine::Machine,
-    twin::TwinState,
+    float::TwinState,
+    simd_ops::SimdOps,
 };
 use crate::{
     plant::AnyPlant,
-    scene::Velocity,
+    scene::EstimatorChoice,
     simulation::{
         controller::Controller as _,
-        prepared::{HitError, Numeric, Rig, WallHit},
+        prepared::{HitError, Numeric, PreparedScene, WallHit},
         senses::AnySensing,
-        twin::{
-            Twin, {self},
-        },
+        twin::{self, Twin},
     },
 };
 
@@ -126,7 +122,7 @@ pub trait Work {
 
 /// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
 /// estimator that looks at nothing but the count and is a low-pass or none.
-pub fn lanes_for(rig: &Rig) -> bool {
+pub fn lanes_for(rig: &PreparedScene) -> bool {
     let linear = matches!(
         rig.parts().plant,
         AnyPlant::Plain(_)
@@ -138,7 +134,9 @@ pub fn lanes_for(rig: &Rig) -> bool {
     );
     let low_pass = matches!(
         rig.scene().velocity,
-        Velocity::Butterworth { .. } | Velocity::FirstOrder { .. } | Velocity::Difference {}
+        EstimatorChoice::Butterworth { .. }
+            | EstimatorChoice::FirstOrder { .. }
+            | EstimatorChoice::Difference {}
     );
     linear && low_pass && rig.sensing() == AnySensing::Blind
 }
@@ -146,7 +144,7 @@ pub fn lanes_for(rig: &Rig) -> bool {
 /// Runs all hits of `work` in this thread, in lanes where the scene has them.
 pub fn run(
     backend: Backend,
-    rig: &Rig,
+    rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     work: &mut impl Work,
@@ -176,7 +174,7 @@ pub fn run(
     }
 }
 
-fn each_numeric<S: Machine, const R: usize>(
+fn each_numeric<S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'_>,
     work: &mut impl Work,
@@ -189,7 +187,7 @@ fn each_numeric<S: Machine, const R: usize>(
     }
 }
 
-fn each_plant<S: Machine, C: Prepare<S>, const R: usize>(
+fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     simd: S,
     task: Task<'_>,
     work: &mut impl Work,
@@ -231,8 +229,12 @@ pub(super) fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError>
     }
 }
 
-impl<S: Machine> Prepare<S> for FixedState<S> {
-    fn prepare(rig: &Rig, _: Numeric, hit: &WallHit) -> Result<Self::Controller, SettingsError> {
+impl<S: SimdOps> Prepare<S> for FixedState<S> {
+    fn prepare(
+        rig: &PreparedScene,
+        _: Numeric,
+        hit: &WallHit,
+    ) -> Result<Self::Controller, SettingsError> {
         Ok(*rig.core(hit)?.control())
     }
 
@@ -241,8 +243,12 @@ impl<S: Machine> Prepare<S> for FixedState<S> {
     }
 }
 
-impl<S: Machine> Prepare<S> for TwinState<S> {
-    fn prepare(rig: &Rig, numeric: Numeric, hit: &WallHit) -> Result<Twin, SettingsError> {
+impl<S: SimdOps> Prepare<S> for TwinState<S> {
+    fn prepare(
+        rig: &PreparedScene,
+        numeric: Numeric,
+        hit: &WallHit,
+    ) -> Result<Twin, SettingsError> {
         let rounding = match numeric {
             Numeric::F64Rounded => twin::Rounding::VelocityLsb,
             _ => twin::Rounding::Exact,

@@ -3,21 +3,21 @@
 use zwidth::{
     Output,
     actuator::Actuator,
-    experiment::{Hit, Scatter, Verdict},
+    experiment::{Hit, RunningVariance, Verdict},
     units::Force,
 };
 
 use super::{
     Depth, Outcome, Tally, Work,
     lanes::{Chunk, Clock, Command, Kept, Lanes, Moving, Shared, mask},
-    machine::{Machine, lanes, lanes_mut},
     scalar,
+    simd_ops::{SimdOps, lanes, lanes_mut},
 };
 use crate::{
     plant::LinearStep,
     scene::Rounding,
     simulation::{
-        prepared::{HitError, Numeric, Rig, WallHit},
+        prepared::{HitError, Numeric, PreparedScene, WallHit},
         twin,
     },
 };
@@ -33,13 +33,13 @@ const COUNT_MAX: f64 = (1 << 29) as f64;
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
 /// A controller that lanes stand for, made as the scalar loop makes it.
-pub trait Prepare<S: Machine>: Lanes<S> {
+pub trait Prepare<S: SimdOps>: Lanes<S> {
     /// The controller of a hit.
     ///
     /// # Errors
     /// A setting is out of range.
     fn prepare(
-        rig: &Rig,
+        rig: &PreparedScene,
         numeric: Numeric,
         hit: &WallHit,
     ) -> Result<Self::Controller, zwidth::SettingsError>;
@@ -50,7 +50,7 @@ pub trait Prepare<S: Machine>: Lanes<S> {
 /// Which hits, in which arithmetic, and how much of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    pub rig: &'a Rig,
+    pub rig: &'a PreparedScene,
     pub numeric: Numeric,
     pub depth: Depth,
 }
@@ -69,7 +69,7 @@ struct Running {
     contact: bool,
 }
 
-struct Engine<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize> {
+struct Engine<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: LinearStep<P>,
@@ -84,7 +84,7 @@ struct Engine<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize> {
 }
 
 /// Runs the hits of `work` in lanes, all in this thread.
-pub fn run<S: Machine, C: Prepare<S>, const P: usize, const R: usize>(
+pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
     simd: S,
     task: Task<'_>,
     step: &LinearStep<P>,
@@ -124,7 +124,7 @@ pub fn run<S: Machine, C: Prepare<S>, const P: usize, const R: usize>(
     engine.tally
 }
 
-impl<'a, S: Machine, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S, C, P, R> {
+impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S, C, P, R> {
     fn new(simd: S, task: Task<'a>, step: &LinearStep<P>) -> Self {
         let parts = task.rig.parts();
         let zero = simd.splat_f64s(0.0);
@@ -296,7 +296,7 @@ impl<'a, S: Machine, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
             lanes_mut(&mut moving.counted.squares)[place] = 0.0;
         }
         let taken = running.samples - plan.settle;
-        let scatter = Scatter::of_sums(taken, running.origin, running.sum, running.squares);
+        let scatter = RunningVariance::of_sums(taken, running.origin, running.sum, running.squares);
         let hit = Hit::in_window(plan, u32::from(running.contact), scatter);
         if hit.is_over() {
             let rms_m = scatter.rms_counts() * self.task.rig.design().resolution_m;
@@ -309,7 +309,7 @@ impl<'a, S: Machine, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
 }
 
 /// What an output needs, the same for all hits.
-fn command<S: Machine>(simd: S, task: Task<'_>) -> Command<S> {
+fn command<S: SimdOps>(simd: S, task: Task<'_>) -> Command<S> {
     let Task { rig, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);
     let push_bits = i64::from(rig.plan().push.bits());

@@ -4,14 +4,14 @@
 //! saturate at but the force's. A hit that does not is noticed ([`Lanes::is_lost`]) and run by the core itself.
 
 use zwidth::{
-    Control, Gain,
+    Gain, LoopParameters,
     units::Force,
     velocity::{Estimator, Shaping},
 };
 
 use super::{
     lanes::{Command, Lanes},
-    machine::{Machine, SIGN, lanes, lanes_mut},
+    simd_ops::{SIGN, SimdOps, lanes, lanes_mut},
 };
 
 /// Fractional bits of a coefficient, and of the accumulator beyond the velocity's.
@@ -23,7 +23,7 @@ const SUM_LIMIT: u64 = 1 << 60;
 
 /// Coefficients and gains, a lane each.
 #[derive(Clone, Copy)]
-pub struct FixedGains<S: Machine> {
+pub struct FixedGains<S: SimdOps> {
     b: [S::u64s; 3],
     a: [S::u64s; 2],
     second: S::u64s,
@@ -33,7 +33,7 @@ pub struct FixedGains<S: Machine> {
 
 /// What the samples left behind, a lane each. Numbers of 32 bits have rubbish above them.
 #[derive(Clone, Copy)]
-pub struct FixedState<S: Machine> {
+pub struct FixedState<S: SimdOps> {
     /// Past differences, counts, 32 bits.
     x: [S::u64s; 2],
     /// Past velocities, 32 bits; the newest is what the wall sees.
@@ -46,7 +46,7 @@ pub struct FixedState<S: Machine> {
 
 /// [`Gain`] in lanes.
 #[derive(Clone, Copy)]
-struct GainLanes<S: Machine> {
+struct GainLanes<S: SimdOps> {
     mantissa: S::u64s,
     half: S::u64s,
     right: S::u64s,
@@ -56,7 +56,7 @@ struct GainLanes<S: Machine> {
     bound: S::u64s,
 }
 
-impl<S: Machine> GainLanes<S> {
+impl<S: SimdOps> GainLanes<S> {
     fn zero(simd: S) -> Self {
         let zero = simd.splat_u64s(0);
         Self { mantissa: zero, half: zero, right: zero, sign: zero, left: zero, bound: zero }
@@ -86,9 +86,9 @@ impl<S: Machine> GainLanes<S> {
     }
 }
 
-impl<S: Machine> Lanes<S> for FixedState<S> {
+impl<S: SimdOps> Lanes<S> for FixedState<S> {
     type Gains = FixedGains<S>;
-    type Controller = Control;
+    type Controller = LoopParameters;
 
     const QUICK_ABOVE: Option<f64> = None;
 
@@ -104,7 +104,7 @@ impl<S: Machine> Lanes<S> for FixedState<S> {
         FixedGains { b: [zero; 3], a: [zero; 2], second: zero, stiffness: gain, damping: gain }
     }
 
-    fn start(&mut self, gains: &mut Self::Gains, lane: usize, control: &Control) {
+    fn start(&mut self, gains: &mut Self::Gains, lane: usize, control: &LoopParameters) {
         // A difference alone is a low-pass that lets everything through.
         const PASS: ([i32; 5], bool) = ([1 << 30, 0, 0, 0, 0], false);
         let (coefficients, second) = match &control.estimator {
@@ -180,6 +180,6 @@ impl<S: Machine> Lanes<S> for FixedState<S> {
 
 /// `value`, negated where all bits of `negative` are set.
 #[inline(always)]
-fn signed<S: Machine>(simd: S, value: S::u64s, negative: S::u64s) -> S::u64s {
+fn signed<S: SimdOps>(simd: S, value: S::u64s, negative: S::u64s) -> S::u64s {
     simd.sub_u64s(simd.xor_u64s(value, negative), negative)
 }

@@ -8,7 +8,7 @@ use std::array::from_fn;
 
 use pulp::WithSimd;
 
-use super::machine::Machine;
+use super::simd_ops::SimdOps;
 
 /// Samples that are taken stage by stage: the plant runs ahead, because it does not wait for the filter. Sample
 /// by sample all of a step would wait for its own start, and take twice the time.
@@ -16,7 +16,7 @@ const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
 
 /// A controller in lanes.
-pub trait Lanes<S: Machine>: Copy {
+pub trait Lanes<S: SimdOps>: Copy {
     /// Coefficients and gains.
     type Gains: Copy;
     /// The scalar controller that a lane stands for.
@@ -53,7 +53,7 @@ pub trait Lanes<S: Machine>: Copy {
 
 /// What all lanes share at an output.
 #[derive(Clone, Copy)]
-pub struct Command<S: Machine> {
+pub struct Command<S: SimdOps> {
     pub push: S::f64s,
     pub push_bits: S::u64s,
     /// 0 with `push_only`, else the least number there is.
@@ -71,7 +71,7 @@ pub struct Command<S: Machine> {
 /// What all lanes share at every sample.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Shared<S: Machine, const P: usize> {
+pub struct Shared<S: SimdOps, const P: usize> {
     pub phi: [[S::f64s; P]; P],
     pub gamma: [S::f64s; P],
     pub before: [S::f64s; P],
@@ -86,7 +86,7 @@ pub struct Shared<S: Machine, const P: usize> {
 /// What a sample changes in a vector of hits.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Moving<S: Machine, C, const P: usize> {
+pub struct Moving<S: SimdOps, C, const P: usize> {
     pub state: [S::f64s; P],
     /// What the acting force adds to the state in a sample.
     pub pushed: [S::f64s; P],
@@ -100,7 +100,7 @@ pub struct Moving<S: Machine, C, const P: usize> {
 /// position. Whole numbers: exact while they stay below 2^53.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Counted<S: Machine> {
+pub struct Counted<S: SimdOps> {
     pub count: S::f64s,
     /// Longest way between two samples so far, counts.
     pub jump: S::f64s,
@@ -112,7 +112,7 @@ pub struct Counted<S: Machine> {
 /// What a hit keeps.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Kept<S: Machine, G> {
+pub struct Kept<S: SimdOps, G> {
     pub gains: G,
     pub surface: S::f64s,
     /// First position of the window.
@@ -127,7 +127,7 @@ pub struct Kept<S: Machine, G> {
 pub struct Aligned<V>(pub V);
 
 /// Where all lanes are between two outputs, and the commands on their way.
-pub struct Clock<S: Machine, const R: usize> {
+pub struct Clock<S: SimdOps, const R: usize> {
     pub period: u32,
     /// Samples after an output at which a command takes effect.
     pub arrival: u32,
@@ -140,7 +140,7 @@ pub struct Clock<S: Machine, const R: usize> {
 
 /// The step without a force, in the order of the scalar plants.
 #[inline(always)]
-fn free<S: Machine, const P: usize>(
+fn free<S: SimdOps, const P: usize>(
     simd: S,
     shared: &Shared<S, P>,
     state: &[S::f64s; P],
@@ -157,7 +157,7 @@ fn free<S: Machine, const P: usize>(
 }
 
 #[inline(always)]
-fn plus<S: Machine, const P: usize>(
+fn plus<S: SimdOps, const P: usize>(
     simd: S,
     mut state: [S::f64s; P],
     pushed: [S::f64s; P],
@@ -169,7 +169,7 @@ fn plus<S: Machine, const P: usize>(
 }
 
 /// Some samples of all lanes.
-pub struct Chunk<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize> {
+pub struct Chunk<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     pub shared: &'a Shared<S, P>,
     pub kept: &'a [Kept<S, C::Gains>; R],
     pub moving: &'a mut [Moving<S, C, P>; R],
@@ -180,7 +180,7 @@ pub struct Chunk<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize> {
 /// A value of all lanes.
 type Row<S, const R: usize> = Aligned<[<S as pulp::Simd>::f64s; R]>;
 
-impl<S: Machine, C: Lanes<S>, const P: usize> Moving<S, C, P> {
+impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
     /// A handle that does not move, before sample 0.
     pub fn new(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
@@ -224,14 +224,14 @@ impl<S: Machine, C: Lanes<S>, const P: usize> Moving<S, C, P> {
     }
 }
 
-impl<S: Machine, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P, R> {
+impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P, R> {
     /// Runs it with the machine's instructions.
     pub fn go(self, simd: S) {
-        struct Go<'a, S: Machine, C: Lanes<S>, const P: usize, const R: usize>(
+        struct Go<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize>(
             Chunk<'a, S, C, P, R>,
             S,
         );
-        impl<S: Machine, C: Lanes<S>, const P: usize, const R: usize> WithSimd for Go<'_, S, C, P, R> {
+        impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> WithSimd for Go<'_, S, C, P, R> {
             type Output = ();
 
             #[inline(always)]
@@ -388,7 +388,7 @@ impl<S: Machine, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     }
 }
 
-impl<S: Machine, const R: usize> Clock<S, R> {
+impl<S: SimdOps, const R: usize> Clock<S, R> {
     /// Before the first sample.
     pub fn new(simd: S, period: u32, latency: u32) -> Self {
         let room = (latency / period + 1) as usize;
@@ -438,7 +438,7 @@ impl<S: Machine, const R: usize> Clock<S, R> {
 
 /// Whether all lanes are at least `least`.
 #[inline(always)]
-fn is_above<S: Machine, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
+fn is_above<S: SimdOps, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
     let mut all = simd.splat_f64s(f64::INFINITY);
     for &value in values {
         all = simd.min_of(all, value);

@@ -38,16 +38,16 @@
 mod backend;
 mod engine;
 mod fixed;
+mod float;
 mod lanes;
-mod machine;
+mod simd_ops;
 mod stream;
-mod twin;
-mod walks;
+mod walk_lanes;
 
 use backend::scalar;
 pub use backend::{Backend, Depth, Outcome, Tally, Work, lanes_for, run};
 pub use stream::stream;
-pub use walks::{Queue, Start, walks};
+pub use walk_lanes::{Queue, Start, walks};
 
 #[cfg(test)]
 mod tests;

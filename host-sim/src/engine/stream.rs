@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{Backend, Depth, Outcome, Work, run};
 use crate::{
     error::Error,
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
 /// Hits of a block for each lane of each thread. At its end lanes wait for the last one: 1 % of the time.
@@ -22,7 +22,7 @@ const HITS_PER_LANE: u64 = 64;
 #[expect(clippy::too_many_arguments, reason = "what, how and where to")]
 pub fn stream(
     backend: Backend,
-    rig: &Rig,
+    rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     total: u64,

@@ -6,10 +6,10 @@ use zwidth::experiment::Verdict;
 use super::*;
 use crate::{
     scene::{
-        NamedScene, Quantisation, Rounding, Scene, Velocity,
+        EstimatorChoice, NamedScene, Quantisation, Rounding, Scene,
         element::{Amplifier, Arm, Friction, Mode},
     },
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
 const NUMERICS: [Numeric; 3] = [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded];
@@ -46,7 +46,7 @@ impl Work for Listed<'_> {
 
 fn outcomes(
     backend: Backend,
-    rig: &Rig,
+    rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     hits: &[WallHit],
@@ -62,7 +62,7 @@ fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Option<u64>), H
 }
 
 /// Every backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of them.
-fn hold(rig: &Rig, hits: &[WallHit]) -> u64 {
+fn hold(rig: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
         for depth in [Depth::Whole, Depth::Verdict] {
@@ -130,7 +130,7 @@ fn grid(cutoffs_hz: &[f64], ks: &[f64], bs: &[f64]) -> Vec<WallHit> {
 fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
     let hits = grid(&[50.0, 1500.0, 4000.0], &[2000.0, 30_000.0, 90_000.0], &[10.0, 300.0]);
     for name in ["paper-1um", "paper-2um"] {
-        let rig = Rig::new(&NamedScene::load(name).unwrap().scene).unwrap();
+        let rig = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
         assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
     }
 }
@@ -142,7 +142,7 @@ fn a_few_samples_are_the_same_on_every_backend() {
     scene.device.start_position_m = scene.wall.position_m + 1e-5;
     scene.wall_hit.settle_s = 0.004;
     scene.wall_hit.window_s = 0.008;
-    let rig = Rig::new(&scene).unwrap();
+    let rig = PreparedScene::new(&scene).unwrap();
     let hits = grid(&[50.0, 4000.0], &[90_000.0], &[10.0]);
     assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
     let names: Vec<_> = backends().map(|backend| format!("{backend:?}")).collect();
@@ -170,7 +170,7 @@ fn linear_elements_run_in_lanes() {
         (amplifier, mode, arm),
     ] {
         let scene = Scene { amplifier, mode, arm, ..short(paper()) };
-        let rig = Rig::new(&scene).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
         assert!(lanes_for(&rig));
         assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
     }
@@ -184,10 +184,10 @@ fn what_has_no_lanes_runs_all_the_same() {
         Some(Friction { coulomb_n: 0.05, static_n: 0.05, stribeck_speed_m_per_s: 1e-3 });
     friction.integrator =
         Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
-    let loops = Scene { velocity: Velocity::TrackingLoop {}, ..short(paper()) };
+    let loops = Scene { velocity: EstimatorChoice::TrackingLoop {}, ..short(paper()) };
     for mut scene in [friction, loops] {
         scene.sweep.cutoffs_hz = vec![800.0];
-        let rig = Rig::new(&scene).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
         assert!(!lanes_for(&rig));
         assert_eq!(hold(&rig, &hits), 0);
     }
@@ -198,7 +198,7 @@ fn a_hit_without_contact_and_one_that_is_refused_say_so() {
     let mut scene = short(paper());
     scene.wall_hit.push_n = 0.0;
     scene.device.start_position_m = 0.0;
-    let rig = Rig::new(&scene).unwrap();
+    let rig = PreparedScene::new(&scene).unwrap();
     let mut hits = grid(&[800.0], &[2000.0], &[10.0]);
     hits.extend(grid(&[1e9], &[2000.0], &[10.0]));
     hits.extend(grid(&[800.0], &[2000.0], &[-1.0]));
@@ -226,7 +226,7 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     scene.device.damping_n_s_per_m = 0.0;
     scene.actuator.limit_v = 1000.0;
     scene.wall_hit.push_n = 500.0;
-    let rig = Rig::new(&scene).unwrap();
+    let rig = PreparedScene::new(&scene).unwrap();
     let hits = grid(&[0.4, 50.0, 4990.0], &[0.0, 2000.0, 1e9], &[0.0, 10.0, 1e6]);
     assert!(hold(&rig, &hits) < hits.len() as u64, "some left");
 }
@@ -246,9 +246,9 @@ fn scenes() -> impl Strategy<Value = Scene> {
         (2u32..10_000).prop_map(|steps| Some(Quantisation::Pwm { steps })),
     ];
     let estimators = prop_oneof![
-        3 => any::<bool>().prop_map(|prewarp| Velocity::Butterworth { prewarp }),
-        1 => any::<bool>().prop_map(|prewarp| Velocity::FirstOrder { prewarp }),
-        1 => Just(Velocity::Difference {}),
+        3 => any::<bool>().prop_map(|prewarp| EstimatorChoice::Butterworth { prewarp }),
+        1 => any::<bool>().prop_map(|prewarp| EstimatorChoice::FirstOrder { prewarp }),
+        1 => Just(EstimatorChoice::Difference {}),
     ];
     let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, 0.05..1.2f64);
     let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64);
@@ -311,7 +311,7 @@ proptest! {
             // from the lowest to the highest cutoff that is accepted with and without pre-warping
             hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
         }
-        let rig = Rig::new(&scene).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
         prop_assert!(lanes_for(&rig));
         hold(&rig, &hits);
     }
@@ -328,7 +328,7 @@ fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
         scene.walk.stiffness_step_n_per_m = 8000.0;
         scene.walk.damping_step_n_s_per_m = 80.0;
     }
-    let rigs = scenes.map(|scene| Rig::new(&scene).unwrap());
+    let rigs = scenes.map(|scene| PreparedScene::new(&scene).unwrap());
     let plans: Vec<Plan<'_>> = rigs
         .iter()
         .map(|rig| Plan { name: "s", rig, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
@@ -355,7 +355,7 @@ fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
     let mut scene = short(paper());
     scene.wall_hit.settle_s = 0.001;
     scene.wall_hit.window_s = 0.001;
-    let rig = Rig::new(&scene).unwrap();
+    let rig = PreparedScene::new(&scene).unwrap();
     let stop = AtomicBool::new(false);
     let hit = |number: u64| WallHit {
         stiffness_n_per_m: number as f64,

@@ -3,9 +3,7 @@
 
 use std::{
     fs,
-    io::{
-        Write as _, {self},
-    },
+    io::{self, Write as _},
     path::{Path, PathBuf},
 };
 

@@ -9,24 +9,18 @@ use crate::{
     cli::SCHEMA_VERSION,
     error::Error,
     output::{
-        figure::{
-            AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot, {self},
-        },
+        figure::{self, AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot},
         files::{MANIFEST, Staging, png},
         manifest::Manifest,
-        report::{
-            AreaRow, Report, ReportFigure, {self},
-        },
+        report::{self, AreaRow, Report, ReportFigure},
     },
     scene::NamedScene,
     simulation::{
-        prepared::{Numeric, Rig, WallHit},
+        prepared::{Numeric, PreparedScene, WallHit},
         trace::Trace,
     },
     study::{
-        envelope::{
-            Envelope, {self},
-        },
+        envelope::{self, Envelope},
         sweep::{CutoffResult, SweepResult, start_offset_counts},
     },
 };
@@ -67,7 +61,7 @@ pub struct Study {
     /// The scene.
     pub scene: NamedScene,
     /// The scene, prepared.
-    pub rig: Rig,
+    pub rig: PreparedScene,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
     /// Its name.

@@ -7,7 +7,7 @@ use zwidth::velocity::Sense;
 
 use super::Scene;
 use crate::{
-    numerics::integrator::Demand,
+    numerics::integrator::StepDemand,
     scene::element::{Chain, Nonlinear},
 };
 
@@ -44,7 +44,7 @@ impl Scene {
         let nonlinear = Nonlinear::of(self);
         match self.integrator {
             Some(integrator) => {
-                integrator.check(&Demand::of(&Chain::of(self), &nonlinear), sample_s)
+                integrator.check(&StepDemand::of(&Chain::of(self), &nonlinear), sample_s)
             }
             None if nonlinear == Nonlinear::default() => Ok(()),
             None => Err("[integrator] is missing, needed with friction, cogging or travel: method = \"rk4\", \

@@ -1,4 +1,4 @@
-//! Velocity estimators as a scene names them, and as the linear analysis sees them.
+//! EstimatorChoice estimators as a scene names them, and as the linear analysis sees them.
 
 use serde::{Deserialize, Serialize};
 use zwidth::{
@@ -8,11 +8,11 @@ use zwidth::{
 
 use crate::analysis::linear::{Order, TransferFunction};
 
-/// Velocity estimator. Where it is tuned by a cutoff, that comes from the command line or from
+/// EstimatorChoice estimator. Where it is tuned by a cutoff, that comes from the command line or from
 /// `[sweep]`; every other parameter stands here.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "estimator", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Velocity {
+pub enum EstimatorChoice {
     /// Finite difference and second-order Butterworth.
     Butterworth {
         /// Pre-warp the cutoff.
@@ -103,7 +103,7 @@ fn one() -> f64 {
     1.0
 }
 
-impl Velocity {
+impl EstimatorChoice {
     /// The core's settings; `cutoff_hz` is for estimators that have a cutoff.
     pub fn settings(self, cutoff_hz: f64) -> VelocitySettings {
         match self {

@@ -8,9 +8,9 @@
 use std::{fs, path::Path};
 
 use serde::{Deserialize, Serialize};
-use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkPlan};
+use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkSettings};
 
-pub use crate::scene::estimator::Velocity;
+pub use crate::scene::estimator::EstimatorChoice;
 use crate::{
     error::Error,
     numerics::integrator::Integrator,
@@ -65,7 +65,7 @@ pub struct Scene {
     /// Sampling.
     pub control: Sampling,
     /// Velocity estimator.
-    pub velocity: Velocity,
+    pub velocity: EstimatorChoice,
     /// The virtual wall.
     pub wall: Wall,
     /// The wall-hit experiment.
@@ -331,9 +331,9 @@ impl Scene {
     }
 
     /// The core's boundary walk.
-    pub fn walk_plan(&self) -> WalkPlan {
+    pub fn walk_plan(&self) -> WalkSettings {
         let walk = &self.walk;
-        WalkPlan {
+        WalkSettings {
             stiffness_start_n_per_m: walk.stiffness_start_n_per_m,
             stiffness_step_n_per_m: walk.stiffness_step_n_per_m,
             stiffness_max_n_per_m: walk.stiffness_max_n_per_m,

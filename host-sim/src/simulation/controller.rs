@@ -1,14 +1,14 @@
 //! What the sampled loop asks of a controller, and the core behind that interface.
 
 use zwidth::{
-    Control, CounterWidth, Design, Drive, Motion, Sampler, Settings, SettingsError,
+    CounterWidth, Design, Drive, LoopParameters, Motion, Sampler, Settings, SettingsError,
     units::{Force, Velocity},
     velocity::Senses,
 };
 
 /// What a controller did at an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rendered {
+pub struct ControllerOutput {
     /// Force asked of the actuator, fraction of full scale, after saturation.
     pub force: f64,
     /// Force that the actuator's code stands for, fraction of full scale.
@@ -24,7 +24,7 @@ pub trait Controller {
     /// [`sample`](Self::sample) with what is sensed beside the count.
     fn sense(&mut self, count: i32, senses: &Senses) -> bool;
     /// The output that is due with the last sample.
-    fn render(&mut self) -> Rendered;
+    fn render(&mut self) -> ControllerOutput;
     /// The velocity at the last sample, counts per sample.
     fn velocity(&self) -> f64;
     /// The wall's surface, counts; contact is beyond it.
@@ -34,7 +34,7 @@ pub trait Controller {
 /// The fixed-point core: the code that the firmware runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed {
-    control: Control,
+    control: LoopParameters,
     sampler: Sampler,
     motion: Motion,
     push: Force,
@@ -69,7 +69,7 @@ impl Fixed {
     }
 
     /// The core's settings, folded into integers.
-    pub fn control(&self) -> &Control {
+    pub fn control(&self) -> &LoopParameters {
         &self.control
     }
 
@@ -99,9 +99,9 @@ impl Controller for Fixed {
     }
 
     #[inline(always)] // called, it would keep the state of the loop in memory
-    fn render(&mut self) -> Rendered {
+    fn render(&mut self) -> ControllerOutput {
         let Drive { force, command, saturated, .. } = self.control.render(self.motion, self.push);
-        Rendered {
+        ControllerOutput {
             force: f64::from(force.bits()) * self.per_force_bit,
             output: f64::from(command.code() - self.zero_code) * self.per_code,
             saturated,

@@ -12,7 +12,7 @@ use crate::{
     plant::{AnyPlant, Moment, Plant},
     scene::Rounding,
     simulation::{
-        controller::{Controller, Rendered},
+        controller::{Controller, ControllerOutput},
         senses::{AnySensing, Handle, Sensing},
     },
 };
@@ -46,7 +46,7 @@ pub struct Sample {
     /// The controller's velocity, counts per sample.
     pub velocity: f64,
     /// The output computed with this sample, if one was due.
-    pub rendered: Option<Rendered>,
+    pub rendered: Option<ControllerOutput>,
     /// Force that acts on the handle at the end of this sample, N.
     pub output_n: f64,
 }

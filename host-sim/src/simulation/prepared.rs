@@ -16,9 +16,7 @@ use crate::{
         Parts, Sample, Simulation,
         controller::{Controller, Fixed},
         senses::{AnySensing, Blind, Sensing},
-        twin::{
-            Twin, {self},
-        },
+        twin::{self, Twin},
     },
 };
 
@@ -135,7 +133,7 @@ impl From<HitError> for Error {
 
 /// A scene made ready.
 #[derive(Clone, Debug)]
-pub struct Rig {
+pub struct PreparedScene {
     scene: Scene,
     design: Design,
     plan: HitPlan,
@@ -145,7 +143,7 @@ pub struct Rig {
 /// How many samples pass between two looks for an early verdict.
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
-impl Rig {
+impl PreparedScene {
     /// Prepares a scene.
     ///
     /// # Errors

@@ -361,7 +361,7 @@ impl Sensing for AnySensing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{NamedScene, Velocity};
+    use crate::scene::{EstimatorChoice, NamedScene};
 
     fn full(edit: impl FnOnce(&mut Scene)) -> Full {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -405,7 +405,8 @@ mod tests {
     #[test]
     fn an_edge_gets_older_until_the_next_one() {
         let (at, on) = (handle(0.5e-6, 0.01), handle(1.5e-6, 0.01)); // one count per sample
-        let mut rest = full(|scene| scene.velocity = Velocity::TimeStamps { span_samples: 1 });
+        let mut rest =
+            full(|scene| scene.velocity = EstimatorChoice::TimeStamps { span_samples: 1 });
         rest.moved(handle(0.5e-6, 0.0), handle(0.5e-6, 0.0));
         assert_eq!(rest.senses.edge, None);
         rest.moved(at, on);
@@ -420,7 +421,7 @@ mod tests {
     fn edges_come_where_the_wrong_encoder_shows_them() {
         let error = EncoderError { cycle_m: 4e-6, first_m: 2e-7, second_m: 0.0, phase_rad: 0.7 };
         let mut wrong = full(|scene| {
-            scene.velocity = Velocity::TimeStamps { span_samples: 1 };
+            scene.velocity = EstimatorChoice::TimeStamps { span_samples: 1 };
             scene.encoder_error = Some(error);
         });
         let speed = 3e-7; // m per sample
@@ -452,7 +453,7 @@ mod tests {
             };
             edit(&mut sensor);
             full(|scene| {
-                scene.velocity = Velocity::Fusion {};
+                scene.velocity = EstimatorChoice::Fusion {};
                 scene.accelerometer = Some(sensor);
             })
         };

@@ -9,7 +9,7 @@ use crate::{
     simulation::{
         Sample,
         controller::Controller as _,
-        prepared::{HitReport, Rig, WallHit, verdict_name},
+        prepared::{HitReport, PreparedScene, WallHit, verdict_name},
     },
 };
 
@@ -45,7 +45,7 @@ impl Trace {
     ///
     /// # Errors
     /// A setting of `hit` is out of range.
-    pub fn new(rig: &Rig, hit: &WallHit) -> Result<Self, Error> {
+    pub fn new(rig: &PreparedScene, hit: &WallHit) -> Result<Self, Error> {
         let design = rig.design();
         Ok(Self {
             rate_hz: design.rate_hz,

@@ -16,7 +16,7 @@ use crate::{
     engine::{Backend, Depth, stream},
     error::Error,
     scene::NamedScene,
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::sweep::{CutoffResult, SweepResult},
 };
 
@@ -74,7 +74,7 @@ pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samp
 /// # Errors
 /// A setting is out of range, or `stop` was set.
 pub fn envelopes(
-    rig: &Rig,
+    rig: &PreparedScene,
     numeric: Numeric,
     sweep: &SweepResult,
     stop: &AtomicBool,
@@ -136,7 +136,7 @@ struct Column {
 }
 
 impl Column {
-    fn new(rig: &Rig, damping: i32, boundary_n_per_m: f64) -> Self {
+    fn new(rig: &PreparedScene, damping: i32, boundary_n_per_m: f64) -> Self {
         let plan = rig.scene().walk_plan();
         let damping_n_s_per_m = plan.damping_n_s_per_m(Cell { stiffness: 0, damping });
         let mut stiffnesses_n_per_m = vec![];
@@ -186,7 +186,7 @@ mod tests {
             ("discovery-f407", include_str!("../../../scenes/discovery-f407.envelope.csv")),
         ] {
             let scene = NamedScene::load(board).unwrap();
-            let rig = Rig::new(&scene.scene).unwrap();
+            let rig = PreparedScene::new(&scene.scene).unwrap();
             let plan = Plan { name: board, rig: &rig, cutoffs_hz: &[CUTOFF_HZ] };
             let stop = AtomicBool::new(false);
             let swept = sweep(&[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
@@ -205,7 +205,7 @@ mod tests {
     fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {
         // 4000 Hz, 2 um, B = 390 N s/m: K = 52,000 N/m is stable, 2000 to 40,000 are not.
         let scene = NamedScene::load("paper-2um").unwrap();
-        let rig = Rig::new(&scene.scene).unwrap();
+        let rig = PreparedScene::new(&scene.scene).unwrap();
         let column = Column::new(&rig, 38, 52_000.0);
         let hit = |stiffness_n_per_m: &f64| WallHit {
             cutoff_hz: 4000.0,

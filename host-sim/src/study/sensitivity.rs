@@ -4,7 +4,7 @@
 //! whether the wall may pull, with the latency, with the output rate and with the impact speed.
 //! Each variant changes one of them and leaves the rest of the scene as it is.
 
-use crate::{error::Error, scene::Scene, simulation::prepared::Rig};
+use crate::{error::Error, scene::Scene, simulation::prepared::PreparedScene};
 
 /// A scene with one assumption changed.
 #[derive(Clone, Debug)]
@@ -14,7 +14,7 @@ pub struct Variant {
     /// What is different, for people.
     pub change: String,
     /// The changed scene, prepared.
-    pub rig: Rig,
+    pub rig: PreparedScene,
 }
 
 /// The variants of a scene. One that changes nothing (half a latency of zero) or leaves the accepted
@@ -30,7 +30,7 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
         if changed == *scene || changed.check().is_err() {
             return Ok(());
         }
-        variants.push(Variant { name, change, rig: Rig::new(&changed)? });
+        variants.push(Variant { name, change, rig: PreparedScene::new(&changed)? });
         Ok::<(), Error>(())
     };
     let limit_m = scene.wall_hit.rms_limit_m;

@@ -18,7 +18,7 @@ use crate::{
     engine::{Backend, Queue, Start, walks},
     error::Error,
     numerics::statistics::Repeats,
-    simulation::prepared::{Numeric, Rig},
+    simulation::prepared::{Numeric, PreparedScene},
     study::walk::Boundary,
 };
 
@@ -119,7 +119,7 @@ pub struct Plan<'a> {
     /// What errors call it.
     pub name: &'a str,
     /// The prepared scene.
-    pub rig: &'a Rig,
+    pub rig: &'a PreparedScene,
     /// Nominal cutoffs, Hz, in any order.
     pub cutoffs_hz: &'a [f64],
 }

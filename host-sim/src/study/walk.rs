@@ -10,7 +10,7 @@ use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 use crate::{
     engine::{Backend, Depth, Outcome, Work, lanes_for, run},
     error::Error,
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
 /// A wall on the boundary: the largest K that was stable at this B.
@@ -58,7 +58,7 @@ pub struct Progress {
 
 impl Progress {
     /// The walk of that scene at `cutoff_hz`, its first hit still to come.
-    pub fn new(rig: &Rig, cutoff_hz: f64, start_offset_counts: f64) -> Self {
+    pub fn new(rig: &PreparedScene, cutoff_hz: f64, start_offset_counts: f64) -> Self {
         let walk = Walk::new(rig.scene().walk_plan());
         let boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
         Self { walk, boundary, cutoff_hz, start_offset_counts }
@@ -123,7 +123,7 @@ impl Progress {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn walk(
-    rig: &Rig,
+    rig: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
     start_offset_counts: f64,
@@ -151,7 +151,7 @@ pub fn walk(
 
 /// [`walk`] by other hits, one by one.
 pub(crate) fn walk_with(
-    rig: &Rig,
+    rig: &PreparedScene,
     cutoff_hz: f64,
     start_offset_counts: f64,
     stop: &AtomicBool,
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn a_walk_that_looks_ahead_is_the_walk_hit_by_hit() {
         for (name, cutoff_hz, offset) in [("paper-1um", 200.0, 0.0), ("paper-2um", 1500.0, 0.75)] {
-            let rig = Rig::new(&NamedScene::load(name).unwrap().scene).unwrap();
+            let rig = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
             let stop = AtomicBool::new(false);
             let ahead = walk(&rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap();
             let verdict = |hit: &WallHit| rig.verdict(Numeric::Fixed, hit);

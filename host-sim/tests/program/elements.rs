@@ -3,13 +3,13 @@
 use std::{f64::consts::PI, process::Command};
 
 use host_sim::{
-    numerics::integrator::{Demand, Integrator, STEPS_MAX},
+    numerics::integrator::{Integrator, STEPS_MAX, StepDemand},
     plant::{AnyPlant, Moment, Plant as _},
     scene::{
         NamedScene, Scene,
         element::{Chain, Nonlinear},
     },
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 use proptest::{
     prelude::*,
@@ -51,7 +51,7 @@ fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
 /// Bits of every sample of a hit.
 fn run(scene: &Scene, numeric: Numeric, hit: &WallHit) -> Vec<(u64, i32, u64)> {
     let mut samples = vec![];
-    Rig::new(scene)
+    PreparedScene::new(scene)
         .unwrap()
         .hit(numeric, hit, |s| {
             samples.push((s.position_m.to_bits(), s.count, s.output_n.to_bits()))
@@ -128,7 +128,9 @@ fn an_amplifier_far_above_the_rate_changes_nothing_but_the_last_digits() {
     // 16 ns behind: the exact step takes any time constant.
     let stiff = read(&["[amplifier]\nbandwidth_hz = 1e7\n"]).unwrap();
     let wall = hit(2000.0, 20.0);
-    let report = |scene: &Scene| Rig::new(scene).unwrap().hit(Numeric::F64, &wall, |_| ()).unwrap();
+    let report = |scene: &Scene| {
+        PreparedScene::new(scene).unwrap().hit(Numeric::F64, &wall, |_| ()).unwrap()
+    };
     let (with, without) = (report(&stiff), report(&read(&[]).unwrap()));
     assert_eq!(with.verdict, without.verdict);
     assert!((with.mean_m - without.mean_m).abs() < 2e-6, "{with:?} {without:?}");
@@ -139,7 +141,7 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
     let readings = |seed: &str, start_offset_counts: f64, stiffness: f64| {
         let scene =
             read(&[&ENCODER_NOISE.replace("seed = 1", seed).replace("5e-7", "5e-6")]).unwrap();
-        let rig = Rig::new(&scene).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
         let mut simulation =
             rig.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
         // Before the wall is reached.
@@ -168,7 +170,8 @@ fn late_readings_see_the_commands_that_act_meanwhile() {
             .replace("resolution_m = 1e-6", "resolution_m = 1e-8"); // a command moves the handle by 10 nm in that time
         let scene = NamedScene::parse("test".into(), text, "test.toml").unwrap().scene;
         assert_eq!(scene.actuator.latency.to_string(), latency.trim_end_matches(".0"));
-        let mut simulation = Rig::new(&scene).unwrap().fixed(&hit(20_000.0, 100.0)).unwrap();
+        let mut simulation =
+            PreparedScene::new(&scene).unwrap().fixed(&hit(20_000.0, 100.0)).unwrap();
         let (mut before_n, mut late, mut turns) = (0.0, 0, 0);
         for index in 0..20_000 {
             let state = *simulation.state();
@@ -360,11 +363,14 @@ fn random_elements_never_panic_and_stay_finite() {
             let rigid =
                 matches!(scene.travel, Some(host_sim::scene::element::Travel::Rigid { .. }));
             let (mut finite, mut inside) = (true, true);
-            let result =
-                Rig::new(&scene).unwrap().hit(Numeric::F64, &hit(stiffness, damping), |s| {
+            let result = PreparedScene::new(&scene).unwrap().hit(
+                Numeric::F64,
+                &hit(stiffness, damping),
+                |s| {
                     finite &= s.position_m.is_finite() && s.output_n.is_finite();
                     inside &= !rigid || (-0.02 - 1e-15..=0.072 + 1e-15).contains(&s.position_m);
-                });
+                },
+            );
             prop_assert!(finite && inside);
             if let Err(error) = result {
                 prop_assert!(matches!(error, HitError::OutOfRange(_)), "{error}");
@@ -424,7 +430,7 @@ const GAIN_MAX: f64 = 1e-3;
 
 /// The fewest steps of that kind that a scene may ask for.
 fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
-    let demand = Demand::of(&Chain::of(scene), &Nonlinear::of(scene));
+    let demand = StepDemand::of(&Chain::of(scene), &Nonlinear::of(scene));
     let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();
     let (mut too_few, mut enough) = (0, STEPS_MAX);
     if !allowed(enough) {

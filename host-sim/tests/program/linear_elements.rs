@@ -9,7 +9,7 @@ use host_sim::{
         element::{Amplifier, Arm, Mode},
     },
     simulation::{
-        prepared::{Rig, WallHit},
+        prepared::{PreparedScene, WallHit},
         twin,
     },
 };
@@ -70,7 +70,7 @@ fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
 
 /// Amplitude of the sixth second over that of the third.
 fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
-    let rig = Rig::new(&scene(point, stiffness_n_per_m)).unwrap();
+    let rig = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
     let hit = WallHit {
         cutoff_hz: point.cutoff_hz,
         stiffness_n_per_m,

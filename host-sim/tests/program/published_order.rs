@@ -10,24 +10,33 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use host_sim::{
-    scene::{NamedScene, Scene, Velocity},
-    simulation::prepared::{Numeric, Rig},
+    scene::{EstimatorChoice, NamedScene, Scene},
+    simulation::prepared::{Numeric, PreparedScene},
     study::walk::{Boundary, walk},
 };
 
 /// The laboratory's low-pass.
 const BEHIND: Numeric = Numeric::F64Filtered { cutoff_hz: 50 };
 
-fn boundary(scene: &Scene, velocity: Velocity, numeric: Numeric, cutoff_hz: f64) -> Boundary {
+fn boundary(
+    scene: &Scene,
+    velocity: EstimatorChoice,
+    numeric: Numeric,
+    cutoff_hz: f64,
+) -> Boundary {
     let mut scene = scene.clone();
     scene.velocity = velocity;
     scene.sweep.cutoffs_hz = vec![50.0];
     let stop = AtomicBool::new(false);
-    walk(&Rig::new(&scene).unwrap(), numeric, cutoff_hz, 0.0, &stop).unwrap()
+    walk(&PreparedScene::new(&scene).unwrap(), numeric, cutoff_hz, 0.0, &stop).unwrap()
 }
 
 /// Best peak K of several tunings, N/m, the area there, and which it was.
-fn best(scene: &Scene, numeric: Numeric, tunings: &[Velocity]) -> (f64, f64, Velocity) {
+fn best(
+    scene: &Scene,
+    numeric: Numeric,
+    tunings: &[EstimatorChoice],
+) -> (f64, f64, EstimatorChoice) {
     let found = tunings.par_iter().map(|&velocity| {
         let boundary = boundary(scene, velocity, numeric, 0.0);
         (boundary.stiffness_peak_n_per_m(), boundary.area, velocity)
@@ -54,15 +63,16 @@ fn laboratory() -> Scene {
 
 /// Peak K over that of Euler and 50 Hz: Levant and windowing behind the same filter, Kalman without.
 fn ratios(name: &str, scene: &Scene) -> [f64; 3] {
-    let euler = boundary(scene, Velocity::FirstOrder { prewarp: false }, Numeric::F64, 50.0);
+    let euler = boundary(scene, EstimatorChoice::FirstOrder { prewarp: false }, Numeric::F64, 50.0);
     let peak = euler.stiffness_peak_n_per_m();
     println!("{name}: Euler, 50 Hz: peak K {peak} N/m, area {:.3e}", euler.area);
-    let levant = [0.1, 0.3, 1.0, 3.0, 10.0, 20.0, 50.0, 200.0, 1000.0]
-        .map(|c| Velocity::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio: 1.0 });
+    let levant = [0.1, 0.3, 1.0, 3.0, 10.0, 20.0, 50.0, 200.0, 1000.0].map(|c| {
+        EstimatorChoice::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio: 1.0 }
+    });
     let windowing = [1, 2, 3, 5, 8, 15, 32]
-        .map(|window_samples| Velocity::FoawEnd { window_samples, noise_counts: 1.0 });
+        .map(|window_samples| EstimatorChoice::FoawEnd { window_samples, noise_counts: 1.0 });
     let kalman = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 80.0]
-        .map(|a| Velocity::Kalman2 { acceleration_rms_m_per_s2: a });
+        .map(|a| EstimatorChoice::Kalman2 { acceleration_rms_m_per_s2: a });
     [
         ("Levant, 50 Hz behind", BEHIND, &levant[..]),
         ("windowing, 50 Hz behind", BEHIND, &windowing[..]),

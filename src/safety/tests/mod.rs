@@ -2,7 +2,8 @@
 
 use super::{plan::tests::*, *};
 use crate::{
-    Control, CounterWidth, Settings, VelocitySettings, WallSettings, units::Force, velocity::Senses,
+    CounterWidth, LoopParameters, Settings, VelocitySettings, WallSettings, units::Force,
+    velocity::Senses,
 };
 use std::{sync::OnceLock, vec::Vec};
 
@@ -13,7 +14,7 @@ mod requests;
 const GOOD: Inputs =
     Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
 
-fn control(position_m: f64, stiffness_n_per_m: f64) -> Control {
+fn control(position_m: f64, stiffness_n_per_m: f64) -> LoopParameters {
     let settings = Settings {
         velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
         wall: WallSettings {
@@ -29,11 +30,11 @@ fn control(position_m: f64, stiffness_n_per_m: f64) -> Control {
 /// Both tasks, a motor and a handle: 0.4 kg, 5.5 N s/m, 5.906 N at full scale, 1 um, 10 kHz.
 #[derive(Clone)]
 struct Bench {
-    control: Control,
+    control: LoopParameters,
     sampler: GuardedSampler,
     guard: Guard,
     supervisor: Supervisor,
-    down: Down,
+    down: GuardCommand,
     push: Force,
     inputs: Inputs,
     /// Outputs that the rendering task misses from now on.
@@ -64,7 +65,7 @@ impl Bench {
             sampler: GuardedSampler::new(5, CounterWidth::Bits32),
             supervisor: Supervisor::new(plan, None),
             guard: Guard::NOTHING,
-            down: Down::start(&plan),
+            down: GuardCommand::start(&plan),
             push: Force::ZERO,
             inputs: GOOD,
             missing: 0,
@@ -99,7 +100,7 @@ impl Bench {
         match &mut self.asked {
             Some((0, asked)) => {
                 let Step { motion, present, .. } = *asked;
-                let up = Up { motion, present, guard: self.guard };
+                let up = SampleReport { motion, present, guard: self.guard };
                 self.asked = None;
                 let rendered = self.supervisor.render(&self.control, &up, self.push, self.inputs);
                 self.output = rendered.grant.force();

@@ -157,14 +157,14 @@ proptest! {
                 if let Some(rendered) = bench.last.take() {
                     let zero = bench.control.actuator.zero();
                     match rendered.grant {
-                        Grant::On(granted) => {
+                        OutputCommand::On(granted) => {
                             prop_assert!(status.state.is_on());
                             prop_assert!(status.inputs.stop_closed && status.inputs.supply_good);
                             prop_assert!(status.inputs.settings_valid && !status.inputs.halted);
                             let small = granted.force().bits().abs() <= SLEW;
                             prop_assert!(small || status.state != State::SignTest);
                         }
-                        Grant::Off => {
+                        OutputCommand::Off => {
                             prop_assert!(!status.state.is_on());
                             prop_assert_eq!(rendered.record.force, Force::ZERO);
                             prop_assert_eq!(rendered.record.command, zero);

@@ -4,7 +4,7 @@ use core::fmt;
 
 use zwidth::{
     console::Decimal,
-    experiment::{CalibrationEnd, Cell, Ended, Scatter, Verdict, WalkPlan, WalkTotals},
+    experiment::{CalibrationEnd, Cell, Ended, RunningVariance, Verdict, WalkSettings, WalkTotals},
     telemetry::Record,
 };
 
@@ -23,7 +23,7 @@ fn metres(counts: f64) -> Decimal {
 }
 
 /// The line that ends a hit.
-pub struct HitOver(pub Verdict, pub Scatter);
+pub struct HitOver(pub Verdict, pub RunningVariance);
 
 impl fmt::Display for HitOver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -34,7 +34,7 @@ impl fmt::Display for HitOver {
 }
 
 /// K and B of a cell.
-struct Wall<'a>(&'a WalkPlan, Cell);
+struct Wall<'a>(&'a WalkSettings, Cell);
 
 impl fmt::Display for Wall<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -45,7 +45,13 @@ impl fmt::Display for Wall<'_> {
 }
 
 /// One verdict of a walk: number of the hit, plan, cell, verdict, window.
-pub struct CellJudged<'a>(pub u32, pub &'a WalkPlan, pub Cell, pub Verdict, pub &'a Scatter);
+pub struct CellJudged<'a>(
+    pub u32,
+    pub &'a WalkSettings,
+    pub Cell,
+    pub Verdict,
+    pub &'a RunningVariance,
+);
 
 impl fmt::Display for CellJudged<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -56,7 +62,7 @@ impl fmt::Display for CellJudged<'_> {
 }
 
 /// One point of the boundary: number, plan, cell.
-pub struct Boundary<'a>(pub u32, pub &'a WalkPlan, pub Cell);
+pub struct Boundary<'a>(pub u32, pub &'a WalkSettings, pub Cell);
 
 impl fmt::Display for Boundary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

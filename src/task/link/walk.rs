@@ -3,7 +3,7 @@
 
 use zwidth::{
     console::Reply,
-    experiment::{Cell, Scatter, Verdict, Walk, WalkError, WalkTotals},
+    experiment::{Cell, RunningVariance, Verdict, Walk, WalkError, WalkTotals},
     safety::State,
     store::Stored,
 };
@@ -49,7 +49,7 @@ impl Link {
     /// Gives the next order of a walk, or brings the stored wall back after one; says whether it did.
     pub(super) fn pursue(&mut self) -> bool {
         if let Some(totals) = self.unheard
-            && !self.voice.is_mute()
+            && !self.replies.is_mute()
         {
             self.unheard = None;
             self.write(&lines::WalkOver(totals, Err("nobody read its results")));
@@ -68,7 +68,7 @@ impl Link {
             Next::Verdict => return false,
             _ if !armed => self.break_walk("the force went off: see status and faults"),
             // Said once somebody reads again: said now it would be lost.
-            _ if self.voice.is_mute() => {
+            _ if self.replies.is_mute() => {
                 self.unheard = self.walking.take().map(|walking| walking.totals);
             }
             Next::Wall => match envelope::order(&self.cell(walking.walk.cell())) {
@@ -106,7 +106,7 @@ impl Link {
     }
 
     /// A hit of the walk is over.
-    pub(super) fn judged(&mut self, verdict: Verdict, scatter: &Scatter) {
+    pub(super) fn judged(&mut self, verdict: Verdict, scatter: &RunningVariance) {
         let Some(mut walking) = self.walking else { return };
         let plan = *walking.walk.plan();
         let cell = walking.walk.cell();

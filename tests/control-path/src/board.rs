@@ -1,10 +1,11 @@
 //! What supervises the control path, and what talks to it: the same look at its machine code.
 
 use zwidth::{
-    Control,
+    LoopParameters,
     console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
     safety::{
-        BlackBox, Down, FaultRecord, GuardedSampler, Inputs, Rendered, Request, Supervisor, Up,
+        BlackBox, FaultRecord, GuardCommand, GuardedSampler, Inputs, Rendered, Request,
+        SampleReport, Supervisor,
         envelope::{Envelope, Key},
     },
     store::{Flash, Sector, Stored, load, save},
@@ -17,11 +18,11 @@ use zwidth::{
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_guarded_sample(
     sampler: &mut GuardedSampler,
-    control: &Control,
+    control: &LoopParameters,
     counter: u32,
     senses: &Senses,
-    down: &Down,
-    up: &mut Up,
+    down: &GuardCommand,
+    up: &mut SampleReport,
 ) -> bool {
     let step = sampler.step(control, counter, senses, down, &mut up.guard);
     (up.motion, up.present) = (step.motion, step.present);
@@ -32,8 +33,8 @@ pub extern "C" fn zwidth_guarded_sample(
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_supervised_render(
     supervisor: &mut Supervisor,
-    control: &Control,
-    up: &Up,
+    control: &LoopParameters,
+    up: &SampleReport,
     push: &Force,
     inputs: &Inputs,
     rendered: &mut Rendered,

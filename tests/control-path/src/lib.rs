@@ -8,8 +8,8 @@ mod board;
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
 use zwidth::{
-    Control, Drive, Motion, Sampler, Settings,
-    experiment::{Calibration, Duty, DutyPlan, Hit, Trial, Verdict},
+    Drive, LoopParameters, Motion, Sampler, Settings,
+    experiment::{Calibration, Duty, DutyPlan, Hit, HitSequence, Verdict},
     units::{Force, Position, Velocity},
     velocity::{Biquad, BiquadState},
 };
@@ -18,7 +18,7 @@ use zwidth::{
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_sample(
     sampler: &mut Sampler,
-    control: &Control,
+    control: &LoopParameters,
     counter: u32,
     motion: &mut Motion,
 ) {
@@ -28,7 +28,7 @@ pub extern "C" fn zwidth_sample(
 /// Every output.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_render(
-    control: &Control,
+    control: &LoopParameters,
     motion: &Motion,
     push: &Force,
     drive: &mut Drive,
@@ -50,7 +50,7 @@ pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) 
 /// A trial's share of an output.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_trial(
-    trial: &mut Trial,
+    trial: &mut HitSequence,
     position: &Position,
     contact: bool,
     duty: &mut Duty,
@@ -104,7 +104,7 @@ pub extern "C" fn idsp_wide(
 pub extern "C" fn zwidth_build(
     settings: &Settings,
     design: &zwidth::Design,
-    control: &mut Control,
+    control: &mut LoopParameters,
 ) {
     if let Ok(built) = settings.build(design) {
         *control = built;

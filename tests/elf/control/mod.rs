@@ -16,7 +16,7 @@ use virtual_board::{
     mcu::Watch,
 };
 use zwidth::{
-    Control, Design, Settings, VelocitySettings, WallSettings,
+    Design, LoopParameters, Settings, VelocitySettings, WallSettings,
     telemetry::{Decoder, Record},
 };
 
@@ -30,7 +30,7 @@ struct Session {
     counts: Vec<u32>,
     records: Vec<Record>,
     /// Settings in the order in which the firmware took them.
-    controls: Vec<Control>,
+    controls: Vec<LoopParameters>,
     lines: usize,
     watch: Watch,
 }

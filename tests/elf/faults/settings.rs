@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use virtual_board::{board::Powered, world::World};
 use zwidth::{
     Settings, VelocitySettings, WallSettings,
-    experiment::WalkPlan,
+    experiment::WalkSettings,
     store::{DeviceKey, RECORD_WORDS, Signs, Stored},
 };
 
@@ -35,7 +35,7 @@ fn record(firmware: &Firmware, sequence: u32, stiffness_n_per_m: f64) -> [u32; R
         window_s: 2.0,
         rms_limit_m: 1.5e-5,
         full_scale_n: 5.906,
-        grid: WalkPlan {
+        grid: WalkSettings {
             stiffness_start_n_per_m: 2000.0,
             stiffness_step_n_per_m: 2000.0,
             stiffness_max_n_per_m: 1e5,

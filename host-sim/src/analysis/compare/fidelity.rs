@@ -1,4 +1,4 @@
-//! Rendered against commanded impedance, `K + j w B` (Chawda, Celik, O'Malley, IEEE/ASME T-Mech 23(2),
+//! ControllerOutput against commanded impedance, `K + j w B` (Chawda, Celik, O'Malley, IEEE/ASME T-Mech 23(2),
 //! 2018, plot it over the Z-width).
 //!
 //! The handle is moved inside each of several walls by a sine, the very loop of the scene (encoder, estimator,
@@ -240,7 +240,7 @@ fn impedances(
 mod tests {
     use super::*;
     use crate::scene::{
-        NamedScene, Velocity,
+        EstimatorChoice, NamedScene,
         element::{Amplifier, EncoderError, EncoderNoise, Jitter},
     };
 
@@ -297,7 +297,7 @@ mod tests {
     #[test]
     fn the_force_that_an_observer_is_told_does_not_depend_on_the_actuators_range() {
         let mut scene = paper();
-        scene.velocity = Velocity::Observer { mass_kg: 0.416 };
+        scene.velocity = EstimatorChoice::Observer { mass_kg: 0.416 };
         let small = measure(&scene, 150.0, &[WALL]).unwrap();
         scene.actuator.limit_v *= 50.0;
         let large = measure(&scene, 150.0, &[WALL]).unwrap();

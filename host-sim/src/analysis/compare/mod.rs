@@ -13,9 +13,9 @@
 
 pub mod axis;
 pub mod bandwidth;
-pub mod contact;
 pub mod cost;
 pub mod fidelity;
+pub mod roughness;
 pub mod search;
 pub mod signal;
 pub mod table;
@@ -32,17 +32,17 @@ use zwidth::{
     velocity::{EstimatorName, Sense},
 };
 
-pub use contact::Contact;
 pub use cost::Cost;
 pub use fidelity::Fidelity;
+pub use roughness::Contact;
 pub use signal::Signal;
 pub use tuned::Tuned;
 
 use crate::{
     error::Error,
     numerics::statistics::Repeats,
-    scene::{LATENCY_KNOWN_MAX, Scene, estimator::Velocity},
-    simulation::prepared::{Numeric, Rig, WallHit},
+    scene::{LATENCY_KNOWN_MAX, Scene, estimator::EstimatorChoice},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
 /// An estimator in the comparison.
@@ -164,7 +164,7 @@ pub struct Compared {
     pub signal: Signal,
     /// In contact with each of the walls.
     pub contacts: [Contact; 3],
-    /// Rendered against commanded impedance.
+    /// ControllerOutput against commanded impedance.
     pub fidelity: Fidelity,
     /// On the Cortex-M4; `None` if it was not measured.
     pub cost: Option<Cost>,
@@ -192,7 +192,7 @@ impl Compared {
 
 /// The scene with that estimator, and the cutoff to run it with.
 pub fn with_estimator(scene: &Scene, settings: &VelocitySettings) -> (Scene, f64) {
-    let (velocity, cutoff_hz) = Velocity::of(settings);
+    let (velocity, cutoff_hz) = EstimatorChoice::of(settings);
     let mut scene = scene.clone();
     scene.velocity = velocity;
     if let Some(cutoff_hz) = cutoff_hz {
@@ -255,10 +255,10 @@ pub fn compare(
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
             let (with, cutoff_hz) = with_estimator(&entry.told(scene), &settings);
-            let rig = Rig::new(&with)?;
+            let rig = PreparedScene::new(&with)?;
             let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
             let contacts =
-                walls.map(|wall| contact::measure(&rig, Numeric::Fixed, &wall.hit(cutoff_hz)));
+                walls.map(|wall| roughness::measure(&rig, Numeric::Fixed, &wall.hit(cutoff_hz)));
             let fidelity = fidelity::measure(&with, cutoff_hz, &walls)?;
             let cost = cost::of(settings.name());
             Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })

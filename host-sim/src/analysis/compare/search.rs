@@ -27,7 +27,7 @@ use crate::{
     error::Error,
     numerics::statistics::Repeats,
     scene::Scene,
-    simulation::prepared::{Numeric, Rig},
+    simulation::prepared::{Numeric, PreparedScene},
     study::{
         sweep::start_offset_counts,
         walk::{Boundary, walk},
@@ -87,7 +87,7 @@ pub fn tune(
 ) -> Result<(VelocitySettings, Tuned), Error> {
     let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Vec<Boundary>, Error> {
         let (scene, cutoff_hz) = with_estimator(scene, settings);
-        let rig = Rig::new(&scene)?;
+        let rig = PreparedScene::new(&scene)?;
         let each = |&start: &f64| walk(&rig, Numeric::Fixed, cutoff_hz, start, stop);
         let boundaries = starts.par_iter().map(each).collect();
         done(starts.len() as u64);

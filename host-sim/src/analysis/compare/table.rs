@@ -3,7 +3,7 @@
 use zwidth::velocity::EstimatorName;
 
 use super::{
-    Compared, Place, contact, fidelity,
+    Compared, Place, fidelity, roughness,
     search::{GAIN, LAST_STEP, OF_TWO, WALKS_OF_A_TRY},
     tuned::Edge,
 };
@@ -311,8 +311,8 @@ pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
         format!(
             "K at B is at B = {b} N s/m. Force above {} Hz is its RMS in {} wall hits at K = {k:.0} N/m, \
              B = {b} N s/m; it is empty where that wall is not stable.",
-            contact::ROUGH_ABOVE_HZ,
-            contact::HITS
+            roughness::ROUGH_ABOVE_HZ,
+            roughness::HITS
         ),
         format!(
             "Impedance from 1 to 100 Hz under a prescribed motion at {}: geometric mean over walls and \

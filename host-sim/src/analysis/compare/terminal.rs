@@ -2,9 +2,7 @@
 
 use super::{
     Compared, Place,
-    table::{
-        CRITERIA, Parameter, Part, {self},
-    },
+    table::{self, CRITERIA, Parameter, Part},
     winners::{Winner, sentence},
 };
 use crate::output::figure::number;

@@ -9,12 +9,10 @@ use zwidth::{units::Velocity, velocity::Senses};
 use super::{Bench, Variant};
 use crate::{
     error::Error,
-    scene::{
-        Scene, {self},
-    },
+    scene::{self, Scene},
     simulation::{
-        controller::{Controller, Fixed, Rendered},
-        prepared::{HitError, Rig},
+        controller::{Controller, ControllerOutput, Fixed},
+        prepared::{HitError, PreparedScene},
     },
     study::{
         sweep::start_offset_counts,
@@ -60,7 +58,7 @@ impl Controller for Filtered {
     }
 
     #[inline]
-    fn render(&mut self) -> Rendered {
+    fn render(&mut self) -> ControllerOutput {
         self.core.render()
     }
 
@@ -103,10 +101,10 @@ impl Areas {
 ///
 /// # Errors
 /// The scene is out of range.
-pub fn rig(scene: &Scene) -> Result<Rig, Error> {
+pub fn rig(scene: &Scene) -> Result<PreparedScene, Error> {
     let mut scene = scene.clone();
-    scene.velocity = scene::Velocity::Difference {};
-    Rig::new(&scene)
+    scene.velocity = scene::EstimatorChoice::Difference {};
+    PreparedScene::new(&scene)
 }
 
 /// One walk with that filter; `start` is 0 to below 1 count.
@@ -114,7 +112,7 @@ pub fn rig(scene: &Scene) -> Result<Rig, Error> {
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn boundary(
-    rig: &Rig,
+    rig: &PreparedScene,
     filter: &Filter,
     cutoff_hz: f64,
     start: f64,
@@ -131,7 +129,7 @@ pub fn boundary(
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn measure(
-    rig: &Rig,
+    rig: &PreparedScene,
     bench: &Bench,
     cutoffs_hz: &[f64],
     repeats: u32,
@@ -181,7 +179,8 @@ mod tests {
         scene.walk.damping_step_n_s_per_m = 60.0;
         let stop = AtomicBool::new(false);
         let bench = Bench::of(&scene);
-        let core = walk(&Rig::new(&scene).unwrap(), Numeric::Fixed, 1500.0, 0.25, &stop).unwrap();
+        let core = walk(&PreparedScene::new(&scene).unwrap(), Numeric::Fixed, 1500.0, 0.25, &stop)
+            .unwrap();
         let rig = rig(&scene).unwrap();
         let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
         assert_eq!(boundary(&rig, &filter, 1500.0, 0.25, &stop).unwrap(), core);

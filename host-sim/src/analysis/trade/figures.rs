@@ -8,9 +8,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    output::figure::{
-        Figure, Mark, TradePanel, TradePlot, TradeSeries, hertz, {self},
-    },
+    output::figure::{self, Figure, Mark, TradePanel, TradePlot, TradeSeries, hertz},
 };
 
 /// Cutoffs that the Pareto figure shows: the ones tried that are nearest to these, Hz.

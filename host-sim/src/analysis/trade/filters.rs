@@ -7,9 +7,7 @@ use rayon::prelude::*;
 
 use super::{
     Bench, Criterion, Refused, Variant,
-    area::{
-        Areas, {self},
-    },
+    area::{self, Areas},
     cost, drift,
     headroom::Reversal,
     noise::{Motions, Noise},

@@ -4,9 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     Bench, Criterion, Variant,
-    cost::{
-        Cost, {self},
-    },
+    cost::{self, Cost},
     filters::{FilterRow, Filters},
     plant::Plants,
 };

@@ -14,7 +14,7 @@ pub mod euler;
 pub mod rk4;
 mod stability;
 
-pub use stability::Demand;
+pub use stability::StepDemand;
 
 use serde::{Deserialize, Serialize};
 
@@ -83,7 +83,7 @@ impl Integrator {
     ///
     /// # Errors
     /// Key, value, allowed range; the reason if it is stability.
-    pub fn check(&self, demand: &Demand, sample_s: f64) -> Result<(), String> {
+    pub fn check(&self, demand: &StepDemand, sample_s: f64) -> Result<(), String> {
         let fastest_per_s = demand.fastest_per_s();
         let (steps, least) = match *self {
             Self::SemiImplicitEuler { steps_per_sample } => {

@@ -30,7 +30,7 @@ type Bodies = SMatrix<f64, 3, 3>;
 
 /// What an integrator has to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Demand {
+pub struct StepDemand {
     /// `M^-1/2 K M^-1/2` where the elements are steepest, 1/s^2; rows of bodies that are not there are 0.
     stiffness: Bodies,
     /// The same of the damping, 1/s.
@@ -43,7 +43,7 @@ fn largest(matrix: Bodies) -> f64 {
     matrix.symmetric_eigenvalues().max()
 }
 
-impl Demand {
+impl StepDemand {
     /// That of a plant.
     pub fn of(chain: &Chain, nonlinear: &Nonlinear) -> Self {
         let [stiffness, damping] = chain.per_mass(nonlinear.steepest());

@@ -103,10 +103,10 @@ fn the_stable_half_disk_lies_inside_the_region_of_rk4() {
 }
 
 /// A device that is slow itself, with an amplifier: what `check` has to allow for is the pole.
-fn demand(pole_per_s: f64) -> Demand {
+fn demand(pole_per_s: f64) -> StepDemand {
     let amplifier = Some(Amplifier { bandwidth_hz: pole_per_s / core::f64::consts::TAU });
     let plain = Chain::of(&NamedScene::load("paper-1um").unwrap().scene);
-    Demand::of(&Chain { amplifier, ..plain }, &Nonlinear::default())
+    StepDemand::of(&Chain { amplifier, ..plain }, &Nonlinear::default())
 }
 
 #[test]
@@ -209,7 +209,7 @@ fn radius(mut matrix: SMatrix<f64, 7, 7>) -> f64 {
 proptest! {
     #[test]
     fn no_motion_is_faster_than_the_demand_says((chain, stop) in any_chain()) {
-        let bound = Demand::of(&chain, &on_springs(stop)).fastest_per_s();
+        let bound = StepDemand::of(&chain, &on_springs(stop)).fastest_per_s();
         let fastest = regimes(&chain, stop).map(radius).into_iter().fold(0.0, f64::max);
         prop_assert!(fastest <= bound * (1.0 + 1e-9), "{fastest:e} of {bound:e}");
         prop_assert!(fastest >= 0.25 * bound, "{fastest:e} of {bound:e}: the bound is loose");
@@ -217,7 +217,7 @@ proptest! {
 
     #[test]
     fn semi_implicit_euler_is_stable_from_the_least_number_of_steps_on((chain, stop) in any_chain()) {
-        let demand = Demand::of(&chain, &on_springs(stop));
+        let demand = StepDemand::of(&chain, &on_springs(stop));
         let least = demand.euler_steps(SAMPLE_S);
         // What one step makes of each state, by the very code that steps.
         let step = |regime: &SMatrix<f64, 7, 7>, steps: f64| {

@@ -15,9 +15,7 @@ use super::{
     colour::{ACCENT, DATA, QUIET, TEXT},
     cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows},
     grid, not_negative,
-    panel::{
-        AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
-    },
+    panel::{self, AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     positive, text,
 };
 

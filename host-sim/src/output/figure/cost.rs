@@ -7,9 +7,7 @@ use super::{
     axis::Ticks,
     colour::{ACCENT, DATA, TEXT},
     grid,
-    panel::{
-        Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
-    },
+    panel::{self, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     positive, text,
 };
 

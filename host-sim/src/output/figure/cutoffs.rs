@@ -13,9 +13,7 @@ use super::{
     area::{AreaPlot, AreaPoint, panel_of},
     axis::{hertz, number},
     colour::{ACCENT, FRAME, TEXT},
-    panel::{
-        Panel, TICK_LENGTH, {self},
-    },
+    panel::{self, Panel, TICK_LENGTH},
     text,
 };
 

@@ -15,9 +15,7 @@ use plotters::{
 use super::{
     FigureError, MARGIN, Page, WIDTH, at,
     axis::Ticks,
-    colour::{
-        FRAME, QUIET, TEXT, {self},
-    },
+    colour::{self, FRAME, QUIET, TEXT},
     grid, text,
 };
 

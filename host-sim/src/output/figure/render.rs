@@ -9,9 +9,7 @@ use plotters_backend::{
 
 use super::{
     FigureError, GRID, Plot, grid,
-    text::{
-        FONT_FAMILIES, escape, {self},
-    },
+    text::{self, FONT_FAMILIES, escape},
 };
 
 /// Grid steps per pixel of a PNG, each way: what they average is the anti-aliasing.

@@ -6,9 +6,7 @@ use super::{
     Figure, FigureError, Page, Plot, WIDTH,
     axis::Ticks,
     colour::{ACCENT, DATA, TEXT},
-    panel::{
-        Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
-    },
+    panel::{self, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     plottable, positive, text,
     trace::{range, reduce},
 };

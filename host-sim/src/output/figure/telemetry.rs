@@ -6,9 +6,7 @@ use super::{
     Figure, FigureError, Page, Plot, WIDTH,
     axis::Ticks,
     colour::{ACCENT, DATA, FRAME, TEXT},
-    panel::{
-        AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, {self},
-    },
+    panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP},
     plottable, text,
     trace::{draw_trace, range},
 };

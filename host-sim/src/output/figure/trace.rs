@@ -7,9 +7,7 @@ use super::{
     axis::{Ticks, hertz, number},
     colour::{ACCENT, DATA, FRAME, TEXT},
     grid, not_negative,
-    panel::{
-        AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
-    },
+    panel::{self, AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     plottable, positive, text,
 };
 

@@ -6,9 +6,7 @@ use super::{
     Figure, FigureError, MARGIN, Page, Plot, WIDTH,
     axis::superscript,
     colour::{GRID, QUIET, TEXT},
-    panel::{
-        AXIS_TITLE_SIZE, Panel, SMALL_SIZE, {self},
-    },
+    panel::{self, AXIS_TITLE_SIZE, Panel, SMALL_SIZE},
     plottable, text,
 };
 

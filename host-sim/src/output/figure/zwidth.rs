@@ -7,9 +7,7 @@ use super::{
     axis::{Ticks, hertz},
     colour::{ACCENT, QUIET, TEXT, ordered},
     grid, not_negative,
-    panel::{
-        AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke, {self},
-    },
+    panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     text,
 };
 use crate::study::walk::BoundaryPoint;

@@ -4,8 +4,8 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        FirDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
-        {self},
+        self, FirDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
+        TrackingLoop,
     },
 };
 
@@ -64,7 +64,7 @@ pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 enum Kind {
-    Butterworth(velocity::Design),
+    Butterworth(velocity::ButterworthDesign),
     FirstOrder(FirstOrder),
     Difference,
     /// Weights of the last differences, newest first.
@@ -91,7 +91,7 @@ impl TwinEstimator {
     /// The usual estimators in one form; `None` for the others.
     pub(crate) fn low_pass(&self) -> Option<LowPass> {
         match self.kind {
-            Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
+            Kind::Butterworth(velocity::ButterworthDesign { b0, a1, a2, .. }) => {
                 Some(LowPass { past: [2.0, 1.0], b0, a: [a1, a2] })
             }
             Kind::FirstOrder(FirstOrder { b0, a1 }) => {
@@ -111,7 +111,7 @@ impl TwinEstimator {
         let rate_hz = design.rate_hz;
         let kind = match *settings {
             VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-                Kind::Butterworth(velocity::Design::new(cutoff_hz, rate_hz, prewarp)?)
+                Kind::Butterworth(velocity::ButterworthDesign::new(cutoff_hz, rate_hz, prewarp)?)
             }
             VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
                 Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, prewarp)?)
@@ -182,7 +182,7 @@ impl TwinEstimator {
     pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
         let input = f64::from(difference);
         match &self.kind {
-            Kind::Butterworth(velocity::Design { b0, a1, a2, .. }) => {
+            Kind::Butterworth(velocity::ButterworthDesign { b0, a1, a2, .. }) => {
                 let [x1, x2] = self.inputs;
                 let [y1, y2] = self.outputs;
                 let raw = b0 * (input + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;

@@ -12,7 +12,7 @@ pub(crate) use estimator::LowPass;
 pub use estimator::TwinEstimator;
 use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
 
-use crate::simulation::controller::{Controller, Rendered};
+use crate::simulation::controller::{Controller, ControllerOutput};
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
@@ -130,7 +130,7 @@ impl Controller for Twin {
     }
 
     #[inline(always)] // called, it would keep the state of the loop in memory
-    fn render(&mut self) -> Rendered {
+    fn render(&mut self) -> ControllerOutput {
         let penetration = i64::from(self.count) - i64::from(self.surface);
         let mut wall = 0.0;
         if penetration > 0 {
@@ -147,7 +147,7 @@ impl Controller for Twin {
             None => force,
             Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
         };
-        Rendered { force, output, saturated: force != wanted }
+        ControllerOutput { force, output, saturated: force != wanted }
     }
 
     #[inline]

@@ -26,7 +26,7 @@ use core::f64::consts::PI;
 
 use nalgebra::Complex;
 
-use super::{Demand, PER_DECADE, STABLE_RADIUS};
+use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
 /// Lowest frequency, radians per output period: rounding grows towards 0 as 1e-16 over it.
@@ -135,10 +135,10 @@ impl Passivity {
         &self,
         stiffness_n_per_m: f64,
         damping_n_s_per_m: f64,
-    ) -> Result<Demand, LinearError> {
+    ) -> Result<PassivityDemand, LinearError> {
         finite(stiffness_n_per_m, damping_n_s_per_m)?;
         if self.unstable {
-            return Ok(Demand { damping_n_s_per_m: f64::INFINITY, frequency_hz: 0.0 });
+            return Ok(PassivityDemand { damping_n_s_per_m: f64::INFINITY, frequency_hz: 0.0 });
         }
         let (k, b) = (stiffness_n_per_m, damping_n_s_per_m);
         let costs: Vec<f64> = self.points.iter().map(|point| point.cost(k, b)).collect();
@@ -153,7 +153,7 @@ impl Passivity {
             }
         }
         let output_hz = 1.0 / (self.sample_s * f64::from(self.period));
-        Ok(Demand { damping_n_s_per_m: worst, frequency_hz: at / (2.0 * PI) * output_hz })
+        Ok(PassivityDemand { damping_n_s_per_m: worst, frequency_hz: at / (2.0 * PI) * output_hz })
     }
 
     /// Largest K, N/m, up to which every wall from K = 0 on is passive on a device of that damping; `None` if

@@ -29,7 +29,7 @@ use crate::{
         Scene,
         element::{Chain, Nonlinear},
     },
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{sweep::start_offset_counts, walk::walk},
 };
 
@@ -196,7 +196,7 @@ pub fn measure(scene: &Scene, stop: &AtomicBool, done: impl Fn() + Sync) -> Resu
         return Err(Error::Internal("no method".into()));
     };
     let cutoff_hz = cutoff_hz(scene);
-    let rig = Rig::new(&first.scene(scene))?;
+    let rig = PreparedScene::new(&first.scene(scene))?;
     let fine = walk(&rig, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
     let Some(peak) =
         fine.points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
@@ -259,7 +259,7 @@ fn differing(a: &[Verdict], b: &[Verdict]) -> usize {
 
 impl Reference<'_> {
     fn row(&self, method: Method, expected: &[Verdict], area: f64) -> Result<PlantRow, Error> {
-        let rig = match Rig::new(&method.scene(self.scene)) {
+        let rig = match PreparedScene::new(&method.scene(self.scene)) {
             Ok(rig) => rig,
             Err(error @ Error::Input(_)) => {
                 return Ok(PlantRow { method, measured: Err(error.to_string()) });
@@ -288,7 +288,7 @@ impl Reference<'_> {
         Ok(PlantRow { method, measured: Ok(measured) })
     }
 
-    fn verdicts(&self, rig: &Rig, nudge_counts: f64) -> Result<Vec<Verdict>, Error> {
+    fn verdicts(&self, rig: &PreparedScene, nudge_counts: f64) -> Result<Vec<Verdict>, Error> {
         let verdict = |hit: &WallHit| {
             if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
                 return Err(Error::Interrupted);
@@ -307,7 +307,7 @@ impl Reference<'_> {
         let mut scene = method.scene(self.scene);
         scene.walk.stiffness_step_n_per_m *= COARSER;
         scene.walk.damping_step_n_s_per_m *= COARSER;
-        let rig = Rig::new(&scene)?;
+        let rig = PreparedScene::new(&scene)?;
         let areas: Vec<f64> = (0..REPEATS)
             .map(|repeat| {
                 let start = start_offset_counts(repeat, REPEATS) + nudge_counts;
@@ -330,7 +330,7 @@ mod tests {
             damping_n_s_per_m: 200.0,
             start_offset_counts: 0.0,
         };
-        Recorded::new(&Rig::new(scene).unwrap(), &hit).unwrap()
+        Recorded::new(&PreparedScene::new(scene).unwrap(), &hit).unwrap()
     }
 
     fn rk4(steps_per_sample: u32) -> Method {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::{
     plant::{AnyPlant, Plant, each_plant},
-    simulation::prepared::{HitError, Rig, WallHit},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// A hit with the reference: where the handle was, and what was commanded.
@@ -33,7 +33,7 @@ impl Recorded {
     ///
     /// # Errors
     /// A setting is out of range.
-    pub fn new(rig: &Rig, hit: &WallHit) -> Result<Self, HitError> {
+    pub fn new(rig: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
         let samples = (rig.plan().settle + rig.plan().window) as usize;
         #[expect(
             clippy::cast_possible_truncation,

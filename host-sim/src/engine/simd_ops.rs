@@ -10,7 +10,7 @@ use pulp::{
 
 /// A vector machine. The bodies here work lane by lane and suit every machine; those with an instruction
 /// for it override them.
-pub trait Machine: Simd {
+pub trait SimdOps: Simd {
     /// Product of the lower halves, taken as signed, as a signed 64-bit number. The upper halves may hold
     /// anything.
     #[inline(always)]
@@ -144,13 +144,13 @@ pub fn lanes_mut<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &mut V)
     cast_slice_mut(from_mut(vector))
 }
 
-impl Machine for pulp::Scalar {}
+impl SimdOps for pulp::Scalar {}
 
 #[cfg(target_arch = "aarch64")]
-impl Machine for pulp::aarch64::Neon {}
+impl SimdOps for pulp::aarch64::Neon {}
 
 #[cfg(target_arch = "x86_64")]
-impl Machine for pulp::x86::V3 {
+impl SimdOps for pulp::x86::V3 {
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.max_f64s(a, b)
@@ -189,7 +189,7 @@ impl Machine for pulp::x86::V3 {
 
 /// Two vectors side by side.
 #[cfg(target_arch = "x86_64")]
-impl Machine for pulp::x86::V3_512b {
+impl SimdOps for pulp::x86::V3_512b {
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.max_f64s(a, b)
@@ -238,7 +238,7 @@ fn halves(
 }
 
 #[cfg(target_arch = "x86_64")]
-impl Machine for pulp::x86::V4 {
+impl SimdOps for pulp::x86::V4 {
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.max_f64s(a, b)

@@ -6,9 +6,9 @@ use stm32f4xx_hal::{
 };
 
 /// The sampling timer. Its update event pends the sampling task, interrupt `TIM5`.
-pub struct Pace(pac::TIM5);
+pub struct SampleTimer(pac::TIM5);
 
-impl Pace {
+impl SampleTimer {
     /// A timer that is not running yet, with `ticks` of its clock (half the core's) per sample.
     pub fn new(timer: pac::TIM5, ticks: u32, rcc: &mut Rcc) -> Self {
         pac::TIM5::enable(rcc);
@@ -30,7 +30,7 @@ impl Pace {
 }
 
 /// The first sample comes one period from now.
-pub(super) fn start() {
+pub(in crate::board) fn start() {
     // SAFETY: the address is TIM5's; after this nothing writes this register.
     let timer = unsafe { &*pac::TIM5::ptr() };
     timer.cr1().modify(|_, w| w.cen().set_bit());

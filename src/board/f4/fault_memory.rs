@@ -5,7 +5,7 @@ use core::ptr;
 use stm32f4xx_hal::rcc::Rcc;
 use zwidth::safety::{Fault, FaultRecord};
 
-use super::Supply;
+use super::supply::Supply;
 
 /// The backup RAM, 4 KiB.
 const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x4002_4000);
@@ -49,7 +49,7 @@ fn write(words: &[u32; FaultRecord::WORDS]) {
 }
 
 /// For the panic and fault handlers: if force was on, what ended it is this fault.
-pub(super) fn note(fault: Fault) {
+pub(in crate::board) fn note(fault: Fault) {
     let record = match FaultRecord::from_words(&read()) {
         Some(record) if record.fault == Fault::ResetWhileArmed => record.renamed(fault),
         Some(_) => return, // an earlier fault is the first one

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use crate::{
-    simulation::prepared::{Numeric, Rig, WallHit},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::sweep::start_offset_counts,
 };
 
@@ -29,7 +29,7 @@ pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 pub const HITS: u32 = 16;
 
 /// Measures one estimator; the rig's scene holds it.
-pub fn measure(rig: &Rig, numeric: Numeric, wall: &WallHit) -> Contact {
+pub fn measure(rig: &PreparedScene, numeric: Numeric, wall: &WallHit) -> Contact {
     let hits: Vec<(bool, f64)> = (0..HITS)
         .into_par_iter()
         .map(|n| {
@@ -44,7 +44,7 @@ pub fn measure(rig: &Rig, numeric: Numeric, wall: &WallHit) -> Contact {
 }
 
 /// Whether a hit is stable, and how rough.
-fn hit(rig: &Rig, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
+fn hit(rig: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
     let mut forces_n = vec![];
     let settle = u64::from(rig.plan().settle);
     let report = rig.hit(numeric, wall, |sample| {

@@ -10,7 +10,7 @@ use crate::units::{Force, Position};
 
 /// Watches for a force outside contact that moves nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct PushWatch {
+pub(super) struct StuckEncoder {
     /// Outputs since the watch began; 0: not watching.
     outputs: u32,
     /// The push is into the wall.
@@ -19,7 +19,7 @@ pub(super) struct PushWatch {
     highest: Position,
 }
 
-impl PushWatch {
+impl StuckEncoder {
     /// Takes the force that acted since the last output, and what came of it. True once the force
     /// was above 10 % in one direction, outside contact, for `limit` outputs, and the count stayed
     /// within less than 3.
@@ -68,7 +68,7 @@ mod tests {
 
     /// The output at which it fails, if it does within 200.
     fn fails_at(mut step: impl FnMut(u32) -> (Force, bool, i32)) -> Option<u32> {
-        let mut watch = PushWatch::default();
+        let mut watch = StuckEncoder::default();
         (0..200).find(|&n| {
             let (force, contact, count) = step(n);
             watch.failed(Some(force), contact, Position::from_counts(count), LIMIT)
@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(fails_at(|_| (above(1), true, 0)), None);
         assert_eq!(fails_at(|n| (above(1), n == 49, 0)), Some(100));
         assert_eq!(fails_at(|n| (if n < 30 { out() } else { above(1) }, false, 0)), Some(80));
-        let mut watch = PushWatch::default();
+        let mut watch = StuckEncoder::default();
         assert!((0..200).all(|_| !watch.failed(None, false, Position::default(), LIMIT)));
     }
 }

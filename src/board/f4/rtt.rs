@@ -16,17 +16,17 @@ use rtt_target::{ChannelMode, UpChannel, rtt_init};
 /// What the link task owns.
 pub struct Link {
     /// Up 1.
-    pub telemetry: Up,
+    pub telemetry: UpLink,
     /// Up 2.
-    pub replies: Up,
+    pub replies: UpLink,
     /// Down 0.
     pub commands: Commands,
 }
 
 /// A channel towards the host that drops what does not fit.
-pub struct Up(UpChannel);
+pub struct UpLink(UpChannel);
 
-impl Up {
+impl UpLink {
     /// Writes all of `bytes`, or nothing if they do not fit; says which.
     pub fn write(&mut self, bytes: &[u8]) -> bool {
         self.0.set_mode(ChannelMode::NoBlockSkip);
@@ -35,7 +35,7 @@ impl Up {
 }
 
 /// Sets up the channels; up 0 goes to the logger. Call once.
-pub(super) fn init() -> Link {
+pub(in crate::board) fn init() -> Link {
     let channels = rtt_init! {
         up: {
             0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" }
@@ -50,7 +50,11 @@ pub(super) fn init() -> Link {
     super::logger::start(channels.up.0);
     #[cfg(feature = "usual-logger")]
     rtt_target::set_defmt_channel(channels.up.0);
-    Link { telemetry: Up(channels.up.1), replies: Up(channels.up.2), commands: channels.down.0 }
+    Link {
+        telemetry: UpLink(channels.up.1),
+        replies: UpLink(channels.up.2),
+        commands: channels.down.0,
+    }
 }
 
 /// The usual logger does not tell.

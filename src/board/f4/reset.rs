@@ -4,7 +4,7 @@ use stm32f4xx_hal::pac;
 use zwidth::safety::ResetCause;
 
 /// Reads the flags and clears them for the next time.
-pub(super) fn cause(rcc: &pac::RCC) -> ResetCause {
+pub(in crate::board) fn cause(rcc: &pac::RCC) -> ResetCause {
     let flags = rcc.csr().read();
     // Several are set at once: every cause also pulls the reset pin, and power sets all of its own.
     let cause = if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {

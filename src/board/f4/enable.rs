@@ -21,14 +21,14 @@ const ON: u32 = OFF | 1 << 15;
 const BREAK: u32 = 1 << 7;
 
 /// TIM1's registers, for the few stores that must work from everywhere.
-pub(super) fn registers() -> &'static pac::tim1::RegisterBlock {
+pub(in crate::board) fn registers() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the address is TIM1's. Outside `init` this program only stores whole constants
     // into BDTR, SR and CR1 and compare values into CCR1 and CCR2, never a modified reading.
     unsafe { &*pac::TIM1::ptr() }
 }
 
 /// Sets channel 3 to a constant high level, gated by MOE. TIM1 must have its clock.
-pub(super) fn init() {
+pub(in crate::board) fn init() {
     off();
     let tim1 = registers();
     // OC3M = 101, forced active; SAFETY: a documented value of the register.
@@ -44,7 +44,7 @@ pub fn off() {
 }
 
 /// Enable active, unless the emergency stop is open. Forgets that it was.
-pub(super) fn on() {
+pub(in crate::board) fn on() {
     // A flag is cleared by writing 0; 1 leaves the others. SAFETY: a documented value.
     registers().sr().write(|w| unsafe { w.bits(!BREAK) });
     // SAFETY: a documented value of the register.
@@ -59,6 +59,6 @@ pub fn is_on() -> bool {
 
 /// Whether the emergency stop was open at any time since [`on`], however short.
 #[inline(always)]
-pub(super) fn was_stopped() -> bool {
+pub(in crate::board) fn was_stopped() -> bool {
     registers().sr().read().bits() & BREAK != 0
 }

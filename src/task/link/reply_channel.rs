@@ -3,15 +3,11 @@
 //! A line that neither of them takes, because nobody reads, is kept until one does. Until then no
 //! command is obeyed but those that end something: nothing changes without an acknowledgement.
 
-use core::fmt::{
-    Write as _, {self},
-};
+use core::fmt::{self, Write as _};
 
 use zwidth::console::{REPLY_MAX, Text};
 
-use crate::board::{
-    Up, {self},
-};
+use crate::board::{self, UpLink};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
 /// copies one.
@@ -21,8 +17,8 @@ const LOG_LINE: usize = 200;
 const PASSES: u8 = 32;
 
 /// Both channels for people.
-pub struct Voice {
-    replies: Up,
+pub struct ReplyChannel {
+    replies: UpLink,
     /// The last line.
     line: Text<{ REPLY_MAX + 1 }>,
     /// Nobody has taken it yet.
@@ -34,9 +30,9 @@ pub struct Voice {
     passes: u8,
 }
 
-impl Voice {
+impl ReplyChannel {
     /// Over that channel and the log.
-    pub fn new(replies: Up) -> Self {
+    pub fn new(replies: UpLink) -> Self {
         Self { replies, line: Text::new(), kept: false, lost: 0, ignored: 0, passes: 0 }
     }
 

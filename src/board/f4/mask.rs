@@ -26,7 +26,7 @@ pub fn with_lower_tasks_masked<R>(section: impl FnOnce() -> R) -> R {
 /// The first half of [`with_lower_tasks_masked`], where a closure does not fit; returns what
 /// [`restore`] takes.
 #[inline(always)]
-pub(super) fn raise() -> u8 {
+pub(in crate::board) fn raise() -> u8 {
     if !caller_is_masked() {
         cortex_m::asm::udf();
     }
@@ -40,7 +40,7 @@ pub(super) fn raise() -> u8 {
 
 /// The second half.
 #[inline(always)]
-pub(super) fn restore(before: u8) {
+pub(in crate::board) fn restore(before: u8) {
     // SAFETY: `before` is what BASEPRI was before the matching `raise`; accesses that it guarded
     // stay before this, because the assembly may touch memory.
     unsafe {

@@ -46,7 +46,7 @@ fn address(sector: Sector, word: usize) -> *mut u32 {
 }
 
 impl SettingsFlash {
-    pub(super) fn new(flash: pac::FLASH) -> Self {
+    pub(in crate::board) fn new(flash: pac::FLASH) -> Self {
         Self(flash)
     }
 

@@ -52,7 +52,7 @@ impl Watchdog {
 }
 
 /// Gives everything more time while `work`, which stalls the core, goes on.
-pub(super) fn with_patience<R>(work: impl FnOnce() -> R) -> R {
+pub(in crate::board) fn with_patience<R>(work: impl FnOnce() -> R) -> R {
     set_timeout(PATIENT_MS);
     let result = work();
     set_timeout(TIMEOUT_MS);

@@ -3,12 +3,14 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Duty, DutyPlan, Hit, HitPlan, Return, ReturnPlan, ReturnStep, Scatter, Verdict};
+use super::{
+    Duty, DutyPlan, Hit, HitPlan, Return, ReturnPlan, ReturnStep, RunningVariance, Verdict,
+};
 use crate::units::{Force, Position};
 
 /// What a trial is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrialPlan {
+pub struct HitSequencePlan {
     /// The hit.
     pub hit: HitPlan,
     /// The way back before it.
@@ -21,7 +23,7 @@ pub struct TrialPlan {
 
 /// Why a trial ended without a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Broken {
+pub enum AbortReason {
     /// The force went off.
     Off,
     /// The handle did not come back to the start in time.
@@ -30,7 +32,7 @@ pub enum Broken {
     TooWarm,
 }
 
-impl Broken {
+impl AbortReason {
     /// What is wrong and what helps.
     pub const fn text(self) -> &'static str {
         match self {
@@ -53,8 +55,8 @@ enum Phase {
 
 /// A trial in progress.
 #[derive(Clone, Copy, Debug)]
-pub struct Trial {
-    plan: TrialPlan,
+pub struct HitSequence {
+    plan: HitSequencePlan,
     phase: Phase,
     /// Outputs spent cooling down.
     cooled: u32,
@@ -64,9 +66,9 @@ pub struct Trial {
     fresh: bool,
 }
 
-impl Trial {
+impl HitSequence {
     /// A trial whose first output is still to come.
-    pub fn new(plan: TrialPlan) -> Self {
+    pub fn new(plan: HitSequencePlan) -> Self {
         Self { plan, phase: Phase::Cool, cooled: 0, looked: 0, fresh: false }
     }
 
@@ -79,20 +81,20 @@ impl Trial {
         position: Position,
         contact: bool,
         duty: &Duty,
-    ) -> Result<Force, Broken> {
+    ) -> Result<Force, AbortReason> {
         self.fresh = false;
         if let Phase::Cool = self.phase {
             if !duty.is_ready(&self.plan.duty) {
                 self.cooled = self.cooled.saturating_add(1);
                 let patient = self.cooled <= self.plan.duty.patience();
-                return if patient { Ok(Force::ZERO) } else { Err(Broken::TooWarm) };
+                return if patient { Ok(Force::ZERO) } else { Err(AbortReason::TooWarm) };
             }
             self.phase = Phase::Back(Return::new(self.plan.back));
         }
         if let Phase::Back(back) = &mut self.phase {
             match back.output(position, contact) {
                 ReturnStep::Push(force) => return Ok(force),
-                ReturnStep::TooLong => return Err(Broken::NotBack),
+                ReturnStep::TooLong => return Err(AbortReason::NotBack),
                 // Whatever warmed the motor on the way, the hit has its reserve.
                 ReturnStep::Arrived if !duty.is_ready(&self.plan.duty) => {
                     self.phase = Phase::Cool;
@@ -133,10 +135,10 @@ impl Trial {
     }
 
     /// The window so far; empty before the hit.
-    pub fn scatter(&self) -> Scatter {
+    pub fn scatter(&self) -> RunningVariance {
         match &self.phase {
             Phase::Hit(hit) => *hit.scatter(),
-            Phase::Cool | Phase::Back(_) => Scatter::default(),
+            Phase::Cool | Phase::Back(_) => RunningVariance::default(),
         }
     }
 }
@@ -148,24 +150,28 @@ mod tests {
         HitSettings,
         experiment::{
             DutySettings,
-            back::tests::{DESIGN, Handle, SETTINGS as BACK},
+            return_move::tests::{DESIGN, Handle, SETTINGS as BACK},
         },
     };
 
     const HIT: HitSettings =
         HitSettings { push_n: 2.835, settle_s: 1.0, window_s: 0.5, rms_limit_m: 1.5e-5 };
 
-    fn plan(early: bool) -> TrialPlan {
+    fn plan(early: bool) -> HitSequencePlan {
         let hit = HIT.build(&DESIGN).unwrap();
         let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
         let duty = duty.build(&DESIGN, hit.settle + hit.window).unwrap();
-        TrialPlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, early }
+        HitSequencePlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, early }
     }
 
     /// A soft stop at 0.07 m that trembles by `chatter_m`: the verdict, and outputs of each phase.
-    fn run(mut duty: Duty, early: bool, chatter_m: f64) -> (Result<Verdict, Broken>, [u32; 3]) {
+    fn run(
+        mut duty: Duty,
+        early: bool,
+        chatter_m: f64,
+    ) -> (Result<Verdict, AbortReason>, [u32; 3]) {
         let plan = plan(early);
-        let mut trial = Trial::new(plan);
+        let mut trial = HitSequence::new(plan);
         let mut handle = Handle::at(0.0517);
         let mut spent = [0; 3];
         for n in 0..200_000 {
@@ -230,10 +236,10 @@ mod tests {
         assert_eq!((verdict, hit), (Ok(Verdict::Stable), 1_500));
         assert!(cool > 100, "{cool}");
         // a motor that stays warm, because the wall goes on asking for force
-        let mut trial = Trial::new(plan);
+        let mut trial = HitSequence::new(plan);
         let at = Position::from_counts(80_000);
         let ended =
             (0..1_000_000).find_map(|n| trial.output(at, true, &warm).err().map(|b| (n, b)));
-        assert_eq!(ended, Some((plan.duty.patience(), Broken::TooWarm)));
+        assert_eq!(ended, Some((plan.duty.patience(), AbortReason::TooWarm)));
     }
 }

@@ -1,36 +1,36 @@
 //! What the output may do.
 
-use crate::units::{Command, Force};
+use crate::units::{Force, OutputCode};
 
 /// What the output may do. A force comes only out of a supervisor that is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Grant {
+pub enum OutputCommand {
     /// Amplifier enable inactive first, then the code of zero force.
     Off,
     /// This force.
-    On(Granted),
+    On(GrantedForce),
 }
 
 /// A force that may act. Only a [`Supervisor`](super::Supervisor) makes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Granted {
+pub struct GrantedForce {
     pub(super) force: Force,
-    pub(super) command: Command,
+    pub(super) command: OutputCode,
 }
 
-impl Granted {
+impl GrantedForce {
     /// The force, within +-1 full scale.
     pub fn force(self) -> Force {
         self.force
     }
 
     /// The same as a DAC or PWM code.
-    pub fn command(self) -> Command {
+    pub fn command(self) -> OutputCode {
         self.command
     }
 }
 
-impl Grant {
+impl OutputCommand {
     /// The force that acts; none while off.
     pub fn force(self) -> Option<Force> {
         match self {

@@ -5,7 +5,7 @@ use zwidth::velocity::Senses;
 
 /// `ICxF` = 3: a level counts after 8 equal samples at the timer clock, half the core's: 95 ns at
 /// 168 MHz. Shorter glitches do not count; A and B may each change up to ten million times a second.
-pub(super) const FILTER: u32 = 0b0011;
+pub(in crate::board) const FILTER: u32 = 0b0011;
 
 /// The counter of the quadrature decoder.
 pub struct Encoder {

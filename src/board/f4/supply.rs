@@ -34,7 +34,7 @@ impl Supply {
     }
 
     /// Opens the backup RAM, which a reset closes, for writing.
-    pub(super) fn open_backup(&self) {
+    pub(in crate::board) fn open_backup(&self) {
         self.0.cr().modify(|_, w| w.dbp().set_bit());
     }
 

@@ -4,7 +4,7 @@
 //! answer, which comes with the next output.
 
 mod lines;
-mod voice;
+mod reply_channel;
 mod walk;
 
 use core::{fmt, sync::atomic::Ordering::Relaxed};
@@ -18,28 +18,22 @@ use zwidth::{
     },
     experiment::{CalibrationEnd, WalkTotals},
     safety::{Refusal, Request, State},
-    store::{
-        SaveError, Source, Stored, {self},
-    },
+    store::{self, SaveError, Source, Stored},
     telemetry::{Frame, Record},
     velocity::{EstimatorName, Parameter},
 };
 
 use self::{
     lines::{CalibrationHolds, CalibrationOver, HitOver},
-    voice::Voice,
+    reply_channel::ReplyChannel,
     walk::Walking,
 };
 use super::{
     FLAGS, ORDERS, REPORTS, device,
-    envelope::{
-        ENVELOPE, {self},
-    },
+    envelope::{self, ENVELOPE},
     order::{Event, Order, Report},
 };
-use crate::board::{
-    Commands, FlashError, SettingsFlash, Up, Watchdog, {self},
-};
+use crate::board::{self, Commands, FlashError, SettingsFlash, UpLink, Watchdog};
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
@@ -76,8 +70,8 @@ enum Change {
 
 /// The link task. It alone talks to the host, but for the logger.
 pub struct Link {
-    voice: Voice,
-    telemetry: Up,
+    replies: ReplyChannel,
+    telemetry: UpLink,
     commands: Commands,
     flash: SettingsFlash,
     reports: Consumer<'static, Report, REPORTS>,
@@ -106,7 +100,7 @@ impl Link {
         source: Source,
     ) -> Self {
         let mut link = Self {
-            voice: Voice::new(link.replies),
+            replies: ReplyChannel::new(link.replies),
             telemetry: link.telemetry,
             commands: link.commands,
             flash,
@@ -143,10 +137,10 @@ impl Link {
                     self.judged(verdict, &scatter);
                 }
                 Event::HitOver(verdict, scatter) => self.write(&HitOver(verdict, scatter)),
-                Event::HitBroken(broken) if self.walking.is_some() => {
+                Event::HitAborted(broken) if self.walking.is_some() => {
                     self.break_walk(broken.text());
                 }
-                Event::HitBroken(broken) => {
+                Event::HitAborted(broken) => {
                     self.write(&format_args!("error: hit: {}", broken.text()));
                 }
                 Event::CalibrationHolds => {
@@ -166,7 +160,7 @@ impl Link {
     /// Reads up to the end of one line and obeys it. One line a pass, so that a host that floods
     /// cannot keep this task from its end, and the watchdog from being fed.
     fn listen(&mut self) {
-        let mute = self.voice.is_mute();
+        let mute = self.replies.is_mute();
         for _ in 0..BYTES_A_PASS {
             let mut byte = [0];
             if self.commands.read(&mut byte) == 0 {
@@ -179,7 +173,7 @@ impl Link {
             };
             return match line {
                 Ok(command @ (Command::Stop | Command::Disarm)) => self.obey(command),
-                Ok(_) | Err(_) if mute => self.voice.ignore(),
+                Ok(_) | Err(_) if mute => self.replies.ignore(),
                 Ok(command) => self.obey(command),
                 Err(error) => self.reply(Reply::Parse(error)),
             };
@@ -197,7 +191,7 @@ impl Link {
     }
 
     fn write(&mut self, line: &dyn fmt::Display) {
-        self.voice.say(line);
+        self.replies.say(line);
     }
 
     fn reply(&mut self, reply: Reply<'_>) {
@@ -468,9 +462,9 @@ impl Link {
 
 /// Says what is wrong with a constant of `device.rs`, and stays there with everything off.
 pub(super) fn refuse(link: board::Link, mut watchdog: Watchdog, error: &SettingsError) -> ! {
-    let mut voice = Voice::new(link.replies);
-    voice.say(&"error: a constant of src/task/device.rs is not allowed, nothing runs");
-    voice.say(&Reply::Range(error));
+    let mut replies = ReplyChannel::new(link.replies);
+    replies.say(&"error: a constant of src/task/device.rs is not allowed, nothing runs");
+    replies.say(&Reply::Range(error));
     loop {
         watchdog.feed();
     }

@@ -14,13 +14,11 @@ use self::json::Json;
 use super::{Common, print_json, print_text};
 use crate::{
     analysis::identify::{
-        CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span, {self},
+        self, CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span,
     },
     error::Error,
     output::{
-        figure::{
-            ResponsePlot, {self},
-        },
+        figure::{self, ResponsePlot},
         files,
     },
     scene::{NamedScene, Scene, ranges, refused},

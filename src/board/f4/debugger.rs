@@ -61,7 +61,7 @@ fn stop_with_the_core() {
 }
 
 /// Sleep keeps the debug clock on, because several probes lose RTT otherwise.
-pub(super) fn set_up(dbgmcu: &pac::DBGMCU) {
+pub(in crate::board) fn set_up(dbgmcu: &pac::DBGMCU) {
     dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
     stop_with_the_core();
 }

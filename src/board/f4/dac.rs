@@ -9,7 +9,7 @@ use stm32f4xx_hal::{
     pac,
     rcc::Rcc,
 };
-use zwidth::units::Command;
+use zwidth::units::OutputCode;
 
 /// Code of zero force.
 pub const ZERO: u16 = 2048;
@@ -28,7 +28,7 @@ impl Output {
 
     /// Puts a command out; the core has clamped it to 1 ..= 4095.
     #[inline(always)]
-    pub fn write(&mut self, command: Command, mirrored: bool) {
+    pub fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = u16::try_from(command.code()).unwrap_or(ZERO);
         self.0.set_value(if mirrored { 2 * ZERO - code.min(2 * ZERO) } else { code });
     }

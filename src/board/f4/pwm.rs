@@ -6,7 +6,7 @@
 //! [`LEAD_CYCLES`] of its sample acts exactly that much after the sample, a later one 25 us later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
-use zwidth::units::Command;
+use zwidth::units::OutputCode;
 
 use super::enable;
 
@@ -48,7 +48,7 @@ impl Output {
 
     /// Puts a command out, from the next PWM period on; the core has clamped it to +-steps.
     #[inline(always)]
-    pub fn write(&mut self, command: Command, mirrored: bool) {
+    pub fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = command.code();
         let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
         let cr1 = enable::registers().cr1();

@@ -62,7 +62,7 @@ pub fn dropped() -> u32 {
 }
 
 /// Starts logging to `channel`.
-pub(super) fn start(channel: UpChannel) {
+pub(in crate::board) fn start(channel: UpChannel) {
     mask::with_lower_tasks_masked(|| {
         // SAFETY: see `Shared`.
         let state = unsafe { &mut *STATE.0.get() };

@@ -36,7 +36,7 @@ const LINEAR: u32 = 512;
 
 /// What passivity asks of a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Demand {
+pub struct PassivityDemand {
     /// The device is passive behind the wall exactly if its viscous damping is larger than this, N s/m.
     pub damping_n_s_per_m: f64,
     /// Where the condition binds, Hz.
@@ -53,7 +53,7 @@ pub fn demand(
     damping_n_s_per_m: f64,
     rate_hz: f64,
     estimator: &TransferFunction,
-) -> Result<Demand, LinearError> {
+) -> Result<PassivityDemand, LinearError> {
     for (name, value) in
         [("virtual stiffness", stiffness_n_per_m), ("virtual damping", damping_n_s_per_m)]
     {
@@ -70,7 +70,7 @@ pub fn demand(
     }
     estimator.check()?;
     if estimator.poles_beyond(STABLE_RADIUS) > 0 {
-        return Ok(Demand { damping_n_s_per_m: f64::INFINITY, frequency_hz: 0.0 });
+        return Ok(PassivityDemand { damping_n_s_per_m: f64::INFINITY, frequency_hz: 0.0 });
     }
     let sample_s = 1.0 / rate_hz;
     let one = Complex::new(1.0, 0.0);
@@ -100,7 +100,10 @@ pub fn demand(
         }
     }
     let spring = 0.5 * sample_s * (stiffness_n_per_m + damping_n_s_per_m * dc);
-    Ok(Demand { damping_n_s_per_m: spring + worst, frequency_hz: at / (2.0 * PI) * rate_hz })
+    Ok(PassivityDemand {
+        damping_n_s_per_m: spring + worst,
+        frequency_hz: at / (2.0 * PI) * rate_hz,
+    })
 }
 
 /// Numerator of W in `V = dc + (1 - z^-1) W`, over the same denominator: running sums divide by `1 - z^-1`.

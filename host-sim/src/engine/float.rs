@@ -4,12 +4,12 @@ use crate::simulation::twin::{FLUSH_BELOW, LowPass, Twin};
 
 use super::{
     lanes::{Command, Lanes},
-    machine::{Machine, SIGN, lanes_mut},
+    simd_ops::{SIGN, SimdOps, lanes_mut},
 };
 
 /// Coefficients and gains, a lane each.
 #[derive(Clone, Copy)]
-pub struct TwinGains<S: Machine> {
+pub struct TwinGains<S: SimdOps> {
     /// Weights of the last inputs in the numerator: 2 and 1, 1 and 0, or none.
     past: [S::f64s; 2],
     b0: S::f64s,
@@ -20,12 +20,12 @@ pub struct TwinGains<S: Machine> {
 
 /// What the samples left behind, a lane each.
 #[derive(Clone, Copy)]
-pub struct TwinState<S: Machine> {
+pub struct TwinState<S: SimdOps> {
     x: [S::f64s; 2],
     y: [S::f64s; 2],
 }
 
-impl<S: Machine> Lanes<S> for TwinState<S> {
+impl<S: SimdOps> Lanes<S> for TwinState<S> {
     type Gains = TwinGains<S>;
     type Controller = Twin;
 
@@ -117,7 +117,7 @@ impl<S: Machine> Lanes<S> for TwinState<S> {
     }
 }
 
-impl<S: Machine> TwinState<S> {
+impl<S: SimdOps> TwinState<S> {
     #[inline(always)]
     fn raw(&self, simd: S, gains: &TwinGains<S>, difference: S::f64s) -> S::f64s {
         let ([x1, x2], [y1, y2]) = (self.x, self.y);

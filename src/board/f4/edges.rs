@@ -12,7 +12,8 @@ use stm32f4xx_hal::{
 };
 use zwidth::velocity::{Captures, Edge, EdgeTimer};
 
-use super::{RATE_HZ, encoder::FILTER, this::CORE_HZ};
+use super::encoder::FILTER;
+use crate::board::{RATE_HZ, selected::CORE_HZ};
 
 /// Ticks per sample: as TIM2 and TIM5 it runs at half the core's clock.
 const TICKS: u32 = CORE_HZ / 2 / RATE_HZ;
@@ -59,7 +60,7 @@ impl Edges {
         let now = self.timer.cnt().read().cnt().bits();
         let up = counter.cr1().read().dir().bit_is_clear();
         let flags = self.timer.sr().read().bits();
-        // Reading a capture takes its flag back.
+        // SeqlockReader a capture takes its flag back.
         let at = [
             (flags & CAPTURED[0] != 0).then(|| self.timer.ccr1().read().ccr().bits()),
             (flags & CAPTURED[1] != 0).then(|| self.timer.ccr2().read().ccr().bits()),

@@ -20,7 +20,7 @@ use core::{
 };
 
 /// The newest `T`.
-pub struct Latest<T> {
+pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
     /// The buffer that counts. Stored by the publisher only; null before the ends are made.
     newest: AtomicPtr<T>,
@@ -28,19 +28,19 @@ pub struct Latest<T> {
 
 // SAFETY: see the module: the buffer that counts is only read, the other one only written, each by
 // one task.
-unsafe impl<T: Send + Sync> Sync for Latest<T> {}
+unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
 /// The writing end.
-pub struct Publisher<T: 'static>(&'static Latest<T>);
+pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
 
 /// The reading end, for a task of higher priority than the publisher's.
-pub struct Newest<T: 'static>(&'static Latest<T>, PhantomData<*const ()>);
+pub struct DoubleBufferReader<T: 'static>(&'static DoubleBuffer<T>, PhantomData<*const ()>);
 
 // SAFETY: it is moved to its task once, before the task first runs; `*const ()` only keeps it from
 // being shared.
-unsafe impl<T: Send + Sync> Send for Newest<T> {}
+unsafe impl<T: Send + Sync> Send for DoubleBufferReader<T> {}
 
-impl<T: Copy> Latest<T> {
+impl<T: Copy> DoubleBuffer<T> {
     /// Without a value yet.
     pub const fn new() -> Self {
         Self {
@@ -50,13 +50,13 @@ impl<T: Copy> Latest<T> {
     }
 
     /// Its two ends, with `value` published.
-    pub fn split(&'static mut self, value: T) -> (Publisher<T>, Newest<T>) {
+    pub fn split(&'static mut self, value: T) -> (DoubleBufferWriter<T>, DoubleBufferReader<T>) {
         *self.newest.get_mut() = self.buffers[0].get_mut().write(value);
-        (Publisher(self), Newest(self, PhantomData))
+        (DoubleBufferWriter(self), DoubleBufferReader(self, PhantomData))
     }
 }
 
-impl<T: Copy> Publisher<T> {
+impl<T: Copy> DoubleBufferWriter<T> {
     /// From the reader's next pass on this is what counts, whole.
     #[inline(always)]
     pub fn publish(&mut self, value: T) {
@@ -71,7 +71,7 @@ impl<T: Copy> Publisher<T> {
     }
 }
 
-impl<T: Copy> Newest<T> {
+impl<T: Copy> DoubleBufferReader<T> {
     /// What counts now. The reference must not outlive this pass of the task, which the borrow of
     /// `self` sees to as long as the task's function ends.
     #[inline(always)]

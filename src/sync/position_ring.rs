@@ -7,11 +7,9 @@ use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 use zwidth::units::Position;
 
-use super::device::PERIOD;
-
 /// Samples that are kept.
-const LENGTH: usize = 64;
-const _: () = assert!(LENGTH.is_power_of_two() && (PERIOD as usize) < LENGTH / 2);
+pub const LENGTH: usize = 64;
+const _: () = assert!(LENGTH.is_power_of_two());
 
 static COUNTS: [AtomicI32; LENGTH] = [const { AtomicI32::new(0) }; LENGTH];
 

@@ -17,36 +17,36 @@ use core::{
 };
 
 /// The newest `T`, and its number.
-pub struct Snapshot<T> {
+pub struct Seqlock<T> {
     number: AtomicU32,
     value: UnsafeCell<MaybeUninit<T>>,
 }
 
 // SAFETY: see the module; there is one end of each kind.
-unsafe impl<T: Send> Sync for Snapshot<T> {}
+unsafe impl<T: Send> Sync for Seqlock<T> {}
 
 /// The writing end, for a task of higher priority than the reader's.
-pub struct Writing<T: 'static>(&'static Snapshot<T>);
+pub struct SeqlockWriter<T: 'static>(&'static Seqlock<T>);
 
 /// The reading end.
-pub struct Reading<T: 'static> {
-    snapshot: &'static Snapshot<T>,
+pub struct SeqlockReader<T: 'static> {
+    snapshot: &'static Seqlock<T>,
     seen: u32,
 }
 
-impl<T: Copy> Snapshot<T> {
+impl<T: Copy> Seqlock<T> {
     /// With a value that counts as read, of number `u32::MAX`.
     pub const fn new(value: T) -> Self {
         Self { number: AtomicU32::new(u32::MAX), value: UnsafeCell::new(MaybeUninit::new(value)) }
     }
 
     /// Its two ends.
-    pub fn split(&'static mut self) -> (Writing<T>, Reading<T>) {
-        (Writing(self), Reading { snapshot: self, seen: u32::MAX })
+    pub fn split(&'static mut self) -> (SeqlockWriter<T>, SeqlockReader<T>) {
+        (SeqlockWriter(self), SeqlockReader { snapshot: self, seen: u32::MAX })
     }
 }
 
-impl<T: Copy> Writing<T> {
+impl<T: Copy> SeqlockWriter<T> {
     /// Replaces what was there. `number` is not that of the last value.
     #[inline(always)]
     pub fn write(&mut self, value: T, number: u32) {
@@ -71,7 +71,7 @@ impl<T: Copy> Writing<T> {
     }
 }
 
-impl<T: Copy> Reading<T> {
+impl<T: Copy> SeqlockReader<T> {
     /// The newest value, if there is one that was not read yet.
     #[inline(always)]
     pub fn read(&mut self) -> Option<T> {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::{Backend, Depth, Outcome, Work, run};
 use crate::{
     error::Error,
-    simulation::prepared::{HitError, Numeric, Rig, WallHit},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::walk::{Boundary, Progress},
 };
 
@@ -21,7 +21,7 @@ pub struct Start {
 /// Walks of one scene that wait for a lane, in any thread.
 pub struct Queue<'a> {
     /// The scene.
-    pub rig: &'a Rig,
+    pub rig: &'a PreparedScene,
     /// All its walks.
     pub starts: &'a [Start],
     /// How many have begun.
@@ -30,7 +30,7 @@ pub struct Queue<'a> {
 
 impl<'a> Queue<'a> {
     /// Nothing has begun.
-    pub fn new(rig: &'a Rig, starts: &'a [Start]) -> Self {
+    pub fn new(rig: &'a PreparedScene, starts: &'a [Start]) -> Self {
         Self { rig, starts, begun: AtomicUsize::new(0) }
     }
 
