@@ -30,6 +30,7 @@ pub mod error;
 pub mod numerics;
 pub mod output;
 pub mod plant;
+pub mod range;
 pub mod scene;
 pub mod simulation;
 pub mod study;

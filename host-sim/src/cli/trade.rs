@@ -19,7 +19,8 @@ use crate::{
         files::{self, MANIFEST, Staging},
         manifest::Manifest,
     },
-    scene::{NamedScene, refused},
+    range::refused,
+    scene::NamedScene,
 };
 
 /// Measures speed against accuracy: number formats and forms of the velocity filter, and ways to advance the plant.
