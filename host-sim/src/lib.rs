@@ -27,6 +27,7 @@ pub mod analysis;
 pub mod cli;
 pub mod engine;
 pub mod error;
+pub mod notation;
 pub mod numerics;
 pub mod output;
 pub mod plant;
