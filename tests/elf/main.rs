@@ -21,7 +21,7 @@ mod estimators;
 mod faults;
 mod filter_cost;
 mod firmware;
-mod identify;
+mod identify_telemetry;
 mod mailbox;
 mod panics;
 mod period;

@@ -19,7 +19,7 @@ mod estimators_time_stamps;
 mod extremes;
 mod filter;
 mod force_step;
-mod identify;
+mod identify_accuracy;
 mod paper;
 mod peers;
 mod plant;

@@ -13,7 +13,7 @@ mod cli;
 mod compare;
 mod elements;
 mod grid;
-mod identify;
+mod identify_command;
 mod linear_elements;
 mod published_order;
 mod telemetry;
