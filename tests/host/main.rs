@@ -20,6 +20,7 @@ mod extremes;
 mod filter;
 mod force_step;
 mod identify_accuracy;
+mod layers;
 mod paper;
 mod peers;
 mod plant;
