@@ -90,7 +90,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
-    let loaded = zwidth::store::load(&board.settings, device::defaults());
+    let loaded = zwidth::store::load(&mut board.settings, device::defaults());
     let sensed = loaded.stored.settings.velocity.name().missing(board::SENSES).is_none();
     let built = envelope::control(&loaded.stored).ok().filter(|_| sensed);
     let stored = if built.is_some() { loaded.stored } else { device::defaults() };

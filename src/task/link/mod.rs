@@ -399,7 +399,7 @@ impl Link {
 
     /// Settings out of flash. Signs and full scale are taken over only with the force off.
     fn load(&mut self, now: &Situation) {
-        let loaded = store::load(&self.flash, device::defaults());
+        let loaded = store::load(&mut self.flash, device::defaults());
         let (old, new) = (self.stored, loaded.stored);
         let turned = new.signs != old.signs;
         if (turned || new.full_scale_n != old.full_scale_n)
