@@ -4,22 +4,6 @@ use std::{collections::BTreeSet, fmt::Write as _};
 
 use zwidth::telemetry::{Decoder, Flags, Frame, Record};
 
-use crate::{
-    error::Error,
-    output::figure::{self, Figure, TelemetryPlot, TelemetryPoint},
-    scene::Scene,
-};
-
-/// Facts that the figure shows, and whether they are bad news.
-const FACTS: [(&str, Flags, bool); 6] = [
-    ("on", Flags::ON, false),
-    ("armed", Flags::ARMED, false),
-    ("contact", Flags::CONTACT, false),
-    ("changing", Flags::CHANGING, false),
-    ("saturated", Flags::SATURATED, true),
-    ("fault", Flags::FAULT, true),
-];
-
 /// All frames of a capture, and what was between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
@@ -48,7 +32,7 @@ impl Capture {
 
     /// The records of the longest stretch without a reset of the board, in the order of their
     /// samples: what came twice, because the black box was read out, is in it once.
-    fn longest_run(&self) -> Vec<Record> {
+    pub fn longest_run(&self) -> Vec<Record> {
         let live = |frame: &&Frame| !frame.record.flags.contains(Flags::REPLAY);
         let mut runs = vec![Vec::new()];
         let mut last = 0;
@@ -68,46 +52,6 @@ impl Capture {
         longest.sort_by_key(|record| record.sample);
         longest.dedup_by_key(|record| record.sample);
         longest
-    }
-
-    /// Position, velocity, force and flags over time: in SI units with the scene that the board
-    /// plays, else in the units of the control.
-    ///
-    /// # Errors
-    /// There are no frames.
-    pub fn figure(&self, name: &str, scene: Option<&Scene>) -> Result<Figure, Error> {
-        let records = self.longest_run();
-        // Records come at equal distances; what is farther apart has lost some in between.
-        let usual = records.windows(2).map(|pair| pair[1].sample - pair[0].sample).min();
-        let mut before = None;
-        let points = records.iter().map(|record| {
-            let distance = before.replace(record.sample).map(|before| record.sample - before);
-            TelemetryPoint {
-                after_gap: distance.zip(usual).is_some_and(|(distance, usual)| distance > usual),
-                ..point(record, scene)
-            }
-        });
-        let [time, position, velocity, force] = match scene {
-            Some(_) => ["Time t [s]", "Position x [mm]", "Velocity v [m/s]", "Force F [N]"],
-            None => ["Sample n", "Position [counts]", "Velocity [counts/sample]", "Force [%]"],
-        };
-        let plot = TelemetryPlot {
-            title: format!("Telemetry, {name}"),
-            subtitle: format!(
-                "{} records, {} dropped, fault codes {:?}; force that acts, into the wall positive",
-                records.len(),
-                self.dropped,
-                self.faults()
-            ),
-            time_title: time.to_owned(),
-            titles: [position, velocity, force].map(str::to_owned),
-            facts: FACTS
-                .map(|(name, flag, bad)| (name.to_owned(), u32::from(flag.bits()), bad))
-                .to_vec(),
-            points: points.collect(),
-        };
-        figure::telemetry(&plot)
-            .map_err(|error| Error::Internal(format!("cannot draw the telemetry: {error}")))
     }
 
     /// One row per frame, in the integers of the control, so that nothing is rounded: velocity in
@@ -132,26 +76,6 @@ impl Capture {
         }
         text
     }
-}
-
-/// A record on the figure's axes.
-fn point(record: &Record, scene: Option<&Scene>) -> TelemetryPoint {
-    let counts = f64::from(record.position.counts());
-    let speed = f64::from(record.velocity.bits()) / 65_536.0;
-    let force = f64::from(record.force.bits()) / f64::from(1u32 << 30);
-    #[expect(clippy::cast_precision_loss, reason = "2^53 samples are 28,000 years")]
-    let sample = record.sample as f64;
-    let (time, values) = match scene {
-        None => (sample, [counts, speed, 100.0 * force]),
-        Some(scene) => {
-            let (resolution_m, rate_hz) = (scene.encoder.resolution_m, scene.control.rate_hz);
-            let velocity_m_per_s = speed * resolution_m * rate_hz;
-            let values =
-                [1e3 * counts * resolution_m, velocity_m_per_s, force * scene.full_scale_n()];
-            (sample / rate_hz, values)
-        }
-    };
-    TelemetryPoint { time, values, after_gap: false, facts: u32::from(record.flags.bits()) }
 }
 
 #[cfg(test)]
@@ -194,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_figure_shows_the_longest_run_once_and_in_order() {
+    fn the_longest_run_is_there_once_and_in_order() {
         let mut bytes = Vec::new();
         for (sequence, sample, replay) in [
             (0, 500, false),
@@ -212,12 +136,6 @@ mod tests {
         let capture = Capture::decode(&bytes);
         let samples: Vec<u64> = capture.longest_run().iter().map(|record| record.sample).collect();
         assert_eq!(samples, [0, 10, 60]);
-        let scene = crate::scene::NamedScene::load("paper-1um").unwrap().scene;
-        for (scene, title) in [(None, "Position [counts]"), (Some(&scene), "Velocity v [m/s]")] {
-            let figure = capture.figure("capture.bin", scene).unwrap();
-            assert!(figure.svg().contains(title) && figure.svg().contains("saturated"));
-        }
-        assert!(Capture::decode(&[]).figure("none", None).is_err());
     }
 
     #[test]

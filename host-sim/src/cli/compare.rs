@@ -24,7 +24,8 @@ use crate::{
         manifest::Manifest,
         report::{self, ReportFigure},
     },
-    scene::{NamedScene, refused},
+    range::refused,
+    scene::NamedScene,
 };
 
 /// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness,

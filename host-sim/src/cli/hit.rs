@@ -9,11 +9,9 @@ use super::{Common, SCHEMA_VERSION, check_wall, cutoff, print_json, print_text, 
 use crate::{
     error::Error,
     output::files,
+    output::trace::Trace,
     scene::NamedScene,
-    simulation::{
-        prepared::{HitReport, PreparedScene, WallHit, verdict_name},
-        trace::Trace,
-    },
+    simulation::prepared::{HitReport, PreparedScene, WallHit, verdict_name},
 };
 
 /// Hits one wall and says whether it is stable.

@@ -20,11 +20,7 @@ use std::{
 use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;
 
-use crate::{
-    error::Error,
-    scene::{NamedScene, refused},
-    simulation::prepared,
-};
+use crate::{error::Error, range::refused, scene::NamedScene, simulation::prepared};
 
 /// Version of every JSON object that the commands print or write.
 pub const SCHEMA_VERSION: u32 = 1;

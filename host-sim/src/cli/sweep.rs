@@ -14,7 +14,7 @@ use crate::{
     error::Error,
     output::{
         files::Staging,
-        sweep_files::{self, Study, Summary, VariantResult},
+        sweep::{self as sweep_files, Study, Summary, VariantResult},
     },
     scene::{NamedScene, STUDY},
     simulation::prepared::{PreparedScene, WallHit},

@@ -6,7 +6,10 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Common, SCHEMA_VERSION, print_json, print_text};
-use crate::{analysis::telemetry::Capture, error::Error, output::files, scene::NamedScene};
+use crate::{
+    analysis::telemetry::Capture, error::Error, output::files, output::telemetry::telemetry_figure,
+    scene::NamedScene,
+};
 
 /// Decodes a capture of a board's binary telemetry (RTT up channel 1).
 #[derive(Debug, Args)]
@@ -65,7 +68,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
             .capture
             .file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let figure = capture.figure(&file, scene.as_ref().map(|scene| &scene.scene))?;
+        let figure = telemetry_figure(&capture, &file, scene.as_ref().map(|scene| &scene.scene))?;
         files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
     }
     let json = Json {

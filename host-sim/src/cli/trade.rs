@@ -8,18 +8,21 @@ use serde::Serialize;
 use super::{Common, NumericArg, SCHEMA_VERSION, STOP, list, print_json, print_text, progress};
 use crate::{
     analysis::trade::{
-        Bench, Criterion, Format, Variant, cost, default_cutoffs_hz, figures,
+        Bench, Criterion, Format, Variant, cost, default_cutoffs_hz,
         filters::{self, Filters},
         plant::{self, Plants},
         table::{self, GoodFor},
     },
     error::Error,
+    notation::number,
+    output::trade_figures,
     output::{
-        figure::{hertz, number},
+        figure::hertz,
         files::{self, MANIFEST, Staging},
         manifest::Manifest,
     },
-    scene::{NamedScene, refused},
+    range::refused,
+    scene::NamedScene,
 };
 
 /// Measures speed against accuracy: number formats and forms of the velocity filter, and ways to advance the plant.
@@ -210,9 +213,9 @@ fn write(
     });
     let command = format!("trade {}{cutoffs} --repeat {}", scene.name, args.repeat);
     let manifest = Manifest::new(SCHEMA_VERSION, command, scene);
-    let filters_figure = figures::filters(&scene.name, filters, &bench)?;
-    let cutoffs_figure = figures::cutoffs(&scene.name, filters)?;
-    let plant_figure = figures::plants(&scene.name, plants)?;
+    let filters_figure = trade_figures::filters(&scene.name, filters, &bench)?;
+    let cutoffs_figure = trade_figures::cutoffs(&scene.name, filters)?;
+    let plant_figure = trade_figures::plants(&scene.name, plants)?;
     staging.write("filters.csv", table::filters_csv(filters, &bench).as_bytes())?;
     staging.write("plant.csv", table::plant_csv(plants).as_bytes())?;
     for (svg, png, figure) in [

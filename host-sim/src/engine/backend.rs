@@ -3,9 +3,9 @@
 use zwidth::{SettingsError, experiment::Verdict};
 
 use super::{
-    engine::{self, Prepare, Task},
     fixed::FixedState,
     float::TwinState,
+    scheduler::{self, Prepare, Task},
     simd_ops::SimdOps,
 };
 use crate::{
@@ -193,12 +193,12 @@ fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     work: &mut impl Work,
 ) -> Tally {
     match &task.rig.parts().plant {
-        AnyPlant::Plain(step) => engine::run::<S, C, 2, R>(simd, task, &step.linear(), work),
-        AnyPlant::Three(step) => engine::run::<S, C, 3, R>(simd, task, &step.linear(), work),
-        AnyPlant::Four(step) => engine::run::<S, C, 4, R>(simd, task, &step.linear(), work),
-        AnyPlant::Five(step) => engine::run::<S, C, 5, R>(simd, task, &step.linear(), work),
-        AnyPlant::Six(step) => engine::run::<S, C, 6, R>(simd, task, &step.linear(), work),
-        AnyPlant::Seven(step) => engine::run::<S, C, 7, R>(simd, task, &step.linear(), work),
+        AnyPlant::Plain(step) => scheduler::run::<S, C, 2, R>(simd, task, &step.linear(), work),
+        AnyPlant::Three(step) => scheduler::run::<S, C, 3, R>(simd, task, &step.linear(), work),
+        AnyPlant::Four(step) => scheduler::run::<S, C, 4, R>(simd, task, &step.linear(), work),
+        AnyPlant::Five(step) => scheduler::run::<S, C, 5, R>(simd, task, &step.linear(), work),
+        AnyPlant::Six(step) => scheduler::run::<S, C, 6, R>(simd, task, &step.linear(), work),
+        AnyPlant::Seven(step) => scheduler::run::<S, C, 7, R>(simd, task, &step.linear(), work),
         _ => one_by_one(task, work),
     }
 }

@@ -36,18 +36,16 @@
 //! samples; only [`Depth::Whole`] runs on for the RMS.
 
 mod backend;
-mod engine;
 mod fixed;
 mod float;
 mod lanes;
+mod scheduler;
 mod simd_ops;
 mod stream;
-mod walk_lanes;
 
 use backend::scalar;
 pub use backend::{Backend, Depth, Outcome, Tally, Work, lanes_for, run};
 pub use stream::stream;
-pub use walk_lanes::{Queue, Start, walks};
 
 #[cfg(test)]
 mod tests;

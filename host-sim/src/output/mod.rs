@@ -4,4 +4,7 @@ pub mod figure;
 pub mod files;
 pub mod manifest;
 pub mod report;
-pub mod sweep_files;
+pub mod sweep;
+pub mod telemetry;
+pub mod trace;
+pub mod trade_figures;

@@ -8,7 +8,8 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::output::figure::{Figure, escape, hertz, number, scaled_unit};
+use super::figure::{Figure, escape, hertz, scaled_unit};
+use crate::notation::number;
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--text:#1a1a1a;--quiet:#5a5a5a;--page:#fff;--line:#d0d0d0;--box:#f5f5f5;--accent:#a84a00}

@@ -80,7 +80,7 @@ impl AnyPlant {
     /// The plant of a scene, sampled every `sample_s`, with a command taking effect at `fraction` (0 to
     /// below 1) of it, and what its encoder reads.
     pub fn of(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
-        let chain = Chain::of(scene);
+        let chain = scene.chain();
         let split_s = fraction * sample_s;
         let sensing = Sensing::of(scene);
         let plant = Self::unsensed(scene, sample_s, fraction);
@@ -93,11 +93,11 @@ impl AnyPlant {
 
     /// The plant of a scene without what may be wrong with its readings.
     pub fn unsensed(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
-        let chain = Chain::of(scene);
+        let chain = scene.chain();
         match scene.integrator {
             None => Self::exact(&chain, sample_s, fraction),
             Some(integrator) => {
-                let nonlinear = Nonlinear::of(scene);
+                let nonlinear = scene.nonlinear();
                 Self::integrated(&chain, &nonlinear, integrator, sample_s, fraction)
             }
         }

@@ -5,7 +5,8 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 use zwidth::units::Acceleration;
 
-use super::{Scene, within};
+use super::Scene;
+use crate::range::within;
 
 /// Corner of the accelerometer's low-pass, Hz.
 const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;

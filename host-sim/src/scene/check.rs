@@ -1,10 +1,9 @@
 //! What a scene may hold: ranges, and the one line that refuses a value.
 
-use std::ops::RangeInclusive;
-
-use zwidth::{SettingsError, shorten};
+use zwidth::SettingsError;
 
 use super::{LATENCY_KNOWN_MAX, Scene};
+use crate::range::{refused, within};
 
 /// Accepted ranges of what only the simulator knows.
 pub mod ranges {
@@ -94,15 +93,4 @@ fn in_scene(error: &SettingsError) -> String {
         other => other,
     };
     refused(key, error.value, &error.range)
-}
-
-/// Refuses a value outside its range.
-pub(crate) fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
-    if range.contains(&value) { Ok(()) } else { Err(refused(key, value, &range)) }
-}
-
-/// The one line that says what is wrong with a value: key, value, allowed range.
-pub fn refused(key: &str, value: f64, range: &RangeInclusive<f64>) -> String {
-    let (low, high) = (shorten(*range.start()), shorten(*range.end()));
-    format!("{key} is {value}, allowed {low} to {high}")
 }

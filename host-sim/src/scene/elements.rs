@@ -6,10 +6,7 @@ use serde::{Deserialize, Serialize};
 use zwidth::velocity::Sense;
 
 use super::Scene;
-use crate::{
-    numerics::integrator::StepDemand,
-    scene::element::{Chain, Nonlinear},
-};
+use crate::scene::element::Nonlinear;
 
 /// Quantisation of the command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,10 +38,10 @@ impl Scene {
         self.encoder_noise.map_or(Ok(()), |noise| noise.check())?;
         let latency_s = self.actuator.latency * sample_s;
         self.jitter.map_or(Ok(()), |jitter| jitter.check(latency_s, sample_s))?;
-        let nonlinear = Nonlinear::of(self);
+        let nonlinear = self.nonlinear();
         match self.integrator {
             Some(integrator) => {
-                integrator.check(&StepDemand::of(&Chain::of(self), &nonlinear), sample_s)
+                integrator.check(&self.chain().step_demand(&nonlinear), sample_s)
             }
             None if nonlinear == Nonlinear::default() => Ok(()),
             None => Err("[integrator] is missing, needed with friction, cogging or travel: method = \"rk4\", \

@@ -15,7 +15,8 @@ use crate::{
     error::Error,
     numerics::integrator::Integrator,
     scene::element::{
-        Amplifier, Arm, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode, Travel,
+        Amplifier, Arm, Chain, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode,
+        Nonlinear, Travel,
     },
 };
 
@@ -24,11 +25,14 @@ mod check;
 pub mod element;
 mod elements;
 pub mod estimator;
+mod tables;
 
 pub use accelerometer::Accelerometer;
-pub(crate) use check::within;
-pub use check::{ranges, refused};
+pub use check::ranges;
 pub use elements::Quantisation;
+pub use tables::{
+    Actuator, Device, Encoder, LATENCY_KNOWN_MAX, Rounding, Sampling, Sweep, Walk, Wall, WallHit,
+};
 
 /// The built-in scenes: name and text.
 pub const BUILT_IN: [(&str, &str); 4] = [
@@ -112,134 +116,6 @@ pub struct Scene {
     pub accelerometer: Option<Accelerometer>,
 }
 
-/// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Device {
-    /// m, kg.
-    pub mass_kg: f64,
-    /// b, N s/m.
-    pub damping_n_s_per_m: f64,
-    /// k, N/m.
-    pub stiffness_n_per_m: f64,
-    /// x0, m.
-    pub rest_position_m: f64,
-    /// Where the handle rests before a hit, m.
-    pub start_position_m: f64,
-}
-
-/// Position sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Encoder {
-    /// m per count.
-    pub resolution_m: f64,
-    /// How a position becomes a count.
-    pub rounding: Rounding,
-}
-
-/// How a position becomes a count.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Rounding {
-    /// `floor(x / resolution)`, as an incremental encoder does.
-    Floor,
-    /// `floor(x / resolution + 1/2)`.
-    Round,
-}
-
-/// Amplifier and motor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Actuator {
-    /// Force per volt of command, N/V.
-    pub gain_n_per_v: f64,
-    /// Largest command, V.
-    pub limit_v: f64,
-    /// Samples per output.
-    pub period: u32,
-    /// Samples from the encoder reading to the force on the handle; need not be whole.
-    pub latency: f64,
-    /// An estimator that is told the force is told it when it acts, to the nearest sample, and not when it
-    /// is granted.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub latency_known: bool,
-}
-
-impl Actuator {
-    /// The latency to the nearest whole sample.
-    pub fn latency_samples(&self) -> u32 {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "0 to 1000 by the scene's check"
-        )]
-        let samples = self.latency.round() as u32;
-        samples
-    }
-}
-
-/// Longest latency that may be known, in samples.
-pub const LATENCY_KNOWN_MAX: u32 = 64;
-
-/// Sampling.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Sampling {
-    /// Encoder samples per second, Hz.
-    pub rate_hz: f64,
-}
-
-/// The virtual wall.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Wall {
-    /// Surface, m.
-    pub position_m: f64,
-    /// The wall never pulls.
-    pub push_only: bool,
-}
-
-/// The wall-hit experiment.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct WallHit {
-    /// Constant push, N.
-    pub push_n: f64,
-    /// Time before the window, s.
-    pub settle_s: f64,
-    /// Window, s.
-    pub window_s: f64,
-    /// `stable` is an RMS below this, m.
-    pub rms_limit_m: f64,
-}
-
-/// The boundary walk's grid and caps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Walk {
-    /// First K, N/m.
-    pub stiffness_start_n_per_m: f64,
-    /// Step of K, N/m.
-    pub stiffness_step_n_per_m: f64,
-    /// Largest K, N/m.
-    pub stiffness_max_n_per_m: f64,
-    /// First B, N s/m.
-    pub damping_start_n_s_per_m: f64,
-    /// Step of B, N s/m.
-    pub damping_step_n_s_per_m: f64,
-    /// Largest B, N s/m.
-    pub damping_max_n_s_per_m: f64,
-}
-
-/// The study over cutoffs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Sweep {
-    /// Cutoffs, Hz.
-    pub cutoffs_hz: Vec<f64>,
-}
-
 impl NamedScene {
     /// The built-in scene of that name, or the scene file at that path.
     ///
@@ -281,6 +157,16 @@ fn line_of(text: &str, line: usize) -> String {
 }
 
 impl Scene {
+    /// The linear part of its plant.
+    pub fn chain(&self) -> Chain {
+        Chain { device: self.device, mode: self.mode, arm: self.arm, amplifier: self.amplifier }
+    }
+
+    /// The elements of its plant that are not linear.
+    pub fn nonlinear(&self) -> Nonlinear {
+        Nonlinear { friction: self.friction, cogging: self.cogging, travel: self.travel }
+    }
+
     /// Force at full command, N.
     pub fn full_scale_n(&self) -> f64 {
         self.actuator.gain_n_per_v * self.actuator.limit_v

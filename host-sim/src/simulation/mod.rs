@@ -3,7 +3,6 @@
 pub mod controller;
 pub mod prepared;
 pub mod senses;
-pub mod trace;
 pub mod twin;
 
 use std::ops::ControlFlow;

@@ -5,3 +5,4 @@ pub mod envelope;
 pub mod sensitivity;
 pub mod sweep;
 pub mod walk;
+mod walk_lanes;

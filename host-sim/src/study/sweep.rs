@@ -15,11 +15,12 @@ use zwidth::experiment::Ended;
 
 pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
-    engine::{Backend, Queue, Start, walks},
+    engine::Backend,
     error::Error,
     numerics::statistics::Repeats,
     simulation::prepared::{Numeric, PreparedScene},
     study::walk::Boundary,
+    study::walk_lanes::{Queue, Start, walks},
 };
 
 /// All boundaries at one cutoff.

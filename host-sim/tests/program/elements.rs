@@ -3,12 +3,9 @@
 use std::{f64::consts::PI, process::Command};
 
 use host_sim::{
-    numerics::integrator::{Integrator, STEPS_MAX, StepDemand},
+    numerics::integrator::{Integrator, STEPS_MAX},
     plant::{AnyPlant, Moment, Plant as _},
-    scene::{
-        NamedScene, Scene,
-        element::{Chain, Nonlinear},
-    },
+    scene::{NamedScene, Scene},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 use proptest::{
@@ -430,7 +427,7 @@ const GAIN_MAX: f64 = 1e-3;
 
 /// The fewest steps of that kind that a scene may ask for.
 fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
-    let demand = StepDemand::of(&Chain::of(scene), &Nonlinear::of(scene));
+    let demand = scene.chain().step_demand(&scene.nonlinear());
     let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();
     let (mut too_few, mut enough) = (0, STEPS_MAX);
     if !allowed(enough) {

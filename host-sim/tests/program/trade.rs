@@ -5,12 +5,13 @@ use std::{collections::HashSet, fs, path::Path, process::Command};
 use filter_forms::{Form, Format, Variant};
 use host_sim::{
     analysis::trade::{
-        Bench, Criterion, Refused, drift, figures,
+        Bench, Criterion, Refused, drift,
         filters::{Exact, FilterRow, Filters, Measured},
         noise::Motions,
         response::Tones,
         rest,
     },
+    output::trade_figures,
     scene::NamedScene,
 };
 use serde_json::Value;
@@ -261,7 +262,7 @@ fn a_filter_is_above_the_line_exactly_where_it_misses() {
         }
     }
     let filters = Filters { exact, rows, host_ns: vec![] };
-    let plot = figures::cutoffs_plot("test", &filters);
+    let plot = trade_figures::cutoffs_plot("test", &filters);
     assert_eq!(plot.panels.len(), Criterion::ALL.len());
     let mut seen = HashSet::new();
     for row in &filters.rows {
@@ -288,5 +289,5 @@ fn a_filter_is_above_the_line_exactly_where_it_misses() {
     let noise = core.measured.as_ref().unwrap().noise.in_motion;
     assert!(noise > 0.1 * filters.exact[1].encoder.in_motion, "{noise:e}");
     // what blows up is drawn, not left out
-    figures::cutoffs("test", &filters).unwrap();
+    trade_figures::cutoffs("test", &filters).unwrap();
 }

@@ -77,10 +77,8 @@ impl Criterion {
 
     /// The value for people.
     pub fn cell(&self, c: &Compared, place: &Place) -> String {
-        self.value(c, place).map_or_else(
-            || "-".into(),
-            |v| crate::output::figure::number(v * self.scale, self.digits),
-        )
+        self.value(c, place)
+            .map_or_else(|| "-".into(), |v| crate::notation::number(v * self.scale, self.digits))
     }
 }
 

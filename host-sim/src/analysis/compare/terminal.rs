@@ -5,7 +5,7 @@ use super::{
     table::{self, CRITERIA, Parameter, Part},
     winners::{Winner, sentence},
 };
-use crate::output::figure::number;
+use crate::notation::number;
 
 /// Columns of the terminal that are used.
 pub const WIDTH: usize = 120;

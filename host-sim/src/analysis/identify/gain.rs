@@ -3,7 +3,7 @@
 //! One record gives mass, damping and stiffness only per gain: the equation of motion divided by the gain is the
 //! same equation. So the gain comes from elsewhere, or from a second record in which a known mass rides along.
 
-use crate::scene::{ranges, refused};
+use crate::{range::refused, scene::ranges};
 
 /// Standard gravity, m/s^2.
 const GRAVITY_M_PER_S2: f64 = 9.806_65;

@@ -36,7 +36,6 @@ pub mod area;
 pub mod cost;
 pub mod criterion;
 pub mod drift;
-pub mod figures;
 pub mod filters;
 pub mod headroom;
 pub mod noise;

@@ -21,7 +21,8 @@ use crate::{
         figure::{self, ResponsePlot},
         files,
     },
-    scene::{NamedScene, Scene, ranges, refused},
+    range::refused,
+    scene::{NamedScene, Scene, ranges},
 };
 
 /// Allowed `--resolution` beside 0, m, as in a scene.

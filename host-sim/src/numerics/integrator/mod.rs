@@ -14,11 +14,11 @@ pub mod euler;
 pub mod rk4;
 mod stability;
 
-pub use stability::StepDemand;
+pub use stability::{Bodies, StepDemand};
 
 use serde::{Deserialize, Serialize};
 
-use crate::scene::{refused, within};
+use crate::range::{refused, within};
 
 /// `z' = f(z)`, smooth. State as in [`crate::scene::element::Chain`]: positions at even places, their speeds after
 /// them, at the last place of an odd number a force.

@@ -24,9 +24,8 @@
 
 use nalgebra::SMatrix;
 
-use crate::scene::element::{Chain, Nonlinear};
-
-type Bodies = SMatrix<f64, 3, 3>;
+/// A symmetric matrix over the bodies of a plant.
+pub type Bodies = SMatrix<f64, 3, 3>;
 
 /// What an integrator has to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,10 +43,9 @@ fn largest(matrix: Bodies) -> f64 {
 }
 
 impl StepDemand {
-    /// That of a plant.
-    pub fn of(chain: &Chain, nonlinear: &Nonlinear) -> Self {
-        let [stiffness, damping] = chain.per_mass(nonlinear.steepest());
-        let pole_per_s = chain.amplifier.map_or(0.0, |amplifier| amplifier.pole_per_s());
+    /// That of a plant with `M^-1/2 K M^-1/2` and `M^-1/2 D M^-1/2` where its elements are steepest, 1/s^2 and 1/s, and
+    /// an amplifier's pole, 1/s (0: none).
+    pub fn new(stiffness: Bodies, damping: Bodies, pole_per_s: f64) -> Self {
         Self { stiffness, damping, pole_per_s }
     }
 

@@ -45,7 +45,7 @@ fn order<const N: usize>(chain: &Chain, method: Integrator, time_s: f64, steps: 
 
 #[test]
 fn each_method_shows_its_order() {
-    let plain = Chain::of(&NamedScene::load("paper-1um").unwrap().scene);
+    let plain = NamedScene::load("paper-1um").unwrap().scene.chain();
     let stiffer = |mut chain: Chain| {
         chain.device.stiffness_n_per_m = 4e3;
         chain
@@ -80,7 +80,7 @@ fn each_method_shows_its_order() {
 
 #[test]
 fn the_estimated_error_is_that_of_the_fourth_order() {
-    let (a, b) = Chain::of(&NamedScene::load("paper-1um").unwrap().scene).system::<2>();
+    let (a, b) = NamedScene::load("paper-1um").unwrap().scene.chain().system::<2>();
     let field = Linear(a * 40.0, b * 3.0);
     let error = |h: f64| dormand_prince::step(&field, &[0.02, 0.3], h).1[1].abs();
     let order = (error(2e-4) / error(1e-4)).log2();
@@ -105,8 +105,8 @@ fn the_stable_half_disk_lies_inside_the_region_of_rk4() {
 /// A device that is slow itself, with an amplifier: what `check` has to allow for is the pole.
 fn demand(pole_per_s: f64) -> StepDemand {
     let amplifier = Some(Amplifier { bandwidth_hz: pole_per_s / core::f64::consts::TAU });
-    let plain = Chain::of(&NamedScene::load("paper-1um").unwrap().scene);
-    StepDemand::of(&Chain { amplifier, ..plain }, &Nonlinear::default())
+    let plain = NamedScene::load("paper-1um").unwrap().scene.chain();
+    Chain { amplifier, ..plain }.step_demand(&Nonlinear::default())
 }
 
 #[test]
@@ -209,7 +209,7 @@ fn radius(mut matrix: SMatrix<f64, 7, 7>) -> f64 {
 proptest! {
     #[test]
     fn no_motion_is_faster_than_the_demand_says((chain, stop) in any_chain()) {
-        let bound = StepDemand::of(&chain, &on_springs(stop)).fastest_per_s();
+        let bound = chain.step_demand(&on_springs(stop)).fastest_per_s();
         let fastest = regimes(&chain, stop).map(radius).into_iter().fold(0.0, f64::max);
         prop_assert!(fastest <= bound * (1.0 + 1e-9), "{fastest:e} of {bound:e}");
         prop_assert!(fastest >= 0.25 * bound, "{fastest:e} of {bound:e}: the bound is loose");
@@ -217,7 +217,7 @@ proptest! {
 
     #[test]
     fn semi_implicit_euler_is_stable_from_the_least_number_of_steps_on((chain, stop) in any_chain()) {
-        let demand = StepDemand::of(&chain, &on_springs(stop));
+        let demand = chain.step_demand(&on_springs(stop));
         let least = demand.euler_steps(SAMPLE_S);
         // What one step makes of each state, by the very code that steps.
         let step = |regime: &SMatrix<f64, 7, 7>, steps: f64| {

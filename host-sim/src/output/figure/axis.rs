@@ -2,15 +2,12 @@
 
 use std::ops::Range;
 
+use crate::notation::number;
 use plotters::coord::{
     ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter},
     types::RangedCoordf64,
 };
 
-/// Thin space: groups thousands without looking like a decimal sign in any language.
-const GROUP_SEPARATOR: char = '\u{2009}';
-/// Numbers of fewer digits are easier to read in one piece.
-const GROUPED_FROM_DIGITS: usize = 5;
 /// An axis far from 0 may be so short that the next round number is the same number.
 const MOST_VALUES: u16 = 32;
 const MOST_DECIMALS: usize = 15;
@@ -124,28 +121,6 @@ impl ValueFormatter<f64> for Ticks {
     }
 }
 
-/// A number with a true minus sign and grouped thousands, such as `−12 345.6`.
-pub(crate) fn number(value: f64, decimals: usize) -> String {
-    let text = format!("{:.decimals$}", value.abs());
-    let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
-    let mut out = String::new();
-    if value < 0.0 && text.bytes().any(|b| (b'1'..=b'9').contains(&b)) {
-        out.push('−');
-    }
-    for (index, digit) in whole.chars().enumerate() {
-        let left = whole.len() - index;
-        if whole.len() >= GROUPED_FROM_DIGITS && index > 0 && left.is_multiple_of(3) {
-            out.push(GROUP_SEPARATOR);
-        }
-        out.push(digit);
-    }
-    if !fraction.is_empty() {
-        out.push('.');
-        out.push_str(fraction);
-    }
-    out
-}
-
 /// A frequency to about four digits, without idle zeros: `0.5`, `49.96`, `496`, `1785.7`.
 pub(crate) fn hertz(value: f64) -> String {
     let decimals = match value {
@@ -223,10 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_grouped_from_five_digits() {
-        assert_eq!(number(4000.0, 0), "4000");
-        assert_eq!(number(-1_234_567.25, 1), "−1\u{2009}234\u{2009}567.2");
-        assert_eq!(number(-0.001, 1), "0.0");
+    fn frequencies_have_as_many_digits_as_they_need() {
         assert_eq!(hertz(1785.66), "1785.7");
         assert_eq!(hertz(1500.0), "1500");
         assert_eq!(hertz(49.96), "49.96");

@@ -1,5 +1,6 @@
 //! The cutoff axes of the area figure: ticks, and the numbers that have room.
 
+use crate::notation::number;
 use std::ops::Range;
 
 use plotters::{
@@ -11,7 +12,7 @@ use plotters::{
 use super::{
     FigureError, Page,
     area::{AreaPlot, AreaPoint, panel_of},
-    axis::{hertz, number},
+    axis::hertz,
     colour::{ACCENT, FRAME, TEXT},
     panel::{self, Panel, TICK_LENGTH},
     text,

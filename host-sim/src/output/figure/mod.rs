@@ -43,7 +43,7 @@ use plotters::{
 use plotters_backend::DrawingErrorKind;
 
 pub use area::{AreaPlot, AreaPoint, area};
-pub(crate) use axis::{hertz, number, scaled_unit};
+pub(crate) use axis::{hertz, scaled_unit};
 pub use cost::{CostPanel, CostPlot, cost};
 pub use response::{ResponsePlot, pulse_response};
 pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};

@@ -1,10 +1,11 @@
 //! The trace of one wall hit, whole and in its measuring window.
 
+use crate::notation::number;
 use plotters::{element::DashedPathElement, prelude::*, style::text_anchor::HPos};
 
 use super::{
     Figure, FigureError, MARGIN, Page, Plot, WIDTH,
-    axis::{Ticks, hertz, number},
+    axis::{Ticks, hertz},
     colour::{ACCENT, DATA, FRAME, TEXT},
     grid, not_negative,
     panel::{self, AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},

@@ -11,10 +11,13 @@
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-use super::{Amplifier, Arm, Mode};
+use super::{Amplifier, Arm, Mode, Nonlinear};
 use crate::{
-    numerics::exact::{discretise_increment, oscillator_increment},
-    scene::{Device, Scene},
+    numerics::{
+        exact::{discretise_increment, oscillator_increment},
+        integrator::StepDemand,
+    },
+    scene::Device,
 };
 
 /// Most states that a chain has: three bodies and an amplifier.
@@ -42,12 +45,6 @@ struct Body {
 }
 
 impl Chain {
-    /// The linear part of a scene's plant.
-    pub fn of(scene: &Scene) -> Self {
-        let Scene { device, mode, arm, amplifier, .. } = *scene;
-        Self { device, mode, arm, amplifier }
-    }
-
     /// A device alone.
     pub fn alone(device: Device) -> Self {
         Self { device, mode: None, arm: None, amplifier: None }
@@ -197,6 +194,13 @@ impl Chain {
         })
     }
 
+    /// What an integrator has to follow, `nonlinear` elements where they are steepest.
+    pub fn step_demand(&self, nonlinear: &Nonlinear) -> StepDemand {
+        let [stiffness, damping] = self.per_mass(nonlinear.steepest());
+        let pole_per_s = self.amplifier.map_or(0.0, |amplifier| amplifier.pole_per_s());
+        StepDemand::new(stiffness, damping, pole_per_s)
+    }
+
     /// `exp(A dt) - 1` and the response to a unit force over `dt`, for any number of states.
     pub fn increment(&self, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
         fn general<const N: usize>(chain: &Chain, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
@@ -233,7 +237,7 @@ mod tests {
     use crate::scene::NamedScene;
 
     fn paper() -> Chain {
-        Chain::of(&NamedScene::load("paper-1um").unwrap().scene)
+        NamedScene::load("paper-1um").unwrap().scene.chain()
     }
 
     const ARM: Arm = Arm {

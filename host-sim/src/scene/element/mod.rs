@@ -41,7 +41,7 @@ pub use jitter::{Glimpse, Jitter};
 pub use mode::Mode;
 pub use travel::{End, REST_SPEED_M_PER_S, Travel};
 
-use crate::scene::Scene;
+use crate::range::within;
 
 /// The elements of a plant that are not linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,11 +55,6 @@ pub struct Nonlinear {
 }
 
 impl Nonlinear {
-    /// Those of a scene.
-    pub fn of(scene: &Scene) -> Self {
-        Self { friction: scene.friction, cogging: scene.cogging, travel: scene.travel }
-    }
-
     /// Stiffness and damping that they add to the device where they are steepest, N/m and N s/m.
     pub fn steepest(&self) -> (f64, f64) {
         let mut sum = (0.0, 0.0);
@@ -82,6 +77,6 @@ struct Checker(&'static str);
 
 impl Checker {
     fn within(self, key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), String> {
-        crate::scene::within(&format!("{}.{key}", self.0), value, range)
+        within(&format!("{}.{key}", self.0), value, range)
     }
 }

@@ -104,7 +104,7 @@ impl Travel {
         keys.within("high_m", high_m, ranges::POSITION_M)?;
         keys.within("low_m", low_m, *ranges::POSITION_M.start()..=high_m)?;
         let start = "device.start_position_m";
-        crate::scene::within(start, device.start_position_m, low_m..=high_m)?;
+        crate::range::within(start, device.start_position_m, low_m..=high_m)?;
         match *self {
             Self::Rigid { restitution, .. } => keys.within("restitution", restitution, 0.0..=0.99),
             Self::Spring { stiffness_n_per_m, damping_n_s_per_m, .. } => {

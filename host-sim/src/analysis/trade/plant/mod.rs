@@ -25,10 +25,7 @@ use crate::{
     error::Error,
     numerics::integrator::Integrator,
     plant::AnyPlant,
-    scene::{
-        Scene,
-        element::{Chain, Nonlinear},
-    },
+    scene::{Scene, element::Nonlinear},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{sweep::start_offset_counts, walk::walk},
 };
@@ -66,7 +63,7 @@ impl Method {
         let euler =
             STEPS.map(|steps_per_sample| Integrator::SemiImplicitEuler { steps_per_sample });
         let rk4 = STEPS.map(|steps_per_sample| Integrator::Rk4 { steps_per_sample });
-        let exact = (Nonlinear::of(scene) == Nonlinear::default()).then_some(Self::Exact);
+        let exact = (scene.nonlinear() == Nonlinear::default()).then_some(Self::Exact);
         let stepwise = adaptive.chain(euler).chain(rk4).map(Self::Integrated);
         exact.into_iter().chain(stepwise).collect()
     }
@@ -267,7 +264,7 @@ impl Reference<'_> {
             Err(error) => return Err(error),
         };
         let Replayed { error_m, steps, samples } = self.recorded.replay(&method.plant(self.scene));
-        let states = Chain::of(self.scene).states();
+        let states = self.scene.chain().states();
         #[expect(clippy::cast_precision_loss, reason = "below 2^53")]
         let steps_per_sample = match method {
             Method::Exact => 1.0,

@@ -8,6 +8,7 @@ use zwidth::experiment::Ended;
 use crate::{
     cli::SCHEMA_VERSION,
     error::Error,
+    output::trace::Trace,
     output::{
         figure::{self, AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot},
         files::{MANIFEST, Staging, png},
@@ -15,10 +16,7 @@ use crate::{
         report::{self, AreaRow, Report, ReportFigure},
     },
     scene::NamedScene,
-    simulation::{
-        prepared::{Numeric, PreparedScene, WallHit},
-        trace::Trace,
-    },
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         envelope::{self, Envelope},
         sweep::{CutoffResult, SweepResult, start_offset_counts},

@@ -2,11 +2,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use super::{Backend, Depth, Outcome, Work, run};
+use super::walk::{Boundary, Progress};
 use crate::{
+    engine::{Backend, Depth, Outcome, Work, run},
     error::Error,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
-    study::walk::{Boundary, Progress},
 };
 
 /// Where a walk begins.

@@ -1,14 +1,14 @@
 //! The figures of a trade.
 
-use super::{
-    Bench, Criterion, Form, Format, Variant, criterion,
-    filters::{FilterRow, Filters},
-    plant::Plants,
-    table::{filter_points, pareto, plant_points},
-};
+use super::figure::{self, Figure, Mark, TradePanel, TradePlot, TradeSeries, hertz};
 use crate::{
+    analysis::trade::{
+        Bench, Criterion, Form, Format, Variant, criterion,
+        filters::{FilterRow, Filters},
+        plant::Plants,
+        table::{filter_points, pareto, plant_points},
+    },
     error::Error,
-    output::figure::{self, Figure, Mark, TradePanel, TradePlot, TradeSeries, hertz},
 };
 
 /// Cutoffs that the Pareto figure shows: the ones tried that are nearest to these, Hz.
@@ -192,7 +192,7 @@ pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, Error> {
         ("dormand-prince", 3, Mark::Triangle),
     ];
     let series = methods.map(|(name, colour, mark)| {
-        let of = |value: fn(&super::plant::PlantMeasured) -> Option<f64>| -> Vec<[f64; 2]> {
+        let of = |value: fn(&crate::analysis::trade::plant::PlantMeasured) -> Option<f64>| -> Vec<[f64; 2]> {
             let rows = plants.rows.iter().filter(|row| row.method.name() == name);
             let mut points: Vec<[f64; 2]> = rows
                 .filter_map(|row| {

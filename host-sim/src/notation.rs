@@ -1,0 +1,40 @@
+//! Numbers as people read them.
+
+/// Thin space: groups thousands without looking like a decimal sign in any language.
+const GROUP_SEPARATOR: char = '\u{2009}';
+/// Numbers of fewer digits are easier to read in one piece.
+const GROUPED_FROM_DIGITS: usize = 5;
+
+/// A number with a true minus sign and grouped thousands, such as `−12 345.6`.
+pub fn number(value: f64, decimals: usize) -> String {
+    let text = format!("{:.decimals$}", value.abs());
+    let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
+    let mut out = String::new();
+    if value < 0.0 && text.bytes().any(|b| (b'1'..=b'9').contains(&b)) {
+        out.push('−');
+    }
+    for (index, digit) in whole.chars().enumerate() {
+        let left = whole.len() - index;
+        if whole.len() >= GROUPED_FROM_DIGITS && index > 0 && left.is_multiple_of(3) {
+            out.push(GROUP_SEPARATOR);
+        }
+        out.push(digit);
+    }
+    if !fraction.is_empty() {
+        out.push('.');
+        out.push_str(fraction);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn numbers_are_grouped_from_five_digits() {
+        assert_eq!(number(4000.0, 0), "4000");
+        assert_eq!(number(-1_234_567.25, 1), "−1\u{2009}234\u{2009}567.2");
+        assert_eq!(number(-0.001, 1), "0.0");
+    }
+}

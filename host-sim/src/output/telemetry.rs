@@ -1,0 +1,103 @@
+//! A board's telemetry as a figure.
+
+use zwidth::telemetry::{Flags, Record};
+
+use super::figure::{self, Figure, TelemetryPlot, TelemetryPoint};
+use crate::{analysis::telemetry::Capture, error::Error, scene::Scene};
+
+/// Facts that the figure shows, and whether they are bad news.
+const FACTS: [(&str, Flags, bool); 6] = [
+    ("on", Flags::ON, false),
+    ("armed", Flags::ARMED, false),
+    ("contact", Flags::CONTACT, false),
+    ("changing", Flags::CHANGING, false),
+    ("saturated", Flags::SATURATED, true),
+    ("fault", Flags::FAULT, true),
+];
+
+/// Position, velocity, force and flags over time: in SI units with the scene that the board
+/// plays, else in the units of the control.
+///
+/// # Errors
+/// There are no frames.
+pub fn telemetry_figure(
+    capture: &Capture,
+    name: &str,
+    scene: Option<&Scene>,
+) -> Result<Figure, Error> {
+    let records = capture.longest_run();
+    // Records come at equal distances; what is farther apart has lost some in between.
+    let usual = records.windows(2).map(|pair| pair[1].sample - pair[0].sample).min();
+    let mut before = None;
+    let points = records.iter().map(|record| {
+        let distance = before.replace(record.sample).map(|before| record.sample - before);
+        TelemetryPoint {
+            after_gap: distance.zip(usual).is_some_and(|(distance, usual)| distance > usual),
+            ..point(record, scene)
+        }
+    });
+    let [time, position, velocity, force] = match scene {
+        Some(_) => ["Time t [s]", "Position x [mm]", "Velocity v [m/s]", "Force F [N]"],
+        None => ["Sample n", "Position [counts]", "Velocity [counts/sample]", "Force [%]"],
+    };
+    let plot = TelemetryPlot {
+        title: format!("Telemetry, {name}"),
+        subtitle: format!(
+            "{} records, {} dropped, fault codes {:?}; force that acts, into the wall positive",
+            records.len(),
+            capture.dropped,
+            capture.faults()
+        ),
+        time_title: time.to_owned(),
+        titles: [position, velocity, force].map(str::to_owned),
+        facts: FACTS
+            .map(|(name, flag, bad)| (name.to_owned(), u32::from(flag.bits()), bad))
+            .to_vec(),
+        points: points.collect(),
+    };
+    figure::telemetry(&plot)
+        .map_err(|error| Error::Internal(format!("cannot draw the telemetry: {error}")))
+}
+
+/// A record on the figure's axes.
+fn point(record: &Record, scene: Option<&Scene>) -> TelemetryPoint {
+    let counts = f64::from(record.position.counts());
+    let speed = f64::from(record.velocity.bits()) / 65_536.0;
+    let force = f64::from(record.force.bits()) / f64::from(1u32 << 30);
+    #[expect(clippy::cast_precision_loss, reason = "2^53 samples are 28,000 years")]
+    let sample = record.sample as f64;
+    let (time, values) = match scene {
+        None => (sample, [counts, speed, 100.0 * force]),
+        Some(scene) => {
+            let (resolution_m, rate_hz) = (scene.encoder.resolution_m, scene.control.rate_hz);
+            let velocity_m_per_s = speed * resolution_m * rate_hz;
+            let values =
+                [1e3 * counts * resolution_m, velocity_m_per_s, force * scene.full_scale_n()];
+            (sample / rate_hz, values)
+        }
+    };
+    TelemetryPoint { time, values, after_gap: false, facts: u32::from(record.flags.bits()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+    use zwidth::telemetry::Frame;
+
+    #[test]
+    fn the_axes_are_in_si_units_where_the_scene_is_known() {
+        let frames = [0, 1].map(|sequence| Frame {
+            sequence,
+            record: Record { sample: u64::from(sequence), ..Record::default() },
+        });
+        let bytes: Vec<u8> = frames.iter().flat_map(|frame| frame.encode()).collect();
+        let capture = Capture::decode(&bytes);
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        for (scene, title) in [(None, "Position [counts]"), (Some(&scene), "Velocity v [m/s]")] {
+            let figure = telemetry_figure(&capture, "capture.bin", scene).unwrap();
+            assert!(figure.svg().contains(title) && figure.svg().contains("saturated"));
+        }
+        assert!(telemetry_figure(&Capture::decode(&[]), "none", None).is_err());
+    }
+}

@@ -1,0 +1,131 @@
+//! The tables that every scene has.
+
+use serde::{Deserialize, Serialize};
+
+/// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Device {
+    /// m, kg.
+    pub mass_kg: f64,
+    /// b, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// k, N/m.
+    pub stiffness_n_per_m: f64,
+    /// x0, m.
+    pub rest_position_m: f64,
+    /// Where the handle rests before a hit, m.
+    pub start_position_m: f64,
+}
+
+/// Position sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Encoder {
+    /// m per count.
+    pub resolution_m: f64,
+    /// How a position becomes a count.
+    pub rounding: Rounding,
+}
+
+/// How a position becomes a count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rounding {
+    /// `floor(x / resolution)`, as an incremental encoder does.
+    Floor,
+    /// `floor(x / resolution + 1/2)`.
+    Round,
+}
+
+/// Amplifier and motor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Actuator {
+    /// Force per volt of command, N/V.
+    pub gain_n_per_v: f64,
+    /// Largest command, V.
+    pub limit_v: f64,
+    /// Samples per output.
+    pub period: u32,
+    /// Samples from the encoder reading to the force on the handle; need not be whole.
+    pub latency: f64,
+    /// An estimator that is told the force is told it when it acts, to the nearest sample, and not when it
+    /// is granted.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub latency_known: bool,
+}
+
+impl Actuator {
+    /// The latency to the nearest whole sample.
+    pub fn latency_samples(&self) -> u32 {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the scene's check"
+        )]
+        let samples = self.latency.round() as u32;
+        samples
+    }
+}
+
+/// Longest latency that may be known, in samples.
+pub const LATENCY_KNOWN_MAX: u32 = 64;
+
+/// Sampling.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sampling {
+    /// Encoder samples per second, Hz.
+    pub rate_hz: f64,
+}
+
+/// The virtual wall.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wall {
+    /// Surface, m.
+    pub position_m: f64,
+    /// The wall never pulls.
+    pub push_only: bool,
+}
+
+/// The wall-hit experiment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WallHit {
+    /// Constant push, N.
+    pub push_n: f64,
+    /// Time before the window, s.
+    pub settle_s: f64,
+    /// Window, s.
+    pub window_s: f64,
+    /// `stable` is an RMS below this, m.
+    pub rms_limit_m: f64,
+}
+
+/// The boundary walk's grid and caps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Walk {
+    /// First K, N/m.
+    pub stiffness_start_n_per_m: f64,
+    /// Step of K, N/m.
+    pub stiffness_step_n_per_m: f64,
+    /// Largest K, N/m.
+    pub stiffness_max_n_per_m: f64,
+    /// First B, N s/m.
+    pub damping_start_n_s_per_m: f64,
+    /// Step of B, N s/m.
+    pub damping_step_n_s_per_m: f64,
+    /// Largest B, N s/m.
+    pub damping_max_n_s_per_m: f64,
+}
+
+/// The study over cutoffs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// Cutoffs, Hz.
+    pub cutoffs_hz: Vec<f64>,
+}
