@@ -52,6 +52,7 @@ mod bounds;
 pub mod console;
 mod control;
 mod crc;
+pub mod device;
 pub mod encoder;
 pub mod experiment;
 mod gain;

@@ -1,23 +1,37 @@
 //! The text side of the board: one command a line, one reply a line.
 //!
 //! ```text
-//! bytes -> LineReader -> parse -> Command -> allowed -> (the board acts) -> Reply -> Text
+//! bytes -> LineReader -> parse -> Command -> allowed -> dispatch -> Order -> (the output task acts) -> Report
+//!                                                           └─────────────── Reply -> Text <────────────┘
 //! ```
+//!
+//! [`Console`] is all of it; what it needs of a board is a [`Port`].
 //!
 //! Runs at low priority, whenever bytes have come. Any bytes may come: garbage is refused with a
 //! reply, never believed and never a reason to stop.
 
 mod command;
+mod dispatch;
 mod line;
+mod lines;
 mod number;
+mod port;
 mod reply;
+mod reply_channel;
 mod rules;
+mod session;
+mod walk_session;
 
 pub use command::{Command, GridValue, ParseError, parse, usages};
 pub use line::{Line, LineReader, Text};
 pub use number::Decimal;
+pub use port::Port;
 pub use reply::Reply;
-pub use rules::{Activity, Situation, allowed, signs_allowed};
+pub use rules::{Situation, allowed, signs_allowed};
+pub use session::Console;
+
+#[cfg(test)]
+mod tests;
 
 /// Longest line, bytes: the longest command has 31, and a human types no more than this.
 pub const LINE_MAX: usize = 64;

@@ -230,8 +230,8 @@ mod tests {
     use super::*;
     use crate::{
         Settings, WallSettings,
-        console::{Activity, Command, REPLY_MAX, Text, allowed},
-        experiment::WalkSettings,
+        console::{Command, REPLY_MAX, Text, allowed},
+        experiment::{Activity, WalkSettings},
         safety::{FaultRecord, FaultSet, Inputs, State, Status, envelope::Boundary},
         store::{DeviceKey, Signs},
         units::{Force, Position, Velocity},

@@ -1,33 +1,10 @@
 //! Which command is met when: one table.
 
 use super::Command;
-use crate::safety::{Fault, Refusal, State, Status};
-
-/// What the rendering task is doing besides the wall.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Activity {
-    /// Nothing.
-    #[default]
-    None,
-    /// A wall hit.
-    Hit,
-    /// A boundary walk, which sets K and B by itself.
-    Walk,
-    /// A force calibration.
-    Calibration,
-}
-
-impl Activity {
-    /// Name in replies.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::None => "idle",
-            Self::Hit => "hit",
-            Self::Walk => "walk",
-            Self::Calibration => "calibration",
-        }
-    }
-}
+use crate::{
+    experiment::Activity,
+    safety::{Fault, Refusal, State, Status},
+};
 
 /// All that decides whether a command is met.
 #[derive(Clone, Copy, Debug, PartialEq)]

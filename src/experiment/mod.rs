@@ -6,6 +6,7 @@ mod calibration;
 mod duty;
 mod hit;
 mod hit_sequence;
+mod orders;
 mod return_move;
 mod rms;
 mod walk;
@@ -14,6 +15,7 @@ pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationS
 pub use duty::{Duty, DutyPlan, DutySettings};
 pub use hit::{Hit, HitPlan, Verdict};
 pub use hit_sequence::{AbortReason, HitSequence, HitSequencePlan};
+pub use orders::{Activity, Event, Gains, Order, Report};
 pub use return_move::{Return, ReturnPlan, ReturnSettings, ReturnStep};
 pub use rms::{RmsLimit, RunningVariance};
 pub use walk::{Cell, Ended, Step, Walk, WalkError, WalkSettings, WalkTotals};

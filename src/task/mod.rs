@@ -12,27 +12,26 @@
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
 mod device;
-mod envelope;
 mod idle;
 mod link;
-mod order;
 mod render;
 mod sample;
 
 use core::sync::atomic::AtomicU32;
 
+use device::DEVICE;
 use heapless::spsc::Queue;
 pub use idle::Idle;
 pub use link::Link;
-use order::{Order, Report};
 pub use render::Render;
 use sample::Due;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
     CounterWidth, LoopParameters,
-    safety::{Fault, FaultRecord, Guard, GuardCommand, GuardedSampler, Supervisor, boot_fault},
-    store::Source,
+    device::Start,
+    experiment::{Order, Report},
+    safety::{Guard, GuardCommand, GuardedSampler, Supervisor, boot_fault},
 };
 
 use crate::board::{self, Board};
@@ -82,38 +81,25 @@ static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the
-/// defaults in force, with the fault `settings` latched.
+/// A number of the device that is not allowed is said, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = queues.due.split();
     let (guard_in, guard_out) = queues.guard.split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
-    let loaded = zwidth::store::load(&mut board.settings, device::defaults());
-    let sensed = loaded.stored.settings.velocity.name().missing(board::SENSES).is_none();
-    let built = envelope::control(&loaded.stored).ok().filter(|_| sensed);
-    let stored = if built.is_some() { loaded.stored } else { device::defaults() };
-    let (default, plan, duty) = match device::constants() {
-        Ok(constants) => constants,
+    let loaded = zwidth::store::load(&mut board.settings, DEVICE.defaults());
+    let boot = boot_fault(&board.memory.read(), board.reset_cause);
+    let Start { stored, source, control, safety, duty, fault } = match DEVICE.start(&loaded, boot) {
+        Ok(start) => start,
         Err(error) => link::refuse(board.link, board.watchdog, &error),
-    };
-    let control = built.unwrap_or(default);
-    let usable = loaded.stored == stored;
-    let source = if usable { loaded.source } else { Source::Unusable };
-    let refused = (!usable).then(|| FaultRecord::bare(Fault::Settings));
-    let fault = match (boot_fault(&board.memory.read(), board.reset_cause), refused) {
-        (Some(boot), Some(refused)) => {
-            Some(FaultRecord { causes: boot.causes.union(refused.causes), ..boot })
-        }
-        (boot, refused) => boot.or(refused),
     };
     if let Some(record) = fault {
         // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = queues.control.split(control);
-    let (down_in, down_out) = queues.down.split(GuardCommand::start(&plan));
+    let (down_in, down_out) = queues.down.split(GuardCommand::start(&safety));
     board::turn_encoder(stored.signs.encoder_reversed);
     let Board { drive, sample_timer, encoder, stop, supply, halts, memory, .. } = board;
     let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
@@ -128,7 +114,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     };
     (
         Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in),
-        Render::new(outputs, ends, Supervisor::new(plan, fault), control, stored.signs, duty),
+        Render::new(outputs, ends, Supervisor::new(safety, fault), control, stored.signs, duty),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
         Idle::new(board.watchdog),
     )

@@ -5,8 +5,10 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    console::Activity,
-    experiment::{AbortReason, Calibration, CalibrationEnd, Duty, DutyPlan, HitSequence},
+    experiment::{
+        AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains,
+        HitSequence, Order, Report,
+    },
     safety::{
         BlackBox, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand, Refusal, Request,
         SampleReport, State, Supervisor,
@@ -16,12 +18,7 @@ use zwidth::{
     units::{Force, Position},
 };
 
-use super::{
-    FLAGS, ORDERS, REPORTS,
-    device::PERIOD,
-    order::{Event, Gains, Order, Report},
-    sample::Due,
-};
+use super::{FLAGS, ORDERS, REPORTS, device::PERIOD, sample::Due};
 use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Supply};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 

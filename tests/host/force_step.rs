@@ -15,7 +15,8 @@ use proptest::{
 };
 use zwidth::{
     CounterWidth, Design, LoopParameters, Sampler, Settings, VelocitySettings, WallSettings,
-    console::{Activity, Command, Situation, allowed},
+    console::{Command, Situation, allowed},
+    experiment::Activity,
     safety::{
         Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings,
         SampleReport, State, Supervisor,

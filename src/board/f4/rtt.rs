@@ -8,7 +8,7 @@
 //! | down 0  | commands, one line of text each | 256   | the host waits               |
 //!
 //! Nothing here waits for the host, whatever mode a debugger writes into a channel. What a reply is
-//! worth when neither up 0 nor up 2 has room for it: `task::link::voice`.
+//! worth when neither up 0 nor up 2 has room for it: `console/reply_channel.rs`.
 
 pub use rtt_target::DownChannel as Commands;
 use rtt_target::{ChannelMode, UpChannel, rtt_init};

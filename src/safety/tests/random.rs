@@ -1,7 +1,10 @@
 //! Random sequences of events and commands.
 
 use super::*;
-use crate::console::{Activity, Command, Situation, allowed};
+use crate::{
+    console::{Command, Situation, allowed},
+    experiment::Activity,
+};
 use proptest::prelude::*;
 
 /// Whatever may happen between two samples.

@@ -2,15 +2,13 @@
 
 use core::fmt;
 
-use zwidth::{
-    console::Decimal,
+use super::Decimal;
+use crate::{
     experiment::{CalibrationEnd, Cell, Ended, RunningVariance, Verdict, WalkSettings, WalkTotals},
     telemetry::Record,
 };
 
-use crate::task::device::DESIGN;
-
-fn name(verdict: Verdict) -> &'static str {
+const fn name(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Stable => "stable",
         Verdict::Unstable => "unstable",
@@ -18,17 +16,14 @@ fn name(verdict: Verdict) -> &'static str {
     }
 }
 
-fn metres(counts: f64) -> Decimal {
-    Decimal(counts * DESIGN.resolution_m)
-}
-
-/// The line that ends a hit.
-pub struct HitOver(pub Verdict, pub RunningVariance);
+/// The line that ends a hit: verdict, window, metres per count.
+pub struct HitOver(pub Verdict, pub RunningVariance, pub f64);
 
 impl fmt::Display for HitOver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(verdict, scatter) = self;
-        let (rms, mean) = (metres(scatter.rms_counts()), metres(scatter.mean_counts()));
+        let Self(verdict, window, resolution_m) = self;
+        let rms = Decimal(window.rms_counts() * resolution_m);
+        let mean = Decimal(window.mean_counts() * resolution_m);
         write!(f, "ok hit {}, rms {rms} m, mean {mean} m", name(*verdict))
     }
 }
@@ -44,27 +39,21 @@ impl fmt::Display for Wall<'_> {
     }
 }
 
-/// One verdict of a walk: number of the hit, plan, cell, verdict, window.
-pub struct CellJudged<'a>(
-    pub u32,
-    pub &'a WalkSettings,
-    pub Cell,
-    pub Verdict,
-    pub &'a RunningVariance,
-);
+/// One verdict of a walk: number of the hit, plan, cell, verdict, RMS in m.
+pub struct CellJudged<'a>(pub u32, pub &'a WalkSettings, pub Cell, pub Verdict, pub f64);
 
 impl fmt::Display for CellJudged<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(hits, plan, cell, verdict, scatter) = self;
-        let rms = metres(scatter.rms_counts());
-        write!(f, "walk hit {hits}: {}, {}, rms {rms} m", Wall(plan, *cell), name(*verdict))
+        let Self(hits, plan, cell, verdict, rms_m) = self;
+        let (wall, rms) = (Wall(plan, *cell), Decimal(*rms_m));
+        write!(f, "walk hit {hits}: {wall}, {}, rms {rms} m", name(*verdict))
     }
 }
 
 /// One point of the boundary: number, plan, cell.
-pub struct Boundary<'a>(pub u32, pub &'a WalkSettings, pub Cell);
+pub struct BoundaryPoint<'a>(pub u32, pub &'a WalkSettings, pub Cell);
 
-impl fmt::Display for Boundary<'_> {
+impl fmt::Display for BoundaryPoint<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(number, plan, cell) = self;
         write!(f, "walk boundary {number}: {}", Wall(plan, *cell))

@@ -1,22 +1,47 @@
-//! What `link` asks of `render`, and what `render` tells `link`.
+//! What the console asks of the output task, and what that one reports.
 
-use zwidth::{
+use super::{
+    AbortReason, CalibrationEnd, CalibrationPlan, HitSequencePlan, RunningVariance, Verdict,
+};
+use crate::{
     LoopParameters,
-    console::Activity,
-    experiment::{
-        AbortReason, CalibrationEnd, CalibrationPlan, HitSequencePlan, RunningVariance, Verdict,
-    },
     safety::{Refusal, Request, Status},
     store::Signs,
     telemetry::Record,
 };
+
+/// What goes on besides the wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Activity {
+    /// Nothing.
+    #[default]
+    None,
+    /// A wall hit.
+    Hit,
+    /// A boundary walk, which sets K and B by itself.
+    Walk,
+    /// A force calibration.
+    Calibration,
+}
+
+impl Activity {
+    /// Name in replies.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "idle",
+            Self::Hit => "hit",
+            Self::Walk => "walk",
+            Self::Calibration => "calibration",
+        }
+    }
+}
 
 #[allow(
     clippy::large_enum_variant,
     reason = "there is no allocator; large with some estimators only"
 )]
 /// One order; answered with the next [`Report`], in order.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// For the supervisor.
     Request(Request),
@@ -60,7 +85,7 @@ pub enum Event {
     CalibrationOver(CalibrationEnd),
 }
 
-/// One output, as `link` sees it.
+/// One output, as the console sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
     /// This output.

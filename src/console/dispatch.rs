@@ -1,0 +1,189 @@
+//! What each command does.
+
+use super::{
+    Command, Port, Reply, allowed,
+    session::{Awaited, ChangedSetting, Console},
+    signs_allowed,
+};
+use crate::{
+    Settings,
+    experiment::Order,
+    safety::{Request, State},
+    store::Stored,
+    velocity::Parameter,
+};
+
+impl<P: Port> Console<P> {
+    pub(super) fn obey(&mut self, command: Command) {
+        let Some((situation, record)) = self.situation() else { return };
+        if let Err(refusal) = allowed(&command, &situation) {
+            return self.refuse(refusal);
+        }
+        let mut stored = self.stored;
+        match command {
+            Command::Help => self.reply(Reply::Help),
+            Command::Version => self.version(),
+            Command::Status => self.reply(Reply::Status(&situation, &record)),
+            Command::Get => self.reply(Reply::Settings(&stored)),
+            Command::Faults => {
+                self.reply(Reply::Faults(&situation));
+                if situation.status.state == State::Fault {
+                    self.order(Order::Replay, Awaited::Quiet);
+                }
+            }
+            Command::Zero => self.request(Request::Zero, "zero"),
+            Command::Arm => self.request(Request::Arm, "arm"),
+            Command::Disarm => self.request(Request::Disarm, "disarm"),
+            Command::Clear => self.request(Request::Clear, "clear"),
+            Command::UnlockEnvelope => self.request(Request::Unlock, "unlock envelope"),
+            Command::Stiffness(k) => {
+                self.change(("k", k, "N/m"), |settings| settings.wall.stiffness_n_per_m = k);
+            }
+            Command::Damping(b) => {
+                self.change(("b", b, "N s/m"), |settings| settings.wall.damping_n_s_per_m = b);
+            }
+            Command::Wall(place_m) => {
+                self.change(("wall", place_m, "m"), |settings| settings.wall.position_m = place_m);
+            }
+            Command::Cutoff(cutoff_hz) => self.tune(cutoff_hz, Parameter::is_frequency),
+            Command::Tuning(value) => self.tune(value, |_| true),
+            Command::Second(value) => match stored.settings.velocity.second() {
+                Some((parameter, _)) => {
+                    self.change((parameter.name, value, parameter.unit), |settings| {
+                        settings.velocity = settings.velocity.with_second(value);
+                    });
+                }
+                None => self.write(&"error: this estimator has no second parameter, see get"),
+            },
+            Command::Estimator(name) => {
+                stored.settings.velocity = name.following(&stored.settings.velocity);
+                self.propose(stored, ChangedSetting::Estimator(name));
+            }
+            Command::Push(push_n) => self.keep(Stored { push_n, ..stored }, ("push", push_n, "N")),
+            Command::Start(start_m) => {
+                self.keep(Stored { start_m, ..stored }, ("start", start_m, "m"));
+            }
+            Command::Settle(settle_s) => {
+                self.keep(Stored { settle_s, ..stored }, ("settle", settle_s, "s"));
+            }
+            Command::Window(window_s) => {
+                self.keep(Stored { window_s, ..stored }, ("window", window_s, "s"));
+            }
+            Command::RmsLimit(rms_limit_m) => {
+                self.keep(Stored { rms_limit_m, ..stored }, ("rms", rms_limit_m, "m"));
+            }
+            Command::Grid(value, number) => {
+                *value.of(&mut stored.grid) = number;
+                self.keep(stored, (value.text(), number, value.unit()));
+            }
+            Command::FullScale(full_scale_n) => {
+                stored.full_scale_n = full_scale_n;
+                match self.device.hit_sequence(&stored, false) {
+                    Ok(_) => {
+                        let changed = ChangedSetting::Value("fullscale", full_scale_n, "N");
+                        self.propose(stored, changed);
+                    }
+                    Err(error) => self.reply(Reply::Range(&error)),
+                }
+            }
+            // In force at once, and the zero is lost.
+            Command::MotorReversed(reversed) => {
+                stored.signs.motor_reversed = reversed;
+                let changed = ChangedSetting::Signs("motor", reversed);
+                self.order(Order::Signs(stored.signs), Awaited::Settings(stored, changed));
+            }
+            Command::EncoderReversed(reversed) => {
+                stored.signs.encoder_reversed = reversed;
+                let changed = ChangedSetting::Signs("encoder", reversed);
+                self.order(Order::Signs(stored.signs), Awaited::Settings(stored, changed));
+            }
+            Command::Hit => match self.device.hit_sequence(&stored, false) {
+                Ok(plan) => self.order(Order::Hit(plan), Awaited::Done("hit")),
+                Err(error) => self.reply(Reply::Range(&error)),
+            },
+            Command::Walk => self.begin_walk(),
+            Command::Calibrate(percent) => match self.device.calibration(percent) {
+                Ok(plan) => self.order(Order::Calibrate(plan), Awaited::Done("calibrate")),
+                Err(error) => self.reply(Reply::Range(&error)),
+            },
+            Command::Stop => self.order(Order::Stop, Awaited::Stop),
+            Command::Stream(on) => {
+                self.streaming = on;
+                self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
+            }
+            Command::Save => self.order(Order::Request(Request::Stall(true)), Awaited::Save),
+            Command::Load => {
+                let loaded = self.port.load(self.device.defaults());
+                let new = loaded.stored;
+                // Signs and full scale are taken over only with the force off.
+                let turned = new.signs != stored.signs || new.full_scale_n != stored.full_scale_n;
+                match signs_allowed(&situation) {
+                    Err(refusal) if turned => self.reply(Reply::Refused(refusal)),
+                    _ => self.propose(new, ChangedSetting::Loaded(loaded.source)),
+                }
+            }
+        }
+    }
+
+    /// Asks the supervisor, and replies with the name.
+    fn request(&mut self, request: Request, name: &'static str) {
+        self.order(Order::Request(request), Awaited::Done(name));
+    }
+
+    /// Changes the estimator's tuning, if it has one that `fits`.
+    fn tune(&mut self, value: f64, fits: fn(&Parameter) -> bool) {
+        match self.stored.settings.velocity.tuning() {
+            Some((parameter, _)) if fits(&parameter) => {
+                self.change((parameter.name, value, parameter.unit), |settings| {
+                    settings.velocity = settings.velocity.with_tuning(value);
+                });
+            }
+            Some(_) => self.write(&"error: this estimator has no cutoff: set its tuning, see get"),
+            None => self.write(&"error: this estimator has nothing to tune"),
+        }
+    }
+
+    /// Keeps a setting that only the next experiment looks at: name, value, unit.
+    fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
+        let checked = self.device.hit_sequence(&stored, false);
+        match checked.and_then(|_| stored.grid.check()) {
+            Ok(()) => {
+                self.stored = stored;
+                self.reply(Reply::Value(name, value, unit));
+            }
+            Err(error) => self.reply(Reply::Range(&error)),
+        }
+    }
+
+    /// Changes a setting of the loop: name, value, unit.
+    fn change(
+        &mut self,
+        (name, value, unit): (&'static str, f64, &'static str),
+        edit: impl FnOnce(&mut Settings),
+    ) {
+        let mut stored = self.stored;
+        edit(&mut stored.settings);
+        self.propose(stored, ChangedSetting::Value(name, value, unit));
+    }
+
+    /// Builds settings and proposes them; they are kept once the output task has taken them.
+    pub(super) fn propose(&mut self, stored: Stored, changed: ChangedSetting) {
+        let device = self.device;
+        if let Some((estimator, sense)) = device.missing(&stored) {
+            return self.reply(Reply::NoSense(estimator, sense));
+        }
+        match (device.order(&stored), device.inside(&stored)) {
+            (Ok(_), Err(outside)) if self.is_locked() => {
+                self.reply(Reply::Outside(outside, device.envelope, device.key(&stored)));
+            }
+            (Ok(order), _) => self.order(order, Awaited::Settings(stored, changed)),
+            (Err(error), _) => self.reply(Reply::Range(&error)),
+        }
+    }
+
+    /// Force acts, and the envelope was not unlocked for it. With the force off a wall outside is
+    /// taken, and `arm` refused.
+    fn is_locked(&self) -> bool {
+        self.latest.is_some_and(|report| report.status.state.is_on() && !report.status.unlocked)
+    }
+}

@@ -1,0 +1,27 @@
+//! What the console needs of the board it runs on.
+
+use crate::{
+    experiment::Order,
+    store::{Loaded, Stored},
+};
+
+/// Bytes in; lines, frames and orders out; settings in flash. Nothing here waits, but for flash.
+pub trait Port {
+    /// The next byte that was typed, if there is one.
+    fn read(&mut self) -> Option<u8>;
+
+    /// Puts out one line, its end included; says whether anybody has taken it whole.
+    fn write_line(&mut self, line: &str) -> bool;
+
+    /// Puts out a frame of telemetry, or drops it.
+    fn write_frame(&mut self, frame: &[u8]);
+
+    /// Passes an order to the output task. Only one is under way, so there is room; says whether there was.
+    fn order(&mut self, order: Order) -> bool;
+
+    /// The newest settings in flash, or `defaults`.
+    fn load(&mut self, defaults: Stored) -> Loaded;
+
+    /// Writes settings to flash, which stalls the processor; says whether they are there now.
+    fn save(&mut self, stored: &Stored) -> bool;
+}

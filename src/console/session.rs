@@ -1,0 +1,247 @@
+//! One session: bytes and reports in, lines, frames and orders out.
+//!
+//! One command at a time: what the output task has to decide is asked of it, and the reply waits for its answer,
+//! which comes with the next output.
+
+use core::fmt;
+
+use super::{
+    Command, LINE_MAX, Line, LineReader, ParseError, Port, Reply, Situation,
+    lines::{CalibrationHolds, CalibrationOver, HitOver},
+    parse,
+    reply_channel::ReplyChannel,
+    walk_session::WalkSession,
+};
+use crate::{
+    device::Device,
+    experiment::{Activity, Event, Order, Report, WalkTotals},
+    safety::{Refusal, Request},
+    store::{Source, Stored},
+    telemetry::{Frame, Record},
+    velocity::EstimatorName,
+};
+
+/// Bytes that one pass takes at most: the whole channel.
+const BYTES_A_PASS: usize = 256;
+
+/// What an answer is awaited for.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one, and no heap; large on a 64-bit host only"
+)]
+#[derive(Clone, Copy)]
+pub(super) enum Awaited {
+    /// A command whose reply is its name.
+    Done(&'static str),
+    /// New settings: what to keep and how to reply.
+    Settings(Stored, ChangedSetting),
+    /// The end of what was going on.
+    Stop,
+    /// Leave to write flash.
+    Save,
+    /// The wall of a walk's next cell, or the hit at it.
+    Cell,
+    /// Nothing is replied.
+    Quiet,
+}
+
+/// Which setting a command changed.
+#[derive(Clone, Copy)]
+pub(super) enum ChangedSetting {
+    Value(&'static str, f64, &'static str),
+    Estimator(EstimatorName),
+    Signs(&'static str, bool),
+    Loaded(Source),
+}
+
+/// A console on a board.
+pub struct Console<P> {
+    pub(super) port: P,
+    pub(super) device: &'static Device,
+    pub(super) replies: ReplyChannel,
+    reader: LineReader<LINE_MAX>,
+    pub(super) stored: Stored,
+    awaited: Option<Awaited>,
+    pub(super) latest: Option<Report>,
+    pub(super) walking: Option<WalkSession>,
+    /// What a walk had come to that ended because nobody reads; not yet said.
+    pub(super) pending_totals: Option<WalkTotals>,
+    /// Another wall than the stored one is in force: a walk has just ended.
+    pub(super) restore_wall: bool,
+    pub(super) streaming: bool,
+    sequence: u32,
+}
+
+impl<P: Port> Console<P> {
+    /// A console of that device, which starts with these settings.
+    pub fn new(port: P, device: &'static Device, stored: Stored, source: Source) -> Self {
+        let mut console = Self {
+            port,
+            device,
+            replies: ReplyChannel::new(),
+            reader: LineReader::new(),
+            stored,
+            awaited: None,
+            latest: None,
+            walking: None,
+            pending_totals: None,
+            restore_wall: false,
+            streaming: true,
+            sequence: 0,
+        };
+        console.version();
+        console.reply(Reply::Loaded(source));
+        // The gains of the first settings are judged like those of any others.
+        console.propose(stored, ChangedSetting::Loaded(source));
+        console.awaited = console.awaited.map(|_| Awaited::Quiet);
+        console
+    }
+
+    /// Takes what happened with an output. To be called for every report, in order.
+    pub fn report(&mut self, report: &Report) {
+        self.stream(report.streamed);
+        self.latest = Some(*report);
+        match report.event {
+            Event::None => {}
+            Event::Answer(answer) => self.answer(answer),
+            Event::HitOver(verdict, window) if self.walking.is_some() => {
+                self.judged(verdict, window.rms_counts());
+            }
+            Event::HitOver(verdict, window) => {
+                self.write(&HitOver(verdict, window, self.device.design.resolution_m));
+            }
+            Event::HitAborted(reason) if self.walking.is_some() => self.end_walk(reason.text()),
+            Event::HitAborted(reason) => {
+                self.write(&format_args!("error: hit: {}", reason.text()));
+            }
+            Event::CalibrationHolds => {
+                self.write(&CalibrationHolds(report.record, self.stored.full_scale_n));
+            }
+            Event::CalibrationOver(end) => {
+                self.write(&CalibrationOver(end, report.record, self.stored.full_scale_n));
+            }
+        }
+    }
+
+    /// Goes on with a walk, or obeys a command that has come. To be called after the reports.
+    pub fn pass(&mut self) {
+        if self.awaited.is_none() && self.latest.is_some() && !self.pursue() {
+            self.listen();
+        }
+    }
+
+    /// Reads up to the end of one line and obeys it. One line a pass, so that a host that floods
+    /// cannot keep the task from its end, and the watchdog from being fed.
+    fn listen(&mut self) {
+        let mute = self.is_mute();
+        for _ in 0..BYTES_A_PASS {
+            let Some(byte) = self.port.read() else { return };
+            let line = match self.reader.push(byte) {
+                None => continue,
+                Some(Line::TooLong) => Err(ParseError::TooLong),
+                Some(Line::Text(text)) => parse(text),
+            };
+            return match line {
+                Ok(command @ (Command::Stop | Command::Disarm)) => self.obey(command),
+                Ok(_) | Err(_) if mute => self.replies.ignore(),
+                Ok(command) => self.obey(command),
+                Err(error) => self.reply(Reply::Parse(error)),
+            };
+        }
+    }
+
+    /// A frame of telemetry, if it is on; a full channel drops it, and its number with it.
+    fn stream(&mut self, record: Record) {
+        if !self.streaming {
+            return;
+        }
+        let frame = Frame { sequence: self.sequence, record };
+        self.sequence = self.sequence.wrapping_add(1);
+        self.port.write_frame(&frame.encode());
+    }
+
+    /// A line waits that nobody has taken.
+    pub(super) fn is_mute(&mut self) -> bool {
+        self.replies.is_mute(&mut self.port)
+    }
+
+    pub(super) fn write(&mut self, line: &dyn fmt::Display) {
+        self.replies.say(&mut self.port, line);
+    }
+
+    pub(super) fn reply(&mut self, reply: Reply<'_>) {
+        self.write(&reply);
+    }
+
+    pub(super) fn version(&mut self) {
+        self.reply(Reply::Version(env!("CARGO_PKG_VERSION"), self.device.name));
+    }
+
+    pub(super) fn situation(&self) -> Option<(Situation, Record)> {
+        self.latest.map(|report| {
+            let walking = self.walking.is_some();
+            let activity = if walking { Activity::Walk } else { report.activity };
+            let situation = Situation { status: report.status, activity };
+            (situation, report.record)
+        })
+    }
+
+    /// Says why not, and of a wall outside the envelope what is allowed.
+    pub(super) fn refuse(&mut self, refusal: Refusal) {
+        let stored = self.stored;
+        match self.device.inside(&stored) {
+            Err(outside) if refusal == Refusal::Settings => {
+                self.reply(Reply::Outside(outside, self.device.envelope, self.device.key(&stored)));
+            }
+            _ => self.reply(Reply::Refused(refusal)),
+        }
+    }
+
+    /// Gives an order, whose answer is then awaited.
+    pub(super) fn order(&mut self, order: Order, awaited: Awaited) {
+        if self.port.order(order) {
+            self.awaited = Some(awaited);
+        }
+    }
+
+    fn answer(&mut self, answer: Result<(), Refusal>) {
+        let Some(awaited) = self.awaited.take() else { return };
+        match (awaited, answer) {
+            (Awaited::Quiet, _) => {}
+            (Awaited::Cell, Err(refusal)) => self.end_walk(refusal.text()),
+            (Awaited::Cell, Ok(())) => self.advance(),
+            (Awaited::Stop, _) => {
+                self.end_walk("stopped");
+                self.reply(Reply::Done("stop"));
+            }
+            (_, Err(refusal)) => self.refuse(refusal),
+            (Awaited::Done(name), Ok(())) => self.reply(Reply::Done(name)),
+            (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
+            (Awaited::Save, Ok(())) => {
+                let saved = self.port.save(&self.stored);
+                // Flash is written; the reply is out.
+                self.order(Order::Request(Request::Stall(false)), Awaited::Quiet);
+                self.reply(if saved { Reply::Done("save") } else { Reply::Failed("save") });
+            }
+        }
+    }
+
+    /// The output task has taken those settings.
+    fn keep_changed(&mut self, stored: Stored, changed: ChangedSetting) {
+        let signs = self.stored.signs;
+        self.stored = stored;
+        match changed {
+            ChangedSetting::Value(name, value, unit) => self.reply(Reply::Value(name, value, unit)),
+            ChangedSetting::Estimator(name) => self.reply(Reply::Word("estimator", name.text())),
+            ChangedSetting::Signs(name, reversed) => {
+                self.reply(Reply::Word(name, if reversed { "-" } else { "+" }));
+            }
+            ChangedSetting::Loaded(source) => {
+                self.reply(Reply::Loaded(source));
+                if stored.signs != signs {
+                    self.order(Order::Signs(stored.signs), Awaited::Quiet);
+                }
+            }
+        }
+    }
+}

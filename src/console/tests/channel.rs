@@ -1,0 +1,53 @@
+//! Nothing changes without an acknowledgement, and nothing that is typed keeps the task busy.
+
+use super::*;
+
+#[test]
+fn until_a_line_is_taken_no_command_is_obeyed_but_those_that_end_something() {
+    let mut bench = Bench::new(ARMED);
+    bench.console.port.deaf = true;
+    bench.type_in("version"); // its reply waits
+    assert_eq!(bench.type_in("k 100"), (Vec::new(), Vec::new()));
+    assert_eq!(bench.type_in("nonsense"), (Vec::new(), Vec::new()));
+    bench.report(Event::HitOver(crate::experiment::Verdict::Stable, Default::default())); // lost
+    assert_eq!(bench.orders("disarm"), Order::Request(Request::Disarm));
+    bench.answer(Ok(())); // lost as well
+    assert_eq!(bench.orders("stop"), Order::Stop);
+    bench.answer(Ok(()));
+    bench.console.port.deaf = false;
+    // tried again with every 32nd look
+    let said = (0..64).find_map(|_| {
+        bench.console.pass();
+        Some(bench.take().0).filter(|lines| !lines.is_empty())
+    });
+    let said = said.unwrap();
+    assert!(said[0].starts_with("ok version"), "{said:?}");
+    assert_eq!(said[1..], ["error: nobody was reading: 2 commands ignored, 3 lines lost"]);
+    assert!(matches!(bench.orders("k 100"), Order::LoopParameters(..)));
+}
+
+#[test]
+fn a_line_that_was_only_late_is_said_alone() {
+    let mut bench = Bench::new(OFF);
+    bench.console.port.deaf = true;
+    bench.type_in("version");
+    bench.console.port.deaf = false;
+    for _ in 0..64 {
+        bench.console.pass();
+    }
+    let (lines, _) = bench.take();
+    assert!(lines.len() == 1 && lines[0].starts_with("ok version"), "{lines:?}");
+}
+
+#[test]
+fn one_line_a_pass_and_at_most_a_channel_of_bytes() {
+    let mut bench = Bench::new(OFF);
+    bench.console.port.typed.extend(*b"version\nversion\n");
+    for left in [8, 0] {
+        bench.console.pass();
+        assert_eq!((bench.take().0.len(), bench.console.port.typed.len()), (1, left));
+    }
+    bench.console.port.typed.extend([b' '; 1000]);
+    bench.console.pass();
+    assert_eq!(bench.console.port.typed.len(), 1000 - 256);
+}

@@ -1,0 +1,147 @@
+//! The console on a board of plain values.
+
+use std::{
+    collections::VecDeque,
+    format,
+    string::{String, ToString},
+    vec::Vec,
+};
+
+use super::*;
+use crate::{
+    device::tests::DEVICE,
+    experiment::{Activity, Event, Order, Report},
+    safety::{Fault, FaultRecord, FaultSet, Inputs, Refusal, Request, State, Status},
+    store::{Loaded, Source, Stored},
+    telemetry::Record,
+};
+
+mod channel;
+mod commands;
+mod events;
+mod walk;
+
+/// The other side of a console.
+#[derive(Default)]
+struct Board {
+    typed: VecDeque<u8>,
+    lines: Vec<String>,
+    frames: Vec<Vec<u8>>,
+    orders: Vec<Order>,
+    flash: Option<Stored>,
+    /// Flash does not take anything.
+    broken: bool,
+    /// Nobody reads lines.
+    deaf: bool,
+}
+
+impl Port for Board {
+    fn read(&mut self) -> Option<u8> {
+        self.typed.pop_front()
+    }
+
+    fn write_line(&mut self, line: &str) -> bool {
+        if !self.deaf {
+            self.lines.push(line.strip_suffix('\n').expect("a line has an end").to_string());
+        }
+        !self.deaf
+    }
+
+    fn write_frame(&mut self, frame: &[u8]) {
+        self.frames.push(frame.to_vec());
+    }
+
+    fn order(&mut self, order: Order) -> bool {
+        self.orders.push(order);
+        true
+    }
+
+    fn load(&mut self, defaults: Stored) -> Loaded {
+        let source = if self.flash.is_some() { Source::Newest } else { Source::Empty };
+        Loaded { stored: self.flash.unwrap_or(defaults), source, damaged: 0 }
+    }
+
+    fn save(&mut self, stored: &Stored) -> bool {
+        if !self.broken {
+            self.flash = Some(*stored);
+        }
+        !self.broken
+    }
+}
+
+/// Off, and nothing in the way of anything.
+const OFF: Status = Status {
+    state: State::Off,
+    fault: None,
+    causes: FaultSet::EMPTY,
+    present: FaultSet::EMPTY,
+    zeroed: true,
+    unlocked: false,
+    contact: false,
+    inputs: Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false },
+};
+const ARMED: Status = Status { state: State::Armed, ..OFF };
+const FREE: Status = Status { unlocked: true, ..ARMED };
+
+struct Bench {
+    console: Console<Board>,
+    status: Status,
+    activity: Activity,
+}
+
+impl Bench {
+    /// After boot, its first order met.
+    fn new(status: Status) -> Self {
+        let console = Console::new(Board::default(), &DEVICE, DEVICE.defaults(), Source::Empty);
+        let mut bench = Self { console, status, activity: Activity::None };
+        bench.report(Event::Answer(Ok(())));
+        bench.take();
+        bench
+    }
+
+    fn report(&mut self, event: Event) {
+        let record = Record { sample: 42, ..Record::EMPTY };
+        let Self { status, activity, .. } = *self;
+        self.console.report(&Report { record, streamed: record, status, activity, event });
+    }
+
+    /// What has been said and ordered since the last call.
+    fn take(&mut self) -> (Vec<String>, Vec<Order>) {
+        let board = &mut self.console.port;
+        (std::mem::take(&mut board.lines), std::mem::take(&mut board.orders))
+    }
+
+    /// Types a line, and lets the console take it.
+    fn type_in(&mut self, line: &str) -> (Vec<String>, Vec<Order>) {
+        self.console.port.typed.extend(format!("{line}\n").bytes());
+        self.console.pass();
+        self.take()
+    }
+
+    fn answer(&mut self, answer: Result<(), Refusal>) -> Vec<String> {
+        self.report(Event::Answer(answer));
+        self.take().0
+    }
+
+    /// Types a line; its one order and no line comes of it.
+    #[track_caller]
+    fn orders(&mut self, line: &str) -> Order {
+        let (lines, orders) = self.type_in(line);
+        assert!(lines.is_empty(), "{line}: {lines:?}");
+        assert_eq!(orders.len(), 1, "{line}");
+        orders[0]
+    }
+
+    /// Types a line; its one line and no order comes of it.
+    #[track_caller]
+    fn says(&mut self, line: &str) -> String {
+        let (mut lines, orders) = self.type_in(line);
+        assert!(orders.is_empty(), "{line}: {orders:?}");
+        assert_eq!(lines.len(), 1, "{line}: {lines:?}");
+        lines.remove(0)
+    }
+
+    fn stored(&self) -> Stored {
+        self.console.stored
+    }
+}

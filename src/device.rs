@@ -1,0 +1,442 @@
+//! The device that a board controls: what is built and cannot be tuned while it runs, and what follows from it.
+//!
+//! A [`Device`] is plain numbers. Here they are checked and turned into what the loop, the experiments and the
+//! supervisor take, together with the settings that a person may change.
+
+use crate::{
+    Design, HitSettings, LoopParameters, Settings, SettingsError,
+    experiment::{
+        CalibrationPlan, CalibrationSettings, DutyPlan, DutySettings, Gains, HitSequencePlan,
+        Order, ReturnSettings, WalkSettings,
+    },
+    safety::{
+        Fault, FaultRecord, SafetyPlan, SafetySettings,
+        envelope::{Envelope, Key, Outside},
+    },
+    store::{DeviceKey, Loaded, Signs, Source, Stored},
+    velocity::{EstimatorName, Sense},
+};
+
+/// A device, in SI units.
+#[derive(Clone, Copy, Debug)]
+pub struct Device {
+    /// Name, as in the scene and in the envelope; of the board too.
+    pub name: &'static str,
+    /// What is built. A calibration may find another force at full command.
+    pub design: Design,
+    /// From the counter's reading to the force, samples.
+    pub latency_samples: f64,
+    /// What an estimator can look at beside the count.
+    pub senses: &'static [Sense],
+    /// The walls that are predicted to be stable.
+    pub envelope: &'static Envelope<'static>,
+    /// Limits of the supervisor. No hit starts outside its travel.
+    pub safety: SafetySettings,
+    /// What the motor stands.
+    pub duty: DutySettings,
+    /// The way back to the start; the start is that of the settings.
+    pub back: ReturnSettings,
+    /// A calibration; its force is that of the command.
+    pub calibration: CalibrationSettings,
+    /// Estimator and wall of a board to which nothing was ever saved.
+    pub settings: Settings,
+    /// Hit of such a board, shortened to what the motor stands.
+    pub hit: HitSettings,
+    /// Grid of its walk.
+    pub walk: WalkSettings,
+}
+
+/// The force at full command may differ from that of [`Device::design`] by this factor; more is a typing error.
+const FULL_SCALE_FACTOR: f64 = 3.0;
+
+/// What a board starts with.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// The settings in force.
+    pub stored: Stored,
+    /// Where they come from.
+    pub source: Source,
+    /// The same in integers.
+    pub control: LoopParameters,
+    /// Limits of the supervisor.
+    pub safety: SafetyPlan,
+    /// What the motor stands.
+    pub duty: DutyPlan,
+    /// The fault of the last run, that of settings that cannot be used, or both.
+    pub fault: Option<FaultRecord>,
+}
+
+impl Device {
+    /// [`design`](Self::design) with the force at full command that was calibrated.
+    ///
+    /// # Errors
+    /// It is too far from that of the design.
+    pub fn calibrated(&self, full_scale_n: f64) -> Result<Design, SettingsError> {
+        let nominal = self.design.full_scale_n;
+        let range = nominal / FULL_SCALE_FACTOR..=nominal * FULL_SCALE_FACTOR;
+        if range.contains(&full_scale_n) {
+            Ok(Design { full_scale_n, ..self.design })
+        } else {
+            Err(SettingsError { parameter: "full_scale_n", value: full_scale_n, range })
+        }
+    }
+
+    /// What a board starts with that found `loaded` in its flash, and the fault `boot` of its last run.
+    ///
+    /// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the defaults in
+    /// force, with the fault `settings`.
+    ///
+    /// # Errors
+    /// Names the first number of the device itself that is out of range.
+    pub fn start(
+        &self,
+        loaded: &Loaded,
+        boot: Option<FaultRecord>,
+    ) -> Result<Start, SettingsError> {
+        let safety = self.safety.build(&self.design)?;
+        self.duty.build(&self.design, 0)?;
+        let defaults = self.defaults();
+        let duty = self.hit_sequence(&defaults, false)?.duty;
+        let default = self.control(&defaults)?;
+        let sensed = self.missing(&loaded.stored).is_none();
+        let built = self.control(&loaded.stored).ok().filter(|_| sensed);
+        let stored = if built.is_some() { loaded.stored } else { defaults };
+        let usable = loaded.stored == stored;
+        let source = if usable { loaded.source } else { Source::Unusable };
+        let refused = (!usable).then(|| FaultRecord::bare(Fault::Settings));
+        let fault = match (boot, refused) {
+            (Some(boot), Some(refused)) => {
+                Some(FaultRecord { causes: boot.causes.union(refused.causes), ..boot })
+            }
+            (boot, refused) => boot.or(refused),
+        };
+        Ok(Start { stored, source, control: built.unwrap_or(default), safety, duty, fault })
+    }
+
+    /// A hit with those settings and what comes before it; `early`: its verdict as soon as it is certain.
+    ///
+    /// # Errors
+    /// Names what is out of range; a start at or behind the wall is.
+    pub fn hit_sequence(
+        &self,
+        stored: &Stored,
+        early: bool,
+    ) -> Result<HitSequencePlan, SettingsError> {
+        let design = self.calibrated(stored.full_scale_n)?;
+        let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
+        let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
+        let start_m = stored.start_m;
+        let wall_m = stored.settings.wall.position_m;
+        // A motor weaker than it was taken for brings the handle back with what it has.
+        let force_n = self.back.force_n.min(design.full_scale_n / 2.0);
+        let back = ReturnSettings { start_m, force_n, ..self.back }.build(&design)?;
+        let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
+        let range = travel_low_m..=wall_m.min(travel_high_m) - design.resolution_m;
+        if !range.contains(&start_m) {
+            return Err(SettingsError { parameter: "start_m", value: start_m, range });
+        }
+        // What heats is the current: its part of full scale stays, whatever force a calibration found there.
+        let part = design.full_scale_n / self.design.full_scale_n;
+        let continuous_force_n = self.duty.continuous_force_n * part;
+        let duty = DutySettings { continuous_force_n, ..self.duty };
+        let range = 0.0..=duty.longest_hit_s(&design);
+        let value = settle_s + window_s;
+        if !range.contains(&value) {
+            return Err(SettingsError {
+                parameter: "settle_s and window_s together",
+                value,
+                range,
+            });
+        }
+        let duty = duty.build(&design, hit.settle.saturating_add(hit.window))?;
+        Ok(HitSequencePlan { hit, back, duty, early })
+    }
+
+    /// A calibration at that part of full scale.
+    ///
+    /// # Errors
+    /// It is too much.
+    pub fn calibration(&self, percent: f64) -> Result<CalibrationPlan, SettingsError> {
+        CalibrationSettings { percent, ..self.calibration }.build(&self.design)
+    }
+
+    /// Settings of a board to which nothing was ever saved.
+    pub fn defaults(&self) -> Stored {
+        let HitSettings { push_n, settle_s, window_s, rms_limit_m } = self.hit;
+        // As much of the hit as the motor stands, less 1 % for rounding.
+        let longest_s = 0.99 * self.duty.longest_hit_s(&self.design);
+        let part = f64::min(1.0, longest_s / (settle_s + window_s));
+        Stored {
+            device: DeviceKey::new(self.name).unwrap_or_default(),
+            settings: self.settings,
+            push_n,
+            signs: Signs::default(),
+            start_m: self.back.start_m,
+            settle_s: settle_s * part,
+            window_s: window_s * part,
+            rms_limit_m,
+            full_scale_n: self.design.full_scale_n,
+            grid: self.walk,
+        }
+    }
+
+    /// The estimator of those settings and a sense that it needs, if the board has not got it.
+    pub fn missing(&self, stored: &Stored) -> Option<(EstimatorName, Sense)> {
+        let estimator = stored.settings.velocity.name();
+        estimator.missing(self.senses).map(|sense| (estimator, sense))
+    }
+
+    /// The integers of those settings.
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn control(&self, stored: &Stored) -> Result<LoopParameters, SettingsError> {
+        stored.settings.build(&self.calibrated(stored.full_scale_n)?)
+    }
+
+    /// What of the envelope holds for those settings.
+    pub fn key<'a>(&self, stored: &'a Stored) -> Key<'a> {
+        let velocity = &stored.settings.velocity;
+        Key {
+            device: stored.device.name(),
+            estimator: velocity.name().text(),
+            // A table holds for the default of the second parameter; of another one nothing is known.
+            cutoff_hz: match velocity.second() {
+                Some((parameter, value)) if value != parameter.default => f64::NAN,
+                _ => velocity.tuning().map_or(0.0, |(_, value)| value),
+            },
+            latency_samples: self.latency_samples,
+            period_samples: f64::from(self.design.period),
+        }
+    }
+
+    /// Whether their gains lie inside the envelope.
+    ///
+    /// # Errors
+    /// Says what is allowed.
+    pub fn inside(&self, stored: &Stored) -> Result<(), Outside> {
+        let wall = &stored.settings.wall;
+        let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
+        self.envelope.allows(&self.key(stored), k, b)
+    }
+
+    /// The order to take them.
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn order(&self, stored: &Stored) -> Result<Order, SettingsError> {
+        let gains = if self.inside(stored).is_ok() { Gains::Inside } else { Gains::Outside };
+        Ok(Order::LoopParameters(self.control(stored)?, gains))
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::{
+        Output, VelocitySettings, WallSettings,
+        safety::{
+            FaultSet,
+            envelope::{Boundary, Point},
+        },
+    };
+
+    const fn point(damping_n_s_per_m: f64, stiffness_high_n_per_m: f64) -> Point {
+        Point { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m }
+    }
+
+    static ENVELOPE: Envelope<'static> = Envelope {
+        boundaries: &[Boundary {
+            key: Key {
+                device: "bench",
+                estimator: "butterworth",
+                cutoff_hz: 1500.0,
+                latency_samples: 0.115,
+                period_samples: 10.0,
+            },
+            points: &[point(0.0, 4000.0), point(50.0, 20_000.0)],
+        }],
+    };
+
+    /// The paper's device, without a sense beside the force.
+    pub(crate) static DEVICE: Device = Device {
+        name: "bench",
+        design: Design {
+            rate_hz: 10_000.0,
+            resolution_m: 1e-6,
+            full_scale_n: 5.906,
+            period: 10,
+            output: Output::Dac { bits: 12 },
+        },
+        latency_samples: 0.115,
+        senses: &[Sense::Force],
+        envelope: &ENVELOPE,
+        safety: SafetySettings {
+            speed_max_m_per_s: 1.0,
+            speed_believable_m_per_s: 5.0,
+            travel_low_m: -0.04,
+            travel_high_m: 0.11,
+            ramp_in_s: 0.2,
+            sign_test_force: 0.05,
+            sign_test_counts: 200,
+        },
+        duty: DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 },
+        back: ReturnSettings::SOFT,
+        calibration: CalibrationSettings {
+            percent: 0.0,
+            rise_percent_per_s: 2.0,
+            hold_s: 30.0,
+            travel_m: 1e-3,
+        },
+        settings: Settings {
+            velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+            wall: WallSettings {
+                position_m: 0.07,
+                stiffness_n_per_m: 0.0,
+                damping_n_s_per_m: 0.0,
+                push_only: true,
+            },
+        },
+        hit: HitSettings { push_n: 0.0, settle_s: 4.0, window_s: 2.0, rms_limit_m: 1.5e-5 },
+        walk: WalkSettings {
+            stiffness_start_n_per_m: 2000.0,
+            stiffness_step_n_per_m: 2000.0,
+            stiffness_max_n_per_m: 1e7,
+            damping_start_n_s_per_m: 10.0,
+            damping_step_n_s_per_m: 10.0,
+            damping_max_n_s_per_m: 4000.0,
+        },
+    };
+
+    fn loaded(stored: Stored) -> Loaded {
+        Loaded { stored, source: Source::Newest, damaged: 0 }
+    }
+
+    #[track_caller]
+    fn refused<T: core::fmt::Debug>(result: Result<T, SettingsError>, parameter: &str) {
+        assert_eq!(result.unwrap_err().parameter, parameter);
+    }
+
+    #[test]
+    fn defaults_are_the_devices_and_can_be_run() {
+        let stored = DEVICE.defaults();
+        assert_eq!((stored.device.name(), stored.settings), ("bench", DEVICE.settings));
+        assert_eq!((stored.settle_s, stored.window_s, stored.start_m), (4.0, 2.0, 0.0));
+        assert_eq!((stored.full_scale_n, stored.grid), (5.906, DEVICE.walk));
+        let plan = DEVICE.hit_sequence(&stored, true).unwrap();
+        assert!(plan.early && !DEVICE.hit_sequence(&stored, false).unwrap().early);
+        // a motor that stands less gets a shorter hit of the same proportions
+        let weak = Device { duty: DutySettings { time_constant_s: 3.0, ..DEVICE.duty }, ..DEVICE };
+        let short = weak.defaults();
+        assert!(short.settle_s < 2.0 && (short.settle_s - 2.0 * short.window_s).abs() < 1e-12);
+        assert!(weak.hit_sequence(&short, false).is_ok());
+        refused(weak.hit_sequence(&stored, false), "settle_s and window_s together");
+    }
+
+    #[test]
+    fn a_hit_starts_inside_the_travel_and_before_the_wall() {
+        let with = |start_m, position_m| {
+            let mut stored = Stored { start_m, ..DEVICE.defaults() };
+            stored.settings.wall.position_m = position_m;
+            DEVICE.hit_sequence(&stored, false)
+        };
+        assert!(with(-0.04, 0.07).is_ok() && with(0.069_99, 0.07).is_ok());
+        for (start_m, wall_m) in [(-0.0401, 0.07), (0.07, 0.07), (0.11, 0.2), (f64::NAN, 0.07)] {
+            refused(with(start_m, wall_m), "start_m");
+        }
+        assert!(with(0.1099, 0.2).is_ok());
+    }
+
+    #[test]
+    fn a_calibrated_full_scale_scales_what_the_motor_stands_and_bounds_the_return() {
+        let with = |full_scale_n| {
+            let stored = Stored { full_scale_n, ..DEVICE.defaults() };
+            DEVICE.hit_sequence(&stored, false)
+        };
+        let nominal = with(5.906).unwrap();
+        let weak = with(2.0).unwrap();
+        assert_eq!(weak.duty, nominal.duty);
+        assert!(weak.back.force() > nominal.back.force());
+        for full_scale_n in [5.906 / 3.01, 5.906 * 3.01, f64::NAN] {
+            refused(with(full_scale_n), "full_scale_n");
+            let stored = Stored { full_scale_n, ..DEVICE.defaults() };
+            refused(DEVICE.control(&stored), "full_scale_n");
+        }
+        assert!(with(5.906 * 2.99).is_ok());
+    }
+
+    #[test]
+    fn a_board_starts_with_what_was_saved_or_with_the_defaults_and_a_fault() {
+        let mut saved = DEVICE.defaults();
+        saved.settings.wall.stiffness_n_per_m = 1000.0;
+        let start = DEVICE.start(&loaded(saved), None).unwrap();
+        assert_eq!((start.stored, start.source, start.fault), (saved, Source::Newest, None));
+        assert_eq!(start.control, DEVICE.control(&saved).unwrap());
+        let boot = FaultRecord { sample: 7, ..FaultRecord::bare(Fault::WatchdogReset) };
+        assert_eq!(DEVICE.start(&loaded(saved), Some(boot)).unwrap().fault, Some(boot));
+        // settings that cannot be built, and an estimator that needs what the board has not
+        let mut wrong = saved;
+        wrong.settings.wall.stiffness_n_per_m = 1e9;
+        let mut blind = saved;
+        blind.settings.velocity = blind_estimator().settings([1000.0, 1.0]);
+        for bad in [wrong, blind] {
+            let start = DEVICE.start(&loaded(bad), None).unwrap();
+            let found = (start.stored, start.source);
+            assert_eq!(found, (DEVICE.defaults(), Source::Unusable));
+            assert_eq!(start.control, DEVICE.control(&DEVICE.defaults()).unwrap());
+            assert_eq!(start.fault, Some(FaultRecord::bare(Fault::Settings)));
+            let both = DEVICE.start(&loaded(bad), Some(boot)).unwrap().fault.unwrap();
+            assert_eq!((both.fault, both.sample), (Fault::WatchdogReset, 7));
+            let causes = FaultSet::EMPTY.with(Fault::WatchdogReset).with(Fault::Settings);
+            assert_eq!(both.causes, causes);
+        }
+    }
+
+    /// An estimator that needs more than the board has, or one that needs nothing if this build has none.
+    pub(crate) fn blind_estimator() -> EstimatorName {
+        let needs = |name: &&EstimatorName| name.missing(DEVICE.senses).is_some();
+        *EstimatorName::ALL.iter().find(needs).unwrap_or(&EstimatorName::Difference)
+    }
+
+    #[test]
+    fn numbers_of_the_device_that_are_not_allowed_are_named() {
+        let named = |device: Device, parameter| {
+            refused(device.start(&loaded(DEVICE.defaults()), None), parameter);
+        };
+        let safety = SafetySettings { ramp_in_s: 0.0, ..DEVICE.safety };
+        named(Device { safety, ..DEVICE }, "ramp_in_s");
+        let duty = DutySettings { continuous_force_n: 6.0, ..DEVICE.duty };
+        named(Device { duty, ..DEVICE }, "duty_continuous_force_n");
+        let back = ReturnSettings { speed_m_per_s: 2.0, ..DEVICE.back };
+        named(Device { back, ..DEVICE }, "return_speed_m_per_s");
+    }
+
+    #[test]
+    fn the_envelope_is_asked_for_what_is_in_force() {
+        let mut stored = DEVICE.defaults();
+        stored.settings.wall.stiffness_n_per_m = 4000.0;
+        assert_eq!(DEVICE.inside(&stored), Ok(()));
+        let expected = Order::LoopParameters(DEVICE.control(&stored).unwrap(), Gains::Inside);
+        assert_eq!(DEVICE.order(&stored).unwrap(), expected);
+        stored.settings.wall.stiffness_n_per_m = 4001.0;
+        assert!(matches!(DEVICE.inside(&stored), Err(Outside::Stiffness { .. })));
+        let order = DEVICE.order(&stored).unwrap();
+        assert!(matches!(order, Order::LoopParameters(_, Gains::Outside)));
+        stored.settings.wall.stiffness_n_per_m = 1000.0;
+        stored.settings.velocity =
+            VelocitySettings::Butterworth { cutoff_hz: 1400.0, prewarp: false };
+        assert_eq!(DEVICE.inside(&stored), Err(Outside::UnknownKey));
+        let late = Device { latency_samples: 5.0, ..DEVICE };
+        assert_eq!(late.inside(&DEVICE.defaults()), Ok(())); // no wall is no question
+        stored.settings.velocity = DEVICE.settings.velocity;
+        assert_eq!(late.inside(&stored), Err(Outside::UnknownKey));
+        let fast = Device { design: Design { period: 1, ..DEVICE.design }, ..DEVICE };
+        assert_eq!(fast.inside(&stored), Err(Outside::UnknownKey));
+    }
+
+    #[test]
+    fn a_calibration_is_bounded() {
+        assert!(DEVICE.calibration(20.0).is_ok());
+        refused(DEVICE.calibration(31.0), "calibrate");
+    }
+}

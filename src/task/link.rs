@@ -1,0 +1,117 @@
+//! `link`: pended by `render`, priority 1. Moves what goes between the console and the probe link.
+
+use core::sync::atomic::Ordering::Relaxed;
+
+use heapless::spsc::{Consumer, Producer};
+use zwidth::{
+    SettingsError,
+    console::{Console, Port, REPLY_MAX, Reply, Text},
+    experiment::{Order, Report},
+    store::{self, Loaded, SaveError, Source, Stored},
+};
+
+use super::{FLAGS, ORDERS, REPORTS, device::DEVICE};
+use crate::board::{self, Commands, FlashError, SettingsFlash, UpLink, Watchdog};
+
+/// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
+/// copies one.
+const LOG_LINE: usize = 200;
+
+/// The board's channels, flash and `render`, as the console sees them.
+struct Channels {
+    replies: UpLink,
+    telemetry: UpLink,
+    commands: Commands,
+    flash: SettingsFlash,
+    orders: Producer<'static, Order, ORDERS>,
+}
+
+impl Port for Channels {
+    fn read(&mut self) -> Option<u8> {
+        let mut byte = [0];
+        (self.commands.read(&mut byte) > 0).then_some(byte[0])
+    }
+
+    fn write_line(&mut self, line: &str) -> bool {
+        let logged = log(line);
+        self.replies.write(line.as_bytes()) || logged
+    }
+
+    fn write_frame(&mut self, frame: &[u8]) {
+        self.telemetry.write(frame);
+    }
+
+    fn order(&mut self, order: Order) -> bool {
+        self.orders.enqueue(order).is_ok()
+    }
+
+    fn load(&mut self, defaults: Stored) -> Loaded {
+        store::load(&mut self.flash, defaults)
+    }
+
+    fn save(&mut self, stored: &Stored) -> bool {
+        let saved = store::save(&mut self.flash, stored);
+        if let Err(SaveError::Flash(FlashError(status))) = saved {
+            defmt::error!("flash status {=u32:#x}", status);
+        }
+        saved.is_ok()
+    }
+}
+
+/// Puts a line on the log, in several frames if it is longer than one; says whether all of them had room.
+fn log(line: &str) -> bool {
+    let before = board::log_dropped();
+    let mut rest = line.strip_suffix('\n').unwrap_or(line);
+    while let Some((piece, after)) = rest.split_at_checked(LOG_LINE) {
+        defmt::info!("{=str}~", piece);
+        rest = after;
+    }
+    defmt::info!("{=str}", rest);
+    board::log_dropped() == before
+}
+
+/// The link task. It alone talks to the host, but for the logger.
+pub struct Link {
+    console: Console<Channels>,
+    reports: Consumer<'static, Report, REPORTS>,
+    passes: u32,
+}
+
+impl Link {
+    pub(super) fn new(
+        link: board::Link,
+        flash: SettingsFlash,
+        reports: Consumer<'static, Report, REPORTS>,
+        orders: Producer<'static, Order, ORDERS>,
+        stored: Stored,
+        source: Source,
+    ) -> Self {
+        let board::Link { telemetry, replies, commands } = link;
+        let channels = Channels { replies, telemetry, commands, flash, orders };
+        let console = Console::new(channels, &DEVICE, stored, source);
+        Self { console, reports, passes: 0 }
+    }
+
+    /// Passes on what has come since. Late: `render` drops reports, counted by gaps in telemetry.
+    pub fn run(&mut self) {
+        while let Some(report) = self.reports.dequeue() {
+            self.console.report(&report);
+        }
+        self.console.pass();
+        self.passes = self.passes.wrapping_add(1);
+        FLAGS.links.store(self.passes, Relaxed);
+    }
+}
+
+/// Says what is wrong with a constant of `device.rs`, and stays there with everything off.
+pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, error: &SettingsError) -> ! {
+    let text = "error: a constant of src/task/device.rs is not allowed, nothing runs\n";
+    let reason = Text::<{ REPLY_MAX + 1 }>::of(format_args!("{}\n", Reply::Range(error)));
+    for line in [text, reason.as_str()] {
+        log(line);
+        link.replies.write(line.as_bytes());
+    }
+    loop {
+        watchdog.feed();
+    }
+}
