@@ -8,14 +8,6 @@ use crate::{
     telemetry::Record,
 };
 
-const fn name(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Stable => "stable",
-        Verdict::Unstable => "unstable",
-        Verdict::NoContact => "no contact",
-    }
-}
-
 /// The line that ends a hit: verdict, window, metres per count.
 pub struct HitOver(pub Verdict, pub RunningVariance, pub f64);
 
@@ -24,7 +16,7 @@ impl fmt::Display for HitOver {
         let Self(verdict, window, resolution_m) = self;
         let rms = Decimal(window.rms_counts() * resolution_m);
         let mean = Decimal(window.mean_counts() * resolution_m);
-        write!(f, "ok hit {}, rms {rms} m, mean {mean} m", name(*verdict))
+        write!(f, "ok hit {}, rms {rms} m, mean {mean} m", verdict.text())
     }
 }
 
@@ -46,7 +38,7 @@ impl fmt::Display for CellJudged<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(hits, plan, cell, verdict, rms_m) = self;
         let (wall, rms) = (Wall(plan, *cell), Decimal(*rms_m));
-        write!(f, "walk hit {hits}: {wall}, {}, rms {rms} m", name(*verdict))
+        write!(f, "walk hit {hits}: {wall}, {}, rms {rms} m", verdict.text())
     }
 }
 

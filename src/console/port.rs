@@ -20,7 +20,7 @@ pub trait Port {
     fn order(&mut self, order: Order) -> bool;
 
     /// The newest settings in flash, or `defaults`.
-    fn load(&self, defaults: Stored) -> Loaded;
+    fn load(&mut self, defaults: Stored) -> Loaded;
 
     /// Writes settings to flash, which stalls the processor; says whether they are there now.
     fn save(&mut self, stored: &Stored) -> bool;

@@ -31,6 +31,28 @@ pub enum Verdict {
     NoContact,
 }
 
+impl Verdict {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Stable, Self::Unstable, Self::NoContact];
+
+    /// As programs read it, in files and JSON.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stable => "stable",
+            Self::Unstable => "unstable",
+            Self::NoContact => "no_contact",
+        }
+    }
+
+    /// As a person reads it, on the console and in figures.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NoContact => "no contact",
+            _ => self.name(),
+        }
+    }
+}
+
 /// A hit in progress. Feed it every sample; it answers once, with the last sample of its window.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {

@@ -68,6 +68,11 @@ impl WalkSettings {
         self.damping_start_n_s_per_m + f64::from(cell.damping) * self.damping_step_n_s_per_m
     }
 
+    /// What a cell of the boundary adds to the area under it: K dB, N^2 s/m^2.
+    pub fn area_n2_s_per_m2(&self, cell: Cell) -> f64 {
+        self.stiffness_n_per_m(cell) * self.damping_step_n_s_per_m
+    }
+
     /// Whether K of this cell is on the walk: above 0, and not beyond its cap by more than rounding.
     fn has_stiffness(&self, cell: Cell) -> bool {
         let slack = ROUNDING * self.stiffness_step_n_per_m;
@@ -279,7 +284,7 @@ impl WalkTotals {
         let Some(cell) = step.boundary else { return };
         let (k, b) = (plan.stiffness_n_per_m(cell), plan.damping_n_s_per_m(cell));
         self.points = self.points.saturating_add(1);
-        self.area += k * plan.damping_step_n_s_per_m;
+        self.area += plan.area_n2_s_per_m2(cell);
         self.stiffness_peak_n_per_m = f64::max(self.stiffness_peak_n_per_m, k);
         self.damping_max_n_s_per_m = f64::max(self.damping_max_n_s_per_m, b);
     }

@@ -8,6 +8,9 @@
 //!
 //! A sector of 16 KiB takes 93 saves; 10 000 erases make that 1.8 million. Writing flash stalls the
 //! processor (16 us a word, up to 0.8 s an erase): save only with the force off.
+//!
+//! The flash is any [`NorFlash`] of two erase blocks, sector A and sector B; what is written at once
+//! (`WRITE_SIZE`: 4 bytes on an F4, 8 or 16 on other families) has to divide a record's 176 bytes.
 
 mod record;
 
@@ -15,12 +18,12 @@ pub use record::{DeviceKey, RECORD_WORDS, Signs, Stored};
 
 use core::fmt;
 
-/// One of the two sectors.
+use embedded_storage::nor_flash::NorFlash;
+
+/// One of the two erase blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sector {
-    /// The first.
+enum Sector {
     A,
-    /// The second.
     B,
 }
 
@@ -31,35 +34,28 @@ impl Sector {
             Self::B => Self::A,
         }
     }
+
+    /// Its first byte.
+    #[expect(clippy::cast_possible_truncation, reason = "offsets of flash have 32 bits")]
+    const fn start<F: NorFlash>(self) -> u32 {
+        match self {
+            Self::A => 0,
+            Self::B => F::ERASE_SIZE as u32,
+        }
+    }
+
+    /// The first byte of a slot.
+    #[expect(clippy::cast_possible_truncation, reason = "inside the sector")]
+    const fn offset<F: NorFlash>(self, slot: usize) -> u32 {
+        self.start::<F>() + (slot * RECORD_BYTES) as u32
+    }
 }
 
-/// Two flash sectors of equal size. Erased words are [`BLANK`]; programming turns bits from 1 to 0
-/// only.
-pub trait Flash {
-    /// Why an operation failed.
-    type Error;
-
-    /// Words in each sector.
-    fn sector_words(&self) -> usize;
-
-    /// The word at that place; [`BLANK`] beyond the end.
-    fn read(&self, sector: Sector, word: usize) -> u32;
-
-    /// Programs one erased word.
-    ///
-    /// # Errors
-    /// The hardware refused or failed.
-    fn program(&mut self, sector: Sector, word: usize, value: u32) -> Result<(), Self::Error>;
-
-    /// Erases a sector.
-    ///
-    /// # Errors
-    /// The hardware refused or failed.
-    fn erase(&mut self, sector: Sector) -> Result<(), Self::Error>;
-}
+/// Bytes of a record.
+const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
 /// An erased word.
-pub const BLANK: u32 = u32::MAX;
+const BLANK: u32 = u32::MAX;
 
 /// Which settings were loaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,7 +114,7 @@ pub enum SaveError<E> {
     Flash(E),
     /// The record does not read back as it was written.
     Verify,
-    /// A sector is smaller than one record.
+    /// A sector is smaller than one record, or there are not two.
     TooSmall,
 }
 
@@ -135,21 +131,27 @@ enum Slot {
     Record(u32, Stored),
 }
 
-fn slots<F: Flash>(flash: &F) -> usize {
-    flash.sector_words() / RECORD_WORDS
+/// Records in a sector.
+fn slots<F: NorFlash>() -> usize {
+    const { assert!(RECORD_BYTES.is_multiple_of(F::WRITE_SIZE)) };
+    const { assert!(RECORD_BYTES.is_multiple_of(F::READ_SIZE)) };
+    F::ERASE_SIZE / RECORD_BYTES
 }
 
-fn words<F: Flash>(flash: &F, sector: Sector, slot: usize) -> [u32; RECORD_WORDS] {
-    core::array::from_fn(|n| flash.read(sector, slot * RECORD_WORDS + n))
+/// The words of a slot, if the flash gives them.
+fn words<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Option<[u32; RECORD_WORDS]> {
+    let mut words = [[0; size_of::<u32>()]; RECORD_WORDS];
+    flash.read(sector.offset::<F>(slot), words.as_flattened_mut()).ok()?;
+    Some(words.map(u32::from_le_bytes))
 }
 
-fn slot<F: Flash>(flash: &F, sector: Sector, slot: usize) -> Slot {
-    let words = words(flash, sector, slot);
-    if words.iter().all(|&word| word == BLANK) {
-        return Slot::Blank;
+fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
+    match words(flash, sector, slot) {
+        Some(words) if words.iter().all(|&word| word == BLANK) => Slot::Blank,
+        words => words
+            .and_then(|words| Stored::from_words(&words))
+            .map_or(Slot::Damaged, |(sequence, stored)| Slot::Record(sequence, stored)),
     }
-    Stored::from_words(&words)
-        .map_or(Slot::Damaged, |(sequence, stored)| Slot::Record(sequence, stored))
 }
 
 /// What a sector holds.
@@ -163,9 +165,9 @@ struct Content {
     free: usize,
 }
 
-fn scan<F: Flash>(flash: &F, sector: Sector) -> Content {
+fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     let mut content = Content::default();
-    for n in 0..slots(flash) {
+    for n in 0..slots::<F>() {
         match slot(flash, sector, n) {
             Slot::Blank => continue,
             Slot::Damaged => {
@@ -185,7 +187,7 @@ fn scan<F: Flash>(flash: &F, sector: Sector) -> Content {
 }
 
 /// The sector with the newest record, that record, and what both sectors hold (that one first).
-fn newest<F: Flash>(flash: &F) -> (Sector, Option<(u32, Stored)>, [Content; 2]) {
+fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Content; 2]) {
     let (a, b) = (scan(flash, Sector::A), scan(flash, Sector::B));
     match (a.newest, b.newest) {
         (Some((first, _)), Some((second, stored))) if second > first => {
@@ -197,7 +199,7 @@ fn newest<F: Flash>(flash: &F) -> (Sector, Option<(u32, Stored)>, [Content; 2]) 
 }
 
 /// The newest settings that are whole, else `defaults`; and says which.
-pub fn load<F: Flash>(flash: &F, defaults: Stored) -> Loaded {
+pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     let (_, found, [active, other]) = newest(flash);
     let damaged = active.damaged + other.damaged;
     // A sector with valid records was filled before the active one, so its damage is old. Without
@@ -217,9 +219,9 @@ pub fn load<F: Flash>(flash: &F, defaults: Stored) -> Loaded {
 ///
 /// # Errors
 /// The hardware failed, or the record does not read back; what was saved before is still there.
-pub fn save<F: Flash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveError<F::Error>> {
-    let count = slots(flash);
-    if count == 0 {
+pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveError<F::Error>> {
+    let count = slots::<F>();
+    if count == 0 || flash.capacity() < 2 * F::ERASE_SIZE {
         return Err(SaveError::TooSmall);
     }
     let (active, found, [content, _]) = newest(flash);
@@ -238,14 +240,14 @@ pub fn save<F: Flash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveError
     } else {
         // Without any valid record there is nothing to keep, and either sector will do.
         let other = active.other();
-        flash.erase(other)?;
+        let start = other.start::<F>();
+        flash.erase(start, start + Sector::B.start::<F>())?;
         (other, 0)
     };
     let words_now = stored.to_words(sequence);
-    for (n, &word) in words_now.iter().enumerate() {
-        flash.program(sector, slot * RECORD_WORDS + n, word)?;
-    }
-    if words(flash, sector, slot) == words_now {
+    let bytes = words_now.map(u32::to_le_bytes);
+    flash.write(sector.offset::<F>(slot), bytes.as_flattened())?;
+    if words(flash, sector, slot) == Some(words_now) {
         Ok(Saved::Written)
     } else {
         Err(SaveError::Verify)

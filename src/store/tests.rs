@@ -1,4 +1,7 @@
 use super::{record::tests::stored, *};
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
 use std::{vec, vec::Vec};
 
 /// How a cut leaves the word that was being programmed or erased.
@@ -9,29 +12,39 @@ enum Cut {
     After,
 }
 
-/// Flash that loses power after a number of word operations.
+/// Flash that programs and erases `UNIT` bytes at once, and loses power after a number of those.
 #[derive(Clone)]
-struct Mock {
-    sectors: [Vec<u32>; 2],
+struct Mock<const UNIT: usize = 4> {
+    words: Vec<u32>,
     left: Option<usize>,
     cut: Cut,
     used: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct PowerLost;
+enum Failed {
+    PowerLost,
+    Refused(NorFlashErrorKind),
+}
+
+impl NorFlashError for Failed {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl From<NorFlashErrorKind> for Failed {
+    fn from(kind: NorFlashErrorKind) -> Self {
+        Self::Refused(kind)
+    }
+}
 
 /// Three records and a rest that no record fits into.
-const WORDS: usize = 3 * RECORD_WORDS + 5;
+const WORDS: usize = 3 * RECORD_WORDS + 8;
 
-impl Mock {
+impl<const UNIT: usize> Mock<UNIT> {
     fn new() -> Self {
-        Self {
-            sectors: [vec![BLANK; WORDS], vec![BLANK; WORDS]],
-            left: None,
-            cut: Cut::After,
-            used: 0,
-        }
+        Self { words: vec![BLANK; 2 * WORDS], left: None, cut: Cut::After, used: 0 }
     }
 
     /// Whether the next operation is complete, half done or not done at all.
@@ -51,48 +64,68 @@ impl Mock {
         }
     }
 
-    fn change(
-        &mut self,
-        sector: Sector,
-        word: usize,
-        half: u32,
-        full: u32,
-    ) -> Result<(), PowerLost> {
+    /// The words of one unit from `first` on: what each is half way and afterwards.
+    fn change(&mut self, first: usize, to: impl Fn(usize, u32) -> [u32; 2]) -> Result<(), Failed> {
         let outcome = self.spend();
-        let place = &mut self.sectors[sector as usize][word];
-        match outcome {
-            Ok(()) | Err(Some(Cut::After)) => *place = full,
-            Err(Some(Cut::Half)) => *place = half,
-            Err(Some(Cut::Before) | None) => {}
+        for (n, word) in self.words[first..][..UNIT / 4].iter_mut().enumerate() {
+            let [half, full] = to(n, *word);
+            match outcome {
+                Ok(()) | Err(Some(Cut::After)) => *word = full,
+                Err(Some(Cut::Half)) => *word = half,
+                Err(Some(Cut::Before) | None) => {}
+            }
         }
-        outcome.map_err(|_| PowerLost)
+        outcome.map_err(|_| Failed::PowerLost)
     }
 }
 
-impl Flash for Mock {
-    type Error = PowerLost;
+impl<const UNIT: usize> ErrorType for Mock<UNIT> {
+    type Error = Failed;
+}
 
-    fn sector_words(&self) -> usize {
-        WORDS
+impl<const UNIT: usize> ReadNorFlash for Mock<UNIT> {
+    const READ_SIZE: usize = 4;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+        check_read(self, offset, bytes.len())?;
+        let first = offset as usize / 4;
+        for (n, byte) in bytes.iter_mut().enumerate() {
+            *byte = self.words[first + n / 4].to_le_bytes()[n % 4];
+        }
+        Ok(())
     }
 
-    fn read(&self, sector: Sector, word: usize) -> u32 {
-        self.sectors[sector as usize].get(word).copied().unwrap_or(BLANK)
+    fn capacity(&self) -> usize {
+        4 * self.words.len()
+    }
+}
+
+impl<const UNIT: usize> NorFlash for Mock<UNIT> {
+    const WRITE_SIZE: usize = UNIT;
+    const ERASE_SIZE: usize = 4 * WORDS;
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+        check_write(self, offset, bytes.len())?;
+        let values: Vec<u32> =
+            bytes.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
+        for (n, values) in values.chunks(UNIT / 4).enumerate() {
+            // Bits only fall; half of them have when the power goes.
+            self.change((offset as usize + n * UNIT) / 4, |n, old| {
+                assert_eq!(old, BLANK, "byte {offset} is not erased");
+                [old & (values[n] | 0x5A5A_A5A5), old & values[n]]
+            })?;
+        }
+        Ok(())
     }
 
-    fn program(&mut self, sector: Sector, word: usize, value: u32) -> Result<(), PowerLost> {
-        let old = self.read(sector, word);
-        assert_eq!(old, BLANK, "{sector:?} {word} is not erased");
-        // Bits only fall; half of them have when the power goes.
-        self.change(sector, word, old & (value | 0x5A5A_A5A5), old & value)
-    }
-
-    fn erase(&mut self, sector: Sector) -> Result<(), PowerLost> {
-        // The order is the hardware's; a stride visits every word in a scattered one.
-        for n in 0..WORDS {
-            let word = n * 31 % WORDS;
-            let old = self.read(sector, word);
-            self.change(sector, word, old | 0x5A5A_A5A5, BLANK)?;
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+        check_erase(self, from, to)?;
+        assert_eq!((to - from) as usize, Self::ERASE_SIZE, "one sector at a time");
+        // The order is the hardware's; a stride visits every unit in a scattered one.
+        let units = Self::ERASE_SIZE / UNIT;
+        for n in 0..units {
+            let first = (from as usize + n * 31 % units * UNIT) / 4;
+            self.change(first, |_, old| [old | 0x5A5A_A5A5, BLANK])?;
         }
         Ok(())
     }
@@ -108,15 +141,15 @@ fn defaults() -> Stored {
 
 #[test]
 fn the_newest_of_many_saves_comes_back() {
-    let mut flash = Mock::new();
-    let empty = load(&flash, defaults());
+    let mut flash = Mock::<4>::new();
+    let empty = load(&mut flash, defaults());
     assert_eq!((stiffness(&empty), empty.source), (0.0, Source::Empty));
     // The fifth is the second of the second sector.
     for n in 1..if cfg!(miri) { 6 } else { 20 } {
         let record = stored(f64::from(n));
         assert_eq!(save(&mut flash, &record), Ok(Saved::Written));
         assert_eq!(save(&mut flash, &record), Ok(Saved::Unchanged));
-        let loaded = load(&flash, defaults());
+        let loaded = load(&mut flash, defaults());
         assert_eq!(loaded.stored, record);
         assert_eq!((loaded.source, loaded.damaged), (Source::Newest, 0));
     }
@@ -125,10 +158,23 @@ fn the_newest_of_many_saves_comes_back() {
 #[test]
 #[cfg_attr(miri, ignore = "some ten thousand saves")]
 fn a_power_cut_at_any_word_of_a_save_or_erase_loses_nothing() {
+    cut_everywhere::<4>();
+}
+
+/// As on chips that program two or four words at once.
+#[test]
+#[cfg_attr(miri, ignore = "some ten thousand saves")]
+fn nor_does_one_where_flash_is_programmed_in_wider_units() {
+    cut_everywhere::<8>();
+    cut_everywhere::<16>();
+}
+
+fn cut_everywhere<const UNIT: usize>() {
+    let (record, sector) = (4 * RECORD_WORDS / UNIT, 4 * WORDS / UNIT);
     let mut cases = 0;
     // 1: first save ever; 2, 3: within a sector; 4, 7, 10: with an erase of the other one
     for saves in 1..=10 {
-        let mut before = Mock::new();
+        let mut before = Mock::<UNIT>::new();
         for n in 1..saves {
             save(&mut before, &stored(f64::from(n))).unwrap();
         }
@@ -136,13 +182,16 @@ fn a_power_cut_at_any_word_of_a_save_or_erase_loses_nothing() {
         let mut whole = before.clone();
         whole.used = 0;
         save(&mut whole, &stored(new)).unwrap();
-        assert_eq!(whole.used, RECORD_WORDS + if saves % 3 == 1 && saves > 1 { WORDS } else { 0 });
+        assert_eq!(whole.used, record + if saves % 3 == 1 && saves > 1 { sector } else { 0 });
         for cut in [Cut::Before, Cut::Half, Cut::After] {
             for operations in 1..=whole.used {
                 let mut flash = before.clone();
                 (flash.left, flash.cut) = (Some(operations), cut);
-                assert_eq!(save(&mut flash, &stored(new)), Err(SaveError::Flash(PowerLost)));
-                let loaded = load(&flash, defaults());
+                assert_eq!(
+                    save(&mut flash, &stored(new)),
+                    Err(SaveError::Flash(Failed::PowerLost))
+                );
+                let loaded = load(&mut flash, defaults());
                 let complete = operations == whole.used && matches!(cut, Cut::After);
                 let expected = if complete { new } else { old };
                 // half of the last word may happen to be all of it
@@ -155,20 +204,20 @@ fn a_power_cut_at_any_word_of_a_save_or_erase_loses_nothing() {
                 flash.left = None;
                 for n in [100.0, 101.0] {
                     assert_eq!(save(&mut flash, &stored(n)), Ok(Saved::Written));
-                    let loaded = load(&flash, defaults());
+                    let loaded = load(&mut flash, defaults());
                     assert_eq!((stiffness(&loaded), loaded.source), (n, Source::Newest));
                 }
                 cases += 1;
             }
         }
     }
-    assert_eq!(cases, 3 * (10 * RECORD_WORDS + 3 * WORDS));
+    assert_eq!(cases, 3 * (10 * record + 3 * sector));
 }
 
 #[test]
 #[cfg_attr(miri, ignore = "a thousand saves")]
 fn two_cuts_one_after_the_other_lose_nothing_either() {
-    let mut before = Mock::new();
+    let mut before = Mock::<4>::new();
     for n in 1..=3 {
         save(&mut before, &stored(f64::from(n))).unwrap();
     }
@@ -181,7 +230,7 @@ fn two_cuts_one_after_the_other_lose_nothing_either() {
                 flash.left = Some(operations);
                 let _ = save(&mut flash, &stored(4.0));
             }
-            assert!([3.0, 4.0].contains(&stiffness(&load(&flash, defaults()))));
+            assert!([3.0, 4.0].contains(&stiffness(&load(&mut flash, defaults()))));
         }
     }
 }
@@ -190,19 +239,17 @@ fn two_cuts_one_after_the_other_lose_nothing_either() {
 fn every_flipped_byte_of_every_record_is_found() {
     const STRIDE: usize = if cfg!(miri) { 200 } else { 1 };
     for saves in 1..=4u8 {
-        let mut good = Mock::new();
+        let mut good = Mock::<4>::new();
         for n in 1..=saves {
             save(&mut good, &stored(f64::from(n))).unwrap();
         }
         // the newest record: the last of A, or the first of B
-        let (sector, slot) =
-            if saves == 4 { (Sector::B, 0) } else { (Sector::A, usize::from(saves) - 1) };
+        let first = if saves == 4 { WORDS } else { (usize::from(saves) - 1) * RECORD_WORDS };
         for byte in (0..4 * RECORD_WORDS).step_by(STRIDE) {
             for flip in (1..=u8::MAX).step_by(STRIDE) {
                 let mut flash = good.clone();
-                let word = &mut flash.sectors[sector as usize][slot * RECORD_WORDS + byte / 4];
-                *word ^= u32::from(flip) << (8 * (byte % 4));
-                let loaded = load(&flash, defaults());
+                flash.words[first + byte / 4] ^= u32::from(flip) << (8 * (byte % 4));
+                let loaded = load(&mut flash, defaults());
                 let expected = if saves == 1 { Source::Defaults } else { Source::Older };
                 assert_eq!(loaded.source, expected, "byte {byte} flip {flip:02x}");
                 assert_eq!((stiffness(&loaded), loaded.damaged), (f64::from(saves - 1), 1));
@@ -213,23 +260,44 @@ fn every_flipped_byte_of_every_record_is_found() {
 
 #[test]
 fn damage_in_older_records_is_counted_and_changes_nothing() {
-    let mut flash = Mock::new();
+    let mut flash = Mock::<4>::new();
     for n in 1..=2 {
         save(&mut flash, &stored(f64::from(n))).unwrap();
     }
-    flash.sectors[0][3] ^= 1;
-    let loaded = load(&flash, defaults());
+    flash.words[3] ^= 1;
+    let loaded = load(&mut flash, defaults());
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (2.0, Source::Newest, 1));
 }
 
 #[test]
 fn a_store_full_of_garbage_gives_the_defaults_and_can_be_used_again() {
-    let mut flash = Mock::new();
-    for word in flash.sectors.iter_mut().flatten() {
+    let mut flash = Mock::<4>::new();
+    for word in &mut flash.words {
         *word = 0x1234_5678;
     }
-    let loaded = load(&flash, defaults());
+    let loaded = load(&mut flash, defaults());
     assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Defaults));
     assert_eq!(save(&mut flash, &stored(5.0)), Ok(Saved::Written));
-    assert_eq!(stiffness(&load(&flash, defaults())), 5.0);
+    assert_eq!(stiffness(&load(&mut flash, defaults())), 5.0);
+}
+
+/// Words that version 0.1.0 wrote: the layout stays, so that they load.
+#[test]
+fn a_record_in_flash_is_its_words_least_significant_byte_first() {
+    let mut flash = Mock::<4>::new();
+    save(&mut flash, &stored(8000.0)).unwrap();
+    let bytes: Vec<u8> = flash.words[..RECORD_WORDS].iter().flat_map(|w| w.to_le_bytes()).collect();
+    assert_eq!(&bytes[..20], b"ZWS\x02\x01\0\0\0paper-1um\0\0\0");
+    assert_eq!(flash.words[12..14], [0, 0x40BF_4000]); // K as a double
+    assert_eq!(flash.words[RECORD_WORDS - 1], 0xC69D_7E96);
+}
+
+/// A slot that cannot be read counts as damaged, and nothing is lost by it.
+#[test]
+fn flash_that_cannot_be_read_gives_the_defaults() {
+    let mut small = Mock::<4>::new();
+    small.words.truncate(WORDS);
+    let loaded = load(&mut small, defaults());
+    assert_eq!((loaded.stored, loaded.source, loaded.damaged), (defaults(), Source::Defaults, 3));
+    assert_eq!(save(&mut small, &stored(1.0)), Err(SaveError::TooSmall));
 }

@@ -45,8 +45,8 @@ impl Port for Channels {
         self.orders.enqueue(order).is_ok()
     }
 
-    fn load(&self, defaults: Stored) -> Loaded {
-        store::load(&self.flash, defaults)
+    fn load(&mut self, defaults: Stored) -> Loaded {
+        store::load(&mut self.flash, defaults)
     }
 
     fn save(&mut self, stored: &Stored) -> bool {

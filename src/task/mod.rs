@@ -88,7 +88,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
-    let loaded = zwidth::store::load(&board.settings, DEVICE.defaults());
+    let loaded = zwidth::store::load(&mut board.settings, DEVICE.defaults());
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
     let Start { stored, source, control, safety, duty, fault } = match DEVICE.start(&loaded, boot) {
         Ok(start) => start,

@@ -13,6 +13,7 @@ use virtual_board::{
 };
 use zwidth::{
     LoopParameters, Settings, VelocitySettings, WallSettings,
+    experiment::Verdict,
     telemetry::{Decoder, Record},
     velocity::{EstimatorName, Senses},
 };
@@ -258,7 +259,7 @@ fn hits_end_as_in_the_simulator() {
         let simulated = rig.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
         let (report, _) = session.hit([1500.0, k, b]).unwrap();
         println!("K {k} B {b}: {}; simulated {simulated:?}", report.line);
-        assert_eq!([simulated.is_stable(), report.verdict == "stable"], [stable; 2]);
+        assert_eq!([simulated.is_stable(), report.verdict == Verdict::Stable], [stable; 2]);
         if stable {
             // Limit cycles of a few counts, which start anywhere.
             assert!((report.mean_m - simulated.mean_m).abs() < 5e-6, "{report:?}");

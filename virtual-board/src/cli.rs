@@ -322,8 +322,8 @@ fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Failed> {
         cutoff_hz,
         stiffness_n_per_m,
         damping_n_s_per_m,
-        verdict: &report.verdict,
-        stable: report.verdict == "stable",
+        verdict: report.verdict.name(),
+        stable: report.verdict == zwidth::experiment::Verdict::Stable,
         rms_m: report.rms_m,
         mean_m: report.mean_m,
     })

@@ -2,7 +2,10 @@
 
 use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
-use zwidth::velocity::{EstimatorName, Sense};
+use zwidth::{
+    experiment::Verdict,
+    velocity::{EstimatorName, Sense},
+};
 
 use crate::{
     board::Board,
@@ -48,8 +51,8 @@ impl From<String> for Failed {
 pub struct BoardHit {
     /// The firmware's line.
     pub line: String,
-    /// `stable`, `unstable` or `no_contact`.
-    pub verdict: String,
+    /// What it was judged to be.
+    pub verdict: Verdict,
     /// RMS of the position about its mean, m.
     pub rms_m: f64,
     /// Mean position, m.
@@ -61,7 +64,9 @@ impl BoardHit {
     /// The line is an error, or no result of a hit.
     fn read(line: String) -> Result<Self, Failed> {
         let Some(rest) = line.strip_prefix("ok hit ") else { return Err(Failed::Refused(line)) };
-        let verdict = rest.split(',').next().unwrap_or_default().replace(' ', "_");
+        let text = rest.split(',').next().unwrap_or_default();
+        let verdict = Verdict::ALL.into_iter().find(|verdict| verdict.text() == text);
+        let Some(verdict) = verdict else { return Err(Failed::Refused(line)) };
         let (rms_m, mean_m) = (number(&line, "rms ")?, number(&line, "mean ")?);
         Ok(Self { verdict, rms_m, mean_m, line })
     }

@@ -16,7 +16,7 @@ use crate::{
     error::Error,
     output::files::GrowingFile,
     scene::NamedScene,
-    simulation::prepared::{HitError, PreparedScene, WallHit, verdict_name},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
@@ -116,7 +116,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
         &STOP,
         |number, outcome| {
             let (name, rms_m) = match outcome {
-                Ok(outcome) => (verdict_name(outcome.verdict), outcome.rms_m),
+                Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
                 Err(HitError::OutOfRange(_)) => (OUT_OF_RANGE, None),
                 Err(error) => return Err(error.into()),
             };

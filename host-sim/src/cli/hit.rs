@@ -11,7 +11,7 @@ use crate::{
     output::files,
     output::trace::Trace,
     scene::NamedScene,
-    simulation::prepared::{HitReport, PreparedScene, WallHit, verdict_name},
+    simulation::prepared::{HitReport, PreparedScene, WallHit},
 };
 
 /// Hits one wall and says whether it is stable.
@@ -113,7 +113,7 @@ fn print(
         true_cutoff_hz: velocity.has_cutoff().then(|| scene.scene.true_cutoff_hz(hit.cutoff_hz)),
         stiffness_n_per_m: hit.stiffness_n_per_m,
         damping_n_s_per_m: hit.damping_n_s_per_m,
-        verdict: verdict_name(report.verdict),
+        verdict: report.verdict.name(),
         stable: report.is_stable(),
         rms_m: report.rms_m,
         mean_m: report.mean_m,

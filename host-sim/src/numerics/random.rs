@@ -15,19 +15,35 @@ pub fn bits(seed: u64, n: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// The upper 53 bits, as a whole number.
+fn high(bits: u64) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "53 bits")]
+    let whole = (bits >> 11) as f64;
+    whole
+}
+
 /// Evenly spread over (0, 1).
 #[inline]
 pub fn uniform(seed: u64, n: u64) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "53 bits")]
-    let whole = (bits(seed, n) >> 11) as f64;
-    (whole + 0.5) / (1u64 << 53) as f64
+    (high(bits(seed, n)) + 0.5) / (1u64 << 53) as f64
+}
+
+/// Evenly spread over [0, 1).
+#[inline]
+pub fn uniform_with_zero(seed: u64, n: u64) -> f64 {
+    high(bits(seed, n)) / (1u64 << 53) as f64
+}
+
+/// Gaussian of two numbers that are evenly spread: the first over (0, 1], the second over (0, 1) or [0, 1).
+#[inline]
+pub fn box_muller(radius: f64, angle: f64) -> f64 {
+    libm::sqrt(-2.0 * libm::log(radius)) * libm::cos(TAU * angle)
 }
 
 /// Gaussian, mean 0, variance 1.
 #[inline]
 pub fn gaussian(seed: u64, n: u64) -> f64 {
-    let (radius, angle) = (uniform(seed, 2 * n), uniform(seed, 2 * n + 1));
-    libm::sqrt(-2.0 * libm::log(radius)) * libm::cos(TAU * angle)
+    box_muller(uniform(seed, 2 * n), uniform(seed, 2 * n + 1))
 }
 
 #[cfg(test)]

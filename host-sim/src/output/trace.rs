@@ -9,7 +9,7 @@ use crate::{
     simulation::{
         Sample,
         controller::Controller as _,
-        prepared::{HitReport, PreparedScene, WallHit, verdict_name},
+        prepared::{HitReport, PreparedScene, WallHit},
     },
 };
 
@@ -120,7 +120,7 @@ impl Trace {
             settle_s: wall_hit.settle_s,
             window_s: wall_hit.window_s,
             rms_limit_m: wall_hit.rms_limit_m,
-            verdict: verdict_name(report.verdict).replace('_', " "),
+            verdict: report.verdict.text().into(),
             rms_m: report.rms_m,
         })
         .map_err(|error| Error::Internal(format!("cannot draw the hit: {error}")))

@@ -86,15 +86,6 @@ impl HitReport {
     }
 }
 
-/// Name of a verdict in reports.
-pub fn verdict_name(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Stable => "stable",
-        Verdict::Unstable => "unstable",
-        Verdict::NoContact => "no_contact",
-    }
-}
-
 /// Why a hit has no verdict.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HitError {

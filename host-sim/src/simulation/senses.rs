@@ -9,6 +9,7 @@ use zwidth::{
 };
 
 use crate::{
+    numerics::random,
     scene::{Accelerometer, LATENCY_KNOWN_MAX, Rounding, Scene, element::EncoderError},
     simulation::controller::Controller,
 };
@@ -119,7 +120,7 @@ struct Sensor {
     /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
     follows: f64,
     filtered: f64,
-    random: u64,
+    drawn: u64,
 }
 
 impl Full {
@@ -204,7 +205,7 @@ impl Sensor {
             noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
             follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
             filtered: 0.0,
-            random: 0,
+            drawn: 0,
         }
     }
 
@@ -219,22 +220,12 @@ impl Sensor {
         }
     }
 
-    /// A normally distributed number, mean 0, RMS 1 (Box and Muller, Ann. Math. Stat. 29, 1958).
+    /// A normally distributed number, mean 0, RMS 1.
     fn normal(&mut self) -> f64 {
-        let (radius, angle) = (1.0 - self.uniform(), self.uniform());
-        (-2.0 * libm::log(radius)).sqrt() * libm::cos(2.0 * core::f64::consts::PI * angle)
-    }
-
-    /// In 0 .. 1, by SplitMix64 (Steele, Lea, Flood, OOPSLA 2014).
-    fn uniform(&mut self) -> f64 {
-        self.random = self.random.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.random;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^= bits >> 31;
-        #[expect(clippy::cast_precision_loss, reason = "53 bits")]
-        let high = (bits >> 11) as f64;
-        high / (1u64 << 53) as f64
+        let n = self.drawn;
+        self.drawn += 2;
+        let [radius, angle] = [n, n + 1].map(|n| random::uniform_with_zero(0, n));
+        random::box_muller(1.0 - radius, angle)
     }
 }
 

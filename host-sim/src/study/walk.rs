@@ -108,7 +108,7 @@ impl Progress {
         if let Some(cell) = step.boundary {
             let stiffness_n_per_m = plan.stiffness_n_per_m(cell);
             let damping_n_s_per_m = plan.damping_n_s_per_m(cell);
-            self.boundary.area += stiffness_n_per_m * plan.damping_step_n_s_per_m;
+            self.boundary.area += plan.area_n2_s_per_m2(cell);
             self.boundary.points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
         }
         self.boundary.ended = step.ended;

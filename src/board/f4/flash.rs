@@ -6,13 +6,17 @@
 
 use core::ptr;
 
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
+    check_write,
+};
 use stm32f4xx_hal::pac;
-use zwidth::store::{BLANK, Flash, Sector};
 
 use super::watchdog;
 
 const FLASH: usize = 0x0800_0000;
 const SECTOR_BYTES: usize = 16 * 1024;
+const WORD_BYTES: usize = size_of::<u32>();
 /// Bits of CR: program, sector erase, sector number, 32 bits at a time, start, lock.
 const PG: u32 = 1;
 const SER: u32 = 1 << 1;
@@ -32,17 +36,22 @@ pub struct SettingsFlash(pac::FLASH);
 #[derive(Clone, Copy, Debug)]
 pub struct FlashError(pub u32);
 
-const fn number(sector: Sector) -> u32 {
-    match sector {
-        Sector::A => 1,
-        Sector::B => 2,
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
     }
 }
 
-/// Address of a word.
-fn address(sector: Sector, word: usize) -> *mut u32 {
-    let sector = if matches!(sector, Sector::A) { 1 } else { 2 };
-    ptr::with_exposed_provenance_mut(FLASH + sector * SECTOR_BYTES + word * size_of::<u32>())
+impl From<NorFlashErrorKind> for FlashError {
+    /// The place or the length is not allowed: the controller was not asked, and has set no bit.
+    fn from(_: NorFlashErrorKind) -> Self {
+        Self(0)
+    }
+}
+
+/// The word at an offset from the beginning of sector 1, which [`check_read`] or its like have let pass.
+fn word_at(offset: u32) -> *mut u32 {
+    ptr::with_exposed_provenance_mut(FLASH + SECTOR_BYTES + offset as usize)
 }
 
 impl SettingsFlash {
@@ -69,36 +78,9 @@ impl SettingsFlash {
         unsafe { flash.cr().write(|w| w.bits(LOCK)) };
         if errors == 0 { Ok(()) } else { Err(FlashError(errors)) }
     }
-}
 
-impl Flash for SettingsFlash {
-    type Error = FlashError;
-
-    fn sector_words(&self) -> usize {
-        SECTOR_BYTES / size_of::<u32>()
-    }
-
-    fn read(&self, sector: Sector, word: usize) -> u32 {
-        if word >= self.sector_words() {
-            return BLANK;
-        }
-        // SAFETY: inside sector 1 or 2, which hold no code; aligned; any word is valid. Volatile,
-        // because programming changes it.
-        unsafe { ptr::read_volatile(address(sector, word)) }
-    }
-
-    fn program(&mut self, sector: Sector, word: usize, value: u32) -> Result<(), FlashError> {
-        if word >= self.sector_words() {
-            return Err(FlashError(0));
-        }
-        self.with_mode(PG, |_| {
-            // SAFETY: as in `read`; the controller takes the store and programs the word.
-            unsafe { ptr::write_volatile(address(sector, word), value) }
-        })
-    }
-
-    fn erase(&mut self, sector: Sector) -> Result<(), FlashError> {
-        let mode = SER | number(sector) << SNB;
+    fn erase_sector(&mut self, number: u32) -> Result<(), FlashError> {
+        let mode = SER | number << SNB;
         let result = self.with_mode(mode, |flash| {
             // SAFETY: a documented value.
             unsafe { flash.cr().write(|w| w.bits(PSIZE_32 | mode | STRT)) };
@@ -110,5 +92,54 @@ impl Flash for SettingsFlash {
         flash.acr().modify(|_, w| w.dcrst().clear_bit().icrst().clear_bit());
         flash.acr().modify(|_, w| w.dcen().set_bit().icen().set_bit());
         result
+    }
+}
+
+impl ErrorType for SettingsFlash {
+    type Error = FlashError;
+}
+
+impl ReadNorFlash for SettingsFlash {
+    const READ_SIZE: usize = WORD_BYTES;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
+        check_read(self, offset, bytes.len())?;
+        let (words, _) = bytes.as_chunks_mut::<WORD_BYTES>();
+        for (word, at) in words.iter_mut().zip((offset..).step_by(WORD_BYTES)) {
+            // SAFETY: inside sector 1 or 2, which hold no code; aligned; any word is valid. Volatile,
+            // because programming changes it.
+            *word = unsafe { ptr::read_volatile(word_at(at)) }.to_le_bytes();
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        2 * SECTOR_BYTES
+    }
+}
+
+impl NorFlash for SettingsFlash {
+    const WRITE_SIZE: usize = WORD_BYTES;
+    const ERASE_SIZE: usize = SECTOR_BYTES;
+
+    /// Word by word, each with its own time until the watchdog's reset.
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        check_write(self, offset, bytes.len())?;
+        let (words, _) = bytes.as_chunks::<WORD_BYTES>();
+        for (word, at) in words.iter().zip((offset..).step_by(WORD_BYTES)) {
+            self.with_mode(PG, |_| {
+                // SAFETY: as in `read`; the controller takes the store and programs the word.
+                unsafe { ptr::write_volatile(word_at(at), u32::from_le_bytes(*word)) }
+            })?;
+        }
+        Ok(())
+    }
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
+        check_erase(self, from, to)?;
+        // Sectors 1 and 2 of the chip.
+        let sectors = [1, 2].into_iter().zip([0, SECTOR_BYTES]);
+        let mut wanted = sectors.filter(|(_, start)| (from as usize..to as usize).contains(start));
+        wanted.try_for_each(|(number, _)| self.erase_sector(number))
     }
 }

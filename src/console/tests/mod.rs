@@ -56,7 +56,7 @@ impl Port for Board {
         true
     }
 
-    fn load(&self, defaults: Stored) -> Loaded {
+    fn load(&mut self, defaults: Stored) -> Loaded {
         let source = if self.flash.is_some() { Source::Newest } else { Source::Empty };
         Loaded { stored: self.flash.unwrap_or(defaults), source, damaged: 0 }
     }

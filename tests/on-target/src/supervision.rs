@@ -1,5 +1,6 @@
 //! What supervises the control path, and what talks to it: the same look at its machine code.
 
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use zwidth::{
     LoopParameters,
     console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
@@ -8,7 +9,7 @@ use zwidth::{
         SampleReport, Supervisor,
         envelope::{Envelope, Key},
     },
-    store::{Flash, Sector, Stored, load, save},
+    store::{Stored, load, save},
     telemetry::{Decoder, Frame},
     units::Force,
     velocity::Senses,
@@ -104,28 +105,48 @@ pub extern "C" fn zwidth_envelope(envelope: &Envelope<'_>, key: &Key<'_>, k: f64
 
 /// Two sectors in memory.
 #[derive(Debug)]
-pub struct Memory([[u32; 4096]; 2]);
+pub struct Memory([u8; 2 * Self::ERASE_SIZE]);
 
-impl Flash for Memory {
-    type Error = ();
-
-    fn sector_words(&self) -> usize {
-        4096
+impl Memory {
+    fn place(&mut self, from: u32, length: usize) -> Result<&mut [u8], NorFlashErrorKind> {
+        let bytes = self.0.get_mut(from as usize..);
+        bytes.and_then(|bytes| bytes.get_mut(..length)).ok_or(NorFlashErrorKind::OutOfBounds)
     }
+}
 
-    fn read(&self, sector: Sector, word: usize) -> u32 {
-        let words = self.0.get(usize::from(sector == Sector::B));
-        words.and_then(|words| words.get(word)).copied().unwrap_or(u32::MAX)
-    }
+impl ErrorType for Memory {
+    type Error = NorFlashErrorKind;
+}
 
-    fn program(&mut self, sector: Sector, word: usize, value: u32) -> Result<(), ()> {
-        let words = self.0.get_mut(usize::from(sector == Sector::B));
-        *words.and_then(|words| words.get_mut(word)).ok_or(())? &= value;
+impl ReadNorFlash for Memory {
+    const READ_SIZE: usize = 4;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        let held = self.place(offset, bytes.len())?;
+        for (byte, held) in bytes.iter_mut().zip(held) {
+            *byte = *held;
+        }
         Ok(())
     }
 
-    fn erase(&mut self, sector: Sector) -> Result<(), ()> {
-        self.0.get_mut(usize::from(sector == Sector::B)).ok_or(())?.fill(u32::MAX);
+    fn capacity(&self) -> usize {
+        self.0.len()
+    }
+}
+
+impl NorFlash for Memory {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = 16 * 1024;
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        for (held, byte) in self.place(offset, bytes.len())?.iter_mut().zip(bytes) {
+            *held &= byte;
+        }
+        Ok(())
+    }
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.place(from, to.wrapping_sub(from) as usize)?.fill(u8::MAX);
         Ok(())
     }
 }
