@@ -147,7 +147,7 @@ pub fn run(
     rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
     let task = Task { rig, numeric, depth };
     if !lanes_for(rig) {
@@ -177,7 +177,7 @@ pub fn run(
 fn each_numeric<S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'_>,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
     match task.numeric {
         Numeric::Fixed => each_plant::<S, FixedState<S>, R>(simd, task, work),
@@ -190,7 +190,7 @@ fn each_numeric<S: SimdOps, const R: usize>(
 fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     simd: S,
     task: Task<'_>,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
     match &task.rig.parts().plant {
         AnyPlant::Plain(step) => scheduler::run::<S, C, 2, R>(simd, task, &step.linear(), work),
@@ -203,7 +203,7 @@ fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     }
 }
 
-fn one_by_one(task: Task<'_>, work: &mut impl Work) -> Tally {
+fn one_by_one(task: Task<'_>, work: &mut dyn Work) -> Tally {
     let mut tally = Tally::default();
     while let Some(hit) = work.next(0) {
         tally.scalar += 1;
@@ -224,7 +224,7 @@ pub(super) fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError>
         }
         .map(|verdict| Outcome { verdict, rms_m: None }),
         Depth::Whole => rig
-            .hit(numeric, hit, |_| {})
+            .report(numeric, hit)
             .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
     }
 }

@@ -88,7 +88,7 @@ pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
     simd: S,
     task: Task<'_>,
     step: &LinearStep<P>,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
     let mut engine = Engine::<S, C, P, R>::new(simd, task, step);
     for lane in 0..engine.running.len() {
@@ -171,7 +171,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
     }
 
     /// Takes the next hit into a free lane; those that no lane can run are run at once.
-    fn begin(&mut self, lane: usize, work: &mut impl Work) {
+    fn begin(&mut self, lane: usize, work: &mut dyn Work) {
         while let Some(hit) = work.next(lane) {
             let Task { rig, numeric, .. } = self.task;
             match C::prepare(rig, numeric, &hit) {

@@ -33,27 +33,15 @@ impl Filtered {
     pub fn new(core: Fixed, filter: Filter) -> Self {
         Self { core, filter }
     }
-
-    #[inline]
-    fn filtered(&mut self) {
-        let difference = self.core.motion().velocity;
-        let bits = self.filter.update(difference.bits());
-        self.core.set_velocity(Velocity::saturating_from_bits(bits));
-    }
 }
 
 impl Controller for Filtered {
     #[inline]
-    fn sample(&mut self, count: i32) -> bool {
-        let due = self.core.sample(count);
-        self.filtered();
-        due
-    }
-
-    #[inline]
-    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
-        let due = self.core.sense(count, senses);
-        self.filtered();
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool {
+        let due = self.core.sample(count, senses);
+        let difference = self.core.motion().velocity;
+        let bits = self.filter.update(difference.bits());
+        self.core.set_velocity(Velocity::saturating_from_bits(bits));
         due
     }
 
