@@ -9,7 +9,7 @@
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode, sync::atomic::AtomicBool};
 
 use host_sim::{
-    engine::{Backend, Depth, stream},
+    engine::{Depth, Engine, stream},
     error::Error,
     output::figure::{Mark, TradePanel, TradePlot, TradeSeries, trade},
     scene::NamedScene,
@@ -44,7 +44,7 @@ fn verdicts(
     let total = STEPS * STEPS * STARTS;
     let stop = AtomicBool::new(false);
     let each = |number| hit(cutoff_hz, number);
-    stream(Backend::best(), rig, numeric, Depth::Verdict, total, each, &stop, |_, outcome| {
+    stream(Engine::lanes(), rig, numeric, Depth::Verdict, total, each, &stop, |_, outcome| {
         all.push(outcome.ok().map(|outcome| outcome.verdict));
         Ok(())
     })?;

@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use host_sim::{
+    engine::Engine,
     scene::{NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
     study::{sweep::start_offset_counts, walk},
@@ -46,7 +47,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
     let stop = AtomicBool::new(false);
     let simulated = (0..REPEATS).map(|repeat| {
         let offset = start_offset_counts(repeat, REPEATS);
-        walk::walk(&rig, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
+        walk::walk(Engine::lanes(), &rig, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
     });
     let simulated: Vec<_> = simulated.collect();
     let mean = simulated.iter().map(|boundary| boundary.area).sum::<f64>() / f64::from(REPEATS);

@@ -69,7 +69,7 @@ struct Running {
     contact: bool,
 }
 
-struct Engine<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
+struct Scheduler<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: LinearStep<P>,
@@ -90,41 +90,41 @@ pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
     step: &LinearStep<P>,
     work: &mut dyn Work,
 ) -> Tally {
-    let mut engine = Engine::<S, C, P, R>::new(simd, task, step);
-    for lane in 0..engine.running.len() {
-        engine.begin(lane, work);
+    let mut scheduler = Scheduler::<S, C, P, R>::new(simd, task, step);
+    for lane in 0..scheduler.running.len() {
+        scheduler.begin(lane, work);
     }
-    while let Some(samples) = engine.until_next_event() {
-        let Engine { shared, kept, moving, clock, .. } = &mut engine;
+    while let Some(samples) = scheduler.until_next_event() {
+        let Scheduler { shared, kept, moving, clock, .. } = &mut scheduler;
         Chunk { shared, kept, moving, clock, samples }.go(simd);
-        for lane in 0..engine.running.len() {
-            if let Some(outcome) = engine.look(lane, samples) {
-                engine.waiting = true;
-                let running = engine.running[lane].take();
+        for lane in 0..scheduler.running.len() {
+            if let Some(outcome) = scheduler.look(lane, samples) {
+                scheduler.waiting = true;
+                let running = scheduler.running[lane].take();
                 let outcome = match (outcome, running) {
                     (Some(outcome), _) => {
-                        engine.tally.in_lanes += 1;
+                        scheduler.tally.in_lanes += 1;
                         Ok(outcome)
                     }
-                    (None, Some(running)) => engine.scalar(&running.hit),
+                    (None, Some(running)) => scheduler.scalar(&running.hit),
                     (None, None) => continue,
                 };
                 work.done(lane, outcome);
             }
         }
-        if engine.waiting && engine.clock.is_due() {
-            engine.waiting = false;
-            for lane in 0..engine.running.len() {
-                if engine.running[lane].is_none() {
-                    engine.begin(lane, work);
+        if scheduler.waiting && scheduler.clock.is_due() {
+            scheduler.waiting = false;
+            for lane in 0..scheduler.running.len() {
+                if scheduler.running[lane].is_none() {
+                    scheduler.begin(lane, work);
                 }
             }
         }
     }
-    engine.tally
+    scheduler.tally
 }
 
-impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S, C, P, R> {
+impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a, S, C, P, R> {
     fn new(simd: S, task: Task<'a>, step: &LinearStep<P>) -> Self {
         let parts = task.rig.parts();
         let zero = simd.splat_f64s(0.0);

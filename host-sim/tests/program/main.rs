@@ -12,6 +12,7 @@
 mod cli;
 mod compare;
 mod elements;
+mod engine;
 mod grid;
 mod identify_command;
 mod linear_elements;

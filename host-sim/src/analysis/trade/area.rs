@@ -158,7 +158,9 @@ pub fn measure(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{scene::NamedScene, simulation::prepared::Numeric, study::walk::walk};
+    use crate::{
+        engine::Engine, scene::NamedScene, simulation::prepared::Numeric, study::walk::walk,
+    };
 
     #[test]
     fn with_the_cores_filter_the_walk_is_the_cores() {
@@ -167,8 +169,15 @@ mod tests {
         scene.walk.damping_step_n_s_per_m = 60.0;
         let stop = AtomicBool::new(false);
         let bench = Bench::of(&scene);
-        let core = walk(&PreparedScene::new(&scene).unwrap(), Numeric::Fixed, 1500.0, 0.25, &stop)
-            .unwrap();
+        let core = walk(
+            Engine::lanes(),
+            &PreparedScene::new(&scene).unwrap(),
+            Numeric::Fixed,
+            1500.0,
+            0.25,
+            &stop,
+        )
+        .unwrap();
         let rig = rig(&scene).unwrap();
         let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
         assert_eq!(boundary(&rig, &filter, 1500.0, 0.25, &stop).unwrap(), core);
