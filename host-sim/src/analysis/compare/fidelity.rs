@@ -23,7 +23,7 @@
 
 use std::f64::consts::PI;
 
-use rustfft::num_complex::Complex;
+use nalgebra::Complex;
 use zwidth::units::Force;
 
 use super::Wall;

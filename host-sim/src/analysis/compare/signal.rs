@@ -197,7 +197,7 @@ impl Bench<'_> {
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
-    use rustfft::num_complex::Complex;
+    use nalgebra::Complex;
     use zwidth::VelocitySettings;
 
     fn signal(settings: VelocitySettings) -> Signal {
