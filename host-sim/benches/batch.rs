@@ -1,5 +1,5 @@
 //! Throughput of the lanes on one core, for each backend that this machine has, beside a plain scalar `f64`
-//! loop of the same maths; `cargo bench -p host-sim --bench batch -- --figure STEM` instead writes STEM.csv and
+//! loop of the same maths; `cargo bench -p host-sim-bench --bench batch -- --figure STEM` instead writes STEM.csv and
 //! STEM.png: time and memory against the number of hits and of samples. Rounds of all of them are interleaved, and the best round of each counts: other
 //! work on the machine only ever slows a round down.
 #![allow(

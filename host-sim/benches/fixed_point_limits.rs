@@ -3,7 +3,7 @@
 //! velocity rounded to the core's LSB: what no arithmetic of that format can avoid, because walls at the
 //! boundary are chaotic.
 //!
-//! `cargo run --release -p host-sim --example fixed_point_limits` writes
+//! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.
 
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode, sync::atomic::AtomicBool};
@@ -105,7 +105,7 @@ fn run() -> Result<(), Error> {
     })
     .map_err(|error| Error::Internal(error.to_string()))?;
     let png = figure.png().map_err(|error| Error::Internal(error.to_string()))?;
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/figures");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/figures");
     for (name, bytes) in
         [("fixed-point-limits.csv", csv.as_bytes()), ("fixed-point-limits.png", &png[..])]
     {
