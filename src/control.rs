@@ -8,7 +8,7 @@ use crate::{
     CounterWidth,
     actuator::Actuator,
     encoder::Encoder,
-    units::{Force, OutputCode, Position, Velocity},
+    units::{Force, Position, Velocity},
     velocity::{self, Estimator, Senses},
     wall::Wall,
 };
@@ -36,6 +36,13 @@ pub struct Motion {
     pub position: Position,
     /// Velocity.
     pub velocity: Velocity,
+}
+
+/// What a [`Sampler`] says to one sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampled {
+    /// Where the handle is and how fast it moves.
+    pub motion: Motion,
     /// An output is due with this very sample.
     pub due: bool,
 }
@@ -53,10 +60,8 @@ impl Motion {
 /// One output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
-    /// What the actuator is asked for: push minus wall, saturated.
+    /// What the actuator is asked for: push minus wall, saturated. [`Actuator::command`] makes a code of it.
     pub force: Force,
-    /// The same as a DAC or PWM code.
-    pub command: OutputCode,
     /// The handle is inside the wall.
     pub contact: bool,
     /// The actuator could not give all that was asked for.
@@ -101,13 +106,13 @@ impl Sampler {
 
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
-    pub fn sample(&mut self, control: &LoopParameters, counter: u32) -> Motion {
+    pub fn sample(&mut self, control: &LoopParameters, counter: u32) -> Sampled {
         self.sense(control, counter, &Senses::NONE)
     }
 
     /// [`sample`](Self::sample) for estimators that look at more than the count.
     #[inline(always)] // as Estimator::update
-    pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Motion {
+    pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Sampled {
         let position = self.encoder.track(counter);
         let velocity = control.estimator.update(&mut self.velocity, position, senses);
         let sample = self.sample;
@@ -119,7 +124,7 @@ impl Sampler {
         } else {
             self.until_due -= 1;
         }
-        Motion { sample, position, velocity, due }
+        Sampled { motion: Motion { sample, position, velocity }, due }
     }
 }
 
@@ -130,11 +135,6 @@ impl LoopParameters {
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
         let wall = self.wall.demand(motion.position, motion.velocity);
         let (force, saturated) = wall.against(push).saturate();
-        Drive {
-            force,
-            command: self.actuator.command(force),
-            contact: self.wall.penetration(motion.position) > 0,
-            saturated,
-        }
+        Drive { force, contact: self.wall.penetration(motion.position) > 0, saturated }
     }
 }

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! The firmware and the simulator compile this very code. Both call two functions:
-//! [`Sampler::sample`] for every encoder sample (10 kHz) and [`LoopParameters::render`] for every output
-//! (1 kHz). What a person sets is [`Settings`] in SI units; [`Settings::build`] checks it and folds
+//! [`Sampler::sense`] for every encoder sample (10 kHz) and [`LoopParameters::render`] for every output
+//! (1 kHz); the firmware through [`safety`]'s guard and supervisor. What a person sets is [`Settings`] in SI units; [`Settings::build`] checks it and folds
 //! all units into the integer coefficients of a [`LoopParameters`]; what samples change is the
 //! [`Sampler`]'s state. The formats stand in one table, in [`units`].
 //!
@@ -33,10 +33,10 @@
 //! };
 //! let control = settings.build(&design)?;
 //! let mut sampler = Sampler::new(0, CounterWidth::Bits32);
-//! let motion = sampler.sample(&control, 0);
-//! if motion.due {
-//!     let drive = control.render(motion, Force::ZERO);
-//!     assert_eq!(drive.force, Force::ZERO);
+//! let sampled = sampler.sample(&control, 0);
+//! if sampled.due {
+//!     let drive = control.render(sampled.motion, Force::ZERO);
+//!     assert_eq!(control.actuator.command(drive.force).code(), 0);
 //! }
 //! # Ok::<(), zwidth::SettingsError>(())
 //! ```
@@ -65,7 +65,7 @@ pub mod velocity;
 pub mod wall;
 
 pub use actuator::Output;
-pub use control::{Drive, LoopParameters, Motion, Sampler};
+pub use control::{Drive, LoopParameters, Motion, Sampled, Sampler};
 pub use encoder::CounterWidth;
 pub use gain::Gain;
 pub use settings::{Design, HitSettings, Settings, SettingsError, WallSettings, limits, shorten};

@@ -21,13 +21,13 @@ use crate::{
 
 /// What the last output was made with, and the correction that is still fading.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Change {
+pub(super) struct GainFade {
     wall: Wall,
     push: Force,
     correction: i64,
 }
 
-impl Change {
+impl GainFade {
     /// Nothing to fade.
     pub fn new(wall: Wall, push: Force) -> Self {
         Self { wall, push, correction: 0 }
@@ -106,7 +106,6 @@ mod tests {
             sample: 0,
             position: Position::from_counts(position),
             velocity: Velocity::saturating_from_bits(velocity),
-            due: true,
         }
     }
 
@@ -114,7 +113,7 @@ mod tests {
     fn a_change_over_the_whole_range_takes_21_outputs_of_at_most_5_percent() {
         let (soft, hard) = (wall(0, 0.0, 0.0), wall(0, 1e9, 0.0));
         let at = motion(100, 0);
-        let mut change = Change::new(soft, Force::ZERO);
+        let mut change = GainFade::new(soft, Force::ZERO);
         let mut last = 0;
         let mut outputs = 0;
         loop {
@@ -132,7 +131,7 @@ mod tests {
     #[test]
     fn without_a_change_motion_acts_at_once() {
         let hard = wall(0, 1e7, 0.0);
-        let mut change = Change::new(hard, Force::ZERO);
+        let mut change = GainFade::new(hard, Force::ZERO);
         for position in [0, 100, 0, 50] {
             let at = motion(position, 0);
             let wanted = asked(&hard, Force::ZERO, at);
@@ -155,7 +154,7 @@ mod tests {
             )
         ) {
             let mut now = (wall(0, 1000.0, 1.0), Force::ZERO);
-            let mut change = Change::new(now.0, now.1);
+            let mut change = GainFade::new(now.0, now.1);
             for (position, velocity, new) in steps {
                 let at = motion(position, velocity / 64);
                 let mut twin = change;

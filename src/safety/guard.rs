@@ -10,7 +10,11 @@
 use core::hint::cold_path;
 
 use super::{Fault, FaultSet, SafetyPlan};
-use crate::{CounterWidth, LoopParameters, Motion, Sampler, units::Force, velocity::Senses};
+use crate::{
+    CounterWidth, LoopParameters, Motion, Sampled, Sampler,
+    units::{Force, Position, Velocity},
+    velocity::Senses,
+};
 
 /// From `render` to `sample`: what the guard has to know, with nothing left to work out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,26 +60,32 @@ impl GuardCommand {
     }
 }
 
-/// From `sample` to `render`: the motion and what the guard thinks of it.
+/// From `sample` to `render`, with every due sample; what the guard has noted goes apart, as [`Guard`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleReport {
     /// The sample.
     pub motion: Motion,
-    /// [`Step::present`] of it.
+    /// What is there with this very sample, or was with one before it and is not in [`Guard`] yet.
     pub present: FaultSet,
-    /// All that the guard found, but perhaps for `present`.
-    pub guard: Guard,
+}
+
+impl SampleReport {
+    /// Before the first one.
+    pub const BEFORE: Self = Self {
+        motion: Motion { sample: 0, position: Position::from_counts(0), velocity: Velocity::ZERO },
+        present: FaultSet::EMPTY,
+    };
 }
 
 /// One sample under guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// The sample.
-    pub motion: Motion,
-    /// What is there with this very sample, or was with one before it and is not in [`Guard`] yet.
-    pub present: FaultSet,
+    /// What `render` is told, if an output is due.
+    pub report: SampleReport,
+    /// An output is due with this very sample.
+    pub due: bool,
     /// The output has to be off, now: the sampling task sees to it by itself. Set again with every
-    /// sample as long as that holds, but for a due one: `present` is answered right after it.
+    /// sample as long as that holds, but for a due one: its report is answered right after it.
     pub cut: bool,
     /// The [`Guard`] was written to.
     pub told: bool,
@@ -105,6 +115,38 @@ impl Guard {
         first_sample: 0,
         causes: FaultSet::EMPTY,
     };
+}
+
+/// What the guard found, as the output task sees it: never newer than the sample that is answered.
+#[derive(Clone, Copy, Debug)]
+pub struct GuardView {
+    newest: Guard,
+    /// The sample with which it was told, low 32 bits.
+    told_at: u32,
+    /// [`Guard::zeros`] up to the sample that was answered last.
+    zeros: u32,
+}
+
+impl GuardView {
+    /// Nothing found yet.
+    pub const NOTHING: Self = Self { newest: Guard::NOTHING, told_at: 0, zeros: 0 };
+
+    /// Takes what the guard has told since, and the number of the sample with which it did.
+    #[inline(always)]
+    pub fn take(&mut self, newest: Guard, told_at: u32) {
+        (self.newest, self.told_at) = (newest, told_at);
+    }
+
+    /// What holds for the sample of that number. A zero that was carried out after it is none yet.
+    #[inline(always)]
+    pub fn at(&mut self, sample: u32) -> Guard {
+        let mut guard = self.newest;
+        if self.told_at.wrapping_sub(sample).cast_signed() > 0 {
+            guard.zeros = self.zeros;
+        }
+        self.zeros = guard.zeros;
+        guard
+    }
 }
 
 /// A [`Sampler`] under guard. Owned by the sampling task.
@@ -137,7 +179,7 @@ impl GuardedSampler {
     /// force is that of `down`. `guard` is what was found so far; it is written in its place, and
     /// [`Step::told`] set then.
     ///
-    /// At a sample with `motion.due`, the output of the due sample before it has to be there;
+    /// At a due sample, the output of the due sample before it has to be there;
     /// if `down.rendered` says that it is not, it is late by a period.
     #[inline]
     pub fn step(
@@ -150,8 +192,8 @@ impl GuardedSampler {
     ) -> Step {
         let before = self.sampler.position();
         let senses = Senses { force: down.force, ..*senses };
-        let mut motion = self.sampler.sense(control, counter, &senses);
-        if motion.due {
+        let Sampled { mut motion, due } = self.sampler.sense(control, counter, &senses);
+        if due {
             self.expect_output(motion.number(), down, control.period.get());
         }
         let moved = motion.position.wrapping_since(before).unsigned_abs();
@@ -161,7 +203,8 @@ impl GuardedSampler {
             && down.requests == self.requests
             && !self.alert;
         if quiet {
-            return Step { motion, present: FaultSet::EMPTY, cut: false, told: false };
+            let report = SampleReport { motion, present: FaultSet::EMPTY };
+            return Step { report, due, cut: false, told: false };
         }
         cold_path();
         let present = FaultSet::EMPTY
@@ -171,14 +214,15 @@ impl GuardedSampler {
             self.waiting = self.waiting.union(present);
             self.alert = true;
         }
-        if motion.due && control.period.get() > 1 {
+        if due && control.period.get() > 1 {
             // The output that this sample asks for says no by itself. Should it not come, the next
             // sample cuts.
-            return Step { motion, present: self.waiting, cut: false, told: false };
+            let report = SampleReport { motion, present: self.waiting };
+            return Step { report, due, cut: false, told: false };
         }
         if down.requests == self.requests {
             let told = self.note(motion.number(), down.acknowledged, guard);
-            Step { motion, present, cut: self.alert, told }
+            Step { report: SampleReport { motion, present }, due, cut: self.alert, told }
         } else {
             self.requests = down.requests;
             if down.restarts != self.restarts {
@@ -190,7 +234,8 @@ impl GuardedSampler {
                 self.sampler.zero();
                 motion.position = self.sampler.position();
             }
-            Step { motion, present: self.waiting, cut: self.alert, told: true }
+            let report = SampleReport { motion, present: self.waiting };
+            Step { report, due, cut: self.alert, told: true }
         }
     }
 
@@ -224,5 +269,24 @@ impl GuardedSampler {
             self.waiting = self.waiting.with(Fault::LateRender);
             self.alert = true;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_zero_counts_from_the_sample_with_which_it_was_carried_out() {
+        let told = |zeros| Guard { zeros, events: zeros, ..Guard::NOTHING };
+        let mut view = GuardView::NOTHING;
+        view.take(told(1), 12);
+        // the rest of what was told counts at once
+        assert_eq!((view.at(10).zeros, view.at(10).events), (0, 1));
+        assert_eq!(view.at(12).zeros, 1);
+        view.take(told(2), 5); // the number has wrapped
+        assert_eq!(view.at(u32::MAX - 4).zeros, 1);
+        assert_eq!(view.at(5).zeros, 2);
+        assert_eq!(view.at(15).zeros, 2);
     }
 }

@@ -50,7 +50,7 @@ mod supervisor;
 pub use blackbox::BlackBox;
 pub use debug_halt::HaltWatch;
 pub use fault::{Fault, FaultSet};
-pub use guard::{Guard, GuardCommand, GuardedSampler, SampleReport, Step};
+pub use guard::{Guard, GuardCommand, GuardView, GuardedSampler, SampleReport, Step};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
 pub use output_command::{GrantedForce, OutputCommand};
 pub use plan::{SLEW, SafetyPlan, SafetySettings};

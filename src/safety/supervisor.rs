@@ -5,9 +5,9 @@
 use core::hint::cold_path;
 
 use super::{
-    Fault, FaultRecord, FaultSet, GrantedForce, GuardCommand, Inputs, MemoryUpdate, OutputCommand,
-    Refusal, Request, SafetyPlan, SampleReport, State, Status,
-    gain_fade::Change,
+    Fault, FaultRecord, FaultSet, GrantedForce, Guard, GuardCommand, Inputs, MemoryUpdate,
+    OutputCommand, Refusal, Request, SafetyPlan, SampleReport, State, Status,
+    gain_fade::GainFade,
     plan::STUCK_RENDERS,
     sign::{SignStep, SignTest},
     speed::SpeedWatch,
@@ -24,8 +24,6 @@ use crate::{
 pub struct Rendered {
     /// What the output may do.
     pub grant: OutputCommand,
-    /// What push and wall ask for, supervision aside.
-    pub drive: Drive,
     /// For the sampling task. Publish it after the output hardware is written.
     pub down: GuardCommand,
     /// For the backup RAM, in the rare case that it changes.
@@ -42,7 +40,7 @@ pub struct Supervisor {
     sign: SignTest,
     /// Outputs since the ramp began.
     ramp: u32,
-    change: Option<Change>,
+    fade: Option<GainFade>,
     watch: StuckEncoder,
     speed: SpeedWatch,
     /// The handle is held on purpose.
@@ -52,9 +50,9 @@ pub struct Supervisor {
     fault: Option<FaultRecord>,
     causes: FaultSet,
     present: FaultSet,
-    /// [`super::Guard::events`] that were looked at.
+    /// [`Guard::events`] that were looked at.
     seen: u32,
-    /// The count was zeroed as often as asked, as far as the last [`SampleReport`] knows.
+    /// The count was zeroed as often as asked, as far as the last output knows.
     zeros: u32,
     zeroed: bool,
     unlocked: bool,
@@ -76,7 +74,7 @@ impl Supervisor {
             state: if boot.is_some() { State::Fault } else { State::Off },
             sign: SignTest::new(),
             ramp: 0,
-            change: None,
+            fade: None,
             watch: StuckEncoder::default(),
             speed: SpeedWatch::default(),
             still: false,
@@ -102,13 +100,14 @@ impl Supervisor {
         }
     }
 
-    /// The output that answers `up`: `push` (into the wall) minus what the wall gives back, as far
+    /// The output that answers `up`, with what the guard found: `push` (into the wall) minus what the wall gives back, as far
     /// as it may act. `control` is that of the very sample.
     #[inline]
     pub fn render(
         &mut self,
         control: &LoopParameters,
         up: &SampleReport,
+        guard: &Guard,
         push: Force,
         inputs: Inputs,
     ) -> Rendered {
@@ -117,8 +116,8 @@ impl Supervisor {
         self.contact = drive.contact;
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
         let before = self.zeros;
-        let held = self.follow_zero(up);
-        self.look(up, inputs, self.zeros != before);
+        let held = self.follow_zero(guard);
+        self.look(up, guard, inputs, self.zeros != before);
         let force = self.force(control, up, push, &drive, held);
         let grant = match force {
             Some(force) => {
@@ -133,7 +132,7 @@ impl Supervisor {
         self.down.jump = if self.down.stall { u32::MAX } else { self.plan.jump };
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
-        Rendered { grant, drive, down: self.down, memory: self.memory.take(), record }
+        Rendered { grant, down: self.down, memory: self.memory.take(), record }
     }
 
     /// What it thinks, for the link.
@@ -165,8 +164,8 @@ impl Supervisor {
     }
 
     /// Whether the sampling task has switched off by itself.
-    pub fn is_cut(&self, up: &SampleReport) -> bool {
-        !up.present.is_empty() || up.guard.events != self.down.acknowledged
+    pub fn is_cut(&self, up: &SampleReport, guard: &Guard) -> bool {
+        !up.present.is_empty() || guard.events != self.down.acknowledged
     }
 
     /// For the sampling task, as the last [`request`](Self::request) left it. Publish it at once
@@ -337,18 +336,18 @@ impl Supervisor {
 
     /// Takes note of a zero that `sample` has carried out. The motion was renamed by it, so the
     /// force of the last output is what a change has to start from.
-    fn follow_zero(&mut self, up: &SampleReport) -> Option<Force> {
-        if up.guard.zeros == self.zeros {
+    fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
+        if guard.zeros == self.zeros {
             return None;
         }
-        self.zeros = up.guard.zeros;
+        self.zeros = guard.zeros;
         self.zeroed = true;
         self.last.force()
     }
 
     /// Latches every fault that is there.
     #[inline]
-    fn look(&mut self, up: &SampleReport, inputs: Inputs, renamed: bool) {
+    fn look(&mut self, up: &SampleReport, guard: &Guard, inputs: Inputs, renamed: bool) {
         let on = self.state.is_on();
         let fast = self.speed.too_fast(up.motion.position, renamed, self.plan.moved);
         let outside = FaultSet::EMPTY
@@ -360,13 +359,13 @@ impl Supervisor {
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
         let found = up.present.with_if(Fault::OutOfRange, !up.motion.position.in_range());
         self.present = relevant.union(found);
-        if up.guard.events != self.seen {
+        if guard.events != self.seen {
             cold_path();
-            self.seen = up.guard.events;
-            let record = self.here(up.motion, up.guard.causes.union(self.stuck(up.motion)));
+            self.seen = guard.events;
+            let record = self.here(up.motion, guard.causes.union(self.stuck(up.motion)));
             self.trip(record.map(|record| FaultRecord {
-                fault: up.guard.first.first().unwrap_or(record.fault),
-                sample: nearest(up.motion, up.guard.first_sample),
+                fault: guard.first.first().unwrap_or(record.fault),
+                sample: nearest(up.motion, guard.first_sample),
                 ..record
             }));
         }
@@ -430,7 +429,7 @@ impl Supervisor {
                 SignStep::Passed => {
                     self.state = State::RampIn;
                     self.ramp = 0;
-                    self.change = None;
+                    self.fade = None;
                 }
                 SignStep::Failed => {
                     self.trip(self.here(up.motion, FaultSet::EMPTY.with(Fault::SignTestFailed)));
@@ -440,8 +439,8 @@ impl Supervisor {
         if !self.state.is_on() {
             return None;
         }
-        let change = self.change.get_or_insert(Change::new(control.wall, push));
-        let full = change.force(control.wall, push, up.motion, drive.force, held);
+        let fade = self.fade.get_or_insert(GainFade::new(control.wall, push));
+        let full = fade.force(control.wall, push, up.motion, drive.force, held);
         if self.state == State::Armed {
             return Some(full);
         }
@@ -466,7 +465,7 @@ impl Supervisor {
             OutputCommand::Off => (Force::ZERO, control.actuator.zero()),
             OutputCommand::On(granted) => (granted.force, granted.command),
         };
-        let fading = self.change.as_ref().is_some_and(Change::is_fading);
+        let fading = self.fade.as_ref().is_some_and(GainFade::is_fading);
         Record {
             sample: up.motion.sample,
             position: up.motion.position,

@@ -1,13 +1,14 @@
 //! The work of the tasks, and what goes between them.
 //!
 //! ```text
-//!      Due, Guard, positions         Report
+//!      SampleReport, Guard,          Report
+//!      positions
 //! sample ───────────────▶ render ───────────────▶ link
 //!        ◀───────────────        ◀───────────────
 //!           LoopParameters, GuardCommand            Order
 //! ```
 //! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
-//! positions through a [`position_ring`](crate::sync::position_ring). Of all else only the newest counts: `Due` and `Guard` go up
+//! positions through a [`position_ring`](crate::sync::position_ring). Of all else only the newest counts: `SampleReport` and `Guard` go up
 //! through [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` come down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
@@ -24,14 +25,13 @@ use heapless::spsc::Queue;
 pub use idle::Idle;
 pub use link::Link;
 pub use render::Render;
-use sample::Due;
 pub use sample::Sample;
 use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
     CounterWidth, LoopParameters,
     device::Start,
     experiment::{Order, Report},
-    safety::{Guard, GuardCommand, GuardedSampler, Supervisor, boot_fault},
+    safety::{Guard, GuardCommand, GuardedSampler, SampleReport, Supervisor, boot_fault},
 };
 
 use crate::board::{self, Board};
@@ -47,7 +47,7 @@ const _: () = assert!((device::PERIOD as usize) < position_ring::LENGTH / 2);
 
 /// Memory of what goes between the tasks.
 pub struct Queues {
-    due: Seqlock<Due>,
+    due: Seqlock<SampleReport>,
     guard: Seqlock<Guard>,
     control: DoubleBuffer<LoopParameters>,
     down: DoubleBuffer<GuardCommand>,
@@ -59,7 +59,7 @@ impl Queues {
     /// Empty.
     pub const fn new() -> Self {
         Self {
-            due: Seqlock::new(Due::BEFORE),
+            due: Seqlock::new(SampleReport::BEFORE),
             guard: Seqlock::new(Guard::NOTHING),
             control: DoubleBuffer::new(),
             down: DoubleBuffer::new(),

@@ -7,11 +7,14 @@ use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
     experiment::{DutyPlan, Order, Report, Sampling, Scheduler},
-    safety::{BlackBox, Guard, GuardCommand, MemoryUpdate, OutputCommand, Sensed, Supervisor},
+    safety::{
+        BlackBox, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand, SampleReport,
+        Sensed, Supervisor,
+    },
     store::Signs,
 };
 
-use super::{FLAGS, ORDERS, REPORTS, device::PERIOD, sample::Due};
+use super::{FLAGS, ORDERS, REPORTS, device::PERIOD};
 use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Supply};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
@@ -35,7 +38,7 @@ pub struct Outputs {
 /// Its ends of the queues.
 pub struct Ends {
     /// From `sample`, one per output.
-    pub due: SeqlockReader<Due>,
+    pub due: SeqlockReader<SampleReport>,
     /// From `sample`: what the guard found, when it has changed.
     pub guard: SeqlockReader<Guard>,
     /// To `sample`.
@@ -74,11 +77,7 @@ impl Sampling for ToSample {
 pub struct Render {
     outputs: Outputs,
     ends: Ends,
-    /// What the guard found, as far as it has told, and with which sample.
-    guard: Guard,
-    guard_at: u32,
-    /// [`Guard::zeros`] up to the sample that was answered.
-    zeros: u32,
+    guard: GuardView,
     /// The positions of all samples.
     positions: Follower,
     scheduler: Scheduler<HISTORY>,
@@ -99,9 +98,7 @@ impl Render {
         Self {
             outputs,
             ends,
-            guard: Guard::NOTHING,
-            guard_at: 0,
-            zeros: 0,
+            guard: GuardView::NOTHING,
             positions: Follower::new(),
             scheduler: Scheduler::new(supervisor, control, signs, duty, history),
             was_on: false,
@@ -113,17 +110,13 @@ impl Render {
     /// Late by a period: `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {
-        let Some(due) = self.ends.due.read() else { return };
+        let Some(up) = self.ends.due.read() else { return };
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
-            (self.guard, self.guard_at) = (guard, number);
+            self.guard.take(guard, number);
         }
-        let mut up = due.up(self.guard);
-        if self.guard_at.wrapping_sub(up.motion.number()).cast_signed() > 0 {
-            up.guard.zeros = self.zeros; // carried out after this sample, if at all
-        }
-        self.zeros = up.guard.zeros;
+        let guard = self.guard.at(up.motion.number());
         let sensed = self.sense(up.motion.sample);
-        let rendered = self.scheduler.output(&up, sensed);
+        let rendered = self.scheduler.output(&up, &guard, sensed);
         self.put_out(rendered.grant);
         self.ends.sampling.command(rendered.down);
         FLAGS.rendered.store(rendered.down.rendered, Relaxed);

@@ -1,38 +1,12 @@
 //! `sample`: 10 kHz, priority 15, interrupt of the sampling timer.
 
 use zwidth::{
-    LoopParameters, Motion,
-    safety::{FaultSet, Guard, GuardCommand, GuardedSampler, SampleReport},
-    units::{Position, Velocity},
+    LoopParameters,
+    safety::{Guard, GuardCommand, GuardedSampler, SampleReport},
 };
 
 use crate::board::{self, Encoder, SampleTimer};
 use crate::sync::{DoubleBufferReader, SeqlockWriter, position_ring};
-
-/// What `render` needs of a due sample.
-#[derive(Clone, Copy)]
-pub struct Due {
-    sample: u64,
-    position: Position,
-    velocity: Velocity,
-    present: FaultSet,
-}
-
-impl Due {
-    /// Before the first one.
-    pub const BEFORE: Self = Self {
-        sample: 0,
-        position: Position::from_counts(0),
-        velocity: Velocity::ZERO,
-        present: FaultSet::EMPTY,
-    };
-
-    /// To be answered, together with what the guard found.
-    pub fn up(self, guard: Guard) -> SampleReport {
-        let Self { sample, position, velocity, present } = self;
-        SampleReport { motion: Motion { sample, position, velocity, due: true }, present, guard }
-    }
-}
 
 /// The sampling task. It alone reads the encoder.
 pub struct Sample {
@@ -41,7 +15,7 @@ pub struct Sample {
     sampler: GuardedSampler,
     control: DoubleBufferReader<LoopParameters>,
     down: DoubleBufferReader<GuardCommand>,
-    due: SeqlockWriter<Due>,
+    due: SeqlockWriter<SampleReport>,
     guard: SeqlockWriter<Guard>,
 }
 
@@ -52,7 +26,7 @@ impl Sample {
         sampler: GuardedSampler,
         control: DoubleBufferReader<LoopParameters>,
         down: DoubleBufferReader<GuardCommand>,
-        due: SeqlockWriter<Due>,
+        due: SeqlockWriter<SampleReport>,
         guard: SeqlockWriter<Guard>,
     ) -> Self {
         Self { encoder, sample_timer, sampler, control, down, due, guard }
@@ -69,17 +43,17 @@ impl Sample {
         self.sample_timer.acknowledge();
         let guard = self.guard.place();
         let step = self.sampler.step(self.control.get(), count, &senses, self.down.get(), guard);
-        let Motion { sample, position, velocity, due } = step.motion;
-        let number = step.motion.number();
+        let motion = step.report.motion;
+        let number = motion.number();
         if step.told {
             self.guard.publish(number);
         }
         if step.cut {
             board::off();
         }
-        position_ring::note(sample, position);
-        if due {
-            self.due.write(Due { sample, position, velocity, present: step.present }, number);
+        position_ring::note(motion.sample, motion.position);
+        if step.due {
+            self.due.write(step.report, number);
             super::pend_render();
         }
     }

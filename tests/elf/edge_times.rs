@@ -12,7 +12,7 @@ use virtual_board::{
     world::World,
 };
 use zwidth::{
-    LoopParameters, Settings, VelocitySettings, WallSettings,
+    LoopParameters, Sampled, Settings, VelocitySettings, WallSettings,
     experiment::Verdict,
     telemetry::{Decoder, Record},
     velocity::{EstimatorName, Senses},
@@ -155,8 +155,9 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
     let mut compared = 0;
     for ((n, &reading), edge) in (0u64..).zip(readings).zip(&ages) {
         let senses = Senses { edge: *edge, ..Senses::NONE };
-        let (_, motion) = replay.sample(n, reading, records.peek().copied(), &senses);
-        if !motion.due || n < skipped {
+        let (_, Sampled { motion, due }) =
+            replay.sample(n, reading, records.peek().copied(), &senses);
+        if !due || n < skipped {
             continue;
         }
         let Some(record) = records.next() else { break };

@@ -6,7 +6,7 @@ use virtual_board::{
     mcu::{Cycles, SAMPLE},
 };
 use zwidth::{
-    Design, LoopParameters, Settings, VelocitySettings, WallSettings,
+    Design, LoopParameters, Sampled, Settings, VelocitySettings, WallSettings,
     telemetry::{Decoder, Record},
     units::Force,
     velocity::{Edge, EstimatorName, Sense, Senses},
@@ -136,8 +136,9 @@ fn compare(
     let mut edges = edges.iter();
     for (n, &reading) in (0u64..).zip(readings) {
         let senses = Senses { force, edge: edges.next().copied().flatten(), ..Senses::NONE };
-        let (_, motion) = replay.sample(n, reading, records.peek().copied(), &senses);
-        if !motion.due || n < skipped {
+        let (_, Sampled { motion, due }) =
+            replay.sample(n, reading, records.peek().copied(), &senses);
+        if !due || n < skipped {
             continue;
         }
         let Some(record) = records.next() else { break };

@@ -11,7 +11,7 @@ use host_sim::scene::{NamedScene, Scene};
 use object::{Object as _, ObjectSection as _};
 use virtual_board::{board::Board, elf::Elf, image, log, world::World};
 use zwidth::{
-    CounterWidth, LoopParameters, Motion, Sampler,
+    CounterWidth, LoopParameters, Sampled, Sampler,
     telemetry::{Flags, Record},
     velocity::Senses,
 };
@@ -113,7 +113,7 @@ impl<'a> Replay<'a> {
         reading: u32,
         next: Option<&Record>,
         senses: &Senses,
-    ) -> (&'a LoopParameters, Motion) {
+    ) -> (&'a LoopParameters, Sampled) {
         let old = self.controls[usize::from(self.number)].estimator;
         let mut zero = false;
         if n % 10 == 1
@@ -124,15 +124,15 @@ impl<'a> Replay<'a> {
             self.zeroed |= zero;
         }
         let control = &self.controls[usize::from(self.number)];
-        let mut motion = self.sampler.sense(control, reading, senses);
+        let mut sampled = self.sampler.sense(control, reading, senses);
         if control.estimator != old {
             self.sampler.restart();
         }
         if zero {
             self.sampler.zero();
-            motion.position = self.sampler.position();
+            sampled.motion.position = self.sampler.position();
         }
-        (control, motion)
+        (control, sampled)
     }
 }
 

@@ -7,8 +7,8 @@ use host_sim::{
 };
 use proptest::{prelude::*, test_runner::TestRunner};
 use zwidth::{
-    CounterWidth, Design, Gain, LoopParameters, Output, Sampler, Settings, VelocitySettings,
-    WallSettings,
+    CounterWidth, Design, Gain, LoopParameters, Output, Sampled, Sampler, Settings,
+    VelocitySettings, WallSettings,
     experiment::Verdict,
     units::{Force, Position, Velocity},
     velocity::{CUTOFF_MAX, CUTOFF_MIN},
@@ -63,14 +63,14 @@ fn an_encoder_at_the_ends_of_i32_and_jumping_saturates_the_velocity_and_is_out_o
         let mut sampler = Sampler::new(0, CounterWidth::Bits32);
         let readings = [0, i32::MAX, i32::MIN, -1, i32::MIN, i32::MAX, 0, 1 << 30, -(1 << 30)];
         for reading in readings.into_iter().cycle().take(5000) {
-            let motion = sampler.sample(&control, reading as u32);
+            let motion = sampler.sample(&control, reading as u32).motion;
             assert_eq!(motion.position.counts(), reading);
             assert!(motion.velocity.bits().abs() <= Velocity::LIMIT << 16);
             assert_eq!(motion.position.in_range(), reading.unsigned_abs() <= 1 << 30);
             for push in [Force::FULL_SCALE, Force::ZERO, Force::saturating_from_bits(-(1 << 30))] {
                 let drive = control.render(motion, push);
                 assert!(drive.force.bits().abs() <= Force::FULL_SCALE.bits());
-                assert!((1..=4095).contains(&drive.command.code()));
+                assert!((1..=4095).contains(&control.actuator.command(drive.force).code()));
             }
         }
     }
@@ -372,10 +372,10 @@ proptest! {
         let width = if bits16 { CounterWidth::Bits16 } else { CounterWidth::Bits32 };
         let mut sampler = Sampler::new(readings[0], width);
         for (n, reading) in readings.into_iter().enumerate() {
-            let motion = sampler.sample(&control, reading);
-            prop_assert_eq!(motion.due, n % 3 == 0);
+            let Sampled { motion, due } = sampler.sample(&control, reading);
+            prop_assert_eq!(due, n % 3 == 0);
             let drive = control.render(motion, Force::FULL_SCALE);
-            prop_assert!(drive.command.code().abs() <= 4500);
+            prop_assert!(control.actuator.command(drive.force).code().abs() <= 4500);
         }
     }
 }

@@ -215,7 +215,7 @@ fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever
             let mut before = 0i64;
             for n in 1..=transient + SAMPLES {
                 let count = n * counts / samples;
-                let velocity = sampler.sample(&control, count as u32).velocity;
+                let velocity = sampler.sample(&control, count as u32).motion.velocity;
                 sum += i64::from(velocity.bits()) - ((count - before) << 16);
                 before = count;
                 if n >= transient {

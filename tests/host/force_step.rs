@@ -14,14 +14,15 @@ use proptest::{
     test_runner::{RngAlgorithm, TestRng, TestRunner},
 };
 use zwidth::{
-    CounterWidth, Design, LoopParameters, Sampler, Settings, VelocitySettings, WallSettings,
+    CounterWidth, Design, LoopParameters, Motion, Sampler, Settings, VelocitySettings,
+    WallSettings,
     console::{Command, Situation, allowed},
     experiment::Activity,
     safety::{
         Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings,
-        SampleReport, State, Supervisor,
+        State, Supervisor,
     },
-    telemetry::Flags,
+    telemetry::{Flags, Record},
     units::Force,
     velocity::{EstimatorName, Senses},
 };
@@ -118,9 +119,9 @@ impl Loop {
     fn control(&mut self, counter: u32) -> Option<Rendered> {
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
-        let up = SampleReport { motion: step.motion, present: step.present, guard: self.guard };
-        step.motion.due.then(|| {
-            let rendered = self.supervisor.render(&self.control, &up, self.push, GOOD);
+        step.due.then(|| {
+            let rendered =
+                self.supervisor.render(&self.control, &step.report, &self.guard, self.push, GOOD);
             self.down = rendered.down;
             rendered
         })
@@ -217,7 +218,8 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
                 }
                 (real.settings, real.control) = (settings, control);
                 seen.changes += 1;
-                seen.in_contact += u32::from(real.last.unwrap().drive.contact);
+                seen.in_contact +=
+                    u32::from(real.last.unwrap().record.flags.contains(Flags::CONTACT));
             } else {
                 seen.refused_late += 1;
             }
@@ -243,7 +245,9 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         let fading = if before.flags.contains(Flags::CHANGING) { i64::from(SLEW) } else { 0 };
         let step = (now - kept).abs();
         prop_assert!(step <= i64::from(SLEW) + fading, "{step} at sample {n}: {changes:?}");
-        let asked = i64::from(rendered.drive.force.bits());
+        let Record { sample, position, velocity, .. } = rendered.record;
+        let motion = Motion { sample, position, velocity };
+        let asked = i64::from(real.control.render(motion, real.push).force.bits());
         seen.large += u32::from((asked - kept).abs() > i64::from(SLEW));
         twin = real.clone();
     }
@@ -291,7 +295,7 @@ fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
             down.rendered = n.wrapping_sub(1) / 10 * 10; // every output in time
             let step = sampler.step(control, counter, &Senses::NONE, down, guard);
             if n > 1_000 {
-                let velocity = f64::from(step.motion.velocity.bits()) / 65_536.0;
+                let velocity = f64::from(step.report.motion.velocity.bits()) / 65_536.0;
                 largest = largest.max((velocity - speed).abs());
             }
         }
@@ -312,7 +316,7 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
     let velocity = |real: &mut Loop, n: u32| {
         let Loop { sampler, control, down, guard, .. } = real;
         let step = sampler.step(control, counter(n), &Senses::NONE, down, guard);
-        f64::from(step.motion.velocity.bits()) / 65_536.0
+        f64::from(step.report.motion.velocity.bits()) / 65_536.0
     };
     let mut largest: f64 = 0.0;
     for n in 0..40_000u32 {
@@ -385,7 +389,7 @@ fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
                 }
                 let control = &controls[usize::from(n >= WARM_UP)];
                 let off = |sampler: &mut Sampler, control: &LoopParameters| {
-                    let velocity = sampler.sample(control, count(n)).velocity;
+                    let velocity = sampler.sample(control, count(n)).motion.velocity;
                     (f64::from(velocity.bits()) / 65_536.0 - truly(f64::from(n))).abs()
                 };
                 let (own, warm) = (off(&mut exchanged, control), off(&mut always, &controls[1]));

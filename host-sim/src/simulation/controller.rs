@@ -54,7 +54,7 @@ impl Fixed {
     ) -> Result<Self, SettingsError> {
         let control = settings.build(design)?;
         let sampler = Sampler::new(count.cast_unsigned(), CounterWidth::Bits32);
-        let motion = { sampler }.sample(&control, count.cast_unsigned());
+        let motion = { sampler }.sample(&control, count.cast_unsigned()).motion;
         Ok(Self {
             control,
             sampler,
@@ -86,13 +86,15 @@ impl Fixed {
 impl Controller for Fixed {
     #[inline]
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
-        self.motion = self.sampler.sense(&self.control, count.cast_unsigned(), senses);
-        self.motion.due
+        let sampled = self.sampler.sense(&self.control, count.cast_unsigned(), senses);
+        self.motion = sampled.motion;
+        sampled.due
     }
 
     #[inline(always)] // called, it would keep the state of the loop in memory
     fn render(&mut self) -> ControllerOutput {
-        let Drive { force, command, saturated, .. } = self.control.render(self.motion, self.push);
+        let Drive { force, saturated, .. } = self.control.render(self.motion, self.push);
+        let command = self.control.actuator.command(force);
         ControllerOutput {
             force: f64::from(force.bits()) * self.per_force_bit,
             output: f64::from(command.code() - self.zero_code) * self.per_code,

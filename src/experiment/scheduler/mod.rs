@@ -10,8 +10,8 @@ use super::{
 use crate::{
     LoopParameters,
     safety::{
-        BlackBox, GuardCommand, Inputs, OutputCommand, Refusal, Rendered, Request, SampleReport,
-        Sensed, State, Supervisor,
+        BlackBox, Guard, GuardCommand, Inputs, OutputCommand, Refusal, Rendered, Request,
+        SampleReport, Sensed, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -94,12 +94,12 @@ impl<const N: usize> Scheduler<N> {
         self.motor_reversed
     }
 
-    /// The output that answers `up`. Put it out, then call [`follow`](Self::follow).
+    /// The output that answers `up`, with what the guard found. Put it out, then call [`follow`](Self::follow).
     #[inline(always)]
-    pub fn output(&mut self, up: &SampleReport, sensed: Sensed) -> Rendered {
+    pub fn output(&mut self, up: &SampleReport, guard: &Guard, sensed: Sensed) -> Rendered {
         let valid = self.gains == Gains::Inside || self.supervisor.status().unlocked;
-        let inputs = Inputs::of(sensed, self.supervisor.is_cut(up), valid);
-        self.supervisor.render(&self.parameters, up, self.push, inputs)
+        let inputs = Inputs::of(sensed, self.supervisor.is_cut(up, guard), valid);
+        self.supervisor.render(&self.parameters, up, guard, self.push, inputs)
     }
 
     /// Everything of an output that can wait until it is out. `positions` are those of the samples since the last

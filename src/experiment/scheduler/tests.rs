@@ -116,10 +116,10 @@ impl Bench {
             self.handle.go(self.last.force().unwrap_or_default());
         }
         let position = self.position();
-        let motion = Motion { sample: self.sample, position, velocity: Velocity::ZERO, due: true };
-        let up = SampleReport { motion, present: Default::default(), guard: self.guard };
+        let motion = Motion { sample: self.sample, position, velocity: Velocity::ZERO };
+        let up = SampleReport { motion, present: Default::default() };
         let sensed = Sensed { switched_on: self.last != OutputCommand::Off, ..self.sensed };
-        let rendered = self.scheduler.output(&up, sensed);
+        let rendered = self.scheduler.output(&up, &self.guard, sensed);
         self.last = rendered.grant;
         // nine samples on the way, and the due one
         let moved = position.wrapping_since(before);

@@ -26,15 +26,15 @@ fn a_count_jump_is_off_with_the_same_sample() {
     let mut bench = Bench::armed();
     bench.offset = bench.offset.wrapping_add(600);
     let step = bench.sample();
-    assert!(step.present.contains(Fault::CountJump) && bench.output.is_none());
+    assert!(step.report.present.contains(Fault::CountJump) && bench.output.is_none());
     // and stays off by the sampling task alone, whatever rendering writes meanwhile
     for _ in 0..50 {
         let step = bench.sample();
-        assert!(step.cut || step.motion.due);
+        assert!(step.cut || step.due);
     }
     let status = bench.supervisor.status();
     let record = status.fault.unwrap();
-    assert_eq!((record.fault, record.sample), (Fault::CountJump, step.motion.sample));
+    assert_eq!((record.fault, record.sample), (Fault::CountJump, step.report.motion.sample));
     assert!(!status.zeroed);
     assert_eq!(bench.updates.last(), Some(&MemoryUpdate::Write(record)));
     assert_eq!(bench.ask(Request::Arm), Err(Refusal::Faulted(Fault::CountJump)));
@@ -110,13 +110,13 @@ fn out_of_range_needs_a_zero_before_clear() {
 #[test]
 fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
     let mut bench = Bench::armed();
-    while !bench.sample().motion.due {}
+    while !bench.sample().due {}
     bench.missing = 1; // this one is lost; found at the due sample after it
     assert_eq!(bench.samples_until_off(), 20);
     bench.run(20);
     assert_eq!(bench.fault(), Some(Fault::LateRender));
     bench.recover();
-    while !bench.sample().motion.due {}
+    while !bench.sample().due {}
     bench.missing = 30;
     assert_eq!(
         bench.samples_until_off(),
@@ -135,13 +135,13 @@ fn a_missing_output_is_off_when_the_next_is_due_and_a_stuck_task_is_named() {
 #[test]
 fn a_late_output_is_named_with_the_sample_at_which_it_was_missed() {
     let mut bench = Bench::armed();
-    while !bench.sample().motion.due {}
+    while !bench.sample().due {}
     bench.missing = 1;
     bench.run(10);
     bench.delay = 4;
     bench.run(9);
-    let missed = bench.sample().motion;
-    assert!(missed.due);
+    let Step { report: SampleReport { motion: missed, .. }, due, .. } = bench.sample();
+    assert!(due);
     bench.run(4);
     let record = bench.supervisor.status().fault.unwrap();
     assert_eq!(record.fault, Fault::LateRender);

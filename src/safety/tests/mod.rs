@@ -90,7 +90,7 @@ impl Bench {
         let counter = if self.dead { self.offset } else { self.offset.wrapping_add_signed(count) };
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
-        if step.motion.due {
+        if step.due {
             if self.missing > 0 {
                 self.missing -= 1;
             } else {
@@ -99,10 +99,10 @@ impl Bench {
         }
         match &mut self.asked {
             Some((0, asked)) => {
-                let Step { motion, present, .. } = *asked;
-                let up = SampleReport { motion, present, guard: self.guard };
+                let Self { control, guard, push, inputs, .. } = self;
+                let rendered =
+                    self.supervisor.render(control, &asked.report, guard, *push, *inputs);
                 self.asked = None;
-                let rendered = self.supervisor.render(&self.control, &up, self.push, self.inputs);
                 self.output = rendered.grant.force();
                 self.down = rendered.down;
                 self.updates.extend(rendered.memory);

@@ -155,7 +155,7 @@ proptest! {
                 let status = bench.supervisor.status();
                 // With the sample, or with the output it asks for; else with the sample after it.
                 prop_assert!(!((found || step.cut) && bench.output.is_some()));
-                found = !step.present.is_empty();
+                found = !step.report.present.is_empty();
                 prop_assert_eq!(status.fault.is_some(), status.state == State::Fault);
                 if let Some(rendered) = bench.last.take() {
                     let zero = bench.control.actuator.zero();

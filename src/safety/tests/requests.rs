@@ -144,8 +144,10 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
                 bench.down.force = Force::ZERO;
             }
             let counts_per_sample = bench.velocity_m_per_s / 1e-6 / 1e4;
-            worst = worst
-                .max((f64::from(step.motion.velocity.bits()) / 65_536.0 - counts_per_sample).abs());
+            worst = worst.max(
+                (f64::from(step.report.motion.velocity.bits()) / 65_536.0 - counts_per_sample)
+                    .abs(),
+            );
         }
         bench.ask(Request::Disarm).unwrap();
         bench.run(10);

@@ -2,6 +2,7 @@
 
 use virtual_board::board::Board;
 use zwidth::{
+    Sampled,
     safety::SLEW,
     telemetry::{Decoder, Flags},
     units::Force,
@@ -24,8 +25,9 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit(board: Board) 
     let (mut compared, mut forces, mut contacts, mut saturated, mut below) = (0, 0, 0, 0, 0);
     let skipped = records.peek().unwrap().sample;
     for (n, &count) in (0u64..).zip(counts) {
-        let (control, motion) = replay.sample(n, count, records.peek().copied(), &Senses::NONE);
-        if !motion.due || n < skipped {
+        let (control, Sampled { motion, due }) =
+            replay.sample(n, count, records.peek().copied(), &Senses::NONE);
+        if !due || n < skipped {
             continue;
         }
         let Some(record) = records.next() else { break };
@@ -36,7 +38,11 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit(board: Board) 
         below += u64::from(motion.position.counts() < 0);
         let drive = control.render(motion, Force::ZERO);
         if record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING) {
-            assert_eq!((record.force, record.command), (drive.force, drive.command), "{n}");
+            assert_eq!(
+                (record.force, record.command),
+                (drive.force, control.actuator.command(drive.force)),
+                "{n}"
+            );
             forces += 1;
             contacts += u64::from(drive.contact);
             saturated += u64::from(drive.saturated);

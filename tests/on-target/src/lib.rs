@@ -22,7 +22,7 @@ pub extern "C" fn zwidth_sample(
     counter: u32,
     motion: &mut Motion,
 ) {
-    *motion = sampler.sample(control, counter);
+    *motion = sampler.sample(control, counter).motion;
 }
 
 /// Every sample, with any estimator.

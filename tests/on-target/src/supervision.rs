@@ -5,7 +5,7 @@ use zwidth::{
     LoopParameters,
     console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
     safety::{
-        BlackBox, FaultRecord, GuardCommand, GuardedSampler, Inputs, Rendered, Request,
+        BlackBox, FaultRecord, Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request,
         SampleReport, Supervisor,
         envelope::{Envelope, Key},
     },
@@ -24,9 +24,10 @@ pub extern "C" fn zwidth_guarded_sample(
     senses: &Senses,
     down: &GuardCommand,
     up: &mut SampleReport,
+    guard: &mut Guard,
 ) -> bool {
-    let step = sampler.step(control, counter, senses, down, &mut up.guard);
-    (up.motion, up.present) = (step.motion, step.present);
+    let step = sampler.step(control, counter, senses, down, guard);
+    *up = step.report;
     step.cut
 }
 
@@ -36,11 +37,12 @@ pub extern "C" fn zwidth_supervised_render(
     supervisor: &mut Supervisor,
     control: &LoopParameters,
     up: &SampleReport,
+    guard: &Guard,
     push: &Force,
     inputs: &Inputs,
     rendered: &mut Rendered,
 ) {
-    *rendered = supervisor.render(control, up, *push, *inputs);
+    *rendered = supervisor.render(control, up, guard, *push, *inputs);
 }
 
 /// Between two outputs.
