@@ -23,7 +23,8 @@ pub(super) use super::f4::pwm::{Output, start, zero};
 use super::{
     Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, RATE_HZ, SampleTimer, SettingsFlash,
     Supply, Watchdog,
-    f4::{debugger, enable, pwm, reset, rtt},
+    common::rtt,
+    f4::{debugger, enable, pwm, reset},
 };
 
 /// Name, as in `--board` and in the feature.

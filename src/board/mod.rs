@@ -19,18 +19,19 @@ mod nucleo_f446re;
 #[cfg(feature = "nucleo-f446re")]
 use nucleo_f446re as selected;
 
+mod common;
 mod f4;
 
 #[cfg(not(feature = "usual-logger"))]
-pub use f4::logger::dropped as log_dropped;
+pub use common::logger::dropped as log_dropped;
 #[cfg(feature = "usual-logger")]
-pub use f4::rtt::log_dropped;
+pub use common::rtt::log_dropped;
+pub use common::rtt::{Commands, Link, UpLink};
 pub use f4::{
     debugger::Halts,
     encoder::{Encoder, turn as turn_encoder},
     fault_memory::FaultMemory,
     flash::{FlashError, SettingsFlash},
-    rtt::{Commands, Link, UpLink},
     sample_timer::SampleTimer,
     supply::{Supply, has_dropped as supply_has_dropped},
     watchdog::Watchdog,

@@ -25,7 +25,8 @@ pub(super) use super::f4::dac::{Output, start, zero};
 use super::{
     Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, RATE_HZ, SampleTimer, SettingsFlash,
     Supply, Watchdog,
-    f4::{debugger, enable, reset, rtt},
+    common::rtt,
+    f4::{debugger, enable, reset},
 };
 
 /// Name, as in `--board` and in the feature.

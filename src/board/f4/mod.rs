@@ -10,14 +10,9 @@ pub mod encoder;
 mod fatal;
 pub mod fault_memory;
 pub mod flash;
-#[cfg(not(feature = "usual-logger"))]
-pub mod logger;
-#[cfg(not(feature = "usual-logger"))]
-pub mod mask;
 #[allow(dead_code, reason = "a board has one output")]
 pub mod pwm;
 pub mod reset;
-pub mod rtt;
 pub mod sample_timer;
 pub mod supply;
 pub mod watchdog;
