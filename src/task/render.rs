@@ -5,6 +5,7 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
+    contract::{DebugHalts as _, FaultMemory as _, Supply as _},
     experiment::{
         AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains,
         HitSequence, Order, Report,
@@ -165,7 +166,7 @@ impl Render {
             self.answer = Event::Answer(self.meet(order));
         }
         self.report(record);
-        super::pend_link();
+        board::request_link();
     }
 
     /// What the board says at this output.

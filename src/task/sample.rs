@@ -2,6 +2,7 @@
 
 use zwidth::{
     LoopParameters, Motion,
+    contract::{Encoder as _, SampleTimer as _},
     safety::{FaultSet, Guard, GuardCommand, GuardedSampler, SampleReport},
     units::{Position, Velocity},
 };
@@ -80,7 +81,7 @@ impl Sample {
         position_ring::note(sample, position);
         if due {
             self.due.write(Due { sample, position, velocity, present: step.present }, number);
-            super::pend_render();
+            board::request_render();
         }
     }
 }

@@ -85,8 +85,7 @@ enum Command {
 struct Common {
     /// A built-in scene or a file.
     scene: String,
-    /// nucleo-f446re or discovery-f407.
-    #[arg(long, default_value = BOARDS[0].name)]
+    #[arg(long, default_value = BOARDS[0].name, help = Board::names(" or "))]
     board: String,
     /// The firmware; built if not given.
     #[arg(long)]
@@ -131,10 +130,8 @@ fn free(path: Option<&Path>, force: bool) -> Result<(), Failed> {
 }
 
 fn session(common: &Common) -> Result<Session, Failed> {
-    let board = Board::named(&common.board).ok_or_else(|| {
-        let names = BOARDS.map(|board| board.name).join(", ");
-        format!("--board is {}, allowed {names}", common.board)
-    })?;
+    let board = Board::named(&common.board)
+        .ok_or_else(|| format!("--board is {}, allowed {}", common.board, Board::names(", ")))?;
     let scene = NamedScene::load(&common.scene).map_err(|error| error.to_string())?;
     let path = match &common.elf {
         Some(path) => path.clone(),

@@ -35,7 +35,7 @@ pub use tables::{
 };
 
 /// The built-in scenes: name and text.
-pub const BUILT_IN: [(&str, &str); 4] = [
+pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-1um", include_str!("../../../scenes/paper-1um.toml")),
     ("paper-2um", include_str!("../../../scenes/paper-2um.toml")),
     ("nucleo-f446re", include_str!("../../../scenes/nucleo-f446re.toml")),
@@ -127,7 +127,7 @@ impl NamedScene {
         }
         let path = Path::new(name_or_path);
         let text = fs::read_to_string(path).map_err(|error| {
-            let names = BUILT_IN.map(|(name, _)| name).join(", ");
+            let names = BUILT_IN.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
             Error::Input(format!("{name_or_path}: {error} (built-in scenes: {names})"))
         })?;
         let stem = path.file_stem().unwrap_or(path.as_os_str());
