@@ -1,5 +1,5 @@
 //! Throughput of the lanes on one core, for each backend that this machine has, beside a plain scalar `f64`
-//! loop of the same maths; `cargo bench -p host-sim --bench batch -- --figure STEM` instead writes STEM.csv and
+//! loop of the same maths; `cargo bench -p host-sim-bench --bench batch -- --figure STEM` instead writes STEM.csv and
 //! STEM.png: time and memory against the number of hits and of samples. Rounds of all of them are interleaved, and the best round of each counts: other
 //! work on the machine only ever slows a round down.
 #![allow(
@@ -18,7 +18,7 @@ use std::{
 };
 
 use host_sim::{
-    engine::{Backend, Depth, Outcome, Work, run, stream},
+    engine::{Backend, Depth, Engine, Outcome, Work, run, stream},
     output::figure::{CostPanel, CostPlot, cost},
     scene::NamedScene,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
@@ -52,12 +52,12 @@ impl Work for Hits {
 }
 
 /// Samples per second of one run.
-fn throughput(rig: &PreparedScene, backend: Backend, numeric: Numeric) -> f64 {
+fn throughput(rig: &PreparedScene, engine: Engine, numeric: Numeric) -> f64 {
     // the scalar loop is slow, and needs fewer hits for the same precision
-    let hits = if backend == Backend::Scalar { HITS / 4 } else { HITS };
+    let hits = if engine == Engine::Core { HITS / 4 } else { HITS };
     let mut work = Hits { left: hits, unstable: 0 };
     let began = Instant::now();
-    run(backend, rig, numeric, Depth::Whole, &mut work);
+    run(engine, rig, numeric, Depth::Whole, &mut work);
     black_box(work.unstable);
     f64::from(hits) * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
@@ -85,28 +85,32 @@ fn main() {
     }
     let rig = PreparedScene::new(&NamedScene::load("paper-1um").unwrap().scene).unwrap();
     let mut rows = vec![];
-    for backend in Backend::ALL.into_iter().filter(|backend| backend.is_available()) {
+    let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());
+    for engine in available.map(Engine::Lanes).chain([Engine::Core]) {
         for (name, numeric) in [("fixed", Numeric::Fixed), ("f64", Numeric::F64)] {
-            rows.push((backend, name, numeric, vec![]));
+            rows.push((engine, name, numeric, vec![]));
         }
     }
     let mut yardstick = vec![];
     for _ in 0..ROUNDS {
-        for (backend, _, numeric, speeds) in &mut rows {
+        for (engine, _, numeric, speeds) in &mut rows {
             yardstick.push(plain_throughput() / 1e6);
-            speeds.push(throughput(&rig, *backend, *numeric) / 1e6);
+            speeds.push(throughput(&rig, *engine, *numeric) / 1e6);
         }
     }
     println!("plain f64 loop: {:.1} Msamples/s, one core", best(&yardstick));
     println!(
         "{:8} {:6} {:>5} {:>12} {:>16}",
-        "backend", "", "lanes", "Msamples/s", "times the loop"
+        "engine", "", "lanes", "Msamples/s", "times the loop"
     );
-    for (backend, name, _, speeds) in rows {
+    for (engine, name, _, speeds) in rows {
         println!(
             "{:8} {name:6} {:5} {:12.1} {:16.2}",
-            backend.name(),
-            backend.lanes(),
+            match engine {
+                Engine::Core => engine.name(),
+                Engine::Lanes(backend) => backend.name(),
+            },
+            engine.hits_at_once(&rig),
             best(&speeds),
             best(&speeds) / best(&yardstick)
         );
@@ -134,7 +138,7 @@ fn cost_of(rig: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let (began_s, mut rounds) = (processor_s(), 0.0);
     loop {
         let mut seen = 0;
-        stream(Backend::best(), rig, numeric, Depth::Whole, hits, hit, &stop, |number, outcome| {
+        stream(Engine::lanes(), rig, numeric, Depth::Whole, hits, hit, &stop, |number, outcome| {
             black_box(outcome.unwrap());
             seen = number + 1;
             Ok(())

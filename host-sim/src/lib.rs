@@ -1,5 +1,5 @@
 //! Simulator of a one-degree-of-freedom haptic device around the control core that the firmware
-//! runs. It answers: which velocity-filter cutoff gives this device the largest Z-width, the range
+//! runs, or, where many hits are asked for, around a second text of it with the same bits. It answers: which velocity-filter cutoff gives this device the largest Z-width, the range
 //! of walls that stay stable?
 //!
 //! Each layer uses those below it only:
@@ -10,7 +10,7 @@
 //! | [`output`] | files, figures, reports, manifests |
 //! | [`analysis`] | linear theory, identification, comparison, trade of formats |
 //! | [`study`] | walks, sweeps, sensitivity, envelopes |
-//! | [`engine`] | many wall hits side by side, in vector lanes |
+//! | [`engine`] | many wall hits, by the core itself or side by side in vector lanes |
 //! | [`simulation`] | the sampled loop: plant, encoder, controller, latency |
 //! | [`plant`] | the device over one sample |
 //! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
@@ -19,8 +19,8 @@
 //! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares it and
 //! runs wall hits in a [`simulation::Simulation`] around the core
 //! ([`Fixed`](simulation::controller::Fixed)) or around its `f64` twin ([`simulation::twin`]).
-//! [`study`] runs the hits of a walk in the [`engine`]'s lanes, a second text of the core's arithmetic for
-//! speed that tests hold to the same bits.
+//! [`study`] leaves the hits of a walk to an [`engine::Engine`]: the core itself, or (by default) lanes, a second
+//! text of the core's arithmetic for speed that tests hold to the same bits.
 #![forbid(unsafe_code)]
 
 pub mod analysis;

@@ -9,6 +9,7 @@ mod hit_sequence;
 mod orders;
 mod return_move;
 mod rms;
+mod scheduler;
 mod walk;
 
 pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationSettings};
@@ -18,4 +19,5 @@ pub use hit_sequence::{AbortReason, HitSequence, HitSequencePlan};
 pub use orders::{Activity, Event, Gains, Order, Report};
 pub use return_move::{Return, ReturnPlan, ReturnSettings, ReturnStep};
 pub use rms::{RmsLimit, RunningVariance};
+pub use scheduler::{Sampling, Scheduler};
 pub use walk::{Cell, Ended, Step, Walk, WalkError, WalkSettings, WalkTotals};

@@ -45,12 +45,6 @@ pub struct RunningVariance {
 }
 
 impl RunningVariance {
-    /// Positions that were summed up elsewhere: how many, the first of them, and the sums of their
-    /// differences from it and of the squares of those.
-    pub const fn of_sums(samples: u32, origin: i32, sum: i64, sum_of_squares: u128) -> Self {
-        Self { samples, origin: Position::from_counts(origin), sum, sum_of_squares }
-    }
-
     /// Takes one position.
     #[inline]
     pub fn push(&mut self, position: Position) {
@@ -58,10 +52,17 @@ impl RunningVariance {
             self.origin = position;
         }
         let difference = i64::from(position.counts()) - i64::from(self.origin.counts());
-        self.samples += 1;
-        self.sum += difference;
         let magnitude = difference.unsigned_abs(); // below 2^32
-        self.sum_of_squares += u128::from(magnitude * magnitude);
+        self.add(1, difference, u128::from(magnitude * magnitude));
+    }
+
+    /// Takes positions that were summed up elsewhere, behind the first one: how many, and the sums of their
+    /// differences from the first and of the squares of those.
+    #[inline]
+    pub fn add(&mut self, samples: u32, sum: i64, sum_of_squares: u128) {
+        self.samples += samples;
+        self.sum += sum;
+        self.sum_of_squares += sum_of_squares;
     }
 
     /// Positions taken.

@@ -54,7 +54,7 @@ pub use guard::{Guard, GuardCommand, GuardedSampler, SampleReport, Step};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
 pub use output_command::{GrantedForce, OutputCommand};
 pub use plan::{SLEW, SafetyPlan, SafetySettings};
-pub use records::{Inputs, Refusal, Request, State, Status};
+pub use records::{Inputs, Refusal, Request, Sensed, State, Status};
 pub use supervisor::{Rendered, Supervisor};
 
 #[cfg(test)]

@@ -49,6 +49,43 @@ pub struct Inputs {
     pub halted: bool,
 }
 
+/// What a board senses at an output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sensed {
+    /// The output task switched the amplifier on, and not off since.
+    pub switched_on: bool,
+    /// A debugger halted the processor since the last output.
+    pub halted: bool,
+    /// The emergency stop was open since the amplifier was switched on, if only for a moment.
+    pub was_stopped: bool,
+    /// It is closed now.
+    pub stop_closed: bool,
+    /// The supply is above the limit of the voltage detector.
+    pub supply_good: bool,
+    /// The amplifier is enabled. To be read last.
+    pub enabled: bool,
+}
+
+impl Inputs {
+    /// What that means. `cut`: the sampling task has switched the amplifier off; `settings_valid` as in [`Inputs`].
+    #[inline(always)]
+    pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
+        let Sensed { switched_on, halted, supply_good, .. } = sensed;
+        // A stop that is over before the next look is one all the same. A halt may set the same flag.
+        let stopped = switched_on && !halted && sensed.was_stopped;
+        let stop_closed = sensed.stop_closed && !stopped;
+        // Nobody else drops enable while force is on, but for the emergency stop, the supply detector and the
+        // sampling task (it cut), which have faults of their own.
+        let dropped = stop_closed && supply_good && !cut && !sensed.enabled;
+        Self {
+            stop_closed,
+            supply_good,
+            settings_valid,
+            halted: switched_on && (halted || dropped),
+        }
+    }
+}
+
 /// What the link asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {

@@ -107,8 +107,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let ends = render::Ends {
         due: due_out,
         guard: guard_out,
-        control: control_in,
-        down: down_in,
+        sampling: render::ToSample { control: control_in, down: down_in },
         orders: orders_out,
         reports: reports_in,
     };

@@ -12,14 +12,15 @@ use zwidth::telemetry::Decoder;
 
 use crate::firmware::{Firmware, arm, ok};
 
+each_board!(
+    no_byte_of_the_image_lies_in_the_settings_sectors,
+    a_board_boots_with_the_output_off_and_answers,
+    two_runs_are_the_same_bit_for_bit,
+    force_reaches_the_plant_and_disarm_takes_it_away
+);
+
 /// Sectors 1 and 2 of the flash: settings.
 const SETTINGS: Range<u32> = 0x0800_4000..0x0800_C000;
-
-fn both(test: impl Fn(&Firmware)) {
-    for board in BOARDS {
-        test(&Firmware::of(board));
-    }
-}
 
 fn has_its_vectors(elf: &Elf) {
     let (address, size) = elf.section(".vector_table").unwrap();
@@ -28,33 +29,29 @@ fn has_its_vectors(elf: &Elf) {
     assert!(address + size <= SETTINGS.start);
 }
 
-#[test]
-fn no_byte_of_the_image_lies_in_the_settings_sectors() {
-    both(|firmware| {
-        has_its_vectors(&firmware.elf);
-        for (address, bytes) in &firmware.elf.flash {
-            let end = address + u32::try_from(bytes.len()).unwrap();
-            assert!(end <= SETTINGS.start || *address >= SETTINGS.end, "{address:#x}..{end:#x}");
-            assert!(end <= 0x0808_0000, "beyond 512 KiB: {end:#x}");
-        }
-    });
+fn no_byte_of_the_image_lies_in_the_settings_sectors(board: Board) {
+    let firmware = &Firmware::of(board);
+    has_its_vectors(&firmware.elf);
+    for (address, bytes) in &firmware.elf.flash {
+        let end = address + u32::try_from(bytes.len()).unwrap();
+        assert!(end <= SETTINGS.start || *address >= SETTINGS.end, "{address:#x}..{end:#x}");
+        assert!(end <= 0x0808_0000, "beyond 512 KiB: {end:#x}");
+    }
 }
 
-#[test]
-fn both_boards_boot_with_the_output_off_and_answer() {
-    both(|firmware| {
-        let mut world = firmware.boot();
-        let version = ok(&mut world, "version");
-        assert!(version.ends_with(firmware.board.name), "{version}");
-        let status = ok(&mut world, "status");
-        assert!(status.contains("ok status off, fault none"), "{status}");
-        assert!(status.contains("stop closed, supply good"), "{status}");
-        let mcu = &world.powered.mcu;
-        assert!(!world.powered.amplifier.is_enabled());
-        assert!(!mcu.pin(firmware.board.wiring.enable));
-        assert_eq!(world.powered.amplifier.command(), 0);
-        assert_eq!((mcu.resets(), mcu.hard_faults()), (0, &[][..]));
-    });
+fn a_board_boots_with_the_output_off_and_answers(board: Board) {
+    let firmware = &Firmware::of(board);
+    let mut world = firmware.boot();
+    let version = ok(&mut world, "version");
+    assert!(version.ends_with(firmware.board.name), "{version}");
+    let status = ok(&mut world, "status");
+    assert!(status.contains("ok status off, fault none"), "{status}");
+    assert!(status.contains("stop closed, supply good"), "{status}");
+    let mcu = &world.powered.mcu;
+    assert!(!world.powered.amplifier.is_enabled());
+    assert!(!mcu.pin(firmware.board.wiring.enable));
+    assert_eq!(world.powered.amplifier.command(), 0);
+    assert_eq!((mcu.resets(), mcu.hard_faults()), (0, &[][..]));
 }
 
 /// `zero` to `status`: what a person sees, what telemetry says, where the handle is in the end.
@@ -67,38 +64,34 @@ fn session(firmware: &Firmware) -> (Vec<String>, Vec<u8>, u64, u64) {
     (world.lines, world.telemetry, state.0, state.1)
 }
 
-#[test]
-fn two_runs_are_the_same_bit_for_bit() {
-    both(|firmware| {
-        let (first, second) = (session(firmware), session(firmware));
-        assert!(first.1.len() > 20_000, "{}", first.1.len());
-        assert_eq!(first, second);
-    });
+fn two_runs_are_the_same_bit_for_bit(board: Board) {
+    let firmware = &Firmware::of(board);
+    let (first, second) = (session(firmware), session(firmware));
+    assert!(first.1.len() > 20_000, "{}", first.1.len());
+    assert_eq!(first, second);
 }
 
-#[test]
-fn force_reaches_the_plant_and_disarm_takes_it_away() {
-    both(|firmware| {
-        let mut world = firmware.boot();
-        arm(&mut world);
-        let free_m = world.position_m();
-        ok(&mut world, "hit");
-        let mut deepest_m = free_m;
-        for _ in 0..500 {
-            world.run(10).unwrap();
-            deepest_m = deepest_m.max(world.position_m());
-        }
-        let surface_m = firmware.scene.device.rest_position_m + 0.005;
-        assert!(free_m < surface_m, "{free_m}");
-        assert!(deepest_m > surface_m, "the push does not reach the wall: {deepest_m}");
-        assert!(world.powered.amplifier.is_enabled());
-        ok(&mut world, "disarm");
-        world.run(10).unwrap(); // takes effect with the next output
-        assert!(!world.powered.amplifier.is_enabled());
-        if matches!(firmware.board.wiring.force, Force::Dac { .. }) {
-            assert_eq!(world.powered.amplifier.command(), 0);
-        }
-    });
+fn force_reaches_the_plant_and_disarm_takes_it_away(board: Board) {
+    let firmware = &Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let free_m = world.position_m();
+    ok(&mut world, "hit");
+    let mut deepest_m = free_m;
+    for _ in 0..500 {
+        world.run(10).unwrap();
+        deepest_m = deepest_m.max(world.position_m());
+    }
+    let surface_m = firmware.scene.device.rest_position_m + 0.005;
+    assert!(free_m < surface_m, "{free_m}");
+    assert!(deepest_m > surface_m, "the push does not reach the wall: {deepest_m}");
+    assert!(world.powered.amplifier.is_enabled());
+    ok(&mut world, "disarm");
+    world.run(10).unwrap(); // takes effect with the next output
+    assert!(!world.powered.amplifier.is_enabled());
+    if matches!(firmware.board.wiring.force, Force::Dac { .. }) {
+        assert_eq!(world.powered.amplifier.command(), 0);
+    }
 }
 
 #[test]

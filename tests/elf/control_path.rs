@@ -13,6 +13,11 @@ use virtual_board::image;
 const FORBIDDEN: [&str; 8] =
     ["panic", "core3fmt", "_fail", "unwrap", "__aeabi_d", "__aeabi_f", "__aeabi_l2", "rust_begin"];
 
+/// The object files of tests/on-target/src/lib.rs.
+fn archive(features: &[&str]) -> Vec<u8> {
+    fs::read(image::build_on_target("libon_target.a", features).unwrap()).unwrap()
+}
+
 /// Function name to the names that its code refers to.
 fn call_graph(archive: &[u8]) -> BTreeMap<String, BTreeSet<String>> {
     let mut graph = BTreeMap::<String, BTreeSet<String>>::new();
@@ -62,9 +67,9 @@ fn forbidden(names: &BTreeSet<String>) -> Vec<&String> {
 }
 
 #[test]
+#[ignore = "a program of its own for the target; CI runs it"]
 fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
-    let built = image::build_package("control-path").unwrap().join("libcontrol_path.a");
-    let graph = call_graph(&fs::read(built).unwrap());
+    let graph = call_graph(&archive(&[]));
     for entry in [
         "zwidth_sample",
         "zwidth_render",
@@ -86,9 +91,9 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
 }
 
 #[test]
+#[ignore = "a program of its own for the target; CI runs it"]
 fn link_and_store_have_no_panic() {
-    let built = image::build_package("control-path").unwrap().join("libcontrol_path.a");
-    let graph = call_graph(&fs::read(built).unwrap());
+    let graph = call_graph(&archive(&[]));
     for entry in ["zwidth_memory", "zwidth_link", "zwidth_reply", "zwidth_envelope", "zwidth_store"]
     {
         let names = reachable(&graph, entry);
@@ -100,9 +105,9 @@ fn link_and_store_have_no_panic() {
 }
 
 #[test]
+#[ignore = "a program of its own for the target; CI runs it"]
 fn no_estimator_has_a_panic_formatting_or_soft_float() {
-    let built = image::build_package("estimator-cost").unwrap().join("libestimator_path.a");
-    let graph = call_graph(&fs::read(built).unwrap());
+    let graph = call_graph(&archive(&["estimators"]));
     let names = reachable(&graph, "zwidth_estimate");
     println!("{names:?}");
     assert!(names.iter().any(|name| name.contains("kalman")), "every estimator is compiled in");
@@ -132,9 +137,9 @@ fn instructions(archive: &[u8], function: &str) -> usize {
 }
 
 #[test]
+#[ignore = "a program of its own for the target; CI runs it"]
 fn the_filter_costs_little_more_than_the_peers_that_do_less() {
-    let built = image::build_package("control-path").unwrap().join("libcontrol_path.a");
-    let archive = fs::read(built).unwrap();
+    let archive = archive(&[]);
     let graph = call_graph(&archive);
     let names = [
         "zwidth_filter",

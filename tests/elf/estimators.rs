@@ -2,7 +2,7 @@
 //! its velocities those of the core on the host, bit for bit.
 
 use virtual_board::{
-    board::{BOARDS, Force as Wired},
+    board::{Board, Force as Wired},
     mcu::{Cycles, SAMPLE},
 };
 use zwidth::{
@@ -16,6 +16,11 @@ use crate::{
     edges,
     firmware::{Firmware, Replay, arm, ok},
 };
+
+each_board!(
+    every_estimator_runs_on_the_board_and_is_the_cores,
+    ignored: "images of their own; CI runs it"
+);
 
 /// Samples with each estimator: twice in and out of the wall.
 const SAMPLES: u32 = 1_000;
@@ -32,89 +37,86 @@ fn with(velocity: VelocitySettings) -> Settings {
     }
 }
 
-#[test]
-fn every_estimator_runs_on_the_board_and_is_the_cores() {
-    for board in BOARDS {
-        let firmware = Firmware::variant(board, &["estimators"]);
-        let output = match board.wiring.force {
-            Wired::Dac { .. } => zwidth::Output::Dac { bits: 12 },
-            Wired::Pwm { .. } => zwidth::Output::Pwm { steps: 4200 },
-        };
-        let design = Design { output, ..firmware.scene.design() };
-        let captured = board.wiring.captured.is_some();
-        let mut world = firmware.boot();
-        arm(&mut world);
-        let middle_m = world.position_m();
-        world.hold(middle_m, true);
-        world.run(300).unwrap();
-        let mut velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false };
-        // The firmware proposes its first settings to itself; `arm` sets wall, K and B.
-        let mut settings = vec![with(velocity); 5];
-        for early in &mut settings[..4] {
-            early.wall.damping_n_s_per_m = 0.0; // of no weight to the velocity
-        }
-        let mut table: Vec<(&str, Cycles)> = vec![];
-        for &name in EstimatorName::ALL {
-            // The Nucleo has edge times too; without them, `time-stamps` is refused.
-            let senses = &[Sense::Force, Sense::Edge][..1 + usize::from(captured)];
-            if let Some(sense) = name.missing(senses) {
-                let refused = world.ask(&format!("estimator {}", name.text())).unwrap();
-                assert!(refused.contains(sense.text()), "{refused}");
-                continue;
-            }
-            // Out of the wall: the estimator, then other parameters than the defaults.
-            ok(&mut world, &format!("estimator {}", name.text()));
-            velocity = name.following(&velocity);
-            settings.push(with(velocity));
-            if let Some((_, value)) = velocity.tuning() {
-                velocity = velocity.with_tuning((value * 0.75).round());
-                let (parameter, value) = velocity.tuning().unwrap();
-                let reply = ok(&mut world, &format!("tuning {value}"));
-                assert!(reply.contains(parameter.name), "{reply}");
-                settings.push(with(velocity));
-            }
-            if let Some((_, value)) = velocity.second() {
-                velocity = velocity.with_second(value * 1.5);
-                let (parameter, value) = velocity.second().unwrap();
-                let reply = ok(&mut world, &format!("tuning2 {value}"));
-                assert!(reply.contains(parameter.name), "{reply}");
-                settings.push(with(velocity));
-            }
-            world.powered.mcu.watch_mut().clear();
-            for n in 0..SAMPLES {
-                let phase = f64::from(n) / f64::from(SAMPLES) * 2.0 * std::f64::consts::TAU;
-                world.hold(middle_m + 0.0053 * 0.5 * (1.0 - phase.cos()), true);
-                world.sample().unwrap();
-                if n % 50 == 49 {
-                    world.probe().unwrap();
-                }
-            }
-            table.push((name.text(), world.powered.mcu.watch().tasks[&SAMPLE]));
-            let status = ok(&mut world, "status");
-            assert!(status.contains("armed, fault none"), "{}: {status}", name.text());
-        }
-        world.run(20).unwrap();
-        let mut decoder = Decoder::new();
-        let telemetry = std::mem::take(&mut world.telemetry);
-        let frames = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
-        let records: Vec<Record> = frames.map(|frame| frame.record).collect();
-        assert_eq!(decoder.dropped, 0);
-        let taken: Vec<LoopParameters> =
-            settings.iter().map(|settings| settings.build(&design).unwrap()).collect();
-        let edges = if captured {
-            edges::latest(board, &world.powered.mcu.take_edge_notes(), 0, false).0
-        } else {
-            vec![]
-        };
-        let readings = world.powered.mcu.counter_readings();
-        let compared = compare(&readings, &edges, &records, &taken);
-        println!("{}: {compared} velocities equal, {} estimators", board.name, table.len());
-        for (name, cycles) in table {
-            println!("  {name:24} sample {}..{} cycles", cycles.least, cycles.most);
-            assert!(cycles.most <= board.cycles_per_sample() / 4, "{name}: {cycles:?}");
-        }
-        assert!(compared > 2_000, "{compared}");
+fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
+    let firmware = Firmware::variant(board, &["estimators"]);
+    let output = match board.wiring.force {
+        Wired::Dac { .. } => zwidth::Output::Dac { bits: 12 },
+        Wired::Pwm { .. } => zwidth::Output::Pwm { steps: 4200 },
+    };
+    let design = Design { output, ..firmware.scene.design() };
+    let captured = board.wiring.captured.is_some();
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let middle_m = world.position_m();
+    world.hold(middle_m, true);
+    world.run(300).unwrap();
+    let mut velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false };
+    // The firmware proposes its first settings to itself; `arm` sets wall, K and B.
+    let mut settings = vec![with(velocity); 5];
+    for early in &mut settings[..4] {
+        early.wall.damping_n_s_per_m = 0.0; // of no weight to the velocity
     }
+    let mut table: Vec<(&str, Cycles)> = vec![];
+    for &name in EstimatorName::ALL {
+        // The Nucleo has edge times too; without them, `time-stamps` is refused.
+        let senses = &[Sense::Force, Sense::Edge][..1 + usize::from(captured)];
+        if let Some(sense) = name.missing(senses) {
+            let refused = world.ask(&format!("estimator {}", name.text())).unwrap();
+            assert!(refused.contains(sense.text()), "{refused}");
+            continue;
+        }
+        // Out of the wall: the estimator, then other parameters than the defaults.
+        ok(&mut world, &format!("estimator {}", name.text()));
+        velocity = name.following(&velocity);
+        settings.push(with(velocity));
+        if let Some((_, value)) = velocity.tuning() {
+            velocity = velocity.with_tuning((value * 0.75).round());
+            let (parameter, value) = velocity.tuning().unwrap();
+            let reply = ok(&mut world, &format!("tuning {value}"));
+            assert!(reply.contains(parameter.name), "{reply}");
+            settings.push(with(velocity));
+        }
+        if let Some((_, value)) = velocity.second() {
+            velocity = velocity.with_second(value * 1.5);
+            let (parameter, value) = velocity.second().unwrap();
+            let reply = ok(&mut world, &format!("tuning2 {value}"));
+            assert!(reply.contains(parameter.name), "{reply}");
+            settings.push(with(velocity));
+        }
+        world.powered.mcu.watch_mut().clear();
+        for n in 0..SAMPLES {
+            let phase = f64::from(n) / f64::from(SAMPLES) * 2.0 * std::f64::consts::TAU;
+            world.hold(middle_m + 0.0053 * 0.5 * (1.0 - phase.cos()), true);
+            world.sample().unwrap();
+            if n % 50 == 49 {
+                world.probe().unwrap();
+            }
+        }
+        table.push((name.text(), world.powered.mcu.watch().tasks[&SAMPLE]));
+        let status = ok(&mut world, "status");
+        assert!(status.contains("armed, fault none"), "{}: {status}", name.text());
+    }
+    world.run(20).unwrap();
+    let mut decoder = Decoder::new();
+    let telemetry = std::mem::take(&mut world.telemetry);
+    let frames = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
+    let records: Vec<Record> = frames.map(|frame| frame.record).collect();
+    assert_eq!(decoder.dropped, 0);
+    let taken: Vec<LoopParameters> =
+        settings.iter().map(|settings| settings.build(&design).unwrap()).collect();
+    let edges = if captured {
+        edges::latest(board, &world.powered.mcu.take_edge_notes(), 0, false).0
+    } else {
+        vec![]
+    };
+    let readings = world.powered.mcu.counter_readings();
+    let compared = compare(&readings, &edges, &records, &taken);
+    println!("{}: {compared} velocities equal, {} estimators", board.name, table.len());
+    for (name, cycles) in table {
+        println!("  {name:24} sample {}..{} cycles", cycles.least, cycles.most);
+        assert!(cycles.most <= board.cycles_per_sample() / 4, "{name}: {cycles:?}");
+    }
+    assert!(compared > 2_000, "{compared}");
 }
 
 /// Replays the counts, and the edges of a board that has their times, on the core with the settings of

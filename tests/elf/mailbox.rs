@@ -1,5 +1,5 @@
 //! A program on the board's emulated core that takes a job and samples through memory, and hands back
-//! velocities and the cycles of each: the other side of `estimator-cost` and `filter-cost`.
+//! velocities and the cycles of each: the other side of `tests/on-target/src/mailbox.rs`.
 
 use virtual_board::{
     elf::Elf,
@@ -17,10 +17,9 @@ pub struct Mailbox {
 }
 
 impl Mailbox {
-    /// Builds the package and boots it; a panic in its image is an error.
-    pub fn of(package: &str) -> Self {
-        let folder = image::build_package(package).unwrap();
-        let elf = Elf::load(&folder.join(package)).unwrap();
+    /// Builds the program and boots it; a panic in its image is an error.
+    pub fn of(program: &str, features: &[&str]) -> Self {
+        let elf = Elf::load(&image::build_on_target(program, features).unwrap()).unwrap();
         for (name, ..) in &elf.symbols {
             assert!(!name.contains("panicking"), "{name} is in the image");
         }

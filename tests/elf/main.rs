@@ -1,5 +1,8 @@
 //! What is flashed, on the virtual board: the release ELF of each board and of its variants, and programs around
 //! parts of the core that tell what those cost. One program, so that two of its tests run at any time.
+//!
+//! By default one image is built, that of the default board. `cargo test --test elf -- --include-ignored` builds all
+//! of them and runs everything.
 
 #![allow(
     clippy::unwrap_used,
@@ -9,6 +12,44 @@
     clippy::cast_sign_loss,
     reason = "a test fails loudly; small numbers, addresses of 32 bits"
 )]
+
+/// A test on each board: on the default one always, on the other in CI, because that takes an image more. With a
+/// reason, both wait for CI.
+macro_rules! each_board {
+    ($($test:ident),+) => {$(
+        mod $test {
+            use virtual_board::board::BOARDS;
+
+            #[test]
+            fn nucleo_f446re() {
+                super::$test(BOARDS[0]);
+            }
+
+            #[test]
+            #[ignore = "an image more; CI runs it"]
+            fn discovery_f407() {
+                super::$test(BOARDS[1]);
+            }
+        }
+    )+};
+    ($test:ident, ignored: $reason:literal) => {
+        mod $test {
+            use virtual_board::board::BOARDS;
+
+            #[test]
+            #[ignore = $reason]
+            fn nucleo_f446re() {
+                super::$test(BOARDS[0]);
+            }
+
+            #[test]
+            #[ignore = $reason]
+            fn discovery_f407() {
+                super::$test(BOARDS[1]);
+            }
+        }
+    };
+}
 
 mod boot;
 mod code;
@@ -21,7 +62,7 @@ mod estimators;
 mod faults;
 mod filter_cost;
 mod firmware;
-mod identify;
+mod identify_telemetry;
 mod mailbox;
 mod panics;
 mod period;

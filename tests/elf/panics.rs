@@ -8,9 +8,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use virtual_board::board::BOARDS;
+use virtual_board::board::{BOARDS, Board};
 
 use crate::{code::Code, firmware::Firmware};
+
+each_board!(no_panic_is_reachable_after_init);
 
 /// Names of what ends in the panic handler, and of the handler.
 const PANICS: [&str; 5] = ["9panicking", "rust_begin_unwind", "_failed", "_fail", "unwrap"];
@@ -37,34 +39,40 @@ fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|part| name.contains(part))
 }
 
+/// The images as they are.
+fn no_panic_is_reachable_after_init(board: Board) {
+    no_panic(board, &[]);
+}
+
 #[test]
-fn no_panic_is_reachable_after_init() {
-    // The images as they are, and the one that captures the encoder's edges.
-    let images = [(BOARDS[0], &[][..]), (BOARDS[1], &[]), (BOARDS[0], &["time-stamps"])];
-    for (board, features) in images {
-        let firmware = Firmware::variant(board, features);
-        let code = Code::of(&firmware.elf);
-        let mut entries = code.handlers();
-        let idle = code.named("3app4idle");
-        assert_eq!(idle.len(), 1);
-        entries.extend(idle);
-        for task in ["TIM5", "SPI3", "SPI2", "HardFault"] {
-            let task = code.named(task);
-            assert!(task.iter().any(|address| entries.contains(address)), "{task:x?}");
-        }
-        let found = reachable(&code, &entries);
-        println!("{} {features:?}: {} functions", board.name, found.len());
-        // Formatting and the logger are among them: the look goes deep enough.
-        for part in ["3fmt5write", "_defmt_release", "pad_integral"] {
-            assert!(found.keys().any(|&function| code.name(function).contains(part)), "{part}");
-        }
-        let panics: Vec<_> = found
-            .iter()
-            .filter(|(function, _)| is_panic(code.name(**function)))
-            .map(|(function, from)| (code.name(*function), code.name(*from)))
-            .collect();
-        assert!(panics.is_empty(), "{panics:#?}");
+#[ignore = "an image of its own; CI runs it"]
+fn no_panic_is_reachable_with_edge_times() {
+    no_panic(BOARDS[0], &["time-stamps"]);
+}
+
+fn no_panic(board: Board, features: &[&str]) {
+    let firmware = Firmware::variant(board, features);
+    let code = Code::of(&firmware.elf);
+    let mut entries = code.handlers();
+    let idle = code.named("3app4idle");
+    assert_eq!(idle.len(), 1);
+    entries.extend(idle);
+    for task in ["TIM5", "SPI3", "SPI2", "HardFault"] {
+        let task = code.named(task);
+        assert!(task.iter().any(|address| entries.contains(address)), "{task:x?}");
     }
+    let found = reachable(&code, &entries);
+    println!("{} {features:?}: {} functions", board.name, found.len());
+    // Formatting and the logger are among them: the look goes deep enough.
+    for part in ["3fmt5write", "_defmt_release", "pad_integral"] {
+        assert!(found.keys().any(|&function| code.name(function).contains(part)), "{part}");
+    }
+    let panics: Vec<_> = found
+        .iter()
+        .filter(|(function, _)| is_panic(code.name(**function)))
+        .map(|(function, from)| (code.name(*function), code.name(*from)))
+        .collect();
+    assert!(panics.is_empty(), "{panics:#?}");
 }
 
 /// The same look from the reset on does find the panics of the set-up.

@@ -2,7 +2,7 @@
 //! bit for bit what the core gives, and has the time for it.
 
 use virtual_board::{
-    board::BOARDS,
+    board::Board,
     mcu::{RENDER, SAMPLE},
 };
 use zwidth::{
@@ -13,6 +13,8 @@ use zwidth::{
 
 use crate::firmware::{Firmware, arm, ok};
 
+each_board!(an_output_with_every_sample_works_and_has_the_time, ignored: "images of their own; CI runs it");
+
 /// `sample` and `render` together, as a part of the time between two samples.
 const LOAD: f64 = 0.25;
 
@@ -22,71 +24,68 @@ fn records(telemetry: Vec<u8>) -> (Vec<Record>, u64) {
     (frames.map(|frame| frame.record).collect(), decoder.dropped)
 }
 
-#[test]
-fn an_output_with_every_sample_works_and_has_the_time() {
+fn an_output_with_every_sample_works_and_has_the_time(board: Board) {
     println!("board           sample     render     load   event to DAC  delay  telemetry");
-    for board in BOARDS {
-        let firmware = Firmware::variant(board, &["period-1"]);
-        let mut world = firmware.boot();
-        arm(&mut world);
-        world.telemetry.clear();
-        world.powered.mcu.watch_mut().clear();
+    let firmware = Firmware::variant(board, &["period-1"]);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    world.telemetry.clear();
+    world.powered.mcu.watch_mut().clear();
 
-        // In closed loop: the push drives the handle against the wall, where it comes to rest.
-        ok(&mut world, "hit");
-        let (mut latest, mut least) = (0, u64::MAX);
-        for n in 0..5_000 {
-            let before = world.powered.amplifier.changes().commands;
-            world.sample().unwrap();
-            let changes = world.powered.amplifier.changes();
-            let event = world.powered.mcu.last_event().unwrap();
-            if changes.commands != before && changes.command_at >= event {
-                latest = latest.max(changes.command_at - event);
-                least = least.min(changes.command_at - event);
-            }
-            if n % 50 == 49 {
-                world.probe().unwrap();
-            }
+    // In closed loop: the push drives the handle against the wall, where it comes to rest.
+    ok(&mut world, "hit");
+    let (mut latest, mut least) = (0, u64::MAX);
+    for n in 0..5_000 {
+        let before = world.powered.amplifier.changes().commands;
+        world.sample().unwrap();
+        let changes = world.powered.amplifier.changes();
+        let event = world.powered.mcu.last_event().unwrap();
+        if changes.commands != before && changes.command_at >= event {
+            latest = latest.max(changes.command_at - event);
+            least = least.min(changes.command_at - event);
         }
-        let (found, dropped) = records(std::mem::take(&mut world.telemetry));
-        let status = ok(&mut world, "status");
-        assert!(status.contains("armed, fault none") && status.contains("in contact"), "{status}");
-        let surface_m = firmware.scene.device.rest_position_m + 0.005;
-        let depth_m = world.position_m() - surface_m;
-        assert!((1e-4..1e-3).contains(&depth_m), "2.8 N on 8000 N/m: {depth_m}");
-        for pair in found.windows(2) {
-            assert!(pair[1].sample > pair[0].sample);
+        if n % 50 == 49 {
+            world.probe().unwrap();
         }
-        let sent = found.len() as f64 / (found.len() as u64 + dropped) as f64;
-        let consecutive = found.windows(2).filter(|p| p[1].sample == p[0].sample + 1).count();
-        assert!(consecutive > 4_000, "{consecutive}");
-
-        let watch = world.powered.mcu.watch().clone();
-        let [sample, render] = [SAMPLE, RENDER].map(|task| watch.tasks[&task]);
-        assert!(render.runs + 1 >= sample.runs, "{render:?} {sample:?}");
-        let load = (sample.most + render.most) as f64 / board.cycles_per_sample() as f64;
-        // Of a PWM the pin's edges tell nothing about when a command was written.
-        let to_dac = match board.wiring.force {
-            virtual_board::board::Force::Dac { .. } => format!("{least}..{latest}"),
-            virtual_board::board::Force::Pwm { .. } => "-".to_owned(),
-        };
-        println!(
-            "{:15} {}..{}   {}..{} {:5.1} % {to_dac:12}  {:?} {:5.1} %",
-            board.name,
-            sample.least,
-            sample.most,
-            render.least,
-            render.most,
-            100.0 * load,
-            watch.delays,
-            100.0 * sent,
-        );
-        assert!(load <= LOAD, "{load}");
-        assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
-        assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
-
-        same_as_the_core(&firmware, &mut world);
     }
+    let (found, dropped) = records(std::mem::take(&mut world.telemetry));
+    let status = ok(&mut world, "status");
+    assert!(status.contains("armed, fault none") && status.contains("in contact"), "{status}");
+    let surface_m = firmware.scene.device.rest_position_m + 0.005;
+    let depth_m = world.position_m() - surface_m;
+    assert!((1e-4..1e-3).contains(&depth_m), "2.8 N on 8000 N/m: {depth_m}");
+    for pair in found.windows(2) {
+        assert!(pair[1].sample > pair[0].sample);
+    }
+    let sent = found.len() as f64 / (found.len() as u64 + dropped) as f64;
+    let consecutive = found.windows(2).filter(|p| p[1].sample == p[0].sample + 1).count();
+    assert!(consecutive > 4_000, "{consecutive}");
+
+    let watch = world.powered.mcu.watch().clone();
+    let [sample, render] = [SAMPLE, RENDER].map(|task| watch.tasks[&task]);
+    assert!(render.runs + 1 >= sample.runs, "{render:?} {sample:?}");
+    let load = (sample.most + render.most) as f64 / board.cycles_per_sample() as f64;
+    // Of a PWM the pin's edges tell nothing about when a command was written.
+    let to_dac = match board.wiring.force {
+        virtual_board::board::Force::Dac { .. } => format!("{least}..{latest}"),
+        virtual_board::board::Force::Pwm { .. } => "-".to_owned(),
+    };
+    println!(
+        "{:15} {}..{}   {}..{} {:5.1} % {to_dac:12}  {:?} {:5.1} %",
+        board.name,
+        sample.least,
+        sample.most,
+        render.least,
+        render.most,
+        100.0 * load,
+        watch.delays,
+        100.0 * sent,
+    );
+    assert!(load <= LOAD, "{load}");
+    assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
+    assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
+
+    same_as_the_core(&firmware, &mut world);
 }
 
 /// The forces of a handle that is led in and out of the wall, against the core's.

@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use host_sim::{
+    engine::Engine,
     scene::{NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
     study::{sweep::start_offset_counts, walk},
@@ -16,6 +17,11 @@ use virtual_board::{
 use zwidth::experiment::Ended;
 
 use crate::firmware::{Firmware, ok};
+
+each_board!(
+    signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept,
+    a_wall_inside_the_envelope_needs_no_key_and_one_outside_is_refused_with_the_range
+);
 
 const CUTOFF_HZ: f64 = 1500.0;
 
@@ -41,7 +47,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
     let stop = AtomicBool::new(false);
     let simulated = (0..REPEATS).map(|repeat| {
         let offset = start_offset_counts(repeat, REPEATS);
-        walk::walk(&rig, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
+        walk::walk(Engine::lanes(), &rig, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
     });
     let simulated: Vec<_> = simulated.collect();
     let mean = simulated.iter().map(|boundary| boundary.area).sum::<f64>() / f64::from(REPEATS);
@@ -297,91 +303,82 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     assert!(ok(&mut world, "get").contains("full scale 6 N"));
 }
 
-#[test]
-fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept() {
-    for board in BOARDS {
-        let session = session(board, |_| {});
-        let mut world = armed(&session);
-        for line in ["motor -", "encoder -"] {
-            let refused = world.ask(line).unwrap();
-            assert!(refused.contains("disarm first"), "{line}: {refused}");
-        }
-        ok(&mut world, "disarm");
-        world.run(8_000).unwrap();
-        ok(&mut world, "encoder -");
-        assert!(ok(&mut world, "status").contains("not zeroed"));
-        assert!(world.ask("arm").unwrap().contains("zero first"));
-        // the count falls now where it rose
-        let position = |world: &mut World<'_>| -> i32 {
-            let status = ok(world, "status");
-            let word = status.split("position ").nth(1).unwrap().split(' ').next().unwrap();
-            word.parse().unwrap()
-        };
-        let at_m = world.position_m();
-        world.hold(at_m, true);
-        ok(&mut world, "zero");
-        world.run(100).unwrap();
-        for n in 1..=100 {
-            world.hold(at_m + 1e-5 * f64::from(n), true);
-            world.run(1).unwrap();
-        }
-        world.run(50).unwrap();
-        let counts = position(&mut world);
-        assert!((-1_002..=-998).contains(&counts), "{counts}");
-        world.hold(world.position_m(), false);
-        world.run(5_000).unwrap();
-        // with the motor as it was the sign test says no; with both turned it says yes
-        ok(&mut world, "zero");
-        ok(&mut world, "arm");
-        world.run(2_000).unwrap();
-        assert!(ok(&mut world, "status").contains("fault 14"));
-        ok(&mut world, "clear");
-        ok(&mut world, "motor -");
-        for line in ["zero", "unlock envelope", "arm"] {
-            ok(&mut world, line);
-        }
-        world.run(4_000).unwrap();
-        assert!(ok(&mut world, "status").contains("armed, fault none"));
-        ok(&mut world, "disarm");
-        ok(&mut world, "save");
-        world.run(500).unwrap();
-        world.reset();
-        world.run(2_000).unwrap();
-        let get = ok(&mut world, "get");
-        assert!(get.contains("motor -, encoder -"), "{get}");
-        world.run(6_000).unwrap();
-        for line in ["zero", "unlock envelope", "arm"] {
-            ok(&mut world, line);
-        }
-        world.run(4_000).unwrap();
-        assert!(ok(&mut world, "status").contains("armed, fault none"), "{}", board.name);
+fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board) {
+    let session = session(board, |_| {});
+    let mut world = armed(&session);
+    for line in ["motor -", "encoder -"] {
+        let refused = world.ask(line).unwrap();
+        assert!(refused.contains("disarm first"), "{line}: {refused}");
     }
+    ok(&mut world, "disarm");
+    world.run(8_000).unwrap();
+    ok(&mut world, "encoder -");
+    assert!(ok(&mut world, "status").contains("not zeroed"));
+    assert!(world.ask("arm").unwrap().contains("zero first"));
+    // the count falls now where it rose
+    let position = |world: &mut World<'_>| -> i32 {
+        let status = ok(world, "status");
+        let word = status.split("position ").nth(1).unwrap().split(' ').next().unwrap();
+        word.parse().unwrap()
+    };
+    let at_m = world.position_m();
+    world.hold(at_m, true);
+    ok(&mut world, "zero");
+    world.run(100).unwrap();
+    for n in 1..=100 {
+        world.hold(at_m + 1e-5 * f64::from(n), true);
+        world.run(1).unwrap();
+    }
+    world.run(50).unwrap();
+    let counts = position(&mut world);
+    assert!((-1_002..=-998).contains(&counts), "{counts}");
+    world.hold(world.position_m(), false);
+    world.run(5_000).unwrap();
+    // with the motor as it was the sign test says no; with both turned it says yes
+    ok(&mut world, "zero");
+    ok(&mut world, "arm");
+    world.run(2_000).unwrap();
+    assert!(ok(&mut world, "status").contains("fault 14"));
+    ok(&mut world, "clear");
+    ok(&mut world, "motor -");
+    for line in ["zero", "unlock envelope", "arm"] {
+        ok(&mut world, line);
+    }
+    world.run(4_000).unwrap();
+    assert!(ok(&mut world, "status").contains("armed, fault none"));
+    ok(&mut world, "disarm");
+    ok(&mut world, "save");
+    world.run(500).unwrap();
+    world.reset();
+    world.run(2_000).unwrap();
+    let get = ok(&mut world, "get");
+    assert!(get.contains("motor -, encoder -"), "{get}");
+    world.run(6_000).unwrap();
+    for line in ["zero", "unlock envelope", "arm"] {
+        ok(&mut world, line);
+    }
+    world.run(4_000).unwrap();
+    assert!(ok(&mut world, "status").contains("armed, fault none"), "{}", board.name);
 }
 
-#[test]
-fn a_wall_inside_the_envelope_needs_no_key_and_one_outside_is_refused_with_the_range() {
-    for board in BOARDS {
-        let session = session(board, |_| {});
-        let mut world = session.boot().unwrap();
-        for line in ["zero", "wall 0.0183", "b 10", "k 5000", "arm"] {
-            ok(&mut world, line);
-        }
-        world.run(4_000).unwrap();
-        ok(&mut world, "k 20000");
-        let refused = world.ask("k 60000").unwrap();
-        assert!(refused.contains("k at this b is allowed from 0 to"), "{refused}");
-        assert!(world.ask("cutoff 1234").unwrap().contains("no envelope for this device"));
-        let status = ok(&mut world, "status");
-        assert!(status.contains("armed, fault none") && status.contains("settings valid"));
-        assert!(ok(&mut world, "get").contains("k 20000 N/m"));
-        ok(&mut world, "unlock envelope");
-        ok(&mut world, "k 60000");
-        ok(&mut world, "disarm");
-        assert!(
-            world
-                .ask("arm")
-                .unwrap()
-                .contains("beyond the envelope: k at this b is allowed from 0 to")
-        );
+fn a_wall_inside_the_envelope_needs_no_key_and_one_outside_is_refused_with_the_range(board: Board) {
+    let session = session(board, |_| {});
+    let mut world = session.boot().unwrap();
+    for line in ["zero", "wall 0.0183", "b 10", "k 5000", "arm"] {
+        ok(&mut world, line);
     }
+    world.run(4_000).unwrap();
+    ok(&mut world, "k 20000");
+    let refused = world.ask("k 60000").unwrap();
+    assert!(refused.contains("k at this b is allowed from 0 to"), "{refused}");
+    assert!(world.ask("cutoff 1234").unwrap().contains("no envelope for this device"));
+    let status = ok(&mut world, "status");
+    assert!(status.contains("armed, fault none") && status.contains("settings valid"));
+    assert!(ok(&mut world, "get").contains("k 20000 N/m"));
+    ok(&mut world, "unlock envelope");
+    ok(&mut world, "k 60000");
+    ok(&mut world, "disarm");
+    assert!(
+        world.ask("arm").unwrap().contains("beyond the envelope: k at this b is allowed from 0 to")
+    );
 }

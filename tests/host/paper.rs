@@ -3,6 +3,7 @@
 use std::sync::{OnceLock, atomic::AtomicBool};
 
 use host_sim::{
+    engine::Engine,
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
@@ -38,7 +39,7 @@ fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
             rig: &rigs[n],
             cutoffs_hz: &rigs[n].scene().sweep.cutoffs_hz,
         });
-        sweep(&plans, numeric, REPEATS, &AtomicBool::new(false), |_| ()).unwrap()
+        sweep(Engine::lanes(), &plans, numeric, REPEATS, &AtomicBool::new(false), |_| ()).unwrap()
     })
 }
 
@@ -205,7 +206,10 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let plan = [Plan { name: "paper-2um", rig: &rig, cutoffs_hz: &[50.0, 200.0, 100.0] }];
-        pool.install(|| sweep(&plan, Numeric::Fixed, 2, &AtomicBool::new(false), |_| ()).unwrap())
+        pool.install(|| {
+            sweep(Engine::lanes(), &plan, Numeric::Fixed, 2, &AtomicBool::new(false), |_| ())
+                .unwrap()
+        })
     };
     let one = run(1);
     assert_eq!(one, run(2));

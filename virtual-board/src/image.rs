@@ -33,22 +33,32 @@ pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> 
     let bin = ["--bin", "zwidth", "--no-default-features", "--features", &name];
     in_turn(|folder| {
         let built = package(folder, "zwidth", &bin)?.join("zwidth");
-        // Under its own name, and at one stroke: the next build, of another variant, replaces the file.
-        let (draft, elf) = (folder.join("draft.elf"), folder.join(format!("{name}.elf")));
-        std::fs::copy(&built, &draft)
-            .and_then(|_| std::fs::rename(&draft, &elf))
-            .map_err(|error| format!("{}: {error}", elf.display()))?;
-        Ok(elf)
+        keep(folder, &built, &format!("{name}.elf"))
     })
 }
 
-/// Builds another package of the workspace as the firmware is built, for tests of what it compiles to. The
-/// folder with its programs and archives.
+/// Builds an archive or a program of the package `on-target` as the firmware is built, for tests of what the core
+/// compiles to.
 ///
 /// # Errors
 /// What `cargo` or `rustup` said.
-pub fn build_package(name: &str) -> Result<PathBuf, String> {
-    in_turn(|folder| package(folder, name, &[]))
+pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String> {
+    let features = features.join(",");
+    let part = if file.ends_with(".a") { &["--lib"][..] } else { &["--bin", file] };
+    let arguments = [part, &["--features", &features]].concat();
+    in_turn(|folder| {
+        let built = package(folder, "on-target", &arguments)?.join(file);
+        keep(folder, &built, &format!("{features}{file}"))
+    })
+}
+
+/// Copies what was built to its own name, at one stroke: the next build, of another variant, replaces the file.
+fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
+    let (draft, kept) = (folder.join("draft"), folder.join(name));
+    std::fs::copy(built, &draft)
+        .and_then(|_| std::fs::rename(&draft, &kept))
+        .map_err(|error| format!("{}: {error}", kept.display()))?;
+    Ok(kept)
 }
 
 /// One build at a time, in the folder of the images.

@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::{
     analysis::linear::{self, LinearError, passivity::Passivity},
+    engine::Engine,
     error::Error,
     simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
     study::walk::{BoundaryPoint, walk},
@@ -45,13 +46,14 @@ impl Explained {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn explain(
+    engine: Engine,
     rig: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
     envelope: &linear::Boundary,
     stop: &AtomicBool,
 ) -> Result<Vec<Explained>, Error> {
-    let boundary = walk(rig, numeric, cutoff_hz, 0.0, stop)?;
+    let boundary = walk(engine, rig, numeric, cutoff_hz, 0.0, stop)?;
     boundary
         .points
         .into_iter()
@@ -64,7 +66,7 @@ pub fn explain(
             let start_offset_counts = 0.0;
             let wall =
                 WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            let report = rig.hit(numeric, &wall, |_| {})?;
+            let report = rig.report(numeric, &wall)?;
             Ok(Explained {
                 point,
                 linear_n_per_m: limit.stiffness_max,
@@ -122,6 +124,7 @@ mod tests {
         let envelope = linear::Boundary::new(&of).unwrap();
         let stop = AtomicBool::new(false);
         let explained = explain(
+            Engine::lanes(),
             &PreparedScene::new(&scene).unwrap(),
             Numeric::Fixed,
             cutoff_hz,

@@ -17,6 +17,7 @@ use crate::{
         terminal,
         winners::{self, Winner},
     },
+    engine::Engine,
     error::Error,
     output::{
         figure::{self, Curve, Figure, ZwidthPlot},
@@ -117,11 +118,18 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let staging = Staging::new(&folder, &FILES, common.force)?;
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&entries, budget));
-    let (place, compared) =
-        compare(&scene.scene, &entries, args.damping, budget, &STOP, |walks| bar.inc(walks))?;
+    let (place, compared) = compare(
+        common.engine.into(),
+        &scene.scene,
+        &entries,
+        args.damping,
+        budget,
+        &STOP,
+        |walks| bar.inc(walks),
+    )?;
     bar.finish_and_clear();
     let winners = winners::winners(&compared, &place);
-    let manifest = Manifest::new(SCHEMA_VERSION, command_line(args, &scene), &scene);
+    let manifest = Manifest::new(SCHEMA_VERSION, command_line(args, common, &scene), &scene);
     write(staging, &scene, &compared, &place, &winners, &manifest)?;
     if common.json {
         let estimators = compared.iter().map(|c| json_row(c, &place)).collect();
@@ -178,14 +186,18 @@ fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     format!("--estimators: {name} {reason}")
 }
 
-fn command_line(args: &CompareArgs, scene: &NamedScene) -> String {
+fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene) -> String {
     let estimators = match args.estimators.is_empty() {
         true => String::new(),
         false => format!(" --estimators {}", args.estimators.join(",")),
     };
     format!(
-        "compare {}{estimators} --damping {} --budget {} --repeat {}",
-        scene.name, args.damping, args.budget, args.repeat
+        "compare {}{estimators} --damping {} --budget {} --repeat {} --engine {}",
+        scene.name,
+        args.damping,
+        args.budget,
+        args.repeat,
+        Engine::from(common.engine).name()
     )
 }
 

@@ -12,7 +12,7 @@ use super::{
     no_cutoff, print_json, print_text, progress, start_offset,
 };
 use crate::{
-    engine::{Backend, Depth, stream},
+    engine::{Depth, stream},
     error::Error,
     output::files::GrowingFile,
     scene::NamedScene,
@@ -107,7 +107,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let (mut counts, mut row) = (Counts::default(), String::new());
     let (numeric, wall) = (common.numeric.into(), |number| walls.wall(number));
     stream(
-        Backend::best(),
+        common.engine.into(),
         &rig,
         numeric,
         Depth::Whole,

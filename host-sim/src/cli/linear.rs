@@ -312,7 +312,9 @@ fn analyse(
     let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
     let simulated = match rig {
         None => vec![],
-        Some(rig) => explain(rig, common.numeric.into(), cutoff_hz, &boundary, &STOP)?,
+        Some(rig) => {
+            explain(common.engine.into(), rig, common.numeric.into(), cutoff_hz, &boundary, &STOP)?
+        }
     };
     Ok(Analysis { cutoff_hz, rows, passive_region: region, simulated })
 }

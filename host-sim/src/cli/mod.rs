@@ -20,7 +20,9 @@ use std::{
 use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use serde::Serialize;
 
-use crate::{error::Error, range::refused, scene::NamedScene, simulation::prepared};
+use crate::{
+    engine::Engine, error::Error, range::refused, scene::NamedScene, simulation::prepared,
+};
 
 /// Version of every JSON object that the commands print or write.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -64,6 +66,9 @@ struct Common {
     /// Arithmetic of the controller.
     #[arg(long, global = true, value_enum, default_value_t)]
     numeric: NumericArg,
+    /// What runs the hits; the results do not depend on it.
+    #[arg(long, global = true, value_enum, default_value_t)]
+    engine: EngineArg,
     /// Folder for the results; with several scenes, one folder per scene in it
     /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written.
     #[arg(long, global = true, value_name = "DIR")]
@@ -75,13 +80,31 @@ struct Common {
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum NumericArg {
-    /// The fixed-point core, as on the board.
+    /// Fixed point: the core's arithmetic, as on the board.
     #[default]
     Fixed,
     /// Its twin in 64-bit floats.
     F64,
     /// The twin with its velocity rounded to the fixed-point LSB.
     F64Rounded,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum EngineArg {
+    /// The controller itself, hit by hit: with fixed-point arithmetic the core, as on the board.
+    Core,
+    /// Many hits side by side, by a second text of its arithmetic for vectors, where a scene has it.
+    #[default]
+    Lanes,
+}
+
+impl From<EngineArg> for Engine {
+    fn from(engine: EngineArg) -> Self {
+        match engine {
+            EngineArg::Core => Self::Core,
+            EngineArg::Lanes => Self::lanes(),
+        }
+    }
 }
 
 impl From<NumericArg> for prepared::Numeric {

@@ -11,6 +11,7 @@ use super::{
     no_cutoff, print_json, print_text, progress,
 };
 use crate::{
+    engine::Engine,
     error::Error,
     output::{
         files::Staging,
@@ -70,7 +71,8 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
     let bar = progress::bar(walks as u64 * u64::from(args.repeat));
     let numeric = common.numeric.into();
-    let results = sweep(&plans, numeric, args.repeat, &STOP, |_| bar.inc(1))?;
+    let engine = Engine::from(common.engine);
+    let results = sweep(engine, &plans, numeric, args.repeat, &STOP, |_| bar.inc(1))?;
     bar.finish_and_clear();
     let mut results = results.into_iter();
     let mut summaries = vec![];
@@ -86,7 +88,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             result,
         });
         let numeric_name = common.numeric.name();
-        let envelopes = envelopes(&rig, numeric, &result, &STOP)?;
+        let envelopes = envelopes(engine, &rig, numeric, &result, &STOP)?;
         let study = Study {
             envelopes,
             numeric,
@@ -162,11 +164,12 @@ fn command_line(
     let list: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
     let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
     format!(
-        "sweep {} --cutoffs {} --repeat {}{sensitivity} --numeric {}",
+        "sweep {} --cutoffs {} --repeat {}{sensitivity} --numeric {} --engine {}",
         scene.name,
         list.join(","),
         args.repeat,
-        common.numeric.name()
+        common.numeric.name(),
+        Engine::from(common.engine).name()
     )
 }
 

@@ -110,8 +110,8 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let methods_done = 1 + plant::Method::all(&scene.scene).len();
     let bar = progress::bar((filters_done + methods_done) as u64);
     let done = || bar.inc(1);
-    let plants =
-        plant::measure(&scene.scene, &STOP, done).map_err(|error| error.of(&scene.name))?;
+    let plants = plant::measure(common.engine.into(), &scene.scene, &STOP, done)
+        .map_err(|error| error.of(&scene.name))?;
     let filters = filters::measure(&scene.scene, &cutoffs_hz, args.repeat, &STOP, done)
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();

@@ -63,9 +63,15 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     }
     let velocity = scene.scene.velocity;
     let rig = PreparedScene::new(&scene.scene)?;
-    let boundary =
-        walk(&rig, common.numeric.into(), first.cutoff_hz, first.start_offset_counts, &STOP)
-            .map_err(|error| error.of(&scene.name))?;
+    let boundary = walk(
+        common.engine.into(),
+        &rig,
+        common.numeric.into(),
+        first.cutoff_hz,
+        first.start_offset_counts,
+        &STOP,
+    )
+    .map_err(|error| error.of(&scene.name))?;
     let Some(ended) = boundary.ended else {
         return Err(Error::Input(format!(
             "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable with {}; \

@@ -1,4 +1,4 @@
-//! Which vector machine runs the lanes, and which scenes have lanes at all.
+//! Which text of the core runs the hits, on which vector machine, and which scenes have lanes at all.
 
 use zwidth::{SettingsError, experiment::Verdict};
 
@@ -19,6 +19,38 @@ use crate::{
     },
 };
 
+/// Which text of the controller's arithmetic runs the hits. Both give the same bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Engine {
+    /// The core itself, hit by hit.
+    Core,
+    /// Its second text in vector lanes, where a scene has them; else the core itself.
+    Lanes(Backend),
+}
+
+impl Engine {
+    /// Lanes with the best instructions that this machine has.
+    pub fn lanes() -> Self {
+        Self::Lanes(Backend::best())
+    }
+
+    /// Name in reports and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Core => "core",
+            Self::Lanes(_) => "lanes",
+        }
+    }
+
+    /// Hits of that scene that run side by side in one thread.
+    pub fn hits_at_once(self, rig: &PreparedScene) -> usize {
+        match self {
+            Self::Lanes(backend) if lanes_for(rig) => backend.lanes(),
+            _ => 1,
+        }
+    }
+}
+
 /// Instructions that lanes are run with. All give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
@@ -30,13 +62,11 @@ pub enum Backend {
     Neon,
     /// One lane to a number, several numbers side by side: every machine has it.
     Plain,
-    /// No lanes: the scalar loop, hit by hit.
-    Scalar,
 }
 
 impl Backend {
     /// All of them, the best first.
-    pub const ALL: [Self; 5] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Plain, Self::Scalar];
+    pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Plain];
 
     /// Name in reports.
     pub fn name(self) -> &'static str {
@@ -45,7 +75,6 @@ impl Backend {
             Self::Avx2 => "avx2",
             Self::Neon => "neon",
             Self::Plain => "plain",
-            Self::Scalar => "scalar",
         }
     }
 
@@ -58,7 +87,7 @@ impl Backend {
             Self::Avx2 => pulp::x86::V3::try_new().is_some(),
             #[cfg(target_arch = "aarch64")]
             Self::Neon => pulp::aarch64::Neon::try_new().is_some(),
-            Self::Plain | Self::Scalar => true,
+            Self::Plain => true,
             _ => false,
         }
     }
@@ -66,7 +95,7 @@ impl Backend {
     /// The best one that this machine has.
     pub fn best() -> Self {
         let found = Self::ALL.into_iter().find(|backend| backend.is_available());
-        found.unwrap_or(Self::Scalar)
+        found.unwrap_or(Self::Plain)
     }
 
     /// Hits that run side by side in one thread.
@@ -76,7 +105,6 @@ impl Backend {
             Self::Avx2 => 4 * VECTORS,
             Self::Neon => 2 * VECTORS,
             Self::Plain => VECTORS,
-            Self::Scalar => 1,
         }
     }
 }
@@ -141,15 +169,16 @@ pub fn lanes_for(rig: &PreparedScene) -> bool {
     linear && low_pass && rig.sensing() == AnySensing::Blind
 }
 
-/// Runs all hits of `work` in this thread, in lanes where the scene has them.
+/// Runs all hits of `work` in this thread.
 pub fn run(
-    backend: Backend,
+    engine: Engine,
     rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
     let task = Task { rig, numeric, depth };
+    let Engine::Lanes(backend) = engine else { return one_by_one(task, work) };
     if !lanes_for(rig) {
         return one_by_one(task, work);
     }
@@ -174,11 +203,7 @@ pub fn run(
     }
 }
 
-fn each_numeric<S: SimdOps, const R: usize>(
-    simd: S,
-    task: Task<'_>,
-    work: &mut impl Work,
-) -> Tally {
+fn each_numeric<S: SimdOps, const R: usize>(simd: S, task: Task<'_>, work: &mut dyn Work) -> Tally {
     match task.numeric {
         Numeric::Fixed => each_plant::<S, FixedState<S>, R>(simd, task, work),
         Numeric::F64 | Numeric::F64Rounded => each_plant::<S, TwinState<S>, R>(simd, task, work),
@@ -190,7 +215,7 @@ fn each_numeric<S: SimdOps, const R: usize>(
 fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     simd: S,
     task: Task<'_>,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
     match &task.rig.parts().plant {
         AnyPlant::Plain(step) => scheduler::run::<S, C, 2, R>(simd, task, &step.linear(), work),
@@ -203,7 +228,7 @@ fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     }
 }
 
-fn one_by_one(task: Task<'_>, work: &mut impl Work) -> Tally {
+fn one_by_one(task: Task<'_>, work: &mut dyn Work) -> Tally {
     let mut tally = Tally::default();
     while let Some(hit) = work.next(0) {
         tally.scalar += 1;
@@ -224,7 +249,7 @@ pub(super) fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError>
         }
         .map(|verdict| Outcome { verdict, rms_m: None }),
         Depth::Whole => rig
-            .hit(numeric, hit, |_| {})
+            .report(numeric, hit)
             .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
     }
 }

@@ -10,7 +10,7 @@ use zwidth::{
 };
 
 use super::{
-    lanes::{Command, Lanes},
+    lanes::{Lanes, OutputStage},
     simd_ops::{SIGN, SimdOps, lanes, lanes_mut},
 };
 
@@ -149,18 +149,18 @@ impl<S: SimdOps> Lanes<S> for FixedState<S> {
         simd: S,
         gains: &Self::Gains,
         depth: S::f64s,
-        command: &Command<S>,
+        stage: &OutputStage<S>,
     ) -> S::f64s {
         let zero = simd.splat_u64s(0);
         let inside = simd.greater_than_f64s(depth, simd.splat_f64s(0.0));
         let spring = gains.stiffness.apply(simd, simd.to_low(depth));
         let damper = gains.damping.apply(simd, self.y[0]);
-        let total = simd.larger(simd.add_u64s(spring, damper), command.least);
+        let total = simd.larger(simd.add_u64s(spring, damper), stage.least);
         let wall = simd.select_u64s(inside, total, zero);
         let full = simd.splat_u64s(Force::FULL_SCALE.bits().unsigned_abs().into());
-        let wanted = simd.sub_u64s(command.push_bits, wall);
+        let wanted = simd.sub_u64s(stage.push_bits, wall);
         let force = simd.smaller(simd.larger(wanted, simd.sub_u64s(zero, full)), full);
-        let given = match command.codes {
+        let given = match stage.codes {
             None => force,
             Some(codes) => {
                 let negative =
@@ -170,7 +170,7 @@ impl<S: SimdOps> Lanes<S> for FixedState<S> {
                 signed(simd, rounded, negative)
             }
         };
-        simd.mul_f64s(simd.to_float(given), command.per_code)
+        simd.mul_f64s(simd.to_float(given), stage.per_code)
     }
 
     fn is_lost(&self, lane: usize) -> bool {

@@ -3,7 +3,7 @@
 use crate::simulation::twin::{FLUSH_BELOW, LowPass, Twin};
 
 use super::{
-    lanes::{Command, Lanes},
+    lanes::{Lanes, OutputStage},
     simd_ops::{SIGN, SimdOps, lanes_mut},
 };
 
@@ -84,23 +84,23 @@ impl<S: SimdOps> Lanes<S> for TwinState<S> {
         simd: S,
         gains: &Self::Gains,
         depth: S::f64s,
-        command: &Command<S>,
+        stage: &OutputStage<S>,
     ) -> S::f64s {
         let zero = simd.splat_f64s(0.0);
         let inside = simd.greater_than_f64s(depth, zero);
         let mut velocity = self.y[0];
-        if let Some(lsb) = command.velocity_lsb {
+        if let Some(lsb) = stage.velocity_lsb {
             velocity = simd.sub_f64s(simd.add_f64s(velocity, lsb), lsb);
         }
         let total = simd.add_f64s(
             simd.mul_f64s(gains.stiffness, depth),
             simd.mul_f64s(gains.damping, velocity),
         );
-        let one_sided = simd.max_of(total, command.least_wall);
-        let wanted = simd.sub_f64s(command.push, simd.choose(inside, one_sided, zero));
+        let one_sided = simd.max_of(total, stage.least_wall);
+        let wanted = simd.sub_f64s(stage.push, simd.choose(inside, one_sided, zero));
         let one = simd.splat_f64s(1.0);
         let force = simd.min_of(simd.max_of(wanted, simd.splat_f64s(-1.0)), one);
-        match command.codes_f64 {
+        match stage.codes_f64 {
             None => force,
             Some(codes) => {
                 let scaled = simd.mul_f64s(simd.magnitude(force), codes);

@@ -1,10 +1,13 @@
 //! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), a lane for each hit.
 //!
-//! All lanes of a batch share scene and clock: outputs are due and commands take effect in the same sample
+//! All lanes of a batch share scene and time: outputs are due and commands take effect in the same sample
 //! for all of them. A hit therefore begins where an output is due. Commands that a lane's hit has not yet
 //! sent are 0, which adds exactly nothing.
 
-use std::array::from_fn;
+#![expect(
+    clippy::needless_range_loop,
+    reason = "each chain of iterators would be compiled for each kind of lanes"
+)]
 
 use pulp::WithSimd;
 
@@ -45,15 +48,20 @@ pub trait Lanes<S: SimdOps>: Copy {
         simd.splat_f64s(0.0)
     }
     /// The output that answers the last sample, fraction of full scale; `depth` in counts behind the surface.
-    fn render(&self, simd: S, gains: &Self::Gains, depth: S::f64s, command: &Command<S>)
-    -> S::f64s;
+    fn render(
+        &self,
+        simd: S,
+        gains: &Self::Gains,
+        depth: S::f64s,
+        stage: &OutputStage<S>,
+    ) -> S::f64s;
     /// The hit came where these lanes do not do what the controller does.
     fn is_lost(&self, lane: usize) -> bool;
 }
 
 /// What all lanes share at an output.
 #[derive(Clone, Copy)]
-pub struct Command<S: SimdOps> {
+pub struct OutputStage<S: SimdOps> {
     pub push: S::f64s,
     pub push_bits: S::u64s,
     /// 0 with `push_only`, else the least number there is.
@@ -80,7 +88,7 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub resolution_m: S::f64s,
     /// The encoder rounds; else it floors.
     pub rounds: bool,
-    pub command: Command<S>,
+    pub stage: OutputStage<S>,
 }
 
 /// What a sample changes in a vector of hits.
@@ -127,7 +135,7 @@ pub struct Kept<S: SimdOps, G> {
 pub struct Aligned<V>(pub V);
 
 /// Where all lanes are between two outputs, and the commands on their way.
-pub struct Clock<S: SimdOps, const R: usize> {
+pub struct Actuation<S: SimdOps, const R: usize> {
     pub period: u32,
     /// Samples after an output at which a command takes effect.
     pub arrival: u32,
@@ -168,12 +176,24 @@ fn plus<S: SimdOps, const P: usize>(
     state
 }
 
+/// One field of each of the R vectors. Nothing generic is called: there are many kinds of lanes, and all that they
+/// call is compiled for each of them.
+macro_rules! each {
+    ($vectors:expr, $field:ident) => {{
+        let mut values = [$vectors[0].$field; R];
+        for r in 1..R {
+            values[r] = $vectors[r].$field;
+        }
+        values
+    }};
+}
+
 /// Some samples of all lanes.
 pub struct Chunk<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     pub shared: &'a Shared<S, P>,
     pub kept: &'a [Kept<S, C::Gains>; R],
     pub moving: &'a mut [Moving<S, C, P>; R],
-    pub clock: &'a mut Clock<S, R>,
+    pub actuation: &'a mut Actuation<S, R>,
     pub samples: u32,
 }
 
@@ -194,8 +214,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
     #[inline(always)]
     fn render(&self, simd: S, shared: &Shared<S, P>, kept: &Kept<S, C::Gains>) -> S::f64s {
         let depth = simd.sub_f64s(self.counted.count, kept.surface);
-        let output = self.controller.render(simd, &kept.gains, depth, &shared.command);
-        simd.mul_f64s(output, shared.command.full_scale_n)
+        let output = self.controller.render(simd, &kept.gains, depth, &shared.stage);
+        simd.mul_f64s(output, shared.stage.full_scale_n)
     }
 
     #[inline(always)]
@@ -247,10 +267,10 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
         let mut buffer = [Aligned([simd.splat_f64s(0.0); R]); BLOCK + 1];
         let mut left = self.samples;
         while left > 0 {
-            let plain = left.min(self.clock.samples_to_event());
+            let plain = left.min(self.actuation.samples_to_event());
             let samples = plain.min(BLOCK_SAMPLES);
             left -= samples;
-            self.clock.phase += samples;
+            self.actuation.phase += samples;
             // A sample with an output or an arriving command ends the block, unless the chunk ends here.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
@@ -273,8 +293,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     #[inline(always)]
     fn move_on(&mut self, simd: S, block: &mut [Row<S, R>]) {
         let Some((last, block)) = block.split_last_mut() else { return };
-        let mut state: [[S::f64s; P]; R] = from_fn(|r| self.moving[r].state);
-        let pushed: [[S::f64s; P]; R] = from_fn(|r| self.moving[r].pushed);
+        let mut state = each!(self.moving, state);
+        let pushed = each!(self.moving, pushed);
         let shared = *self.shared;
         for row in block {
             for r in 0..R {
@@ -282,9 +302,9 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
                 state[r] = plus(simd, free(simd, &shared, &state[r]), pushed[r]);
             }
         }
-        for ((moving, state), last) in self.moving.iter_mut().zip(state).zip(&mut last.0) {
-            moving.state = state;
-            *last = moving.position_m(simd, &shared);
+        for r in 0..R {
+            self.moving[r].state = state[r];
+            last.0[r] = self.moving[r].position_m(simd, &shared);
         }
     }
 
@@ -292,16 +312,15 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     #[inline(always)]
     fn count<const ROUND: bool>(&mut self, simd: S, block: &mut [Row<S, R>]) {
         let (resolution_m, half) = (self.shared.resolution_m, simd.splat_f64s(0.5));
-        let mut counted: [Counted<S>; R] = from_fn(|r| self.moving[r].counted);
-        let window: [_; R] = from_fn(|r| (self.kept[r].origin, self.kept[r].within));
+        let mut counted = each!(self.moving, counted);
+        let (origin, within) = (each!(self.kept, origin), each!(self.kept, within));
         for row in block {
             for r in 0..R {
                 let Counted { count: last, jump, sum, squares, deepest } = counted[r];
                 let exact = simd.div_f64s(row.0[r], resolution_m);
                 let count = simd.floor(if ROUND { simd.add_f64s(exact, half) } else { exact });
                 let difference = simd.sub_f64s(count, last);
-                let (origin, within) = window[r];
-                let away = simd.masked(simd.sub_f64s(count, origin), within);
+                let away = simd.masked(simd.sub_f64s(count, origin[r]), within[r]);
                 counted[r] = Counted {
                     count,
                     jump: simd.max_of(jump, simd.magnitude(difference)),
@@ -313,16 +332,16 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
                 row.0[r] = difference;
             }
         }
-        for (moving, counted) in self.moving.iter_mut().zip(counted) {
-            moving.counted = counted;
+        for r in 0..R {
+            self.moving[r].counted = counted[r];
         }
     }
 
     /// The velocities of a block of counts moved.
     #[inline(always)]
     fn filter(&mut self, simd: S, block: &[Row<S, R>]) {
-        let mut controller: [C; R] = from_fn(|r| self.moving[r].controller);
-        let gains: [C::Gains; R] = from_fn(|r| self.kept[r].gains);
+        let mut controller = each!(self.moving, controller);
+        let gains = each!(self.kept, gains);
         let quick = C::QUICK_ABOVE.is_some_and(|least| self.quick(simd, block, least));
         if quick {
             return;
@@ -332,8 +351,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
                 controller[r].filter(simd, &gains[r], row.0[r]);
             }
         }
-        for (moving, controller) in self.moving.iter_mut().zip(controller) {
-            moving.controller = controller;
+        for r in 0..R {
+            self.moving[r].controller = controller[r];
         }
     }
 
@@ -341,11 +360,11 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     /// be right in all lanes.
     #[inline(always)]
     fn quick(&mut self, simd: S, block: &[Row<S, R>], least: f64) -> bool {
-        let mut controller: [C; R] = from_fn(|r| self.moving[r].controller);
-        let gains: [C::Gains; R] = from_fn(|r| self.kept[r].gains);
+        let mut controller = each!(self.moving, controller);
+        let gains = each!(self.kept, gains);
         let mut smallest = [simd.splat_f64s(f64::INFINITY); R];
-        for (smallest, controller) in smallest.iter_mut().zip(&controller) {
-            *smallest = controller.output(simd);
+        for r in 0..R {
+            smallest[r] = controller[r].output(simd);
         }
         if !is_above(simd, &smallest, least) {
             return false;
@@ -358,8 +377,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
         if !is_above(simd, &smallest, least) {
             return false;
         }
-        for (moving, controller) in self.moving.iter_mut().zip(controller) {
-            moving.controller = controller;
+        for r in 0..R {
+            self.moving[r].controller = controller[r];
         }
         true
     }
@@ -367,28 +386,29 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     /// An output, an arriving command, or both, and the motion to the next sample.
     #[inline(always)]
     fn event(&mut self, simd: S) {
-        if self.clock.is_due() {
-            self.clock.phase = 0;
+        if self.actuation.is_due() {
+            self.actuation.phase = 0;
             let shared = self.shared;
             let mut forces_n = [simd.splat_f64s(0.0); R];
             // no closure: one that is not inlined would not be compiled for the machine
-            for ((force_n, moving), kept) in forces_n.iter_mut().zip(&*self.moving).zip(self.kept) {
-                *force_n = moving.render(simd, shared, kept);
+            for r in 0..R {
+                forces_n[r] = self.moving[r].render(simd, shared, &self.kept[r]);
             }
-            self.clock.send(forces_n);
+            self.actuation.send(forces_n);
         }
-        let arriving = (self.clock.phase == self.clock.arrival).then(|| self.clock.oldest());
+        let arriving =
+            (self.actuation.phase == self.actuation.arrival).then(|| self.actuation.oldest());
         for r in 0..R {
             match arriving {
                 Some(forces_n) => self.moving[r].advance_split(simd, self.shared, forces_n[r]),
                 None => self.moving[r].advance(simd, self.shared),
             }
         }
-        self.clock.phase += 1;
+        self.actuation.phase += 1;
     }
 }
 
-impl<S: SimdOps, const R: usize> Clock<S, R> {
+impl<S: SimdOps, const R: usize> Actuation<S, R> {
     /// Before the first sample.
     pub fn new(simd: S, period: u32, latency: u32) -> Self {
         let room = (latency / period + 1) as usize;

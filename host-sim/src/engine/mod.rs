@@ -44,7 +44,7 @@ mod simd_ops;
 mod stream;
 
 use backend::scalar;
-pub use backend::{Backend, Depth, Outcome, Tally, Work, lanes_for, run};
+pub use backend::{Backend, Depth, Engine, Outcome, Tally, Work, lanes_for, run};
 pub use stream::stream;
 
 #[cfg(test)]

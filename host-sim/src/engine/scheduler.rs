@@ -3,13 +3,13 @@
 use zwidth::{
     Output,
     actuator::Actuator,
-    experiment::{Hit, RunningVariance, Verdict},
-    units::Force,
+    experiment::{Hit, HitPlan, RunningVariance},
+    units::{Force, Position},
 };
 
 use super::{
     Depth, Outcome, Tally, Work,
-    lanes::{Chunk, Clock, Command, Kept, Lanes, Moving, Shared, mask},
+    lanes::{Actuation, Chunk, Kept, Lanes, Moving, OutputStage, Shared, mask},
     scalar,
     simd_ops::{SimdOps, lanes, lanes_mut},
 };
@@ -62,14 +62,14 @@ struct Running {
     /// Taken so far.
     samples: u32,
     surface: i32,
-    /// First position of the window.
+    /// First count of the window.
     origin: i32,
-    sum: i64,
-    squares: u128,
+    /// Of the counts of the window.
+    variance: RunningVariance,
     contact: bool,
 }
 
-struct Engine<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
+struct Scheduler<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: LinearStep<P>,
@@ -79,7 +79,7 @@ struct Engine<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     shared: Shared<S, P>,
     kept: [Kept<S, C::Gains>; R],
     moving: [Moving<S, C, P>; R],
-    clock: Clock<S, R>,
+    actuation: Actuation<S, R>,
     running: Vec<Option<Running>>,
 }
 
@@ -88,56 +88,60 @@ pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
     simd: S,
     task: Task<'_>,
     step: &LinearStep<P>,
-    work: &mut impl Work,
+    work: &mut dyn Work,
 ) -> Tally {
-    let mut engine = Engine::<S, C, P, R>::new(simd, task, step);
-    for lane in 0..engine.running.len() {
-        engine.begin(lane, work);
+    let mut scheduler = Scheduler::<S, C, P, R>::new(simd, task, step);
+    for lane in 0..scheduler.running.len() {
+        scheduler.begin(lane, work);
     }
-    while let Some(samples) = engine.until_next_event() {
-        let Engine { shared, kept, moving, clock, .. } = &mut engine;
-        Chunk { shared, kept, moving, clock, samples }.go(simd);
-        for lane in 0..engine.running.len() {
-            if let Some(outcome) = engine.look(lane, samples) {
-                engine.waiting = true;
-                let running = engine.running[lane].take();
+    while let Some(samples) = scheduler.until_next_event() {
+        let Scheduler { shared, kept, moving, actuation, .. } = &mut scheduler;
+        Chunk { shared, kept, moving, actuation, samples }.go(simd);
+        for lane in 0..scheduler.running.len() {
+            if let Some(outcome) = scheduler.look(lane, samples) {
+                scheduler.waiting = true;
+                let running = scheduler.running[lane].take();
                 let outcome = match (outcome, running) {
                     (Some(outcome), _) => {
-                        engine.tally.in_lanes += 1;
+                        scheduler.tally.in_lanes += 1;
                         Ok(outcome)
                     }
-                    (None, Some(running)) => engine.scalar(&running.hit),
+                    (None, Some(running)) => scheduler.scalar(&running.hit),
                     (None, None) => continue,
                 };
                 work.done(lane, outcome);
             }
         }
-        if engine.waiting && engine.clock.is_due() {
-            engine.waiting = false;
-            for lane in 0..engine.running.len() {
-                if engine.running[lane].is_none() {
-                    engine.begin(lane, work);
+        if scheduler.waiting && scheduler.actuation.is_due() {
+            scheduler.waiting = false;
+            for lane in 0..scheduler.running.len() {
+                if scheduler.running[lane].is_none() {
+                    scheduler.begin(lane, work);
                 }
             }
         }
     }
-    engine.tally
+    scheduler.tally
 }
 
-impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S, C, P, R> {
+impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a, S, C, P, R> {
     fn new(simd: S, task: Task<'a>, step: &LinearStep<P>) -> Self {
         let parts = task.rig.parts();
         let zero = simd.splat_f64s(0.0);
         let splat = |value: f64| simd.splat_f64s(value);
+        let mut phi = [[zero; P]; P];
+        for (phi, row) in phi.iter_mut().zip(&step.phi) {
+            *phi = each(simd, row);
+        }
         let shared = Shared {
-            phi: step.phi.map(|row| row.map(splat)),
-            gamma: step.gamma.map(splat),
-            before: step.before.map(splat),
-            after: step.after.map(splat),
+            phi,
+            gamma: each(simd, &step.gamma),
+            before: each(simd, &step.before),
+            after: each(simd, &step.after),
             rest_m: splat(step.rest_m[0]),
             resolution_m: splat(parts.resolution_m),
             rounds: parts.rounding == Rounding::Round,
-            command: command(simd, task),
+            stage: stage(simd, task),
         };
         let kept = Kept {
             gains: C::no_gains(simd),
@@ -145,7 +149,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
             origin: zero,
             within: simd.splat_u64s(0),
         };
-        let clock = Clock::new(simd, parts.period, parts.latency);
+        let actuation = Actuation::new(simd, parts.period, parts.latency);
         Self {
             simd,
             task,
@@ -155,7 +159,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
             shared,
             kept: [kept; R],
             moving: [Moving::new(simd); R],
-            clock,
+            actuation,
             running: vec![None; R * S::F64_LANES],
         }
     }
@@ -171,7 +175,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
     }
 
     /// Takes the next hit into a free lane; those that no lane can run are run at once.
-    fn begin(&mut self, lane: usize, work: &mut impl Work) {
+    fn begin(&mut self, lane: usize, work: &mut dyn Work) {
         while let Some(hit) = work.next(lane) {
             let Task { rig, numeric, .. } = self.task;
             match C::prepare(rig, numeric, &hit) {
@@ -207,7 +211,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
         set(&mut moving.counted.count, rig.first_count(&hit).into());
         set(&mut kept.surface, surface.into());
         lanes_mut(&mut kept.within)[place] = mask(false);
-        for commands_n in &mut self.clock.commands_n {
+        for commands_n in &mut self.actuation.commands_n {
             set(&mut commands_n.0[vector], 0.0);
         }
         self.running[lane] = Some(Running {
@@ -215,8 +219,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
             samples: 0,
             surface,
             origin: 0,
-            sum: 0,
-            squares: 0,
+            variance: RunningVariance::default(),
             contact: false,
         });
     }
@@ -238,78 +241,106 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Engine<'a, S
 
     /// Samples until a lane has to be looked at; `None` if none is running.
     fn until_next_event(&self) -> Option<u32> {
-        let plan = self.task.rig.plan();
-        let next = |running: &Running| match running.samples {
-            // the first sample of the window gives its origin
-            n if n <= plan.settle => plan.settle + 1 - n,
-            n => plan.settle + plan.window - n,
-        };
-        let soonest = self.running.iter().flatten().map(next).min();
-        let to_output = self.waiting.then(|| self.clock.samples_to_output());
-        let samples = soonest.into_iter().chain(to_output).min()?;
+        let to_output = self.waiting.then(|| self.actuation.samples_to_output());
+        let soonest = soonest(&self.running, self.task.rig.plan());
+        let samples = [soonest, to_output].into_iter().flatten().min()?;
         Some(samples.min(CHUNK_SAMPLES))
     }
 
     /// Reads a lane after `samples` more. `Some` if its hit is over, with its outcome if the lanes have it.
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
-        let plan = *self.task.rig.plan();
         let running = self.running[lane].as_mut()?;
         running.samples += samples;
         let (vector, place) = Self::place(lane);
         let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
         let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
         let count = get(&moving.counted.count);
-        let finite = moving.state.iter().all(|value| get(value).is_finite());
+        let mut finite = true;
+        for value in &moving.state {
+            finite &= get(value).is_finite();
+        }
         let near = get(&moving.counted.jump) <= JUMP_MAX && count.abs() <= COUNT_MAX;
         if !finite || !near || moving.controller.is_lost(place) {
             return Some(None);
         }
-        if running.samples <= plan.settle {
+        let settle = self.task.rig.plan().settle;
+        if running.samples <= settle {
             return None;
         }
-        #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
-        let integer = |value: f64| value as i64;
-        if running.samples == plan.settle + 1 {
-            #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
-            let origin = count as i32;
-            running.origin = origin;
-            running.contact = origin > running.surface;
+        if running.samples == settle + 1 {
+            running.open_window(count);
             lanes_mut(&mut kept.origin)[place] = count;
             lanes_mut(&mut kept.within)[place] = mask(true);
-            for (sum, start) in [
-                (&mut moving.counted.sum, 0.0),
-                (&mut moving.counted.squares, 0.0),
-                (&mut moving.counted.deepest, f64::NEG_INFINITY),
-            ] {
-                lanes_mut(sum)[place] = start;
-            }
+            lanes_mut(&mut moving.counted.deepest)[place] = f64::NEG_INFINITY;
         } else {
-            let squares = get(&moving.counted.squares);
-            if squares >= SQUARES_MAX {
+            let sums = [get(&moving.counted.sum), get(&moving.counted.squares)];
+            if !running.add(samples, sums, get(&moving.counted.deepest)) {
                 return Some(None);
             }
-            running.sum += integer(get(&moving.counted.sum));
-            running.squares += u128::from(integer(squares).unsigned_abs());
-            let surface = f64::from(running.surface) - f64::from(running.origin);
-            running.contact |= get(&moving.counted.deepest) > surface;
-            lanes_mut(&mut moving.counted.sum)[place] = 0.0;
-            lanes_mut(&mut moving.counted.squares)[place] = 0.0;
         }
-        let taken = running.samples - plan.settle;
-        let scatter = RunningVariance::of_sums(taken, running.origin, running.sum, running.squares);
-        let hit = Hit::in_window(plan, u32::from(running.contact), scatter);
-        if hit.is_over() {
-            let rms_m = scatter.rms_counts() * self.task.rig.design().resolution_m;
-            let whole = self.task.depth == Depth::Whole;
-            return Some(Some(Outcome { verdict: hit.verdict(), rms_m: whole.then_some(rms_m) }));
-        }
-        let early = (self.task.depth == Depth::Verdict).then(|| hit.certain_verdict()).flatten();
-        early.map(|verdict: Verdict| Some(Outcome { verdict, rms_m: None }))
+        lanes_mut(&mut moving.counted.sum)[place] = 0.0;
+        lanes_mut(&mut moving.counted.squares)[place] = 0.0;
+        running.judge(self.task).map(Some)
     }
 }
 
+/// Samples until one of these hits has to be looked at: after the first sample of its window, which gives the
+/// origin, and at its end.
+fn soonest(running: &[Option<Running>], plan: &HitPlan) -> Option<u32> {
+    let next = |running: &Running| match running.samples {
+        n if n <= plan.settle => plan.settle + 1 - n,
+        n => plan.settle + plan.window - n,
+    };
+    running.iter().flatten().map(next).min()
+}
+
+impl Running {
+    /// The window begins with this count.
+    fn open_window(&mut self, count: f64) {
+        #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
+        let count = count as i32;
+        self.variance.push(Position::from_counts(count));
+        self.contact = count > self.surface;
+        self.origin = count;
+    }
+
+    /// Takes sums and deepest place of `samples` more, in counts from the window's first; `false` if they may not be
+    /// exact.
+    fn add(&mut self, samples: u32, [sum, squares]: [f64; 2], deepest: f64) -> bool {
+        #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
+        let integer = |value: f64| value as i64;
+        if squares >= SQUARES_MAX {
+            return false;
+        }
+        self.variance.add(samples, integer(sum), integer(squares).unsigned_abs().into());
+        self.contact |= deepest > f64::from(self.surface) - f64::from(self.origin);
+        true
+    }
+
+    /// The hit's outcome, if it is over or certain.
+    fn judge(&self, task: Task<'_>) -> Option<Outcome> {
+        let hit = Hit::in_window(*task.rig.plan(), u32::from(self.contact), self.variance);
+        if hit.is_over() {
+            let rms_m = self.variance.rms_counts() * task.rig.design().resolution_m;
+            let whole = task.depth == Depth::Whole;
+            return Some(Outcome { verdict: hit.verdict(), rms_m: whole.then_some(rms_m) });
+        }
+        let certain = (task.depth == Depth::Verdict).then(|| hit.certain_verdict()).flatten()?;
+        Some(Outcome { verdict: certain, rms_m: None })
+    }
+}
+
+/// A vector for each number, the number in all its lanes.
+fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P] {
+    let mut vectors = [simd.splat_f64s(0.0); P];
+    for (vector, number) in vectors.iter_mut().zip(numbers) {
+        *vector = simd.splat_f64s(*number);
+    }
+    vectors
+}
+
 /// What an output needs, the same for all hits.
-fn command<S: SimdOps>(simd: S, task: Task<'_>) -> Command<S> {
+fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
     let Task { rig, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);
     let push_bits = i64::from(rig.plan().push.bits());
@@ -321,7 +352,7 @@ fn command<S: SimdOps>(simd: S, task: Task<'_>) -> Command<S> {
     };
     let codes = codes.map(|actuator| actuator.codes_per_full_scale());
     let per_full_scale = codes.unwrap_or(Force::FULL_SCALE.bits().unsigned_abs());
-    Command {
+    OutputStage {
         push: splat(push_bits as f64 / full_bits),
         push_bits: simd.splat_u64s(push_bits.cast_unsigned()),
         least: simd.splat_u64s(if push_only { 0 } else { i64::MIN.cast_unsigned() }),

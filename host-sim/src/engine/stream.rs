@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use super::{Backend, Depth, Outcome, Work, run};
+use super::{Depth, Engine, Outcome, Work, run};
 use crate::{
     error::Error,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
@@ -15,13 +15,13 @@ use crate::{
 const HITS_PER_LANE: u64 = 64;
 
 /// Runs the hits 0 .. `total` that `hit` describes and gives each outcome to `sink`, in order. The outcomes
-/// depend neither on the number of threads nor on `backend`.
+/// depend neither on the number of threads nor on `engine`.
 ///
 /// # Errors
 /// `stop` was set, or an error of `sink`.
 #[expect(clippy::too_many_arguments, reason = "what, how and where to")]
 pub fn stream(
-    backend: Backend,
+    engine: Engine,
     rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
@@ -31,7 +31,7 @@ pub fn stream(
     mut sink: impl FnMut(u64, Result<Outcome, HitError>) -> Result<(), Error>,
 ) -> Result<(), Error> {
     let threads = rayon::current_num_threads();
-    let block = HITS_PER_LANE * (threads * backend.lanes()) as u64;
+    let block = HITS_PER_LANE * (threads * engine.hits_at_once(rig)) as u64;
     let mut begin = 0;
     while begin < total {
         let end = total.min(begin + block);
@@ -43,7 +43,7 @@ pub fn stream(
                 let lanes = vec![];
                 let mut work =
                     Numbered { next: &next, end, hit: &hit, stop, lanes, outcomes: vec![] };
-                run(backend, rig, numeric, depth, &mut work);
+                run(engine, rig, numeric, depth, &mut work);
                 work.outcomes
             })
             .collect();

@@ -14,8 +14,9 @@ use crate::{
 
 const NUMERICS: [Numeric; 3] = [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded];
 
-fn backends() -> impl Iterator<Item = Backend> {
-    Backend::ALL.into_iter().filter(|backend| backend.is_available())
+fn engines() -> impl Iterator<Item = Engine> {
+    let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());
+    std::iter::once(Engine::Core).chain(available.map(Engine::Lanes))
 }
 
 /// Hits in a list, each by the lane that is free.
@@ -45,14 +46,14 @@ impl Work for Listed<'_> {
 }
 
 fn outcomes(
-    backend: Backend,
+    engine: Engine,
     rig: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     hits: &[WallHit],
 ) -> (Vec<Result<Outcome, HitError>>, Tally) {
     let mut work = Listed { hits, taken: 0, in_lane: vec![], outcomes: vec![None; hits.len()] };
-    let tally = run(backend, rig, numeric, depth, &mut work);
+    let tally = run(engine, rig, numeric, depth, &mut work);
     (work.outcomes.into_iter().map(Option::unwrap).collect(), tally)
 }
 
@@ -61,7 +62,7 @@ fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Option<u64>), H
     outcome.clone().map(|outcome| (outcome.verdict, outcome.rms_m.map(f64::to_bits)))
 }
 
-/// Every backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of them.
+/// Every engine and backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of them.
 fn hold(rig: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
@@ -80,13 +81,13 @@ fn hold(rig: &PreparedScene, hits: &[WallHit]) -> u64 {
                     .map(|verdict| Outcome { verdict, rms_m: None }),
                 })
                 .collect();
-            for backend in backends() {
-                let (found, tally) = outcomes(backend, rig, numeric, depth, hits);
+            for engine in engines() {
+                let (found, tally) = outcomes(engine, rig, numeric, depth, hits);
                 for ((hit, found), expected) in hits.iter().zip(&found).zip(&scalar) {
-                    let context = format!("{backend:?} {numeric:?} {depth:?} {hit:?}");
+                    let context = format!("{engine:?} {numeric:?} {depth:?} {hit:?}");
                     assert_eq!(bits(found), bits(expected), "{context}");
                 }
-                if backend != Backend::Scalar {
+                if engine != Engine::Core {
                     assert_eq!(tally.in_lanes + tally.scalar, hits.len() as u64);
                     least = least.min(tally.in_lanes);
                 }
@@ -145,7 +146,7 @@ fn a_few_samples_are_the_same_on_every_backend() {
     let rig = PreparedScene::new(&scene).unwrap();
     let hits = grid(&[50.0, 4000.0], &[90_000.0], &[10.0]);
     assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
-    let names: Vec<_> = backends().map(|backend| format!("{backend:?}")).collect();
+    let names: Vec<_> = engines().map(|engine| format!("{engine:?}")).collect();
     println!("{names:?}");
 }
 
@@ -203,8 +204,8 @@ fn a_hit_without_contact_and_one_that_is_refused_say_so() {
     hits.extend(grid(&[1e9], &[2000.0], &[10.0]));
     hits.extend(grid(&[800.0], &[2000.0], &[-1.0]));
     hits.extend(grid(&[900.0], &[2000.0], &[10.0]));
-    for backend in backends() {
-        let (found, _) = outcomes(backend, &rig, Numeric::Fixed, Depth::Verdict, &hits);
+    for engine in engines() {
+        let (found, _) = outcomes(engine, &rig, Numeric::Fixed, Depth::Verdict, &hits);
         assert_eq!(found[0].clone().unwrap().verdict, Verdict::NoContact);
         assert!(matches!(&found[1], Err(HitError::Settings(e)) if e.parameter == "cutoff_hz"));
         assert!(
@@ -317,10 +318,10 @@ proptest! {
     }
 }
 
-/// The files of a sweep are made of this: it must not depend on backend or threads.
+/// The files of a sweep are made of this: it must not depend on engine, backend or threads.
 #[test]
 fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
-    use crate::study::sweep::{Plan, sweep_with};
+    use crate::study::sweep::{Plan, sweep};
     let mut scenes = [paper(), NamedScene::load("paper-2um").unwrap().scene];
     for scene in &mut scenes {
         scene.wall_hit.settle_s = 1.0;
@@ -336,10 +337,10 @@ fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
     let stop = std::sync::atomic::AtomicBool::new(false);
     for numeric in [Numeric::Fixed, Numeric::F64] {
         let mut all = vec![];
-        for backend in backends() {
+        for engine in engines() {
             for threads in [1, 2, 5] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let swept = pool.install(|| sweep_with(backend, &plans, numeric, 3, &stop, |_| {}));
+                let swept = pool.install(|| sweep(engine, &plans, numeric, 3, &stop, |_| {}));
                 all.push(format!("{:?}", swept.unwrap()));
             }
         }
@@ -371,7 +372,7 @@ fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
         Ok(())
     };
     let ended =
-        stream(Backend::best(), &rig, Numeric::Fixed, Depth::Whole, 20_000, hit, &stop, &mut take);
+        stream(Engine::lanes(), &rig, Numeric::Fixed, Depth::Whole, 20_000, hit, &stop, &mut take);
     assert!(matches!(ended, Err(crate::error::Error::Interrupted)));
     assert!(next > 7000 && next < 20_000);
 }

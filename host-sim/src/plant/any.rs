@@ -1,5 +1,8 @@
-//! Any plant behind one type: for callers that take what a scene asks for and do not mind a look at
-//! its kind in every step. Runs of whole hits do mind, and are made for each kind ([`each_plant`]).
+//! Any plant behind one type: for callers that take what a scene asks for. Plants with an exact step are told
+//! apart by their number of states, so that the loop of a hit is compiled for each of them ([`each_plant`]); the
+//! others take so long for a step that a call through a table does not matter.
+
+use std::{fmt::Debug, sync::Arc};
 
 use super::{AugmentedStep, IntegratedStep, Moment, Plant, PlantStep, Regime, Sensed, Sensing};
 use crate::{
@@ -17,6 +20,7 @@ pub struct AnyState {
     pub(super) z: [f64; STATES_MAX],
     pub(super) regime: Regime,
     pub(super) step_s: f64,
+    pub(super) steps: u64,
     pub(super) hit: u64,
 }
 
@@ -35,25 +39,12 @@ pub enum AnyPlant {
     Six(AugmentedStep<6>),
     /// Three bodies and an amplifier.
     Seven(AugmentedStep<7>),
-    /// Integrated: a device alone.
-    IntegratedTwo(IntegratedStep<2>),
-    /// Integrated, with an amplifier.
-    IntegratedThree(IntegratedStep<3>),
-    /// Integrated: two bodies.
-    IntegratedFour(IntegratedStep<4>),
-    /// Integrated: two bodies and an amplifier.
-    IntegratedFive(IntegratedStep<5>),
-    /// Integrated: three bodies.
-    IntegratedSix(IntegratedStep<6>),
-    /// Integrated: three bodies and an amplifier.
-    IntegratedSeven(IntegratedStep<7>),
-    /// A device alone, with something wrong with its readings.
-    SensedPlain(Sensed<PlantStep>),
-    /// Any other, with something wrong with its readings.
-    Sensed(Sensed<Box<AnyPlant>>),
+    /// Integrated step by step, or with something wrong with its readings.
+    Other(Arc<dyn OtherPlant>),
 }
 
-/// Runs an expression with the plant that an [`AnyPlant`] holds, compiled for each kind.
+/// Runs an expression with the plant that an [`AnyPlant`] holds, compiled for each that has an exact step, and once
+/// for the others.
 macro_rules! each_plant {
     ($any:expr, $plant:ident => $body:expr) => {
         match $any {
@@ -63,31 +54,85 @@ macro_rules! each_plant {
             $crate::plant::AnyPlant::Five($plant) => $body,
             $crate::plant::AnyPlant::Six($plant) => $body,
             $crate::plant::AnyPlant::Seven($plant) => $body,
-            $crate::plant::AnyPlant::IntegratedTwo($plant) => $body,
-            $crate::plant::AnyPlant::IntegratedThree($plant) => $body,
-            $crate::plant::AnyPlant::IntegratedFour($plant) => $body,
-            $crate::plant::AnyPlant::IntegratedFive($plant) => $body,
-            $crate::plant::AnyPlant::IntegratedSix($plant) => $body,
-            $crate::plant::AnyPlant::IntegratedSeven($plant) => $body,
-            $crate::plant::AnyPlant::SensedPlain($plant) => $body,
-            $crate::plant::AnyPlant::Sensed($plant) => $body,
+            $plant @ $crate::plant::AnyPlant::Other(_) => $body,
         }
     };
 }
 pub(crate) use each_plant;
 
+/// [`Plant`] with the state of any plant, for calls through a table.
+pub trait OtherPlant: Debug + Send + Sync {
+    /// [`Plant::at_rest`].
+    fn any_at_rest(&self, position_m: f64) -> AnyState;
+    /// [`Plant::position_m`].
+    fn any_position_m(&self, state: &AnyState) -> f64;
+    /// [`Plant::speed_m_per_s`].
+    fn any_speed_m_per_s(&self, state: &AnyState) -> f64;
+    /// [`Plant::force_n`].
+    fn any_force_n(&self, state: &AnyState, output_n: f64) -> f64;
+    /// [`Plant::reading_m`].
+    fn any_reading_m(&self, state: &AnyState, moment: &Moment) -> f64;
+    /// [`Plant::later_m`].
+    fn any_later_m(&self, state: &AnyState, delay_s: f64, forces_n: [f64; 2]) -> Option<f64>;
+    /// [`Plant::advance`].
+    fn any_advance(&self, state: &AnyState, force_n: f64) -> AnyState;
+    /// [`Plant::advance_split`].
+    fn any_advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState;
+    /// [`Plant::steps`].
+    fn any_steps(&self, state: &AnyState) -> u64;
+}
+
+impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
+    fn any_at_rest(&self, position_m: f64) -> AnyState {
+        P::pack(&self.at_rest(position_m))
+    }
+
+    fn any_position_m(&self, state: &AnyState) -> f64 {
+        self.position_m(&P::unpack(state))
+    }
+
+    fn any_speed_m_per_s(&self, state: &AnyState) -> f64 {
+        self.speed_m_per_s(&P::unpack(state))
+    }
+
+    fn any_force_n(&self, state: &AnyState, output_n: f64) -> f64 {
+        self.force_n(&P::unpack(state), output_n)
+    }
+
+    fn any_reading_m(&self, state: &AnyState, moment: &Moment) -> f64 {
+        self.reading_m(&P::unpack(state), moment)
+    }
+
+    fn any_later_m(&self, state: &AnyState, delay_s: f64, forces_n: [f64; 2]) -> Option<f64> {
+        self.later_m(&P::unpack(state), delay_s, forces_n)
+    }
+
+    fn any_advance(&self, state: &AnyState, force_n: f64) -> AnyState {
+        P::pack(&self.advance(&P::unpack(state), force_n))
+    }
+
+    fn any_advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState {
+        P::pack(&self.advance_split(&P::unpack(state), before_n, after_n))
+    }
+
+    fn any_steps(&self, state: &AnyState) -> u64 {
+        self.steps(&P::unpack(state))
+    }
+}
+
 impl AnyPlant {
     /// The plant of a scene, sampled every `sample_s`, with a command taking effect at `fraction` (0 to
     /// below 1) of it, and what its encoder reads.
     pub fn of(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
-        let chain = scene.chain();
-        let split_s = fraction * sample_s;
         let sensing = Sensing::of(scene);
         let plant = Self::unsensed(scene, sample_s, fraction);
+        if sensing.is_perfect() {
+            return plant;
+        }
+        let (chain, split_s) = (scene.chain(), fraction * sample_s);
         match plant {
-            plant if sensing.is_perfect() => plant,
-            Self::Plain(plant) => Self::SensedPlain(Sensed::new(plant, sensing, &chain, split_s)),
-            plant => Self::Sensed(Sensed::new(Box::new(plant), sensing, &chain, split_s)),
+            Self::Plain(plant) => Self::other(Sensed::new(plant, sensing, &chain, split_s)),
+            plant => Self::other(Sensed::new(plant, sensing, &chain, split_s)),
         }
     }
 
@@ -103,6 +148,10 @@ impl AnyPlant {
         }
     }
 
+    fn other(plant: impl OtherPlant + 'static) -> Self {
+        Self::Other(Arc::new(plant))
+    }
+
     /// A plant that is integrated step by step, linear or not.
     pub fn integrated(
         chain: &Chain,
@@ -112,17 +161,19 @@ impl AnyPlant {
         fraction: f64,
     ) -> Self {
         macro_rules! of {
-            () => {
-                IntegratedStep::new(chain, nonlinear, integrator, sample_s, fraction)
+            ($n:literal) => {
+                Self::other(IntegratedStep::<$n>::new(
+                    chain, nonlinear, integrator, sample_s, fraction,
+                ))
             };
         }
         match chain.states() {
-            2 => Self::IntegratedTwo(of!()),
-            3 => Self::IntegratedThree(of!()),
-            4 => Self::IntegratedFour(of!()),
-            5 => Self::IntegratedFive(of!()),
-            6 => Self::IntegratedSix(of!()),
-            _ => Self::IntegratedSeven(of!()),
+            2 => of!(2),
+            3 => of!(3),
+            4 => of!(4),
+            5 => of!(5),
+            6 => of!(6),
+            _ => of!(7),
         }
     }
 
@@ -139,123 +190,57 @@ impl AnyPlant {
     }
 }
 
-/// The state after a function of a plant and its own state.
-fn through<P: Plant>(
-    plant: &P,
-    state: &AnyState,
-    step: impl FnOnce(&P, &P::State) -> P::State,
-) -> AnyState {
-    P::pack(&step(plant, &P::unpack(state)))
-}
-
-/// What a function of a plant and its own state gives.
-fn of<P: Plant>(plant: &P, state: &AnyState, value: impl Fn(&P, &P::State) -> f64) -> f64 {
-    value(plant, &P::unpack(state))
-}
-
-fn at_rest<P: Plant>(plant: &P, position_m: f64) -> AnyState {
-    P::pack(&plant.at_rest(position_m))
+impl AnyPlant {
+    fn table(&self) -> &dyn OtherPlant {
+        match self {
+            Self::Plain(plant) => plant,
+            Self::Three(plant) => plant,
+            Self::Four(plant) => plant,
+            Self::Five(plant) => plant,
+            Self::Six(plant) => plant,
+            Self::Seven(plant) => plant,
+            Self::Other(plant) => &**plant,
+        }
+    }
 }
 
 impl Plant for AnyPlant {
     type State = AnyState;
 
     fn at_rest(&self, position_m: f64) -> AnyState {
-        each_plant!(self, plant => at_rest(plant, position_m))
+        self.table().any_at_rest(position_m)
     }
 
     fn position_m(&self, state: &AnyState) -> f64 {
-        each_plant!(self, plant => of(plant, state, Plant::position_m))
+        self.table().any_position_m(state)
     }
 
     fn speed_m_per_s(&self, state: &AnyState) -> f64 {
-        each_plant!(self, plant => of(plant, state, Plant::speed_m_per_s))
+        self.table().any_speed_m_per_s(state)
     }
 
     fn force_n(&self, state: &AnyState, output_n: f64) -> f64 {
-        each_plant!(self, plant => of(plant, state, |plant, state| plant.force_n(state, output_n)))
+        self.table().any_force_n(state, output_n)
     }
 
     fn reading_m(&self, state: &AnyState, moment: &Moment) -> f64 {
-        each_plant!(self, plant => of(plant, state, |plant, state| plant.reading_m(state, moment)))
+        self.table().any_reading_m(state, moment)
     }
 
-    fn later_m(&self, state: &AnyState, delay_s: f64, before_n: f64, after_n: f64) -> Option<f64> {
-        fn of<P: Plant>(
-            plant: &P,
-            state: &AnyState,
-            delay_s: f64,
-            forces: [f64; 2],
-        ) -> Option<f64> {
-            plant.later_m(&P::unpack(state), delay_s, forces[0], forces[1])
-        }
-        each_plant!(self, plant => of(plant, state, delay_s, [before_n, after_n]))
+    fn later_m(&self, state: &AnyState, delay_s: f64, forces_n: [f64; 2]) -> Option<f64> {
+        self.table().any_later_m(state, delay_s, forces_n)
     }
 
     fn advance(&self, state: &AnyState, force_n: f64) -> AnyState {
-        each_plant!(self, plant => through(plant, state, |plant, state| plant.advance(state, force_n)))
+        self.table().any_advance(state, force_n)
     }
 
     fn advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState {
-        each_plant!(self, plant => through(plant, state, |plant, state| {
-            plant.advance_split(state, before_n, after_n)
-        }))
+        self.table().any_advance_split(state, before_n, after_n)
     }
 
-    fn advance_counting(
-        &self,
-        state: &AnyState,
-        before_n: f64,
-        after_n: Option<f64>,
-        steps: &mut u64,
-    ) -> AnyState {
-        each_plant!(self, plant => through(plant, state, |plant, state| {
-            plant.advance_counting(state, before_n, after_n, steps)
-        }))
-    }
-
-    fn pack(state: &AnyState) -> AnyState {
-        *state
-    }
-
-    fn unpack(any: &AnyState) -> AnyState {
-        *any
-    }
-}
-
-impl Plant for Box<AnyPlant> {
-    type State = AnyState;
-
-    fn at_rest(&self, position_m: f64) -> AnyState {
-        (**self).at_rest(position_m)
-    }
-
-    fn position_m(&self, state: &AnyState) -> f64 {
-        (**self).position_m(state)
-    }
-
-    fn speed_m_per_s(&self, state: &AnyState) -> f64 {
-        (**self).speed_m_per_s(state)
-    }
-
-    fn force_n(&self, state: &AnyState, output_n: f64) -> f64 {
-        (**self).force_n(state, output_n)
-    }
-
-    fn reading_m(&self, state: &AnyState, moment: &Moment) -> f64 {
-        (**self).reading_m(state, moment)
-    }
-
-    fn later_m(&self, state: &AnyState, delay_s: f64, before_n: f64, after_n: f64) -> Option<f64> {
-        (**self).later_m(state, delay_s, before_n, after_n)
-    }
-
-    fn advance(&self, state: &AnyState, force_n: f64) -> AnyState {
-        (**self).advance(state, force_n)
-    }
-
-    fn advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState {
-        (**self).advance_split(state, before_n, after_n)
+    fn steps(&self, state: &AnyState) -> u64 {
+        self.table().any_steps(state)
     }
 
     fn pack(state: &AnyState) -> AnyState {

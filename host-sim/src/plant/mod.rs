@@ -13,7 +13,7 @@ mod integrated;
 mod sensed;
 
 pub(crate) use any::each_plant;
-pub use any::{AnyPlant, AnyState};
+pub use any::{AnyPlant, AnyState, OtherPlant};
 pub use augmented::{AugmentedStep, ChainState};
 pub use integrated::{HybridState, IntegratedStep, Regime};
 pub use sensed::{Sensed, SensedState, Sensing};
@@ -54,34 +54,18 @@ pub trait Plant: Clone {
     fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
         self.position_m(state)
     }
-    /// Position `delay_s` (below a sample) later, m, if this plant can say so by itself; an exact step is for
-    /// whole samples only.
-    fn later_m(
-        &self,
-        _state: &Self::State,
-        _delay_s: f64,
-        _before_n: f64,
-        _after_n: f64,
-    ) -> Option<f64> {
+    /// Position `delay_s` (below a sample) later, m, under the commands until the split and from it on, if this
+    /// plant can say so by itself; an exact step is for whole samples only.
+    fn later_m(&self, _state: &Self::State, _delay_s: f64, _forces_n: [f64; 2]) -> Option<f64> {
         None
     }
     /// The state one sample later, with `force_n` commanded all the while.
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
     /// The state one sample later, with `before_n` commanded until the split and `after_n` from it on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
-    /// The state one sample later, with a split if `after_n` is given; adds the steps of its integrator that were
-    /// tried, if it has one.
-    fn advance_counting(
-        &self,
-        state: &Self::State,
-        before_n: f64,
-        after_n: Option<f64>,
-        _steps: &mut u64,
-    ) -> Self::State {
-        match after_n {
-            Some(after_n) => self.advance_split(state, before_n, after_n),
-            None => self.advance(state, before_n),
-        }
+    /// Steps of its integrator that were tried since it was at rest; 0 if it has none.
+    fn steps(&self, _state: &Self::State) -> u64 {
+        0
     }
     /// A state as one that fits every plant.
     fn pack(state: &Self::State) -> AnyState;

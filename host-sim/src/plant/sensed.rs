@@ -32,6 +32,20 @@ impl Sensing {
     pub fn is_perfect(&self) -> bool {
         *self == Self::default()
     }
+
+    /// What the encoder shows of a handle at `position_m`, m, with its error and noise, before it is made a
+    /// count. `hit` and `sample` tell the noise of one reading from that of others.
+    #[inline]
+    pub fn shown_m(&self, position_m: f64, hit: u64, sample: u64) -> f64 {
+        let mut shown_m = position_m;
+        if let Some(error) = &self.error {
+            shown_m += error.error_m(position_m);
+        }
+        if let Some(noise) = &self.noise {
+            shown_m += noise.error_m(hit, sample);
+        }
+        shown_m
+    }
 }
 
 /// A plant and what is wrong with its readings.
@@ -55,7 +69,7 @@ pub struct SensedState<S> {
 impl<P: Plant> Sensed<P> {
     /// `chain` and `split_s` are those of the plant.
     pub fn new(plant: P, sensing: Sensing, chain: &Chain, split_s: f64) -> Self {
-        let by_itself = plant.later_m(&plant.at_rest(0.0), 0.0, 0.0, 0.0).is_some();
+        let by_itself = plant.later_m(&plant.at_rest(0.0), 0.0, [0.0; 2]).is_some();
         let glimpses = sensing
             .jitter
             .filter(|_| !by_itself)
@@ -73,7 +87,7 @@ impl<P: Plant> Sensed<P> {
             }
             None => self
                 .plant
-                .later_m(&state.plant, jitter.delay_s(level), before_n, after_n)
+                .later_m(&state.plant, jitter.delay_s(level), [before_n, after_n])
                 .unwrap_or_else(|| self.plant.position_m(&state.plant)),
         }
     }
@@ -105,17 +119,11 @@ impl<P: Plant> Plant for Sensed<P> {
 
     #[inline]
     fn reading_m(&self, state: &Self::State, moment: &Moment) -> f64 {
-        let mut reading_m = match &self.sensing.jitter {
+        let position_m = match &self.sensing.jitter {
             None => self.plant.position_m(&state.plant),
             Some(jitter) => self.late_m(state, moment, jitter),
         };
-        if let Some(error) = &self.sensing.error {
-            reading_m += error.error_m(reading_m);
-        }
-        if let Some(noise) = &self.sensing.noise {
-            reading_m += noise.error_m(state.hit, moment.index);
-        }
-        reading_m
+        self.sensing.shown_m(position_m, state.hit, moment.index)
     }
 
     #[inline]
@@ -127,6 +135,10 @@ impl<P: Plant> Plant for Sensed<P> {
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
         let plant = self.plant.advance_split(&state.plant, before_n, after_n);
         SensedState { plant, hit: state.hit }
+    }
+
+    fn steps(&self, state: &Self::State) -> u64 {
+        self.plant.steps(&state.plant)
     }
 
     fn pack(state: &Self::State) -> AnyState {

@@ -19,10 +19,8 @@ pub struct ControllerOutput {
 
 /// A controller in the loop: counts in, force out.
 pub trait Controller {
-    /// Takes one sample; `true` if an output is due with it.
-    fn sample(&mut self, count: i32) -> bool;
-    /// [`sample`](Self::sample) with what is sensed beside the count.
-    fn sense(&mut self, count: i32, senses: &Senses) -> bool;
+    /// Takes one sample, with what is sensed beside the count; `true` if an output is due with it.
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool;
     /// The output that is due with the last sample.
     fn render(&mut self) -> ControllerOutput;
     /// The velocity at the last sample, counts per sample.
@@ -87,13 +85,7 @@ impl Fixed {
 
 impl Controller for Fixed {
     #[inline]
-    fn sample(&mut self, count: i32) -> bool {
-        self.motion = self.sampler.sample(&self.control, count.cast_unsigned());
-        self.motion.due
-    }
-
-    #[inline]
-    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool {
         self.motion = self.sampler.sense(&self.control, count.cast_unsigned(), senses);
         self.motion.due
     }

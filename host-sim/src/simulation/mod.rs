@@ -163,7 +163,7 @@ impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
         let moment = Moment { index, before_n, after_n };
         let count = parts.count(parts.plant.reading_m(&self.state, &moment));
         // 2. the velocity
-        let due = self.sensing.sample(&mut self.controller, count);
+        let due = self.controller.sample(count, self.sensing.senses());
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {

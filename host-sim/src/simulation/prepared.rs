@@ -122,6 +122,9 @@ impl From<HitError> for Error {
     }
 }
 
+/// Sees every sample of a hit.
+type Observer<'a> = dyn FnMut(&Sample) + 'a;
+
 /// A scene made ready.
 #[derive(Clone, Debug)]
 pub struct PreparedScene {
@@ -244,7 +247,25 @@ impl PreparedScene {
         &self,
         numeric: Numeric,
         hit: &WallHit,
-        observe: impl FnMut(&Sample),
+        mut observe: impl FnMut(&Sample),
+    ) -> Result<HitReport, HitError> {
+        self.observed_hit(numeric, hit, Some(&mut observe))
+    }
+
+    /// [`hit`](Self::hit) that nobody needs to look at.
+    ///
+    /// # Errors
+    /// As [`hit`](Self::hit).
+    pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
+        self.observed_hit(numeric, hit, None)
+    }
+
+    /// Through a pointer, so that the loops are compiled once and not for each caller.
+    fn observed_hit(
+        &self,
+        numeric: Numeric,
+        hit: &WallHit,
+        observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         match numeric.twin() {
             None => self.whole_hit(hit, self.core(hit)?, observe),
@@ -267,24 +288,22 @@ impl PreparedScene {
         }
     }
 
-    /// Plant and senses are told apart here, once per run, and not in its loop.
+    /// The plant is told apart here, once per run, and not in its loop; with senses, which few scenes need, it is
+    /// not.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,
-        observe: impl FnMut(&Sample),
+        observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         let start_m = self.start_m(hit);
+        if let AnySensing::Full(full) = self.sensing() {
+            let parts = self.parts.clone();
+            return self.run_whole(Simulation::new(parts, controller, full, start_m), observe);
+        }
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            match self.sensing() {
-                AnySensing::Blind => {
-                    self.run_whole(Simulation::new(parts, controller, Blind, start_m), observe)
-                }
-                AnySensing::Full(full) => {
-                    self.run_whole(Simulation::new(parts, controller, full, start_m), observe)
-                }
-            }
+            self.run_whole(Simulation::new(parts, controller, Blind, start_m), observe)
         })
     }
 
@@ -295,23 +314,27 @@ impl PreparedScene {
         controller: C,
     ) -> Result<Verdict, HitError> {
         let start_m = self.start_m(hit);
+        match (self.sensing(), &self.parts.plant) {
+            (AnySensing::Blind, _) => {}
+            (AnySensing::Full(full), AnyPlant::Plain(plant)) => {
+                let parts = self.parts.with(plant);
+                return self.run_to_verdict(Simulation::new(parts, controller, full, start_m));
+            }
+            (AnySensing::Full(full), _) => {
+                let parts = self.parts.clone();
+                return self.run_to_verdict(Simulation::new(parts, controller, full, start_m));
+            }
+        }
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            match self.sensing() {
-                AnySensing::Blind => {
-                    self.run_to_verdict(Simulation::new(parts, controller, Blind, start_m))
-                }
-                AnySensing::Full(full) => {
-                    self.run_to_verdict(Simulation::new(parts, controller, full, start_m))
-                }
-            }
+            self.run_to_verdict(Simulation::new(parts, controller, Blind, start_m))
         })
     }
 
     fn run_whole<C: Controller + Copy, S: Sensing, P: Plant>(
         &self,
         mut simulation: Simulation<C, S, P>,
-        mut observe: impl FnMut(&Sample),
+        mut observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         let surface = simulation.controller().surface();
         let surface_m = f64::from(surface) * self.parts.resolution_m;
@@ -319,7 +342,9 @@ impl PreparedScene {
         let (mut outputs, mut saturated) = (0u32, 0u32);
         let mut peak_penetration_m = 0f64;
         let ended = simulation.run(self.samples(), |sample| {
-            observe(sample);
+            if let Some(observe) = &mut observe {
+                observe(sample);
+            }
             if let Some(rendered) = sample.rendered {
                 outputs += 1;
                 saturated += u32::from(rendered.saturated);

@@ -11,7 +11,6 @@ use zwidth::{
 use crate::{
     numerics::random,
     scene::{Accelerometer, LATENCY_KNOWN_MAX, Rounding, Scene, element::EncoderError},
-    simulation::controller::Controller,
 };
 
 /// A handle at one instant.
@@ -25,8 +24,8 @@ pub struct Handle {
 
 /// What senses the motion from sample to sample.
 pub trait Sensing: Copy {
-    /// Lets the controller take a sample, with what there is to sense.
-    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool;
+    /// What there is to sense at a sample.
+    fn senses(&self) -> &Senses;
     /// The controller granted a force, fraction of full scale.
     fn granted(&mut self, force: f64);
     /// The handle moved on by one sample.
@@ -39,8 +38,8 @@ pub struct Blind;
 
 impl Sensing for Blind {
     #[inline(always)]
-    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
-        controller.sample(count)
+    fn senses(&self) -> &Senses {
+        &Senses::NONE
     }
 
     #[inline(always)]
@@ -120,6 +119,7 @@ struct Sensor {
     /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
     follows: f64,
     filtered: f64,
+    /// Random numbers so far.
     drawn: u64,
 }
 
@@ -149,8 +149,8 @@ impl Full {
 
 impl Sensing for Full {
     #[inline]
-    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
-        controller.sense(count, &self.senses)
+    fn senses(&self) -> &Senses {
+        &self.senses
     }
 
     #[inline]
@@ -327,10 +327,10 @@ impl AnySensing {
 
 impl Sensing for AnySensing {
     #[inline]
-    fn sample(&self, controller: &mut impl Controller, count: i32) -> bool {
+    fn senses(&self) -> &Senses {
         match self {
-            Self::Blind => Blind.sample(controller, count),
-            Self::Full(full) => full.sample(controller, count),
+            Self::Blind => &Senses::NONE,
+            Self::Full(full) => full.senses(),
         }
     }
 

@@ -13,7 +13,7 @@ use std::{fmt::Write as _, sync::atomic::AtomicBool};
 use zwidth::experiment::{Cell, Verdict};
 
 use crate::{
-    engine::{Backend, Depth, stream},
+    engine::{Depth, Engine, stream},
     error::Error,
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
@@ -74,6 +74,7 @@ pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samp
 /// # Errors
 /// A setting is out of range, or `stop` was set.
 pub fn envelopes(
+    engine: Engine,
     rig: &PreparedScene,
     numeric: Numeric,
     sweep: &SweepResult,
@@ -112,8 +113,8 @@ pub fn envelopes(
     let mut stable = vec![];
     #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
     let hit = |number: u64| hits[number as usize];
-    let (backend, depth) = (Backend::best(), Depth::Verdict);
-    stream(backend, rig, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
+    let depth = Depth::Verdict;
+    stream(engine, rig, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
         stable.push(outcome?.verdict == Verdict::Stable);
         Ok(())
     })?;
@@ -197,8 +198,9 @@ mod tests {
             let rig = PreparedScene::new(&scene.scene).unwrap();
             let plan = Plan { name: board, rig: &rig, cutoffs_hz: &[CUTOFF_HZ] };
             let stop = AtomicBool::new(false);
-            let swept = sweep(&[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
-            let made = envelopes(&rig, Numeric::Fixed, &swept[0], &stop).unwrap();
+            let engine = Engine::lanes();
+            let swept = sweep(engine, &[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
+            let made = envelopes(engine, &rig, Numeric::Fixed, &swept[0], &stop).unwrap();
             let made = rows(&scene, &made);
             let (header, lines) = table.split_once('\n').unwrap();
             assert_eq!(header, HEADER.trim_end());

@@ -15,7 +15,7 @@ use zwidth::experiment::Ended;
 
 pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
-    engine::Backend,
+    engine::Engine,
     error::Error,
     numerics::statistics::Repeats,
     simulation::prepared::{Numeric, PreparedScene},
@@ -127,26 +127,12 @@ pub struct Plan<'a> {
 
 /// Makes several studies at once: at every cutoff of every plan `repeats` walks (one or more), on
 /// all threads of the current pool. `done` is called after each walk, from any thread. The result
-/// does not depend on the number of threads.
+/// depends neither on the number of threads nor on `engine`.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn sweep(
-    plans: &[Plan<'_>],
-    numeric: Numeric,
-    repeats: u32,
-    stop: &AtomicBool,
-    done: impl Fn(&Boundary) + Sync,
-) -> Result<Vec<SweepResult>, Error> {
-    sweep_with(Backend::best(), plans, numeric, repeats, stop, done)
-}
-
-/// [`sweep`] with instructions of one's choice; the result does not depend on them.
-///
-/// # Errors
-/// As [`sweep`].
-pub fn sweep_with(
-    backend: Backend,
+    engine: Engine,
     plans: &[Plan<'_>],
     numeric: Numeric,
     repeats: u32,
@@ -168,7 +154,7 @@ pub fn sweep_with(
             for n in 0..queues.len() {
                 // threads begin with different scenes: fewer of them share the end of a queue
                 let plan = (n + thread) % queues.len();
-                walks(backend, numeric, &queues[plan], stop, |walk, boundary| {
+                walks(engine, numeric, &queues[plan], stop, |walk, boundary| {
                     if let Ok(boundary) = &boundary {
                         done(boundary);
                     }

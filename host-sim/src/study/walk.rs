@@ -8,7 +8,7 @@ use std::{
 use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 
 use crate::{
-    engine::{Backend, Depth, Outcome, Work, lanes_for, run},
+    engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
@@ -123,6 +123,7 @@ impl Progress {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn walk(
+    engine: Engine,
     rig: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
@@ -140,12 +141,10 @@ pub fn walk(
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let backend = Backend::best();
-        let lanes = if lanes_for(rig) { backend.lanes() } else { 1 };
-        let cells = ahead(&progress.walk, &known, lanes);
+        let cells = ahead(&progress.walk, &known, engine.hits_at_once(rig));
         let mut work =
             Ahead { progress: &progress, cells, begun: 0, lanes: vec![], known: &mut known };
-        run(backend, rig, numeric, Depth::Verdict, &mut work);
+        run(engine, rig, numeric, Depth::Verdict, &mut work);
     }
 }
 
@@ -243,10 +242,13 @@ mod tests {
         for (name, cutoff_hz, offset) in [("paper-1um", 200.0, 0.0), ("paper-2um", 1500.0, 0.75)] {
             let rig = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
             let stop = AtomicBool::new(false);
-            let ahead = walk(&rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap();
+            let [ahead, core] = [Engine::lanes(), Engine::Core].map(|engine| {
+                walk(engine, &rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap()
+            });
             let verdict = |hit: &WallHit| rig.verdict(Numeric::Fixed, hit);
             let plain = walk_with(&rig, cutoff_hz, offset, &stop, verdict).unwrap();
             assert_eq!(ahead, plain);
+            assert_eq!(core, plain);
             assert!(plain.hits > 40 && plain.points.len() > 10, "{}", plain.hits);
         }
     }

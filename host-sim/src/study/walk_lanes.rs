@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::walk::{Boundary, Progress};
 use crate::{
-    engine::{Backend, Depth, Outcome, Work, run},
+    engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
@@ -45,7 +45,7 @@ impl<'a> Queue<'a> {
 /// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. `done` gets
 /// each with its place in the queue.
 pub fn walks(
-    backend: Backend,
+    engine: Engine,
     numeric: Numeric,
     queue: &Queue<'_>,
     stop: &AtomicBool,
@@ -53,7 +53,7 @@ pub fn walks(
 ) {
     let lanes = vec![];
     let mut work = Walks { queue, stop, lanes, done };
-    run(backend, queue.rig, numeric, Depth::Verdict, &mut work);
+    run(engine, queue.rig, numeric, Depth::Verdict, &mut work);
 }
 
 struct Walks<'a, D> {

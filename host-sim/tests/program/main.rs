@@ -12,8 +12,9 @@
 mod cli;
 mod compare;
 mod elements;
+mod engine;
 mod grid;
-mod identify;
+mod identify_command;
 mod linear_elements;
 mod published_order;
 mod telemetry;

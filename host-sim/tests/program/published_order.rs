@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use host_sim::{
+    engine::Engine,
     scene::{EstimatorChoice, NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
     study::walk::{Boundary, walk},
@@ -28,7 +29,8 @@ fn boundary(
     scene.velocity = velocity;
     scene.sweep.cutoffs_hz = vec![50.0];
     let stop = AtomicBool::new(false);
-    walk(&PreparedScene::new(&scene).unwrap(), numeric, cutoff_hz, 0.0, &stop).unwrap()
+    walk(Engine::lanes(), &PreparedScene::new(&scene).unwrap(), numeric, cutoff_hz, 0.0, &stop)
+        .unwrap()
 }
 
 /// Best peak K of several tunings, N/m, the area there, and which it was.

@@ -1,49 +1,49 @@
 //! Nobody reads.
 
-use virtual_board::{board::BOARDS, world::World};
+use virtual_board::{
+    board::{BOARDS, Board},
+    world::World,
+};
 
 use crate::firmware::{Firmware, arm, ok};
 
+each_board!(nothing_changes_without_an_acknowledgement);
+
 /// Nobody reads: the channels fill up. One command more may act, and its reply waits for room; what
 /// comes after it is not obeyed, but for what ends something.
-#[test]
-fn nothing_changes_without_an_acknowledgement() {
-    for board in BOARDS {
-        let firmware = Firmware::of(board);
-        let mut world = firmware.boot();
-        arm(&mut world);
-        let unread = |world: &mut World<'_>, line: &str| {
-            world.send(&format!("{line}\n")).unwrap();
-            for _ in 0..30 {
-                world.sample().unwrap();
-            }
-        };
-        for k in 1..=300 {
-            unread(&mut world, &format!("k {k}"));
+fn nothing_changes_without_an_acknowledgement(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let unread = |world: &mut World<'_>, line: &str| {
+        world.send(&format!("{line}\n")).unwrap();
+        for _ in 0..30 {
+            world.sample().unwrap();
         }
-        unread(&mut world, "disarm");
-        world.replies.clear();
-        world.lines.clear();
-        world.run(2_000).unwrap();
-        // The log has them all in order, from the last that found room in it to the one that waited.
-        let acknowledged = |lines: &mut dyn Iterator<Item = &str>| {
-            lines
-                .filter_map(|line| line.split_once("ok k ")?.1.split(' ').next()?.parse().ok())
-                .max()
-        };
-        let in_log: Option<u32> = acknowledged(&mut world.lines.iter().map(String::as_str));
-        let replied: Option<u32> = acknowledged(&mut world.replies.lines());
-        let last = in_log.max(replied).expect("no reply at all");
-        let told = world.replies.lines().find(|line| line.contains("nobody was reading"));
-        println!("{}: up to k {last}, then {told:?}", board.name);
-        let told = told.expect("the host is told").to_owned();
-        assert!(told.contains(&format!(": {} commands ignored", 300 - last)), "{told}");
-        assert!((20..300).contains(&last), "{last}");
-        let settings = ok(&mut world, "get");
-        assert!(settings.contains(&format!("k {last} ")), "{settings}");
-        let status = ok(&mut world, "status");
-        assert!(status.contains("ok status off"), "{status}");
+    };
+    for k in 1..=300 {
+        unread(&mut world, &format!("k {k}"));
     }
+    unread(&mut world, "disarm");
+    world.replies.clear();
+    world.lines.clear();
+    world.run(2_000).unwrap();
+    // The log has them all in order, from the last that found room in it to the one that waited.
+    let acknowledged = |lines: &mut dyn Iterator<Item = &str>| {
+        lines.filter_map(|line| line.split_once("ok k ")?.1.split(' ').next()?.parse().ok()).max()
+    };
+    let in_log: Option<u32> = acknowledged(&mut world.lines.iter().map(String::as_str));
+    let replied: Option<u32> = acknowledged(&mut world.replies.lines());
+    let last = in_log.max(replied).expect("no reply at all");
+    let told = world.replies.lines().find(|line| line.contains("nobody was reading"));
+    println!("{}: up to k {last}, then {told:?}", board.name);
+    let told = told.expect("the host is told").to_owned();
+    assert!(told.contains(&format!(": {} commands ignored", 300 - last)), "{told}");
+    assert!((20..300).contains(&last), "{last}");
+    let settings = ok(&mut world, "get");
+    assert!(settings.contains(&format!("k {last} ")), "{settings}");
+    let status = ok(&mut world, "status");
+    assert!(status.contains("ok status off"), "{status}");
 }
 
 /// A walk that nobody listens to ends after the hit that it is at: it does not move the handle on for results that are

@@ -1,111 +1,111 @@
 //! Cycles and memory.
 
 use virtual_board::{
-    board::BOARDS,
+    board::{BOARDS, Board},
     mcu::{Cycles, LINK, RENDER, SAMPLE},
     world::World,
 };
 
-use super::sessions;
+use super::session_of;
 use crate::firmware::{Firmware, arm, ok};
+
+each_board!(
+    no_sample_is_longer_than_its_budget_whatever_happens,
+    tasks_and_memory_stay_in_their_budget
+);
 
 /// Cycles from exception entry to return that the sampling task may take, by DESIGN.
 const SAMPLE_CYCLES: u64 = 320;
 /// Cycles of it that `Sampler::sample` may take: encoder, velocity, what is due.
 const CORE_CYCLES: u64 = 150;
 
-#[test]
-fn tasks_and_memory_stay_in_their_budget() {
+fn tasks_and_memory_stay_in_their_budget(board: Board) {
     println!("board           sample      of it core  render      link        stack  flash   RAM");
-    for (firmware, session) in sessions() {
-        let tasks = [SAMPLE, RENDER, LINK].map(|task| session.watch.tasks[&task]);
-        let core = session.watch.marked;
-        let elf = &firmware.elf;
-        let flash: usize = elf.flash.iter().map(|(_, bytes)| bytes.len()).sum();
-        let ram: u32 = [".data", ".bss", ".uninit"]
-            .iter()
-            .filter_map(|name| elf.section(name))
-            .map(|(_, size)| size)
-            .sum();
-        let stack = 0x2000_0000 + 112 * 1024 - session.watch.lowest_stack;
-        let range = |cycles: Cycles| format!("{}..{}", cycles.least, cycles.most);
-        let [sample, render, link] = tasks.map(range);
-        let core_range = range(core);
-        let name = firmware.board.name;
-        println!(
-            "{name:15} {sample:11} {core_range:11} {render:11} {link:11} {stack:6} {flash:6} {ram:6}"
-        );
-        println!("means: sample {:.0}, core {:.0}", tasks[0].mean(), core.mean());
-        assert_eq!(core.runs, tasks[0].runs);
-        assert!(core.least > 50 && core.most <= CORE_CYCLES, "{core:?}");
-        assert!(tasks[0].most <= SAMPLE_CYCLES, "{:?}", tasks[0]);
-        assert!(tasks[1].most <= 9_000, "half a period of samples: {:?}", tasks[1]);
-        assert!(stack + ram < 112 * 1024 / 2);
-        assert!(flash < 256 * 1024);
-    }
+    let (firmware, session) = session_of(board);
+    let tasks = [SAMPLE, RENDER, LINK].map(|task| session.watch.tasks[&task]);
+    let core = session.watch.marked;
+    let elf = &firmware.elf;
+    let flash: usize = elf.flash.iter().map(|(_, bytes)| bytes.len()).sum();
+    let ram: u32 = [".data", ".bss", ".uninit"]
+        .iter()
+        .filter_map(|name| elf.section(name))
+        .map(|(_, size)| size)
+        .sum();
+    let stack = 0x2000_0000 + 112 * 1024 - session.watch.lowest_stack;
+    let range = |cycles: Cycles| format!("{}..{}", cycles.least, cycles.most);
+    let [sample, render, link] = tasks.map(range);
+    let core_range = range(core);
+    let name = firmware.board.name;
+    println!(
+        "{name:15} {sample:11} {core_range:11} {render:11} {link:11} {stack:6} {flash:6} {ram:6}"
+    );
+    println!("means: sample {:.0}, core {:.0}", tasks[0].mean(), core.mean());
+    assert_eq!(core.runs, tasks[0].runs);
+    assert!(core.least > 50 && core.most <= CORE_CYCLES, "{core:?}");
+    assert!(tasks[0].most <= SAMPLE_CYCLES, "{:?}", tasks[0]);
+    assert!(tasks[1].most <= 9_000, "half a period of samples: {:?}", tasks[1]);
+    assert!(stack + ram < 112 * 1024 / 2);
+    assert!(flash < 256 * 1024);
 }
 
 /// Zero, arm, disarm, faults at every place of the output period, and what ends them: no sample is
 /// longer for it. The sums of the session above have none of these.
-#[test]
-fn no_sample_is_longer_than_its_budget_whatever_happens() {
-    for board in BOARDS {
-        let firmware = Firmware::of(board);
-        let mut world = firmware.boot();
-        arm(&mut world);
-        world.powered.mcu.watch_mut().clear();
-        let recover = |world: &mut World<'_>| {
-            world.run(30).unwrap();
-            for line in ["clear", "zero", "arm"] {
-                ok(world, line);
-            }
-            world.run(4_000).unwrap();
-            let status = ok(world, "status");
-            assert!(status.contains("ok status armed"), "{status}");
-        };
-        // The code is the same on both boards, and so is its place in the period.
-        for phase in (0..10).step_by(if board == BOARDS[0] { 1 } else { 3 }) {
-            // A jump of the count: found in one sample, gone in the next.
-            world.run(phase).unwrap();
-            world.hold(world.position_m() + 700e-6, true);
-            world.run(30).unwrap();
-            assert!(ok(&mut world, "status").contains("fault 10"));
-            world.hold(world.position_m(), false);
-            recover(&mut world);
-            if phase % 3 != 0 {
-                continue;
-            }
-            // An emergency stop, and a zero at another time.
-            world.run(phase).unwrap();
-            world.emergency_stop(true);
-            world.run(30).unwrap();
-            world.emergency_stop(false);
-            world.run(phase).unwrap();
-            recover(&mut world);
+fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    world.powered.mcu.watch_mut().clear();
+    let recover = |world: &mut World<'_>| {
+        world.run(30).unwrap();
+        for line in ["clear", "zero", "arm"] {
+            ok(world, line);
         }
-        // Outputs that do not come: late with a due sample, stuck, and back.
-        for samples in [25, 150] {
-            world.powered.mcu.mask(RENDER, true);
-            world.run(samples).unwrap();
-            world.powered.mcu.mask(RENDER, false);
-            world.run(200).unwrap();
-            assert!(ok(&mut world, "status").contains("fault 20"));
-            recover(&mut world);
+        world.run(4_000).unwrap();
+        let status = ok(world, "status");
+        assert!(status.contains("ok status armed"), "{status}");
+    };
+    // The code is the same on both boards, and so is its place in the period.
+    for phase in (0..10).step_by(if board == BOARDS[0] { 1 } else { 3 }) {
+        // A jump of the count: found in one sample, gone in the next.
+        world.run(phase).unwrap();
+        world.hold(world.position_m() + 700e-6, true);
+        world.run(30).unwrap();
+        assert!(ok(&mut world, "status").contains("fault 10"));
+        world.hold(world.position_m(), false);
+        recover(&mut world);
+        if phase % 3 != 0 {
+            continue;
         }
-        for line in [
-            "cutoff 1200",
-            "disarm",
-            "estimator first-order",
-            "estimator butterworth",
-            "save",
-            "load",
-            "zero",
-        ] {
-            ok(&mut world, line);
-            world.run(500).unwrap();
-        }
-        let sample = world.powered.mcu.watch().tasks[&SAMPLE];
-        println!("{}: sample {}..{}", board.name, sample.least, sample.most);
-        assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
+        // An emergency stop, and a zero at another time.
+        world.run(phase).unwrap();
+        world.emergency_stop(true);
+        world.run(30).unwrap();
+        world.emergency_stop(false);
+        world.run(phase).unwrap();
+        recover(&mut world);
     }
+    // Outputs that do not come: late with a due sample, stuck, and back.
+    for samples in [25, 150] {
+        world.powered.mcu.mask(RENDER, true);
+        world.run(samples).unwrap();
+        world.powered.mcu.mask(RENDER, false);
+        world.run(200).unwrap();
+        assert!(ok(&mut world, "status").contains("fault 20"));
+        recover(&mut world);
+    }
+    for line in [
+        "cutoff 1200",
+        "disarm",
+        "estimator first-order",
+        "estimator butterworth",
+        "save",
+        "load",
+        "zero",
+    ] {
+        ok(&mut world, line);
+        world.run(500).unwrap();
+    }
+    let sample = world.powered.mcu.watch().tasks[&SAMPLE];
+    println!("{}: sample {}..{}", board.name, sample.least, sample.most);
+    assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
 }

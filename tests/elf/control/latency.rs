@@ -1,9 +1,11 @@
 //! Commands come within the latency that the simulator is given.
 
 use host_sim::scene::NamedScene;
-use virtual_board::board::{BOARDS, Force};
+use virtual_board::board::{Board, Force};
 
 use crate::firmware::{Firmware, arm, ok};
+
+each_board!(commands_reach_their_register_within_the_latency_that_the_simulator_is_given);
 
 /// What the DAC takes to settle, s, by its data sheet: part of the latency after its register is written.
 const DAC_SETTLES_S: f64 = 3e-6;
@@ -15,65 +17,62 @@ const TAKEN_OVER_S: f64 = 14e-6;
 /// Part of that time which has to be left: zero wait states are the model's, not the chip's.
 const RESERVE: f64 = 0.2;
 
-#[test]
-fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given() {
-    for board in BOARDS {
-        let firmware = Firmware::of(board);
-        let mut world = firmware.boot();
-        arm(&mut world);
-        world.powered.mcu.watch_mut().clear();
-        for line in ["settle 0.1", "window 0.1", "kstart 2000", "kstep 4000", "bstart 20"] {
-            ok(&mut world, line);
-        }
-        // Everything that an output may have to do: ways back, hits, changes that fade, a walk's
-        // walls, a calibration, a black box that is read out, an arm anew.
-        for (line, samples) in [
-            ("hit", 12_000),
-            ("k 30000", 100),
-            ("b 200", 100),
-            ("stop", 500),
-            ("cutoff 400", 100),
-            ("walk", 40_000),
-            ("stop", 20_000),
-            ("start -0.01", 100),
-            ("hit", 3_000),
-            ("stop", 20_000),
-            ("calibrate 9", 2_000),
-            ("stop", 2_000),
-            ("faults", 1_000),
-            ("disarm", 100),
-            ("unlock envelope", 100),
-            ("arm", 4_000),
-        ] {
-            world.send(&format!("{line}\n")).unwrap();
-            world.run(samples).unwrap();
-        }
-        let all = world.powered.mcu.watch().commands;
-        // A hit without changes, in contact: what the simulator's latency stands for.
-        ok(&mut world, "start 0");
-        ok(&mut world, "settle 3");
-        ok(&mut world, "hit");
-        world.run(20_000).unwrap();
-        world.powered.mcu.watch_mut().clear();
-        world.run(10_000).unwrap();
-        let status = ok(&mut world, "status");
-        assert!(status.contains("hit, ") && status.contains("in contact"), "{status}");
-        let steady = world.powered.mcu.watch().commands;
-
-        let cycles = |seconds: f64| seconds * board.chip.core_hz as f64;
-        let latency = NamedScene::load(board.name).unwrap().scene.actuator.latency;
-        let settles = match board.wiring.force {
-            Force::Dac { .. } => cycles(DAC_SETTLES_S),
-            Force::Pwm { .. } => 0.0,
-        };
-        let stated = latency * board.cycles_per_sample() as f64 - settles;
-        println!(
-            "{}: event to register {}..{} cycles in a hit, of {stated:.0}; {}..{} in all",
-            board.name, steady.least, steady.most, all.least, all.most
-        );
-        assert!(steady.runs >= 1_000 && all.runs > 8_000, "{steady:?} {all:?}");
-        assert!(steady.most as f64 <= stated, "{steady:?} of {stated}");
-        let reserved = cycles(TAKEN_OVER_S) * (1.0 - RESERVE);
-        assert!(all.most as f64 <= reserved, "{all:?} of {reserved}");
+fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    world.powered.mcu.watch_mut().clear();
+    for line in ["settle 0.1", "window 0.1", "kstart 2000", "kstep 4000", "bstart 20"] {
+        ok(&mut world, line);
     }
+    // Everything that an output may have to do: ways back, hits, changes that fade, a walk's
+    // walls, a calibration, a black box that is read out, an arm anew.
+    for (line, samples) in [
+        ("hit", 12_000),
+        ("k 30000", 100),
+        ("b 200", 100),
+        ("stop", 500),
+        ("cutoff 400", 100),
+        ("walk", 40_000),
+        ("stop", 20_000),
+        ("start -0.01", 100),
+        ("hit", 3_000),
+        ("stop", 20_000),
+        ("calibrate 9", 2_000),
+        ("stop", 2_000),
+        ("faults", 1_000),
+        ("disarm", 100),
+        ("unlock envelope", 100),
+        ("arm", 4_000),
+    ] {
+        world.send(&format!("{line}\n")).unwrap();
+        world.run(samples).unwrap();
+    }
+    let all = world.powered.mcu.watch().commands;
+    // A hit without changes, in contact: what the simulator's latency stands for.
+    ok(&mut world, "start 0");
+    ok(&mut world, "settle 3");
+    ok(&mut world, "hit");
+    world.run(20_000).unwrap();
+    world.powered.mcu.watch_mut().clear();
+    world.run(10_000).unwrap();
+    let status = ok(&mut world, "status");
+    assert!(status.contains("hit, ") && status.contains("in contact"), "{status}");
+    let steady = world.powered.mcu.watch().commands;
+
+    let cycles = |seconds: f64| seconds * board.chip.core_hz as f64;
+    let latency = NamedScene::load(board.name).unwrap().scene.actuator.latency;
+    let settles = match board.wiring.force {
+        Force::Dac { .. } => cycles(DAC_SETTLES_S),
+        Force::Pwm { .. } => 0.0,
+    };
+    let stated = latency * board.cycles_per_sample() as f64 - settles;
+    println!(
+        "{}: event to register {}..{} cycles in a hit, of {stated:.0}; {}..{} in all",
+        board.name, steady.least, steady.most, all.least, all.most
+    );
+    assert!(steady.runs >= 1_000 && all.runs > 8_000, "{steady:?} {all:?}");
+    assert!(steady.most as f64 <= stated, "{steady:?} of {stated}");
+    let reserved = cycles(TAKEN_OVER_S) * (1.0 - RESERVE);
+    assert!(all.most as f64 <= reserved, "{all:?} of {reserved}");
 }

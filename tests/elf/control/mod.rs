@@ -12,7 +12,7 @@ mod latency;
 use std::sync::OnceLock;
 
 use virtual_board::{
-    board::{BOARDS, Force},
+    board::{BOARDS, Board, Force},
     mcu::Watch,
 };
 use zwidth::{
@@ -119,14 +119,13 @@ fn session(firmware: &Firmware) -> Session {
     }
 }
 
-/// Each board's session, run once.
-fn sessions() -> &'static [(Firmware, Session); 2] {
-    static SESSIONS: OnceLock<[(Firmware, Session); 2]> = OnceLock::new();
-    SESSIONS.get_or_init(|| {
-        BOARDS.map(|board| {
-            let firmware = Firmware::of(board);
-            let session = session(&firmware);
-            (firmware, session)
-        })
+/// That board's session, run once.
+fn session_of(board: Board) -> &'static (Firmware, Session) {
+    static SESSIONS: [OnceLock<(Firmware, Session)>; BOARDS.len()] = [const { OnceLock::new() }; 2];
+    let place = BOARDS.iter().position(|other| *other == board).unwrap();
+    SESSIONS[place].get_or_init(|| {
+        let firmware = Firmware::of(board);
+        let session = session(&firmware);
+        (firmware, session)
     })
 }

@@ -13,9 +13,14 @@ use self::{
     trouble::{TROUBLES, Trouble},
 };
 use rayon::prelude::*;
-use virtual_board::board::{BOARDS, Powered};
+use virtual_board::board::{BOARDS, Board, Powered};
 
 use crate::firmware::{Firmware, arm};
+
+each_board!(
+    damaged_settings_and_power_cuts_leave_settings_that_were_saved,
+    a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop
+);
 
 /// One row of the table.
 struct Row {
@@ -147,17 +152,13 @@ fn troubles_take_the_force_away_in_time_and_say_why() {
     rows(&[firmware], &short, Depth::Short).iter().for_each(Row::print);
 }
 
-#[test]
-fn damaged_settings_and_power_cuts_leave_settings_that_were_saved() {
-    let firmware = Firmware::of(BOARDS[1]);
+fn damaged_settings_and_power_cuts_leave_settings_that_were_saved(board: Board) {
+    let firmware = Firmware::of(board);
     assert!(settings::flip_every_byte(&firmware, 12) >= 8);
     assert!(settings::cut_every_word(&firmware, 6) >= 8);
 }
 
-#[test]
-fn a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop() {
-    for board in BOARDS {
-        header();
-        flood(&Firmware::of(board), 4_000).print();
-    }
+fn a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop(board: Board) {
+    header();
+    flood(&Firmware::of(board), 4_000).print();
 }

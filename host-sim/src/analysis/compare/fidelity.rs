@@ -23,7 +23,7 @@
 
 use std::f64::consts::PI;
 
-use rustfft::num_complex::Complex;
+use nalgebra::Complex;
 use zwidth::units::Force;
 
 use super::Wall;
@@ -208,7 +208,7 @@ fn impedances(
     let (mut index, mut sample) = (0u64, 0.0);
     while sample < end {
         let count = encoder.count(index, position_m);
-        if senses.sample(&mut core, count) {
+        if core.sample(count, senses.senses()) {
             let rendered = core.render();
             senses.granted(rendered.force);
             let force_n = rendered.output * design.full_scale_n;

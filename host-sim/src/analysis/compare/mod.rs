@@ -9,7 +9,8 @@
 //! * [`cost`]: cycles and memory on the Cortex-M4;
 //! * [`table`]: all of it as columns; [`winners`]: who is best by which.
 //!
-//! The core itself runs in all of them.
+//! The core itself runs in all of them but in the walks of the usual low-passes, which by default run in the
+//! [`engine`](crate::engine)'s lanes, with the same bits.
 
 pub mod axis;
 pub mod bandwidth;
@@ -39,6 +40,7 @@ pub use signal::Signal;
 pub use tuned::Tuned;
 
 use crate::{
+    engine::Engine,
     error::Error,
     numerics::statistics::Repeats,
     scene::{LATENCY_KNOWN_MAX, Scene, estimator::EstimatorChoice},
@@ -217,6 +219,7 @@ pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn compare(
+    engine: Engine,
     scene: &Scene,
     entries: &[Entry],
     damping_n_s_per_m: f64,
@@ -234,7 +237,7 @@ pub fn compare(
         .map(|&entry| {
             let start = settings_of(entry, scene);
             let is_free = entry != Entry::AdHoc;
-            search::tune(&entry.told(scene), &start, is_free, budget, stop, &done)
+            search::tune(engine, &entry.told(scene), &start, is_free, budget, stop, &done)
         })
         .collect();
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;

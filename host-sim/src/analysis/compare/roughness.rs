@@ -6,10 +6,11 @@
 
 use std::f64::consts::PI;
 
+use nalgebra::Complex;
 use rayon::prelude::*;
-use rustfft::{FftPlanner, num_complex::Complex};
 
 use crate::{
+    numerics::fft,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::sweep::start_offset_counts,
 };
@@ -71,12 +72,12 @@ fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
         let n = n as f64;
         0.5 - 0.5 * (2.0 * PI * n / length).cos()
     };
-    let mut spectrum: Vec<Complex<f64>> = signal
+    let windowed: Vec<Complex<f64>> = signal
         .iter()
         .enumerate()
         .map(|(n, value)| Complex::new((value - mean) * window(n), 0.0))
         .collect();
-    FftPlanner::new().plan_fft_forward(spectrum.len()).process(&mut spectrum);
+    let spectrum = fft::forward(&windowed);
     let window_power: f64 = (0..signal.len()).map(|n| window(n).powi(2)).sum();
     let power: f64 = spectrum
         .iter()

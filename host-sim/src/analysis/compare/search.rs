@@ -24,6 +24,7 @@ use super::{
     with_estimator,
 };
 use crate::{
+    engine::Engine,
     error::Error,
     numerics::statistics::Repeats,
     scene::Scene,
@@ -78,6 +79,7 @@ pub const MASS_WRONG_BY: f64 = 0.2;
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn tune(
+    engine: Engine,
     scene: &Scene,
     start: &VelocitySettings,
     is_free: bool,
@@ -88,7 +90,7 @@ pub fn tune(
     let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Vec<Boundary>, Error> {
         let (scene, cutoff_hz) = with_estimator(scene, settings);
         let rig = PreparedScene::new(&scene)?;
-        let each = |&start: &f64| walk(&rig, Numeric::Fixed, cutoff_hz, start, stop);
+        let each = |&start: &f64| walk(engine, &rig, Numeric::Fixed, cutoff_hz, start, stop);
         let boundaries = starts.par_iter().map(each).collect();
         done(starts.len() as u64);
         boundaries

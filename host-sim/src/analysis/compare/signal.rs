@@ -184,7 +184,7 @@ impl Bench<'_> {
             senses.granted(force_n / scene.full_scale_n());
             senses.moved(handle(here), handle(there));
             here = there;
-            senses.sample(&mut core, count(here));
+            core.sample(count(here), senses.senses());
             if n >= WARM_UP {
                 each(n - WARM_UP, core.velocity());
             }
@@ -197,7 +197,7 @@ impl Bench<'_> {
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
-    use rustfft::num_complex::Complex;
+    use nalgebra::Complex;
     use zwidth::VelocitySettings;
 
     fn signal(settings: VelocitySettings) -> Signal {

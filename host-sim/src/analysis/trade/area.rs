@@ -33,27 +33,15 @@ impl Filtered {
     pub fn new(core: Fixed, filter: Filter) -> Self {
         Self { core, filter }
     }
-
-    #[inline]
-    fn filtered(&mut self) {
-        let difference = self.core.motion().velocity;
-        let bits = self.filter.update(difference.bits());
-        self.core.set_velocity(Velocity::saturating_from_bits(bits));
-    }
 }
 
 impl Controller for Filtered {
     #[inline]
-    fn sample(&mut self, count: i32) -> bool {
-        let due = self.core.sample(count);
-        self.filtered();
-        due
-    }
-
-    #[inline]
-    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
-        let due = self.core.sense(count, senses);
-        self.filtered();
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool {
+        let due = self.core.sample(count, senses);
+        let difference = self.core.motion().velocity;
+        let bits = self.filter.update(difference.bits());
+        self.core.set_velocity(Velocity::saturating_from_bits(bits));
         due
     }
 
@@ -170,7 +158,9 @@ pub fn measure(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{scene::NamedScene, simulation::prepared::Numeric, study::walk::walk};
+    use crate::{
+        engine::Engine, scene::NamedScene, simulation::prepared::Numeric, study::walk::walk,
+    };
 
     #[test]
     fn with_the_cores_filter_the_walk_is_the_cores() {
@@ -179,8 +169,15 @@ mod tests {
         scene.walk.damping_step_n_s_per_m = 60.0;
         let stop = AtomicBool::new(false);
         let bench = Bench::of(&scene);
-        let core = walk(&PreparedScene::new(&scene).unwrap(), Numeric::Fixed, 1500.0, 0.25, &stop)
-            .unwrap();
+        let core = walk(
+            Engine::lanes(),
+            &PreparedScene::new(&scene).unwrap(),
+            Numeric::Fixed,
+            1500.0,
+            0.25,
+            &stop,
+        )
+        .unwrap();
         let rig = rig(&scene).unwrap();
         let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
         assert_eq!(boundary(&rig, &filter, 1500.0, 0.25, &stop).unwrap(), core);

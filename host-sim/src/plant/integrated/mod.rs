@@ -47,29 +47,13 @@ pub struct IntegratedStep<const N: usize> {
     tolerances: [f64; N],
 }
 
-/// States of the chain, the regime, and the length of the next adaptive step.
+/// States of the chain, the regime, the length of the next adaptive step, and how many steps were tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HybridState<const N: usize> {
     z: [f64; N],
     regime: Regime,
     step_s: f64,
-}
-
-/// Counts the steps that are tried.
-trait Tally {
-    fn step(&mut self);
-}
-
-/// Does not count.
-impl Tally for () {
-    #[inline]
-    fn step(&mut self) {}
-}
-
-impl Tally for u64 {
-    fn step(&mut self) {
-        *self += 1;
-    }
+    steps: u64,
 }
 
 /// The plant in one regime under one force: smooth.
@@ -171,36 +155,34 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// One step of at most `left_s`: its length and where it ends.
-    fn trial<T: Tally>(
+    fn trial(
         &self,
         field: &Smooth<'_, N>,
         state: &mut HybridState<N>,
         left_s: f64,
-        tally: &mut T,
     ) -> (f64, [f64; N]) {
         let steps = match self.integrator {
             Integrator::SemiImplicitEuler { steps_per_sample }
             | Integrator::Rk4 { steps_per_sample } => f64::from(steps_per_sample),
             Integrator::DormandPrince { relative_tolerance, .. } => {
-                return self.adaptive(field, state, left_s, relative_tolerance, tally);
+                return self.adaptive(field, state, left_s, relative_tolerance);
             }
         };
-        tally.step();
+        state.steps += 1;
         let h = left_s / libm::ceil(left_s * steps / self.sample_s - 1e-9).max(1.0);
         (h, self.integrator.step(field, &state.z, h))
     }
 
-    fn adaptive<T: Tally>(
+    fn adaptive(
         &self,
         field: &Smooth<'_, N>,
         state: &mut HybridState<N>,
         left_s: f64,
         relative: f64,
-        tally: &mut T,
     ) -> (f64, [f64; N]) {
         let shortest = SHORTEST * self.sample_s;
         loop {
-            tally.step();
+            state.steps += 1;
             let h = state.step_s.min(left_s);
             let (next, error) = dormand_prince::step(field, &state.z, h);
             let mut worst = 0f64;
@@ -220,15 +202,15 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// Shortens a step until its guard is zero: length, end, what happens there.
-    fn locate<T: Tally>(
+    fn locate(
         &self,
         field: &Smooth<'_, N>,
-        z: &[f64; N],
+        state: &mut HybridState<N>,
         step_s: f64,
-        tally: &mut T,
     ) -> (f64, [f64; N], Event) {
+        let HybridState { z, steps, .. } = state;
         let mut guard = |h: f64| {
-            tally.step();
+            *steps += 1;
             let end = self.integrator.step(field, z, h);
             let (value, event) = self.guard(field.regime, &end, field.force_n);
             (value, end, event)
@@ -274,13 +256,7 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// Moves for `duration_s` under one force.
-    fn piece<T: Tally>(
-        &self,
-        state: &mut HybridState<N>,
-        force_n: f64,
-        duration_s: f64,
-        tally: &mut T,
-    ) {
+    fn piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         if state.z[1] == 0.0 {
             self.settle(state, force_n);
         }
@@ -289,12 +265,12 @@ impl<const N: usize> IntegratedStep<N> {
         while left_s > NO_TIME * self.sample_s {
             let regime = state.regime;
             let field = Smooth { plant: self, regime, force_n };
-            let (step_s, end) = self.trial(&field, state, left_s, tally);
+            let (step_s, end) = self.trial(&field, state, left_s);
             if self.guard(regime, &end, force_n).0 >= 0.0 {
                 state.z = end;
                 left_s -= step_s;
             } else if events < EVENTS_MAX {
-                let (step_s, end, event) = self.locate(&field, &state.z, step_s, tally);
+                let (step_s, end, event) = self.locate(&field, state, step_s);
                 state.z = end;
                 left_s -= step_s;
                 events += 1;
@@ -310,15 +286,10 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     #[inline(never)]
-    fn moved<T: Tally>(
-        &self,
-        state: &HybridState<N>,
-        pieces: &[(f64, f64)],
-        tally: &mut T,
-    ) -> HybridState<N> {
+    fn moved(&self, state: &HybridState<N>, pieces: &[(f64, f64)]) -> HybridState<N> {
         let mut state = *state;
         for &(force_n, duration_s) in pieces {
-            self.piece(&mut state, force_n, duration_s, tally);
+            self.piece(&mut state, force_n, duration_s);
         }
         state
     }
@@ -348,7 +319,7 @@ impl<const N: usize> Plant for IntegratedStep<N> {
 
     fn at_rest(&self, position_m: f64) -> Self::State {
         let z = still(&self.rest_m, position_m);
-        HybridState { z, regime: Regime::default(), step_s: self.sample_s }
+        HybridState { z, regime: Regime::default(), step_s: self.sample_s, steps: 0 }
     }
 
     fn position_m(&self, state: &Self::State) -> f64 {
@@ -364,42 +335,27 @@ impl<const N: usize> Plant for IntegratedStep<N> {
     }
 
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State {
-        self.moved(state, &[(force_n, self.sample_s), (force_n, 0.0)], &mut ())
+        self.moved(state, &[(force_n, self.sample_s), (force_n, 0.0)])
     }
 
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
-        self.moved(state, &self.split(before_n, after_n), &mut ())
+        self.moved(state, &self.split(before_n, after_n))
     }
 
-    fn advance_counting(
-        &self,
-        state: &Self::State,
-        before_n: f64,
-        after_n: Option<f64>,
-        steps: &mut u64,
-    ) -> Self::State {
-        match after_n {
-            Some(after_n) => self.moved(state, &self.split(before_n, after_n), steps),
-            None => self.moved(state, &[(before_n, self.sample_s), (before_n, 0.0)], steps),
-        }
-    }
-
-    fn later_m(
-        &self,
-        state: &Self::State,
-        delay_s: f64,
-        before_n: f64,
-        after_n: f64,
-    ) -> Option<f64> {
+    fn later_m(&self, state: &Self::State, delay_s: f64, forces_n: [f64; 2]) -> Option<f64> {
         let early_s = delay_s.min(self.split_s);
-        let later =
-            self.moved(state, &[(before_n, early_s), (after_n, delay_s - early_s)], &mut ());
+        let [before_n, after_n] = forces_n;
+        let later = self.moved(state, &[(before_n, early_s), (after_n, delay_s - early_s)]);
         Some(self.position_m(&later))
     }
 
+    fn steps(&self, state: &Self::State) -> u64 {
+        state.steps
+    }
+
     fn pack(state: &Self::State) -> AnyState {
-        let mut any =
-            AnyState { regime: state.regime, step_s: state.step_s, ..AnyState::default() };
+        let HybridState { regime, step_s, steps, .. } = *state;
+        let mut any = AnyState { regime, step_s, steps, ..AnyState::default() };
         any.z[..N].copy_from_slice(&state.z);
         any
     }
@@ -409,6 +365,7 @@ impl<const N: usize> Plant for IntegratedStep<N> {
             z: core::array::from_fn(|i| any.z[i]),
             regime: any.regime,
             step_s: any.step_s,
+            steps: any.steps,
         }
     }
 }

@@ -99,7 +99,7 @@ impl<const N: usize> IntegratedStep<N> {
         };
         match regime.motion {
             Motion::Held => {
-                let state = HybridState { z: *z, regime, step_s: 0.0 };
+                let state = HybridState { z: *z, regime, step_s: 0.0, steps: 0 };
                 let (up, down) = self.holds_n(&state, force_n);
                 guard(up.min(down), Event::Breakaway);
                 return least;

@@ -111,12 +111,7 @@ impl Twin {
 
 impl Controller for Twin {
     #[inline(always)] // called, it would keep the state of the loop in memory
-    fn sample(&mut self, count: i32) -> bool {
-        self.sense(count, &Senses::NONE)
-    }
-
-    #[inline(always)] // as sample
-    fn sense(&mut self, count: i32, senses: &Senses) -> bool {
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool {
         let difference = count.wrapping_sub(self.count);
         self.count = count;
         let output = self.estimator.update(difference, senses);

@@ -22,6 +22,7 @@ use zwidth::experiment::Verdict;
 pub use replay::{Recorded, Replayed};
 
 use crate::{
+    engine::Engine,
     error::Error,
     numerics::integrator::Integrator,
     plant::AnyPlant,
@@ -179,6 +180,7 @@ struct Reference<'a> {
     scene: &'a Scene,
     cutoff_hz: f64,
     stop: &'a AtomicBool,
+    engine: Engine,
     hits: Vec<WallHit>,
     recorded: Recorded,
 }
@@ -187,14 +189,19 @@ struct Reference<'a> {
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
-pub fn measure(scene: &Scene, stop: &AtomicBool, done: impl Fn() + Sync) -> Result<Plants, Error> {
+pub fn measure(
+    engine: Engine,
+    scene: &Scene,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Plants, Error> {
     let methods = Method::all(scene);
     let Some(&first) = methods.first() else {
         return Err(Error::Internal("no method".into()));
     };
     let cutoff_hz = cutoff_hz(scene);
     let rig = PreparedScene::new(&first.scene(scene))?;
-    let fine = walk(&rig, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
+    let fine = walk(engine, &rig, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
     let Some(peak) =
         fine.points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
     else {
@@ -219,7 +226,7 @@ pub fn measure(scene: &Scene, stop: &AtomicBool, done: impl Fn() + Sync) -> Resu
     });
     let hits: Vec<WallHit> = beside.filter(|hit| hit.stiffness_n_per_m > 0.0).collect();
     let recorded = Recorded::new(&rig, &middle).map_err(Error::from)?;
-    let reference = Reference { scene, cutoff_hz, stop, hits, recorded };
+    let reference = Reference { scene, cutoff_hz, stop, engine, hits, recorded };
     let expected = reference.verdicts(&rig, 0.0)?;
     let nudged = reference.verdicts(&rig, NUDGE_COUNTS)?;
     let area = reference.area(first, 0.0)?;
@@ -308,7 +315,8 @@ impl Reference<'_> {
         let areas: Vec<f64> = (0..REPEATS)
             .map(|repeat| {
                 let start = start_offset_counts(repeat, REPEATS) + nudge_counts;
-                walk(&rig, Numeric::Fixed, self.cutoff_hz, start, self.stop).map(|b| b.area)
+                walk(self.engine, &rig, Numeric::Fixed, self.cutoff_hz, start, self.stop)
+                    .map(|b| b.area)
             })
             .collect::<Result<_, _>>()?;
         Ok(areas.iter().sum::<f64>() / f64::from(REPEATS))

@@ -59,21 +59,16 @@ impl Recorded {
 
     /// Replays it.
     pub fn replay(&self, plant: &AnyPlant) -> Replayed {
-        each_plant!(plant, plant => self.counted(plant))
-    }
-
-    fn counted<P: Plant>(&self, plant: &P) -> Replayed {
         let mut state = plant.at_rest(self.start_m);
-        let (mut acting_n, mut error_m, mut steps) = (0.0, 0f64, 0);
+        let (mut acting_n, mut error_m) = (0.0, 0f64);
         for (position_m, command_n) in self.positions_m.iter().zip(&self.commands_n) {
             let error = (plant.position_m(&state) - position_m).abs();
             error_m = if error.is_nan() { f64::INFINITY } else { error_m.max(error) };
             // a step is split where a command takes effect, and there only, as in the simulation
-            state = plant.advance_counting(&state, acting_n, *command_n, &mut steps);
-            acting_n = command_n.unwrap_or(acting_n);
+            state = advance(plant, &state, &mut acting_n, *command_n);
         }
         let samples = u32::try_from(self.positions_m.len()).unwrap_or(u32::MAX);
-        Replayed { error_m, steps, samples }
+        Replayed { error_m, steps: plant.steps(&state), samples }
     }
 
     /// Time of a sample of the plant alone on this machine, ns. It differs from run to run.
@@ -88,17 +83,28 @@ impl Recorded {
         let mut state = plant.at_rest(self.start_m);
         let mut acting_n = 0.0;
         for command_n in &self.commands_n {
-            state = match *command_n {
-                Some(next_n) => {
-                    let before_n = std::mem::replace(&mut acting_n, next_n);
-                    plant.advance_split(&state, before_n, next_n)
-                }
-                None => plant.advance(&state, acting_n),
-            };
+            state = advance(plant, &state, &mut acting_n, *command_n);
         }
         std::hint::black_box(plant.position_m(&state));
         #[expect(clippy::cast_precision_loss, reason = "some 10^5 samples")]
         let samples = self.commands_n.len() as f64;
         start.elapsed().as_secs_f64() / samples * 1e9
+    }
+}
+
+/// A sample on, in which `command_n` takes effect, if there is one.
+#[inline]
+fn advance<P: Plant>(
+    plant: &P,
+    state: &P::State,
+    acting_n: &mut f64,
+    command_n: Option<f64>,
+) -> P::State {
+    match command_n {
+        Some(next_n) => {
+            let before_n = std::mem::replace(acting_n, next_n);
+            plant.advance_split(state, before_n, next_n)
+        }
+        None => plant.advance(state, *acting_n),
     }
 }

@@ -3,13 +3,13 @@
 //! velocity rounded to the core's LSB: what no arithmetic of that format can avoid, because walls at the
 //! boundary are chaotic.
 //!
-//! `cargo run --release -p host-sim --example fixed_point_limits` writes
+//! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.
 
 use std::{fmt::Write as _, fs, path::Path, process::ExitCode, sync::atomic::AtomicBool};
 
 use host_sim::{
-    engine::{Backend, Depth, stream},
+    engine::{Depth, Engine, stream},
     error::Error,
     output::figure::{Mark, TradePanel, TradePlot, TradeSeries, trade},
     scene::NamedScene,
@@ -44,7 +44,7 @@ fn verdicts(
     let total = STEPS * STEPS * STARTS;
     let stop = AtomicBool::new(false);
     let each = |number| hit(cutoff_hz, number);
-    stream(Backend::best(), rig, numeric, Depth::Verdict, total, each, &stop, |_, outcome| {
+    stream(Engine::lanes(), rig, numeric, Depth::Verdict, total, each, &stop, |_, outcome| {
         all.push(outcome.ok().map(|outcome| outcome.verdict));
         Ok(())
     })?;
@@ -105,7 +105,7 @@ fn run() -> Result<(), Error> {
     })
     .map_err(|error| Error::Internal(error.to_string()))?;
     let png = figure.png().map_err(|error| Error::Internal(error.to_string()))?;
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/figures");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/figures");
     for (name, bytes) in
         [("fixed-point-limits.csv", csv.as_bytes()), ("fixed-point-limits.png", &png[..])]
     {

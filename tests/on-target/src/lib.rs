@@ -1,9 +1,9 @@
 //! The control path and nothing else, compiled for the board, so that `tests/elf/control_path.rs` can
-//! look at the machine code: what runs between encoder and command, and one function that does
-//! not (it uses floats), to show that the look finds something.
+//! look at the machine code: what runs between encoder and command, every estimator (feature `estimators`),
+//! and one function that does not belong there (it uses floats), to show that the look finds something.
 #![cfg_attr(target_os = "none", no_std)]
 
-mod board;
+mod supervision;
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
@@ -23,6 +23,18 @@ pub extern "C" fn zwidth_sample(
     motion: &mut Motion,
 ) {
     *motion = sampler.sample(control, counter);
+}
+
+/// Every sample, with any estimator.
+#[cfg(feature = "estimators")]
+#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
+pub extern "C" fn zwidth_estimate(
+    estimator: &zwidth::velocity::Estimator,
+    state: &mut zwidth::velocity::State,
+    position: &Position,
+    senses: &zwidth::velocity::Senses,
+) -> i32 {
+    estimator.update(state, *position, senses).bits()
 }
 
 /// Every output.

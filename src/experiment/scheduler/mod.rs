@@ -1,0 +1,290 @@
+//! What goes on besides the wall, output by output: orders are met, the experiment gives its push for the next
+//! output, the black box is filled and read out, and every output is reported.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use super::{
+    AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains, HitSequence,
+    Order, Report,
+};
+use crate::{
+    LoopParameters,
+    safety::{
+        BlackBox, GuardCommand, Inputs, OutputCommand, Refusal, Rendered, Request, SampleReport,
+        Sensed, State, Supervisor,
+    },
+    store::Signs,
+    telemetry::{Flags, Record},
+    units::{Force, Position},
+};
+
+#[cfg(test)]
+mod tests;
+
+/// The sampling task, as an order reaches it.
+pub trait Sampling {
+    /// From the next sample on these count, whole.
+    fn set_parameters(&mut self, parameters: LoopParameters);
+
+    /// From the next sample on this counts.
+    fn command(&mut self, command: GuardCommand);
+
+    /// The direction of the count.
+    fn turn_encoder(&mut self, reversed: bool);
+}
+
+/// The experiment that is going on.
+#[expect(clippy::large_enum_variant, reason = "there is one, in its place, and no heap")]
+enum Experiment {
+    None,
+    Hit(HitSequence),
+    Calibration(Calibration),
+}
+
+/// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
+pub struct Scheduler<const N: usize> {
+    supervisor: Supervisor,
+    parameters: LoopParameters,
+    gains: Gains,
+    /// Counts up with every change of the settings.
+    settings: u16,
+    motor_reversed: bool,
+    experiment: Experiment,
+    /// What it pushes with at the next output.
+    push: Force,
+    duty: Duty,
+    duty_plan: DutyPlan,
+    history: BlackBox<N>,
+    /// Next record of the black box to send, while it is read out.
+    replay: Option<usize>,
+    /// What the next reports say; kept until there is room for it.
+    answer: Event,
+    news: Event,
+}
+
+impl<const N: usize> Scheduler<N> {
+    /// Nothing going on.
+    pub fn new(
+        supervisor: Supervisor,
+        parameters: LoopParameters,
+        signs: Signs,
+        duty_plan: DutyPlan,
+        history: BlackBox<N>,
+    ) -> Self {
+        Self {
+            supervisor,
+            parameters,
+            gains: Gains::Outside,
+            settings: 0,
+            motor_reversed: signs.motor_reversed,
+            experiment: Experiment::None,
+            push: Force::ZERO,
+            duty: Duty::default(),
+            duty_plan,
+            history,
+            replay: None,
+            answer: Event::None,
+            news: Event::None,
+        }
+    }
+
+    /// The motor is mounted the other way round.
+    #[inline(always)]
+    pub fn motor_reversed(&self) -> bool {
+        self.motor_reversed
+    }
+
+    /// The output that answers `up`. Put it out, then call [`follow`](Self::follow).
+    #[inline(always)]
+    pub fn output(&mut self, up: &SampleReport, sensed: Sensed) -> Rendered {
+        let valid = self.gains == Gains::Inside || self.supervisor.status().unlocked;
+        let inputs = Inputs::of(sensed, self.supervisor.is_cut(up), valid);
+        self.supervisor.render(&self.parameters, up, self.push, inputs)
+    }
+
+    /// Everything of an output that can wait until it is out. `positions` are those of the samples since the last
+    /// one. Returns the output's record.
+    #[inline(always)]
+    pub fn follow(
+        &mut self,
+        rendered: &Rendered,
+        position: Position,
+        positions: impl Iterator<Item = Position>,
+    ) -> Record {
+        let record = Record { settings: self.settings, ..rendered.record };
+        self.history.push(record, record.flags.contains(Flags::FAULT));
+        self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
+        self.observe(rendered.grant, positions);
+        self.prepare(position);
+        record
+    }
+
+    /// What the experiment pushes with at the next output. Found out after this one, so that it costs no
+    /// latency: a way back does not mind a millisecond, and a hit begins with the output of its push.
+    fn prepare(&mut self, position: Position) {
+        let contact = self.parameters.wall.penetration(position) > 0;
+        let over = match &mut self.experiment {
+            Experiment::None => return,
+            Experiment::Hit(hit) => match hit.output(position, contact, &self.duty) {
+                Ok(push) => {
+                    self.push = push;
+                    return;
+                }
+                Err(reason) => Event::HitAborted(reason),
+            },
+            Experiment::Calibration(calibration) => match calibration.output(position, contact) {
+                Ok(push) => {
+                    self.push = push;
+                    if calibration.is_complete_now() {
+                        self.news = Event::CalibrationHolds;
+                    }
+                    return;
+                }
+                Err(end) => Event::CalibrationOver(end),
+            },
+        };
+        self.end(over);
+    }
+
+    /// The experiment is over; what it pushed with fades.
+    fn end(&mut self, news: Event) {
+        self.stop();
+        self.news = news;
+    }
+
+    /// No experiment any more, without a word.
+    fn stop(&mut self) {
+        self.experiment = Experiment::None;
+        self.push = Force::ZERO;
+        self.supervisor.expect_still(false);
+    }
+
+    /// Feeds the samples since the last output to the experiment.
+    fn observe(&mut self, grant: OutputCommand, mut positions: impl Iterator<Item = Position>) {
+        let on = matches!(grant, OutputCommand::On(_));
+        match self.experiment {
+            Experiment::Hit(_) if !on => self.end(Event::HitAborted(AbortReason::Off)),
+            Experiment::Calibration(_) if !on => {
+                self.end(Event::CalibrationOver(CalibrationEnd::Off));
+            }
+            _ => {}
+        }
+        let Experiment::Hit(hit) = &mut self.experiment else {
+            positions.for_each(drop);
+            return;
+        };
+        let wall = &self.parameters.wall;
+        let mut verdict = None;
+        if hit.is_fresh() {
+            // Of the samples up to the output that began it only the last one is the hit's.
+            if let Some(position) = positions.last() {
+                verdict = hit.sample(position, wall.penetration(position) > 0);
+            }
+        } else {
+            for position in positions.by_ref() {
+                verdict = verdict.or(hit.sample(position, wall.penetration(position) > 0));
+            }
+        }
+        if let Some(verdict) = verdict.or_else(|| hit.early_verdict()) {
+            let window = hit.scatter();
+            self.end(Event::HitOver(verdict, window));
+        }
+    }
+
+    /// Whether an order can be met: the answer to the last one is reported.
+    #[inline(always)]
+    pub fn is_ready(&self) -> bool {
+        matches!(self.answer, Event::None)
+    }
+
+    /// Meets an order, or refuses it; the next [`report`](Self::report) says which.
+    #[inline(always)] // called, it would copy the order once more
+    pub fn meet(&mut self, order: Order, sampling: &mut impl Sampling) {
+        self.answer = Event::Answer(self.met(order, sampling));
+    }
+
+    #[inline(always)]
+    fn met(&mut self, order: Order, sampling: &mut impl Sampling) -> Result<(), Refusal> {
+        match order {
+            Order::Request(request) => {
+                let result = self.supervisor.request(request);
+                // Now, not with the next output: flash may be written as soon as this is answered.
+                sampling.command(self.supervisor.down());
+                if result.is_ok() && matches!(request, Request::Clear) {
+                    self.history.release();
+                }
+                result
+            }
+            Order::LoopParameters(parameters, gains) => {
+                self.supervisor.may_change(&self.parameters, &parameters)?;
+                sampling.set_parameters(parameters);
+                if parameters.estimator != self.parameters.estimator {
+                    self.supervisor.retuned();
+                    sampling.command(self.supervisor.down());
+                }
+                self.parameters = parameters;
+                self.gains = gains;
+                self.settings = self.settings.wrapping_add(1);
+                Ok(())
+            }
+            Order::Hit(_) | Order::Calibrate(_)
+                if self.supervisor.status().state != State::Armed =>
+            {
+                Err(Refusal::NotArmed)
+            }
+            Order::Hit(plan) => {
+                self.experiment = Experiment::Hit(HitSequence::new(plan));
+                Ok(())
+            }
+            Order::Calibrate(plan) => {
+                match &mut self.experiment {
+                    Experiment::Calibration(calibration) => calibration.retarget(plan),
+                    _ => self.experiment = Experiment::Calibration(Calibration::new(plan)),
+                }
+                self.supervisor.expect_still(true);
+                Ok(())
+            }
+            Order::Signs(signs) => {
+                self.supervisor.request(Request::Turn)?;
+                self.motor_reversed = signs.motor_reversed;
+                sampling.turn_encoder(signs.encoder_reversed);
+                Ok(())
+            }
+            Order::Stop => {
+                self.stop(); // what has just ended by itself is told all the same
+                Ok(())
+            }
+            Order::Replay => {
+                self.replay = Some(0);
+                Ok(())
+            }
+        }
+    }
+
+    /// What to tell of the output with that record, and of what happened since the last report. To be called only
+    /// if there is room for it: what is full loses records, never events.
+    #[inline(always)]
+    pub fn report(&mut self, record: Record) -> Report {
+        let activity = match self.experiment {
+            Experiment::None => Activity::None,
+            Experiment::Hit(_) => Activity::Hit,
+            Experiment::Calibration(_) => Activity::Calibration,
+        };
+        // The news first: they may be the end of what a `stop` is answered for.
+        let event = match &mut self.news {
+            Event::None => &mut self.answer,
+            news => news,
+        };
+        let event = core::mem::replace(event, Event::None);
+        let streamed = self.replayed().unwrap_or(record);
+        Report { record, streamed, status: self.supervisor.status(), activity, event }
+    }
+
+    /// The next record of the black box in place of the present one, while it is read out.
+    fn replayed(&mut self) -> Option<Record> {
+        let next = self.replay?;
+        let record = self.history.get(next).copied();
+        self.replay = record.is_some().then_some(next + 1);
+        record.map(|record| Record { flags: record.flags.with_if(Flags::REPLAY, true), ..record })
+    }
+}

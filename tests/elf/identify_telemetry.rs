@@ -1,0 +1,78 @@
+//! The device behind the firmware, identified from the firmware's own telemetry: the protocol of
+//! docs/identification.md on the release ELF.
+
+use host_sim::{
+    analysis::{
+        identify::{Gain, Options, OutputScale, Span, from_capture, from_capture_csv, identify},
+        telemetry::Capture,
+    },
+    scene::Quantisation,
+};
+use virtual_board::board::Board;
+
+use crate::firmware::{Firmware, ok};
+
+each_board!(the_device_is_identified_from_the_firmwares_telemetry);
+
+/// What the emulator's own timing and the rounding of telemetry may cost.
+const ERROR_MAX: f64 = 2e-3;
+
+fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut scene = firmware.scene.clone();
+    scene.output = Some(match board.name {
+        "nucleo-f446re" => Quantisation::Dac { bits: 12 },
+        _ => Quantisation::Pwm { steps: 4200 },
+    });
+    let mut world = firmware.boot();
+    for line in ["zero", "arm"] {
+        ok(&mut world, line);
+        world.run(200).unwrap();
+    }
+    world.run(4_000).unwrap();
+    world.telemetry.clear();
+    // A hit without a wall in reach is a pulse, of 0.2 s each; the second one begins where the first did.
+    for line in ["start 0.035", "settle 0.1", "window 0.1"] {
+        ok(&mut world, line);
+    }
+    for push in ["push 1.2", "push -1.2"] {
+        ok(&mut world, push);
+        ok(&mut world, "hit");
+        let over = world.reply(40_000).unwrap();
+        assert!(over.starts_with("ok hit no contact"), "{over}");
+    }
+    world.run(16_000).unwrap();
+    assert!(ok(&mut world, "status").contains("fault none"));
+
+    let bytes = std::mem::take(&mut world.telemetry);
+    let resolution_m = scene.encoder.resolution_m;
+    let scale = OutputScale::of_scene(&scene, resolution_m).unwrap();
+    let record = from_capture("capture", &bytes, &scale, Span::default()).unwrap();
+    let csv = Capture::decode(&bytes).csv();
+    assert_eq!(from_capture_csv("capture", &csv, &scale, Span::default()).unwrap(), record);
+
+    let gain = Gain::Given(scene.actuator.gain_n_per_v);
+    let options = Options { fit_latency: true, latency_s: 0.0, ..Options::of_scene(&scene, gain) };
+    let found = identify(&[record], &options).unwrap();
+    let spring = found.spring.unwrap();
+    println!("{}: {:?}", board.name, (found.mass_kg, found.damping_n_s_per_m, spring));
+    println!(
+        "{}: latency {:.3} samples, residual {:.3} counts, {:?}",
+        board.name,
+        found.latency_s.value * scene.control.rate_hz,
+        found.residual.rms_counts.unwrap(),
+        found.warnings
+    );
+    let device = &scene.device;
+    for (name, estimate, truth) in [
+        ("m", found.mass_kg, device.mass_kg),
+        ("b", found.damping_n_s_per_m, device.damping_n_s_per_m),
+        ("k", spring.stiffness_n_per_m, device.stiffness_n_per_m),
+    ] {
+        let error = estimate.value / truth - 1.0;
+        println!("{}: {name} {error:+.1e} relative", board.name);
+        assert!(error.abs() < ERROR_MAX, "{name}: {error}");
+    }
+    // The firmware counts from where it was zeroed, which was the rest position.
+    assert!(spring.rest_position_m.value.abs() < 20.0 * resolution_m);
+}

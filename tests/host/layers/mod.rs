@@ -1,0 +1,139 @@
+//! The layers of simulator and core: no file imports from a layer above its own, and files do not import each other in
+//! a circle, unless one of them is the other's child.
+mod source;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use self::source::{Import, Module, Source};
+
+/// The simulator's layers, highest first. What stands together may use each other.
+const SIMULATOR: &[&[&str]] = &[
+    &["cli"],
+    &["output"],
+    &["study", "analysis"],
+    &["engine"],
+    &["simulation"],
+    &["plant"],
+    &["scene"],
+    &["numerics", "range", "notation", "error"],
+];
+
+/// The layers of core and firmware.
+const CORE: &[&[&str]] = &[
+    &["task"],
+    &["board", "sync"],
+    &["console"],
+    &["device"],
+    &["experiment", "safety", "store", "telemetry"],
+    &["control", "settings", "wall", "actuator", "encoder"],
+    &["velocity"],
+    &["units", "gain", "range", "crc"],
+];
+
+/// What is still against the rules. The list only gets shorter.
+const EXCEPTIONS: &[&str] = &[
+    "a circle: actuator, control, settings, velocity::butterworth, velocity::foaw, velocity::kalman, velocity::levant, velocity::observer_design, velocity::polynomial, velocity::settings, velocity::tracking",
+    "a circle: analysis::trade::criterion, analysis::trade::filters",
+    "a circle: board::f4::edges, board::f4::encoder, board::nucleo_f446re",
+    "a circle: console::session, console::walk_session",
+    "a circle: engine::backend, engine::scheduler",
+    "a circle: output::figure::area, output::figure::cutoffs",
+    "a circle: plant::any, plant::augmented, plant::integrated, plant::sensed",
+    "a circle: simulation::twin::estimator, simulation::twin::foaw",
+    "host-sim/src/output/sweep.rs imports cli",
+    "host-sim/src/scene/estimator.rs imports analysis::linear::transfer",
+    "src/settings.rs imports experiment::hit",
+    "src/settings.rs imports experiment::rms",
+    "src/velocity/butterworth.rs imports settings",
+    "src/velocity/foaw.rs imports settings",
+    "src/velocity/kalman.rs imports settings",
+    "src/velocity/levant.rs imports settings",
+    "src/velocity/observer_design.rs imports settings",
+    "src/velocity/polynomial.rs imports settings",
+    "src/velocity/settings.rs imports settings",
+    "src/velocity/tracking.rs imports settings",
+];
+
+/// What the files of a crate do against the rules, each with its lines.
+fn offences(source: &Source, layers: &[&[&str]]) -> BTreeMap<String, Vec<usize>> {
+    let imports = source.imports();
+    let mut found = BTreeMap::<_, Vec<_>>::new();
+    for Import { from, to, file, line } in &imports {
+        if rank(to, layers) < rank(from, layers) {
+            found.entry(format!("{file} imports {}", to.join("::"))).or_default().push(*line);
+        }
+    }
+    found.extend(circles(&imports).into_iter().map(|circle| (circle, vec![])));
+    found
+}
+
+fn rank(module: &Module, layers: &[&[&str]]) -> usize {
+    let place = layers.iter().position(|layer| layer.contains(&module[0].as_str()));
+    place.unwrap_or_else(|| panic!("{} stands in no layer of this list", module[0]))
+}
+
+/// Sets of files of which each imports, over others, each.
+fn circles(imports: &[Import]) -> Vec<String> {
+    let related = |a: &Module, b: &Module| a.starts_with(b) || b.starts_with(a);
+    let mut edges = BTreeMap::<&Module, BTreeSet<&Module>>::new();
+    for Import { from, to, .. } in
+        imports.iter().filter(|import| !related(&import.from, &import.to))
+    {
+        edges.entry(from).or_default().insert(to);
+    }
+    let reached = |from: &Module| {
+        let mut found = BTreeSet::new();
+        let mut open: Vec<&Module> = edges.get(from).into_iter().flatten().copied().collect();
+        while let Some(module) = open.pop() {
+            if found.insert(module) {
+                open.extend(edges.get(module).into_iter().flatten());
+            }
+        }
+        found
+    };
+    let all: BTreeMap<&Module, _> = edges.keys().map(|module| (*module, reached(module))).collect();
+    let mut circles = BTreeSet::new();
+    for (module, reached) in all.iter().filter(|(module, reached)| reached.contains(**module)) {
+        let back =
+            reached.iter().filter(|other| all.get(**other).is_some_and(|r| r.contains(*module)));
+        circles.insert(back.map(|module| module.join("::")).collect::<Vec<_>>().join(", "));
+    }
+    circles.into_iter().map(|files| format!("a circle: {files}")).collect()
+}
+
+#[test]
+fn arrows_point_down_only() {
+    let (simulator, core) =
+        (Source::read("host-sim/src", "host_sim"), Source::read("src", "zwidth"));
+    let mut found = offences(&simulator, SIMULATOR);
+    found.extend(offences(&core, CORE));
+    for known in EXCEPTIONS {
+        assert!(found.remove(*known).is_some(), "no longer needed as an exception: {known}");
+    }
+    let lines: Vec<String> =
+        found.iter().map(|(what, at)| format!("{what}, line {at:?}")).collect();
+    assert!(lines.is_empty(), "\n{}", lines.join("\n"));
+}
+
+#[test]
+fn what_is_against_the_rules_is_found_with_file_and_line() {
+    let files = [
+        ("low/mod.rs", "mod part;\npub use part::Part;\n#[cfg(test)]\nmod tests;"),
+        ("low/part.rs", "// crate::high::High\nuse crate::{low, high::High};\npub struct Part;"),
+        ("low/tests.rs", "use crate::high::High;"),
+        ("low/left.rs", "fn left() -> &'static str { super::right::NAME; \"crate::high\" }"),
+        ("low/right.rs", "const NAME: char = '\"'; // '\nuse super::left as other;"),
+        ("high.rs", "pub struct High(crate::low::Part);\n#[cfg(test)] use crate::other::Other;"),
+    ];
+    let texts = files.map(|(name, text)| (format!("src/{name}"), text.to_owned())).to_vec();
+    let found = offences(&Source::of(texts, "src", "own"), &[&["high"], &["low"]]);
+    let lines: Vec<_> = found.iter().map(|(what, lines)| (what.as_str(), &lines[..])).collect();
+    assert_eq!(
+        lines,
+        [
+            ("a circle: high, low::part", &[][..]),
+            ("a circle: low::left, low::right", &[]),
+            ("src/low/part.rs imports high", &[2]),
+        ]
+    );
+}

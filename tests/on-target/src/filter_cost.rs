@@ -1,0 +1,55 @@
+//! On the board's core: makes a filter, gives it velocities, hands back the velocities and the cycles of each update.
+//! The other side of the mailbox is `tests/elf/filter_cost.rs`.
+//!
+//! The job: number of the variant, cutoff in Hz (two words, low first), fractional bits of Q15, samples; given back:
+//! bytes of coefficients and state; refused if the format cannot have the cutoff.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+
+#[cfg(target_os = "none")]
+mod mailbox;
+#[cfg(target_os = "none")]
+use target::run;
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!("This runs on the board's core, in a test.");
+}
+
+#[cfg(target_os = "none")]
+mod target {
+    use core::{hint::black_box, sync::atomic::Ordering::Relaxed};
+
+    use filter_forms::{Filter, Step, Variant, Visit};
+
+    use crate::mailbox::{CYCLES, SAMPLE, answer, measure, number, word};
+
+    const RATE_HZ: f64 = 1e4;
+
+    /// Counts the cycles of a form whose state lies in memory, as between two interrupts.
+    struct Count {
+        samples: usize,
+    }
+
+    impl Visit for Count {
+        type Output = ();
+
+        #[inline(never)]
+        fn visit<F: Step>(self, form: &mut F, fraction: u32) {
+            answer(6, size_of::<F>() as u32);
+            for (sample, cycles) in SAMPLE.iter().zip(&CYCLES).take(self.samples) {
+                let input = black_box(sample.load(Relaxed).cast_signed());
+                let form = black_box(&mut *form);
+                measure(sample, cycles, || form.velocity(black_box(input), fraction));
+            }
+        }
+    }
+
+    pub fn run() -> bool {
+        let Some(variant) = Variant::of_number(word(1)) else { return false };
+        let Ok(mut filter) = Filter::new(variant, number(2), RATE_HZ, word(4).min(15)) else {
+            return false;
+        };
+        filter.visit(Count { samples: word(5) as usize });
+        true
+    }
+}
