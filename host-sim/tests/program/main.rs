@@ -15,7 +15,5 @@ mod elements;
 mod engine;
 mod grid;
 mod identify_command;
-mod linear_elements;
-mod published_order;
 mod telemetry;
 mod trade;
