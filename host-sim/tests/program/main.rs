@@ -14,6 +14,8 @@ mod compare;
 mod elements;
 mod engine;
 mod grid;
+#[cfg(unix)]
+mod hostile;
 mod identify_command;
 mod telemetry;
 mod trade;
