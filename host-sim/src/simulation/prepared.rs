@@ -15,6 +15,7 @@ use crate::{
     simulation::{
         Parts, Sample, Simulation,
         controller::{Controller, Fixed},
+        quantiser::Quantiser,
         senses::{AnySensing, Blind, Sensing},
         twin::{self, Twin},
     },
@@ -148,8 +149,7 @@ impl PreparedScene {
         let whole = latency.floor() as u32;
         let parts = Parts {
             plant: AnyPlant::of(scene, 1.0 / design.rate_hz, latency.fract()),
-            resolution_m: design.resolution_m,
-            rounding: scene.encoder.rounding,
+            encoder: Quantiser::of(&scene.encoder),
             full_scale_n: design.full_scale_n,
             latency: whole,
             period: design.period,
@@ -224,7 +224,7 @@ impl PreparedScene {
         let plant = &self.parts.plant;
         let (index, before_n, after_n) = (0, 0.0, 0.0);
         let state = plant.at_rest(self.start_m(hit));
-        self.parts.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
+        self.parts.encoder.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
     }
 
     /// Runs a whole hit; `observe` sees every sample.
@@ -321,7 +321,7 @@ impl PreparedScene {
         mut observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         let surface = simulation.controller().surface();
-        let surface_m = f64::from(surface) * self.parts.resolution_m;
+        let surface_m = f64::from(surface) * self.design.resolution_m;
         let mut hit = Hit::new(self.plan);
         let (mut outputs, mut saturated) = (0u32, 0u32);
         let mut peak_penetration_m = 0f64;
@@ -340,8 +340,8 @@ impl PreparedScene {
         let scatter = hit.scatter();
         Ok(HitReport {
             verdict,
-            rms_m: scatter.rms_counts() * self.parts.resolution_m,
-            mean_m: scatter.mean_counts() * self.parts.resolution_m,
+            rms_m: scatter.rms_counts() * self.design.resolution_m,
+            mean_m: scatter.mean_counts() * self.design.resolution_m,
             peak_penetration_m,
             saturated_fraction: f64::from(saturated) / f64::from(outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
