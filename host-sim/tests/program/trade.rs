@@ -47,6 +47,7 @@ fn without_time(path: &Path) -> String {
 }
 
 #[test]
+#[ignore = "the longest of all by far; CI runs it"]
 fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
     let folder = TempDir::new().unwrap();
     scene(folder.path());
