@@ -1,7 +1,7 @@
 //! The envelope of the firmware's board, and link arguments. They stand here and not in .cargo/config.toml, because an
 //! environment variable RUSTFLAGS silently replaces those and yields an image without vectors.
 
-use std::{env, fs, path::PathBuf};
+use std::{env, fs, path::PathBuf, process};
 
 #[path = "src/safety/envelope/generate.rs"]
 mod generate;
@@ -15,15 +15,9 @@ fn main() {
     }
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     // The walls that are predicted to be stable on this board, from `cargo sim sweep BOARD`.
-    let board = ["nucleo-f446re", "discovery-f407"].into_iter().find(|board| {
-        let feature = board.to_uppercase().replace('-', "_");
-        env::var_os(format!("CARGO_FEATURE_{feature}")).is_some()
-    });
-    let csv = board.map_or_else(String::new, |board| {
-        let path = format!("scenes/{board}.envelope.csv");
-        println!("cargo:rerun-if-changed={path}");
-        fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-    });
+    let path = format!("scenes/{}.envelope.csv", board());
+    println!("cargo:rerun-if-changed={path}");
+    let csv = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"));
     let table = generate::generate("ENVELOPE", &csv).unwrap_or_else(|error| panic!("{error}"));
     fs::write(out.join("envelope.rs"), table).expect("OUT_DIR is writable");
     fs::copy("memory.x", out.join("memory.x")).expect("OUT_DIR is writable");
@@ -35,4 +29,24 @@ fn main() {
     for argument in ["-Tlink.x", "-Tdefmt.x", "--nmagic"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
+}
+
+/// The one board whose feature is on: its file in `src/board` has the same name.
+fn board() -> String {
+    println!("cargo:rerun-if-changed=src/board");
+    let files = fs::read_dir("src/board").expect("the package has src/board");
+    let mut names: Vec<String> = files
+        .filter_map(|file| file.ok()?.file_name().to_str()?.strip_suffix(".rs").map(String::from))
+        .filter(|name| name != "mod")
+        .collect();
+    names.sort();
+    let is_on =
+        |name: &&String| env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase())).is_some();
+    let on: Vec<&String> = names.iter().filter(is_on).collect();
+    let [name] = on[..] else {
+        let all = names.join(" or ").replace('_', "-");
+        println!("cargo::error=pick one board: --no-default-features --features {all}");
+        process::exit(1);
+    };
+    name.replace('_', "-")
 }

@@ -50,6 +50,7 @@ pub mod actuator;
 #[cfg(test)]
 mod bounds;
 pub mod console;
+pub mod contract;
 mod control;
 mod crc;
 pub mod device;

@@ -1,6 +1,8 @@
 //! What can go wrong, and the exit code that says so.
 
-use std::{fmt, io, path::PathBuf};
+use std::{borrow::Cow, fmt, io, path::PathBuf};
+
+use crate::interrupt;
 
 /// Why a command ended without its result.
 #[derive(Debug)]
@@ -17,7 +19,7 @@ pub enum Error {
     },
     /// Something that should not happen: exit code 1.
     Internal(String),
-    /// Ctrl-C: exit code 130.
+    /// Ctrl-C or a termination signal: exit code 130.
     Interrupted,
 }
 
@@ -42,12 +44,22 @@ impl Error {
         }
     }
 
+    /// What kind of error it is, for programs.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Input(_) => "input",
+            Self::File { .. } => "file",
+            Self::Internal(_) => "internal",
+            Self::Interrupted => "interrupted",
+        }
+    }
+
     /// The process' exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
             Self::File { .. } | Self::Internal(_) => 1,
-            Self::Interrupted => 130,
+            Self::Interrupted => interrupt::EXIT_CODE,
         }
     }
 }
@@ -68,5 +80,55 @@ impl std::error::Error for Error {
             Self::File { source, .. } => Some(source),
             _ => None,
         }
+    }
+}
+
+/// Most characters of a message.
+const LONGEST: usize = 1000;
+/// Of a longer one, those that are kept at its end, where the allowed values stand.
+const TAIL: usize = 300;
+
+/// A text as one printable line of at most about a thousand characters: control characters escaped, the middle of a
+/// long text left out.
+pub fn one_line(text: &str) -> String {
+    let length = text.chars().count();
+    if length <= LONGEST {
+        return printable(text, false).into_owned();
+    }
+    let head: String = text.chars().take(LONGEST - TAIL).collect();
+    let tail: String = text.chars().skip(length - TAIL).collect();
+    let left_out = length - LONGEST;
+    let text = format!("{head} [.. {left_out} characters ..] {tail}");
+    printable(&text, false).into_owned()
+}
+
+/// A text without characters that would steer a terminal; with its line ends if `lines`.
+pub fn printable(text: &str, lines: bool) -> Cow<'_, str> {
+    let steers =
+        |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let harmful = |c: char| steers(c) && !(lines && c == '\n');
+    if !text.contains(harmful) {
+        return Cow::Borrowed(text);
+    }
+    let mut safe = String::with_capacity(text.len());
+    for c in text.chars() {
+        if harmful(c) { safe.extend(c.escape_default()) } else { safe.push(c) }
+    }
+    Cow::Owned(safe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_printable_line_of_bounded_length() {
+        assert_eq!(one_line("K is 3 N/m, \u{b5}m"), "K is 3 N/m, \u{b5}m");
+        assert_eq!(one_line("a\u{1b}[31m\nb\u{202e}"), "a\\u{1b}[31m\\nb\\u{202e}");
+        assert_eq!(printable("a\nb\r", true), "a\nb\\r");
+        let long = format!("begin {} allowed 1 to 2", "\u{1b}".repeat(100_000));
+        let line = one_line(&long);
+        assert!(line.starts_with("begin ") && line.ends_with(" allowed 1 to 2"));
+        assert!(line.contains("[.. 99021 characters ..]") && line.len() < 7000, "{}", line.len());
     }
 }

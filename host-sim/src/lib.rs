@@ -15,6 +15,7 @@
 //! | [`plant`] | the device over one sample |
 //! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
 //! | [`numerics`] | mathematics that knows no device |
+//! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, what can go wrong |
 //!
 //! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares it and
 //! runs wall hits in a [`simulation::Simulation`] around the core
@@ -27,6 +28,8 @@ pub mod analysis;
 pub mod cli;
 pub mod engine;
 pub mod error;
+pub mod input;
+pub mod interrupt;
 pub mod notation;
 pub mod numerics;
 pub mod output;

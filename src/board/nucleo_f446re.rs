@@ -18,91 +18,80 @@
 //! open, as delivered): without the ST-LINK powered the chip waits in the clock set-up with its
 //! outputs off.
 
-use stm32f4xx_hal::{gpio::Pull, pac, prelude::*, rcc::Config};
-use zwidth::velocity::Sense;
+#[path = "f4/dac.rs"]
+mod dac;
+#[cfg(feature = "time-stamps")]
+#[path = "f4/edges.rs"]
+mod edges;
+#[path = "f4/mod.rs"]
+mod f4;
 
-pub(super) use super::f4::dac::{Output, start, zero};
-use super::{
-    Board, Drive, EmergencyStop, Encoder, FaultMemory, Halts, RATE_HZ, SampleTimer, SettingsFlash,
-    Supply, Watchdog,
-    f4::{debugger, enable, reset, rtt},
+use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder};
+use stm32f4xx_hal::{
+    gpio::{Alternate, Pin, Pull},
+    pac,
+    prelude::*,
+    rcc::Config,
 };
+#[cfg(feature = "time-stamps")]
+use zwidth::contract::RATE_HZ;
+use zwidth::{Output, contract::Parts, velocity::Sense};
 
-/// Name, as in `--board` and in the feature.
-pub const NAME: &str = "nucleo-f446re";
-/// Core clock, Hz.
-pub const CORE_HZ: u32 = 180_000_000;
-/// Level of the supply detector: found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data
-/// sheet). The board gives 3.3 V.
-const SUPPLY_LEVEL: u8 = 0b110;
-/// From the sampling event to the force, samples: 8.5 us to the DAC's register (1524 cycles on the
-/// virtual board), 3 us for its buffer to settle (data sheet, typical).
-pub const LATENCY_SAMPLES: f64 = 0.115;
-/// What the force output makes of a force.
-pub const OUTPUT: zwidth::Output = zwidth::Output::Dac { bits: 12 };
-/// What an estimator can look at beside the count.
-pub const SENSES: &[Sense] = &[
-    Sense::Force,
-    #[cfg(feature = "time-stamps")]
-    Sense::Edge,
-];
+/// The board.
+pub type Selected = F4<NucleoF446re>;
 
-/// Sets the board up, outputs off first. The timers do not run yet.
-pub fn take(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Board {
-    let reset_cause = reset::cause(&device.RCC);
-    let mut rcc = device.RCC.freeze(
-        Config::hse(8.MHz())
+/// What it has of its own.
+pub struct NucleoF446re;
+
+/// Edge times, if they are wanted.
+#[cfg(feature = "time-stamps")]
+type EdgeTimes = edges::Edges<{ NucleoF446re::CORE_HZ / 2 / RATE_HZ }>;
+#[cfg(not(feature = "time-stamps"))]
+type EdgeTimes = ();
+
+impl Wiring for NucleoF446re {
+    const NAME: &'static str = "nucleo-f446re";
+    const CORE_HZ: u32 = 180_000_000;
+    /// Found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data sheet). The board gives 3.3 V.
+    const SUPPLY_LEVEL: u8 = 0b110;
+    const OUTPUT: Output = Output::Dac { bits: 12 };
+    const SENSES: &'static [Sense] =
+        if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
+    /// 8.5 us to the DAC's register (1524 cycles on the virtual board), 3 us for its buffer to settle (data
+    /// sheet, typical).
+    const LATENCY_SAMPLES: f64 = 0.115;
+    type Force = dac::Output;
+    type Encoder = encoder::Encoder<EdgeTimes>;
+    type StopInput = Pin<'B', 12, Alternate<1>>;
+
+    fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Selected> {
+        let clock = Config::hse(8.MHz())
             .bypass_hse_oscillator()
-            .sysclk(CORE_HZ.Hz())
+            .sysclk(Self::CORE_HZ.Hz())
             .pclk1(45.MHz())
-            .pclk2(90.MHz()),
-    );
-    super::watch_clock();
-    debugger::set_up(&device.DBGMCU);
-    core.DCB.enable_trace();
-    core.DWT.enable_cycle_counter();
-    let a = device.GPIOA.split(&mut rcc);
-    let b = device.GPIOB.split(&mut rcc);
-    let mut stop = b.pb12.into_alternate::<1>();
-    stop.set_internal_resistor(Pull::Up);
-    super::power_tim1(&mut rcc);
-    enable::init();
-    let _enable = a.pa10.into_alternate::<1>();
-    let drive = Drive { output: Output::new(device.DAC, a.pa4.into_analog(), &mut rcc) };
-    let sample_timer = SampleTimer::new(device.TIM5, CORE_HZ / 2 / RATE_HZ, &mut rcc);
-    #[cfg(feature = "time-stamps")]
-    let edges = super::f4::edges::Edges::new(device.TIM3, a.pa6, a.pa7, &mut rcc);
-    let encoder = Encoder::new(
-        device.TIM2,
-        a.pa0,
-        a.pa1,
+            .pclk2(90.MHz());
+        let mut chip = Chip::start(device.RCC, clock, &device.DBGMCU, core);
+        let rcc = &mut chip.rcc;
+        let a = device.GPIOA.split(rcc);
+        let b = device.GPIOB.split(rcc);
+        let stop = b.pb12.into_alternate::<1>().internal_resistor(Pull::Up);
+        let _enable = a.pa10.into_alternate::<1>();
+        let force = dac::Output::new(device.DAC, a.pa4.into_analog(), rcc);
         #[cfg(feature = "time-stamps")]
-        edges,
-        &mut rcc,
-    );
-    let supply = Supply::new(device.PWR, &device.EXTI, SUPPLY_LEVEL, &mut rcc);
-    let halts = Halts::new(device.TIM6, CORE_HZ / 2, RATE_HZ, &mut rcc);
-    let memory = FaultMemory::new(&supply, &mut rcc);
-    let settings = SettingsFlash::new(device.FLASH);
-    let link = rtt::init();
-    let watchdog = Watchdog::start(device.IWDG);
-    Board {
-        encoder,
-        sample_timer,
-        drive,
-        stop: EmergencyStop(()),
-        supply,
-        halts,
-        watchdog,
-        memory,
-        reset_cause,
-        settings,
-        link,
+        let edges = EdgeTimes::new(device.TIM3, a.pa6, a.pa7, rcc);
+        #[cfg(not(feature = "time-stamps"))]
+        let edges = ();
+        let encoder = encoder::Encoder::new(device.TIM2, a.pa0, a.pa1, edges, rcc);
+        chip.finish(
+            Wires { force, encoder, stop },
+            Peripherals {
+                tim5: device.TIM5,
+                tim6: device.TIM6,
+                pwr: device.PWR,
+                exti: device.EXTI,
+                flash: device.FLASH,
+                iwdg: device.IWDG,
+            },
+        )
     }
-}
-
-#[inline(always)]
-pub(super) fn stop_input_is_low() -> bool {
-    // SAFETY: reading the input register has no side effect.
-    unsafe { &*pac::GPIOB::ptr() }.idr().read().idr12().bit_is_clear()
 }

@@ -3,6 +3,8 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use super::FLAGS;
+use zwidth::contract::Watchdog as _;
+
 use crate::board::Watchdog;
 
 /// The idle task. It alone feeds the watchdog.

@@ -6,6 +6,7 @@ use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     SettingsError,
     console::{Console, Port, REPLY_MAX, Reply, Text},
+    contract::{CommandChannel as _, UpChannel as _, Watchdog as _},
     experiment::{Order, Report},
     store::{self, Loaded, SaveError, Source, Stored},
 };

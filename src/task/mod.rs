@@ -26,9 +26,9 @@ pub use idle::Idle;
 pub use link::Link;
 pub use render::Render;
 pub use sample::Sample;
-use stm32f4xx_hal::pac::Interrupt;
 use zwidth::{
     CounterWidth, LoopParameters,
+    contract::{Encoder as _, FaultMemory as _},
     device::Start,
     experiment::{Order, Report},
     safety::{Guard, GuardCommand, GuardedSampler, SampleReport, Supervisor, boot_fault},
@@ -117,12 +117,4 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
         Idle::new(board.watchdog),
     )
-}
-
-fn pend_render() {
-    rtic::pend(Interrupt::SPI3);
-}
-
-fn pend_link() {
-    rtic::pend(Interrupt::SPI2);
 }

@@ -6,6 +6,7 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
+    contract::{DebugHalts as _, FaultMemory as _, Supply as _},
     experiment::{DutyPlan, Order, Report, Sampling, Scheduler},
     safety::{
         BlackBox, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand, SampleReport,
@@ -138,7 +139,7 @@ impl Render {
             // There is room, and nobody else writes.
             let _ = self.ends.reports.enqueue(self.scheduler.report(record));
         }
-        super::pend_link();
+        board::request_link();
     }
 
     /// What the board says at this output.

@@ -2,6 +2,7 @@
 
 use zwidth::{
     LoopParameters,
+    contract::{Encoder as _, SampleTimer as _},
     safety::{Guard, GuardCommand, GuardedSampler, SampleReport},
 };
 
@@ -54,7 +55,7 @@ impl Sample {
         position_ring::note(motion.sample, motion.position);
         if step.due {
             self.due.write(step.report, number);
-            super::pend_render();
+            board::request_render();
         }
     }
 }

@@ -10,6 +10,7 @@
 )]
 
 mod closed_loop;
+mod elements;
 mod entrances;
 mod estimator_bench;
 mod estimators_linear;
@@ -21,6 +22,7 @@ mod filter;
 mod force_step;
 mod identify_accuracy;
 mod layers;
+mod linear_elements;
 mod paper;
 mod peers;
 mod plant;

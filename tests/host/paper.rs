@@ -30,7 +30,6 @@ fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
         Numeric::Fixed => &FIXED,
         Numeric::F64 => &EXACT,
         Numeric::F64Rounded => &ROUNDED,
-        Numeric::F64Filtered { .. } => unreachable!("no sweep here has a second filter"),
     };
     cell.get_or_init(|| {
         let rigs = SCENES.map(rig);

@@ -92,6 +92,11 @@ impl Board {
         BOARDS.into_iter().find(|board| board.name == name)
     }
 
+    /// The names of all boards, for people.
+    pub fn names(between: &str) -> String {
+        BOARDS.map(|board| board.name).join(between)
+    }
+
     /// Core cycles per sample.
     pub const fn cycles_per_sample(&self) -> u64 {
         self.chip.core_hz / 10_000

@@ -1,17 +1,25 @@
 //! The command line: `cargo board run|hit|walk SCENE`.
 
 use std::{
-    fs::File,
-    io::{BufRead as _, IsTerminal as _, Write as _},
-    path::{Path, PathBuf},
+    io::{BufRead as _, IsTerminal as _, Read as _},
+    path::PathBuf,
     process::ExitCode,
-    sync::mpsc::{Receiver, TryRecvError, channel},
+    sync::mpsc::{Receiver, RecvTimeoutError, sync_channel},
     thread,
     time::{Duration, Instant},
 };
 
 use clap::{Args, Parser, Subcommand};
-use host_sim::{cli::SCHEMA_VERSION, error::Error, output::files, scene::NamedScene};
+use host_sim::{
+    error::Error,
+    interrupt,
+    output::{
+        SCHEMA_VERSION,
+        files::{Outputs, Place},
+        terminal::{self, note, print_json, print_text},
+    },
+    scene::NamedScene,
+};
 use serde::Serialize;
 
 use crate::{
@@ -38,7 +46,7 @@ enum Command {
     Run {
         #[command(flatten)]
         common: Common,
-        /// Write the telemetry as it comes, for `cargo sim telemetry FILE`.
+        /// Write the telemetry, for `cargo sim telemetry FILE`; also if the session ends by Ctrl-C or by a fault.
         #[arg(long, value_name = "FILE")]
         telemetry: Option<PathBuf>,
         /// Replace FILE if it is there.
@@ -85,64 +93,80 @@ enum Command {
 struct Common {
     /// A built-in scene or a file.
     scene: String,
-    /// nucleo-f446re or discovery-f407.
-    #[arg(long, default_value = BOARDS[0].name)]
+    #[arg(long, default_value = BOARDS[0].name, help = Board::names(" or "))]
     board: String,
     /// The firmware; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
 }
 
-/// Runs the command line; 2 for bad input, 1 for a program that ended.
+/// Runs the command line; exit codes as of the simulator.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    let exit_code = match terminal::parse::<Cli>() {
+        Ok(cli) => terminal::end(execute(cli.command)),
+        Err(exit_code) => exit_code,
+    };
+    ExitCode::from(exit_code)
+}
+
+fn execute(command: Command) -> Result<(), Error> {
+    terminal::begin(match &command {
+        Command::Hit { json: true, .. } => Some("hit"),
+        Command::Walk { json: true, .. } => Some("walk"),
+        _ => None,
+    })?;
+    match command {
         Command::Run { common, telemetry, force } => {
-            let telemetry = telemetry.as_deref();
-            free(telemetry, force)
-                .and_then(|()| session(&common))
-                .and_then(|session| run(&session, telemetry))
+            let (scene, mut outputs) = common.open(force)?;
+            let capture = outputs.option(telemetry.as_ref())?;
+            let session = common.session(scene)?;
+            let ended = run(&session, &mut outputs, capture);
+            // A capture is whole wherever it ends, and wanted most where the program stopped.
+            outputs.commit().and(ended)
         }
         Command::Hit { common, json, cutoff, stiffness, damping } => {
-            session(&common).and_then(|session| hit(&session, [cutoff, stiffness, damping], json))
+            let (scene, _) = common.open(false)?;
+            hit(&common.session(scene)?, [cutoff, stiffness, damping], json)
         }
         Command::Walk { common, cutoff, csv, force, json } => {
-            let csv = csv.as_deref();
-            free(csv, force)
-                .and_then(|()| session(&common))
-                .and_then(|session| walk(&session, cutoff, csv, force, json))
-        }
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failed::Refused(text)) => {
-            eprintln!("error: {}", text.trim_start_matches("error: "));
-            ExitCode::from(2)
-        }
-        Err(Failed::Program(ended)) => {
-            eprintln!("error: the firmware: {ended:?}");
-            ExitCode::FAILURE
+            let (scene, mut outputs) = common.open(force)?;
+            let csv = outputs.option(csv.as_ref())?;
+            walk(&common.session(scene)?, cutoff, csv, outputs, json)
         }
     }
 }
 
-/// Nothing would be replaced that must not be.
-fn free(path: Option<&Path>, force: bool) -> Result<(), Failed> {
-    path.map_or(Ok(()), |path| files::refuse_existing(path, force).map_err(refused))
+impl Common {
+    /// The scene, and no output yet.
+    fn open(&self, force: bool) -> Result<(NamedScene, Outputs), Error> {
+        let scene = NamedScene::load(&self.scene)?;
+        let inputs: Vec<PathBuf> = scene.files.iter().chain(&self.elf).cloned().collect();
+        Ok((scene, Outputs::new(force, &inputs)))
+    }
+
+    fn session(&self, scene: NamedScene) -> Result<Session, Error> {
+        let board = Board::named(&self.board).ok_or_else(|| {
+            Error::Input(format!("--board is {}, allowed {}", self.board, Board::names(", ")))
+        })?;
+        let path = match &self.elf {
+            Some(path) => path.clone(),
+            None => image::build(board.name).map_err(Error::Internal)?,
+        };
+        let elf = Elf::load(&path)?;
+        let table = log::table(&elf.bytes).map_err(|error| {
+            Error::Input(format!("{} is no firmware of ours: {error}", path.display()))
+        })?;
+        Ok(Session { board, scene, elf, table })
+    }
 }
 
-fn session(common: &Common) -> Result<Session, Failed> {
-    let board = Board::named(&common.board).ok_or_else(|| {
-        let names = BOARDS.map(|board| board.name).join(", ");
-        format!("--board is {}, allowed {names}", common.board)
-    })?;
-    let scene = NamedScene::load(&common.scene).map_err(|error| error.to_string())?;
-    let path = match &common.elf {
-        Some(path) => path.clone(),
-        None => image::build(board.name)?,
-    };
-    let elf = Elf::load(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-    let table = log::table(&elf.bytes)?;
-    Ok(Session { board, scene, elf, table })
+impl From<Failed> for Error {
+    fn from(failed: Failed) -> Self {
+        match failed {
+            Failed::Refused(text) => Self::input(text.trim_start_matches("error: ")),
+            Failed::Program(ended) => Self::Internal(format!("the firmware: {ended:?}")),
+        }
+    }
 }
 
 /// Samples between two looks at the keyboard.
@@ -152,62 +176,60 @@ const LAST: u64 = 2_000;
 /// Longest `wait`, s.
 const WAIT_MAX_S: f64 = 3600.0;
 
+/// Longest line that is taken, bytes: beyond the firmware's own limit.
+const LINE_MAX: u64 = 1000;
+/// Longest wait between two looks at the interrupt flag.
+const LOOK: Duration = Duration::from_millis(50);
+
 /// As fast as it goes, at most as fast as real time; out of a file or pipe as fast as it goes.
-fn run(session: &Session, telemetry: Option<&Path>) -> Result<(), Failed> {
+fn run(session: &Session, outputs: &mut Outputs, capture: Option<Place>) -> Result<(), Error> {
     let mut world = session.boot()?;
-    let mut capture = match telemetry {
-        None => None,
-        Some(path) => {
-            Some(File::create(path).map_err(|error| format!("{}: {error}", path.display()))?)
-        }
-    };
+    if let Some(capture) = capture {
+        outputs.write(capture, &[])?; // a board that says nothing gives an empty file
+    }
     let live = std::io::stdin().is_terminal();
     let lines = stdin();
     let (start, mut samples) = (Instant::now(), 0u64);
     if live {
-        eprintln!(
-            "type help; hand METRES, hand off, wait SECONDS are not the board's; end with Ctrl-D"
-        );
+        note("type help; hand METRES, hand off, wait SECONDS are not the board's; end with Ctrl-D");
     }
     let mut waiting = 0u64;
     let mut ended = false;
     loop {
+        interrupt::check()?;
         if waiting == 0 {
             if ended {
                 return Ok(());
             }
             // From a pipe the next line is waited for, so that a run is the same every time.
-            let line = if live {
-                lines.try_recv()
-            } else {
-                lines.recv().map_err(|_| TryRecvError::Disconnected)
-            };
-            match line {
-                Ok(line) => waiting = typed(&mut world, line.trim())?,
-                Err(TryRecvError::Empty) => {}
-                Err(TryRecvError::Disconnected) => (waiting, ended) = (LAST, true),
+            match lines.recv_timeout(if live { Duration::ZERO } else { LOOK }) {
+                Ok(line) => waiting = typed(&mut world, line?.trim())?,
+                Err(RecvTimeoutError::Timeout) if live => {}
+                Err(RecvTimeoutError::Timeout) => continue,
+                Err(RecvTimeoutError::Disconnected) => (waiting, ended) = (LAST, true),
             }
         }
-        world.run(SLICE)?;
+        let stepped = world.run(SLICE);
         samples += SLICE;
         waiting = waiting.saturating_sub(SLICE);
         let bytes = std::mem::take(&mut world.telemetry);
-        if let Some(file) = &mut capture {
-            file.write_all(&bytes).map_err(|error| format!("telemetry: {error}"))?;
+        if let Some(capture) = capture {
+            outputs.write(capture, &bytes)?;
         }
         for line in world.lines.drain(..) {
-            println!("{line}");
+            print_text(&line)?;
         }
+        stepped.map_err(Failed::Program)?;
         world.replies.clear();
         let ahead = Duration::from_micros(100 * samples).saturating_sub(start.elapsed());
         if live && ahead > Duration::from_millis(20) {
-            thread::sleep(ahead);
+            thread::sleep(ahead.min(LOOK));
         }
     }
 }
 
 /// What a person typed: for the board, or for the hand. Returns the samples to wait for.
-fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Failed> {
+fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Error> {
     let mut words = line.split_whitespace();
     let number = |text: Option<&str>| text.and_then(|text| text.parse::<f64>().ok());
     match words.next() {
@@ -215,7 +237,7 @@ fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Failed> {
             Some("off") => world.hold(world.position_m(), false),
             place => match number(place).filter(|place| place.abs() <= 1.0) {
                 Some(place) => move_by_hand(world, place)?,
-                None => println!("error: hand METRES, -1 to 1, or hand off"),
+                None => print_text("error: hand METRES, -1 to 1, or hand off")?,
             },
         },
         Some("wait") => match number(words.next()).filter(|s| (0.0..=WAIT_MAX_S).contains(s)) {
@@ -225,11 +247,11 @@ fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Failed> {
                 reason = "0 to 36 million"
             )]
             Some(seconds) => return Ok((seconds * 10_000.0) as u64),
-            None => println!("error: wait SECONDS, 0 to {WAIT_MAX_S}"),
+            None => print_text(&format!("error: wait SECONDS, 0 to {WAIT_MAX_S}"))?,
         },
         _ => {
             let line = if line.is_empty() { "status" } else { line };
-            world.send(&format!("{line}\n"))?;
+            world.send(&format!("{line}\n")).map_err(Failed::Program)?;
         }
     }
     Ok(SLICE)
@@ -239,24 +261,39 @@ fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Failed> {
 const HAND_M: f64 = 1e-5;
 
 /// Takes the handle to `place_m` and holds it there.
-fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Failed> {
+fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     let mut at_m = world.position_m();
     while at_m != place_m {
         at_m += (place_m - at_m).clamp(-HAND_M, HAND_M);
         world.hold(at_m, true);
-        world.run(1)?;
+        world.run(1).map_err(Failed::Program)?;
+        interrupt::check()?;
     }
     Ok(())
 }
 
-/// Lines from the keyboard, until its end.
-fn stdin() -> Receiver<String> {
-    let (send, receive) = channel();
+/// Lines from the keyboard, until its end. Who types faster than the board takes lines waits.
+fn stdin() -> Receiver<Result<String, Error>> {
+    let (send, receive) = sync_channel(16);
     thread::spawn(move || {
-        for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-            if send.send(line).is_err() {
-                return;
-            }
+        let mut input = std::io::stdin().lock();
+        for number in 1.. {
+            let mut line = vec![];
+            let read = input.by_ref().take(LINE_MAX + 1).read_until(b'\n', &mut line);
+            let what = match (read, line.len() as u64) {
+                (Ok(0), _) => return,
+                (Ok(_), length) if length > LINE_MAX => format!("longer than {LINE_MAX} bytes"),
+                (Ok(_), _) => match String::from_utf8(line) {
+                    Err(_) => "not UTF-8 text".into(),
+                    Ok(line) => match send.send(Ok(line)) {
+                        Ok(()) => continue,
+                        Err(_) => return,
+                    },
+                },
+                (Err(error), _) => format!("cannot be read: {error}"),
+            };
+            let _ = send.send(Err(Error::Input(format!("line {number} of the input is {what}"))));
+            return;
         }
     });
     receive
@@ -284,7 +321,7 @@ struct WalkJson<'a> {
     scene: &'a str,
     board: &'static str,
     cutoff_hz: f64,
-    area: f64,
+    area_n2_s_per_m2: f64,
     stiffness_peak_n_per_m: f64,
     damping_max_n_s_per_m: f64,
     hits: u32,
@@ -292,29 +329,18 @@ struct WalkJson<'a> {
     virtual_s: f64,
 }
 
-fn print(json: &impl Serialize) -> Result<(), Failed> {
-    let text = serde_json::to_string_pretty(json).map_err(|error| error.to_string())?;
-    println!("{text}");
-    Ok(())
-}
-
-fn refused(error: Error) -> Failed {
-    Failed::Refused(error.to_string())
-}
-
-fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Failed> {
+fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Error> {
     let (report, world) = session.hit(wall)?;
     let watch = world.powered.mcu.watch();
     for (name, exception) in [("sample", SAMPLE), ("render", RENDER), ("link", LINK)] {
         let cycles = watch.tasks.get(&exception).copied().unwrap_or_default();
-        eprintln!("{name}: {} to {} cycles", cycles.least, cycles.most);
+        note(&format!("{name}: {} to {} cycles", cycles.least, cycles.most));
     }
     if !json {
-        println!("{}", report.line);
-        return Ok(());
+        return print_text(&report.line);
     }
     let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
-    print(&HitJson {
+    print_json(&HitJson {
         schema_version: SCHEMA_VERSION,
         command: "hit",
         scene: &session.scene.name,
@@ -332,35 +358,41 @@ fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Failed> {
 fn walk(
     session: &Session,
     cutoff_hz: f64,
-    csv: Option<&Path>,
-    force: bool,
+    csv: Option<Place>,
+    mut outputs: Outputs,
     json: bool,
-) -> Result<(), Failed> {
+) -> Result<(), Error> {
     let begun = Instant::now();
-    let report = session
-        .walk(cutoff_hz, |line| if json { eprintln!("{line}") } else { println!("{line}") })?;
-    eprintln!(
+    let mut printed = Ok(());
+    let report = session.walk(cutoff_hz, |line| match json {
+        true => note(line),
+        false if printed.is_ok() => printed = print_text(line),
+        false => {}
+    })?;
+    printed?;
+    note(&format!(
         "{:.0} s on the board, {:.0} s here",
         report.virtual_s,
         begun.elapsed().as_secs_f64()
-    );
-    if let Some(path) = csv {
+    ));
+    if let Some(csv) = csv {
         let mut text = String::from("cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n");
         for [b, k] in &report.points {
             text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
         }
-        files::write_file(path, text.as_bytes(), force).map_err(refused)?;
+        outputs.write(csv, text.as_bytes())?;
     }
+    outputs.commit()?;
     if !json {
         return Ok(());
     }
-    print(&WalkJson {
+    print_json(&WalkJson {
         schema_version: SCHEMA_VERSION,
         command: "walk",
         scene: &session.scene.name,
         board: session.board.name,
         cutoff_hz,
-        area: report.area,
+        area_n2_s_per_m2: report.area,
         stiffness_peak_n_per_m: report.stiffness_peak_n_per_m,
         damping_max_n_s_per_m: report.damping_max_n_s_per_m,
         hits: report.hits,

@@ -1,6 +1,8 @@
 //! The firmware's ELF file, as it is flashed.
 
-use std::{fs, io, path::Path};
+use std::path::Path;
+
+use host_sim::{error::Error, input};
 
 use object::{
     Object, ObjectSection, ObjectSymbol,
@@ -25,18 +27,19 @@ impl Elf {
     ///
     /// # Errors
     /// It cannot be read or is no 32-bit little-endian ELF.
-    pub fn load(path: &Path) -> io::Result<Self> {
-        let bytes = fs::read(path)?;
-        let bad =
-            |error: object::Error| io::Error::new(io::ErrorKind::InvalidData, error.to_string());
-        let file: ElfFile32 = ElfFile32::parse(&*bytes).map_err(bad)?;
+    pub fn load(path: &Path) -> Result<Self, Error> {
+        let bytes = input::read(path, input::PROGRAM)?;
+        let bad = |reason: String| {
+            Error::Input(format!("{} is no program of a board: {reason}", path.display()))
+        };
+        let file: ElfFile32 = ElfFile32::parse(&*bytes).map_err(|error| bad(error.to_string()))?;
         let endian = file.endian();
         let mut flash = Vec::new();
         for header in file.elf_program_headers() {
             if header.p_type(endian) == object::elf::PT_LOAD && header.p_filesz(endian) > 0 {
-                let data = header.data(endian, &*bytes).map_err(|()| {
-                    io::Error::new(io::ErrorKind::InvalidData, "a segment lies outside the file")
-                })?;
+                let data = header
+                    .data(endian, &*bytes)
+                    .map_err(|()| bad("a segment lies outside the file".into()))?;
                 flash.push((header.p_paddr(endian), data.to_vec()));
             }
         }

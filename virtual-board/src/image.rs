@@ -3,8 +3,12 @@
 use std::{
     fs::File,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, Stdio},
+    thread,
+    time::Duration,
 };
+
+use host_sim::interrupt;
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 
@@ -103,10 +107,19 @@ fn add_target() -> Result<(), String> {
 }
 
 fn run(command: &mut Command) -> Result<(), String> {
-    let output = command.output().map_err(|error| format!("{command:?}: {error}"))?;
-    if output.status.success() {
-        Ok(())
-    } else {
-        Err(format!("{command:?}:\n{}", String::from_utf8_lossy(&output.stderr)))
-    }
+    let shown = format!("{command:?}");
+    let failed = |error| format!("{shown}: {error}");
+    // What the tool says goes to our stderr.
+    let mut child = command.stdout(Stdio::null()).spawn().map_err(failed)?;
+    let status = loop {
+        if interrupt::is_requested() {
+            let _ = child.kill(); // it may have ended
+            return Err("interrupted".into());
+        }
+        match child.try_wait().map_err(failed)? {
+            Some(status) => break status,
+            None => thread::sleep(Duration::from_millis(10)),
+        }
+    };
+    if status.success() { Ok(()) } else { Err(format!("{shown}: {status}, see above")) }
 }

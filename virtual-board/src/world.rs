@@ -8,11 +8,9 @@
 //! that lead: each edge comes out a lead after the plant was there, to the cycle.
 
 use host_sim::{
-    plant::{AnyPlant, AnyState, Plant as _},
-    scene::{
-        Encoder, Rounding, Scene,
-        element::{EncoderError, EncoderNoise},
-    },
+    plant::{AnyPlant, AnyState, Plant as _, Sensing},
+    scene::Scene,
+    simulation::quantiser::{self, Quantiser},
 };
 
 use crate::{
@@ -37,9 +35,8 @@ pub struct World<'a> {
     pub powered: Powered,
     plant: AnyPlant,
     state: AnyState,
-    encoder: Encoder,
-    error: Option<EncoderError>,
-    noise: Option<EncoderNoise>,
+    encoder: Quantiser,
+    sensing: Sensing,
     /// Steps per sample, and their length.
     steps: u64,
     step_s: f64,
@@ -136,16 +133,14 @@ impl<'a> World<'a> {
         #[expect(clippy::cast_precision_loss, reason = "50 at most")]
         let step_s = sample_s / steps as f64;
         let plant = AnyPlant::unsensed(scene, step_s, 0.0);
-        let encoder =
-            Encoder { resolution_m: scene.encoder.resolution_m, rounding: scene.encoder.rounding };
-        powered.mcu.encoder_at(count(&encoder, start_m));
+        let encoder = Quantiser::of(&scene.encoder);
+        powered.mcu.encoder_at(encoder.count(start_m));
         Ok(Self {
             powered,
             state: plant.at_rest(start_m),
             plant,
             encoder,
-            error: scene.encoder_error,
-            noise: scene.encoder_noise,
+            sensing: Sensing::of(scene),
             steps,
             step_s,
             shown: None,
@@ -236,27 +231,24 @@ impl<'a> World<'a> {
     /// Swaps the encoder's channels, so that from here on it counts the other way round, or puts
     /// them right.
     pub fn swap_channels(&mut self, swapped: bool) {
-        self.swapped_at = swapped.then(|| count(&self.encoder, self.position_m()));
+        self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }
 
     /// What A and B stand for.
     fn shown_count(&self) -> i32 {
-        let count = count(&self.encoder, self.shown_m());
+        let count = self.encoder.count(self.shown_m());
         self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 
     /// The same between the counts.
     fn shown_place(&self) -> f64 {
-        let place = place(&self.encoder, self.shown_m());
+        let place = self.encoder.place(self.shown_m());
         self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)
     }
 
     /// Where the encoder takes the handle to be, m.
     fn shown_m(&self) -> f64 {
-        let place_m = self.position_m();
-        let error_m = self.error.map_or(0.0, |error| error.error_m(place_m));
-        let noise_m = self.noise.map_or(0.0, |noise| noise.error_m(0, self.samples));
-        place_m + error_m + noise_m
+        self.sensing.shown_m(self.position_m(), 0, self.samples)
     }
 
     /// Lets the edges of the step that ended at cycle `at` come out over the `cycles` after it. Within
@@ -264,8 +256,7 @@ impl<'a> World<'a> {
     fn show_edges(&mut self, before: f64, at: u64, cycles: u64) {
         let after = self.shown_place();
         self.shown = Some(after);
-        #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
-        let [first, last] = [before, after].map(|place| place.floor() as i32);
+        let [first, last] = [before, after].map(quantiser::floor);
         if u64::from(first.abs_diff(last)) * EDGE_CYCLES > cycles {
             return self.powered.mcu.encoder_to(last, at, EDGE_CYCLES); // a jump
         }
@@ -380,21 +371,5 @@ impl<'a> World<'a> {
             }
         }
         Err(Ended::Timeout)
-    }
-}
-
-/// What the encoder reads at `position_m`.
-fn count(encoder: &Encoder, position_m: f64) -> i32 {
-    #[expect(clippy::cast_possible_truncation, reason = "saturates at the ends")]
-    let count = place(encoder, position_m).floor() as i32;
-    count
-}
-
-/// The place at `position_m` on the scale whose whole numbers are the borders of the counts.
-fn place(encoder: &Encoder, position_m: f64) -> f64 {
-    let exact = position_m / encoder.resolution_m;
-    match encoder.rounding {
-        Rounding::Floor => exact,
-        Rounding::Round => exact + 0.5,
     }
 }

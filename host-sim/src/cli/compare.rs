@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use zwidth::velocity::{EstimatorName, Sense};
 
-use super::{Common, NumericArg, SCHEMA_VERSION, STOP, print_json, print_text, progress};
+use super::{Common, NumericArg, progress};
 use crate::{
     analysis::compare::{
         Class, Compared, Entry, Place, Wall, compare,
@@ -19,11 +19,14 @@ use crate::{
     },
     engine::Engine,
     error::Error,
+    interrupt,
     output::{
+        SCHEMA_VERSION,
         figure::{self, Curve, Figure, ZwidthPlot},
-        files::{self, MANIFEST, Staging},
+        files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
         manifest::Manifest,
         report::{self, ReportFigure},
+        terminal::{print_json, print_text},
     },
     range::refused,
     scene::NamedScene,
@@ -115,7 +118,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
-    let staging = Staging::new(&folder, &FILES, common.force)?;
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let to = outputs.folder(&folder, &FILES)?;
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) = compare(
@@ -124,13 +128,14 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         &entries,
         args.damping,
         budget,
-        &STOP,
+        interrupt::flag(),
         |walks| bar.inc(walks),
     )?;
     bar.finish_and_clear();
     let winners = winners::winners(&compared, &place);
-    let manifest = Manifest::new(SCHEMA_VERSION, command_line(args, common, &scene), &scene);
-    write(staging, &scene, &compared, &place, &winners, &manifest)?;
+    let manifest = Manifest::new(command_line(args, common, &scene), &scene);
+    write((&mut outputs, to), &scene, &compared, &place, &winners, &manifest)?;
+    outputs.commit()?;
     if common.json {
         let estimators = compared.iter().map(|c| json_row(c, &place)).collect();
         return print_json(&Json {
@@ -202,7 +207,7 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene) -> Stri
 }
 
 fn write(
-    mut staging: Staging,
+    (outputs, to): (&mut Outputs, FolderPlace),
     scene: &NamedScene,
     compared: &[Compared],
     place: &Place,
@@ -214,8 +219,7 @@ fn write(
     for (class, [svg, png]) in Class::ALL.into_iter().zip(files) {
         if compared.iter().any(|c| c.class() == class) {
             let figure = zwidth(scene, compared, class)?;
-            staging.write(svg, figure.svg().as_bytes())?;
-            staging.write(png, &files::png(&figure)?)?;
+            outputs.add_figure(to, [svg, png], &figure)?;
             let caption = format!(
                 "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
                 class.text()
@@ -223,16 +227,13 @@ fn write(
             figures.push(ReportFigure { figure, caption });
         }
     }
-    staging.write("compare.csv", table::csv(compared, place).as_bytes())?;
-    staging.write("tuning.csv", tuning_csv(compared).as_bytes())?;
-    staging.write("boundary.csv", boundary_csv(compared).as_bytes())?;
-    staging.write("fidelity.csv", fidelity_csv(compared).as_bytes())?;
+    outputs.add(to, "compare.csv", table::csv(compared, place).as_bytes())?;
+    outputs.add(to, "tuning.csv", tuning_csv(compared).as_bytes())?;
+    outputs.add(to, "boundary.csv", boundary_csv(compared).as_bytes())?;
+    outputs.add(to, "fidelity.csv", fidelity_csv(compared).as_bytes())?;
     let page = page(scene, compared, place, winners, &figures, manifest);
-    staging.write("report.html", page.as_bytes())?;
-    let json = serde_json::to_vec_pretty(manifest)
-        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
-    staging.write(MANIFEST, &json)?;
-    staging.commit()
+    outputs.add(to, "report.html", page.as_bytes())?;
+    outputs.add(to, MANIFEST, &json_bytes(manifest)?)
 }
 
 /// Its parameters, for people.

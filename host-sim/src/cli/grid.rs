@@ -7,35 +7,33 @@ use serde::Serialize;
 use zwidth::experiment::Verdict;
 
 use super::{
-    Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
+    Common,
     list::{self, List},
-    no_cutoff, print_json, print_text, progress, start_offset,
+    progress,
+    shared::{AtCutoffs, Grid, Start},
 };
 use crate::{
     engine::{Depth, stream},
     error::Error,
-    output::files::GrowingFile,
-    scene::NamedScene,
+    interrupt,
+    output::{
+        SCHEMA_VERSION,
+        files::Outputs,
+        terminal::{print_json, print_text},
+    },
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
 #[derive(Debug, Args)]
 pub struct GridArgs {
-    /// Built-in scene or scene file.
-    scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO; estimators without a cutoff take none.
-    #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
-    cutoffs: Option<List>,
+    #[command(flatten)]
+    at: AtCutoffs,
     /// Stiffnesses K of the wall, N/m: A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     stiffnesses: List,
-    /// Dampings B of the wall, N s/m: A,B,C or FROM:STEP:TO.
-    #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
-    dampings: List,
-    /// Start this many counts beyond the scene's start.
-    #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
-    start_offset: f64,
+    #[command(flatten)]
+    start: Start,
     /// Write one row per wall.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -95,12 +93,15 @@ impl Walls {
 }
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
-    let scene = NamedScene::load(&args.scene)?;
-    let walls = prepare(args, &scene)?;
+    let stiffnesses = args.stiffnesses.0.clone();
+    let Grid { scene, cutoffs_hz, dampings } = args.at.load(&stiffnesses)?;
+    let start_offset_counts = args.start.counts()?;
+    let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
     let rig = PreparedScene::new(&scene.scene)?;
-    let mut csv = args.csv.as_ref().map(|path| GrowingFile::new(path, common.force)).transpose()?;
-    if let Some(csv) = &mut csv {
-        csv.write(HEADER.as_bytes())?;
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let csv = outputs.option(args.csv.as_ref())?;
+    if let Some(csv) = csv {
+        outputs.write(csv, HEADER.as_bytes())?;
     }
     let points = walls.count();
     let bar = progress::bar_of(points, "walls");
@@ -113,7 +114,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
         Depth::Whole,
         points,
         wall,
-        &STOP,
+        interrupt::flag(),
         |number, outcome| {
             let (name, rms_m) = match outcome {
                 Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
@@ -127,18 +128,18 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
                 Err(_) => counts.out_of_range += 1,
             }
             bar.inc(1);
-            let Some(csv) = &mut csv else { return Ok(()) };
+            let Some(csv) = csv else { return Ok(()) };
             let WallHit { cutoff_hz, damping_n_s_per_m, stiffness_n_per_m, .. } =
                 walls.wall(number);
             row.clear();
             let _ = write!(row, "{cutoff_hz},{damping_n_s_per_m},{stiffness_n_per_m},{name},");
             let _ = rms_m.map_or(Ok(()), |rms_m| write!(row, "{rms_m}"));
             row.push('\n');
-            csv.write(row.as_bytes())
+            outputs.write(csv, row.as_bytes())
         },
     )?;
     bar.finish_and_clear();
-    csv.map_or(Ok(()), GrowingFile::finish)?;
+    outputs.commit()?;
     let (scene, numeric) = (scene.name.as_str(), common.numeric.name());
     if common.json {
         let (schema_version, command) = (SCHEMA_VERSION, "grid");
@@ -149,34 +150,4 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
         "{scene}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
          {out_of_range} out of range"
     ))
-}
-
-/// Every value of every list is checked before the first hit.
-fn prepare(args: &GridArgs, scene: &NamedScene) -> Result<Walls, Error> {
-    let cutoffs_hz = match &args.cutoffs {
-        Some(_) if !scene.scene.velocity.has_cutoff() => return Err(no_cutoff(scene)),
-        Some(list) => list.0.clone(),
-        None => vec![cutoff(scene, None)?],
-    };
-    let walls = Walls {
-        cutoffs_hz,
-        dampings: args.dampings.0.clone(),
-        stiffnesses: args.stiffnesses.0.clone(),
-        start_offset_counts: start_offset(args.start_offset)?,
-    };
-    let first = walls.wall(0);
-    let cutoffs = walls.cutoffs_hz.iter().map(|&cutoff_hz| WallHit { cutoff_hz, ..first });
-    let dampings =
-        walls.dampings.iter().map(|&damping_n_s_per_m| WallHit { damping_n_s_per_m, ..first });
-    let stiffnesses =
-        walls.stiffnesses.iter().map(|&stiffness_n_per_m| WallHit { stiffness_n_per_m, ..first });
-    for wall in cutoffs.chain(dampings).chain(stiffnesses) {
-        check_wall(scene, &wall, "--cutoffs").map_err(|error| match error {
-            Error::Input(text) => Error::Input(
-                text.replace("--stiffness ", "--stiffnesses ").replace("--damping ", "--dampings "),
-            ),
-            other => other,
-        })?;
-    }
-    Ok(walls)
 }

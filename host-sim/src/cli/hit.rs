@@ -5,11 +5,15 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, SCHEMA_VERSION, check_wall, cutoff, print_json, print_text, start_offset};
+use super::{Common, shared::AtCutoff};
 use crate::{
     error::Error,
-    output::files,
-    output::trace::Trace,
+    output::{
+        SCHEMA_VERSION,
+        files::Outputs,
+        terminal::{print_json, print_text},
+        trace::Trace,
+    },
     scene::NamedScene,
     simulation::prepared::{HitReport, PreparedScene, WallHit},
 };
@@ -17,20 +21,14 @@ use crate::{
 /// Hits one wall and says whether it is stable.
 #[derive(Debug, Args)]
 pub struct HitArgs {
-    /// Built-in scene or scene file.
-    scene: String,
-    /// Nominal cutoff of the velocity filter, Hz; estimators without one take none.
-    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-    cutoff: Option<f64>,
+    #[command(flatten)]
+    at: AtCutoff,
     /// Stiffness of the wall, N/m.
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
     stiffness: f64,
     /// Damping of the wall, N s/m.
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: f64,
-    /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
-    #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
-    start_offset: f64,
     /// Write every sample as CSV.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
@@ -61,38 +59,26 @@ struct Json<'a> {
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
-    let scene = NamedScene::load(&args.scene)?;
-    let hit = WallHit {
-        cutoff_hz: cutoff(&scene, args.cutoff)?,
-        stiffness_n_per_m: args.stiffness,
-        damping_n_s_per_m: args.damping,
-        start_offset_counts: start_offset(args.start_offset)?,
-    };
-    check_wall(&scene, &hit, "--cutoff")?;
-    for path in [&args.trace, &args.plot].into_iter().flatten() {
-        files::refuse_existing(path, common.force)?;
-    }
-    if let Some(path) = &args.plot {
-        files::refuse_ending(path)?;
-    }
-    if args.trace.is_some() && args.trace == args.plot {
-        return Err(Error::input("--trace and --plot name the same file"));
-    }
+    let (scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let csv = outputs.option(args.trace.as_ref())?;
+    let plot = outputs.figure(args.plot.as_ref())?;
     let rig = PreparedScene::new(&scene.scene)?;
-    let mut trace = Trace::new(&rig, &hit)?;
-    let keep = args.trace.is_some() || args.plot.is_some();
-    let report = rig.hit(common.numeric.into(), &hit, |sample| {
-        if keep {
-            trace.push(sample);
+    let numeric = common.numeric.into();
+    let report = if csv.is_none() && plot.is_none() {
+        rig.hit(numeric, &hit, |_| ())?
+    } else {
+        let mut trace = Trace::new(&rig, &hit).map_err(|error| error.of(&scene.name))?;
+        let report = rig.hit(numeric, &hit, |sample| trace.push(sample))?;
+        if let Some(csv) = csv {
+            outputs.write(csv, trace.csv().as_bytes())?;
         }
-    })?;
-    if let Some(path) = &args.trace {
-        files::write_file(path, trace.csv().as_bytes(), common.force)?;
-    }
-    if let Some(path) = &args.plot {
-        let figure = trace.figure(&scene, &hit, &report)?;
-        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
-    }
+        if let Some(plot) = plot {
+            outputs.draw(plot, &trace.figure(&scene, &hit, &report)?)?;
+        }
+        report
+    };
+    outputs.commit()?;
     print(&scene, &hit, &report, common)
 }
 

@@ -7,9 +7,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Common, SCHEMA_VERSION, STOP, check_wall, cutoff,
-    list::{self, List},
-    no_cutoff, print_json, print_text,
+    Common,
+    shared::{AtCutoffs, Grid},
 };
 use crate::{
     analysis::{
@@ -17,12 +16,15 @@ use crate::{
         overview::{Explained, explain, passive_region},
     },
     error::Error,
+    interrupt,
     output::{
+        SCHEMA_VERSION,
         figure::{self, Curve, ZwidthPlot},
-        files,
+        files::Outputs,
+        terminal::{print_json, print_text},
     },
     scene::{self, NamedScene, estimator::transfer_function},
-    simulation::prepared::{PreparedScene, WallHit},
+    simulation::prepared::PreparedScene,
     study::walk::BoundaryPoint,
 };
 
@@ -30,14 +32,8 @@ use crate::{
 /// characteristic equation.
 #[derive(Debug, Args)]
 pub struct LinearArgs {
-    /// Built-in scene or scene file.
-    scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO; estimators without a cutoff take none.
-    #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
-    cutoffs: Option<List>,
-    /// Dampings B of the wall, N s/m: A,B,C or FROM:STEP:TO.
-    #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
-    dampings: List,
+    #[command(flatten)]
+    at: AtCutoffs,
     /// The loop as it runs, with the scene's output period and latency. Without it a force with
     /// every sample and at once, as in the paper's equations (3) to (5). The scene's linear
     /// elements are part of both.
@@ -111,6 +107,9 @@ struct Row {
     stiffness_passive_n_per_m: Option<f64>,
 }
 
+/// Most points of a boundary; they are all kept until the end.
+const POINTS_MAX: usize = 1_000_000;
+
 /// What one cutoff's lines of the result are made of.
 struct Analysis {
     cutoff_hz: f64,
@@ -121,39 +120,29 @@ struct Analysis {
 }
 
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
-    let scene = NamedScene::load(&args.scene)?;
-    for path in [&args.csv, &args.plot].into_iter().flatten() {
-        files::refuse_existing(path, common.force)?;
+    let Grid { scene, cutoffs_hz, dampings } = args.at.load(&[0.0])?;
+    let points = cutoffs_hz.len() * dampings.len();
+    if points > POINTS_MAX {
+        return Err(Error::Input(format!(
+            "--cutoffs and --dampings make {points} points, allowed {POINTS_MAX}"
+        )));
     }
-    if let Some(path) = &args.plot {
-        files::refuse_ending(path)?;
-    }
-    let cutoffs_hz = match &args.cutoffs {
-        Some(_) if !scene.scene.velocity.has_cutoff() => return Err(no_cutoff(&scene)),
-        Some(list) => list.0.clone(),
-        None => vec![cutoff(&scene, None)?],
-    };
-    for &cutoff_hz in &cutoffs_hz {
-        for &damping_n_s_per_m in &args.dampings.0 {
-            let (stiffness_n_per_m, start_offset_counts) = (0.0, 0.0);
-            let wall =
-                WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            check_wall(&scene, &wall, "--cutoffs")?;
-        }
-    }
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let file = outputs.option(args.csv.as_ref())?;
+    let plot = outputs.figure(args.plot.as_ref())?;
     let rig = args.simulated.then(|| PreparedScene::new(&scene.scene)).transpose()?;
     let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz
         .par_iter()
-        .map(|&cutoff_hz| analyse(&scene, cutoff_hz, args, rig.as_ref(), common))
+        .map(|&cutoff_hz| analyse(&scene, cutoff_hz, &dampings, args, rig.as_ref(), common))
         .collect();
     let analyses = analyses?;
-    if let Some(path) = &args.csv {
-        files::write_file(path, csv(&analyses).as_bytes(), common.force)?;
+    if let Some(file) = file {
+        outputs.write(file, csv(&analyses).as_bytes())?;
     }
-    if let Some(path) = &args.plot {
-        let figure = draw(&scene, &analyses, args.multirate)?;
-        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
+    if let Some(plot) = plot {
+        outputs.draw(plot, &draw(&scene, &analyses, args.multirate)?)?;
     }
+    outputs.commit()?;
     let left_out = scene.scene.nonlinear_elements();
     if common.json {
         let (schema_version, loaded) = (SCHEMA_VERSION, &scene);
@@ -258,12 +247,12 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
 fn analyse(
     scene: &NamedScene,
     cutoff_hz: f64,
+    dampings: &[f64],
     args: &LinearArgs,
     rig: Option<&PreparedScene>,
     common: &Common,
 ) -> Result<Analysis, Error> {
     let scene = &scene.scene;
-    let dampings = &args.dampings.0;
     let scene::Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = scene.device;
     let rate_hz = scene.control.rate_hz;
     let device = Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
@@ -296,6 +285,7 @@ fn analyse(
     };
     let boundary = Boundary::new(&of).map_err(Error::input)?;
     let rows = dampings.iter().map(|&damping_n_s_per_m| {
+        interrupt::check()?;
         let limit: StiffnessLimit = boundary.at(damping_n_s_per_m).map_err(Error::input)?;
         Ok(Row {
             cutoff_hz,
@@ -312,9 +302,14 @@ fn analyse(
     let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
     let simulated = match rig {
         None => vec![],
-        Some(rig) => {
-            explain(common.engine.into(), rig, common.numeric.into(), cutoff_hz, &boundary, &STOP)?
-        }
+        Some(rig) => explain(
+            common.engine.into(),
+            rig,
+            common.numeric.into(),
+            cutoff_hz,
+            &boundary,
+            interrupt::flag(),
+        )?,
     };
     Ok(Analysis { cutoff_hz, rows, passive_region: region, simulated })
 }

@@ -1,7 +1,6 @@
 //! Lists of numbers: `A,B,C` or `FROM:STEP:TO`.
 
-/// Most values that a list may have.
-const VALUES_MAX: f64 = 10_000.0;
+use crate::scene::ranges::VALUES_MAX;
 
 /// A list of numbers from the command line.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +20,12 @@ pub fn parse(text: &str) -> Result<List, String> {
     }
     let parts: Vec<&str> = text.split(':').collect();
     match parts[..] {
-        [list] => list.split(',').map(number).collect::<Result<_, _>>().map(List),
+        [list] => match list.split(',').count() {
+            values if values > VALUES_MAX => {
+                Err(format!("the list has {values} values, allowed {VALUES_MAX}"))
+            }
+            _ => list.split(',').map(number).collect::<Result<_, _>>().map(List),
+        },
         [from, step, to] => range(number(from)?, number(step)?, number(to)?),
         _ => Err(format!("`{text}` is neither A,B,C nor FROM:STEP:TO")),
     }
@@ -36,7 +40,7 @@ fn range(from: f64, step: f64, to: f64) -> Result<List, String> {
     }
     // The end counts if it is reached but for rounding.
     let steps = ((to - from) / step * (1.0 + 4.0 * f64::EPSILON)).floor();
-    if steps >= VALUES_MAX {
+    if steps >= VALUES_MAX as f64 {
         return Err(format!("the list has {} values, allowed {VALUES_MAX}", steps + 1.0));
     }
     let indices = std::iter::successors(Some(0.0), |n| Some(n + 1.0));
@@ -66,6 +70,7 @@ mod tests {
             ("1:0:5", "above 0"),
             ("1:2", "neither"),
             ("0:1e-9:1", "allowed 10000"),
+            (&"1,".repeat(10_000), "10001 values, allowed 10000"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(reason), "{text}: {error}");

@@ -7,28 +7,17 @@ mod identify;
 mod linear;
 mod list;
 mod progress;
+mod shared;
 mod sweep;
 mod telemetry;
 mod trade;
 mod walk;
 
-use std::{
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
-};
+use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum, error::ErrorKind};
-use serde::Serialize;
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::{
-    engine::Engine, error::Error, range::refused, scene::NamedScene, simulation::prepared,
-};
-
-/// Version of every JSON object that the commands print or write.
-pub const SCHEMA_VERSION: u32 = 1;
-
-/// Set by Ctrl-C; long work looks at it between two hits.
-static STOP: AtomicBool = AtomicBool::new(false);
+use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared};
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
 /// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um) or a TOML file.
@@ -57,7 +46,7 @@ enum Command {
 /// Options of every command.
 #[derive(Debug, Args)]
 struct Common {
-    /// Print one JSON object on stdout and nothing else.
+    /// Print one JSON object on stdout and nothing else, an error too.
     #[arg(long, global = true)]
     json: bool,
     /// Worker threads; the results do not depend on it. Default: all cores.
@@ -127,42 +116,32 @@ impl NumericArg {
     }
 }
 
-/// Runs the command line and returns the exit code: 0 done, 1 failed, 2 bad input, 130 Ctrl-C.
-pub fn run() -> u8 {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => return refuse(&error),
-    };
-    match execute(cli) {
-        Ok(()) => 0,
-        Err(error) => {
-            eprintln!("error: {error}");
-            error.exit_code()
+impl Command {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Hit(_) => "hit",
+            Self::Walk(_) => "walk",
+            Self::Grid(_) => "grid",
+            Self::Sweep(_) => "sweep",
+            Self::Linear(_) => "linear",
+            Self::Compare(_) => "compare",
+            Self::Trade(_) => "trade",
+            Self::Identify(_) => "identify",
+            Self::Telemetry(_) => "telemetry",
         }
     }
 }
 
-/// Help and version as they are; everything else in one line.
-fn refuse(error: &clap::Error) -> u8 {
-    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion)
-        || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
-    {
-        let _ = error.print(); // a closed pipe is no reason to panic
-        return u8::from(error.use_stderr()) * 2;
+/// Runs the command line and returns the exit code, see [`terminal::end`].
+pub fn run() -> u8 {
+    match terminal::parse::<Cli>() {
+        Ok(cli) => terminal::end(execute(cli)),
+        Err(exit_code) => exit_code,
     }
-    let text = error.to_string();
-    let lines = text.lines().map(str::trim);
-    let first: Vec<&str> = lines
-        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"))
-        .filter(|line| !line.is_empty())
-        .collect();
-    eprintln!("{} (see --help)", first.join(" "));
-    2
 }
 
 fn execute(cli: Cli) -> Result<(), Error> {
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))
-        .map_err(|error| Error::Internal(format!("cannot watch for Ctrl-C: {error}")))?;
+    terminal::begin(cli.common.json.then_some(cli.command.name()))?;
     let threads = usize::from(cli.common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
@@ -180,74 +159,4 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
     })
-}
-
-/// The cutoff of the command line, which an estimator that has one needs and another one refuses;
-/// 0 stands for none.
-fn cutoff(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
-    let estimator = scene.scene.velocity;
-    match (estimator.has_cutoff(), asked) {
-        (true, Some(cutoff_hz)) => Ok(cutoff_hz),
-        (false, None) => Ok(0.0),
-        (true, None) => Err(Error::Input(format!(
-            "{}: a cutoff is missing, the estimator {} needs it",
-            scene.name,
-            estimator.name()
-        ))),
-        (false, Some(_)) => Err(no_cutoff(scene)),
-    }
-}
-
-/// Why a cutoff is refused.
-fn no_cutoff(scene: &NamedScene) -> Error {
-    Error::Input(format!(
-        "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
-        scene.name,
-        scene.scene.velocity.name()
-    ))
-}
-
-/// A cutoff, K or B of the command line, checked by building the core's settings; `cutoff` is the
-/// option that the cutoff came from.
-fn check_wall(scene: &NamedScene, wall: &prepared::WallHit, cutoff: &str) -> Result<(), Error> {
-    scene
-        .scene
-        .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
-        .build(&scene.scene.design())
-        .map(|_| ())
-        .map_err(|error| {
-            let option = match error.parameter {
-                "cutoff_hz" => cutoff,
-                "stiffness_n_per_m" => "--stiffness",
-                "damping_n_s_per_m" => "--damping",
-                other => other,
-            };
-            Error::Input(refused(option, error.value, &error.range))
-        })
-}
-
-/// Counts of `--start-offset`.
-fn start_offset(counts: f64) -> Result<f64, Error> {
-    const ALLOWED: std::ops::RangeInclusive<f64> = -1e6..=1e6;
-    if ALLOWED.contains(&counts) {
-        Ok(counts)
-    } else {
-        Err(Error::Input(refused("--start-offset", counts, &ALLOWED)))
-    }
-}
-
-/// Prints `value` as the one JSON object of this command.
-fn print_json(value: &impl Serialize) -> Result<(), Error> {
-    let text = serde_json::to_string_pretty(value)
-        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
-    print_text(&text)
-}
-
-/// Prints a line; a reader that hangs up is not an error of ours.
-fn print_text(text: &str) -> Result<(), Error> {
-    use std::io::Write as _;
-    match writeln!(std::io::stdout(), "{text}") {
-        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        other => other.map_err(Error::file(Path::new("stdout"))),
-    }
 }

@@ -6,19 +6,23 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{
-    Common, SCHEMA_VERSION, STOP, check_wall,
+    Common,
     list::{self, List},
-    no_cutoff, print_json, print_text, progress,
+    progress,
+    shared::check_cutoffs,
 };
 use crate::{
     engine::Engine,
     error::Error,
+    interrupt,
     output::{
-        files::Staging,
+        SCHEMA_VERSION,
+        files::{FolderPlace, Outputs},
         sweep::{self as sweep_files, Study, Summary, VariantResult},
+        terminal::{print_json, print_text},
     },
     scene::{NamedScene, STUDY},
-    simulation::prepared::{PreparedScene, WallHit},
+    simulation::prepared::PreparedScene,
     study::{
         envelope::envelopes,
         sensitivity::{Variant, variants},
@@ -55,12 +59,12 @@ struct Job {
     rig: PreparedScene,
     cutoffs_hz: Vec<f64>,
     variants: Vec<Variant>,
-    staging: Staging,
+    to: FolderPlace,
     folder: PathBuf,
 }
 
 pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
-    let jobs = prepare(args, common)?;
+    let (mut outputs, jobs) = prepare(args, common)?;
     let mut plans = vec![];
     for job in &jobs {
         let variants = job.variants.iter().map(|variant| &variant.rig);
@@ -72,12 +76,12 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let bar = progress::bar(walks as u64 * u64::from(args.repeat));
     let numeric = common.numeric.into();
     let engine = Engine::from(common.engine);
-    let results = sweep(engine, &plans, numeric, args.repeat, &STOP, |_| bar.inc(1))?;
+    let results = sweep(engine, &plans, numeric, args.repeat, interrupt::flag(), |_| bar.inc(1))?;
     bar.finish_and_clear();
     let mut results = results.into_iter();
-    let mut summaries = vec![];
+    let (mut summaries, mut tables) = (vec![], vec![]);
     for job in jobs {
-        let Job { scene, rig, cutoffs_hz, variants, staging, folder } = job;
+        let Job { scene, rig, cutoffs_hz, variants, to, folder } = job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -88,7 +92,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             result,
         });
         let numeric_name = common.numeric.name();
-        let envelopes = envelopes(engine, &rig, numeric, &result, &STOP)?;
+        let envelopes = envelopes(engine, &rig, numeric, &result, interrupt::flag())?;
         let study = Study {
             envelopes,
             numeric,
@@ -100,21 +104,23 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             rig,
             result,
         };
-        study.write(staging)?;
+        study.write(&mut outputs, to)?;
         if common.json {
             summaries.push(study.summary());
         } else {
-            print_text(&table(&study, &folder.display().to_string()))?;
+            tables.push(table(&study, &folder.display().to_string()));
         }
     }
+    outputs.commit()?;
     if common.json {
-        print_json(&Json { schema_version: SCHEMA_VERSION, command: "sweep", scenes: summaries })?;
+        let (schema_version, command) = (SCHEMA_VERSION, "sweep");
+        return print_json(&Json { schema_version, command, scenes: summaries });
     }
-    Ok(())
+    print_text(&tables.join("\n"))
 }
 
 /// Everything that can be refused is refused here, before the first walk.
-fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
+fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Error> {
     let names: Vec<String> = if args.scenes.is_empty() {
         STUDY.map(str::to_owned).to_vec()
     } else {
@@ -127,20 +133,12 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
     }
     let many = scenes.len() > 1;
     let mut jobs = vec![];
-    // From the last to the first: the folders they share are then created by the last one, which
-    // is also the last to tidy up when nothing comes of it.
-    for scene in scenes.into_iter().rev() {
-        if !scene.scene.velocity.has_cutoff() {
-            return Err(no_cutoff(&scene));
-        }
+    let inputs: Vec<PathBuf> = scenes.iter().flat_map(|scene| scene.files.clone()).collect();
+    let mut outputs = Outputs::new(common.force, &inputs);
+    for scene in scenes {
         let asked = args.cutoffs.as_ref().map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
         let cutoffs_hz = ascending(asked);
-        for &cutoff_hz in &cutoffs_hz {
-            let (stiffness_n_per_m, damping_n_s_per_m, start_offset_counts) = (0.0, 0.0, 0.0);
-            let wall =
-                WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            check_wall(&scene, &wall, "--cutoffs")?;
-        }
+        check_cutoffs(&scene, &cutoffs_hz)?;
         let folder = match &common.out {
             None => PathBuf::from("zwidth-out").join(&scene.name),
             Some(out) if many => out.join(&scene.name),
@@ -148,11 +146,10 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<Vec<Job>, Error> {
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
         let rig = PreparedScene::new(&scene.scene)?;
-        let staging = Staging::new(&folder, &sweep_files::FILES, common.force)?;
-        jobs.push(Job { scene, rig, cutoffs_hz, variants, staging, folder });
+        let to = outputs.folder(&folder, &sweep_files::FILES)?;
+        jobs.push(Job { scene, rig, cutoffs_hz, variants, to, folder });
     }
-    jobs.reverse();
-    Ok(jobs)
+    Ok((outputs, jobs))
 }
 
 fn command_line(

@@ -1,13 +1,21 @@
 //! `telemetry`: a board's binary stream, decoded.
 
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, SCHEMA_VERSION, print_json, print_text};
+use super::Common;
 use crate::{
-    analysis::telemetry::Capture, error::Error, output::files, output::telemetry::telemetry_figure,
+    analysis::telemetry::Capture,
+    error::Error,
+    input,
+    output::{
+        SCHEMA_VERSION,
+        files::Outputs,
+        telemetry::telemetry_figure,
+        terminal::{print_json, print_text},
+    },
     scene::NamedScene,
 };
 
@@ -41,18 +49,13 @@ struct Json {
 
 pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     let name = args.capture.display();
-    for path in [&args.csv, &args.plot].into_iter().flatten() {
-        files::refuse_existing(path, common.force)?;
-    }
-    if let Some(path) = &args.plot {
-        files::refuse_ending(path)?;
-    }
-    if args.csv.is_some() && args.csv == args.plot {
-        return Err(Error::input("--csv and --plot name the same file"));
-    }
     let scene = args.scene.as_ref().map(|scene| NamedScene::load(scene)).transpose()?;
-    let bytes = fs::read(&args.capture)
-        .map_err(|error| Error::Input(format!("{name} cannot be read: {error}")))?;
+    let mut inputs = vec![args.capture.clone()];
+    inputs.extend(scene.iter().flat_map(|scene| scene.files.iter().cloned()));
+    let mut outputs = Outputs::new(common.force, &inputs);
+    let csv = outputs.option(args.csv.as_ref())?;
+    let plot = outputs.figure(args.plot.as_ref())?;
+    let bytes = input::read(&args.capture, input::RECORD)?;
     let capture = Capture::decode(&bytes);
     let (Some(first), Some(last)) = (capture.frames.first(), capture.frames.last()) else {
         let length = bytes.len();
@@ -60,17 +63,18 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
             "{name}: no telemetry frame of layout 1 in {length} bytes; docs/telemetry.md has the layout"
         )));
     };
-    if let Some(path) = &args.csv {
-        files::write_file(path, capture.csv().as_bytes(), common.force)?;
+    if let Some(csv) = csv {
+        outputs.write(csv, capture.csv().as_bytes())?;
     }
-    if let Some(path) = &args.plot {
+    if let Some(plot) = plot {
         let file = args
             .capture
             .file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let figure = telemetry_figure(&capture, &file, scene.as_ref().map(|scene| &scene.scene))?;
-        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
+        outputs.draw(plot, &figure)?;
     }
+    outputs.commit()?;
     let json = Json {
         schema_version: SCHEMA_VERSION,
         command: "telemetry",

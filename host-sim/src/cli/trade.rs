@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, NumericArg, SCHEMA_VERSION, STOP, list, print_json, print_text, progress};
+use super::{Common, NumericArg, list, progress};
 use crate::{
     analysis::trade::{
         Bench, Criterion, Format, Variant, cost, default_cutoffs_hz,
@@ -14,12 +14,15 @@ use crate::{
         table::{self, GoodFor},
     },
     error::Error,
+    interrupt,
     notation::number,
-    output::trade_figures,
     output::{
+        SCHEMA_VERSION,
         figure::hertz,
-        files::{self, MANIFEST, Staging},
+        files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
         manifest::Manifest,
+        terminal::{print_json, print_text},
+        trade_figures,
     },
     range::refused,
     scene::NamedScene,
@@ -105,20 +108,23 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let cutoffs_hz = cutoffs(args, &scene)?;
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("trade");
     let folder = common.out.clone().unwrap_or_else(default);
-    let staging = Staging::new(&folder, &FILES, common.force)?;
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let to = outputs.folder(&folder, &FILES)?;
     let filters_done = cutoffs_hz.len() * Variant::ALL.len() * (1 + args.repeat as usize);
     let methods_done = 1 + plant::Method::all(&scene.scene).len();
     let bar = progress::bar((filters_done + methods_done) as u64);
     let done = || bar.inc(1);
-    let plants = plant::measure(common.engine.into(), &scene.scene, &STOP, done)
+    let stop = interrupt::flag();
+    let plants = plant::measure(common.engine.into(), &scene.scene, stop, done)
         .map_err(|error| error.of(&scene.name))?;
-    let filters = filters::measure(&scene.scene, &cutoffs_hz, args.repeat, &STOP, done)
+    let filters = filters::measure(&scene.scene, &cutoffs_hz, args.repeat, stop, done)
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
     let bench = Bench::of(&scene.scene);
     let good = table::good_for(&filters);
     let json = json(&scene, &cutoffs_hz, &bench, &good, &plants);
-    write(staging, args, &scene, &filters, &plants, &json)?;
+    write((&mut outputs, to), args, &scene, &filters, &plants, &json)?;
+    outputs.commit()?;
     if common.json {
         return print_json(&json);
     }
@@ -199,7 +205,7 @@ fn json<'a>(
 }
 
 fn write(
-    mut staging: Staging,
+    (outputs, to): (&mut Outputs, FolderPlace),
     args: &TradeArgs,
     scene: &NamedScene,
     filters: &Filters,
@@ -212,26 +218,21 @@ fn write(
         format!(" --cutoffs {}", cutoffs.join(","))
     });
     let command = format!("trade {}{cutoffs} --repeat {}", scene.name, args.repeat);
-    let manifest = Manifest::new(SCHEMA_VERSION, command, scene);
+    let manifest = Manifest::new(command, scene);
     let filters_figure = trade_figures::filters(&scene.name, filters, &bench)?;
     let cutoffs_figure = trade_figures::cutoffs(&scene.name, filters)?;
     let plant_figure = trade_figures::plants(&scene.name, plants)?;
-    staging.write("filters.csv", table::filters_csv(filters, &bench).as_bytes())?;
-    staging.write("plant.csv", table::plant_csv(plants).as_bytes())?;
+    outputs.add(to, "filters.csv", table::filters_csv(filters, &bench).as_bytes())?;
+    outputs.add(to, "plant.csv", table::plant_csv(plants).as_bytes())?;
     for (svg, png, figure) in [
         ("filters.svg", "filters.png", &filters_figure),
         ("cutoffs.svg", "cutoffs.png", &cutoffs_figure),
         ("plant.svg", "plant.png", &plant_figure),
     ] {
-        staging.write(svg, figure.svg().as_bytes())?;
-        staging.write(png, &files::png(figure)?)?;
+        outputs.add_figure(to, [svg, png], figure)?;
     }
-    let text = |value: serde_json::Result<Vec<u8>>| {
-        value.map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))
-    };
-    staging.write("summary.json", &text(serde_json::to_vec_pretty(json))?)?;
-    staging.write(MANIFEST, &text(serde_json::to_vec_pretty(&manifest))?)?;
-    staging.commit()
+    outputs.add(to, "summary.json", &json_bytes(json)?)?;
+    outputs.add(to, MANIFEST, &json_bytes(&manifest)?)
 }
 
 /// One line per variant: what it costs, where it would do, what it misses elsewhere. At most 120 columns.

@@ -5,28 +5,24 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::{
-    Common, SCHEMA_VERSION, STOP, check_wall, cutoff, print_json, print_text, start_offset,
-};
+use super::{Common, shared::AtCutoff};
 use crate::{
     error::Error,
-    output::files,
-    scene::NamedScene,
-    simulation::prepared::{PreparedScene, WallHit},
+    interrupt,
+    output::{
+        SCHEMA_VERSION,
+        files::Outputs,
+        terminal::{print_json, print_text},
+    },
+    simulation::prepared::PreparedScene,
     study::walk::{Boundary, walk},
 };
 
 /// Follows the boundary of the stable walls at one cutoff, without repeats.
 #[derive(Debug, Args)]
 pub struct WalkArgs {
-    /// Built-in scene or scene file.
-    scene: String,
-    /// Nominal cutoff of the velocity filter, Hz; estimators without one take none.
-    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-    cutoff: Option<f64>,
-    /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
-    #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
-    start_offset: f64,
+    #[command(flatten)]
+    at: AtCutoff,
     /// Write the boundary as CSV.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -42,7 +38,7 @@ struct Json<'a> {
     /// `null` if the estimator has none.
     cutoff_hz: Option<f64>,
     true_cutoff_hz: Option<f64>,
-    area: f64,
+    area_n2_s_per_m2: f64,
     stiffness_peak_n_per_m: f64,
     damping_max_n_s_per_m: f64,
     hits: u64,
@@ -50,17 +46,9 @@ struct Json<'a> {
 }
 
 pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
-    let scene = NamedScene::load(&args.scene)?;
-    let first = WallHit {
-        cutoff_hz: cutoff(&scene, args.cutoff)?,
-        stiffness_n_per_m: scene.scene.walk.stiffness_start_n_per_m,
-        damping_n_s_per_m: scene.scene.walk.damping_start_n_s_per_m,
-        start_offset_counts: start_offset(args.start_offset)?,
-    };
-    check_wall(&scene, &first, "--cutoff")?;
-    if let Some(path) = &args.csv {
-        files::refuse_existing(path, common.force)?;
-    }
+    let (scene, first) = args.at.load(None)?;
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let file = outputs.option(args.csv.as_ref())?;
     let velocity = scene.scene.velocity;
     let rig = PreparedScene::new(&scene.scene)?;
     let boundary = walk(
@@ -69,22 +57,23 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         common.numeric.into(),
         first.cutoff_hz,
         first.start_offset_counts,
-        &STOP,
+        interrupt::flag(),
     )
     .map_err(|error| error.of(&scene.name))?;
     let Some(ended) = boundary.ended else {
         return Err(Error::Input(format!(
             "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable with {}; \
              lower walk.stiffness_start_n_per_m or change the estimator's tuning",
-            args.scene,
+            scene.name,
             first.stiffness_n_per_m,
             first.damping_n_s_per_m,
             velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
         )));
     };
-    if let Some(path) = &args.csv {
-        files::write_file(path, csv(first.cutoff_hz, &boundary).as_bytes(), common.force)?;
+    if let Some(file) = file {
+        outputs.write(file, csv(first.cutoff_hz, &boundary).as_bytes())?;
     }
+    outputs.commit()?;
     let json = Json {
         schema_version: SCHEMA_VERSION,
         command: "walk",
@@ -93,7 +82,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         estimator: velocity.name(),
         cutoff_hz: velocity.has_cutoff().then_some(first.cutoff_hz),
         true_cutoff_hz: velocity.has_cutoff().then(|| scene.scene.true_cutoff_hz(first.cutoff_hz)),
-        area: boundary.area,
+        area_n2_s_per_m2: boundary.area,
         stiffness_peak_n_per_m: boundary.stiffness_peak_n_per_m(),
         damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
         hits: boundary.hits,
@@ -106,7 +95,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         "{}: area {:.4e} N^2 s/m^2 with {}\n\
          peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
         scene.name,
-        json.area,
+        json.area_n2_s_per_m2,
         velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz),
         json.stiffness_peak_n_per_m,
         json.damping_max_n_s_per_m,

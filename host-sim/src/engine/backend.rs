@@ -207,8 +207,6 @@ fn each_numeric<S: SimdOps, const R: usize>(simd: S, task: Task<'_>, work: &mut 
     match task.numeric {
         Numeric::Fixed => each_plant::<S, FixedState<S>, R>(simd, task, work),
         Numeric::F64 | Numeric::F64Rounded => each_plant::<S, TwinState<S>, R>(simd, task, work),
-        // A second filter has no lanes.
-        Numeric::F64Filtered { .. } => one_by_one(task, work),
     }
 }
 
@@ -278,7 +276,7 @@ impl<S: SimdOps> Prepare<S> for TwinState<S> {
             Numeric::F64Rounded => twin::Rounding::VelocityLsb,
             _ => twin::Rounding::Exact,
         };
-        rig.twin_of_core(hit, rounding, None)
+        rig.twin_of_core(hit, rounding)
     }
 
     fn surface(twin: &Twin) -> i32 {

@@ -139,8 +139,8 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             before: each(simd, &step.before),
             after: each(simd, &step.after),
             rest_m: splat(step.rest_m[0]),
-            resolution_m: splat(parts.resolution_m),
-            rounds: parts.rounding == Rounding::Round,
+            resolution_m: splat(parts.encoder.resolution_m),
+            rounds: parts.encoder.rounding == Rounding::Round,
             stage: stage(simd, task),
         };
         let kept = Kept {

@@ -8,6 +8,8 @@ use pulp::{
     bytemuck::{cast, cast_slice, cast_slice_mut},
 };
 
+use crate::simulation::quantiser::INTEGER;
+
 /// A vector machine. The bodies here work lane by lane and suit every machine; those with an instruction
 /// for it override them.
 pub trait SimdOps: Simd {
@@ -116,8 +118,6 @@ pub trait SimdOps: Simd {
 
 /// The sign of a float.
 pub const SIGN: u64 = 1 << 63;
-/// Adding it leaves the nearest integer in the low bits of the sum.
-pub const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
 #[inline(always)]
 fn low(bits: u64) -> i64 {

@@ -1,91 +1,326 @@
-//! Files that are whole or not there: each is written beside its place, flushed to the disk and
-//! then renamed into it.
+//! The one door for results. All files of a command appear together, or none does: each is written to a
+//! [draft](super::draft) beside its place and flushed, then all are renamed. A place is a real path: it is no input of
+//! the command, no other result of it, and no other program writes it at the same time.
 
 use std::{
-    fs,
+    fs::{self, File},
     io::{self, Write as _},
     path::{Path, PathBuf},
 };
 
-use tempfile::{NamedTempFile, TempDir};
-
+pub use super::draft::abandon;
+use super::draft::{self, Draft, Undo, is_same};
 use crate::{error::Error, output::figure::Figure};
 
 /// Name of the file that is written last: where it is, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
-/// Refuses a `path` that is no plain file, or is one already without `force`.
-///
-/// # Errors
-/// [`Error::Input`].
-pub fn refuse_existing(path: &Path, force: bool) -> Result<(), Error> {
-    match fs::symlink_metadata(path) {
-        Err(_) => Ok(()), // nothing there; other troubles show when it is written
-        Ok(found) if !found.is_file() => Err(Error::Input(format!(
-            "{} is there already and is no plain file; it is not replaced",
-            path.display()
-        ))),
-        Ok(_) if !force => {
-            Err(Error::Input(format!("{} is there already; --force replaces it", path.display())))
+/// The files that a command writes.
+#[derive(Debug)]
+pub struct Outputs {
+    force: bool,
+    inputs: Vec<PathBuf>,
+    files: Vec<Output>,
+    folders: Vec<Folder>,
+    /// Folders that were looked through for left-overs.
+    cleaned: Vec<PathBuf>,
+    /// Folders that did not exist before, the outermost first.
+    created: Vec<PathBuf>,
+}
+
+/// One of the files of [`Outputs`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place(usize);
+
+/// One of the result folders of [`Outputs`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FolderPlace(usize);
+
+#[derive(Debug)]
+struct Output {
+    /// As the user names it.
+    shown: PathBuf,
+    /// Where it will be.
+    place: PathBuf,
+    draft: io::BufWriter<Draft>,
+    is_written: bool,
+}
+
+/// A folder with a result of several files.
+#[derive(Debug)]
+struct Folder {
+    shown: PathBuf,
+    /// Every file that a result may have.
+    possible: Vec<&'static str>,
+    manifest: Place,
+}
+
+impl Outputs {
+    /// No file yet. Files of the user stay unless `force`; the `inputs` of the command stay in any case.
+    pub fn new(force: bool, inputs: &[PathBuf]) -> Self {
+        let (files, folders, cleaned, created) = (vec![], vec![], vec![], vec![]);
+        Self { force, inputs: inputs.to_vec(), files, folders, cleaned, created }
+    }
+
+    /// Reserves a file. Nothing appears there before [`commit`](Self::commit).
+    ///
+    /// # Errors
+    /// [`Error::Input`] if it cannot be written there, is there already, is an input or another output, or
+    /// another program writes it.
+    pub fn file(&mut self, path: &Path) -> Result<Place, Error> {
+        let (place, draft) = self.reserve(path)?;
+        self.refuse(path, &place, None)?;
+        Ok(self.push(path, place, draft))
+    }
+
+    fn push(&mut self, path: &Path, place: PathBuf, draft: Draft) -> Place {
+        let draft = io::BufWriter::new(draft);
+        self.files.push(Output { shown: path.into(), place, draft, is_written: false });
+        Place(self.files.len() - 1)
+    }
+
+    /// Reserves the file of an option, if it is given.
+    ///
+    /// # Errors
+    /// As [`file`](Self::file).
+    pub fn option(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
+        path.map(|path| self.file(path)).transpose()
+    }
+
+    /// Reserves the file of a figure, if it is given.
+    ///
+    /// # Errors
+    /// As [`file`](Self::file), and if it ends neither in `.svg` nor in `.png`.
+    pub fn figure(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
+        path.map_or(Ok(()), |path| is_svg(path).map(|_| ()))?;
+        self.option(path)
+    }
+
+    /// Reserves a folder for a result that may have the files `possible`.
+    ///
+    /// # Errors
+    /// As [`file`](Self::file), and if it holds one of those files and `force` is not given.
+    pub fn folder(
+        &mut self,
+        folder: &Path,
+        possible: &[&'static str],
+    ) -> Result<FolderPlace, Error> {
+        let path = folder.join(MANIFEST);
+        let (place, draft) = self.reserve(&path)?;
+        for name in possible {
+            let path = folder.join(name);
+            self.refuse(&path, &real(&path)?, Some((folder, name)))?;
         }
-        Ok(_) => Ok(()),
+        let manifest = self.push(&path, place, draft);
+        self.folders.push(Folder { shown: folder.into(), possible: possible.to_vec(), manifest });
+        Ok(FolderPlace(self.folders.len() - 1))
+    }
+
+    /// The next bytes of a file.
+    ///
+    /// # Errors
+    /// [`Error::File`], on a full disk for example.
+    pub fn write(&mut self, Place(index): Place, bytes: &[u8]) -> Result<(), Error> {
+        let output = &mut self.files[index];
+        output.is_written = true;
+        output.draft.write_all(bytes).map_err(Error::file(&output.shown))
+    }
+
+    /// A figure, in the format that the file's name asks for.
+    ///
+    /// # Errors
+    /// It cannot be drawn or written.
+    pub fn draw(&mut self, place: Place, figure: &Figure) -> Result<(), Error> {
+        let bytes = match is_svg(&self.files[place.0].shown)? {
+            true => figure.svg().as_bytes().to_vec(),
+            false => png(figure)?,
+        };
+        self.write(place, &bytes)
+    }
+
+    /// A whole file of a result folder.
+    ///
+    /// # Errors
+    /// As [`file`](Self::file) and [`write`](Self::write).
+    pub fn add(&mut self, to: FolderPlace, name: &str, bytes: &[u8]) -> Result<(), Error> {
+        let folder = &self.folders[to.0];
+        let place = match name {
+            MANIFEST => folder.manifest,
+            _ => {
+                let path = folder.shown.join(name);
+                self.file(&path)?
+            }
+        };
+        self.write(place, bytes)
+    }
+
+    /// A figure of a result folder, as SVG and as PNG.
+    ///
+    /// # Errors
+    /// As [`add`](Self::add), and if it cannot be drawn.
+    pub fn add_figure(
+        &mut self,
+        to: FolderPlace,
+        [svg_name, png_name]: [&str; 2],
+        figure: &Figure,
+    ) -> Result<(), Error> {
+        self.add(to, svg_name, figure.svg().as_bytes())?;
+        self.add(to, png_name, &png(figure)?)
+    }
+
+    /// A draft of `path`, and its real path.
+    fn reserve(&mut self, path: &Path) -> Result<(PathBuf, Draft), Error> {
+        let folder = folder_of(path);
+        let unwritable = |error: io::Error| {
+            Error::Input(format!("{}: cannot write there: {error}", folder.display()))
+        };
+        if path.file_name().is_none() || path.as_os_str().as_encoded_bytes().ends_with(b"/") {
+            return Err(Error::Input(format!("{} is no name of a file", path.display())));
+        }
+        self.created.extend(draft::make_folder(folder).map_err(unwritable)?);
+        let place = real(path)?;
+        if let Some(other) = self.files.iter().find(|output| output.place == place) {
+            return Err(self.same(path, &other.shown));
+        }
+        let folder = folder_of(&place).to_path_buf();
+        if !self.cleaned.contains(&folder) {
+            draft::remove_left_overs(&folder);
+            self.cleaned.push(folder);
+        }
+        match Draft::new(&place).map_err(unwritable)? {
+            Some(draft) => Ok((place, draft)),
+            None => Err(Error::Input(format!(
+                "{} is being written by another run; wait for its end, or write elsewhere",
+                path.display()
+            ))),
+        }
+    }
+
+    fn same(&self, path: &Path, other: &Path) -> Error {
+        let (path, other) = (path.display(), other.display());
+        Error::Input(format!("{path} and {other} are the same file, and would be written twice"))
+    }
+
+    /// Refuses a place that must not be replaced; `of` is folder and name of a file of a result.
+    fn refuse(&self, path: &Path, place: &Path, of: Option<(&Path, &str)>) -> Result<(), Error> {
+        let shown = path.display();
+        let Ok(found) = fs::symlink_metadata(place) else {
+            return Ok(()); // nothing there; other troubles show when it is written
+        };
+        for input in &self.inputs {
+            let same = fs::canonicalize(input).is_ok_and(|input| input == place)
+                || fs::metadata(input).is_ok_and(|input| is_same(&input, &found));
+            if same {
+                let input = input.display();
+                let what = format!("{shown} is the input {input}; it is not replaced");
+                return Err(Error::Input(what));
+            }
+        }
+        for other in self.files.iter().filter(|other| other.place != place) {
+            if fs::symlink_metadata(&other.place).is_ok_and(|other| is_same(&other, &found)) {
+                return Err(self.same(path, &other.shown));
+            }
+        }
+        match of {
+            _ if !found.is_file() => Err(Error::Input(format!(
+                "{shown} is there already and is no plain file; it is not replaced"
+            ))),
+            _ if self.force => Ok(()),
+            None => Err(Error::Input(format!("{shown} is there already; --force replaces it"))),
+            Some((folder, name)) => Err(Error::Input(format!(
+                "{} holds a result already ({name}); --force replaces it, --out writes elsewhere",
+                folder.display()
+            ))),
+        }
+    }
+
+    /// Moves all files that were written into their places, or none. Of a result folder the older manifest goes
+    /// first, the files of the older result that this one does not have go with it, and the new manifest comes last: a
+    /// folder with a manifest is complete and of one piece at any time.
+    ///
+    /// # Errors
+    /// [`Error::File`] on a full disk or if a folder changed under our hands, [`Error::Input`] as
+    /// [`file`](Self::file); everything is then as it was.
+    pub fn commit(mut self) -> Result<(), Error> {
+        for output in &mut self.files {
+            let flushed = output.draft.flush();
+            let flushed = flushed.and_then(|()| output.draft.get_ref().file.sync_all());
+            flushed.map_err(Error::file(&output.shown))?;
+        }
+        // A signal ends the process before this line or after the last file, not in between.
+        let guard = draft::traces();
+        let moved = self.move_all();
+        drop(guard);
+        moved?;
+        for folder in std::mem::take(&mut self.created) {
+            draft::traces().forget(&folder);
+        }
+        Ok(())
+    }
+
+    fn move_all(&self) -> Result<(), Error> {
+        let mut gone = vec![];
+        for folder in &self.folders {
+            let names = folder.possible.iter().filter(|name| **name != MANIFEST);
+            gone.extend([MANIFEST].iter().chain(names).map(|name| folder.shown.join(name)));
+        }
+        let written: Vec<&Output> = self.files.iter().filter(|output| output.is_written).collect();
+        let mut undo = Undo::default();
+        for path in &gone {
+            let place = real(path)?;
+            self.refuse(path, &place, None)?;
+            if fs::symlink_metadata(&place).is_ok() {
+                undo.keep(&place).map_err(Error::file(path))?;
+                let is_replaced = written.iter().any(|output| output.place == place);
+                if !is_replaced || place.ends_with(MANIFEST) {
+                    fs::remove_file(&place).map_err(Error::file(path))?;
+                }
+            }
+        }
+        let is_manifest = |output: &&&Output| output.place.ends_with(MANIFEST);
+        let (last, first): (Vec<&Output>, Vec<&Output>) = written.iter().partition(is_manifest);
+        for output in first.into_iter().chain(last) {
+            if output.place.ends_with(MANIFEST) {
+                sync_folder(folder_of(&output.place));
+            }
+            self.refuse(&output.shown, &output.place, None)?;
+            undo.place(&output.draft.get_ref().path, &output.place)
+                .map_err(Error::file(&output.shown))?;
+        }
+        undo.release();
+        for output in &written {
+            sync_folder(folder_of(&output.place));
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Outputs {
+    /// Leaves no draft behind, and no folder that a result would have filled.
+    fn drop(&mut self) {
+        self.files.clear();
+        draft::remove_folders(&self.created);
     }
 }
 
 /// Writes one file, whole or not at all.
 ///
 /// # Errors
-/// [`Error::Input`] if its folder cannot be written or [`refuse_existing`] refuses,
-/// [`Error::File`] if writing fails half-way.
+/// As [`Outputs`].
 pub fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
-    let mut file = GrowingFile::new(path, force)?;
-    file.write(bytes)?;
-    file.finish()
+    let mut outputs = Outputs::new(force, &[]);
+    let file = outputs.file(path)?;
+    outputs.write(file, bytes)?;
+    outputs.commit()
 }
 
-/// A file that is written piece by piece beside its place, and is there when it is whole.
-#[derive(Debug)]
-pub struct GrowingFile {
-    path: PathBuf,
-    force: bool,
-    file: io::BufWriter<NamedTempFile>,
-}
-
-impl GrowingFile {
-    /// Nothing appears at `path` before [`finish`](Self::finish).
-    ///
-    /// # Errors
-    /// [`Error::Input`] if its folder cannot be written or [`refuse_existing`] refuses.
-    pub fn new(path: &Path, force: bool) -> Result<Self, Error> {
-        refuse_existing(path, force)?;
-        let folder = folder_of(path);
-        fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
-        let file = temporary_file(folder).map_err(|error| unwritable(folder, &error))?;
-        Ok(Self { path: path.into(), force, file: io::BufWriter::new(file) })
-    }
-
-    /// The next piece.
-    ///
-    /// # Errors
-    /// [`Error::File`], on a full disk for example.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<(), Error> {
-        self.file.write_all(bytes).map_err(Error::file(&self.path))
-    }
-
-    /// Moves the file into its place.
-    ///
-    /// # Errors
-    /// [`Error::File`] if writing or moving fails; there is then no file, or the old one.
-    pub fn finish(self) -> Result<(), Error> {
-        let Self { path, force, file } = self;
-        let file = file.into_inner().map_err(io::IntoInnerError::into_error);
-        let file = file.map_err(Error::file(&path))?;
-        file.as_file().sync_all().map_err(Error::file(&path))?;
-        let placed = if force { file.persist(&path) } else { file.persist_noclobber(&path) };
-        placed.map_err(|error| Error::File { path: path.clone(), source: error.error })?;
-        sync_folder(folder_of(&path));
-        Ok(())
-    }
+/// The path without links and `.` in its folder. What is at its end is not followed.
+fn real(path: &Path) -> Result<PathBuf, Error> {
+    let folder = folder_of(path);
+    let folder = fs::canonicalize(folder).map_err(|error| {
+        Error::Input(format!("{}: cannot write there: {error}", folder.display()))
+    })?;
+    Ok(folder.join(path.file_name().unwrap_or_default()))
 }
 
 fn folder_of(path: &Path) -> &Path {
@@ -95,262 +330,37 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// A temporary file as readable as any other that the user makes.
-fn temporary_file(folder: &Path) -> io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(fs::Permissions::from_mode(0o666)); // less the umask
-    }
-    builder.tempfile_in(folder)
-}
-
 /// Makes renames last through a power cut, where the system can.
 fn sync_folder(folder: &Path) {
-    if let Ok(folder) = fs::File::open(folder) {
+    if let Ok(folder) = File::open(folder) {
         let _ = folder.sync_all(); // not every file system takes it
     }
 }
 
-/// Refuses a `path` that ends neither in `.svg` nor in `.png`.
-///
-/// # Errors
-/// [`Error::Input`].
-pub fn refuse_ending(path: &Path) -> Result<(), Error> {
+/// Whether a figure's file is SVG; else it is PNG.
+fn is_svg(path: &Path) -> Result<bool, Error> {
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("svg" | "png") => Ok(()),
+        Some("svg") => Ok(true),
+        Some("png") => Ok(false),
         _ => Err(Error::Input(format!("{}: allowed endings are .svg and .png", path.display()))),
     }
 }
 
-/// A figure in the format that `path` asks for.
-///
-/// # Errors
-/// See [`refuse_ending`].
-pub fn figure_bytes(path: &Path, figure: &Figure) -> Result<Vec<u8>, Error> {
-    refuse_ending(path)?;
-    if path.extension().is_some_and(|extension| extension == "svg") {
-        Ok(figure.svg().as_bytes().to_vec())
-    } else {
-        png(figure)
-    }
-}
-
 /// A figure as PNG.
-///
-/// # Errors
-/// It cannot be drawn.
-pub fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
+fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
     figure.png().map_err(|error| Error::Internal(format!("cannot draw: {error}")))
 }
 
-/// A result folder in the making: its files appear together, the manifest last.
-#[derive(Debug)]
-pub struct Staging {
-    folder: PathBuf,
-    /// The folders that did not exist before, innermost first.
-    created: Vec<PathBuf>,
-    /// `None` once committed.
-    files: Option<TempDir>,
-    /// Every file that a result may have.
-    possible: Vec<&'static str>,
-    /// The files that this one has.
-    names: Vec<&'static str>,
-}
-
-impl Staging {
-    /// Prepares `folder` for a result that may have the files `possible`; nothing in it changes
-    /// before [`commit`](Self::commit).
-    ///
-    /// # Errors
-    /// [`Error::Input`] if it cannot be written, or holds one of those files and `force` is not
-    /// given, or holds something of that name that is no plain file.
-    pub fn new(folder: &Path, possible: &[&'static str], force: bool) -> Result<Self, Error> {
-        for name in possible {
-            let place = folder.join(name);
-            if !force && fs::symlink_metadata(&place).is_ok() {
-                return Err(Error::Input(format!(
-                    "{} holds a result already ({name}); --force replaces it, --out writes elsewhere",
-                    folder.display()
-                )));
-            }
-            refuse_existing(&place, force)?;
-        }
-        let is_new = |path: &&Path| *path != Path::new("") && !path.exists();
-        let created = folder.ancestors().take_while(is_new).map(Path::to_path_buf).collect();
-        let possible = possible.to_vec();
-        let mut staging =
-            Self { folder: folder.into(), created, files: None, possible, names: vec![] };
-        fs::create_dir_all(folder).map_err(|error| unwritable(folder, &error))?;
-        let files = tempfile::Builder::new().prefix(".partial-").tempdir_in(folder);
-        staging.files = Some(files.map_err(|error| unwritable(folder, &error))?);
-        Ok(staging)
-    }
-
-    /// Writes one file of the result.
-    ///
-    /// # Errors
-    /// [`Error::File`], on a full disk for example; the folder is then left as it was.
-    pub fn write(&mut self, name: &'static str, bytes: &[u8]) -> Result<(), Error> {
-        let Some(files) = &self.files else {
-            return Err(Error::Internal("the result is committed already".into()));
-        };
-        let path = files.path().join(name);
-        let written = fs::File::create(&path)
-            .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
-        written.map_err(Error::file(self.folder.join(name)))?;
-        self.names.push(name);
-        Ok(())
-    }
-
-    /// Moves all files into their place. An older manifest goes first, the files of the older result
-    /// that this one does not have go with it, and the new manifest comes last: a folder with a
-    /// manifest is complete and of one piece at any time.
-    ///
-    /// # Errors
-    /// [`Error::File`] if the folder changed under our hands; [`Error::Input`] before anything
-    /// is touched if a place is taken by something that is no plain file.
-    pub fn commit(mut self) -> Result<(), Error> {
-        for name in &self.possible {
-            refuse_existing(&self.folder.join(name), true)?;
-        }
-        let Some(files) = self.files.take() else { return Ok(()) };
-        remove(&self.folder.join(MANIFEST))?;
-        sync_folder(&self.folder);
-        for stale in self.possible.iter().filter(|name| !self.names.contains(name)) {
-            remove(&self.folder.join(stale))?;
-        }
-        self.names.sort_by_key(|name| *name == MANIFEST);
-        for name in &self.names {
-            if *name == MANIFEST {
-                sync_folder(&self.folder);
-            }
-            let place = self.folder.join(name);
-            fs::rename(files.path().join(name), &place).map_err(Error::file(place))?;
-        }
-        sync_folder(&self.folder);
-        self.created.clear();
-        Ok(())
-    }
-}
-
-/// Removes a file if it is there.
-fn remove(path: &Path) -> Result<(), Error> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            Err(Error::File { path: path.into(), source: error })
-        }
-        _ => Ok(()),
-    }
-}
-
-impl Drop for Staging {
-    /// Leaves no folder behind that this result would have filled.
-    fn drop(&mut self) {
-        self.files = None;
-        for folder in &self.created {
-            let _ = fs::remove_dir(folder); // refuses a folder that holds anything
-        }
-    }
-}
-
-fn unwritable(folder: &Path, error: &io::Error) -> Error {
-    Error::Input(format!("{}: cannot write there: {error}", folder.display()))
+/// JSON as it stands in files.
+///
+/// # Errors
+/// It cannot be written as JSON.
+pub fn json(value: &impl serde::Serialize) -> Result<Vec<u8>, Error> {
+    let mut text = serde_json::to_vec_pretty(value)
+        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
+    text.push(b'\n');
+    Ok(text)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_result_that_is_not_committed_leaves_no_trace() {
-        let root = tempfile::tempdir().unwrap();
-        let folder = root.path().join("a/b");
-        let mut staging = Staging::new(&folder, &["x.csv", MANIFEST], false).unwrap();
-        staging.write("x.csv", b"1").unwrap();
-        drop(staging);
-        assert_eq!(fs::read_dir(root.path()).unwrap().count(), 0);
-    }
-
-    #[test]
-    fn results_are_replaced_only_with_force_and_other_files_stay() {
-        let root = tempfile::tempdir().unwrap();
-        let names = ["x.csv", MANIFEST];
-        let write = |text: &[u8], force| {
-            let mut staging = Staging::new(root.path(), &names, force)?;
-            staging.write(MANIFEST, text)?;
-            staging.write("x.csv", text)?;
-            staging.commit()
-        };
-        fs::write(root.path().join("mine.txt"), "mine").unwrap();
-        write(b"1", false).unwrap();
-        let refused = write(b"2", false).unwrap_err();
-        assert_eq!(refused.exit_code(), 2);
-        assert_eq!(fs::read(root.path().join("x.csv")).unwrap(), b"1");
-        write(b"3", true).unwrap();
-        assert_eq!(fs::read(root.path().join(MANIFEST)).unwrap(), b"3");
-        assert_eq!(fs::read_dir(root.path()).unwrap().count(), 3);
-    }
-
-    #[test]
-    fn a_new_result_leaves_nothing_of_the_old_one() {
-        let root = tempfile::tempdir().unwrap();
-        let names = ["x.csv", "y.csv", MANIFEST];
-        let write = |files: &[&'static str], force| {
-            let mut staging = Staging::new(root.path(), &names, force)?;
-            for name in files {
-                staging.write(name, b"")?;
-            }
-            staging.commit()
-        };
-        write(&names, false).unwrap();
-        write(&["x.csv", MANIFEST], true).unwrap();
-        assert!(!root.path().join("y.csv").exists());
-    }
-
-    #[test]
-    fn what_is_no_plain_file_is_refused_before_anything_is_touched() {
-        let root = tempfile::tempdir().unwrap();
-        let names = ["x.csv", MANIFEST];
-        fs::write(root.path().join(MANIFEST), "old").unwrap();
-        let mut staging = Staging::new(root.path(), &names, true).unwrap();
-        staging.write("x.csv", b"new").unwrap();
-        staging.write(MANIFEST, b"new").unwrap();
-        fs::create_dir(root.path().join("x.csv")).unwrap();
-        assert_eq!(staging.commit().unwrap_err().exit_code(), 2);
-        assert_eq!(fs::read(root.path().join(MANIFEST)).unwrap(), b"old");
-        assert!(Staging::new(root.path(), &names, true).is_err());
-        assert!(write_file(&root.path().join("x.csv"), b"", true).is_err());
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn a_link_is_not_replaced() {
-        let root = tempfile::tempdir().unwrap();
-        let link = root.path().join("link.csv");
-        std::os::unix::fs::symlink("nowhere", &link).unwrap();
-        assert!(write_file(&link, b"", true).is_err());
-        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-    }
-
-    #[test]
-    fn a_file_is_written_whole_and_not_replaced_unasked() {
-        let root = tempfile::tempdir().unwrap();
-        let path = root.path().join("new/trace.csv");
-        write_file(&path, b"1", false).unwrap();
-        assert!(write_file(&path, b"2", false).is_err());
-        write_file(&path, b"2", true).unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"2");
-        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn a_folder_that_cannot_be_one_is_bad_input() {
-        let root = tempfile::tempdir().unwrap();
-        let file = root.path().join("file");
-        fs::write(&file, "").unwrap();
-        assert_eq!(Staging::new(&file.join("x"), &[], true).unwrap_err().exit_code(), 2);
-        assert_eq!(write_file(&file.join("x"), b"", true).unwrap_err().exit_code(), 2);
-    }
-}
+mod tests;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::scene::NamedScene;
+use crate::{output::SCHEMA_VERSION, scene::NamedScene};
 
 /// Provenance of a result.
 #[derive(Clone, Debug, Serialize)]
@@ -12,8 +12,8 @@ pub struct Manifest {
     pub version: &'static str,
     /// Commit that it was built from, or `unknown`.
     pub git_commit: &'static str,
-    /// Whether tracked files differed from that commit: `true`, `false` or `unknown`.
-    pub git_dirty: &'static str,
+    /// Whether tracked files differed from that commit; `null` if that is unknown.
+    pub git_dirty: Option<bool>,
     /// Compiler.
     pub toolchain: &'static str,
     /// Platform.
@@ -28,12 +28,12 @@ pub struct Manifest {
 
 impl Manifest {
     /// The manifest of a result of `command` on `scene`.
-    pub fn new(schema_version: u32, command: String, scene: &NamedScene) -> Self {
+    pub fn new(command: String, scene: &NamedScene) -> Self {
         Self {
-            schema_version,
+            schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION"),
             git_commit: env!("ZWIDTH_COMMIT"),
-            git_dirty: env!("ZWIDTH_DIRTY"),
+            git_dirty: env!("ZWIDTH_DIRTY").parse().ok(),
             toolchain: env!("ZWIDTH_TOOLCHAIN"),
             target: env!("ZWIDTH_TARGET"),
             command,
@@ -48,7 +48,7 @@ impl Manifest {
             ("command", self.command.as_str()),
             ("version", self.version),
             ("commit", self.git_commit),
-            ("uncommitted changes", self.git_dirty),
+            ("uncommitted changes", env!("ZWIDTH_DIRTY")),
             ("toolchain", self.toolchain),
             ("target", self.target),
         ]

@@ -1,10 +1,15 @@
 //! What a person gets: files that are whole or not there, figures, the report of a sweep, manifests.
 
+mod draft;
 pub mod figure;
 pub mod files;
 pub mod manifest;
 pub mod report;
 pub mod sweep;
 pub mod telemetry;
+pub mod terminal;
 pub mod trace;
 pub mod trade_figures;
+
+/// Version of every JSON object that the commands print or write: 2 since areas carry their unit.
+pub const SCHEMA_VERSION: u32 = 2;

@@ -73,10 +73,13 @@ pub struct AreaRow {
     /// Frequency at which the discrete filter is down by 3 dB.
     pub true_cutoff_hz: f64,
     /// Mean area [N² s/m²].
+    #[serde(rename = "area_n2_s_per_m2")]
     pub area: f64,
     /// Smallest area of the repeats [N² s/m²].
+    #[serde(rename = "area_low_n2_s_per_m2")]
     pub area_low: f64,
     /// Largest area of the repeats [N² s/m²].
+    #[serde(rename = "area_high_n2_s_per_m2")]
     pub area_high: f64,
     /// Largest stable stiffness at any damping.
     pub stiffness_peak_n_per_m: f64,

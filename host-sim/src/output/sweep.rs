@@ -6,12 +6,12 @@ use serde::Serialize;
 use zwidth::experiment::Ended;
 
 use crate::{
-    cli::SCHEMA_VERSION,
     error::Error,
     output::trace::Trace,
     output::{
+        SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot},
-        files::{MANIFEST, Staging, png},
+        files::{FolderPlace, MANIFEST, Outputs, json},
         manifest::Manifest,
         report::{self, AreaRow, Report, ReportFigure},
     },
@@ -102,7 +102,7 @@ struct CutoffSummary {
 
 #[derive(Clone, Debug, Serialize)]
 struct WalkSummary {
-    area: f64,
+    area_n2_s_per_m2: f64,
     hits: u64,
     ended_by: &'static str,
 }
@@ -113,7 +113,7 @@ struct VariantSummary {
     change: String,
     ideal_cutoff_hz: Option<f64>,
     ideal_cutoff_range_hz: Option<[f64; 2]>,
-    area_at_ideal: Option<f64>,
+    area_at_ideal_n2_s_per_m2: Option<f64>,
 }
 
 /// How frequencies are given, one sentence.
@@ -168,12 +168,12 @@ impl Study {
         }
     }
 
-    /// Draws, writes and commits every file.
+    /// Draws and writes every file.
     ///
     /// # Errors
-    /// A file cannot be written; none is then left half-written.
-    pub fn write(&self, mut staging: Staging) -> Result<(), Error> {
-        let manifest = Manifest::new(SCHEMA_VERSION, self.command.clone(), &self.scene);
+    /// A file cannot be drawn or written.
+    pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
+        let manifest = Manifest::new(self.command.clone(), &self.scene);
         let mut figures = vec![
             ("zwidth.svg", "zwidth.png", self.zwidth()?, self.zwidth_caption()),
             ("area.svg", "area.png", self.area()?, convention(self)),
@@ -182,23 +182,21 @@ impl Study {
             figures.push(("hit.svg", "hit.png", figure, caption));
         }
         for (svg_name, png_name, figure, _) in &figures {
-            staging.write(svg_name, figure.svg().as_bytes())?;
-            staging.write(png_name, &png(figure)?)?;
+            outputs.add_figure(to, [svg_name, png_name], figure)?;
         }
         let figures = figures
             .into_iter()
             .map(|(_, _, figure, caption)| ReportFigure { figure, caption })
             .collect();
-        staging.write("boundary.csv", self.boundary_csv().as_bytes())?;
-        staging.write("areas.csv", self.areas_csv().as_bytes())?;
-        staging.write("envelope.csv", self.envelope_csv().as_bytes())?;
+        outputs.add(to, "boundary.csv", self.boundary_csv().as_bytes())?;
+        outputs.add(to, "areas.csv", self.areas_csv().as_bytes())?;
+        outputs.add(to, "envelope.csv", self.envelope_csv().as_bytes())?;
         if !self.variants.is_empty() {
-            staging.write(SENSITIVITY, self.sensitivity_csv().as_bytes())?;
+            outputs.add(to, SENSITIVITY, self.sensitivity_csv().as_bytes())?;
         }
-        staging.write("summary.json", &json(&self.summary())?)?;
-        staging.write("report.html", self.report(figures, &manifest).as_bytes())?;
-        staging.write(MANIFEST, &json(&manifest)?)?;
-        staging.commit()
+        outputs.add(to, "summary.json", &json(&self.summary())?)?;
+        outputs.add(to, "report.html", self.report(figures, &manifest).as_bytes())?;
+        outputs.add(to, MANIFEST, &json(&manifest)?)
     }
 
     fn zwidth(&self) -> Result<Figure, Error> {
@@ -267,6 +265,9 @@ impl Study {
             damping_n_s_per_m: wall.damping_n_s_per_m,
             start_offset_counts: 0.0,
         };
+        if Trace::refused(&self.rig).is_some() {
+            return Ok(None);
+        }
         let mut trace = Trace::new(&self.rig, &hit)?;
         let report = self.rig.hit(self.numeric, &hit, |sample| trace.push(sample))?;
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
@@ -317,12 +318,15 @@ impl Study {
     }
 
     fn sensitivity_csv(&self) -> String {
-        let mut text = String::from("variant,cutoff_hz,true_cutoff_hz,area,area_low,area_high\n");
+        let mut text = String::from(
+            "variant,cutoff_hz,true_cutoff_hz,area_n2_s_per_m2,area_low_n2_s_per_m2,\
+             area_high_n2_s_per_m2,schema_version\n",
+        );
         for variant in &self.variants {
             for result in &variant.result.cutoffs {
                 let _ = writeln!(
                     text,
-                    "{},{},{},{},{},{}",
+                    "{},{},{},{},{},{},{SCHEMA_VERSION}",
                     variant.name,
                     result.cutoff_hz,
                     result.true_cutoff_hz,
@@ -375,7 +379,7 @@ impl VariantResult {
 
 fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
     let walks = result.boundaries.iter().map(|boundary| WalkSummary {
-        area: boundary.area,
+        area_n2_s_per_m2: boundary.area,
         hits: boundary.hits,
         ended_by: boundary.ended.map_or("first_point_unstable", Ended::name),
     });
@@ -405,15 +409,8 @@ fn variant_summary(variant: &VariantResult) -> VariantSummary {
         change: variant.change.clone(),
         ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
         ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
-        area_at_ideal: at_ideal.map(CutoffResult::area),
+        area_at_ideal_n2_s_per_m2: at_ideal.map(CutoffResult::area),
     }
-}
-
-fn json(value: &impl Serialize) -> Result<Vec<u8>, Error> {
-    let mut text = serde_json::to_vec_pretty(value)
-        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
-    text.push(b'\n');
-    Ok(text)
 }
 
 fn undrawable(error: FigureError) -> Error {

@@ -20,6 +20,14 @@ pub const RENDERED: u8 = 2;
 /// Bit of the `flags` column: the last output saturated.
 pub const SATURATED: u8 = 4;
 
+/// Most samples of a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
+const SAMPLES_MAX: u64 = 2_000_000;
+
+/// Samples of a hit.
+fn samples(rig: &PreparedScene) -> u64 {
+    u64::from(rig.plan().settle) + u64::from(rig.plan().window)
+}
+
 /// One hit, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Trace {
@@ -41,18 +49,31 @@ struct Row {
 }
 
 impl Trace {
+    /// Why a hit of that scene is too long to be kept sample by sample, if it is.
+    pub fn refused(rig: &PreparedScene) -> Option<String> {
+        let samples = samples(rig);
+        (samples > SAMPLES_MAX).then(|| {
+            format!(
+                "wall_hit.settle_s and wall_hit.window_s make {samples} samples, allowed {SAMPLES_MAX} in a trace"
+            )
+        })
+    }
+
     /// An empty trace of that hit.
     ///
     /// # Errors
-    /// A setting of `hit` is out of range.
+    /// A setting of `hit` is out of range, or the hit is too long.
     pub fn new(rig: &PreparedScene, hit: &WallHit) -> Result<Self, Error> {
+        if let Some(reason) = Self::refused(rig) {
+            return Err(Error::Input(reason));
+        }
         let design = rig.design();
         Ok(Self {
             rate_hz: design.rate_hz,
             velocity_lsb_m_per_s: design.resolution_m * design.rate_hz,
             full_scale_n: design.full_scale_n,
             surface: rig.fixed(hit).map_err(Error::input)?.controller().surface(),
-            rows: Vec::with_capacity((rig.plan().settle + rig.plan().window) as usize),
+            rows: Vec::with_capacity(samples(rig) as usize),
         })
     }
 

@@ -21,6 +21,8 @@ pub mod ranges {
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
     /// Largest command, V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
+    /// Most values of a list.
+    pub const VALUES_MAX: usize = 10_000;
     /// Delay from encoder reading to force, in samples.
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
 }
@@ -56,6 +58,11 @@ impl Scene {
         })?;
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
+        }
+        let cutoffs = self.sweep.cutoffs_hz.len();
+        if cutoffs > ranges::VALUES_MAX {
+            let allowed = ranges::VALUES_MAX;
+            return Err(format!("sweep.cutoffs_hz has {cutoffs} values, allowed 1 to {allowed}"));
         }
         for &cutoff_hz in &self.sweep.cutoffs_hz {
             self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;

@@ -5,7 +5,7 @@
 //! at its handle through the capstan radius r: mass = J / r^2, damping = c / r^2,
 //! resolution = r * angle per count, gain = k_t k_amp / r.
 
-use std::{fs, path::Path};
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkSettings};
@@ -13,6 +13,7 @@ use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::Wa
 pub use crate::scene::estimator::EstimatorChoice;
 use crate::{
     error::Error,
+    input,
     numerics::integrator::Integrator,
     scene::element::{
         Amplifier, Arm, Chain, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode,
@@ -35,7 +36,7 @@ pub use tables::{
 };
 
 /// The built-in scenes: name and text.
-pub const BUILT_IN: [(&str, &str); 4] = [
+pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-1um", include_str!("../../../scenes/paper-1um.toml")),
     ("paper-2um", include_str!("../../../scenes/paper-2um.toml")),
     ("nucleo-f446re", include_str!("../../../scenes/nucleo-f446re.toml")),
@@ -52,6 +53,8 @@ pub struct NamedScene {
     pub name: String,
     /// The text it was read from.
     pub text: String,
+    /// The files that it was read from; none if it is built in.
+    pub files: Vec<PathBuf>,
     /// Its content.
     pub scene: Scene,
 }
@@ -126,12 +129,16 @@ impl NamedScene {
             return Self::parse((*name).into(), (*text).into(), name);
         }
         let path = Path::new(name_or_path);
-        let text = fs::read_to_string(path).map_err(|error| {
-            let names = BUILT_IN.map(|(name, _)| name).join(", ");
-            Error::Input(format!("{name_or_path}: {error} (built-in scenes: {names})"))
+        let text = input::read_text(path, input::SCENE).map_err(|error| match error {
+            Error::Input(text) if !path.exists() => {
+                let names = BUILT_IN.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+                Error::Input(format!("{text} (built-in scenes: {names})"))
+            }
+            other => other,
         })?;
         let stem = path.file_stem().unwrap_or(path.as_os_str());
-        Self::parse(stem.to_string_lossy().into_owned(), text, name_or_path)
+        let scene = Self::parse(stem.to_string_lossy().into_owned(), text, name_or_path)?;
+        Ok(Self { files: vec![path.into()], ..scene })
     }
 
     /// Reads `text`; `origin` is what errors call it.
@@ -146,7 +153,7 @@ impl NamedScene {
             Error::Input(format!("{origin}:{line}: {}: {message}", line_of(&text, line)))
         })?;
         scene.check().map_err(|error| Error::Input(format!("{origin}: {error}")))?;
-        Ok(Self { name, text, scene })
+        Ok(Self { name, text, files: vec![], scene })
     }
 }
 

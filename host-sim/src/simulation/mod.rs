@@ -2,6 +2,7 @@
 
 pub mod controller;
 pub mod prepared;
+pub mod quantiser;
 pub mod senses;
 pub mod twin;
 
@@ -9,9 +10,9 @@ use std::ops::ControlFlow;
 
 use crate::{
     plant::{AnyPlant, Moment, Plant},
-    scene::Rounding,
     simulation::{
         controller::{Controller, ControllerOutput},
+        quantiser::Quantiser,
         senses::{AnySensing, Handle, Sensing},
     },
 };
@@ -21,10 +22,8 @@ use crate::{
 pub struct Parts<P> {
     /// What moves, with its step split where a command takes effect.
     pub plant: P,
-    /// m per count.
-    pub resolution_m: f64,
     /// How a position becomes a count.
-    pub rounding: Rounding,
+    pub encoder: Quantiser,
     /// Force at full command, N.
     pub full_scale_n: f64,
     /// Whole samples from the encoder reading to the force; the fraction is in `plant`.
@@ -122,33 +121,9 @@ fn following(slot: usize, ring: &[f64]) -> usize {
 impl<P> Parts<P> {
     /// The same loop around another plant.
     pub fn with<Q: Clone>(&self, plant: &Q) -> Parts<Q> {
-        let Self { plant: _, resolution_m, rounding, full_scale_n, latency, period } = *self;
-        Parts { plant: plant.clone(), resolution_m, rounding, full_scale_n, latency, period }
+        let Self { plant: _, encoder, full_scale_n, latency, period } = *self;
+        Parts { plant: plant.clone(), encoder, full_scale_n, latency, period }
     }
-
-    /// The encoder's reading at `position_m`. Saturates at the ends of `i32`.
-    #[inline]
-    pub fn count(&self, position_m: f64) -> i32 {
-        let exact = position_m / self.resolution_m;
-        floor(match self.rounding {
-            Rounding::Floor => exact,
-            Rounding::Round => exact + 0.5,
-        })
-    }
-}
-
-/// The largest integer not above `value`, saturating at the ends of `i32`.
-///
-/// Adding 1.5 * 2^52 leaves the nearest integer in the low bits of the sum; a rounding up is then
-/// taken back. A third of the instructions of `value.floor() as i32`.
-#[inline]
-fn floor(value: f64) -> i32 {
-    const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
-    let value = value.clamp(f64::from(i32::MIN), f64::from(i32::MAX));
-    let sum = value + INTEGER;
-    #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are the integer")]
-    let nearest = (sum.to_bits() as u32).cast_signed();
-    nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
 }
 
 impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
@@ -161,7 +136,7 @@ impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
         let (before_n, after_n) =
             (self.output_n, self.on_the_way.next(forces_n, index, self.output_n));
         let moment = Moment { index, before_n, after_n };
-        let count = parts.count(parts.plant.reading_m(&self.state, &moment));
+        let count = parts.encoder.count(parts.plant.reading_m(&self.state, &moment));
         // 2. the velocity
         let due = self.controller.sample(count, self.sensing.senses());
         // 3. the wall, with this very sample
@@ -246,44 +221,5 @@ impl<C: Controller + Copy, S: Sensing, P: Plant> Simulation<C, S, P> {
     /// The plant's state now.
     pub fn state(&self) -> &P::State {
         &self.moving.state
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn floor_is_the_floor_and_saturates() {
-        let ends = [f64::from(i32::MIN), f64::from(i32::MAX)];
-        let mut values = vec![0.0, -0.0, 0.5, -0.5, 1e-300, -1e-300, 1e300, -1e300];
-        for whole in [-7.0, -1.0, 1.0, 2.0, 70_000.0].into_iter().chain(ends) {
-            values.extend([whole, f64::next_down(whole), f64::next_up(whole), whole + 0.5]);
-        }
-        values.extend([f64::INFINITY, f64::NEG_INFINITY]);
-        for value in values {
-            #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
-            let expected = value.floor() as i32;
-            assert_eq!(floor(value), expected, "{value:e}");
-        }
-    }
-
-    #[test]
-    fn the_encoder_floors_or_rounds() {
-        let device = crate::scene::NamedScene::load("paper-1um").unwrap().scene.device;
-        let parts = |rounding| Parts {
-            plant: crate::plant::PlantStep::new(&device, 1e-4, 0.0),
-            resolution_m: 1e-6,
-            rounding,
-            full_scale_n: 1.0,
-            latency: 0,
-            period: 1,
-        };
-        for (position_m, floor, round) in
-            [(2.4e-6, 2, 2), (2.6e-6, 2, 3), (-0.4e-6, -1, 0), (-0.6e-6, -1, -1), (0.0, 0, 0)]
-        {
-            assert_eq!(parts(Rounding::Floor).count(position_m), floor, "{position_m}");
-            assert_eq!(parts(Rounding::Round).count(position_m), round, "{position_m}");
-        }
     }
 }

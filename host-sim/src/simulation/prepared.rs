@@ -15,6 +15,7 @@ use crate::{
     simulation::{
         Parts, Sample, Simulation,
         controller::{Controller, Fixed},
+        quantiser::Quantiser,
         senses::{AnySensing, Blind, Sensing},
         twin::{self, Twin},
     },
@@ -29,22 +30,15 @@ pub enum Numeric {
     F64,
     /// The `f64` twin with the velocity rounded to the fixed-point LSB.
     F64Rounded,
-    /// The `f64` twin with a first-order low-pass behind its estimator: a chain that the core does not
-    /// have, for comparison with laboratories that do.
-    F64Filtered {
-        /// Cutoff of the low-pass, Hz.
-        cutoff_hz: u32,
-    },
 }
 
 impl Numeric {
-    /// How the twin rounds, and the low-pass behind its estimator; `None` for the core.
-    fn twin(self) -> Option<(twin::Rounding, Option<u32>)> {
+    /// How the twin rounds; `None` for the core.
+    fn twin(self) -> Option<twin::Rounding> {
         match self {
             Self::Fixed => None,
-            Self::F64 => Some((twin::Rounding::Exact, None)),
-            Self::F64Rounded => Some((twin::Rounding::VelocityLsb, None)),
-            Self::F64Filtered { cutoff_hz } => Some((twin::Rounding::Exact, Some(cutoff_hz))),
+            Self::F64 => Some(twin::Rounding::Exact),
+            Self::F64Rounded => Some(twin::Rounding::VelocityLsb),
         }
     }
 }
@@ -155,8 +149,7 @@ impl PreparedScene {
         let whole = latency.floor() as u32;
         let parts = Parts {
             plant: AnyPlant::of(scene, 1.0 / design.rate_hz, latency.fract()),
-            resolution_m: design.resolution_m,
-            rounding: scene.encoder.rounding,
+            encoder: Quantiser::of(&scene.encoder),
             full_scale_n: design.full_scale_n,
             latency: whole,
             period: design.period,
@@ -202,7 +195,7 @@ impl PreparedScene {
         hit: &WallHit,
         rounding: twin::Rounding,
     ) -> Result<Simulation<Twin>, SettingsError> {
-        let twin = self.twin_of_core(hit, rounding, None)?;
+        let twin = self.twin_of_core(hit, rounding)?;
         Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
     }
 
@@ -220,15 +213,10 @@ impl PreparedScene {
         &self,
         hit: &WallHit,
         rounding: twin::Rounding,
-        behind: Option<u32>,
     ) -> Result<Twin, SettingsError> {
         let count = self.first_count(hit);
         let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
-        let twin = Twin::new(&self.settings(hit), &self.design, rounding, push, count)?;
-        match behind {
-            None => Ok(twin),
-            Some(cutoff_hz) => twin.followed_by(cutoff_hz.into(), self.design.rate_hz),
-        }
+        Twin::new(&self.settings(hit), &self.design, rounding, push, count)
     }
 
     /// What the encoder reads for sample 0: the controller starts at rest there.
@@ -236,7 +224,7 @@ impl PreparedScene {
         let plant = &self.parts.plant;
         let (index, before_n, after_n) = (0, 0.0, 0.0);
         let state = plant.at_rest(self.start_m(hit));
-        self.parts.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
+        self.parts.encoder.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
     }
 
     /// Runs a whole hit; `observe` sees every sample.
@@ -269,9 +257,7 @@ impl PreparedScene {
     ) -> Result<HitReport, HitError> {
         match numeric.twin() {
             None => self.whole_hit(hit, self.core(hit)?, observe),
-            Some((rounding, behind)) => {
-                self.whole_hit(hit, self.twin_of_core(hit, rounding, behind)?, observe)
-            }
+            Some(rounding) => self.whole_hit(hit, self.twin_of_core(hit, rounding)?, observe),
         }
     }
 
@@ -282,9 +268,7 @@ impl PreparedScene {
     pub fn verdict(&self, numeric: Numeric, hit: &WallHit) -> Result<Verdict, HitError> {
         match numeric.twin() {
             None => self.early_verdict(hit, self.core(hit)?),
-            Some((rounding, behind)) => {
-                self.early_verdict(hit, self.twin_of_core(hit, rounding, behind)?)
-            }
+            Some(rounding) => self.early_verdict(hit, self.twin_of_core(hit, rounding)?),
         }
     }
 
@@ -337,7 +321,7 @@ impl PreparedScene {
         mut observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         let surface = simulation.controller().surface();
-        let surface_m = f64::from(surface) * self.parts.resolution_m;
+        let surface_m = f64::from(surface) * self.design.resolution_m;
         let mut hit = Hit::new(self.plan);
         let (mut outputs, mut saturated) = (0u32, 0u32);
         let mut peak_penetration_m = 0f64;
@@ -356,8 +340,8 @@ impl PreparedScene {
         let scatter = hit.scatter();
         Ok(HitReport {
             verdict,
-            rms_m: scatter.rms_counts() * self.parts.resolution_m,
-            mean_m: scatter.mean_counts() * self.parts.resolution_m,
+            rms_m: scatter.rms_counts() * self.design.resolution_m,
+            mean_m: scatter.mean_counts() * self.design.resolution_m,
             peak_penetration_m,
             saturated_fraction: f64::from(saturated) / f64::from(outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),

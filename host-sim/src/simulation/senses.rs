@@ -10,7 +10,8 @@ use zwidth::{
 
 use crate::{
     numerics::random,
-    scene::{Accelerometer, LATENCY_KNOWN_MAX, Rounding, Scene, element::EncoderError},
+    scene::{Accelerometer, LATENCY_KNOWN_MAX, Scene, element::EncoderError},
+    simulation::quantiser::Quantiser,
 };
 
 /// A handle at one instant.
@@ -68,9 +69,7 @@ impl Sensing for Blind {
 pub struct Full {
     /// What is looked at.
     looks_at: Option<Sense>,
-    counts_per_m: f64,
-    /// Added to a position in counts before it is floored.
-    rounding: f64,
+    encoder: Quantiser,
     /// Speed in m/s to counts per sample.
     speed: f64,
     accelerometer: Option<Sensor>,
@@ -130,11 +129,7 @@ impl Full {
         let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
         Self {
             looks_at: scene.velocity.sense(),
-            counts_per_m: 1.0 / resolution_m,
-            rounding: match scene.encoder.rounding {
-                Rounding::Floor => 0.0,
-                Rounding::Round => 0.5,
-            },
+            encoder: Quantiser::of(&scene.encoder),
             speed: 1.0 / (resolution_m * rate_hz),
             accelerometer: scene
                 .accelerometer
@@ -177,7 +172,7 @@ impl Sensing for Full {
             let (error_m, slope) = self
                 .encoder_error
                 .map_or((0.0, 0.0), |e| (e.error_m(position_m), e.slope(position_m)));
-            let position = (position_m + error_m) * self.counts_per_m + self.rounding;
+            let position = self.encoder.place(position_m + error_m);
             [position, speed_m_per_s * (1.0 + slope) * self.speed]
         });
         self.senses.edge = match last_edge(shown, shown_then) {

@@ -42,21 +42,25 @@ fn refused(folder: &Path, args: &[&str], wanted: &str) {
     assert_eq!(fs::read_dir(folder).unwrap().count(), before, "{args:?} left something behind");
 }
 
-/// Two pulses of the paper's device, with `added_kg` on it, and noise of about half a count.
 fn log(added_kg: f64) -> String {
+    log_of(added_kg, 20_000)
+}
+
+/// Two pulses of the paper's device, with `added_kg` on it, and noise of about half a count.
+pub fn log_of(added_kg: f64, rows: usize) -> String {
     let device = NamedScene::load("paper-1um").unwrap().scene.device;
     let device = Device { mass_kg: device.mass_kg + added_kg, ..device };
     let plant = PlantStep::new(&device, 1e-4, 0.0);
     let mut state = plant.at_rest(0.3e-6);
     let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
-    let voltage_v: Vec<f64> = (0..20_000)
+    let voltage_v: Vec<f64> = (0..rows)
         .map(|row| match row {
             1000..3000 => 4.0,
             3000..5000 => -4.0,
             _ => 0.0,
         })
         .collect();
-    let positions = (0..20_000_usize).map(|row| {
+    let positions = (0..rows).map(|row| {
         let normal = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
         let count = (plant.position_m(&state) / 1e-6 + 0.5 * normal).floor();
         let late = row.checked_sub(10).map_or(0.0, |row| voltage_v[row]);
@@ -84,7 +88,7 @@ fn a_log_becomes_a_scene_that_the_other_commands_take() {
     let took_s = start.elapsed().as_secs_f64();
     println!("from CSV to scene in {took_s:.2} s");
     assert!(took_s < LONGEST_S);
-    assert_eq!((&json["schema_version"], &json["command"]), (&1.into(), &"identify".into()));
+    assert_eq!((&json["schema_version"], &json["command"]), (&2.into(), &"identify".into()));
     let paper = NamedScene::load("paper-1um").unwrap().scene;
     for (key, truth) in [
         ("mass_kg", paper.device.mass_kg),

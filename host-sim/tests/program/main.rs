@@ -14,8 +14,8 @@ mod compare;
 mod elements;
 mod engine;
 mod grid;
+#[cfg(unix)]
+mod hostile;
 mod identify_command;
-mod linear_elements;
-mod published_order;
 mod telemetry;
 mod trade;

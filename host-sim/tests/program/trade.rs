@@ -47,6 +47,7 @@ fn without_time(path: &Path) -> String {
 }
 
 #[test]
+#[ignore = "the longest of all by far; CI runs it"]
 fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
     let folder = TempDir::new().unwrap();
     scene(folder.path());
@@ -67,7 +68,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
         assert!(a == b && !a.is_empty(), "{name}");
     }
     let json: Value = serde_json::from_str(&one).unwrap();
-    assert_eq!(json["schema_version"], 1);
+    assert_eq!(json["schema_version"], 2);
     assert_eq!(json["filters"].as_array().unwrap().len(), Variant::ALL.len());
     // the exact step is the cheapest, and nothing that costs more than it is more accurate
     let plant = fs::read_to_string(a.join("plant.csv")).unwrap();

@@ -9,7 +9,7 @@ use stm32f4xx_hal::{
     pac,
     rcc::Rcc,
 };
-use zwidth::units::OutputCode;
+use zwidth::{contract::ForceOutput, units::OutputCode};
 
 /// Code of zero force.
 pub const ZERO: u16 = 2048;
@@ -25,24 +25,25 @@ impl Output {
         channel.enable();
         Self(channel)
     }
+}
 
-    /// Puts a command out; the core has clamped it to 1 ..= 4095.
+impl ForceOutput for Output {
+    /// The core has clamped the code to 1 ..= 4095.
     #[inline(always)]
-    pub fn write(&mut self, command: OutputCode, mirrored: bool) {
+    fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = u16::try_from(command.code()).unwrap_or(ZERO);
         self.0.set_value(if mirrored { 2 * ZERO - code.min(2 * ZERO) } else { code });
     }
-}
 
-/// A DAC has no clock of its own.
-pub fn start() {}
-
-/// Zero force, now, from any task.
-#[inline(always)]
-pub fn zero() {
-    // SAFETY: the address is the DAC's; a whole store of a documented value.
-    unsafe {
-        let dac = &*pac::DAC::ptr();
-        dac.dhr12r1().write(|w| w.bits(u32::from(ZERO)));
+    #[inline(always)]
+    fn zero() {
+        // SAFETY: the address is the DAC's; a whole store of a documented value.
+        unsafe {
+            let dac = &*pac::DAC::ptr();
+            dac.dhr12r1().write(|w| w.bits(u32::from(ZERO)));
+        }
     }
+
+    /// A DAC has no clock of its own.
+    fn start() {}
 }

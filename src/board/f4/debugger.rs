@@ -9,12 +9,11 @@ use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::safety::HaltWatch;
+use zwidth::{contract::DebugHalts, safety::HaltWatch};
 
-/// Stopped in a halt, on APB1: TIM5 (bit 3) and, for `time-stamps`, which must stay in phase with it, TIM3
-/// (bit 1). Not TIM6 (bit 4), not the watchdog (bit 12).
-const STOPPED_APB1: u32 =
-    1 << 3 | if cfg!(all(feature = "nucleo-f446re", feature = "time-stamps")) { 1 << 1 } else { 0 };
+/// Stopped in a halt, on APB1: TIM5 (bit 3) and TIM3 (bit 1), which must stay in phase with it where it captures
+/// edges. Not TIM6 (bit 4), not the watchdog (bit 12).
+const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
 /// The same on APB2: TIM1.
 const STOPPED_APB2: u32 = 1;
 
@@ -36,11 +35,11 @@ impl Halts {
         timer.cr1().write(|w| w.cen().set_bit());
         Self { timer, watch: HaltWatch::default() }
     }
+}
 
-    /// Whether the core was halted since the last output; to be asked at each, with the number of its sample
-    /// and the samples between two.
+impl DebugHalts for Halts {
     #[inline(always)]
-    pub fn since_the_last(&mut self, sample: u64, period: u32) -> bool {
+    fn since_the_last(&mut self, sample: u64, period: u32) -> bool {
         stop_with_the_core();
         #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
         let ticks = self.timer.cnt().read().bits() as u16;

@@ -12,11 +12,7 @@ use stm32f4xx_hal::{
 };
 use zwidth::velocity::{Captures, Edge, EdgeTimer};
 
-use super::encoder::FILTER;
-use crate::board::{RATE_HZ, selected::CORE_HZ};
-
-/// Ticks per sample: as TIM2 and TIM5 it runs at half the core's clock.
-const TICKS: u32 = CORE_HZ / 2 / RATE_HZ;
+use super::f4::encoder::{EdgeTimes, FILTER};
 
 /// Each channel takes its own input (`CCxS` = 01), through the filter.
 const INPUTS: u32 = 0b01 << 8 | 0b01 | FILTER << 12 | FILTER << 4;
@@ -25,13 +21,13 @@ const BOTH_EDGES: u32 = 0b1011 << 4 | 0b1011;
 /// A capture that was not read yet: in SR.
 const CAPTURED: [u32; 2] = [1 << 1, 1 << 2];
 
-/// The capturing timer.
-pub struct Edges {
+/// The capturing timer. `TICKS` per sample: as TIM2 and TIM5 it runs at half the core's clock.
+pub struct Edges<const TICKS: u32> {
     timer: pac::TIM3,
     edges: EdgeTimer<TICKS>,
 }
 
-impl Edges {
+impl<const TICKS: u32> Edges<TICKS> {
     /// Starts to capture. A and B are those that the encoder's counter has, on pins of TIM3.
     pub fn new(
         timer: pac::TIM3,
@@ -53,14 +49,15 @@ impl Edges {
         timer.cr1().write(|w| w.cen().set_bit());
         Self { timer, edges: EdgeTimer::new() }
     }
+}
 
-    /// The latest edge in `count`, which was read from `counter` just now.
+impl<const TICKS: u32> EdgeTimes for Edges<TICKS> {
     #[inline(always)]
-    pub fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge> {
+    fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge> {
         let now = self.timer.cnt().read().cnt().bits();
         let up = counter.cr1().read().dir().bit_is_clear();
         let flags = self.timer.sr().read().bits();
-        // SeqlockReader a capture takes its flag back.
+        // Reading a capture takes its flag back.
         let at = [
             (flags & CAPTURED[0] != 0).then(|| self.timer.ccr1().read().ccr().bits()),
             (flags & CAPTURED[1] != 0).then(|| self.timer.ccr2().read().ccr().bits()),

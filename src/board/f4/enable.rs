@@ -9,7 +9,11 @@
 //! with PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier)
 //! on the wire.
 
-use stm32f4xx_hal::pac;
+use stm32f4xx_hal::{
+    pac,
+    rcc::{Enable as _, Rcc, Reset},
+};
+use zwidth::contract;
 
 /// Break input on, active high (a normally closed switch to ground: open is a stop), idle levels
 /// driven; MOE clear.
@@ -27,38 +31,44 @@ pub(in crate::board) fn registers() -> &'static pac::tim1::RegisterBlock {
     unsafe { &*pac::TIM1::ptr() }
 }
 
-/// Sets channel 3 to a constant high level, gated by MOE. TIM1 must have its clock.
-pub(in crate::board) fn init() {
-    off();
-    let tim1 = registers();
-    // OC3M = 101, forced active; SAFETY: a documented value of the register.
-    tim1.ccmr2_output().write(|w| unsafe { w.bits(0b101 << 4) });
-    tim1.ccer().modify(|_, w| w.cc3e().set_bit());
+/// Channel 3 of TIM1, at a constant high level that MOE gates.
+pub struct Enable(());
+
+impl Enable {
+    /// TIM1 with a clock and in its reset state, its outputs off.
+    pub fn new(rcc: &mut Rcc) -> Self {
+        pac::TIM1::enable(rcc);
+        pac::TIM1::reset(rcc);
+        <Self as contract::Enable>::off();
+        let tim1 = registers();
+        // OC3M = 101, forced active; SAFETY: a documented value of the register.
+        tim1.ccmr2_output().write(|w| unsafe { w.bits(0b101 << 4) });
+        tim1.ccer().modify(|_, w| w.cc3e().set_bit());
+        Self(())
+    }
 }
 
-/// Enable inactive, now.
-#[inline(always)]
-pub fn off() {
-    // SAFETY: a documented value of the register.
-    registers().bdtr().write(|w| unsafe { w.bits(OFF) });
-}
+impl contract::Enable for Enable {
+    fn on(&mut self) {
+        // A flag is cleared by writing 0; 1 leaves the others. SAFETY: a documented value.
+        registers().sr().write(|w| unsafe { w.bits(!BREAK) });
+        // SAFETY: a documented value of the register.
+        registers().bdtr().write(|w| unsafe { w.bits(ON) });
+    }
 
-/// Enable active, unless the emergency stop is open. Forgets that it was.
-pub(in crate::board) fn on() {
-    // A flag is cleared by writing 0; 1 leaves the others. SAFETY: a documented value.
-    registers().sr().write(|w| unsafe { w.bits(!BREAK) });
-    // SAFETY: a documented value of the register.
-    registers().bdtr().write(|w| unsafe { w.bits(ON) });
-}
+    #[inline(always)]
+    fn off() {
+        // SAFETY: a documented value of the register.
+        registers().bdtr().write(|w| unsafe { w.bits(OFF) });
+    }
 
-/// Whether enable is active; false as soon as the hardware has dropped it.
-#[inline(always)]
-pub fn is_on() -> bool {
-    registers().bdtr().read().moe().bit_is_set()
-}
+    #[inline(always)]
+    fn is_on(&self) -> bool {
+        registers().bdtr().read().moe().bit_is_set()
+    }
 
-/// Whether the emergency stop was open at any time since [`on`], however short.
-#[inline(always)]
-pub(in crate::board) fn was_stopped() -> bool {
-    registers().sr().read().bits() & BREAK != 0
+    #[inline(always)]
+    fn was_stopped(&self) -> bool {
+        registers().sr().read().bits() & BREAK != 0
+    }
 }

@@ -3,7 +3,10 @@
 use core::ptr;
 
 use stm32f4xx_hal::rcc::Rcc;
-use zwidth::safety::{Fault, FaultRecord};
+use zwidth::{
+    contract,
+    safety::{Fault, FaultRecord},
+};
 
 use super::supply::Supply;
 
@@ -20,20 +23,15 @@ impl FaultMemory {
         supply.open_backup();
         Self(())
     }
+}
 
-    /// What it holds: a record, zeros, or anything after power-on.
-    pub fn read(&self) -> [u32; FaultRecord::WORDS] {
+impl contract::FaultMemory for FaultMemory {
+    fn read(&self) -> [u32; FaultRecord::WORDS] {
         read()
     }
 
-    /// Writes a record.
-    pub fn write(&mut self, words: &[u32; FaultRecord::WORDS]) {
+    fn write(&mut self, words: &[u32; FaultRecord::WORDS]) {
         write(words);
-    }
-
-    /// Writes zeros.
-    pub fn erase(&mut self) {
-        write(&[0; FaultRecord::WORDS]);
     }
 }
 

@@ -7,10 +7,10 @@
 use core::ptr;
 
 use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
-    check_write,
+    ErrorType, NorFlash, ReadNorFlash, check_erase, check_read, check_write,
 };
 use stm32f4xx_hal::pac;
+use zwidth::contract::FlashError;
 
 use super::watchdog;
 
@@ -31,23 +31,6 @@ const BSY: u32 = 1 << 16;
 
 /// The two sectors.
 pub struct SettingsFlash(pac::FLASH);
-
-/// What the flash controller did not like, as the bits of its status register.
-#[derive(Clone, Copy, Debug)]
-pub struct FlashError(pub u32);
-
-impl NorFlashError for FlashError {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
-
-impl From<NorFlashErrorKind> for FlashError {
-    /// The place or the length is not allowed: the controller was not asked, and has set no bit.
-    fn from(_: NorFlashErrorKind) -> Self {
-        Self(0)
-    }
-}
 
 /// The word at an offset from the beginning of sector 1, which [`check_read`] or its like have let pass.
 fn word_at(offset: u32) -> *mut u32 {

@@ -1,25 +1,177 @@
-//! The peripherals of the STM32F4, one file each.
+//! Boards with an STM32F4: the peripherals, one file each, and all that such boards do alike.
+//!
+//! The force output (`dac.rs` or `pwm.rs`) and `edges.rs` are taken in by the boards that have them. Fixed by the
+//! peripherals: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by TIM6.
 
-#[allow(dead_code, reason = "a board has one output")]
-pub mod dac;
 pub mod debugger;
-#[cfg(all(feature = "nucleo-f446re", feature = "time-stamps"))]
-pub mod edges;
 pub mod enable;
 pub mod encoder;
 mod fatal;
 pub mod fault_memory;
 pub mod flash;
-#[cfg(not(feature = "usual-logger"))]
-pub mod logger;
-#[cfg(not(feature = "usual-logger"))]
-pub mod mask;
-#[allow(dead_code, reason = "a board has one output")]
-pub mod pwm;
-pub mod reset;
-pub mod rtt;
+mod reset;
 pub mod sample_timer;
 pub mod supply;
 pub mod watchdog;
 
-use super::off;
+use core::marker::PhantomData;
+
+use embedded_hal::digital::InputPin;
+use stm32f4xx_hal::{
+    pac::{self, Interrupt},
+    rcc::{Config, Rcc, RccExt as _},
+};
+use zwidth::{
+    Output,
+    contract::{Board, Drive, EmergencyStop, Encoder, ForceOutput, Link, Parts, RATE_HZ},
+    safety::ResetCause,
+    velocity::Sense,
+};
+
+use super::super::{common::rtt, off};
+
+/// What one such board has of its own.
+pub trait Wiring: Sized {
+    /// See [`Board::NAME`].
+    const NAME: &'static str;
+    /// Core clock, Hz. The timers of APB1 run at half of it.
+    const CORE_HZ: u32;
+    /// Level of the supply detector (PLS, three bits): the flash has to work down to it.
+    const SUPPLY_LEVEL: u8;
+    /// See [`Board::OUTPUT`].
+    const OUTPUT: Output;
+    /// See [`Board::SENSES`].
+    const SENSES: &'static [Sense];
+    /// See [`Board::LATENCY_SAMPLES`].
+    const LATENCY_SAMPLES: f64;
+    /// The force output.
+    type Force: ForceOutput;
+    /// The encoder, with edge times or without.
+    type Encoder: Encoder;
+    /// The emergency stop's pin.
+    type StopInput: InputPin;
+
+    /// See [`Board::take`].
+    fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<F4<Self>>;
+}
+
+/// A board with an STM32F4.
+pub struct F4<W>(PhantomData<W>);
+
+impl<W: Wiring> Board for F4<W> {
+    const NAME: &'static str = W::NAME;
+    const OUTPUT: Output = W::OUTPUT;
+    const SENSES: &'static [Sense] = W::SENSES;
+    const LATENCY_SAMPLES: f64 = W::LATENCY_SAMPLES;
+
+    type Device = pac::Peripherals;
+    type Core = cortex_m::Peripherals;
+    type Encoder = W::Encoder;
+    type SampleTimer = sample_timer::SampleTimer;
+    type Force = W::Force;
+    type Enable = enable::Enable;
+    type StopInput = W::StopInput;
+    type Supply = supply::Supply;
+    type DebugHalts = debugger::Halts;
+    type Watchdog = watchdog::Watchdog;
+    type FaultMemory = fault_memory::FaultMemory;
+    type Flash = flash::SettingsFlash;
+    type Up = rtt::UpLink;
+    type Commands = rtt::Commands;
+
+    fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Self> {
+        W::take(device, core)
+    }
+
+    // The interrupts that src/main.rs binds `render` and `link` to: two that are free.
+    #[inline(always)]
+    fn request_render() {
+        rtic::pend(Interrupt::SPI3);
+    }
+
+    #[inline(always)]
+    fn request_link() {
+        rtic::pend(Interrupt::SPI2);
+    }
+
+    fn log_dropped() -> u32 {
+        rtt::log_dropped()
+    }
+}
+
+/// The chip with its clock on and TIM1's outputs off; the pins are still inputs.
+pub struct Chip {
+    /// For the pins and peripherals that the board sets up.
+    pub rcc: Rcc,
+    enable: enable::Enable,
+    reset_cause: ResetCause,
+}
+
+/// What the board's own file made.
+pub struct Wires<W: Wiring> {
+    /// Force, at zero.
+    pub force: W::Force,
+    /// Encoder, counting.
+    pub encoder: W::Encoder,
+    /// TIM1's break input with its pull-up on; it can be read as well.
+    pub stop: W::StopInput,
+}
+
+/// Peripherals that every such board hands over.
+pub struct Peripherals {
+    /// Samples.
+    pub tim5: pac::TIM5,
+    /// Halts.
+    pub tim6: pac::TIM6,
+    /// Supply.
+    pub pwr: pac::PWR,
+    /// The supply's interrupt.
+    pub exti: pac::EXTI,
+    /// Settings.
+    pub flash: pac::FLASH,
+    /// Watchdog.
+    pub iwdg: pac::IWDG,
+}
+
+impl Chip {
+    /// Starts the clock; without the oscillator that `clock` names it waits here, with all outputs off.
+    pub fn start(
+        rcc: pac::RCC,
+        clock: Config,
+        dbgmcu: &pac::DBGMCU,
+        mut core: cortex_m::Peripherals,
+    ) -> Self {
+        let reset_cause = reset::cause(&rcc);
+        let mut rcc = rcc.freeze(clock);
+        // If the HSE fails, TIM1's break drops enable and an NMI ends the program.
+        rcc.cr().modify(|_, w| w.csson().set_bit());
+        debugger::set_up(dbgmcu);
+        core.DCB.enable_trace();
+        core.DWT.enable_cycle_counter();
+        let enable = enable::Enable::new(&mut rcc);
+        Self { rcc, enable, reset_cause }
+    }
+
+    /// The rest. The timers do not run yet; the watchdog does.
+    pub fn finish<W: Wiring>(self, wires: Wires<W>, rest: Peripherals) -> Parts<F4<W>> {
+        let Self { mut rcc, enable, reset_cause } = self;
+        let Peripherals { tim5, tim6, pwr, exti, flash, iwdg } = rest;
+        let Wires { force, encoder, stop } = wires;
+        let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);
+        let memory = fault_memory::FaultMemory::new(&supply, &mut rcc);
+        let rtt::Channels { telemetry, replies, commands } = rtt::init();
+        Parts {
+            encoder,
+            sample_timer: sample_timer::SampleTimer::new(tim5, W::CORE_HZ / 2 / RATE_HZ, &mut rcc),
+            drive: Drive::new(force, enable),
+            stop: EmergencyStop::new(stop),
+            supply,
+            halts: debugger::Halts::new(tim6, W::CORE_HZ / 2, RATE_HZ, &mut rcc),
+            watchdog: watchdog::Watchdog::start(iwdg),
+            memory,
+            reset_cause,
+            settings: flash::SettingsFlash::new(flash),
+            link: Link { telemetry, replies, commands },
+        }
+    }
+}

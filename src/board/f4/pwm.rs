@@ -6,9 +6,9 @@
 //! [`LEAD_CYCLES`] of its sample acts exactly that much after the sample, a later one 25 us later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
-use zwidth::units::OutputCode;
+use zwidth::{contract::ForceOutput, units::OutputCode};
 
-use super::enable;
+use super::f4::enable;
 
 /// PWM periods per sample.
 pub const PER_SAMPLE: u32 = 4;
@@ -34,7 +34,7 @@ impl Output {
     ) -> Self {
         let _pins = (magnitude.into(), sign.into());
         let tim1 = enable::registers();
-        zero();
+        Self::zero();
         // SAFETY: documented values: the period; PWM mode 1 with preload on channels 1 and 2.
         unsafe {
             tim1.arr().write(|w| w.bits(u32::from(steps) - 1));
@@ -45,10 +45,12 @@ impl Output {
         tim1.egr().write(|w| w.ug().set_bit());
         Self(())
     }
+}
 
-    /// Puts a command out, from the next PWM period on; the core has clamped it to +-steps.
+impl ForceOutput for Output {
+    /// Acts from the next PWM period on; the core has clamped the code to +-steps.
     #[inline(always)]
-    pub fn write(&mut self, command: OutputCode, mirrored: bool) {
+    fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = command.code();
         let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
         let cr1 = enable::registers().cr1();
@@ -60,24 +62,24 @@ impl Output {
             cr1.write(|w| w.bits(RUNNING));
         }
     }
-}
 
-/// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer, which is to be started right
-/// after this.
-pub fn start() {
-    let tim1 = enable::registers();
-    let ahead = tim1.arr().read().bits() + 1 - LEAD_CYCLES;
-    // SAFETY: below the period; a documented value.
-    unsafe {
-        tim1.cnt().write(|w| w.bits(ahead));
-        tim1.cr1().write(|w| w.bits(RUNNING));
+    /// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer, which is to be started right
+    /// after this.
+    fn start() {
+        let tim1 = enable::registers();
+        let ahead = tim1.arr().read().bits() + 1 - LEAD_CYCLES;
+        // SAFETY: below the period; a documented value.
+        unsafe {
+            tim1.cnt().write(|w| w.bits(ahead));
+            tim1.cr1().write(|w| w.bits(RUNNING));
+        }
     }
-}
 
-/// Zero force from the next PWM period on, from any task.
-#[inline(always)]
-pub fn zero() {
-    set(0, 0);
+    /// Acts from the next PWM period on.
+    #[inline(always)]
+    fn zero() {
+        set(0, 0);
+    }
 }
 
 #[inline(always)]

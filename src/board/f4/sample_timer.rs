@@ -4,6 +4,7 @@ use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
+use zwidth::contract;
 
 /// The sampling timer. Its update event pends the sampling task, interrupt `TIM5`.
 pub struct SampleTimer(pac::TIM5);
@@ -20,18 +21,18 @@ impl SampleTimer {
         timer.dier().write(|w| w.uie().set_bit());
         Self(timer)
     }
+}
 
-    /// Takes the request of the present sample back.
+impl contract::SampleTimer for SampleTimer {
+    fn start() {
+        // SAFETY: the address is TIM5's; after this nothing writes this register.
+        let timer = unsafe { &*pac::TIM5::ptr() };
+        timer.cr1().modify(|_, w| w.cen().set_bit());
+    }
+
     #[inline(always)]
-    pub fn acknowledge(&mut self) {
+    fn acknowledge(&mut self) {
         // SAFETY: flags are cleared by writing 0, and 1 leaves them alone.
         self.0.sr().write(|w| unsafe { w.bits(!1) });
     }
-}
-
-/// The first sample comes one period from now.
-pub(in crate::board) fn start() {
-    // SAFETY: the address is TIM5's; after this nothing writes this register.
-    let timer = unsafe { &*pac::TIM5::ptr() };
-    timer.cr1().modify(|_, w| w.cen().set_bit());
 }

@@ -9,6 +9,7 @@ use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc},
 };
+use zwidth::contract;
 
 /// The detector found the supply low since it was last asked.
 static DROPPED: AtomicBool = AtomicBool::new(false);
@@ -37,24 +38,23 @@ impl Supply {
     pub(in crate::board) fn open_backup(&self) {
         self.0.cr().modify(|_, w| w.dbp().set_bit());
     }
+}
 
-    /// The supply is below the threshold, or was since this was last asked. For the priority of
-    /// [`has_dropped`] only.
+impl contract::Supply for Supply {
     #[inline(always)]
-    pub fn is_low(&self) -> bool {
+    fn has_dropped() {
+        super::off();
+        DROPPED.store(true, Relaxed);
+        // SAFETY: writing one clears the request of this line; nothing else writes this register.
+        unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(LINE)) };
+    }
+
+    #[inline(always)]
+    fn is_low(&mut self) -> bool {
         let dropped = DROPPED.load(Relaxed);
         if dropped {
             DROPPED.store(false, Relaxed);
         }
         dropped || self.0.csr().read().pvdo().bit_is_set()
     }
-}
-
-/// The detector's interrupt: off.
-#[inline(always)]
-pub fn has_dropped() {
-    super::off();
-    DROPPED.store(true, Relaxed);
-    // SAFETY: writing one clears the request of this line; nothing else writes this register.
-    unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(LINE)) };
 }

@@ -4,6 +4,7 @@
 //! running while a debugger has the core halted.
 
 use stm32f4xx_hal::pac;
+use zwidth::contract;
 
 /// Time without feeding until the reset, nominal; 34 to 94 ms over the oscillator's spread.
 const TIMEOUT_MS: u16 = 50;
@@ -43,9 +44,10 @@ impl Watchdog {
         set_timeout(TIMEOUT_MS);
         Self(())
     }
+}
 
-    /// All tasks are alive.
-    pub fn feed(&mut self) {
+impl contract::Watchdog for Watchdog {
+    fn feed(&mut self) {
         // SAFETY: a documented key.
         registers().kr().write(|w| unsafe { w.bits(0xAAAA) });
     }

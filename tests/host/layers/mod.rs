@@ -22,6 +22,7 @@ const SIMULATOR: &[&[&str]] = &[
 const CORE: &[&[&str]] = &[
     &["task"],
     &["board", "sync"],
+    &["contract"],
     &["console"],
     &["device"],
     &["experiment", "safety", "store", "telemetry"],
@@ -34,7 +35,6 @@ const CORE: &[&[&str]] = &[
 const EXCEPTIONS: &[&str] = &[
     "a circle: actuator, control, settings, velocity::butterworth, velocity::foaw, velocity::kalman, velocity::levant, velocity::observer_design, velocity::polynomial, velocity::settings, velocity::tracking",
     "a circle: analysis::trade::criterion, analysis::trade::filters",
-    "a circle: board::f4::edges, board::f4::encoder, board::nucleo_f446re",
     "a circle: console::session, console::walk_session",
     "a circle: engine::backend, engine::scheduler",
     "a circle: output::figure::area, output::figure::cutoffs",

@@ -30,10 +30,12 @@ use super::Wall;
 use crate::{
     error::Error,
     numerics::random,
-    scene::{Rounding, Scene},
+    plant,
+    scene::Scene,
     simulation::{
         controller::{Controller, Fixed},
         prepared::WallHit,
+        quantiser::Quantiser,
         senses::{Full, Handle, Sensing},
     },
 };
@@ -156,20 +158,8 @@ impl Encoder<'_> {
         if let Some(jitter) = &scene.jitter {
             time += jitter.delay_s(jitter.level(self.hit, sample)) * scene.control.rate_hz;
         }
-        let mut reading_m = position_m(time);
-        if let Some(error) = &scene.encoder_error {
-            reading_m += error.error_m(reading_m);
-        }
-        if let Some(noise) = &scene.encoder_noise {
-            reading_m += noise.error_m(self.hit, sample);
-        }
-        let counts = reading_m / scene.encoder.resolution_m;
-        #[expect(clippy::cast_possible_truncation, reason = "within 2^30 by the scene's check")]
-        let count = match scene.encoder.rounding {
-            Rounding::Floor => counts.floor(),
-            Rounding::Round => (counts + 0.5).floor(),
-        } as i32;
-        count
+        let shown_m = plant::Sensing::of(scene).shown_m(position_m(time), self.hit, sample);
+        Quantiser::of(&scene.encoder).count(shown_m)
     }
 }
 
@@ -240,7 +230,7 @@ fn impedances(
 mod tests {
     use super::*;
     use crate::scene::{
-        EstimatorChoice, NamedScene,
+        EstimatorChoice, NamedScene, Rounding,
         element::{Amplifier, EncoderError, EncoderNoise, Jitter},
     };
 

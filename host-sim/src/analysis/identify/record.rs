@@ -4,6 +4,10 @@ use std::{fmt::Write as _, ops::RangeInclusive};
 
 /// Fewest rows of a record.
 pub const FEWEST_ROWS: usize = 100;
+/// Most rows of a record: 100 s at 10 kHz, which take half a minute.
+pub const MOST_ROWS: usize = 1_000_000;
+/// Most rows of a file, of which a part may be the record.
+const ROWS_MAX: usize = 8_000_000;
 /// Largest deviation of a time stamp from an even grid, in steps. Time stamps of few digits stay below it.
 const JITTER_MAX: f64 = 0.1;
 /// Steps of time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
@@ -80,6 +84,12 @@ impl Record {
         if rows.len() < FEWEST_ROWS {
             return Err(format!("{} rows of data, at least {FEWEST_ROWS} are needed", rows.len()));
         }
+        if rows.len() > MOST_ROWS {
+            return Err(format!(
+                "{} rows of data, allowed {FEWEST_ROWS} to {MOST_ROWS}; --from and --to take a part",
+                rows.len()
+            ));
+        }
         let step_s = (last.time_s - first.time_s) / (rows.len() - 1) as f64;
         if let Some(pair) = rows.windows(2).find(|pair| pair[1].time_s <= pair[0].time_s) {
             let (before, after) = (pair[0].time_s, pair[1].time_s);
@@ -153,6 +163,11 @@ impl Record {
     }
 }
 
+/// Without the blanks at both ends. What else does not print stays, and is refused as a value.
+fn trim(text: &str) -> &str {
+    text.trim_matches([' ', '\t', '\r'])
+}
+
 /// The wanted columns of a text with a header.
 pub(super) struct Table<const N: usize> {
     /// Line of the file, values.
@@ -161,10 +176,20 @@ pub(super) struct Table<const N: usize> {
 
 impl<const N: usize> Table<N> {
     pub(super) fn new(text: &str, columns: &[&str; N]) -> Result<Self, String> {
-        let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim).enumerate();
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let lines = text.lines().map(trim).enumerate();
         let mut lines = lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
         let (_, header) = lines.next().ok_or("the file is empty")?;
-        let names: Vec<&str> = header.split(',').map(str::trim).collect();
+        let names: Vec<&str> = header.split(',').map(trim).collect();
+        if let (1, Some(separator)) = (names.len(), header.find([';', '\t', '|', ' '])) {
+            let separator = header[separator..].chars().next().unwrap_or_default();
+            return Err(format!("columns are separated by `{separator}`, allowed `,`"));
+        }
+        if let Some(column) =
+            columns.iter().find(|column| names.iter().filter(|name| name == column).count() > 1)
+        {
+            return Err(format!("the first line has several columns {column}, allowed one"));
+        }
         let mut places = [0; N];
         for (place, column) in places.iter_mut().zip(columns) {
             *place = names.iter().position(|name| name == column).ok_or_else(|| {
@@ -174,10 +199,14 @@ impl<const N: usize> Table<N> {
                 )
             })?;
         }
-        let mut rows = vec![];
+        let (mut rows, mut fields) = (vec![], vec![]);
         for (index, line) in lines {
-            let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+            fields.clear();
+            fields.extend(line.split(',').map(trim));
             let line = index + 1;
+            if rows.len() == ROWS_MAX {
+                return Err(format!("line {line}: more rows than are read, allowed {ROWS_MAX}"));
+            }
             if fields.len() != names.len() {
                 return Err(format!(
                     "line {line}: {} fields, the first line has {}",
@@ -256,6 +285,13 @@ mod tests {
         for (text, wanted) in [
             (String::new(), "the file is empty"),
             ("time,u,x\n0,0,0\n".into(), "no column time_s in the first line"),
+            (log(9, |_, _| ()).replace(',', ";"), "columns are separated by `;`, allowed `,`"),
+            (log(9, |_, _| ()).replace(',', "\t"), "columns are separated by `\t`, allowed `,`"),
+            (
+                log(9, |_, _| ()).replacen("voltage_v", "time_s", 1),
+                "the first line has several columns time_s, allowed one",
+            ),
+            (set(7, 2, "\u{a0}1"), "line 9: position_m is `\u{a0}1`"),
             (log(0, |_, _| ()), "no row of data"),
             (log(99, |_, _| ()), "99 rows of data, at least 100 are needed"),
             (set(7, 2, "nan"), "line 9: position_m is `nan`, allowed any finite number"),

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::{
     analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record},
-    cli::SCHEMA_VERSION,
+    output::SCHEMA_VERSION,
     scene::Scene,
 };
 

@@ -4,22 +4,23 @@ mod json;
 
 use std::{
     fmt::Write as _,
-    fs,
     path::{Path, PathBuf},
 };
 
 use clap::Args;
 
 use self::json::Json;
-use super::{Common, print_json, print_text};
+use super::Common;
 use crate::{
     analysis::identify::{
         self, CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span,
     },
-    error::Error,
+    error::{Error, printable},
+    input,
     output::{
         figure::{self, ResponsePlot},
-        files,
+        files::Outputs,
+        terminal::{print_json, print_text},
     },
     range::refused,
     scene::{NamedScene, Scene, ranges},
@@ -135,12 +136,11 @@ impl GainArgs {
 pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let gain = args.gain.source()?;
     let base = NamedScene::load(&args.base)?;
-    for path in [&args.csv, &args.plot, &common.out].into_iter().flatten() {
-        files::refuse_existing(path, common.force)?;
-    }
-    if let Some(path) = &args.plot {
-        files::refuse_ending(path)?;
-    }
+    let inputs = [&args.logs[..], &base.files].concat();
+    let mut outputs = Outputs::new(common.force, &inputs);
+    let out = outputs.option(common.out.as_ref())?;
+    let file = outputs.option(args.csv.as_ref())?;
+    let plot = outputs.figure(args.plot.as_ref())?;
     let options = options(args, &base.scene, gain)?;
     let records: Result<Vec<Record>, Error> =
         args.logs.iter().map(|log| read(log, args, &base.scene, &options)).collect();
@@ -150,18 +150,17 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let checked = scene.check().map_err(|error| {
         Error::Input(format!("{}: with the identified device {error}", args.base))
     });
-    if let Some(path) = &common.out {
+    if let Some(out) = out {
         checked?;
-        let text = scene_text(&scene, &found, &options, &records)?;
-        files::write_file(path, text.as_bytes(), common.force)?;
+        outputs.write(out, scene_text(&scene, &found, &options, &records)?.as_bytes())?;
     }
-    if let Some(path) = &args.csv {
-        files::write_file(path, csv(&records[0], &found).as_bytes(), common.force)?;
+    if let Some(file) = file {
+        outputs.write(file, csv(&records[0], &found).as_bytes())?;
     }
-    if let Some(path) = &args.plot {
-        let figure = draw(&records[0], &found)?;
-        files::write_file(path, &files::figure_bytes(path, &figure)?, common.force)?;
+    if let Some(plot) = plot {
+        outputs.draw(plot, &draw(&records[0], &found)?)?;
     }
+    outputs.commit()?;
     if common.json {
         return print_json(&Json::new(&records, &found, &options, &scene));
     }
@@ -202,8 +201,7 @@ fn read(
     options: &Options,
 ) -> Result<Record, Error> {
     let name = path.display().to_string();
-    let bytes =
-        fs::read(path).map_err(|error| Error::Input(format!("{name} cannot be read: {error}")))?;
+    let bytes = input::read(path, input::RECORD)?;
     let span = Span { from_s: args.from, to_s: args.to };
     let scale = OutputScale::of_scene(scene, options.resolution_m)
         .map_err(|error| Error::Input(error).of(&args.base))?;
@@ -260,7 +258,7 @@ fn scene_text(
 
 /// Names of the records on one line.
 fn of_records(records: &[Record]) -> String {
-    let names = records.iter().map(|record| record.name.replace(char::is_control, " "));
+    let names = records.iter().map(|record| printable(&record.name, false));
     names.collect::<Vec<_>>().join(", ")
 }
 

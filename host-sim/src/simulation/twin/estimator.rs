@@ -36,25 +36,6 @@ struct Rest {
     kalman: KalmanState,
     loops: Loop,
     stamps: Stamps,
-    behind: Option<Behind>,
-}
-
-/// A first-order low-pass behind an estimator.
-#[derive(Clone, Copy, Debug)]
-struct Behind {
-    filter: FirstOrder,
-    input: f64,
-    output: f64,
-}
-
-impl Behind {
-    fn update(&mut self, input: f64) -> f64 {
-        let FirstOrder { b0, a1 } = self.filter;
-        let raw = b0 * (input + self.input) - a1 * self.output;
-        self.input = input;
-        self.output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
-        self.output
-    }
 }
 
 pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
@@ -155,26 +136,8 @@ impl TwinEstimator {
             kalman: KalmanState::default(),
             loops: Loop::default(),
             stamps: Stamps::REST,
-            behind: None,
         };
         Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
-    }
-
-    /// The same with a first-order low-pass behind it, for any without a low-pass of its own.
-    ///
-    /// # Errors
-    /// The cutoff is out of range, or the estimator ends in a low-pass.
-    pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
-        let filter = FirstOrder::new(cutoff_hz, rate_hz, false)?;
-        match self.kind {
-            Kind::Butterworth(_) | Kind::FirstOrder(_) => {
-                let parameter = "low-passes in the estimator before the one behind it";
-                return Err(SettingsError { parameter, value: 1.0, range: 0.0..=0.0 });
-            }
-            Kind::Difference => self.kind = Kind::FirstOrder(filter),
-            _ => self.rest.behind = Some(Behind { filter, input: 0.0, output: 0.0 }),
-        }
-        Ok(self)
     }
 
     /// The velocity after a move by `difference` counts.
@@ -201,13 +164,7 @@ impl TwinEstimator {
                 output
             }
             Kind::Difference => input,
-            other => {
-                let velocity = self.rest.update(other, difference, senses);
-                match &mut self.rest.behind {
-                    None => velocity,
-                    Some(behind) => behind.update(velocity),
-                }
-            }
+            other => self.rest.update(other, difference, senses),
         }
     }
 }
@@ -251,25 +208,4 @@ fn weighted(weights: &[f64; LENGTH], past: &mut [f64; LENGTH], input: f64) -> f6
     past.rotate_right(1);
     past[0] = input;
     weights.iter().zip(past).map(|(weight, input)| weight * *input).sum()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::NamedScene;
-
-    #[test]
-    fn a_low_pass_goes_behind_what_has_none() {
-        let design = NamedScene::load("paper-1um").unwrap().scene.design();
-        let of = |settings: VelocitySettings| TwinEstimator::new(&settings, &design).unwrap();
-        let first_order = VelocitySettings::FirstOrder { cutoff_hz: 50.0, prewarp: false };
-        let mut behind = of(VelocitySettings::Difference).followed_by(50.0, 1e4).unwrap();
-        let mut whole = of(first_order);
-        for n in 0..100 {
-            let moved = n * n % 7 - 3;
-            assert_eq!(behind.update(moved, &Senses::NONE), whole.update(moved, &Senses::NONE));
-        }
-        let refused = of(first_order).followed_by(50.0, 1e4).unwrap_err().to_string();
-        assert!(refused.starts_with("low-passes in the estimator"), "{refused}");
-    }
 }

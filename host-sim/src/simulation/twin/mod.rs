@@ -86,15 +86,6 @@ impl Twin {
             until_due: 0,
         })
     }
-
-    /// The same with a first-order low-pass behind its estimator.
-    ///
-    /// # Errors
-    /// The cutoff is out of range, or the estimator ends in a low-pass.
-    pub fn followed_by(mut self, cutoff_hz: f64, rate_hz: f64) -> Result<Self, SettingsError> {
-        self.estimator = self.estimator.followed_by(cutoff_hz, rate_hz)?;
-        Ok(self)
-    }
 }
 
 impl Twin {

@@ -10,11 +10,14 @@
 //! Nothing here waits for the host, whatever mode a debugger writes into a channel. What a reply is
 //! worth when neither up 0 nor up 2 has room for it: `console/reply_channel.rs`.
 
-pub use rtt_target::DownChannel as Commands;
-use rtt_target::{ChannelMode, UpChannel, rtt_init};
+use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
+use zwidth::contract;
+
+#[cfg(not(feature = "usual-logger"))]
+pub use super::logger::dropped as log_dropped;
 
 /// What the link task owns.
-pub struct Link {
+pub struct Channels {
     /// Up 1.
     pub telemetry: UpLink,
     /// Up 2.
@@ -26,16 +29,24 @@ pub struct Link {
 /// A channel towards the host that drops what does not fit.
 pub struct UpLink(UpChannel);
 
-impl UpLink {
-    /// Writes all of `bytes`, or nothing if they do not fit; says which.
-    pub fn write(&mut self, bytes: &[u8]) -> bool {
+impl contract::UpChannel for UpLink {
+    fn write(&mut self, bytes: &[u8]) -> bool {
         self.0.set_mode(ChannelMode::NoBlockSkip);
         self.0.write(bytes) == bytes.len()
     }
 }
 
+/// The channel from the host.
+pub struct Commands(DownChannel);
+
+impl contract::CommandChannel for Commands {
+    fn read(&mut self, bytes: &mut [u8]) -> usize {
+        self.0.read(bytes)
+    }
+}
+
 /// Sets up the channels; up 0 goes to the logger. Call once.
-pub(in crate::board) fn init() -> Link {
+pub(in crate::board) fn init() -> Channels {
     let channels = rtt_init! {
         up: {
             0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" }
@@ -50,10 +61,10 @@ pub(in crate::board) fn init() -> Link {
     super::logger::start(channels.up.0);
     #[cfg(feature = "usual-logger")]
     rtt_target::set_defmt_channel(channels.up.0);
-    Link {
+    Channels {
         telemetry: UpLink(channels.up.1),
         replies: UpLink(channels.up.2),
-        commands: channels.down.0,
+        commands: Commands(channels.down.0),
     }
 }
 

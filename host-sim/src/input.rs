@@ -1,0 +1,83 @@
+//! The one door for files that a user names: each kind has a largest size, a read can be interrupted, and what is
+//! refused is named with its limit.
+
+use std::{fs::File, io::Read as _, path::Path};
+
+use crate::{error::Error, interrupt};
+
+/// What a file holds, and how much of it is read at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kind {
+    name: &'static str,
+    limit_mib: u64,
+}
+
+/// A scene.
+pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
+/// A log or a capture of telemetry: two hours of frames.
+pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
+/// A board's program.
+pub const PROGRAM: Kind = Kind { name: "a program", limit_mib: 64 };
+
+/// Bytes between two looks at the interrupt flag.
+const PIECE: u64 = 1 << 20;
+
+/// Reads a whole file.
+///
+/// # Errors
+/// [`Error::Input`] if it cannot be read or is larger than its kind may be; [`Error::Interrupted`].
+pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
+    let unreadable = |error| Error::Input(format!("{} cannot be read: {error}", path.display()));
+    let limit = kind.limit_mib << 20;
+    let mut file = File::open(path).map_err(unreadable)?;
+    let mut bytes = vec![];
+    loop {
+        interrupt::check()?;
+        let rest = (limit + 1).saturating_sub(bytes.len() as u64);
+        let read = file.by_ref().take(rest.min(PIECE)).read_to_end(&mut bytes);
+        match read.map_err(unreadable)? {
+            0 => return Ok(bytes),
+            _ if bytes.len() as u64 > limit => {
+                let (path, Kind { name, limit_mib }) = (path.display(), kind);
+                return Err(Error::Input(format!(
+                    "{path} is larger than {name} may be, allowed {limit_mib} MiB"
+                )));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Reads a whole file of text.
+///
+/// # Errors
+/// As [`read`], and [`Error::Input`] if it is not UTF-8.
+pub fn read_text(path: &Path, kind: Kind) -> Result<String, Error> {
+    String::from_utf8(read(path, kind)?).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        Error::Input(format!("{} is not UTF-8 text: byte {}", path.display(), at + 1))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_up_to_its_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let kind = Kind { name: "a test", limit_mib: 2 };
+        for (length, fits) in [(0, true), (3 << 19, true), (2 << 20, true), ((2 << 20) + 1, false)]
+        {
+            std::fs::write(&path, vec![b'x'; length]).unwrap();
+            let read = read(&path, kind);
+            assert_eq!(read.is_ok_and(|bytes| bytes.len() == length), fits, "{length}");
+        }
+        let error = read(&path, kind).unwrap_err().to_string();
+        assert!(error.ends_with("file is larger than a test may be, allowed 2 MiB"), "{error}");
+        std::fs::write(&path, b"ab\xff").unwrap();
+        let error = read_text(&path, kind).unwrap_err().to_string();
+        assert!(error.ends_with("is not UTF-8 text: byte 3"), "{error}");
+    }
+}

@@ -1,0 +1,261 @@
+//! Drafts: files in the making, each beside its place under a name of its own, locked while its program lives.
+//!
+//! The lock says whether a draft is in use: a second program that wants the same place is refused, and a draft
+//! without its program is a left-over of one that was killed, which the next one to write there removes.
+
+use std::{
+    ffi::{OsStr, OsString},
+    fs::{self, File, OpenOptions, TryLockError},
+    io,
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+/// Begins and ends the names of drafts, and of what is kept until a result is whole.
+const PREFIX: &str = ".zwidth-";
+const DRAFT: &str = ".draft";
+const BACKUP: &str = ".backup";
+
+/// Attempts at a draft that other programs clean up in between.
+const ATTEMPTS: usize = 100;
+
+/// What this process would leave behind if it ended now.
+#[derive(Default)]
+pub(super) struct Traces {
+    files: Vec<PathBuf>,
+    /// Folders that it made, the outermost first.
+    folders: Vec<PathBuf>,
+}
+
+static TRACES: Mutex<Traces> = Mutex::new(Traces { files: vec![], folders: vec![] });
+
+/// While it is held, the process does not end by a signal.
+pub(super) fn traces() -> MutexGuard<'static, Traces> {
+    TRACES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Traces {
+    pub(super) fn forget(&mut self, path: &Path) {
+        self.files.retain(|file| file != path);
+        self.folders.retain(|folder| folder != path);
+    }
+}
+
+/// Removes every draft, and the folders that were made for results that there are none of. No draft and no result
+/// comes after that: the process is to end.
+pub fn abandon() {
+    let traces = traces();
+    for file in &traces.files {
+        let _ = fs::remove_file(file);
+    }
+    for folder in traces.folders.iter().rev() {
+        let _ = fs::remove_dir(folder); // refuses a folder that holds anything
+    }
+    std::mem::forget(traces);
+}
+
+/// Makes a folder and those above it; the new ones, the outermost first.
+pub(super) fn make_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let is_new = |path: &&Path| *path != Path::new("") && !path.exists();
+    let mut new: Vec<PathBuf> =
+        folder.ancestors().take_while(is_new).map(Path::to_path_buf).collect();
+    new.reverse();
+    traces().folders.extend(new.iter().cloned());
+    let made = fs::create_dir_all(folder);
+    if made.is_err() {
+        remove_folders(&new);
+    }
+    made.map(|()| new)
+}
+
+/// Removes folders that hold nothing, the innermost first.
+pub(super) fn remove_folders(folders: &[PathBuf]) {
+    for folder in folders.iter().rev() {
+        let _ = fs::remove_dir(folder);
+        traces().forget(folder);
+    }
+}
+
+/// The name beside `place` under which it is drafted, or kept.
+fn beside(place: &Path, ending: &str) -> PathBuf {
+    let mut name = OsString::from(PREFIX);
+    name.push(place.file_name().unwrap_or_default());
+    name.push(ending);
+    place.with_file_name(name)
+}
+
+fn backup_of(place: &Path) -> PathBuf {
+    beside(place, BACKUP)
+}
+
+/// A locked draft.
+#[derive(Debug)]
+pub(super) struct Draft {
+    pub(super) path: PathBuf,
+    pub(super) file: File,
+}
+
+impl Draft {
+    /// A new, empty draft of `place`; `None` if another program has one.
+    pub(super) fn new(place: &Path) -> io::Result<Option<Self>> {
+        let path = beside(place, DRAFT);
+        for _ in 0..ATTEMPTS {
+            let mut traces = traces();
+            match OpenOptions::new().write(true).create_new(true).open(&path) {
+                Ok(file) => {
+                    if is_locked_by_us(&file)? && is_at(&file, &path) {
+                        traces.files.push(path.clone());
+                        return Ok(Some(Self { path, file }));
+                    }
+                    // Somebody who looks for left-overs was faster.
+                }
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                    drop(traces);
+                    if !remove_left_over(&path)? {
+                        return Ok(None);
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(None)
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        let mut traces = traces();
+        if is_at(&self.file, &self.path) {
+            let _ = fs::remove_file(&self.path);
+        }
+        traces.forget(&self.path);
+    }
+}
+
+impl io::Write for Draft {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// Takes the lock if nobody has it. A file system without locks counts as locked by us.
+fn is_locked_by_us(file: &File) -> io::Result<bool> {
+    match file.try_lock() {
+        Ok(()) => Ok(true),
+        Err(TryLockError::WouldBlock) => Ok(false),
+        Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => Ok(true),
+        Err(TryLockError::Error(error)) => Err(error),
+    }
+}
+
+/// Removes a draft or backup whose program is gone; `false` if it is in use.
+fn remove_left_over(path: &Path) -> io::Result<bool> {
+    let is_plain = fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
+    let file = match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
+        other => other?,
+    };
+    let free = is_plain && matches!(file.try_lock(), Ok(()));
+    if free && is_at(&file, path) {
+        fs::remove_file(path)?;
+    }
+    Ok(free)
+}
+
+/// Removes what killed programs left in a folder.
+pub(super) fn remove_left_overs(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        if is_ours(&entry.file_name()) {
+            let _ = remove_left_over(&entry.path()); // what is in the way says so itself
+        }
+    }
+}
+
+fn is_ours(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes();
+    let ours = |ending: &str| name.ends_with(ending.as_bytes());
+    name.starts_with(PREFIX.as_bytes()) && (ours(DRAFT) || ours(BACKUP))
+}
+
+/// Whether `path` leads to `file`.
+fn is_at(file: &File, path: &Path) -> bool {
+    match (file.metadata(), fs::symlink_metadata(path)) {
+        (Ok(file), Ok(found)) => is_same(&file, &found),
+        _ => false,
+    }
+}
+
+/// Whether two descriptions are of one file, whatever its names.
+#[cfg(unix)]
+pub(super) fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    (one.dev(), one.ino()) == (other.dev(), other.ino())
+}
+
+/// Other systems do not tell; names are compared there.
+#[cfg(not(unix))]
+pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
+    false
+}
+
+/// The way back until all files are in their places.
+#[derive(Default)]
+pub(super) struct Undo {
+    /// Older files and where they are kept, locked against those who look for left-overs.
+    kept: Vec<(PathBuf, PathBuf, File)>,
+    /// New files.
+    placed: Vec<PathBuf>,
+}
+
+impl Undo {
+    /// Keeps an older file under a second name.
+    pub(super) fn keep(&mut self, place: &Path) -> io::Result<()> {
+        if self.kept.iter().any(|(kept, ..)| kept == place) {
+            return Ok(());
+        }
+        let backup = backup_of(place);
+        fs::hard_link(place, &backup).or_else(|_| fs::copy(place, &backup).map(|_| ()))?;
+        let file = File::open(&backup)?;
+        let _ = file.try_lock(); // not every file system has locks
+        self.kept.push((place.into(), backup, file));
+        Ok(())
+    }
+
+    /// Moves a draft into its place.
+    pub(super) fn place(&mut self, draft: &Path, place: &Path) -> io::Result<()> {
+        let is_new = fs::symlink_metadata(place).is_err();
+        if !is_new {
+            self.keep(place)?;
+        }
+        fs::rename(draft, place)?;
+        if is_new {
+            self.placed.push(place.into());
+        }
+        Ok(())
+    }
+
+    /// All went well.
+    pub(super) fn release(&mut self) {
+        self.placed.clear();
+        for (_, backup, _) in self.kept.drain(..) {
+            let _ = fs::remove_file(backup);
+        }
+    }
+}
+
+impl Drop for Undo {
+    fn drop(&mut self) {
+        for place in &self.placed {
+            let _ = fs::remove_file(place);
+        }
+        for (place, backup, _) in &self.kept {
+            let _ = fs::rename(backup, place); // two names of one file: nothing happens
+            let _ = fs::remove_file(backup);
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! What a board gives to the tasks: the one list of it, which `src/board` of the firmware implements once per board.
+//!
+//! | part | asked by | what for |
+//! |---|---|---|
+//! | [`Encoder`] | `sample` | the count, first of all; other senses after it |
+//! | [`SampleTimer`] | `sample` | one interrupt per sample |
+//! | [`ForceOutput`], [`Enable`] in a [`Drive`] | `render` | the command, and whether it acts |
+//! | [`EmergencyStop`] on a pin | `render` | the switch |
+//! | [`Supply`] | `render`, its own interrupt | off when the supply falls |
+//! | [`DebugHalts`] | `render` | time that passed without samples |
+//! | [`FaultMemory`] | `render` | the first fault, over a reset |
+//! | [`NorFlash`], [`UpChannel`], [`CommandChannel`] | `link` | settings, telemetry and replies, commands |
+//! | [`Watchdog`] | `idle` | reset when the tasks stop |
+//!
+//! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0). What
+//! `sample` and `render` ask for is inlined, takes a bounded number of cycles (no waiting, no lock, no panic), and is a
+//! concrete type everywhere, so it costs what the registers cost. [`off`] works from every priority, from the
+//! panic handler and the fault handlers.
+//!
+//! Traits of others are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. They do not fit
+//! elsewhere: `OutputPin` has an owner, enable is dropped by whoever comes first, and on our boards it is a timer's main
+//! output, which hardware drops too; `SetDutyCycle` sets one channel, magnitude and sign have to change together;
+//! embedded-hal 1.0 has no quadrature counter, converter, timer or watchdog; `embedded_io` waits for room or for data.
+
+use embedded_hal::digital::InputPin;
+use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
+
+use crate::{
+    Output,
+    safety::{FaultRecord, ResetCause},
+    units::OutputCode,
+    velocity::{Sense, Senses},
+};
+
+/// Samples per second of every board, Hz.
+pub const RATE_HZ: u32 = 10_000;
+
+/// A board: its constants and the types of its parts.
+pub trait Board: Sized {
+    /// Name, also the feature that selects it, its scene and `--board`.
+    const NAME: &'static str;
+    /// What the force output makes of a force.
+    const OUTPUT: Output;
+    /// What an estimator can look at beside the count.
+    const SENSES: &'static [Sense];
+    /// From the counter's reading to the force, samples: measured, and the same in the board's scene.
+    const LATENCY_SAMPLES: f64;
+
+    /// The chip's peripherals.
+    type Device;
+    /// The core's peripherals.
+    type Core;
+    /// Position.
+    type Encoder: Encoder;
+    /// When to sample.
+    type SampleTimer: SampleTimer;
+    /// Force.
+    type Force: ForceOutput;
+    /// The amplifier's enable line.
+    type Enable: Enable;
+    /// The emergency stop's pin.
+    type StopInput: InputPin;
+    /// Supply voltage.
+    type Supply: Supply;
+    /// Halts by a debugger.
+    type DebugHalts: DebugHalts;
+    /// Reset when the tasks stop.
+    type Watchdog: Watchdog;
+    /// What a reset must not wipe out.
+    type FaultMemory: FaultMemory;
+    /// Two erase blocks for the settings, and nothing else in it.
+    type Flash: NorFlash<Error = FlashError>;
+    /// Towards the host.
+    type Up: UpChannel;
+    /// From the host.
+    type Commands: CommandChannel;
+
+    /// Sets the board up, with force and enable off before anything else that may take time. No timer that the control
+    /// needs runs yet.
+    fn take(device: Self::Device, core: Self::Core) -> Parts<Self>;
+
+    /// Pends the interrupt of `render`; by `sample`.
+    fn request_render();
+
+    /// Pends the interrupt of `link`; by `render`.
+    fn request_link();
+
+    /// Lines of the log that found no room, ever; wraps.
+    fn log_dropped() -> u32;
+}
+
+/// Starts the output's clock and, right after it, the sampling: their distance sets the phase of a PWM. Once, with all
+/// interrupts on.
+pub fn start<F: ForceOutput, T: SampleTimer>() {
+    F::start();
+    T::start();
+}
+
+/// Off: enable inactive first, then zero force. From any task and handler; a handful of stores.
+#[inline(always)]
+pub fn off<F: ForceOutput, E: Enable>() {
+    E::off();
+    F::zero();
+}
+
+/// All of a board that the tasks own.
+pub struct Parts<B: Board> {
+    /// Position.
+    pub encoder: B::Encoder,
+    /// When to sample.
+    pub sample_timer: B::SampleTimer,
+    /// Force and enable.
+    pub drive: Drive<B::Force, B::Enable>,
+    /// Emergency stop.
+    pub stop: EmergencyStop<B::StopInput>,
+    /// Supply voltage.
+    pub supply: B::Supply,
+    /// Halts by a debugger.
+    pub halts: B::DebugHalts,
+    /// Reset when the tasks stop.
+    pub watchdog: B::Watchdog,
+    /// What a reset must not wipe out.
+    pub memory: B::FaultMemory,
+    /// Why the program starts.
+    pub reset_cause: ResetCause,
+    /// Where settings are kept.
+    pub settings: B::Flash,
+    /// Probe link.
+    pub link: Link<B>,
+}
+
+/// The channels to and from the host.
+pub struct Link<B: Board> {
+    /// Frames of telemetry.
+    pub telemetry: B::Up,
+    /// Replies, lines of text.
+    pub replies: B::Up,
+    /// Commands, lines of text.
+    pub commands: B::Commands,
+}
+
+/// Counts the encoder's edges, four per line, in 32 bits that wrap. Edges closer than 0.1 us may be lost.
+pub trait Encoder {
+    /// The count now.
+    fn count(&self) -> u32;
+
+    /// The count now, read first of all, and what else the board senses. Once per sample, by `sample`.
+    fn sense(&mut self) -> (u32, Senses);
+
+    /// Turns the direction round, or back. The count goes on from where it is. By `render`, with the force off.
+    fn turn(reversed: bool);
+}
+
+/// The clock of the control: an interrupt at [`RATE_HZ`], at exactly equal distances, which stands still while a debugger
+/// has the core halted.
+pub trait SampleTimer {
+    /// Runs from now on; the first sample comes one period later.
+    fn start();
+
+    /// Takes the request of the present sample back; by `sample`.
+    fn acknowledge(&mut self);
+}
+
+/// The force output: a command becomes a force, as a whole.
+pub trait ForceOutput {
+    /// Puts a command out, which the core has clamped to what [`Board::OUTPUT`] has; mirrored about zero force if the
+    /// motor is mounted the other way round. Moves nothing while enable is inactive. Once per output, by `render`.
+    fn write(&mut self, command: OutputCode, mirrored: bool);
+
+    /// Zero force at once, or with the output's next period. From any task and handler.
+    fn zero();
+
+    /// Starts the output's own clock, if it has one.
+    fn start();
+}
+
+/// The amplifier's enable line. Inactive in reset, when the emergency stop opens (in hardware, without any code), while a
+/// debugger has the core halted, and when the core's clock fails.
+pub trait Enable {
+    /// Active, unless the emergency stop is open; forgets that it was.
+    fn on(&mut self);
+
+    /// Inactive, now. From any task and handler.
+    fn off();
+
+    /// Whether it is active: read back, so false as soon as hardware has dropped it.
+    fn is_on(&self) -> bool;
+
+    /// Whether the emergency stop was open at any time since [`on`](Self::on), however short.
+    fn was_stopped(&self) -> bool;
+}
+
+/// The supply supervisor. It has an interrupt of `render`'s priority, so that the force is off at once.
+pub trait Supply {
+    /// What that interrupt does: off, and remember.
+    fn has_dropped();
+
+    /// The supply is too low to write flash by, or was since this was last asked. By `render`.
+    fn is_low(&mut self) -> bool;
+}
+
+/// Finds halts by a debugger: time that passed on a timer that runs on, without samples.
+pub trait DebugHalts {
+    /// Whether the core was halted since the last output; asked at each, with the number of its sample and the samples
+    /// between two. By `render`.
+    fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
+}
+
+/// Reset, hence everything off, when it is not fed. It has an oscillator of its own, and nothing but a reset stops it.
+pub trait Watchdog {
+    /// All tasks are alive. By `idle`, at least each 20 ms; the reset comes after 30 to 100 ms.
+    fn feed(&mut self);
+}
+
+/// Memory that a reset leaves as it is; a loss of power need not.
+pub trait FaultMemory {
+    /// What it holds: a record, zeros, or anything after power-on.
+    fn read(&self) -> [u32; FaultRecord::WORDS];
+
+    /// Writes a record.
+    fn write(&mut self, words: &[u32; FaultRecord::WORDS]);
+
+    /// Writes zeros.
+    fn erase(&mut self) {
+        self.write(&[0; FaultRecord::WORDS]);
+    }
+}
+
+/// A channel towards the host that drops what does not fit, and never waits.
+pub trait UpChannel {
+    /// Writes all of `bytes`, or nothing; says which. By `link`.
+    fn write(&mut self, bytes: &[u8]) -> bool;
+}
+
+/// The channel from the host.
+pub trait CommandChannel {
+    /// Reads what has come, up to `bytes`; says how much. By `link`.
+    fn read(&mut self, bytes: &mut [u8]) -> usize;
+}
+
+/// What the flash controller did not like, as the bits of its status register; 0 if it was not asked, because place or
+/// length is not allowed.
+///
+/// Erase and write stall the core for up to a second on some boards: `link` asks for them with the force off only, and the
+/// board gives the watchdog more time meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FlashError(pub u32);
+
+impl NorFlashError for FlashError {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl From<NorFlashErrorKind> for FlashError {
+    fn from(_: NorFlashErrorKind) -> Self {
+        Self(0)
+    }
+}
+
+/// Force and enable of one amplifier.
+pub struct Drive<F, E> {
+    force: F,
+    enable: E,
+}
+
+impl<F: ForceOutput, E: Enable> Drive<F, E> {
+    /// Of these two, both off.
+    pub const fn new(force: F, enable: E) -> Self {
+        Self { force, enable }
+    }
+
+    /// Puts a command out, see [`ForceOutput::write`].
+    #[inline(always)]
+    pub fn write(&mut self, command: OutputCode, mirrored: bool) {
+        self.force.write(command, mirrored);
+    }
+
+    /// Enables the amplifier at zero force. The emergency stop's hardware has the last word.
+    pub fn on(&mut self) {
+        F::zero();
+        self.enable.on();
+    }
+
+    /// Whether the amplifier is enabled; false as soon as hardware or a task has dropped it.
+    #[inline(always)]
+    pub fn is_on(&self) -> bool {
+        self.enable.is_on()
+    }
+
+    /// Whether the emergency stop was open since the amplifier was enabled, if only for a moment.
+    #[inline(always)]
+    pub fn was_stopped(&self) -> bool {
+        self.enable.was_stopped()
+    }
+}
+
+/// Normally closed switch to ground with a pull-up: an open switch or a cut wire reads as a stop.
+pub struct EmergencyStop<P>(P);
+
+impl<P: InputPin> EmergencyStop<P> {
+    /// On that pin, with its pull-up on.
+    pub const fn new(pin: P) -> Self {
+        Self(pin)
+    }
+
+    /// The switch is closed: no stop. A pin that cannot be read is one.
+    #[inline(always)]
+    pub fn is_closed(&mut self) -> bool {
+        self.0.is_low().unwrap_or(false)
+    }
+}
+
+#[cfg(test)]
+mod tests;

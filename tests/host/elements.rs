@@ -1,0 +1,492 @@
+//! Optional elements as scenes ask for them: what is refused, what changes nothing, what must hold for all of them.
+
+use std::f64::consts::PI;
+
+use host_sim::{
+    numerics::integrator::{Integrator, STEPS_MAX},
+    plant::{AnyPlant, Moment, Plant as _},
+    scene::{NamedScene, Scene},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+};
+use proptest::{
+    prelude::*,
+    test_runner::{RngAlgorithm, TestRng, TestRunner},
+};
+
+const PAPER: &str = include_str!("../../scenes/paper-1um.toml");
+
+const AMPLIFIER: &str = "[amplifier]\nbandwidth_hz = 1500\n";
+const MODE: &str = "[mode]\nmass_kg = 0.15\nstiffness_n_per_m = 6e4\ndamping_n_s_per_m = 4\n";
+const ARM: &str = "[arm]\nmass_kg = 1.2\ndamping_n_s_per_m = 12\nstiffness_n_per_m = 20\nrest_position_m = 0.05\n\
+                   grip_damping_n_s_per_m = 25\ngrip_stiffness_n_per_m = 1200\n";
+const FRICTION: &str =
+    "[friction]\ncoulomb_n = 0.1\nstatic_n = 0.15\nstribeck_speed_m_per_s = 0.01\n";
+const COGGING: &str = "[cogging]\namplitude_n = 0.1\npitch_m = 0.004\nphase_rad = 0.3\n";
+const SPRING: &str = "[travel]\nstop = \"spring\"\nlow_m = -0.01\nhigh_m = 0.1\nstiffness_n_per_m = 5e4\n\
+                      damping_n_s_per_m = 50\n";
+const RIGID: &str = "[travel]\nstop = \"rigid\"\nlow_m = -0.01\nhigh_m = 0.1\nrestitution = 0.5\n";
+const ENCODER_ERROR: &str =
+    "[encoder_error]\ncycle_m = 2e-5\nfirst_m = 3e-7\nsecond_m = 1e-7\nphase_rad = 0\n";
+const ENCODER_NOISE: &str = "[encoder_noise]\nrms_m = 5e-7\nseed = 1\n";
+const JITTER: &str = "[jitter]\npeak_s = 5e-6\nseed = 1\n";
+const RK4: &str = "[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 2\n";
+const EULER: &str = "[integrator]\nmethod = \"semi-implicit-euler\"\nsteps_per_sample = 4\n";
+const ADAPTIVE: &str = "[integrator]\nmethod = \"dormand-prince\"\nrelative_tolerance = 1e-8\n\
+                        absolute_tolerance_m = 1e-12\n";
+
+fn read(tables: &[&str]) -> Result<Scene, String> {
+    let text = format!("{PAPER}\n{}", tables.join("\n"));
+    NamedScene::parse("test".into(), text, "test.toml")
+        .map(|named| named.scene)
+        .map_err(|error| error.to_string())
+}
+
+fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
+    WallHit { cutoff_hz: 1500.0, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+}
+
+/// Bits of every sample of a hit.
+fn run(scene: &Scene, numeric: Numeric, hit: &WallHit) -> Vec<(u64, i32, u64)> {
+    let mut samples = vec![];
+    PreparedScene::new(scene)
+        .unwrap()
+        .hit(numeric, hit, |s| {
+            samples.push((s.position_m.to_bits(), s.count, s.output_n.to_bits()))
+        })
+        .unwrap();
+    samples
+}
+
+#[test]
+fn every_element_is_read_and_runs() {
+    let wall = hit(20_000.0, 100.0);
+    let plain = run(&read(&[]).unwrap(), Numeric::Fixed, &wall);
+    for tables in [
+        vec![AMPLIFIER],
+        vec![MODE],
+        vec![ARM],
+        vec![AMPLIFIER, MODE, ARM],
+        vec![FRICTION, RK4],
+        vec![COGGING, ADAPTIVE],
+        vec![SPRING, EULER],
+        vec![RIGID, RK4],
+        vec![ENCODER_ERROR],
+        vec![ENCODER_NOISE],
+        vec![JITTER],
+        vec![RK4],
+        vec![
+            AMPLIFIER,
+            MODE,
+            ARM,
+            FRICTION,
+            COGGING,
+            SPRING,
+            ENCODER_ERROR,
+            ENCODER_NOISE,
+            JITTER,
+            ADAPTIVE,
+        ],
+    ] {
+        let scene = read(&tables).unwrap();
+        let samples = run(&scene, Numeric::Fixed, &wall);
+        assert_eq!(samples.len(), plain.len());
+        assert_eq!(samples, run(&scene, Numeric::Fixed, &wall), "{tables:?}: not deterministic");
+        let differs = samples.iter().zip(&plain).any(|(a, b)| a != b);
+        // Nothing comes near the stops here.
+        assert_eq!(differs, !tables.contains(&RIGID) || tables.contains(&RK4), "{tables:?}");
+        for sample in &samples {
+            assert!(f64::from_bits(sample.0).abs() < 0.2, "{tables:?}");
+        }
+    }
+}
+
+#[test]
+fn errors_of_size_zero_change_no_bit() {
+    let wall = hit(60_000.0, 300.0);
+    let zeroes = [
+        JITTER.replace("5e-6", "0"),
+        ENCODER_NOISE.replace("5e-7", "0"),
+        ENCODER_ERROR.replace("3e-7", "0").replace("1e-7", "0"),
+    ];
+    for numeric in [Numeric::Fixed, Numeric::F64] {
+        for base in [vec![], vec![AMPLIFIER, MODE]] {
+            let plain = run(&read(&base).unwrap(), numeric, &wall);
+            for zero in &zeroes {
+                let mut tables = base.clone();
+                tables.push(zero);
+                assert_eq!(run(&read(&tables).unwrap(), numeric, &wall), plain, "{zero}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_amplifier_far_above_the_rate_changes_nothing_but_the_last_digits() {
+    // 16 ns behind: the exact step takes any time constant.
+    let stiff = read(&["[amplifier]\nbandwidth_hz = 1e7\n"]).unwrap();
+    let wall = hit(2000.0, 20.0);
+    let report = |scene: &Scene| {
+        PreparedScene::new(scene).unwrap().hit(Numeric::F64, &wall, |_| ()).unwrap()
+    };
+    let (with, without) = (report(&stiff), report(&read(&[]).unwrap()));
+    assert_eq!(with.verdict, without.verdict);
+    assert!((with.mean_m - without.mean_m).abs() < 2e-6, "{with:?} {without:?}");
+}
+
+#[test]
+fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
+    let readings = |seed: &str, start_offset_counts: f64, stiffness: f64| {
+        let scene =
+            read(&[&ENCODER_NOISE.replace("seed = 1", seed).replace("5e-7", "5e-6")]).unwrap();
+        let rig = PreparedScene::new(&scene).unwrap();
+        let mut simulation =
+            rig.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
+        // Before the wall is reached.
+        (0..500)
+            .map(|_| {
+                let sample = simulation.step();
+                i64::from(sample.count) - (sample.position_m * 1e6).floor() as i64
+            })
+            .collect::<Vec<_>>()
+    };
+    let noise = readings("seed = 1", 0.0, 2000.0);
+    assert_eq!(noise, readings("seed = 1", 0.0, 50_000.0));
+    assert_ne!(noise, readings("seed = 2", 0.0, 2000.0));
+    assert_ne!(noise, readings("seed = 1", 0.25, 2000.0));
+    let mean = noise.iter().sum::<i64>() as f64 / 500.0;
+    let rms = (noise.iter().map(|n| (*n as f64 - mean).powi(2)).sum::<f64>() / 500.0).sqrt();
+    // 5 counts and the quantiser's 1/12; the spread of an RMS over 500 samples is 3.2 %.
+    assert!((rms - 5.0).abs() < 0.65 && mean.abs() < 1.0, "{rms} {mean}");
+}
+
+#[test]
+fn late_readings_see_the_commands_that_act_meanwhile() {
+    for latency in ["0.5", "10.0", "10.3"] {
+        let text = format!("{PAPER}\n{}", JITTER.replace("5e-6", "4e-5"))
+            .replace("latency = 10.0", &format!("latency = {latency}"))
+            .replace("resolution_m = 1e-6", "resolution_m = 1e-8"); // a command moves the handle by 10 nm in that time
+        let scene = NamedScene::parse("test".into(), text, "test.toml").unwrap().scene;
+        assert_eq!(scene.actuator.latency.to_string(), latency.trim_end_matches(".0"));
+        let mut simulation =
+            PreparedScene::new(&scene).unwrap().fixed(&hit(20_000.0, 100.0)).unwrap();
+        let (mut before_n, mut late, mut turns) = (0.0, 0, 0);
+        for index in 0..20_000 {
+            let state = *simulation.state();
+            let sample = simulation.step();
+            let moment = Moment { index, before_n, after_n: sample.output_n };
+            let reading_m = simulation.plant().reading_m(&state, &moment);
+            assert_eq!(
+                sample.count,
+                (reading_m / 1e-8).floor() as i32,
+                "{latency}: sample {index}"
+            );
+            late += u32::from(reading_m != sample.position_m);
+            turns += u32::from(before_n != sample.output_n);
+            before_n = sample.output_n;
+        }
+        assert!(late > 15_000 && turns > 100, "{late} {turns}");
+    }
+}
+
+#[test]
+fn refusals_name_key_value_and_range() {
+    for (tables, expected) in [
+        (
+            vec!["[amplifier]\nbandwidth_hz = 0\n"],
+            "amplifier.bandwidth_hz is 0, allowed 1 to 10000000",
+        ),
+        (vec!["[amplifier]\nbandwidth_hz = 10\nx = 1\n"], "unknown field `x`"),
+        (vec![&MODE.replace("0.15", "0")], "mode.mass_kg is 0, allowed 0.001 to 100"),
+        (vec![&ARM.replace("= 12\n", "= -1\n")], "arm.damping_n_s_per_m is -1, allowed 0 to"),
+        (vec![FRICTION], "[integrator] is missing"),
+        (vec![COGGING], "[integrator] is missing"),
+        (vec![SPRING], "[integrator] is missing"),
+        (vec![&FRICTION.replace("0.15", "0.05"), RK4], "friction.static_n is 0.05, allowed 0.1 to"),
+        (vec![&COGGING.replace("0.004", "0"), RK4], "cogging.pitch_m is 0, allowed"),
+        (vec![&SPRING.replace("-0.01", "0.2"), RK4], "travel.low_m is 0.2, allowed -1000 to 0.1"),
+        (
+            vec![&SPRING.replace("-0.01", "0.01"), RK4],
+            "device.start_position_m is 0, allowed 0.01 to 0.1",
+        ),
+        (vec![&RIGID.replace("0.5", "1"), RK4], "travel.restitution is 1, allowed 0 to 0.99"),
+        (
+            vec![&ENCODER_ERROR.replace("3e-7", "1"), RK4],
+            "encoder_error.first_m is 1, allowed 0 to",
+        ),
+        (vec![&ENCODER_NOISE.replace("5e-7", "-1")], "encoder_noise.rms_m is -1, allowed 0 to 1"),
+        (vec![&ENCODER_NOISE.replace("5e-7", "nan")], "encoder_noise.rms_m is NaN, allowed 0 to 1"),
+        (vec![&JITTER.replace("5e-6", "1e-4")], "jitter.peak_s is 0.0001, allowed 0 to"),
+        // 50 kN s/m on 0.416 kg: 8 us, too fast for two steps of Runge-Kutta in 100 us, not for 7.
+        (
+            vec![&SPRING.replace("damping_n_s_per_m = 50", "damping_n_s_per_m = 5e4"), RK4],
+            "integrator.steps_per_sample is 2, allowed 5 to 10000: the fastest time constant is 8.3e-6 s",
+        ),
+        // Time constants far below 1 us: refused with the reason, exact without the friction.
+        (vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, RK4], "1.6e-8 s"),
+        (
+            vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, ADAPTIVE],
+            "without non-linear elements and [integrator] the step is exact",
+        ),
+        // Eigenvalues alone would let it through: no motion of the plant is that damped, a motion of its Euler steps is.
+        (
+            vec![
+                "[mode]\nmass_kg = 0.625\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n",
+                "[arm]\nmass_kg = 0.098\ndamping_n_s_per_m = 6940\nstiffness_n_per_m = 2.8e7\n\
+                 rest_position_m = 0.05\ngrip_damping_n_s_per_m = 1\ngrip_stiffness_n_per_m = 1.1e8\n",
+                SPRING,
+                EULER,
+            ],
+            "integrator.steps_per_sample is 4, allowed 5 to 10000",
+        ),
+        (vec![FRICTION, "[integrator]\nmethod = \"verlet\"\n"], "unknown variant `verlet`"),
+    ] {
+        let message = read(&tables).unwrap_err();
+        assert!(message.contains(expected), "{message}\n{expected}");
+    }
+    assert!(read(&["[amplifier]\nbandwidth_hz = 1e7\n"]).is_ok());
+}
+
+fn any_tables() -> impl Strategy<Value = Vec<String>> {
+    let log = |low: f64, high: f64| (low.log10()..high.log10()).prop_map(|x| 10f64.powf(x));
+    let linear = (
+        prop::option::of(log(1.0, 1e7)),
+        prop::option::of((log(1e-3, 1e2), log(1e-3, 1e9), log(1e-3, 1e6))),
+        prop::option::of((
+            log(1e-3, 1e2),
+            log(1e-3, 1e6),
+            log(1e-3, 1e9),
+            log(1e-3, 1e6),
+            log(1e-3, 1e9),
+        )),
+    );
+    let dry = (
+        prop::option::of((log(1e-3, 10.0), 1.0..2.0, log(1e-4, 1.0))),
+        prop::option::of((log(1e-3, 10.0), log(1e-3, 0.1))),
+        prop::option::of((log(1.0, 1e7), log(1e-2, 1e4))),
+        prop::option::of(0.0..0.99),
+        0..3u8,
+    );
+    let sensing = (prop::option::of(log(1e-9, 1e-3)), prop::option::of(0.0..1e-4), any::<u32>());
+    (linear, dry, sensing).prop_map(|((amplifier, mode, arm), dry, (noise, jitter, seed))| {
+        let mut tables = vec![];
+        tables.extend(amplifier.map(|hz| format!("[amplifier]\nbandwidth_hz = {hz:e}\n")));
+        tables.extend(mode.map(|(m, k, b)| {
+            format!("[mode]\nmass_kg = {m:e}\nstiffness_n_per_m = {k:e}\ndamping_n_s_per_m = {b:e}\n")
+        }));
+        tables.extend(arm.map(|(m, b, k, gb, gk)| {
+            format!(
+                "[arm]\nmass_kg = {m:e}\ndamping_n_s_per_m = {b:e}\nstiffness_n_per_m = {k:e}\nrest_position_m = 0.05\n\
+                 grip_damping_n_s_per_m = {gb:e}\ngrip_stiffness_n_per_m = {gk:e}\n"
+            )
+        }));
+        let (friction, cogging, spring, rigid, method) = dry;
+        tables.extend(friction.map(|(coulomb, ratio, speed)| {
+            format!(
+                "[friction]\ncoulomb_n = {coulomb:e}\nstatic_n = {:e}\nstribeck_speed_m_per_s = {speed:e}\n",
+                coulomb * ratio
+            )
+        }));
+        tables.extend(cogging.map(|(amplitude, pitch)| {
+            format!("[cogging]\namplitude_n = {amplitude:e}\npitch_m = {pitch:e}\nphase_rad = 1\n")
+        }));
+        let ends = "low_m = -0.02\nhigh_m = 0.072\n";
+        match (spring, rigid) {
+            (Some((k, b)), _) => tables.push(format!(
+                "[travel]\nstop = \"spring\"\n{ends}stiffness_n_per_m = {k:e}\ndamping_n_s_per_m = {b:e}\n"
+            )),
+            (None, Some(e)) => {
+                tables.push(format!("[travel]\nstop = \"rigid\"\n{ends}restitution = {e}\n"));
+            }
+            (None, None) => {}
+        }
+        if friction.is_some() || cogging.is_some() || spring.is_some() || rigid.is_some() {
+            tables.push([RK4, EULER, ADAPTIVE][method as usize].to_owned());
+        }
+        tables.extend(noise.map(|rms| format!("[encoder_noise]\nrms_m = {rms:e}\nseed = {seed}\n")));
+        tables.extend(jitter.map(|peak| format!("[jitter]\npeak_s = {peak:e}\nseed = {seed}\n")));
+        tables
+    })
+}
+
+#[test]
+fn random_elements_never_panic_and_stay_finite() {
+    stay_finite(50);
+}
+
+#[test]
+#[ignore = "the whole campaign; CI runs it"]
+fn random_elements_never_panic_and_stay_finite_at_length() {
+    stay_finite(150);
+}
+
+fn stay_finite(cases: u32) {
+    let config = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
+    let strategy = (any_tables(), 0.0..2e5f64, 0.0..1e3f64);
+    let (ran_cell, integrated_cell) = (std::cell::Cell::new(0), std::cell::Cell::new(0));
+    TestRunner::new(config)
+        .run(&strategy, |(tables, stiffness, damping)| {
+            let tables: Vec<&str> = tables.iter().map(String::as_str).collect();
+            let mut scene = match read(&tables) {
+                Ok(scene) => scene,
+                // What an integrator cannot follow is refused, nothing else.
+                Err(message) => {
+                    prop_assert!(message.contains("time constant"), "{message}");
+                    return Ok(());
+                }
+            };
+            scene.wall_hit.settle_s = 0.3;
+            scene.wall_hit.window_s = 0.1;
+            let rigid =
+                matches!(scene.travel, Some(host_sim::scene::element::Travel::Rigid { .. }));
+            let (mut finite, mut inside) = (true, true);
+            let result = PreparedScene::new(&scene).unwrap().hit(
+                Numeric::F64,
+                &hit(stiffness, damping),
+                |s| {
+                    finite &= s.position_m.is_finite() && s.output_n.is_finite();
+                    inside &= !rigid || (-0.02 - 1e-15..=0.072 + 1e-15).contains(&s.position_m);
+                },
+            );
+            prop_assert!(finite && inside);
+            if let Err(error) = result {
+                prop_assert!(matches!(error, HitError::OutOfRange(_)), "{error}");
+            }
+            ran_cell.set(ran_cell.get() + 1);
+            integrated_cell.set(integrated_cell.get() + u32::from(scene.integrator.is_some()));
+            Ok(())
+        })
+        .unwrap();
+    let (ran, integrated): (u32, u32) = (ran_cell.get(), integrated_cell.get());
+    println!("{ran} ran, {integrated} of them integrated");
+    assert!(ran > cases / 3 && integrated > cases / 5, "{ran} {integrated}");
+}
+
+/// Let go at rest and left alone, no part of a random device may ever hold more energy than all of it had
+/// at first: seen in how far the handle gets from where its spring is at rest.
+#[test]
+fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
+    gets_no_energy(50);
+}
+
+#[test]
+#[ignore = "the whole campaign; CI runs it"]
+fn a_handle_that_is_let_go_gets_no_energy_from_nowhere_at_length() {
+    gets_no_energy(150);
+}
+
+fn gets_no_energy(cases: u32) {
+    let config = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
+    let (ran_cell, worst_cell) = (std::cell::Cell::new(0), std::cell::Cell::new(0.0));
+    TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
+        .run(&(any_tables(), -0.015..0.07f64), |(tables, start_m)| {
+            let tables: Vec<&str> = tables.iter().map(String::as_str).collect();
+            let Ok(scene) = read(&tables) else { return Ok(()) };
+            let device = &scene.device;
+            let spring_j =
+                |x: f64| 0.5 * device.stiffness_n_per_m * (x - device.rest_position_m).powi(2);
+            let arm_j = scene.arm.map_or(0.0, |arm| {
+                0.5 * arm.stiffness_n_per_m * (start_m - arm.rest_position_m).powi(2)
+            });
+            // From its highest to its lowest.
+            let cogging_j = scene.cogging.map_or(0.0, |c| c.amplitude_n * c.pitch_m / PI);
+            let all_j = spring_j(start_m) + arm_j + cogging_j;
+            let plant = AnyPlant::unsensed(&scene, 1e-4, 0.0);
+            let mut state = plant.at_rest(start_m);
+            let mut worst = 0.0f64;
+            for _ in 0..10_000 {
+                state = plant.advance(&state, 0.0);
+                worst = worst.max(spring_j(plant.position_m(&state)));
+            }
+            prop_assert!(
+                worst <= all_j * (1.0 + GAIN_MAX) + 1e-12,
+                "{worst} of {all_j}: {tables:?}"
+            );
+            ran_cell.set(ran_cell.get() + 1);
+            worst_cell.set(f64::max(worst_cell.get(), worst / all_j - 1.0));
+            Ok(())
+        })
+        .unwrap();
+    println!("{} devices, at most {:e} more than at first", ran_cell.get(), worst_cell.get());
+    assert!(ran_cell.get() > cases * 4 / 15);
+}
+
+/// What an integrator with as many steps as the random devices have adds at most, relative.
+const GAIN_MAX: f64 = 1e-3;
+
+/// The fewest steps of that kind that a scene may ask for.
+fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
+    let demand = scene.chain().step_demand(&scene.nonlinear());
+    let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();
+    let (mut too_few, mut enough) = (0, STEPS_MAX);
+    if !allowed(enough) {
+        return None;
+    }
+    while enough - too_few > 1 {
+        let middle = (too_few + enough) / 2;
+        if allowed(middle) { enough = middle } else { too_few = middle }
+    }
+    Some(of(enough))
+}
+
+/// With the fewest steps, and a command of 0 N that takes effect within every tenth sample.
+#[test]
+fn no_device_blows_up_with_the_fewest_steps_that_are_allowed() {
+    fewest_steps(100);
+}
+
+#[test]
+#[ignore = "the whole campaign; CI runs it"]
+fn no_device_blows_up_with_the_fewest_steps_that_are_allowed_at_length() {
+    fewest_steps(300);
+}
+
+fn fewest_steps(cases: u32) {
+    let config = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
+    let (ran_cell, worst_cell) = (std::cell::Cell::new(0), std::cell::Cell::new(0.0));
+    let methods: [fn(u32) -> Integrator; 2] = [
+        |steps_per_sample| Integrator::SemiImplicitEuler { steps_per_sample },
+        |steps_per_sample| Integrator::Rk4 { steps_per_sample },
+    ];
+    TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha))
+        .run(
+            &(any_tables(), -0.015..0.07f64, 0..2usize, 0.0..1.0f64),
+            |(tables, start_m, method, fraction)| {
+                let mut tables: Vec<&str> = tables.iter().map(String::as_str).collect();
+                tables.retain(|table| !table.contains("[integrator]"));
+                tables.push("[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 10000\n");
+                let Ok(mut scene) = read(&tables) else { return Ok(()) };
+                scene.device.damping_n_s_per_m = 0.0;
+                scene.integrator = fewest(&scene, methods[method]);
+                let Some(
+                    Integrator::SemiImplicitEuler { steps_per_sample }
+                    | Integrator::Rk4 { steps_per_sample },
+                ) = scene.integrator
+                else {
+                    return Ok(());
+                };
+                let plant = AnyPlant::unsensed(&scene, 1e-4, fraction);
+                let mut state = plant.at_rest(start_m);
+                let mut farthest_m = 0.0f64;
+                // As much work whatever the steps.
+                for n in 0..(200_000 / steps_per_sample).clamp(100, 20_000) {
+                    state = if n % 10 == 0 {
+                        plant.advance_split(&state, 0.0, 0.0)
+                    } else {
+                        plant.advance(&state, 0.0)
+                    };
+                    farthest_m = farthest_m.max(plant.position_m(&state).abs());
+                    prop_assert!(
+                        farthest_m < 1.0,
+                        "{farthest_m} m after {n}: {:?} {fraction} {tables:?}",
+                        scene.integrator
+                    );
+                }
+                ran_cell.set(ran_cell.get() + 1);
+                worst_cell.set(f64::max(worst_cell.get(), farthest_m));
+                Ok(())
+            },
+        )
+        .unwrap();
+    println!("{} devices, at most {} m from 0", ran_cell.get(), worst_cell.get());
+    assert!(ran_cell.get() > cases / 2);
+}
