@@ -20,14 +20,14 @@ pub struct Situation {
 enum Need {
     /// The force is off: neither armed nor on the way there.
     Off,
+    /// What the supervisor asks for.
+    MayArm,
     /// The full force acts.
     Armed,
     /// Neither sign test nor ramp is going on.
     NotArming,
     /// Out of the wall, as long as force is on. With the force off a wall does nothing.
     NoContact,
-    /// Out of the wall, force or not.
-    Outside,
     /// No experiment.
     Idle,
     /// No experiment but a calibration, which goes on with another force.
@@ -40,14 +40,8 @@ enum Need {
     Fault,
     /// Every cause of it is gone.
     CauseGone,
-    /// The emergency stop is closed.
-    StopClosed,
     /// The supply is high enough.
     Supply,
-    /// The settings were accepted.
-    Settings,
-    /// The count was zeroed.
-    Zeroed,
     /// The envelope is unlocked.
     Unlocked,
 }
@@ -64,9 +58,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Stream(_)
         | Command::Stop
         | Command::Disarm => &[],
-        Command::Arm => {
-            &[N::NoFault, N::Off, N::StopClosed, N::Supply, N::Settings, N::Zeroed, N::Outside]
-        }
+        Command::Arm => &[N::MayArm],
         Command::Clear => &[N::Fault, N::CauseGone],
         Command::UnlockEnvelope => &[N::NoFault],
         Command::Zero => &[N::NotArming, N::Idle, N::NoContact],
@@ -106,13 +98,13 @@ impl Need {
                 State::Off | State::Fault => None,
                 State::SignTest | State::RampIn | State::Armed => Some(Refusal::On),
             },
+            Self::MayArm => status.may_arm().err(),
             Self::Armed => unmet(state == State::Armed, Refusal::NotArmed),
             Self::NotArming => {
                 let arming = matches!(state, State::SignTest | State::RampIn);
                 unmet(!arming, Refusal::Arming)
             }
             Self::NoContact => unmet(!(state.is_on() && status.contact), Refusal::Contact),
-            Self::Outside => unmet(!status.contact, Refusal::Contact),
             Self::Idle => unmet(now.activity == Activity::None, Refusal::Busy),
             Self::IdleOrCalibration => {
                 let free = matches!(now.activity, Activity::None | Activity::Calibration);
@@ -125,10 +117,7 @@ impl Need {
             }),
             Self::Fault => unmet(state == State::Fault, Refusal::NoFault),
             Self::CauseGone => status.present.first().map(Refusal::CausePresent),
-            Self::StopClosed => unmet(inputs.stop_closed, Refusal::StopOpen),
             Self::Supply => unmet(inputs.supply_good, Refusal::Supply),
-            Self::Settings => unmet(inputs.settings_valid, Refusal::Settings),
-            Self::Zeroed => unmet(status.zeroed, Refusal::NotZeroed),
             Self::Unlocked => unmet(status.unlocked, Refusal::Locked),
         }
     }

@@ -124,8 +124,6 @@ pub enum Refusal {
     NoFault,
     /// The cause of the fault is still there.
     CausePresent(Fault),
-    /// The force is on already.
-    AlreadyOn,
     /// The force is on; `disarm` comes first.
     On,
     /// Sign test or ramp is going on; wait for its end.
@@ -157,7 +155,6 @@ impl Refusal {
             Self::Faulted(_) => "a fault is latched: see faults, then clear",
             Self::NoFault => "there is no fault",
             Self::CausePresent(_) => "the cause of the fault is still there",
-            Self::AlreadyOn => "the force is on already",
             Self::On => "the force is on: disarm first",
             Self::Arming => "arming: wait for the ramp to end",
             Self::NotArmed => "not armed: arm first and wait for the ramp",
@@ -190,4 +187,27 @@ pub struct Status {
     pub contact: bool,
     /// What the board said.
     pub inputs: Inputs,
+}
+
+impl Status {
+    /// Whether `arm` is met: the one home of its rules, but for flash that is being written.
+    ///
+    /// # Errors
+    /// The first thing that is in the way.
+    pub fn may_arm(&self) -> Result<(), Refusal> {
+        let Inputs { stop_closed, supply_good, settings_valid, .. } = self.inputs;
+        let refusal = match self.state {
+            State::Fault => {
+                Refusal::Faulted(self.fault.map_or(Fault::Settings, |record| record.fault))
+            }
+            State::SignTest | State::RampIn | State::Armed => Refusal::On,
+            State::Off if !stop_closed => Refusal::StopOpen,
+            State::Off if !supply_good => Refusal::Supply,
+            State::Off if !settings_valid => Refusal::Settings,
+            State::Off if !self.zeroed => Refusal::NotZeroed,
+            State::Off if self.contact => Refusal::Contact, // the wall would throw the handle out
+            State::Off => return Ok(()),
+        };
+        Err(refusal)
+    }
 }

@@ -238,28 +238,7 @@ impl Supervisor {
     }
 
     fn arm(&mut self) -> Result<(), Refusal> {
-        let inputs = self.inputs;
-        if let (State::Fault, Some(record)) = (self.state, self.fault) {
-            return Err(Refusal::Faulted(record.fault));
-        }
-        if self.state != State::Off {
-            return Err(Refusal::AlreadyOn);
-        }
-        if !inputs.stop_closed {
-            return Err(Refusal::StopOpen);
-        }
-        if !inputs.supply_good {
-            return Err(Refusal::Supply);
-        }
-        if !inputs.settings_valid {
-            return Err(Refusal::Settings);
-        }
-        if !self.zeroed && !self.zero_pending() {
-            return Err(Refusal::NotZeroed);
-        }
-        if self.contact {
-            return Err(Refusal::Contact); // the wall would throw the handle out
-        }
+        self.status().may_arm()?;
         if self.down.stall {
             return Err(Refusal::Stalled);
         }

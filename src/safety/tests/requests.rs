@@ -13,7 +13,7 @@ fn arm_tests_the_sign_then_ramps_in() {
     bench.push = Force::saturating_from_bits(1 << 28);
     bench.control = control(1.0, 2000.0); // out of reach
     bench.ask(Request::Arm).unwrap();
-    assert_eq!(bench.ask(Request::Arm), Err(Refusal::AlreadyOn));
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::On));
     let (mut forces, mut states) = (Vec::new(), Vec::new());
     for _ in 0..400 {
         bench.run(10);
