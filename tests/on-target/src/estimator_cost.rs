@@ -55,7 +55,7 @@ mod target {
     }
 
     pub fn run() -> bool {
-        let Some(name) = EstimatorName::of_number(word(1)) else { return false };
+        let Some(name) = EstimatorName::from_id(word(1)) else { return false };
         let Ok(estimator) = name.settings([number(2), number(4)]).build(&DESIGN) else {
             return false;
         };
