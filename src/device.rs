@@ -289,7 +289,7 @@ pub(crate) mod tests {
             travel_m: 1e-3,
         },
         settings: Settings {
-            velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+            velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
             wall: WallSettings {
                 position_m: 0.07,
                 stiffness_n_per_m: 0.0,
@@ -426,8 +426,7 @@ pub(crate) mod tests {
         let order = DEVICE.order(&stored).unwrap();
         assert!(matches!(order, Order::LoopParameters(_, Gains::Outside)));
         stored.settings.wall.stiffness_n_per_m = 1000.0;
-        stored.settings.velocity =
-            VelocitySettings::Butterworth { cutoff_hz: 1400.0, prewarp: false };
+        stored.settings.velocity = VelocitySettings::Butterworth { cutoff_hz: 1400.0 };
         assert_eq!(DEVICE.inside(&stored), Err(Outside::UnknownKey));
         let late = Device { latency_samples: 5.0, ..DEVICE };
         assert_eq!(late.inside(&DEVICE.defaults()), Ok(())); // no wall is no question

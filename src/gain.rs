@@ -75,7 +75,6 @@ impl Gain {
     }
 
     /// [`apply`](Self::apply) for a wider value.
-    #[cfg(any(feature = "levant", feature = "kalman"))]
     #[inline]
     pub(crate) fn apply_wide(self, value: i64) -> i64 {
         if self.shift < 1 {
@@ -169,7 +168,6 @@ mod tests {
         }
     }
 
-    #[cfg(any(feature = "levant", feature = "kalman"))]
     proptest! {
         #[test]
         fn a_wide_product_is_rounded_and_saturated_like_one_in_128_bits(

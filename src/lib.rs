@@ -23,7 +23,7 @@
 //!     output: Output::Continuous,
 //! };
 //! let settings = Settings {
-//!     velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+//!     velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
 //!     wall: WallSettings {
 //!         position_m: 0.07,
 //!         stiffness_n_per_m: 20_000.0,

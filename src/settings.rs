@@ -276,7 +276,7 @@ mod tests {
             damping_n_s_per_m: 1.0,
             push_only: true,
         };
-        let velocity = VelocitySettings::Butterworth { cutoff_hz: 500.0, prewarp: false };
+        let velocity = VelocitySettings::Butterworth { cutoff_hz: 500.0 };
         Settings { velocity, wall }.build(&DESIGN).unwrap().wall.surface().counts()
     }
 

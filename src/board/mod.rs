@@ -4,7 +4,7 @@
 //! and takes in its family's peripherals (`f4/`) and what every family shares (`common/`); it exports `Selected`. See docs/adding-a-board.md.
 #![allow(unsafe_code)]
 
-// One board each; build.rs sees to it that exactly one is there.
+// One board each; build.rs refuses two.
 #[cfg(feature = "discovery-f407")]
 #[path = "discovery_f407.rs"]
 mod selected;

@@ -14,9 +14,9 @@
 //! scale; a higher voltage pushes into the wall.
 //!
 //! Conflicts: LD2 and the shield pin D13 sit on PA5, which stays free; USART2 to the ST-LINK on
-//! PA2, PA3 stays free. The clock is the ST-LINK's 8 MHz on MCO (solder bridge SB50 closed, SB16
-//! open, as delivered): without the ST-LINK powered the chip waits in the clock set-up with its
-//! outputs off.
+//! PA2, PA3 stays free. The clock is the ST-LINK's 8 MHz on MCO, with solder bridges SB16 and SB50 on
+//! (UM1724, 6.7.1; a board marked C-01 is delivered without that clock): without it the chip waits in the
+//! clock set-up with its outputs off, before RTT starts.
 
 #[path = "f4/dac.rs"]
 mod dac;

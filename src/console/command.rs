@@ -261,7 +261,8 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
         }
         Form::Estimator => {
             let word = words.next().ok_or(ParseError::Missing(usage))?;
-            Command::Estimator(EstimatorName::of_text(word).ok_or(ParseError::Estimator)?)
+            let name = core::str::from_utf8(word).unwrap_or_default().parse();
+            Command::Estimator(name.map_err(|_| ParseError::Estimator)?)
         }
     };
     match words.next() {

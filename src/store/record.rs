@@ -116,7 +116,7 @@ impl Stored {
         let body = [HEAD, sequence]
             .into_iter()
             .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
-            .chain([estimator.number(), flags])
+            .chain([estimator.id(), flags])
             .chain(numbers.into_iter().flat_map(halves));
         for (place, word) in words.iter_mut().zip(body) {
             *place = word;
@@ -166,7 +166,7 @@ impl Stored {
         let stored = Self {
             device,
             settings: Settings {
-                velocity: EstimatorName::of_number(estimator)?.settings([p, q]),
+                velocity: EstimatorName::from_id(estimator)?.settings([p, q]),
                 wall: WallSettings {
                     position_m: wall,
                     stiffness_n_per_m: k,
@@ -207,7 +207,7 @@ pub(super) mod tests {
         Stored {
             device: DeviceKey::new("paper-1um").unwrap(),
             settings: Settings {
-                velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+                velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
                 wall: WallSettings {
                     position_m: 0.07,
                     stiffness_n_per_m,
@@ -267,7 +267,7 @@ pub(super) mod tests {
             let record = Stored {
                 device: DeviceKey::new(&name).unwrap(),
                 settings: Settings {
-                    velocity: VelocitySettings::Butterworth { cutoff_hz: numbers[0], prewarp: flags[0] },
+                    velocity: EstimatorName::ALL[usize::from(flags[0])].settings([numbers[0], 0.0]),
                     wall: WallSettings {
                         position_m: numbers[1],
                         stiffness_n_per_m: numbers[2],

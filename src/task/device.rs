@@ -60,7 +60,7 @@ pub static DEVICE: Device = Device {
     },
     // No wall at all.
     settings: Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
         wall: WallSettings {
             position_m: 0.07,
             stiffness_n_per_m: 0.0,

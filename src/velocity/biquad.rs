@@ -28,6 +28,7 @@ use core::hint::cold_path;
 
 use dsp_fixedpoint::Q32;
 
+use super::{Form, Senses};
 use crate::units::Velocity;
 
 /// Coefficient with 30 fractional bits: -2 .. 2.
@@ -128,9 +129,16 @@ impl BiquadState {
     }
 }
 
-impl BiquadState {
-    /// As after many samples at that velocity.
-    pub(super) fn at(velocity: Velocity) -> Self {
-        Self { x: [velocity.bits(); 2], y: [velocity.bits(); 2], residue: [0; 2] }
+impl Form for Biquad {
+    type State = BiquadState;
+    const REST: BiquadState = BiquadState { x: [0; 2], y: [0; 2], residue: [0; 2] };
+
+    fn at(&self, velocity: Velocity) -> BiquadState {
+        BiquadState { x: [velocity.bits(); 2], y: [velocity.bits(); 2], residue: [0; 2] }
+    }
+
+    #[inline]
+    fn step(&self, state: &mut BiquadState, difference: i32, _: &Senses) -> Velocity {
+        self.update(state, Velocity::saturating_from_counts(difference))
     }
 }

@@ -76,15 +76,18 @@ impl ButterworthDesign {
     /// # Errors
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
-        let w = digital_frequency(cutoff_hz, rate_hz, prewarp)?;
+        Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, cutoff_hz / rate_hz))
+    }
+
+    fn of(w: f64, cutoff_per_rate: f64) -> Self {
         let damping = 2.0 * core::f64::consts::SQRT_2 * w;
         let a0 = 4.0 + damping + w * w;
-        Ok(Self {
+        Self {
             b0: w * w / a0,
             a1: (2.0 * w * w - 8.0) / a0,
             a2: (4.0 - damping + w * w) / a0,
-            cutoff_per_rate: cutoff_hz / rate_hz,
-        })
+            cutoff_per_rate,
+        }
     }
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
@@ -128,8 +131,11 @@ impl FirstOrder {
     /// # Errors
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
-        let w = digital_frequency(cutoff_hz, rate_hz, prewarp)?;
-        Ok(Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) })
+        Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?))
+    }
+
+    fn of(w: f64) -> Self {
+        Self { b0: w / (2.0 + w), a1: (w - 2.0) / (2.0 + w) }
     }
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one; within one LSB each. Its
@@ -150,6 +156,21 @@ impl FirstOrder {
 }
 
 impl Biquad {
+    /// The low-pass of first or second order in integers: what all rows of the table share.
+    #[inline(never)] // once in the image
+    pub(super) fn low_pass(
+        order: u32,
+        cutoff_hz: f64,
+        rate_hz: f64,
+        prewarp: bool,
+    ) -> Result<Self, SettingsError> {
+        let w = digital_frequency(cutoff_hz, rate_hz, prewarp)?;
+        Ok(match order {
+            1 => FirstOrder::of(w).quantise(),
+            _ => ButterworthDesign::of(w, cutoff_hz / rate_hz).quantise(),
+        })
+    }
+
     /// Frequency at which the filter, with the coefficients as quantised, is at -3 dB, in Hz.
     ///
     /// With `s = sin^2(w/2)` both magnitudes are polynomials in `s` whose coefficients are exact

@@ -6,7 +6,10 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::history::{History, LENGTH};
+use super::{
+    Form, Senses,
+    history::{History, LENGTH},
+};
 use crate::units::Velocity;
 
 /// Fractional bits of a weight.
@@ -25,14 +28,21 @@ impl Fir {
     pub fn weights(&self) -> &[i32] {
         self.weights.get(..self.window as usize).unwrap_or(&self.weights)
     }
+}
 
-    /// The velocity after a move by `difference` counts.
-    ///
+impl Form for Fir {
+    type State = History;
+    const REST: History = History::REST;
+
+    fn at(&self, velocity: Velocity) -> History {
+        History::at(velocity)
+    }
+
     /// Its error against the exact weighted sum is at most half an LSB and 2^-31 of the sum of the
     /// magnitudes of the differences, each with its weight's rounding error, the largest weight's with
     /// that of all; at constant speed it is exact.
     #[inline(never)] // so that the state of the usual estimator stays in registers
-    pub(super) fn update(&self, history: &mut History, difference: i32) -> Velocity {
+    fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
         let mut sum = 1i64 << (FRACTION_BITS - Velocity::FRACTION_BITS - 1);
         for (weight, age) in self.weights().iter().zip(0u8..) {
@@ -67,7 +77,7 @@ mod tests {
                 for difference in worst.iter().skip(1).rev() {
                     history.push(*difference);
                 }
-                let speed = fir.update(&mut history, worst[0]);
+                let speed = fir.step(&mut history, worst[0], &Senses::NONE);
                 assert_eq!(speed.bits().abs(), Velocity::LIMIT_BITS);
             }
         }

@@ -28,7 +28,7 @@
 
 use core::num::NonZeroU32;
 
-use super::history::History;
+use super::{Form, Senses, history::History};
 use crate::{
     settings::{SettingsError, within},
     units::Velocity,
@@ -85,15 +85,6 @@ impl Foaw {
         Ok(Self { best, window, noise })
     }
 
-    /// The velocity after a move by `difference` counts: the slope, rounded to the nearest LSB.
-    #[inline(never)] // so that the state of the usual estimator stays in registers
-    pub(super) fn update(&self, history: &mut History, difference: i32) -> Velocity {
-        history.push(difference);
-        let (number, over) =
-            if self.best { self.slope::<true>(history) } else { self.slope::<false>(history) };
-        quotient(number, over)
-    }
-
     /// The slope over the longest window that fits, as a fraction. Two compiled forms: the loop of the
     /// end fit needs none of the sums and no more than 32 bits.
     #[inline]
@@ -141,6 +132,24 @@ impl Foaw {
         }
         let (number, over) = longest;
         (number, NonZeroU32::new(over.unsigned_abs()).unwrap_or(NonZeroU32::MIN))
+    }
+}
+
+impl Form for Foaw {
+    type State = History;
+    const REST: History = History::REST;
+
+    fn at(&self, velocity: Velocity) -> History {
+        History::at(velocity)
+    }
+
+    /// The slope, rounded to the nearest LSB.
+    #[inline(never)] // so that the state of the usual estimator stays in registers
+    fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
+        history.push(difference);
+        let (number, over) =
+            if self.best { self.slope::<true>(history) } else { self.slope::<false>(history) };
+        quotient(number, over)
     }
 }
 
@@ -208,7 +217,7 @@ mod tests {
             let mut history = History::REST;
             for step in steps {
                 let difference = speed + (step * f64::from(spread)).round() as i32;
-                let velocity = foaw.update(&mut history, difference);
+                let velocity = foaw.step(&mut history, difference, &Senses::NONE);
                 prop_assert_eq!(velocity, literal(&foaw, &history));
             }
         }

@@ -31,6 +31,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use super::{Form, Senses};
 use crate::{
     Design, Gain,
     settings::{SettingsError, within},
@@ -135,10 +136,17 @@ pub(super) struct KalmanState {
     residue: u16,
 }
 
-impl Kalman {
-    /// The velocity after a move by `difference` counts.
+impl Form for Kalman {
+    type State = KalmanState;
+    const REST: KalmanState =
+        KalmanState { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
+
+    fn at(&self, velocity: Velocity) -> KalmanState {
+        KalmanState { velocity: i64::from(velocity.bits()) << DROPPED_BITS, ..Self::REST }
+    }
+
     #[inline(never)] // so that the state of the usual estimator stays in registers
-    pub(super) fn update(&self, state: &mut KalmanState, difference: i32) -> Velocity {
+    fn step(&self, state: &mut KalmanState, difference: i32, _: &Senses) -> Velocity {
         let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
         let speed_up = rounded(state.acceleration, ACCELERATION_BITS);
         let ahead = state.velocity + (speed_up >> 1) - (moved << FRACTION_BITS);
@@ -153,14 +161,6 @@ impl Kalman {
 }
 
 impl KalmanState {
-    pub(super) const REST: Self =
-        Self { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
-
-    /// As after many samples at that velocity.
-    pub(super) fn at(velocity: Velocity) -> Self {
-        Self { velocity: i64::from(velocity.bits()) << DROPPED_BITS, ..Self::REST }
-    }
-
     /// The velocity, with what was dropped of it before.
     #[inline]
     fn output(&mut self) -> Velocity {
@@ -262,7 +262,7 @@ mod tests {
                         for moved in [i32::MIN, 0, i32::MAX] {
                             let mut state =
                                 KalmanState { distance, velocity, acceleration, residue };
-                            let speed = filter.update(&mut state, moved);
+                            let speed = filter.step(&mut state, moved, &Senses::NONE);
                             assert!(speed.bits().abs() <= Velocity::LIMIT_BITS);
                             assert!(state.distance.abs() <= DISTANCE_MAX);
                         }

@@ -38,6 +38,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use super::{Form, Senses};
 use crate::{
     Design, Gain,
     settings::{SettingsError, within},
@@ -109,7 +110,7 @@ pub struct Levant {
 }
 
 /// Position and velocity after the last sample.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct LevantState {
     /// Where the position will be at the next sample, less the last count.
     ahead: i64,
@@ -117,15 +118,24 @@ pub(super) struct LevantState {
     velocity: i64,
 }
 
-impl Levant {
-    /// The velocity after a move by `difference` counts.
+impl Form for Levant {
+    type State = LevantState;
+    const REST: LevantState = LevantState { ahead: 0, velocity: 0 };
+
+    fn at(&self, velocity: Velocity) -> LevantState {
+        let bits = i64::from(velocity.bits()) << (FRACTION_BITS - Velocity::FRACTION_BITS);
+        LevantState { ahead: bits, velocity: bits }
+    }
+
     #[inline(never)] // so that the state of the usual estimator stays in registers
-    pub(super) fn update(&self, state: &mut LevantState, difference: i32) -> Velocity {
+    fn step(&self, state: &mut LevantState, difference: i32, _: &Senses) -> Velocity {
         let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
         let moved = moved << FRACTION_BITS;
         if self.implicit { self.implicit(state, moved) } else { self.explicit(state, moved) }
     }
+}
 
+impl Levant {
     fn explicit(&self, state: &mut LevantState, moved: i64) -> Velocity {
         let e = (state.ahead - moved).clamp(-DISTANCE_MAX, DISTANCE_MAX);
         let pull = self.lambda.apply_wide(root(e.unsigned_abs()));
@@ -148,14 +158,6 @@ impl Levant {
         };
         state.ahead = e + state.velocity;
         velocity(state.velocity)
-    }
-}
-
-impl LevantState {
-    /// As after many samples at that velocity.
-    pub(super) fn at(velocity: Velocity) -> Self {
-        let bits = i64::from(velocity.bits()) << (FRACTION_BITS - Velocity::FRACTION_BITS);
-        Self { ahead: bits, velocity: bits }
     }
 }
 
@@ -240,7 +242,7 @@ mod tests {
                 ahead: bits(b) + (i64::from(difference) << FRACTION_BITS),
                 velocity: bits(speed),
             };
-            let velocity = design.quantise(implicit).update(&mut state, difference);
+            let velocity = design.quantise(implicit).step(&mut state, difference, &Senses::NONE);
             let LevantDesign { alpha, lambda } = design;
             let sign = if bits(b) == 0 { 0.0 } else { b.signum() };
             let (u, u1, e) = if !implicit {
@@ -268,17 +270,18 @@ mod tests {
         const SAMPLES: i32 = if cfg!(miri) { 600 } else { 5000 };
         for implicit in [false, true] {
             let levant = LevantDesign::new(20.0, 1.0, &DESIGN).unwrap().quantise(implicit);
-            let mut state = LevantState::default();
+            let mut state = Levant::REST;
             for _ in 0..100 {
-                assert_eq!(levant.update(&mut state, 0), Velocity::ZERO);
+                assert_eq!(levant.step(&mut state, 0, &Senses::NONE), Velocity::ZERO);
             }
         }
         let levant = LevantDesign::new(20.0, 1.0, &DESIGN).unwrap().quantise(true);
-        let mut state = LevantState::default();
+        let mut state = Levant::REST;
         for n in 0..SAMPLES {
-            levant.update(&mut state, n % 7 - 3);
+            levant.step(&mut state, n % 7 - 3, &Senses::NONE);
         }
-        let rest: std::vec::Vec<_> = (0..SAMPLES).map(|_| levant.update(&mut state, 0)).collect();
+        let rest: std::vec::Vec<_> =
+            (0..SAMPLES).map(|_| levant.step(&mut state, 0, &Senses::NONE)).collect();
         let moving = rest.iter().rposition(|velocity| *velocity != Velocity::ZERO).unwrap_or(0);
         assert!(moving < 500, "moves for {moving} samples after the stop");
     }

@@ -38,11 +38,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-#[cfg(feature = "fusion")]
-use crate::units::Acceleration;
-#[cfg(feature = "observer")]
-use crate::units::Force;
-use crate::{Gain, units::Velocity};
+use super::{Form, Senses};
+use crate::{
+    Gain,
+    units::{Acceleration, Velocity},
+};
 
 /// Fractional bits of `x - x^`, of e and of a known acceleration.
 pub(super) const POSITION_BITS: u32 = 32;
@@ -61,7 +61,7 @@ pub(super) struct Factor {
     pub(super) shift: u8,
 }
 
-/// An observer in integer form.
+/// An observer in integer form; it knows the force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer {
     pub(super) position: Factor,
@@ -72,8 +72,12 @@ pub struct Observer {
     pub(super) per_force: Gain,
 }
 
+/// The same beside an accelerometer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fusion(pub(super) Observer);
+
 /// What the samples left behind.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct ObserverState {
     /// x - x^.
     error: i64,
@@ -105,31 +109,38 @@ impl Factor {
     }
 }
 
+impl Form for Observer {
+    type State = ObserverState;
+    const REST: ObserverState = ObserverState { error: 0, velocity: 0, disturbance: 0 };
+
+    fn at(&self, velocity: Velocity) -> ObserverState {
+        let velocity = i64::from(velocity.bits()) << (VELOCITY_BITS - Velocity::FRACTION_BITS);
+        ObserverState { velocity, ..Self::REST }
+    }
+
+    #[inline(never)] // so that the state of the usual estimator stays in registers
+    fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
+        self.update(state, difference, self.per_force.apply(senses.force.bits()))
+    }
+}
+
+impl Form for Fusion {
+    type State = ObserverState;
+    const REST: ObserverState = Observer::REST;
+
+    fn at(&self, velocity: Velocity) -> ObserverState {
+        self.0.at(velocity)
+    }
+
+    #[inline(never)] // so that the state of the usual estimator stays in registers
+    fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
+        const SHIFT: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
+        self.0.update(state, difference, i64::from(senses.acceleration.bits()) << SHIFT)
+    }
+}
+
 impl Observer {
-    /// The velocity after a move by `difference` counts under `force`.
-    #[cfg(feature = "observer")]
-    pub(super) fn after_force(
-        &self,
-        state: &mut ObserverState,
-        difference: i32,
-        force: Force,
-    ) -> Velocity {
-        self.update(state, difference, self.per_force.apply(force.bits()))
-    }
-
-    /// The velocity after a move by `difference` counts with that measured acceleration.
-    #[cfg(feature = "fusion")]
-    pub(super) fn after_acceleration(
-        &self,
-        state: &mut ObserverState,
-        difference: i32,
-        acceleration: Acceleration,
-    ) -> Velocity {
-        let known = i64::from(acceleration.bits()) << (POSITION_BITS - Acceleration::FRACTION_BITS);
-        self.update(state, difference, known)
-    }
-
-    /// `known` is below 2^47: the design sees to it.
+    /// The velocity after a move by `difference` counts, of whose acceleration that is known. `known` is below 2^47: the design sees to it.
     #[inline]
     fn update(&self, state: &mut ObserverState, difference: i32, known: i64) -> Velocity {
         const FROM_VELOCITY: u32 = VELOCITY_BITS - POSITION_BITS;
@@ -157,18 +168,10 @@ impl Observer {
     }
 }
 
-impl ObserverState {
-    /// As after many samples at that velocity.
-    pub(super) fn at(velocity: Velocity) -> Self {
-        let velocity = i64::from(velocity.bits()) << (VELOCITY_BITS - Velocity::FRACTION_BITS);
-        Self { velocity, ..Self::default() }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Design, Output, velocity::ObserverDesign};
+    use crate::{Design, Output, units::Force, velocity::ObserverDesign};
 
     /// Every intermediate is monotone in each argument (see [`crate::bounds`]).
     #[test]
@@ -188,11 +191,14 @@ mod tests {
                 for [error, velocity, disturbance] in crate::bounds::corners(ends) {
                     let state = ObserverState { error, velocity, disturbance };
                     for [moved, known] in crate::bounds::corners([[i32::MIN, i32::MAX]; 2]) {
-                        let force = Force::saturating_from_bits(known);
-                        let acceleration = Acceleration::saturating_from_bits(known);
+                        let senses = Senses {
+                            force: Force::saturating_from_bits(known),
+                            acceleration: Acceleration::saturating_from_bits(known),
+                            edge: None,
+                        };
                         let speeds = [
-                            observer.after_force(&mut { state }, moved, force),
-                            observer.after_acceleration(&mut { state }, moved, acceleration),
+                            observer.step(&mut { state }, moved, &senses),
+                            Fusion(observer).step(&mut { state }, moved, &senses),
                         ];
                         assert!(speeds.iter().all(|v| v.bits().abs() <= Velocity::LIMIT_BITS));
                     }

@@ -28,8 +28,11 @@
 
 use core::num::NonZeroU64;
 
-use super::senses::Edge;
-use crate::units::Velocity;
+use super::{Edge, Form, Senses};
+use crate::{
+    settings::{SettingsError, within},
+    units::Velocity,
+};
 
 /// Longest span, in samples.
 pub const SPAN_MAX: u32 = 62;
@@ -75,22 +78,47 @@ pub(super) struct TimeStampsState {
 }
 
 impl TimeStamps {
-    /// A measurement over at least that many samples.
-    pub(super) fn over(span_samples: u32) -> Self {
-        let span = span_samples.clamp(1, SPAN_MAX) << Edge::FRACTION_BITS;
-        Self { span: span - Edge::SAMPLE / 2 }
+    /// A measurement over at least that many samples, 1 to [`SPAN_MAX`].
+    ///
+    /// # Errors
+    /// Names the parameter and its range.
+    pub fn new(span_samples: u32) -> Result<Self, SettingsError> {
+        within("span_samples", span_samples.into(), 1.0..=f64::from(SPAN_MAX))?;
+        Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The velocity after a move by `difference` counts, the latest edge being `edge`.
-    pub(super) fn update(
-        &self,
-        state: &mut TimeStampsState,
-        difference: i32,
-        edge: Option<Edge>,
-    ) -> Velocity {
+    /// The mean velocity up to the latest edge. Finds the edge to measure from, going on from the
+    /// last one.
+    fn measure(&self, state: &mut TimeStampsState) -> Velocity {
+        let latest = state.at(0);
+        while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
+        {
+            state.back -= 1;
+        }
+        let from = state.at(state.back);
+        let moved = latest.place.wrapping_sub(from.place);
+        let time = latest.time.wrapping_sub(from.time).max(self.span);
+        let bits = quotient(u64::from(moved.unsigned_abs()) << SCALE_BITS, time);
+        let limit = u64::from(Velocity::LIMIT.unsigned_abs()) << Velocity::FRACTION_BITS;
+        #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
+        let bits = bits.min(limit) as i32;
+        Velocity::saturating_from_bits(if moved < 0 { -bits } else { bits })
+    }
+}
+
+impl Form for TimeStamps {
+    type State = TimeStampsState;
+    const REST: TimeStampsState = TimeStampsState::REST;
+
+    fn at(&self, velocity: Velocity) -> TimeStampsState {
+        TimeStampsState::at_velocity(velocity, self)
+    }
+
+    #[inline(never)] // so that the state of the usual estimator stays in registers
+    fn step(&self, state: &mut TimeStampsState, difference: i32, senses: &Senses) -> Velocity {
         state.now = state.now.wrapping_add(Edge::SAMPLE);
         state.count = state.count.wrapping_add(difference);
-        if let Some(Edge { age, up }) = fresh(difference, edge) {
+        if let Some(Edge { age, up }) = fresh(difference, senses.edge) {
             let place = state.count.wrapping_add(i32::from(!up));
             state.push(Stamp { time: state.now.wrapping_sub(age), place });
             state.measured = self.measure(state);
@@ -113,24 +141,6 @@ impl TimeStamps {
         let bound = quotient(1 << SCALE_BITS, age) as i32;
         let velocity = if state.measured < Velocity::ZERO { -bound } else { bound };
         Velocity::saturating_from_bits(velocity)
-    }
-
-    /// The mean velocity up to the latest edge. Finds the edge to measure from, going on from the
-    /// last one.
-    fn measure(&self, state: &mut TimeStampsState) -> Velocity {
-        let latest = state.at(0);
-        while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
-        {
-            state.back -= 1;
-        }
-        let from = state.at(state.back);
-        let moved = latest.place.wrapping_sub(from.place);
-        let time = latest.time.wrapping_sub(from.time).max(self.span);
-        let bits = quotient(u64::from(moved.unsigned_abs()) << SCALE_BITS, time);
-        let limit = u64::from(Velocity::LIMIT.unsigned_abs()) << Velocity::FRACTION_BITS;
-        #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
-        let bits = bits.min(limit) as i32;
-        Velocity::saturating_from_bits(if moved < 0 { -bits } else { bits })
     }
 }
 
@@ -162,7 +172,7 @@ fn likely_age(counts: i32) -> u32 {
 }
 
 impl TimeStampsState {
-    pub(super) const REST: Self = Self {
+    const REST: Self = Self {
         stamps: [Stamp { time: 0, place: 0 }; LENGTH as usize],
         latest: 0,
         back: 0,
@@ -192,7 +202,7 @@ impl TimeStampsState {
     }
 
     /// As after many samples at that velocity: two edges that are a span apart, or one count.
-    pub(super) fn at_velocity(velocity: Velocity, of: &TimeStamps) -> Self {
+    fn at_velocity(velocity: Velocity, of: &TimeStamps) -> Self {
         let speed = velocity.bits().unsigned_abs();
         if speed == 0 {
             return Self::REST;
@@ -225,13 +235,13 @@ mod tests {
 
     /// Edges at `t` (2^-16 samples), position after the last one.
     fn run(span: u32, samples: &[(i32, Option<(u32, bool)>)]) -> std::vec::Vec<i32> {
-        let estimator = TimeStamps::over(span);
+        let estimator = TimeStamps::new(span).unwrap();
         let mut state = TimeStampsState::REST;
         samples
             .iter()
             .map(|&(difference, edge)| {
                 let edge = edge.map(|(age, up)| Edge { age, up });
-                estimator.update(&mut state, difference, edge).bits()
+                estimator.step(&mut state, difference, &Senses { edge, ..Senses::NONE }).bits()
             })
             .collect()
     }

@@ -142,7 +142,7 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
             target.set("SENSES", &words);
             let [a, b] = parameters.map(f64::to_bits);
             let [a, b] = [a, b].map(|bits| [bits as u32, (bits >> 32) as u32]);
-            let job = [name.number(), a[0], a[1], b[0], b[1], inputs.len() as u32];
+            let job = [name.id(), a[0], a[1], b[0], b[1], inputs.len() as u32];
             let (velocities, cycles, size) = target.run(name.text(), &job, &inputs);
             let estimator = name.settings(parameters).build(&DESIGN).unwrap();
             let mut state = State::at_rest(Position::default());

@@ -108,7 +108,7 @@ fn same_as_the_core(firmware: &Firmware, world: &mut virtual_board::world::World
     let (found, _) = records(std::mem::take(&mut world.telemetry));
     let design = Design { period: 1, output: output(firmware), ..firmware.scene.design() };
     let settings = Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
         wall: WallSettings {
             position_m: 0.005,
             stiffness_n_per_m: 8000.0,

@@ -136,7 +136,7 @@ fn every_number_of_the_core_is_refused() {
         damping_n_s_per_m: 10.0,
         push_only: true,
     };
-    let velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false };
+    let velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
     let good = Settings { velocity, wall };
     let hit = HitSettings { push_n: 2.8, settle_s: 4.0, window_s: 2.0, rms_limit_m: 1.5e-5 };
     let safety = SafetySettings {

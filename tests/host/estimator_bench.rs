@@ -4,8 +4,7 @@
 use std::f64::consts::PI;
 
 use host_sim::{
-    analysis::linear::TransferFunction,
-    scene::estimator::transfer_function,
+    analysis::linear::{TransferFunction, transfer_function},
     simulation::{senses::last_edge, twin::TwinEstimator},
 };
 use proptest::prelude::*;

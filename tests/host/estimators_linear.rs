@@ -41,13 +41,11 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole => 0.0,
-        VelocitySettings::Difference => 1.0,
-        VelocitySettings::Taylor { order: 2 } => 2.0,
-        VelocitySettings::Taylor { .. } => 4.0,
-        VelocitySettings::LeastSquares { degree: 1, window_samples } => {
-            1.5 / f64::from(window_samples)
-        }
-        VelocitySettings::LeastSquares { window_samples, .. } => 6.0 / f64::from(window_samples),
+        VelocitySettings::Difference {} => 1.0,
+        VelocitySettings::Taylor2 {} => 2.0,
+        VelocitySettings::Taylor3 {} => 4.0,
+        VelocitySettings::LeastSquares1 { window_samples } => 1.5 / f64::from(window_samples),
+        VelocitySettings::LeastSquares2 { window_samples } => 6.0 / f64::from(window_samples),
         // a rounding error is within half a count about its mean
         _ => 0.5 * response_to_a_position(settings).iter().map(|h| h.abs()).sum::<f64>(),
     }
@@ -60,7 +58,8 @@ fn settling(settings: &VelocitySettings) -> usize {
         | VelocitySettings::FirstOrder { cutoff_hz, .. } => {
             (8.0 * DESIGN.rate_hz / cutoff_hz) as usize + 100
         }
-        VelocitySettings::LeastSquares { window_samples, .. } => window_samples as usize + 1,
+        VelocitySettings::LeastSquares1 { window_samples }
+        | VelocitySettings::LeastSquares2 { window_samples } => window_samples as usize + 1,
         _ => 4,
     }
 }
@@ -69,7 +68,7 @@ fn settling(settings: &VelocitySettings) -> usize {
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
-        VelocitySettings::Difference => 0.0,
+        VelocitySettings::Difference {} => 0.0,
         _ => 0.5,
     }
 }
@@ -153,8 +152,8 @@ fn the_stated_delay_is_that_over_a_chirp() {
                 VelocitySettings::FirstOrder { cutoff_hz, .. } => {
                     0.5 + DESIGN.rate_hz / (2.0 * PI * cutoff_hz)
                 }
-                VelocitySettings::Difference => 0.5,
-                VelocitySettings::LeastSquares { degree: 1, window_samples } => {
+                VelocitySettings::Difference {} => 0.5,
+                VelocitySettings::LeastSquares1 { window_samples } => {
                     f64::from(window_samples) / 2.0
                 }
                 _ => 0.0,
@@ -171,12 +170,12 @@ fn the_stated_delay_is_that_over_a_chirp() {
 /// speed, LSB.
 fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
-        VelocitySettings::Difference => 0.0,
-        VelocitySettings::Taylor { .. } | VelocitySettings::LeastSquares { .. } => 0.6,
+        VelocitySettings::Difference {} => 0.0,
+        _ if settings.weights(&DESIGN).unwrap().is_some() => 0.6,
         // a1 is rounded to 2^-30 and a2 to half of that, which counts for more the smaller their sum
         // 1 + a1 + a2 = 4 b0 is
-        VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-            let b0 = ButterworthDesign::new(cutoff_hz, DESIGN.rate_hz, prewarp).unwrap().b0;
+        VelocitySettings::Butterworth { cutoff_hz } => {
+            let b0 = ButterworthDesign::new(cutoff_hz, DESIGN.rate_hz, false).unwrap().b0;
             1.5 + fastest * 3.0 * 2f64.powi(-31) / (4.0 * b0)
         }
         _ => 1.5,

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use host_sim::{analysis::linear::TransferFunction, scene::estimator::transfer_function};
+use host_sim::analysis::linear::{TransferFunction, transfer_function};
 use proptest::prelude::*;
 use zwidth::{
     VelocitySettings,
@@ -43,16 +43,14 @@ fn c(acceleration_max_m_per_s2: f64) -> f64 {
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole && !chatters(settings) => 0.0,
-        VelocitySettings::Foaw { best, window_samples, .. } => {
-            (if best { 1.5 } else { 1.0 }) / f64::from(window_samples)
-        }
-        VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, .. } => {
+        VelocitySettings::FoawEnd { window_samples, .. } => 1.0 / f64::from(window_samples),
+        VelocitySettings::FoawBest { window_samples, .. } => 1.5 / f64::from(window_samples),
+        VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, .. } => {
             let c = c(acceleration_max_m_per_s2);
-            match (implicit, whole) {
-                (false, true) => 2.0 * c,
-                (false, false) => 2.5 * c.max(c.sqrt()),
-                (true, _) => c.sqrt().min(1.0),
-            }
+            if whole { 2.0 * c } else { 2.5 * c.max(c.sqrt()) }
+        }
+        VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {
+            c(acceleration_max_m_per_s2).sqrt().min(1.0)
         }
         // a rounding error is within half a count about its mean
         _ => 0.5 * response_to_a_position(settings).iter().map(|h| h.abs()).sum::<f64>(),
@@ -60,14 +58,16 @@ fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
 }
 
 fn chatters(settings: &VelocitySettings) -> bool {
-    matches!(settings, VelocitySettings::Levant { implicit: false, .. })
+    matches!(settings, VelocitySettings::LevantExplicit { .. })
 }
 
 /// Samples until a change of speed by that many counts per sample has gone.
 fn settling(settings: &VelocitySettings, change: f64) -> usize {
     match *settings {
-        VelocitySettings::Foaw { window_samples, .. } => window_samples as usize + 1,
-        VelocitySettings::Levant { acceleration_max_m_per_s2, .. } => {
+        VelocitySettings::FoawEnd { window_samples, .. }
+        | VelocitySettings::FoawBest { window_samples, .. } => window_samples as usize + 1,
+        VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, .. }
+        | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {
             (4.0 * change / c(acceleration_max_m_per_s2)) as usize + 200
         }
         _ => 20_000,
@@ -123,22 +123,21 @@ fn the_stated_delay_is_that_over_a_chirp() {
         println!("{what}: {measured:.3} samples, stated {stated:.3}");
         assert!((measured - stated).abs() < ERROR_MAX * stated.max(1.0), "{what}");
     };
-    for best in [false, true] {
+    for name in [EstimatorName::FoawEnd, EstimatorName::FoawBest] {
         for window_samples in [4, 16, 32] {
             // so slow that the whole window stays within the noise of a line
-            let settings = VelocitySettings::Foaw { best, window_samples, noise_counts: 4.0 };
+            let settings = name.settings([f64::from(window_samples), 4.0]);
             let measured = delay_over_a_chirp(&settings, 1500.0, 0.5, 5.0);
             check(&format!("{settings:?}"), measured, f64::from(window_samples) / 2.0);
         }
     }
-    for implicit in [false, true] {
+    for name in [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit] {
         for acceleration_max_m_per_s2 in [1.0, 5.0, 20.0, 100.0, 500.0] {
-            let settings =
-                VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio: 1.0 };
+            let settings = name.settings([acceleration_max_m_per_s2, 1.0]);
             // up to 0.6 of the largest acceleration
             let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
             let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
-            if implicit {
+            if name == EstimatorName::LevantImplicit {
                 // longer where one count is more than C allows within a sample
                 let c = c(acceleration_max_m_per_s2);
                 let most = 0.5 + if c < 1.0 { 0.65 / c.sqrt() } else { 0.1 };
@@ -167,8 +166,8 @@ fn the_stated_delay_is_that_over_a_chirp() {
 #[test]
 fn adaptive_windows_shrink_with_the_acceleration() {
     for (acceleration, noise_counts) in [(0.05f64, 4.0), (0.2, 4.0), (0.5, 10.0), (1.0, 30.0)] {
-        for best in [false, true] {
-            let settings = VelocitySettings::Foaw { best, window_samples: 32, noise_counts };
+        for name in [EstimatorName::FoawEnd, EstimatorName::FoawBest] {
+            let settings = name.settings([32.0, noise_counts]);
             let mut run = Run::new(&settings, 0);
             let mut late = 0.0;
             for n in 0..1000 {
@@ -182,7 +181,7 @@ fn adaptive_windows_shrink_with_the_acceleration() {
             let [least, most] =
                 [-1.0, 1.0].map(|off| (8.0 * (noise_counts + off) / acceleration).sqrt());
             println!(
-                "{acceleration} {noise_counts} {best}: window {:.2}, {least:.2} to {most:.2}",
+                "{acceleration} {noise_counts} {name:?}: window {:.2}, {least:.2} to {most:.2}",
                 2.0 * late
             );
             assert!((least - 1.0..most.min(32.0)).contains(&(2.0 * late)));
@@ -237,16 +236,16 @@ fn the_kalman_filters_respond_as_their_transfer_functions() {
 /// Largest difference from the twin that is stated, LSB.
 fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
-        VelocitySettings::Foaw { .. } => 0.5,
-        VelocitySettings::Levant { implicit: false, .. } => 2.0,
+        VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,
+        VelocitySettings::LevantExplicit { .. } => 2.0,
         // the steps of the counts are accelerations beyond a small C: it cannot stay on them, and
         // every time that it comes back a difference is magnified
-        VelocitySettings::Levant { acceleration_max_m_per_s2, .. }
+        VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. }
             if c(*acceleration_max_m_per_s2) < 0.2 =>
         {
             LSB * stated_error(settings, false)
         }
-        VelocitySettings::Levant { .. } => 1.0,
+        VelocitySettings::LevantImplicit { .. } => 1.0,
         _ => 1.1, // a residue is carried, so that rounding is by up to an LSB
     }
 }
@@ -263,7 +262,8 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
             // Levant's differentiator follows up to its largest acceleration; beyond, it loses
             // the position, and any difference grows by its distance
             let most = match settings {
-                VelocitySettings::Levant { acceleration_max_m_per_s2, .. } => {
+                VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, .. }
+                | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {
                     0.4 * c(acceleration_max_m_per_s2)
                 }
                 _ => 0.2,

@@ -2,7 +2,7 @@
 //! profile, so an addition that wraps fails the test.
 
 use host_sim::{
-    scene::{Accelerometer, EstimatorChoice as Estimator, NamedScene, Scene},
+    scene::{Accelerometer, EstimatorChoice, NamedScene, Scene},
     simulation::prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
 };
 use proptest::{prelude::*, test_runner::TestRunner};
@@ -11,7 +11,7 @@ use zwidth::{
     VelocitySettings, WallSettings,
     experiment::Verdict,
     units::{Force, Position, Velocity},
-    velocity::{CUTOFF_MAX, CUTOFF_MIN},
+    velocity::{CUTOFF_MAX, CUTOFF_MIN, EstimatorName},
 };
 
 fn paper() -> Scene {
@@ -38,7 +38,7 @@ fn hit(scene: &Scene, wall: &WallHit) -> [Result<HitReport, HitError>; 2] {
 
 fn build(design: &Design, cutoff_hz: f64, stiffness: f64, damping: f64) -> LoopParameters {
     let settings = Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz },
         wall: WallSettings {
             position_m: 0.0,
             stiffness_n_per_m: stiffness,
@@ -201,91 +201,26 @@ fn a_handle_that_leaves_the_range_of_the_core_ends_the_hit_by_name() {
     }
 }
 
-/// Every estimator of the core; what of its parameters does not depend on the device.
-fn any_estimator() -> impl Strategy<Value = Estimator> {
-    let low_pass = prop_oneof![
-        any::<bool>().prop_map(|prewarp| Estimator::Butterworth { prewarp }),
-        any::<bool>().prop_map(|prewarp| Estimator::FirstOrder { prewarp }),
-        Just(Estimator::TrackingLoop {}),
-    ];
-    let fit = prop_oneof![
-        Just(Estimator::Difference {}),
-        (2..=3u32).prop_map(|order| Estimator::Taylor { order }),
-        (1..=2u32, 2..=64u32).prop_map(|(degree, window_samples)| Estimator::LeastSquares {
-            degree,
-            window_samples
-        }),
-    ];
-    let window = (any::<bool>(), 1..=32u32, prop_oneof![Just(0.0), 0.0..=1000.0f64]).prop_map(
-        |(best, window_samples, noise_counts)| match best {
-            true => Estimator::FoawBest { window_samples, noise_counts },
-            false => Estimator::FoawEnd { window_samples, noise_counts },
-        },
-    );
-    let levant = (any::<bool>(), 0.5..=3.0f64).prop_map(|(implicit, lambda_ratio)| {
-        let acceleration_max_m_per_s2 = f64::NAN;
-        match implicit {
-            true => Estimator::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio },
-            false => Estimator::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio },
-        }
-    });
-    prop_oneof![
-        3 => low_pass,
-        3 => fit,
-        2 => window,
-        2 => levant,
-        1 => (1..=62u32).prop_map(|span_samples| Estimator::TimeStamps { span_samples }),
-        1 => Just(Estimator::Observer { mass_kg: f64::NAN }),
-        1 => Just(Estimator::Fusion {}),
-        1 => Just(Estimator::Kalman2 { acceleration_rms_m_per_s2: f64::NAN }),
-        1 => Just(Estimator::Kalman3 { jerk_rms_m_per_s3: f64::NAN }),
-    ]
+/// Every estimator of the core, and how far between the ends of its range each of its parameters is.
+fn any_estimator() -> impl Strategy<Value = (EstimatorName, [f64; 2])> {
+    let part = prop_oneof![1 => Just(0.0), 4 => 0.0..=1.0f64];
+    (proptest::sample::select(EstimatorName::ALL), [part.clone(), part])
 }
 
-/// The parameter of an estimator whose range depends on the device.
-fn dependent(velocity: &mut Estimator) -> Option<&mut f64> {
-    match velocity {
-        Estimator::Observer { mass_kg: value }
-        | Estimator::LevantExplicit { acceleration_max_m_per_s2: value, .. }
-        | Estimator::LevantImplicit { acceleration_max_m_per_s2: value, .. }
-        | Estimator::Kalman2 { acceleration_rms_m_per_s2: value }
-        | Estimator::Kalman3 { jerk_rms_m_per_s3: value } => Some(value),
-        _ => None,
+/// Its parameters so far between the ends of what the core accepts on this device: the ranges are those that its
+/// refusals name, some of them one after the other.
+fn tuned(name: EstimatorName, parts: [f64; 2], design: &Design) -> VelocitySettings {
+    let mut numbers = [f64::NAN; 2];
+    for _ in 0..4 {
+        let Err(error) = name.settings(numbers).build(design) else { break };
+        let place = name.keys().iter().position(|key| *key == error.parameter).unwrap();
+        let (low, high) = (*error.range.start(), *error.range.end());
+        numbers[place] = match low > 0.0 {
+            true => (low * (high / low).powf(parts[place])).clamp(low, high),
+            false => high * parts[place],
+        };
     }
-}
-
-/// Puts parameter and cutoff into what the core accepts on this device, `part` and `cutoff` of the way from the low end
-/// to the high one: the ranges are those that its refusals name.
-fn tune(scene: &mut Scene, part: f64, cutoff: f64) -> f64 {
-    let design = scene.design();
-    let refused = |scene: &Scene, cutoff_hz: f64| {
-        scene.velocity.settings(cutoff_hz).build(&design).unwrap_err().range
-    };
-    let inside = |range: &std::ops::RangeInclusive<f64>, part: f64| {
-        let (low, high) = (*range.start(), *range.end());
-        (low * (high / low).powf(part)).clamp(low, high)
-    };
-    let mut sized = scene.clone();
-    if let Some(value) = dependent(&mut sized.velocity) {
-        *value = 1.0;
-    }
-    let has_cutoff = sized.velocity.settings(1.0) != sized.velocity.settings(2.0);
-    let cutoff_hz =
-        if has_cutoff { inside(&refused(&sized, f64::NAN), cutoff) } else { 0.1 * design.rate_hz };
-    if dependent(&mut scene.velocity).is_some() {
-        let mut range = refused(scene, cutoff_hz);
-        for _ in 0..2 {
-            // The observer's bounds on the mass are named one after the other.
-            if let Some(value) = dependent(&mut scene.velocity) {
-                *value = inside(&range, part);
-            }
-            match scene.velocity.settings(cutoff_hz).build(&design) {
-                Ok(_) => break,
-                Err(error) => range = error.range,
-            }
-        }
-    }
-    cutoff_hz
+    name.settings(numbers)
 }
 
 fn any_scene() -> impl Strategy<Value = (Scene, WallHit)> {
@@ -293,8 +228,7 @@ fn any_scene() -> impl Strategy<Value = (Scene, WallHit)> {
     let device = (log(1e-3, 100.0), log(1e-3, 1e6), log(1e-3, 1e9));
     let control = (log(1e3, 5e4), log(1e-8, 1e-3), 1u32..=50, 0.0..60.0f64);
     let gains = (log(1.0, 1e7), log(0.01, 1e4), any::<bool>());
-    let estimator = (any_estimator(), 0.0..=1.0f64, 0.0..=1.0f64);
-    (device, control, gains, estimator).prop_map(|(device, control, gains, estimator)| {
+    (device, control, gains, any_estimator()).prop_map(|(device, control, gains, estimator)| {
         let mut scene = paper();
         (scene.device.mass_kg, scene.device.damping_n_s_per_m, scene.device.stiffness_n_per_m) =
             device;
@@ -305,9 +239,10 @@ fn any_scene() -> impl Strategy<Value = (Scene, WallHit)> {
         scene.actuator.latency = latency;
         let (stiffness, damping, push_only) = gains;
         scene.wall.push_only = push_only;
-        let (velocity, part, cutoff) = estimator;
+        let (name, parts) = estimator;
+        let (velocity, cutoff_hz) = EstimatorChoice::of(&tuned(name, parts, &scene.design()));
         scene.velocity = velocity;
-        if velocity == (Estimator::Fusion {}) {
+        if name == EstimatorName::Fusion {
             scene.accelerometer = Some(Accelerometer {
                 full_scale_m_per_s2: 160.0,
                 resolution_m_per_s2: 0.005,
@@ -316,7 +251,7 @@ fn any_scene() -> impl Strategy<Value = (Scene, WallHit)> {
                 bandwidth_hz: Some(1000.0),
             });
         }
-        let cutoff_hz = tune(&mut scene, part, cutoff);
+        let cutoff_hz = cutoff_hz.unwrap_or(0.1 * rate_hz);
         scene.sweep.cutoffs_hz = vec![cutoff_hz];
         scene.wall_hit.settle_s = 0.2;
         scene.wall_hit.window_s = 0.1;

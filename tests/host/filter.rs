@@ -14,8 +14,15 @@ const COEFFICIENT_LSB: f64 = 1.0 / (1u64 << 30) as f64;
 /// 2^-16.
 const VELOCITY_LSB: f64 = 1.0 / (1u64 << 16) as f64;
 
+fn low_pass(cutoff_hz: f64, prewarp: bool) -> VelocitySettings {
+    match prewarp {
+        false => VelocitySettings::Butterworth { cutoff_hz },
+        true => VelocitySettings::ButterworthPrewarped { cutoff_hz },
+    }
+}
+
 fn filter(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Biquad {
-    let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp };
+    let settings = low_pass(cutoff_hz, prewarp);
     let Estimator::LowPass(biquad) = settings.build(&design(rate_hz)).unwrap() else { panic!() };
     biquad
 }
@@ -55,7 +62,7 @@ fn coefficients_are_those_of_scipy_within_their_stated_lsb() {
         for row in golden.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit())) {
             let columns: Vec<f64> = row.split(',').map(|value| value.parse().unwrap()).collect();
             let [rate_hz, cutoff_hz] = [columns[0], columns[1]];
-            let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp };
+            let settings = low_pass(cutoff_hz, prewarp);
             let Ok(Estimator::LowPass(biquad)) = settings.build(&design(rate_hz)) else {
                 continue; // outside the accepted range, which has tests of its own
             };
@@ -112,7 +119,7 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
             f64::NAN,
             f64::INFINITY,
         ] {
-            let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+            let settings = VelocitySettings::Butterworth { cutoff_hz };
             let error = settings.build(&design(rate_hz)).unwrap_err();
             assert_eq!(error.parameter, "cutoff_hz");
             let text = error.to_string();
@@ -120,7 +127,7 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
             assert!(text.ends_with(&format!("allowed {low} to {high}")), "{text}");
         }
     }
-    let prewarped = VelocitySettings::Butterworth { cutoff_hz: 3900.0, prewarp: true };
+    let prewarped = low_pass(3900.0, true);
     assert_eq!(prewarped.build(&design(1e4)).unwrap_err().parameter, "cutoff_hz");
 }
 
@@ -185,7 +192,7 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
         output: Output::Continuous,
     };
     Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz },
         wall: WallSettings {
             position_m: 0.07,
             stiffness_n_per_m: 1000.0,

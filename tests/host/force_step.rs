@@ -65,7 +65,7 @@ impl Loop {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let design = scene.design();
         let settings = Settings {
-            velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+            velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
             wall: WallSettings {
                 position_m: WALL_M,
                 stiffness_n_per_m: 8000.0,
@@ -162,7 +162,7 @@ impl Loop {
                 Command::Wall(x)
             }
             Ask::Cutoff(cutoff_hz) => {
-                settings.velocity = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+                settings.velocity = VelocitySettings::Butterworth { cutoff_hz };
                 Command::Cutoff(cutoff_hz)
             }
             Ask::Estimator(name) => {
@@ -282,8 +282,7 @@ fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
         let mut largest: f64 = 0.0;
         for n in 0..60_000u32 {
             if n == 2_003 {
-                real.settings.velocity =
-                    VelocitySettings::Butterworth { cutoff_hz: 0.4, prewarp: false };
+                real.settings.velocity = VelocitySettings::Butterworth { cutoff_hz: 0.4 };
                 real.control = real.settings.build(&real.design).unwrap();
                 if restarted {
                     real.supervisor.retuned();
@@ -322,7 +321,7 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
     for n in 0..40_000u32 {
         if n % 400 == 399 {
             let cutoff_hz = [1500.0, 100.0, 4000.0, 300.0, 2500.0][(n / 400 % 5) as usize];
-            real.settings.velocity = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+            real.settings.velocity = VelocitySettings::Butterworth { cutoff_hz };
             real.control = real.settings.build(&real.design).unwrap();
         }
         let velocity = velocity(&mut real, n);

@@ -21,7 +21,7 @@ struct Peers {
 
 impl Peers {
     fn new(cutoff_hz: f64) -> Self {
-        let settings = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+        let settings = VelocitySettings::Butterworth { cutoff_hz };
         let design = Design {
             rate_hz: 1e4,
             resolution_m: 1e-6,

@@ -4,8 +4,8 @@
 use std::ops::ControlFlow;
 
 use host_sim::{
-    analysis::linear::{Boundary, Device, Loop},
-    scene::{NamedScene, Scene, estimator::transfer_function},
+    analysis::linear::{Boundary, Device, Loop, transfer_function},
+    scene::{NamedScene, Scene},
     simulation::{
         Simulation,
         controller::Fixed,

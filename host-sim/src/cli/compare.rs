@@ -175,18 +175,18 @@ fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
 
 /// Why there is no such entry.
 fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
-    let reason = match EstimatorName::of_text(name.as_bytes()) {
-        None => {
+    let reason = match name.parse::<EstimatorName>() {
+        Err(_) => {
             let names: Vec<String> = all.iter().map(|entry| entry.name()).collect();
             format!("is unknown, allowed {}", names.join(", "))
         }
-        Some(known) if known.sense() == Some(Sense::Acceleration) => {
+        Ok(known) if known.sense() == Some(Sense::Acceleration) => {
             format!("needs a table [accelerometer], which {} has not", scene.name)
         }
-        Some(known) if known.sense() == Some(Sense::Edge) => {
+        Ok(known) if known.sense() == Some(Sense::Edge) => {
             format!("cannot be with [encoder_noise] or [jitter], which {} has", scene.name)
         }
-        Some(_) => "differs from the one without pre-warping by its cutoff only".to_owned(),
+        Ok(_) => "differs from the one without pre-warping by its cutoff only".to_owned(),
     };
     format!("--estimators: {name} {reason}")
 }

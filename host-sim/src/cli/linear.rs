@@ -12,7 +12,10 @@ use super::{
 };
 use crate::{
     analysis::{
-        linear::{Boundary, Device, Elements, Loop, StiffnessLimit, passivity::Passivity},
+        linear::{
+            Boundary, Device, Elements, Loop, StiffnessLimit, passivity::Passivity,
+            transfer_function,
+        },
         overview::{Explained, explain, passive_region},
     },
     error::Error,
@@ -23,7 +26,7 @@ use crate::{
         files::Outputs,
         terminal::{print_json, print_text},
     },
-    scene::{self, NamedScene, estimator::transfer_function},
+    scene::{self, NamedScene},
     simulation::prepared::PreparedScene,
     study::walk::BoundaryPoint,
 };

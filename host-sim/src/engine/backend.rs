@@ -1,6 +1,6 @@
 //! Which text of the core runs the hits, on which vector machine, and which scenes have lanes at all.
 
-use zwidth::{SettingsError, experiment::Verdict};
+use zwidth::{SettingsError, VelocitySettings, experiment::Verdict};
 
 use super::{
     fixed::FixedState,
@@ -10,7 +10,6 @@ use super::{
 };
 use crate::{
     plant::AnyPlant,
-    scene::EstimatorChoice,
     simulation::{
         controller::Controller as _,
         prepared::{HitError, Numeric, PreparedScene, WallHit},
@@ -161,10 +160,12 @@ pub fn lanes_for(rig: &PreparedScene) -> bool {
             | AnyPlant::Seven(_)
     );
     let low_pass = matches!(
-        rig.scene().velocity,
-        EstimatorChoice::Butterworth { .. }
-            | EstimatorChoice::FirstOrder { .. }
-            | EstimatorChoice::Difference {}
+        rig.scene().velocity.settings(0.0),
+        VelocitySettings::Butterworth { .. }
+            | VelocitySettings::ButterworthPrewarped { .. }
+            | VelocitySettings::FirstOrder { .. }
+            | VelocitySettings::FirstOrderPrewarped { .. }
+            | VelocitySettings::Difference {}
     );
     linear && low_pass && rig.sensing() == AnySensing::Blind
 }

@@ -1,12 +1,12 @@
 //! Lanes against the scalar loop, bit for bit, on every backend that this machine has.
 
-use proptest::prelude::*;
-use zwidth::experiment::Verdict;
+use proptest::{prelude::*, sample::select};
+use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
 
 use super::*;
 use crate::{
     scene::{
-        EstimatorChoice, NamedScene, Quantisation, Rounding, Scene,
+        NamedScene, Quantisation, Rounding, Scene,
         element::{Amplifier, Arm, Friction, Mode},
     },
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
@@ -185,7 +185,10 @@ fn what_has_no_lanes_runs_all_the_same() {
         Some(Friction { coulomb_n: 0.05, static_n: 0.05, stribeck_speed_m_per_s: 1e-3 });
     friction.integrator =
         Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
-    let loops = Scene { velocity: EstimatorChoice::TrackingLoop {}, ..short(paper()) };
+    let loops = Scene {
+        velocity: VelocitySettings::TrackingLoop { bandwidth_hz: 0.0 }.into(),
+        ..short(paper())
+    };
     for mut scene in [friction, loops] {
         scene.sweep.cutoffs_hz = vec![800.0];
         let rig = PreparedScene::new(&scene).unwrap();
@@ -247,9 +250,9 @@ fn scenes() -> impl Strategy<Value = Scene> {
         (2u32..10_000).prop_map(|steps| Some(Quantisation::Pwm { steps })),
     ];
     let estimators = prop_oneof![
-        3 => any::<bool>().prop_map(|prewarp| EstimatorChoice::Butterworth { prewarp }),
-        1 => any::<bool>().prop_map(|prewarp| EstimatorChoice::FirstOrder { prewarp }),
-        1 => Just(EstimatorChoice::Difference {}),
+        3 => select(&[EstimatorName::Butterworth, EstimatorName::ButterworthPrewarped][..]),
+        1 => select(&[EstimatorName::FirstOrder, EstimatorName::FirstOrderPrewarped][..]),
+        1 => Just(EstimatorName::Difference),
     ];
     let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, 0.05..1.2f64);
     let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64);
@@ -264,7 +267,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
             scene.encoder.rounding = if round { Rounding::Round } else { Rounding::Floor };
             scene.encoder.resolution_m = 10f64.powf(resolution);
             scene.output = output;
-            scene.velocity = velocity;
+            scene.velocity = velocity.defaults().into();
             scene.device.mass_kg = 10f64.powf(mass);
             scene.device.damping_n_s_per_m = damping;
             scene.device.stiffness_n_per_m = stiffness;

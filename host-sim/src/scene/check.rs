@@ -64,6 +64,7 @@ impl Scene {
             let allowed = ranges::VALUES_MAX;
             return Err(format!("sweep.cutoffs_hz has {cutoffs} values, allowed 1 to {allowed}"));
         }
+        self.velocity.check().map_err(keyed)?;
         for &cutoff_hz in &self.sweep.cutoffs_hz {
             self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
         }
@@ -85,19 +86,7 @@ fn in_scene(error: &SettingsError) -> String {
         "settle_s" => "wall_hit.settle_s",
         "window_s" => "wall_hit.window_s",
         "rms_limit_m" => "wall_hit.rms_limit_m",
-        "cutoff_hz" => "sweep.cutoffs_hz",
-        "order" => "velocity.order",
-        "degree" => "velocity.degree",
-        "window_samples" => "velocity.window_samples",
-        "bandwidth_hz" | "crossover_hz" => "sweep.cutoffs_hz",
-        "noise_counts" => "velocity.noise_counts",
-        "acceleration_max_m_per_s2" => "velocity.acceleration_max_m_per_s2",
-        "lambda_ratio" => "velocity.lambda_ratio",
-        "acceleration_rms_m_per_s2" => "velocity.acceleration_rms_m_per_s2",
-        "jerk_rms_m_per_s3" => "velocity.jerk_rms_m_per_s3",
-        "mass_kg" => "velocity.mass_kg",
-        "span_samples" => "velocity.span_samples",
-        other => other,
+        other => &super::estimator::key_of(other).unwrap_or_else(|| other.into()),
     };
     refused(key, error.value, &error.range)
 }

@@ -1,214 +1,143 @@
-//! EstimatorChoice estimators as a scene names them, and as the linear analysis sees them.
+//! The estimator of a scene: the core's table of estimators in the keys of `[velocity]`.
+//!
+//! Names and keys are the table's. A parameter that is a frequency comes from the command line or from
+//! `[sweep]` instead.
 
-use serde::{Deserialize, Serialize};
+use std::fmt;
+
+use serde::{
+    Deserialize, Deserializer, Serialize, Serializer,
+    de::{self, DeserializeOwned, MapAccess, Visitor},
+    ser::SerializeStruct,
+};
+use toml::Value;
 use zwidth::{
-    Design, SettingsError, VelocitySettings,
-    velocity::{FirDesign, KalmanDesign, ObserverDesign, Sense, TrackingLoop, true_cutoff_hz},
+    SettingsError, VelocitySettings,
+    velocity::{EstimatorName, Parameter, Sense, true_cutoff_hz},
 };
 
-use crate::analysis::linear::{Order, TransferFunction};
-
-/// EstimatorChoice estimator. Where it is tuned by a cutoff, that comes from the command line or from
-/// `[sweep]`; every other parameter stands here.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "estimator", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum EstimatorChoice {
-    /// Finite difference and second-order Butterworth.
-    Butterworth {
-        /// Pre-warp the cutoff.
-        #[serde(default)]
-        prewarp: bool,
-    },
-    /// Finite difference and first-order low-pass.
-    FirstOrder {
-        /// Pre-warp the cutoff.
-        #[serde(default)]
-        prewarp: bool,
-    },
-    /// Finite difference.
-    Difference {},
-    /// Backward difference of a higher order.
-    Taylor {
-        /// 2 or 3.
-        order: u32,
-    },
-    /// Least-squares fit of a polynomial.
-    LeastSquares {
-        /// Degree, 1 or 2.
-        degree: u32,
-        /// Samples from the oldest to the newest, up to 64.
-        window_samples: u32,
-    },
-    /// Tracking loop; the cutoff is its bandwidth.
-    TrackingLoop {},
-    /// Extended-state observer under the commanded force; the cutoff is its bandwidth.
-    Observer {
-        /// Mass of its model, kg.
-        mass_kg: f64,
-    },
-    /// Times of the encoder's edges.
-    TimeStamps {
-        /// Shortest time that it measures over, samples, up to 62.
-        span_samples: u32,
-    },
-    /// Position and acceleration; the cutoff is the crossover. Needs a table `[accelerometer]`.
-    Fusion {},
-    /// First-order adaptive windowing, the line through the window's ends.
-    FoawEnd {
-        /// Longest window: samples from the oldest to the newest, 1 to 32.
-        window_samples: u32,
-        /// Largest distance of a sample from the line, counts, 0 to 1000.
-        #[serde(default = "one")]
-        noise_counts: f64,
-    },
-    /// First-order adaptive windowing, the window's least-squares slope.
-    FoawBest {
-        /// Longest window: samples from the oldest to the newest, 1 to 32.
-        window_samples: u32,
-        /// Largest distance of a sample from the line, counts, 0 to 1000.
-        #[serde(default = "one")]
-        noise_counts: f64,
-    },
-    /// Levant's differentiator, explicit Euler.
-    LevantExplicit {
-        /// Largest acceleration C of the handle, m/s^2.
-        acceleration_max_m_per_s2: f64,
-        /// Gain of the square root over sqrt(C), 0.5 to 3.
-        #[serde(default = "one")]
-        lambda_ratio: f64,
-    },
-    /// Levant's differentiator, implicit Euler.
-    LevantImplicit {
-        /// Largest acceleration C of the handle, m/s^2.
-        acceleration_max_m_per_s2: f64,
-        /// Gain of the square root over sqrt(C), 0.5 to 3.
-        #[serde(default = "one")]
-        lambda_ratio: f64,
-    },
-    /// Steady-state Kalman filter of position and velocity.
-    #[serde(rename = "kalman-2")]
-    Kalman2 {
-        /// Acceleration that differs from sample to sample, RMS, m/s^2.
-        acceleration_rms_m_per_s2: f64,
-    },
-    /// Steady-state Kalman filter of position, velocity and acceleration.
-    #[serde(rename = "kalman-3")]
-    Kalman3 {
-        /// Jerk that differs from sample to sample, RMS, m/s^3.
-        jerk_rms_m_per_s3: f64,
-    },
+/// What a key of a family tells its members by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Member {
+    Flag(bool),
+    Number(u32),
 }
 
-fn one() -> f64 {
-    1.0
+/// Estimators that share a name in scenes: that name, the key that tells them apart, and its value.
+const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
+    (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
+    (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
+    (EstimatorName::FirstOrder, "first-order", "prewarp", Member::Flag(false)),
+    (EstimatorName::FirstOrderPrewarped, "first-order", "prewarp", Member::Flag(true)),
+    (EstimatorName::Taylor2, "taylor", "order", Member::Number(2)),
+    (EstimatorName::Taylor3, "taylor", "order", Member::Number(3)),
+    (EstimatorName::LeastSquares1, "least-squares", "degree", Member::Number(1)),
+    (EstimatorName::LeastSquares2, "least-squares", "degree", Member::Number(2)),
+];
+/// Keys that a scene may leave out; the parameter is at the table's default then.
+const OPTIONAL: [&str; 2] = ["noise_counts", "lambda_ratio"];
+/// The key of the name.
+const TAG: &str = "estimator";
+
+/// The name in scenes, and the key with which it is this estimator.
+fn spelling(name: EstimatorName) -> (&'static str, Option<(&'static str, Member)>) {
+    match FAMILIES.iter().find(|(member, ..)| *member == name) {
+        Some((_, family, key, member)) => (family, Some((key, *member))),
+        None => (name.text(), None),
+    }
+}
+
+/// The estimators that a scene writes by that name.
+fn members(family: &str) -> impl Iterator<Item = EstimatorName> {
+    EstimatorName::ALL.iter().copied().filter(move |name| spelling(*name).0 == family)
+}
+
+/// The parameters that a scene has: key, parameter, place.
+fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, usize)> {
+    let parameters = name.parameters().into_iter().flatten().enumerate();
+    let keyed = name.keys().iter().zip(parameters);
+    keyed
+        .map(|(key, (place, parameter))| (*key, parameter, place))
+        .filter(|(_, p, _)| !p.is_frequency())
+}
+
+/// The key of the scene for a parameter of the core, if it is one of an estimator's.
+pub fn key_of(parameter: &str) -> Option<String> {
+    let selects = FAMILIES.iter().any(|(_, _, key, _)| *key == parameter);
+    let mut all = EstimatorName::ALL
+        .iter()
+        .flat_map(|name| name.keys().iter().zip(name.parameters().into_iter().flatten()));
+    match all.find(|(key, _)| **key == parameter) {
+        Some((_, known)) if known.is_frequency() => Some("sweep.cutoffs_hz".into()),
+        None if !selects => None,
+        _ => Some(format!("velocity.{parameter}")),
+    }
+}
+
+/// A velocity estimator as a scene says it. Where it is tuned by a cutoff, that comes from the command
+/// line or from `[sweep]`; every other parameter stands here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EstimatorChoice {
+    /// A cutoff is 0.
+    settings: VelocitySettings,
+    /// What the family's key says, if it has no such member: [`check`](Self::check) refuses it.
+    stranger: Option<u32>,
+}
+
+impl From<VelocitySettings> for EstimatorChoice {
+    fn from(settings: VelocitySettings) -> Self {
+        Self::of(&settings).0
+    }
 }
 
 impl EstimatorChoice {
     /// The core's settings; `cutoff_hz` is for estimators that have a cutoff.
     pub fn settings(self, cutoff_hz: f64) -> VelocitySettings {
-        match self {
-            Self::Butterworth { prewarp } => VelocitySettings::Butterworth { cutoff_hz, prewarp },
-            Self::FirstOrder { prewarp } => VelocitySettings::FirstOrder { cutoff_hz, prewarp },
-            Self::Difference {} => VelocitySettings::Difference,
-            Self::Taylor { order } => VelocitySettings::Taylor { order },
-            Self::LeastSquares { degree, window_samples } => {
-                VelocitySettings::LeastSquares { degree, window_samples }
-            }
-            Self::TrackingLoop {} => VelocitySettings::TrackingLoop { bandwidth_hz: cutoff_hz },
-            Self::Observer { mass_kg } => {
-                VelocitySettings::Observer { bandwidth_hz: cutoff_hz, mass_kg }
-            }
-            Self::TimeStamps { span_samples } => VelocitySettings::TimeStamps { span_samples },
-            Self::Fusion {} => VelocitySettings::Fusion { crossover_hz: cutoff_hz },
-            Self::FoawEnd { window_samples, noise_counts } => {
-                VelocitySettings::Foaw { best: false, window_samples, noise_counts }
-            }
-            Self::FoawBest { window_samples, noise_counts } => {
-                VelocitySettings::Foaw { best: true, window_samples, noise_counts }
-            }
-            Self::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio } => {
-                let implicit = false;
-                VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio }
-            }
-            Self::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
-                let implicit = true;
-                VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio }
-            }
-            Self::Kalman2 { acceleration_rms_m_per_s2 } => {
-                VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 }
-            }
-            Self::Kalman3 { jerk_rms_m_per_s3 } => VelocitySettings::Kalman3 { jerk_rms_m_per_s3 },
-        }
-    }
-
-    /// What the estimator cannot do without, beside the position.
-    pub fn sense(self) -> Option<Sense> {
-        self.settings(0.0).name().sense()
+        if self.has_cutoff() { self.settings.with_tuning(cutoff_hz) } else { self.settings }
     }
 
     /// The scene's form of those settings, and their cutoff if they have one.
     pub fn of(settings: &VelocitySettings) -> (Self, Option<f64>) {
-        match *settings {
-            VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-                (Self::Butterworth { prewarp }, Some(cutoff_hz))
-            }
-            VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
-                (Self::FirstOrder { prewarp }, Some(cutoff_hz))
-            }
-            VelocitySettings::Difference => (Self::Difference {}, None),
-            VelocitySettings::Taylor { order } => (Self::Taylor { order }, None),
-            VelocitySettings::LeastSquares { degree, window_samples } => {
-                (Self::LeastSquares { degree, window_samples }, None)
-            }
-            VelocitySettings::TrackingLoop { bandwidth_hz } => {
-                (Self::TrackingLoop {}, Some(bandwidth_hz))
-            }
-            VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
-                (Self::Observer { mass_kg }, Some(bandwidth_hz))
-            }
-            VelocitySettings::TimeStamps { span_samples } => {
-                (Self::TimeStamps { span_samples }, None)
-            }
-            VelocitySettings::Fusion { crossover_hz } => (Self::Fusion {}, Some(crossover_hz)),
-            VelocitySettings::Foaw { best: false, window_samples, noise_counts } => {
-                (Self::FoawEnd { window_samples, noise_counts }, None)
-            }
-            VelocitySettings::Foaw { best: true, window_samples, noise_counts } => {
-                (Self::FoawBest { window_samples, noise_counts }, None)
-            }
-            VelocitySettings::Levant {
-                implicit: false,
-                acceleration_max_m_per_s2,
-                lambda_ratio,
-            } => (Self::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }, None),
-            VelocitySettings::Levant {
-                implicit: true,
-                acceleration_max_m_per_s2,
-                lambda_ratio,
-            } => (Self::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio }, None),
-            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
-                (Self::Kalman2 { acceleration_rms_m_per_s2 }, None)
-            }
-            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
-                (Self::Kalman3 { jerk_rms_m_per_s3 }, None)
-            }
-        }
+        let cutoff_hz = settings.tuning().filter(|(parameter, _)| parameter.is_frequency());
+        let rest = cutoff_hz.map_or(*settings, |_| settings.with_tuning(0.0));
+        (Self { settings: rest, stranger: None }, cutoff_hz.map(|(_, value)| value))
+    }
+
+    /// Says whether there is such an estimator; its parameters are for the core to check.
+    ///
+    /// # Errors
+    /// Names the key, and its range.
+    pub fn check(self) -> Result<(), SettingsError> {
+        let (family, key) = spelling(self.settings.name());
+        let (Some(value), Some((parameter, _))) = (self.stranger, key) else { return Ok(()) };
+        let known = members(family).filter_map(|name| match spelling(name).1 {
+            Some((_, Member::Number(number))) => Some(f64::from(number)),
+            _ => None,
+        });
+        let (low, high) =
+            known.fold((f64::MAX, f64::MIN), |(low, high), n| (low.min(n), high.max(n)));
+        Err(SettingsError { parameter, value: value.into(), range: low..=high })
+    }
+
+    /// What the estimator cannot do without, beside the position.
+    pub fn sense(self) -> Option<Sense> {
+        self.settings.name().sense()
     }
 
     /// Whether it is tuned by a cutoff.
     pub fn has_cutoff(self) -> bool {
-        self.settings(0.0).tuning().is_some_and(|(parameter, _)| parameter.is_frequency())
+        self.settings.tuning().is_some_and(|(parameter, _)| parameter.is_frequency())
     }
 
     /// Name in reports and in the envelope.
     pub fn name(self) -> &'static str {
-        self.settings(0.0).name().text()
+        self.settings.name().text()
     }
 
     /// Name and cutoff, for people.
     pub fn describe(self, cutoff_hz: f64, rate_hz: f64) -> String {
         let name = self.name();
-        let parameter = match self.settings(cutoff_hz).tuning() {
+        let parameter = match self.settings.tuning() {
             Some((parameter, _)) if parameter.is_frequency() => parameter.name,
             _ => return name.into(),
         };
@@ -223,114 +152,168 @@ impl EstimatorChoice {
     /// -3 dB frequency of the digital filter of that nominal cutoff, Hz; the cutoff itself where the
     /// estimator is no such filter.
     pub fn true_cutoff_hz(self, cutoff_hz: f64, rate_hz: f64) -> f64 {
-        match self {
-            Self::Butterworth { prewarp } | Self::FirstOrder { prewarp } => {
-                true_cutoff_hz(cutoff_hz, rate_hz, prewarp)
+        match self.settings {
+            VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => {
+                true_cutoff_hz(cutoff_hz, rate_hz, false)
             }
             _ => cutoff_hz,
         }
     }
+
+    /// From the keys of a scene, beside the name.
+    fn read(family: &str, given: Vec<(String, Value)>) -> Result<Self, String> {
+        let first =
+            members(family).next().ok_or_else(|| unknown("variant", family, &families()))?;
+        let selects = spelling(first).1;
+        let mut numbers = [None; 2];
+        let mut wanted = None;
+        for (key, value) in given {
+            let parameter = keys(first).find(|(known, ..)| *known == key);
+            if let Some((_, parameter, place)) = parameter {
+                numbers[place] = Some(match parameter.is_whole() {
+                    true => f64::from(typed::<u32>(value)?),
+                    false => typed(value)?,
+                });
+                continue;
+            }
+            wanted = Some(match selects.filter(|(known, _)| *known == key) {
+                Some((_, Member::Flag(_))) => Member::Flag(typed(value)?),
+                Some((_, Member::Number(_))) => Member::Number(typed(value)?),
+                None => {
+                    let known = selects.iter().map(|(key, _)| *key);
+                    let known: Vec<_> = known.chain(keys(first).map(|(key, ..)| key)).collect();
+                    return Err(unknown("field", &key, &known));
+                }
+            });
+        }
+        let missing = |key| Err(format!("missing field `{key}`"));
+        let wanted = match selects {
+            Some((_, Member::Flag(_))) => wanted.or(Some(Member::Flag(false))),
+            Some((key, Member::Number(_))) if wanted.is_none() => return missing(key),
+            _ => wanted,
+        };
+        for (key, parameter, place) in keys(first) {
+            if numbers[place].is_none() {
+                if !OPTIONAL.contains(&key) {
+                    return missing(key);
+                }
+                numbers[place] = Some(parameter.default);
+            }
+        }
+        let meant =
+            members(family).find(|name| spelling(*name).1.map(|(_, member)| member) == wanted);
+        let stranger = match wanted {
+            Some(Member::Number(number)) if meant.is_none() => Some(number),
+            _ => None,
+        };
+        let numbers = numbers.map(Option::unwrap_or_default);
+        Ok(Self { settings: meant.unwrap_or(first).settings(numbers), stranger })
+    }
 }
 
-/// The estimator from position to velocity, m/s per m; `None` if it is not linear, or if it looks
-/// at more than the position.
-///
-/// # Errors
-/// A parameter is out of range.
-pub fn transfer_function(
-    settings: &VelocitySettings,
-    design: &Design,
-) -> Result<Option<TransferFunction>, SettingsError> {
-    settings.build(design)?;
-    let rate_hz = design.rate_hz;
-    let difference = TransferFunction::finite_difference(rate_hz);
-    let low_pass = |order, cutoff_hz, prewarp| {
-        difference.then(&TransferFunction::butterworth(rate_hz, cutoff_hz, order, prewarp))
-    };
-    Ok(Some(match *settings {
-        VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-            low_pass(Order::Second, cutoff_hz, prewarp)
-        }
-        VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
-            low_pass(Order::First, cutoff_hz, prewarp)
-        }
-        VelocitySettings::Difference => difference,
-        VelocitySettings::Taylor { order } => difference.then(&weights(&FirDesign::taylor(order)?)),
-        VelocitySettings::LeastSquares { degree, window_samples } => {
-            difference.then(&weights(&FirDesign::least_squares(degree, window_samples)?))
-        }
-        VelocitySettings::TrackingLoop { bandwidth_hz } => {
-            let TrackingLoop { kp, ki, .. } = TrackingLoop::new(bandwidth_hz, rate_hz)?;
-            let double_pole = vec![1.0, kp + ki - 2.0, 1.0 - kp];
-            difference.then(&TransferFunction { num: vec![ki], den: double_pole })
-        }
-        VelocitySettings::Observer { .. }
-        | VelocitySettings::TimeStamps { .. }
-        | VelocitySettings::Fusion { .. } => return Ok(None),
-        VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
-            kalman(&KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?, &difference)
-        }
-        VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
-            kalman(&KalmanDesign::three_states(jerk_rms_m_per_s3, design)?, &difference)
-        }
-        VelocitySettings::Foaw { .. } | VelocitySettings::Levant { .. } => return Ok(None),
-    }))
+/// A value of that type, or why it is none.
+fn typed<T: DeserializeOwned>(value: Value) -> Result<T, String> {
+    T::deserialize(value).map_err(|error| error.message().into())
 }
 
-/// What the estimator makes of the position when it knows nothing else: the observers with a known
-/// acceleration of 0. Adaptive windowing with its longest window in use, time stamps with an edge in
-/// every sample. `None` for Levant's differentiator, which is linear nowhere.
-///
-/// # Errors
-/// A parameter is out of range.
-pub fn position_response(
-    settings: &VelocitySettings,
-    design: &Design,
-) -> Result<Option<TransferFunction>, SettingsError> {
-    settings.build(design)?;
-    let rate_hz = design.rate_hz;
-    let difference = TransferFunction::finite_difference(rate_hz);
-    let observer = |design: ObserverDesign| {
-        // the same recursion, its disturbance in the place of the acceleration
-        let [alpha, beta, gamma] = design.gains;
-        kalman(&KalmanDesign { alpha, beta, gamma }, &difference)
-    };
-    let ends = |samples: u32| {
-        let mut num = vec![0.0; samples as usize + 1];
-        num[0] = rate_hz / f64::from(samples);
-        num[samples as usize] = -num[0];
-        TransferFunction { num, den: vec![1.0] }
-    };
-    Ok(Some(match *settings {
-        VelocitySettings::Observer { bandwidth_hz: hz, .. }
-        | VelocitySettings::Fusion { crossover_hz: hz } => {
-            observer(ObserverDesign::of_accelerometer(hz, rate_hz)?)
-        }
-        VelocitySettings::TimeStamps { span_samples } => ends(span_samples),
-        VelocitySettings::Foaw { best: false, window_samples, .. } => ends(window_samples),
-        VelocitySettings::Foaw { best: true, window_samples, .. } => {
-            difference.then(&weights(&FirDesign::least_squares(1, window_samples)?))
-        }
-        _ => return transfer_function(settings, design),
-    }))
+/// All names in scenes.
+fn families() -> Vec<&'static str> {
+    let mut all: Vec<_> = EstimatorName::ALL.iter().map(|name| spelling(*name).0).collect();
+    all.dedup();
+    all
 }
 
-/// From the difference to the velocity, of the core's recursion (its module has it): with
-/// `q = z^-1`, `v = (beta (1-q) + gamma q) / D` and
-/// `D = (1-q)^2 (1 - q + alpha q) + q (1-q) (beta + gamma/2) + gamma q^2`; with gamma = 0 a factor
-/// `1 - q` is common.
-fn kalman(gains: &KalmanDesign, difference: &TransferFunction) -> TransferFunction {
-    let KalmanDesign { alpha, beta, gamma } = *gains;
-    let (num, den) = if gamma == 0.0 {
-        (vec![beta], vec![1.0, alpha + beta - 2.0, 1.0 - alpha])
-    } else {
-        let slope = beta + gamma / 2.0;
-        let den = vec![1.0, alpha - 3.0 + slope, 3.0 - 2.0 * alpha - slope + gamma, alpha - 1.0];
-        (vec![beta, gamma - beta], den)
-    };
-    difference.then(&TransferFunction { num, den })
+/// serde's own line for what it does not know.
+fn unknown(what: &str, name: &str, known: &[&str]) -> String {
+    let quoted: Vec<_> = known.iter().map(|known| format!("`{known}`")).collect();
+    match quoted.as_slice() {
+        [] => format!("unknown {what} `{name}`, there are no {what}s"),
+        [one] => format!("unknown {what} `{name}`, expected {one}"),
+        [one, other] => format!("unknown {what} `{name}`, expected {one} or {other}"),
+        all => format!("unknown {what} `{name}`, expected one of {}", all.join(", ")),
+    }
 }
 
-fn weights(design: &FirDesign) -> TransferFunction {
-    TransferFunction { num: design.weights().to_vec(), den: vec![1.0] }
+impl<'de> Deserialize<'de> for EstimatorChoice {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let (family, given) = deserializer.deserialize_any(Table)?;
+        Self::read(&family, given).map_err(de::Error::custom)
+    }
+}
+
+/// The table `[velocity]`: the name, and the other keys with their values.
+struct Table;
+
+impl<'de> Visitor<'de> for Table {
+    type Value = (String, Vec<(String, Value)>);
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("internally tagged enum EstimatorChoice")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let (mut family, mut given) = (None, vec![]);
+        while let Some(key) = map.next_key::<String>()? {
+            if key == TAG {
+                family = Some(map.next_value::<Family>()?.0);
+            } else {
+                given.push((key, map.next_value()?));
+            }
+        }
+        Ok((family.ok_or_else(|| de::Error::missing_field(TAG))?, given))
+    }
+}
+
+/// A name in scenes.
+struct Family(String);
+
+impl<'de> Deserialize<'de> for Family {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Known;
+        impl Visitor<'_> for Known {
+            type Value = Family;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("variant identifier")
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Family, E> {
+                match members(text).next() {
+                    Some(_) => Ok(Family(text.into())),
+                    None => Err(E::custom(unknown("variant", text, &families()))),
+                }
+            }
+        }
+        deserializer.deserialize_identifier(Known)
+    }
+}
+
+impl Serialize for EstimatorChoice {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let (name, numbers) = EstimatorName::of(&self.settings);
+        let (family, selects) = spelling(name);
+        let fields = 1 + usize::from(selects.is_some()) + keys(name).count();
+        let mut table = serializer.serialize_struct("EstimatorChoice", fields)?;
+        table.serialize_field(TAG, family)?;
+        match selects {
+            Some((key, Member::Flag(flag))) => table.serialize_field(key, &flag)?,
+            Some((key, Member::Number(number))) => {
+                table.serialize_field(key, &self.stranger.unwrap_or(number))?;
+            }
+            None => {}
+        }
+        for (key, parameter, place) in keys(name) {
+            if parameter.is_whole() {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a whole parameter is a u32"
+                )]
+                table.serialize_field(key, &(numbers[place] as u32))?;
+            } else {
+                table.serialize_field(key, &numbers[place])?;
+            }
+        }
+        table.end()
+    }
 }

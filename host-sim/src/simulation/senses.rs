@@ -347,7 +347,8 @@ impl Sensing for AnySensing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{EstimatorChoice, NamedScene};
+    use crate::scene::NamedScene;
+    use zwidth::VelocitySettings;
 
     fn full(edit: impl FnOnce(&mut Scene)) -> Full {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -392,7 +393,7 @@ mod tests {
     fn an_edge_gets_older_until_the_next_one() {
         let (at, on) = (handle(0.5e-6, 0.01), handle(1.5e-6, 0.01)); // one count per sample
         let mut rest =
-            full(|scene| scene.velocity = EstimatorChoice::TimeStamps { span_samples: 1 });
+            full(|scene| scene.velocity = VelocitySettings::TimeStamps { span_samples: 1 }.into());
         rest.moved(handle(0.5e-6, 0.0), handle(0.5e-6, 0.0));
         assert_eq!(rest.senses.edge, None);
         rest.moved(at, on);
@@ -407,7 +408,7 @@ mod tests {
     fn edges_come_where_the_wrong_encoder_shows_them() {
         let error = EncoderError { cycle_m: 4e-6, first_m: 2e-7, second_m: 0.0, phase_rad: 0.7 };
         let mut wrong = full(|scene| {
-            scene.velocity = EstimatorChoice::TimeStamps { span_samples: 1 };
+            scene.velocity = VelocitySettings::TimeStamps { span_samples: 1 }.into();
             scene.encoder_error = Some(error);
         });
         let speed = 3e-7; // m per sample
@@ -439,7 +440,7 @@ mod tests {
             };
             edit(&mut sensor);
             full(|scene| {
-                scene.velocity = EstimatorChoice::Fusion {};
+                scene.velocity = VelocitySettings::Fusion { crossover_hz: 0.0 }.into();
                 scene.accelerometer = Some(sensor);
             })
         };

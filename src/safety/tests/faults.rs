@@ -63,7 +63,7 @@ fn arm_is_refused_in_the_wall_whether_wall_or_handle_went_there() {
 fn high_speed_is_found_from_the_counts_whatever_the_cutoff() {
     let mut bench = Bench::armed();
     let settings = Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz: 0.5, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz: 0.5 },
         wall: WallSettings {
             position_m: 1.0,
             stiffness_n_per_m: 0.0,

@@ -16,7 +16,7 @@ const GOOD: Inputs =
 
 fn control(position_m: f64, stiffness_n_per_m: f64) -> LoopParameters {
     let settings = Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
         wall: WallSettings {
             position_m,
             stiffness_n_per_m,

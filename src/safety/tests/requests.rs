@@ -120,7 +120,7 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
 
 /// The guard is told the force that acts, none while off, and tells the estimator.
 #[test]
-#[cfg(feature = "observer")]
+#[cfg(feature = "estimators")]
 fn an_observer_under_guard_knows_the_force_last_granted() {
     let velocity = VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.4 };
     let wall = WallSettings {

@@ -49,7 +49,7 @@ fn design(firmware: &Firmware) -> Design {
 
 fn settings(cutoff_hz: f64, position_m: f64, k: f64, b: f64) -> Settings {
     Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz, prewarp: false },
+        velocity: VelocitySettings::Butterworth { cutoff_hz },
         wall: WallSettings {
             position_m,
             stiffness_n_per_m: k,
@@ -91,7 +91,7 @@ fn session(firmware: &Firmware) -> Session {
         }
         if n % 4_000 == 1_000 {
             let cutoff_hz = 100.0 + (n % 3_001) as f64;
-            now.velocity = VelocitySettings::Butterworth { cutoff_hz, prewarp: false };
+            now.velocity = VelocitySettings::Butterworth { cutoff_hz };
             world.send(&format!("cutoff {cutoff_hz}\n")).unwrap();
             taken.push(now);
         }

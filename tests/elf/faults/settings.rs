@@ -20,7 +20,7 @@ fn record(firmware: &Firmware, sequence: u32, stiffness_n_per_m: f64) -> [u32; R
     let stored = Stored {
         device: DeviceKey::new(firmware.board.name).unwrap(),
         settings: Settings {
-            velocity: VelocitySettings::Butterworth { cutoff_hz: 1200.0, prewarp: false },
+            velocity: VelocitySettings::Butterworth { cutoff_hz: 1200.0 },
             wall: WallSettings {
                 position_m: 0.003,
                 stiffness_n_per_m,

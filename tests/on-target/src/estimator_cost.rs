@@ -23,6 +23,7 @@ mod target {
         sync::atomic::{AtomicU32, Ordering::Relaxed},
     };
 
+    use cortex_m::peripheral::DWT;
     use zwidth::{
         Design, Output,
         units::{Acceleration, Force, Position},
@@ -55,7 +56,7 @@ mod target {
     }
 
     pub fn run() -> bool {
-        let Some(name) = EstimatorName::of_number(word(1)) else { return false };
+        let Some(name) = EstimatorName::from_id(word(1)) else { return false };
         let Ok(estimator) = name.settings([number(2), number(4)]).build(&DESIGN) else {
             return false;
         };
@@ -67,9 +68,11 @@ mod target {
             count = count.wrapping_add(sample.load(Relaxed).cast_signed());
             let position = Position::from_counts(count);
             let senses = black_box(senses(sensed));
-            measure(sample, cycles, || {
+            measure!(
+                sample,
+                cycles,
                 estimator.update(&mut state, black_box(position), &senses).bits()
-            });
+            );
         }
         answer(7, size_of_val(&estimator) as u32);
         true

@@ -19,6 +19,7 @@ fn main() {
 mod target {
     use core::{hint::black_box, sync::atomic::Ordering::Relaxed};
 
+    use cortex_m::peripheral::DWT;
     use filter_forms::{Filter, Step, Variant, Visit};
 
     use crate::mailbox::{CYCLES, SAMPLE, answer, measure, number, word};
@@ -39,7 +40,7 @@ mod target {
             for (sample, cycles) in SAMPLE.iter().zip(&CYCLES).take(self.samples) {
                 let input = black_box(sample.load(Relaxed).cast_signed());
                 let form = black_box(&mut *form);
-                measure(sample, cycles, || form.velocity(black_box(input), fraction));
+                measure!(sample, cycles, form.velocity(black_box(input), fraction));
             }
         }
     }

@@ -4,12 +4,9 @@
 //! back: bytes of what was measured.
 
 use core::{
-    hint::black_box,
     panic::PanicInfo,
     sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
-
-use cortex_m::peripheral::DWT;
 
 pub const SAMPLES: usize = 4096;
 pub const ZERO: AtomicU32 = AtomicU32::new(0);
@@ -55,17 +52,20 @@ pub fn answer(at: usize, word: u32) {
     JOB[at].store(word, Relaxed);
 }
 
-/// One velocity in the place of its sample, with the cycles that it took.
-#[inline(always)]
-pub fn measure(sample: &AtomicU32, cycles: &AtomicU32, velocity: impl FnOnce() -> i32) {
-    let before = DWT::cycle_count();
-    let empty = DWT::cycle_count().wrapping_sub(before);
-    let start = DWT::cycle_count();
-    let velocity = black_box(velocity());
-    let end = DWT::cycle_count();
-    sample.store(velocity.cast_unsigned(), Relaxed);
-    cycles.store(end.wrapping_sub(start).wrapping_sub(empty), Relaxed);
+/// One velocity in the place of its sample, with the cycles that it took. A macro, because what a closure captures is
+/// loaded within the count.
+macro_rules! measure {
+    ($sample:ident, $cycles:ident, $velocity:expr) => {
+        let before = DWT::cycle_count();
+        let empty = DWT::cycle_count().wrapping_sub(before);
+        let start = DWT::cycle_count();
+        let velocity = core::hint::black_box($velocity);
+        let end = DWT::cycle_count();
+        $sample.store(velocity.cast_unsigned(), Relaxed);
+        $cycles.store(end.wrapping_sub(start).wrapping_sub(empty), Relaxed);
+    };
 }
+pub(crate) use measure;
 
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {

@@ -48,7 +48,7 @@ impl Axes {
         let mut axes = Self {
             start: *start,
             design: *design,
-            whole: parameter.unit == "samples",
+            whole: parameter.is_whole(),
             tuning: [default; 2],
             bandwidth_hz: [0.0; 2],
             refused_beyond: [true; 2],

@@ -26,7 +26,7 @@ use std::f64::consts::PI;
 use nalgebra::Complex;
 use zwidth::{Design, SettingsError, VelocitySettings, velocity::LevantDesign};
 
-use crate::scene::estimator::position_response;
+use crate::analysis::linear::position_response;
 
 /// Lowest frequency that is looked at, of the rate.
 const LOWEST: f64 = 1e-5;
@@ -39,7 +39,9 @@ const POINTS: u32 = 376;
 /// A parameter is out of range.
 pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64, SettingsError> {
     let of_rate = match *settings {
-        VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
+        VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }
+        | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
+            let implicit = matches!(settings, VelocitySettings::LevantImplicit { .. });
             let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
             let (p, i) = (1.1128 * sizes.lambda, 4.0 / PI * sizes.alpha);
             highest(|of_rate| {
@@ -80,6 +82,7 @@ fn highest(magnitude: impl Fn(f64) -> f64) -> f64 {
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
+    use zwidth::velocity::EstimatorName;
 
     fn of(settings: VelocitySettings) -> f64 {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -92,13 +95,12 @@ mod tests {
             assert!((got / want - 1.0).abs() < within, "{got} Hz, not {want}");
         };
         // low enough for the difference itself not to count: sinc(200 / 10000) is 0.9993
-        near(of(VelocitySettings::Butterworth { cutoff_hz: 200.0, prewarp: true }), 200.0, 1e-3);
+        near(of(VelocitySettings::ButterworthPrewarped { cutoff_hz: 200.0 }), 200.0, 1e-3);
         near(of(VelocitySettings::TrackingLoop { bandwidth_hz: 200.0 }), 0.6436 * 200.0, 0.01);
         // sin(x) / x = 1 / sqrt(2) at x = 1.3916
-        near(of(VelocitySettings::Difference), 1e4 * 1.391_557 / PI, 1e-5);
+        near(of(VelocitySettings::Difference {}), 1e4 * 1.391_557 / PI, 1e-5);
         for window_samples in [1, 4, 16] {
-            let windowed =
-                of(VelocitySettings::Foaw { best: false, window_samples, noise_counts: 1.0 });
+            let windowed = of(VelocitySettings::FoawEnd { window_samples, noise_counts: 1.0 });
             near(windowed, 1e4 * 1.391_557 / PI / f64::from(window_samples), 1e-5);
             near(of(VelocitySettings::TimeStamps { span_samples: window_samples }), windowed, 1e-9);
         }
@@ -106,12 +108,11 @@ mod tests {
         near(of(VelocitySettings::Fusion { crossover_hz: 20.0 }), 1.6426 * 20.0, 0.01);
         near(of(VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.416 }), 32.9, 0.01);
         // sqrt(C), and the narrower for the integrator alone
-        let levant = |implicit, acceleration_max_m_per_s2| {
-            of(VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio: 1.0 })
-        };
-        near(levant(true, 4.0) / levant(true, 1.0), 2.0, 1e-6);
-        assert!(levant(true, 1.0) < levant(false, 1.0));
+        let levant = |name: EstimatorName, c| of(name.settings([c, 1.0]));
+        let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
+        near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);
+        assert!(levant(implicit, 1.0) < levant(explicit, 1.0));
         // never below -3 dB: the parabola through three samples
-        assert_eq!(of(VelocitySettings::Taylor { order: 2 }), 5000.0);
+        assert_eq!(of(VelocitySettings::Taylor2 {}), 5000.0);
     }
 }

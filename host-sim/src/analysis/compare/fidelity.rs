@@ -230,9 +230,10 @@ fn impedances(
 mod tests {
     use super::*;
     use crate::scene::{
-        EstimatorChoice, NamedScene, Rounding,
+        NamedScene, Rounding,
         element::{Amplifier, EncoderError, EncoderNoise, Jitter},
     };
+    use zwidth::VelocitySettings;
 
     const WALL: Wall = Wall { stiffness_n_per_m: 20_000.0, damping_n_s_per_m: 50.0 };
 
@@ -287,7 +288,7 @@ mod tests {
     #[test]
     fn the_force_that_an_observer_is_told_does_not_depend_on_the_actuators_range() {
         let mut scene = paper();
-        scene.velocity = EstimatorChoice::Observer { mass_kg: 0.416 };
+        scene.velocity = VelocitySettings::Observer { bandwidth_hz: 0.0, mass_kg: 0.416 }.into();
         let small = measure(&scene, 150.0, &[WALL]).unwrap();
         scene.actuator.limit_v *= 50.0;
         let large = measure(&scene, 150.0, &[WALL]).unwrap();

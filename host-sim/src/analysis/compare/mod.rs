@@ -275,7 +275,7 @@ fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
-        Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ, prewarp: false },
+        Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
     }
 }
 

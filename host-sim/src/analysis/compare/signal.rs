@@ -215,20 +215,19 @@ mod tests {
     #[test]
     fn delays_and_noise_are_those_of_theory() {
         // T/2 for the difference; T/2 + sqrt(2) / wc with the filter
-        let plain = signal(VelocitySettings::Difference);
+        let plain = signal(VelocitySettings::Difference {});
         assert!((plain.delay_s.hand / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
         assert!((plain.phase_100_hz_deg.hand + 1.8).abs() < 0.05, "{plain:?}");
         // who drives is the same to an estimator that looks at the position only
         assert_eq!(plain.delay_s.hand, plain.delay_s.motor);
-        let butterworth =
-            signal(VelocitySettings::Butterworth { cutoff_hz: 500.0, prewarp: false });
+        let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
         assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
         // a fair coin per sample: half of the differences are +-1 count, 10 mm/s each
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
-        let window = VelocitySettings::LeastSquares { degree: 1, window_samples: 20 };
+        let window = VelocitySettings::LeastSquares1 { window_samples: 20 };
         assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
         // Told the motor's force, the observer is hardly late. Of a hand's it knows nothing: then it is
         // what its poles w make of the position, late by 3 atan(x) - atan(3 x) at x = 100 Hz over the

@@ -3,6 +3,10 @@
 use super::{LinearError, ORDER_MAX, SCHUR_ITERATIONS};
 use core::f64::consts::{PI, SQRT_2};
 use nalgebra::{Complex, DMatrix, Schur};
+use zwidth::{
+    Design, SettingsError, VelocitySettings,
+    velocity::{FirDesign, KalmanDesign, ObserverDesign, TrackingLoop},
+};
 
 /// Order of a Butterworth low-pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,6 +124,106 @@ impl TransferFunction {
             Err(LinearError::Estimator)
         }
     }
+}
+
+/// The estimator from position to velocity, m/s per m; `None` if it is not linear, or if it looks
+/// at more than the position.
+///
+/// # Errors
+/// A parameter is out of range.
+pub fn transfer_function(
+    settings: &VelocitySettings,
+    design: &Design,
+) -> Result<Option<TransferFunction>, SettingsError> {
+    settings.build(design)?;
+    let rate_hz = design.rate_hz;
+    let difference = TransferFunction::finite_difference(rate_hz);
+    let low_pass = |order, cutoff_hz, prewarp| {
+        difference.then(&TransferFunction::butterworth(rate_hz, cutoff_hz, order, prewarp))
+    };
+    Ok(Some(match *settings {
+        VelocitySettings::Butterworth { cutoff_hz } => low_pass(Order::Second, cutoff_hz, false),
+        VelocitySettings::ButterworthPrewarped { cutoff_hz } => {
+            low_pass(Order::Second, cutoff_hz, true)
+        }
+        VelocitySettings::FirstOrder { cutoff_hz } => low_pass(Order::First, cutoff_hz, false),
+        VelocitySettings::FirstOrderPrewarped { cutoff_hz } => {
+            low_pass(Order::First, cutoff_hz, true)
+        }
+        VelocitySettings::Difference {} => difference,
+        VelocitySettings::TrackingLoop { bandwidth_hz } => {
+            let TrackingLoop { kp, ki, .. } = TrackingLoop::new(bandwidth_hz, rate_hz)?;
+            let double_pole = vec![1.0, kp + ki - 2.0, 1.0 - kp];
+            difference.then(&TransferFunction { num: vec![ki], den: double_pole })
+        }
+        VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
+            kalman(&KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?, &difference)
+        }
+        VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
+            kalman(&KalmanDesign::three_states(jerk_rms_m_per_s3, design)?, &difference)
+        }
+        _ => {
+            return Ok(settings.weights(design)?.map(|design| difference.then(&weights(&design))));
+        }
+    }))
+}
+
+/// What the estimator makes of the position when it knows nothing else: the observers with a known
+/// acceleration of 0. Adaptive windowing with its longest window in use, time stamps with an edge in
+/// every sample. `None` for Levant's differentiator, which is linear nowhere.
+///
+/// # Errors
+/// A parameter is out of range.
+pub fn position_response(
+    settings: &VelocitySettings,
+    design: &Design,
+) -> Result<Option<TransferFunction>, SettingsError> {
+    settings.build(design)?;
+    let rate_hz = design.rate_hz;
+    let difference = TransferFunction::finite_difference(rate_hz);
+    let observer = |design: ObserverDesign| {
+        // the same recursion, its disturbance in the place of the acceleration
+        let [alpha, beta, gamma] = design.gains;
+        kalman(&KalmanDesign { alpha, beta, gamma }, &difference)
+    };
+    let ends = |samples: u32| {
+        let mut num = vec![0.0; samples as usize + 1];
+        num[0] = rate_hz / f64::from(samples);
+        num[samples as usize] = -num[0];
+        TransferFunction { num, den: vec![1.0] }
+    };
+    Ok(Some(match *settings {
+        VelocitySettings::Observer { bandwidth_hz: hz, .. }
+        | VelocitySettings::Fusion { crossover_hz: hz } => {
+            observer(ObserverDesign::of_accelerometer(hz, rate_hz)?)
+        }
+        VelocitySettings::TimeStamps { span_samples } => ends(span_samples),
+        VelocitySettings::FoawEnd { window_samples, .. } => ends(window_samples),
+        VelocitySettings::FoawBest { window_samples, .. } => {
+            difference.then(&weights(&FirDesign::least_squares(1, window_samples)?))
+        }
+        _ => return transfer_function(settings, design),
+    }))
+}
+
+/// From the difference to the velocity, of the core's recursion (its module has it): with
+/// `q = z^-1`, `v = (beta (1-q) + gamma q) / D` and
+/// `D = (1-q)^2 (1 - q + alpha q) + q (1-q) (beta + gamma/2) + gamma q^2`; with gamma = 0 a factor
+/// `1 - q` is common.
+fn kalman(gains: &KalmanDesign, difference: &TransferFunction) -> TransferFunction {
+    let KalmanDesign { alpha, beta, gamma } = *gains;
+    let (num, den) = if gamma == 0.0 {
+        (vec![beta], vec![1.0, alpha + beta - 2.0, 1.0 - alpha])
+    } else {
+        let slope = beta + gamma / 2.0;
+        let den = vec![1.0, alpha - 3.0 + slope, 3.0 - 2.0 * alpha - slope + gamma, alpha - 1.0];
+        (vec![beta, gamma - beta], den)
+    };
+    difference.then(&TransferFunction { num, den })
+}
+
+fn weights(design: &FirDesign) -> TransferFunction {
+    TransferFunction { num: design.weights().to_vec(), den: vec![1.0] }
 }
 
 /// Polynomial with ascending coefficients, by Horner.

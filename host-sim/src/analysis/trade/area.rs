@@ -9,7 +9,7 @@ use zwidth::{units::Velocity, velocity::Senses};
 use super::{Bench, Variant};
 use crate::{
     error::Error,
-    scene::{self, Scene},
+    scene::Scene,
     simulation::{
         controller::{Controller, ControllerOutput, Fixed},
         prepared::{HitError, PreparedScene},
@@ -91,7 +91,7 @@ impl Areas {
 /// The scene is out of range.
 pub fn rig(scene: &Scene) -> Result<PreparedScene, Error> {
     let mut scene = scene.clone();
-    scene.velocity = scene::EstimatorChoice::Difference {};
+    scene.velocity = zwidth::VelocitySettings::Difference {}.into();
     PreparedScene::new(&scene)
 }
 

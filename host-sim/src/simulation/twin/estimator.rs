@@ -4,7 +4,7 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        self, FirDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
+        self, ButterworthDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
         TrackingLoop,
     },
 };
@@ -45,7 +45,7 @@ pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 enum Kind {
-    Butterworth(velocity::ButterworthDesign),
+    Butterworth(ButterworthDesign),
     FirstOrder(FirstOrder),
     Difference,
     /// Weights of the last differences, newest first.
@@ -72,7 +72,7 @@ impl TwinEstimator {
     /// The usual estimators in one form; `None` for the others.
     pub(crate) fn low_pass(&self) -> Option<LowPass> {
         match self.kind {
-            Kind::Butterworth(velocity::ButterworthDesign { b0, a1, a2, .. }) => {
+            Kind::Butterworth(ButterworthDesign { b0, a1, a2, .. }) => {
                 Some(LowPass { past: [2.0, 1.0], b0, a: [a1, a2] })
             }
             Kind::FirstOrder(FirstOrder { b0, a1 }) => {
@@ -91,37 +91,42 @@ impl TwinEstimator {
         settings.build(design)?; // the ranges
         let rate_hz = design.rate_hz;
         let kind = match *settings {
-            VelocitySettings::Butterworth { cutoff_hz, prewarp } => {
-                Kind::Butterworth(velocity::ButterworthDesign::new(cutoff_hz, rate_hz, prewarp)?)
+            VelocitySettings::Butterworth { cutoff_hz } => {
+                Kind::Butterworth(ButterworthDesign::new(cutoff_hz, rate_hz, false)?)
             }
-            VelocitySettings::FirstOrder { cutoff_hz, prewarp } => {
-                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, prewarp)?)
+            VelocitySettings::ButterworthPrewarped { cutoff_hz } => {
+                Kind::Butterworth(ButterworthDesign::new(cutoff_hz, rate_hz, true)?)
             }
-            VelocitySettings::Difference => Kind::Difference,
-            VelocitySettings::Taylor { order } => fir(&FirDesign::taylor(order)?),
-            VelocitySettings::LeastSquares { degree, window_samples } => {
-                fir(&FirDesign::least_squares(degree, window_samples)?)
+            VelocitySettings::FirstOrder { cutoff_hz } => {
+                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, false)?)
             }
+            VelocitySettings::FirstOrderPrewarped { cutoff_hz } => {
+                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, true)?)
+            }
+            VelocitySettings::Difference {} => Kind::Difference,
             VelocitySettings::TrackingLoop { bandwidth_hz } => {
                 Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
             }
             VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
                 Kind::Observer(ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?)
             }
-            VelocitySettings::TimeStamps { span_samples } => {
-                settings.build(design)?; // the range
-                Kind::TimeStamps(span_samples.into())
-            }
+            VelocitySettings::TimeStamps { span_samples } => Kind::TimeStamps(span_samples.into()),
             VelocitySettings::Fusion { crossover_hz } => {
                 Kind::Fusion(ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?)
             }
-            VelocitySettings::Foaw { best, window_samples: window, noise_counts } => {
-                let noise = (16.0 * noise_counts).round() / 16.0; // as the setting is documented
-                Kind::Foaw(Foaw { best, window, noise })
+            VelocitySettings::FoawEnd { window_samples, noise_counts } => {
+                Kind::Foaw(Foaw::new(false, window_samples, noise_counts))
             }
-            VelocitySettings::Levant { implicit, acceleration_max_m_per_s2, lambda_ratio } => {
-                let sizes = LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?;
-                Kind::Levant(Levant { implicit, sizes })
+            VelocitySettings::FoawBest { window_samples, noise_counts } => {
+                Kind::Foaw(Foaw::new(true, window_samples, noise_counts))
+            }
+            VelocitySettings::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
+                let sizes = LevantDesign::new(c, lambda_ratio, design)?;
+                Kind::Levant(Levant { implicit: false, sizes })
+            }
+            VelocitySettings::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
+                let sizes = LevantDesign::new(c, lambda_ratio, design)?;
+                Kind::Levant(Levant { implicit: true, sizes })
             }
             VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
                 Kind::Kalman(KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?)
@@ -129,6 +134,7 @@ impl TwinEstimator {
             VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
                 Kind::Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?)
             }
+            _ => Kind::Fir(weights(settings, design)?),
         };
         let rest = Rest {
             past: [0.0; LENGTH],
@@ -145,7 +151,7 @@ impl TwinEstimator {
     pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
         let input = f64::from(difference);
         match &self.kind {
-            Kind::Butterworth(velocity::ButterworthDesign { b0, a1, a2, .. }) => {
+            Kind::Butterworth(ButterworthDesign { b0, a1, a2, .. }) => {
                 let [x1, x2] = self.inputs;
                 let [y1, y2] = self.outputs;
                 let raw = b0 * (input + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
@@ -195,12 +201,18 @@ impl Rest {
     }
 }
 
-fn fir(design: &FirDesign) -> Kind {
+/// Of an estimator that has no arm of its own above: a sum of differences.
+fn weights(settings: &VelocitySettings, design: &Design) -> Result<[f64; LENGTH], SettingsError> {
     let mut weights = [0.0; LENGTH];
-    for (weight, exact) in weights.iter_mut().zip(design.weights()) {
+    let exact = settings.weights(design)?.ok_or(SettingsError {
+        parameter: "estimators without a form in f64",
+        value: 1.0,
+        range: 0.0..=0.0,
+    })?;
+    for (weight, exact) in weights.iter_mut().zip(exact.weights()) {
         *weight = *exact;
     }
-    Kind::Fir(weights)
+    Ok(weights)
 }
 
 #[inline(never)] // so that the other estimators' state stays in registers

@@ -5,12 +5,17 @@ use super::estimator::LENGTH;
 /// Its parameters.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Foaw {
-    pub best: bool,
-    pub window: u32,
-    pub noise: f64,
+    best: bool,
+    window: u32,
+    noise: f64,
 }
 
 impl Foaw {
+    /// With the noise to 1/16, as the setting is documented.
+    pub(super) fn new(best: bool, window: u32, noise_counts: f64) -> Self {
+        Self { best, window, noise: (16.0 * noise_counts).round() / 16.0 }
+    }
+
     /// The velocity after a move by `input` counts; `past` holds the differences, newest first.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&self, past: &mut [f64; LENGTH], input: f64) -> f64 {

@@ -1,0 +1,349 @@
+//! The estimators, one row each, and the types that follow from the rows.
+//!
+//! A new estimator is a file beside this one, whose integer form implements [`Form`], and its rows here.
+//! Everything that goes through all estimators (console, settings in flash, scenes, comparison, tests) reads
+//! the table.
+
+use super::{name::Number, *}; // what the rows name
+use crate::{
+    settings::{Design, SettingsError},
+    units::Velocity,
+};
+
+/// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
+/// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
+///
+/// `if` the build has them; the path says how likely an estimator of the group is to the compiler.
+macro_rules! estimators {
+    ($(if $on:meta, $likely:path {
+        forms { $(
+            $(#[$form_doc:meta])*
+            $form:ident($integer:ty) $(keeps $own:ident)? $(shares $shared:ident)?;
+        )* }
+        names { $(
+            $(#[$doc:meta])*
+            $name:ident = $id:literal, $text:literal {
+                $(
+                    $(#[$key_doc:meta])*
+                    $key:ident: $number:ty = ($parameter:literal, $unit:literal, $default:literal),
+                )*
+            } $(needs $sense:ident)?
+            => |$design:pat_param| $of:ident($build:expr) $(, weights $weights:expr)?;
+        )* }
+    })*) => {
+        /// An estimator by its name, which is also its name in the envelope.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum EstimatorName {
+            $($($(#[$doc])* #[cfg($on)] $name,)*)*
+        }
+
+        /// Which estimator, and its parameters in SI units.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub enum VelocitySettings {
+            $($($(#[$doc])* #[cfg($on)] $name { $($(#[$key_doc])* $key: $number,)* },)*)*
+        }
+
+        /// A velocity estimator in integer form; made by [`VelocitySettings::build`].
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[cfg_attr(
+            feature = "estimators",
+            expect(clippy::large_enum_variant, reason = "there is no allocator to box it with")
+        )]
+        pub enum Estimator {
+            $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
+        }
+
+        /// Which integer form.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Kind {
+            $($(#[cfg($on)] $form,)*)*
+        }
+
+        /// What the forms remember. A field for each, not one for all: so the compiler can keep the few words of
+        /// the usual one in registers.
+        #[derive(Clone, Copy, Debug)]
+        pub(super) struct Memory {
+            $($($(#[cfg($on)] $own: <$integer as Form>::State,)?)*)*
+        }
+
+        impl EstimatorName {
+            /// All of this build.
+            pub const ALL: &[Self] = &[$($(#[cfg($on)] Self::$name,)*)*];
+
+            /// As it is typed.
+            pub const fn text(self) -> &'static str {
+                match self { $($(#[cfg($on)] Self::$name => $text,)*)* }
+            }
+
+            /// Its number in a settings record. A number is never given a new meaning.
+            pub const fn id(self) -> u32 {
+                match self { $($(#[cfg($on)] Self::$name => $id,)*)* }
+            }
+
+            /// What it cannot do without, beside the position.
+            pub fn sense(self) -> Option<Sense> {
+                match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
+            }
+
+            /// Its numbers: the tuning, which trades speed for accuracy, and for some a second one.
+            pub fn parameters(self) -> [Option<Parameter>; 2] {
+                match self {
+                    $($(#[cfg($on)] Self::$name => Parameter::two(&[$(
+                        Parameter { name: $parameter, unit: $unit, default: $default },
+                    )*]),)*)*
+                }
+            }
+
+            /// Their keys: the names with units, as in scenes and in [`SettingsError`].
+            pub const fn keys(self) -> &'static [&'static str] {
+                match self { $($(#[cfg($on)] Self::$name => &[$(stringify!($key)),*],)*)* }
+            }
+
+            /// The name of those settings, and their parameters; 0 where there is none.
+            pub fn of(settings: &VelocitySettings) -> (Self, [f64; 2]) {
+                match *settings {
+                    $($(#[cfg($on)] VelocitySettings::$name { $($key),* } => {
+                        (Self::$name, super::name::two(&[$(Number::value($key)),*]))
+                    })*)*
+                }
+            }
+
+            /// Its settings with those parameters; whether they are in range is for
+            /// [`VelocitySettings::build`] to say.
+            pub fn settings(self, numbers: [f64; 2]) -> VelocitySettings {
+                let mut numbers = numbers.into_iter();
+                match self {
+                    $($(#[cfg($on)] Self::$name => VelocitySettings::$name {
+                        $($key: Number::of(numbers.next().unwrap_or_default()),)*
+                    },)*)*
+                }
+            }
+        }
+
+        impl VelocitySettings {
+            /// The estimator's integer form for that device.
+            ///
+            /// # Errors
+            /// Names the parameter that is out of range, and the range.
+            pub fn build(&self, design: &Design) -> Result<Estimator, SettingsError> {
+                Ok(match *self {
+                    $($(#[cfg($on)] Self::$name { $($key),* } => {
+                        let $design = design;
+                        Estimator::$of($build)
+                    })*)*
+                })
+            }
+
+            /// The exact weights of the last differences, newest first, if it is a sum of them.
+            ///
+            /// # Errors
+            /// Names the parameter that is out of range, and the range.
+            #[allow(unused_variables, reason = "a parameter that is no weight's")]
+            pub fn weights(&self, design: &Design) -> Result<Option<FirDesign>, SettingsError> {
+                Ok(match *self {
+                    $($(#[cfg($on)] Self::$name { $($key),* } => {
+                        let $design = design;
+                        None $(.or(Some($weights)))?
+                    })*)*
+                })
+            }
+        }
+
+        impl Estimator {
+            #[inline(always)] // called, it would put senses that nobody looks at into memory
+            pub(super) fn step(
+                &self,
+                memory: &mut Memory,
+                difference: i32,
+                senses: &Senses,
+            ) -> Velocity {
+                match self {
+                    $($(#[cfg($on)] Self::$form(form) => {
+                        $likely();
+                        form.step(&mut memory.$($own)? $($shared)?, difference, senses)
+                    })*)*
+                }
+            }
+
+            #[inline]
+            pub(super) const fn kind(&self) -> Kind {
+                match self { $($(#[cfg($on)] Self::$form(_) => Kind::$form,)*)* }
+            }
+        }
+
+        impl Memory {
+            pub(super) const REST: Self = Self {
+                $($($(#[cfg($on)] $own: <$integer as Form>::REST,)?)*)*
+            };
+
+            /// Warms up `estimator`, as if the handle had always moved at that velocity.
+            pub(super) fn restart(&mut self, estimator: &Estimator, velocity: Velocity) {
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(form) => {
+                        self.$($own)? $($shared)? = form.at(velocity);
+                    })*)*
+                }
+            }
+        }
+    };
+}
+
+/// Nothing to the compiler.
+#[inline(always)]
+const fn usual() {}
+
+estimators! {
+    if all(), usual {
+        forms {
+            /// Finite difference and low-pass.
+            LowPass(Biquad) keeps filter;
+            /// Finite difference.
+            Difference(Difference) keeps nothing;
+        }
+        names {
+            /// Finite difference followed by a second-order Butterworth low-pass; the paper's estimator.
+            Butterworth = 1, "butterworth" {
+                /// Cutoff in Hz, as it stands in the paper's equation (2): 3.5e-5 to 0.499 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
+            } => |design| LowPass(Biquad::low_pass(2, cutoff_hz, design.rate_hz, false)?);
+            /// The same pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
+            ButterworthPrewarped = 2, "butterworth-prewarped" {
+                /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
+            } => |design| LowPass(Biquad::low_pass(2, cutoff_hz, design.rate_hz, true)?);
+            /// Finite difference followed by a first-order low-pass.
+            FirstOrder = 4, "first-order" {
+                /// Cutoff in Hz of the analog low-pass: 3.5e-5 to 0.499 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
+            } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, false)?);
+            /// The same pre-warped.
+            FirstOrderPrewarped = 5, "first-order-prewarped" {
+                /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
+            } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, true)?);
+            /// Finite difference: the counts since the last sample.
+            Difference = 3, "difference" {} => |_| Difference(Difference);
+        }
+    }
+    if feature = "estimators", core::hint::cold_path {
+        forms {
+            /// Weighted sum of the last differences.
+            Fir(Fir) keeps history;
+            /// Observer that knows the force.
+            Observer(Observer) keeps observer;
+        }
+        names {
+            /// Derivative of the polynomial of order 2 through the last samples.
+            Taylor2 = 6, "taylor-2" {} => |_| Fir(FirDesign::taylor(2)?.quantise()),
+                weights FirDesign::taylor(2)?;
+            /// The same of order 3.
+            Taylor3 = 7, "taylor-3" {} => |_| Fir(FirDesign::taylor(3)?.quantise()),
+                weights FirDesign::taylor(3)?;
+            /// Derivative of the straight line that fits the last samples best.
+            LeastSquares1 = 8, "least-squares-1" {
+                /// Samples between the oldest and the newest of the fit, 1 to 64.
+                window_samples: u32 = ("window", "samples", 16.0),
+            } => |_| Fir(FirDesign::least_squares(1, window_samples)?.quantise()),
+                weights FirDesign::least_squares(1, window_samples)?;
+            /// Derivative of the parabola that fits the last samples best.
+            LeastSquares2 = 9, "least-squares-2" {
+                /// Samples between the oldest and the newest of the fit, 2 to 64.
+                window_samples: u32 = ("window", "samples", 16.0),
+            } => |_| Fir(FirDesign::least_squares(2, window_samples)?.quantise()),
+                weights FirDesign::least_squares(2, window_samples)?;
+            /// Tracking loop (phase-locked loop), critically damped.
+            TrackingLoop = 30, "tracking-loop" {
+                /// Frequency of both its poles, Hz: 3.5e-5 to 0.25 of the rate.
+                bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
+            } => |design| LowPass(TrackingLoop::new(bandwidth_hz, design.rate_hz)?.quantise());
+            /// Extended-state observer that knows the force.
+            Observer = 31, "observer" {
+                /// Frequency of its three poles, Hz: 1e-3 to 0.2 of the rate.
+                bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
+                /// Mass of the model, kg: 1e-3 to 100. The default is the mass of the paper's device.
+                mass_kg: f64 = ("mass", "kg", 0.416),
+            } needs Force => |design| Observer(
+                ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?.quantise()
+            );
+        }
+    }
+    if feature = "time-stamps", core::hint::cold_path {
+        forms {
+            /// Counts between two edges over the time between them.
+            TimeStamps(TimeStamps) keeps time_stamps;
+        }
+        names {
+            /// Times of the encoder's edges.
+            TimeStamps = 32, "time-stamps" {
+                /// Shortest time that it measures over, samples: 1 to 62.
+                span_samples: u32 = ("span", "samples", 8.0),
+            } needs Edge => |_| TimeStamps(TimeStamps::new(span_samples)?);
+        }
+    }
+    if feature = "estimators", core::hint::cold_path {
+        forms {
+            /// Observer that knows the acceleration.
+            Fusion(Fusion) shares observer;
+            /// First-order adaptive windowing.
+            Foaw(Foaw) shares history;
+            /// Levant's robust exact differentiator.
+            Levant(Levant) keeps levant;
+            /// Steady-state Kalman filter.
+            Kalman(Kalman) keeps kalman;
+        }
+        names {
+            /// Position and acceleration.
+            Fusion = 33, "fusion" {
+                /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
+                crossover_hz: f64 = ("crossover", "Hz", 50.0),
+            } needs Acceleration => |design| Fusion(Fusion(
+                ObserverDesign::of_accelerometer(crossover_hz, design.rate_hz)?.quantise()
+            ));
+            /// First-order adaptive windowing: the line through the ends of the longest window that a line fits to
+            /// within the noise.
+            FoawEnd = 10, "foaw-end" {
+                /// Longest window: samples from its oldest to its newest, 1 to 32.
+                window_samples: u32 = ("window", "samples", 16.0),
+                /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
+                noise_counts: f64 = ("noise", "counts", 1.0),
+            } => |_| Foaw(Foaw::new(false, window_samples, noise_counts)?);
+            /// First-order adaptive windowing: the window's least-squares slope.
+            FoawBest = 11, "foaw-best" {
+                /// Longest window: samples from its oldest to its newest, 1 to 32.
+                window_samples: u32 = ("window", "samples", 16.0),
+                /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
+                noise_counts: f64 = ("noise", "counts", 1.0),
+            } => |_| Foaw(Foaw::new(true, window_samples, noise_counts)?);
+            /// Levant's robust exact differentiator, discretised by the explicit Euler method.
+            LevantExplicit = 12, "levant-explicit" {
+                /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
+                acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
+                /// Gain of the square root over sqrt(C), 0.5 to 3.
+                lambda_ratio: f64 = ("lambda_ratio", "1", 1.0),
+            } => |design| Levant(
+                LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(false)
+            );
+            /// The same by the implicit Euler method.
+            LevantImplicit = 13, "levant-implicit" {
+                /// Largest acceleration C of the handle, m/s^2: 1e-6 to 1e4 counts per sample^2.
+                acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
+                /// Gain of the square root over sqrt(C), 0.5 to 3.
+                lambda_ratio: f64 = ("lambda_ratio", "1", 1.0),
+            } => |design| Levant(
+                LevantDesign::new(acceleration_max_m_per_s2, lambda_ratio, design)?.quantise(true)
+            );
+            /// Steady-state Kalman filter with two states: position and velocity.
+            Kalman2 = 14, "kalman-2" {
+                /// Acceleration that differs from sample to sample, RMS, m/s^2; its range follows from the design.
+                acceleration_rms_m_per_s2: f64 = ("acceleration_rms", "m/s^2", 20.0),
+            } => |design| Kalman(
+                KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?.quantise()
+            );
+            /// Steady-state Kalman filter with three states: position, velocity and acceleration.
+            Kalman3 = 15, "kalman-3" {
+                /// Jerk that differs from sample to sample, RMS, m/s^3; its range follows from the design.
+                jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
+            } => |design| Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise());
+        }
+    }
+}
