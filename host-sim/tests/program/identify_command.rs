@@ -183,7 +183,7 @@ fn bad_input_is_refused_in_one_line() {
         (with("log.csv", &["--gain", "1", "--resolution", "1"]), "--resolution is 1, allowed"),
         (with("log.csv", &["--gain", "1", "--from", "0.9", "--to", "0.1"]), "no row of data"),
         (with("log.csv", &["--gain", "1", "--from", "1.0"]), "no excitation"),
-        (with("log.csv", &["--gain", "1", "--base", "none"]), "none: "),
+        (with("log.csv", &["--gain", "1", "--base", "none"]), "none cannot be read: "),
         (
             with("log.csv", &["--gain", "1", "--plot", "fit.pdf"]),
             "allowed endings are .svg and .png",
