@@ -30,10 +30,11 @@ mod target {
         velocity::{Edge, EstimatorName, Senses, State},
     };
 
-    use crate::mailbox::{CYCLES, SAMPLE, SAMPLES, ZERO, answer, measure, number, word};
+    use crate::mailbox::{CYCLES, SAMPLE, SAMPLES, answer, measure, number, word};
 
     #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-    static SENSES: [[AtomicU32; 4]; SAMPLES] = [const { [ZERO; 4] }; SAMPLES];
+    static SENSES: [[AtomicU32; 4]; SAMPLES] =
+        [const { [const { AtomicU32::new(0) }; 4] }; SAMPLES];
 
     const DESIGN: Design = Design {
         rate_hz: 1e4,
@@ -74,7 +75,7 @@ mod target {
                 estimator.update(&mut state, black_box(position), &senses).bits()
             );
         }
-        answer(7, size_of_val(&estimator) as u32);
+        answer(7, size_of_val(&estimator));
         true
     }
 }

@@ -36,7 +36,7 @@ mod target {
 
         #[inline(never)]
         fn visit<F: Step>(self, form: &mut F, fraction: u32) {
-            answer(6, size_of::<F>() as u32);
+            answer(6, size_of::<F>());
             for (sample, cycles) in SAMPLE.iter().zip(&CYCLES).take(self.samples) {
                 let input = black_box(sample.load(Relaxed).cast_signed());
                 let form = black_box(&mut *form);

@@ -9,15 +9,14 @@ use core::{
 };
 
 pub const SAMPLES: usize = 4096;
-pub const ZERO: AtomicU32 = AtomicU32::new(0);
 
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-static JOB: [AtomicU32; 8] = [ZERO; 8];
+static JOB: [AtomicU32; 8] = [const { AtomicU32::new(0) }; 8];
 /// What goes in; velocities come out.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-pub static SAMPLE: [AtomicU32; SAMPLES] = [ZERO; SAMPLES];
+pub static SAMPLE: [AtomicU32; SAMPLES] = [const { AtomicU32::new(0) }; SAMPLES];
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-pub static CYCLES: [AtomicU32; SAMPLES] = [ZERO; SAMPLES];
+pub static CYCLES: [AtomicU32; SAMPLES] = [const { AtomicU32::new(0) }; SAMPLES];
 
 /// No interrupt is used; the firmware's crates, which cargo builds along, insist on vectors.
 #[unsafe(link_section = ".vector_table.interrupts")] // SAFETY: this is what belongs there
@@ -47,9 +46,9 @@ pub fn number(at: usize) -> f64 {
     f64::from_bits(u64::from(word(at + 1)) << 32 | u64::from(word(at)))
 }
 
-/// Gives a word back.
-pub fn answer(at: usize, word: u32) {
-    JOB[at].store(word, Relaxed);
+/// Gives a number of bytes back.
+pub fn answer(at: usize, bytes: usize) {
+    JOB[at].store(u32::try_from(bytes).unwrap_or(u32::MAX), Relaxed);
 }
 
 /// One velocity in the place of its sample, with the cycles that it took. A macro, because what a closure captures is
