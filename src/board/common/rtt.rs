@@ -13,7 +13,6 @@
 use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
 use zwidth::contract;
 
-#[cfg(not(feature = "usual-logger"))]
 pub use super::logger::dropped as log_dropped;
 
 /// What the link task owns.
@@ -57,19 +56,10 @@ pub(in crate::board) fn init() -> Channels {
             0: { size: 256, mode: ChannelMode::NoBlockSkip, name: "commands" }
         }
     };
-    #[cfg(not(feature = "usual-logger"))]
     super::logger::start(channels.up.0);
-    #[cfg(feature = "usual-logger")]
-    rtt_target::set_defmt_channel(channels.up.0);
     Channels {
         telemetry: UpLink(channels.up.1),
         replies: UpLink(channels.up.2),
         commands: Commands(channels.down.0),
     }
-}
-
-/// The usual logger does not tell.
-#[cfg(feature = "usual-logger")]
-pub fn log_dropped() -> u32 {
-    0
 }

@@ -2,6 +2,7 @@
 
 use virtual_board::{
     board::{BOARDS, Board},
+    elf::Elf,
     mcu::Watch,
 };
 
@@ -46,14 +47,41 @@ fn nothing_delays_the_samples(board: Board) {
     assert!(session.lines > 500, "{}", session.lines);
 }
 
-/// With the logger that everybody uses, which logs inside a critical section, the same look finds
-/// delays: by the spread of the delays alone, and by the mask.
+/// The same firmware with its masks exchanged: where it raises BASEPRI it disables all interrupts, as the critical
+/// section of `cortex-m` does, and where it restores BASEPRI it enables them.
+fn with_critical_sections(firmware: &Firmware) -> Elf {
+    const MSR: u16 = 0xF380;
+    let mut elf = firmware.elf.clone();
+    let code = Code::of(&firmware.elf);
+    let mut patched = [0; 2];
+    for Instruction { at, first, second } in
+        code.named("").into_iter().flat_map(|function| code.instructions(function))
+    {
+        let (n, instruction) = match (first & 0xFFF0, second) {
+            (MSR, 0x8812) => (0, 0xB672_u16), // BASEPRI_MAX: cpsid i
+            (MSR, 0x8811) => (1, 0xB662),     // BASEPRI: cpsie i
+            _ => continue,
+        };
+        patched[n] += 1;
+        let nop = 0xBF00_u16;
+        let bytes = [instruction.to_le_bytes(), nop.to_le_bytes()].concat();
+        let piece = elf.flash.iter_mut().rfind(|(base, _)| *base <= at).unwrap();
+        piece.1[(at - piece.0) as usize..][..4].copy_from_slice(&bytes);
+    }
+    assert!(patched.iter().all(|&n| n > 0), "{patched:?}");
+    elf
+}
+
+/// With a logger that logs inside a critical section, as `rtt-target`'s and `defmt-rtt` do, the same look finds delays:
+/// by their spread alone, and by the mask.
 #[test]
-#[ignore = "an image of its own; CI runs it"]
-fn the_usual_logger_would_be_noticed() {
+fn a_logger_with_a_critical_section_would_be_noticed() {
     let mut spreads = Vec::new();
-    for features in [&[][..], &["usual-logger"]] {
-        let firmware = Firmware::variant(BOARDS[0], features);
+    let mut firmware = Firmware::of(BOARDS[0]);
+    for sections in [false, true] {
+        if sections {
+            firmware.elf = with_critical_sections(&firmware);
+        }
         let mut world = firmware.boot();
         arm(&mut world);
         world.powered.mcu.watch_mut().clear();
@@ -67,9 +95,13 @@ fn the_usual_logger_would_be_noticed() {
             }
         }
         let watch = world.powered.mcu.watch();
-        println!("{features:?}: spread {}, {:?}", watch.delay_spread(), delayed(watch));
-        assert_eq!(delayed(watch).is_ok(), features.is_empty());
-        assert_eq!(watch.primask == 0, features.is_empty());
+        println!(
+            "critical sections {sections}: spread {}, {:?}",
+            watch.delay_spread(),
+            delayed(watch)
+        );
+        assert_eq!(delayed(watch).is_ok(), !sections);
+        assert_eq!(watch.primask == 0, !sections);
         spreads.push(watch.delay_spread());
     }
     assert!(spreads[0] <= SPREAD && spreads[1] > 10 * SPREAD, "{spreads:?}");
