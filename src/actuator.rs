@@ -6,7 +6,7 @@
 use core::ops::RangeInclusive;
 
 use crate::{
-    settings::{SettingsError, widen, within},
+    range::{SettingsError, widen, within},
     units::{Force, OutputCode},
 };
 

@@ -8,7 +8,7 @@
 
 use crate::{
     Design,
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::{Force, Position},
 };
 

@@ -17,7 +17,7 @@
 
 use crate::{
     Design,
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::Force,
 };
 

@@ -4,10 +4,47 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{RmsLimit, RunningVariance};
-use crate::units::{Force, Position};
+use crate::{
+    Design,
+    range::{SettingsError, limits, within},
+    units::{Force, Position},
+};
+
+/// The wall-hit experiment in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitSettings {
+    /// Constant push, N.
+    pub push_n: f64,
+    /// Time before the hit is judged, s.
+    pub settle_s: f64,
+    /// Time over which it is judged, s.
+    pub window_s: f64,
+    /// `stable` is an RMS below this, m.
+    pub rms_limit_m: f64,
+}
+
+impl HitSettings {
+    /// Validates, and converts to samples, counts and fractions of full scale.
+    ///
+    /// # Errors
+    /// Names the first parameter that is out of range, and the range.
+    pub fn build(&self, design: &Design) -> Result<HitPlan, SettingsError> {
+        design.check()?;
+        let limit_counts = self.rms_limit_m / design.resolution_m;
+        let rms = &limits::RMS_COUNTS;
+        let range = rms.start() * design.resolution_m..=rms.end() * design.resolution_m;
+        within("rms_limit_m", self.rms_limit_m, range)?;
+        Ok(HitPlan {
+            push: design.force("push_n", self.push_n)?,
+            settle: design.samples("settle_s", self.settle_s)?,
+            window: design.samples("window_s", self.window_s)?,
+            limit: RmsLimit::from_counts(limit_counts),
+        })
+    }
+}
 
 /// A wall hit in samples, counts and fractions of full scale; made by
-/// [`HitSettings::build`](crate::HitSettings::build).
+/// [`HitSettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitPlan {
     /// Constant push into the wall.
@@ -134,6 +171,7 @@ impl Hit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::tests::DESIGN;
 
     const PLAN: HitPlan =
         HitPlan { push: Force::ZERO, settle: 4, window: 6, limit: RmsLimit::ONE_COUNT };
@@ -187,5 +225,18 @@ mod tests {
         let mut hit = Hit::new(PLAN);
         let verdicts = (0..20).map(|_| hit.sample(Position::from_counts(0), true));
         assert_eq!(verdicts.flatten().filter(|v| *v == Verdict::Stable).count(), 11);
+    }
+
+    #[test]
+    fn a_hit_in_samples_counts_and_fractions() {
+        let hit = HitSettings { push_n: 2.953, settle_s: 4.0, window_s: 2.0, rms_limit_m: 1.5e-5 };
+        let plan = hit.build(&DESIGN).unwrap();
+        assert_eq!((plan.settle, plan.window), (40_000, 20_000));
+        assert_eq!(plan.push.bits(), 1 << 29);
+        assert_eq!(plan.limit, RmsLimit::from_bits(15 << 16));
+        let late = HitSettings { settle_s: f64::NAN, ..hit };
+        assert_eq!(late.build(&DESIGN).unwrap_err().parameter, "settle_s");
+        let strong = HitSettings { push_n: -6.0, ..hit };
+        assert_eq!(strong.build(&DESIGN).unwrap_err().parameter, "push_n");
     }
 }

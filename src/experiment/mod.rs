@@ -14,7 +14,7 @@ mod walk;
 
 pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationSettings};
 pub use duty::{Duty, DutyPlan, DutySettings};
-pub use hit::{Hit, HitPlan, Verdict};
+pub use hit::{Hit, HitPlan, HitSettings, Verdict};
 pub use hit_sequence::{AbortReason, HitSequence, HitSequencePlan};
 pub use orders::{Activity, Event, Gains, Order, Report};
 pub use return_move::{Return, ReturnPlan, ReturnSettings, ReturnStep};

@@ -16,7 +16,7 @@
 
 use crate::{
     Design, Gain,
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::{Force, Position},
 };
 
@@ -251,15 +251,8 @@ fn between(value: i64, limit: i64) -> i64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::Output;
 
-    pub const DESIGN: Design = Design {
-        rate_hz: 1e4,
-        resolution_m: 1e-6,
-        full_scale_n: 5.906,
-        period: 10,
-        output: Output::Continuous,
-    };
+    pub use crate::design::tests::DESIGN;
     pub const SETTINGS: ReturnSettings = ReturnSettings::SOFT;
 
     /// A handle on a spring to `rest_m`.

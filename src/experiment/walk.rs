@@ -8,7 +8,7 @@
 use core::fmt;
 
 use super::Verdict;
-use crate::{SettingsError, limits, settings::within};
+use crate::{SettingsError, limits, range::within};
 
 /// Grid and caps of a walk, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use core::ops::RangeInclusive;
 
 use crate::{
     Design,
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::{Force, Position, Velocity},
 };
 

@@ -24,7 +24,7 @@
 //! overflow; pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
 
 use super::biquad::{Biquad, Coefficient};
-use crate::settings::{SettingsError, within};
+use crate::range::{SettingsError, within};
 
 /// Lowest accepted cutoff, as a fraction of the sample rate.
 pub const CUTOFF_MIN: f64 = 3.5e-5;

@@ -30,7 +30,7 @@ use core::num::NonZeroU32;
 
 use super::{Form, Senses, history::History};
 use crate::{
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::Velocity,
 };
 

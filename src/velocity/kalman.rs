@@ -34,7 +34,7 @@
 use super::{Form, Senses};
 use crate::{
     Design, Gain,
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::Velocity,
 };
 

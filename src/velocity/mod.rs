@@ -16,6 +16,7 @@ mod levant;
 mod name;
 mod observer;
 mod observer_design;
+mod parameter;
 mod polynomial;
 mod senses;
 mod table;
@@ -33,9 +34,10 @@ pub use foaw::Foaw;
 pub use history::WINDOW_MAX;
 pub use kalman::{Kalman, KalmanDesign};
 pub use levant::{Levant, LevantDesign};
-pub use name::{Parameter, UnknownEstimator};
+pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
+pub use parameter::Parameter;
 pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use table::{Estimator, EstimatorName, VelocitySettings};
@@ -123,15 +125,7 @@ impl State {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Output, settings};
-
-    const DESIGN: settings::Design = settings::Design {
-        rate_hz: 1e4,
-        resolution_m: 1e-6,
-        full_scale_n: 5.906,
-        period: 10,
-        output: Output::Continuous,
-    };
+    use crate::design::tests::DESIGN;
 
     /// What an estimator may miss of a constant speed of whole counts, LSB.
     fn chattering(name: EstimatorName) -> i32 {

@@ -9,8 +9,8 @@
 
 use super::observer::{Factor, Observer, POSITION_BITS};
 use crate::{
-    Gain, settings,
-    settings::{SettingsError, within},
+    Design, Gain,
+    range::{SettingsError, within},
     units::Velocity,
 };
 
@@ -39,7 +39,7 @@ impl ObserverDesign {
     pub fn of_mass(
         bandwidth_hz: f64,
         mass_kg: f64,
-        design: &settings::Design,
+        design: &Design,
     ) -> Result<Self, SettingsError> {
         let gains = gains("bandwidth_hz", bandwidth_hz, design.rate_hz)?;
         within("mass_kg", mass_kg, MASS_KG)?;

@@ -28,7 +28,7 @@ use super::{
     fir::{FRACTION_BITS, Fir},
     history::{LENGTH, WINDOW_MAX},
 };
-use crate::settings::{SettingsError, within};
+use crate::range::{SettingsError, within};
 
 /// Exact weights of the last differences, newest first; they add up to one.
 #[derive(Clone, Copy, Debug, PartialEq)]

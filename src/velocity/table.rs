@@ -4,11 +4,8 @@
 //! Everything that goes through all estimators (console, settings in flash, scenes, comparison, tests) reads
 //! the table.
 
-use super::{name::Number, *}; // what the rows name
-use crate::{
-    settings::{Design, SettingsError},
-    units::Velocity,
-};
+use super::{parameter::Number, *}; // what the rows name
+use crate::{Design, SettingsError, units::Velocity};
 
 /// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
 /// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
@@ -103,7 +100,7 @@ macro_rules! estimators {
             pub fn of(settings: &VelocitySettings) -> (Self, [f64; 2]) {
                 match *settings {
                     $($(#[cfg($on)] VelocitySettings::$name { $($key),* } => {
-                        (Self::$name, super::name::two(&[$(Number::value($key)),*]))
+                        (Self::$name, super::parameter::two(&[$(Number::value($key)),*]))
                     })*)*
                 }
             }

@@ -30,7 +30,7 @@ use core::num::NonZeroU64;
 
 use super::{Edge, Form, Senses};
 use crate::{
-    settings::{SettingsError, within},
+    range::{SettingsError, within},
     units::Velocity,
 };
 

@@ -34,7 +34,7 @@
 //! 12 dB per octave. As any linear filter of the count it trades noise for delay as they do.
 
 use super::biquad::{Biquad, Coefficient};
-use crate::settings::{SettingsError, within};
+use crate::range::{SettingsError, within};
 
 /// Lowest accepted bandwidth, as a fraction of the sample rate. `ki` has 52 LSB of 2^-30 there.
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;

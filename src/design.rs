@@ -1,0 +1,95 @@
+//! What is built, and SI units in its counts, samples and fractions of full scale.
+
+use crate::{
+    actuator::{Actuator, Output},
+    range::{SettingsError, limits, widen, within},
+    units::{Force, Position},
+};
+
+/// What is built and does not change while running.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Design {
+    /// Encoder samples per second, Hz.
+    pub rate_hz: f64,
+    /// Encoder resolution, m per count.
+    pub resolution_m: f64,
+    /// Force at full command, N.
+    pub full_scale_n: f64,
+    /// Samples per output: 10 for 10 kHz in, 1 kHz out.
+    pub period: u32,
+    /// How the hardware takes its command.
+    pub output: Output,
+}
+
+impl Design {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// Names the parameter that is out of range, and the range.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        within("rate_hz", self.rate_hz, limits::RATE_HZ)?;
+        within("resolution_m", self.resolution_m, limits::RESOLUTION_M)?;
+        within("full_scale_n", self.full_scale_n, limits::FULL_SCALE_N)?;
+        within("period", f64::from(self.period), widen(&limits::PERIOD))?;
+        Actuator::new(self.output)?;
+        Ok(())
+    }
+
+    /// `metres` in counts, rounded to the nearest, within the range of [`Position`].
+    ///
+    /// # Errors
+    /// The position is beyond 2^30 counts.
+    pub(crate) fn position(
+        &self,
+        parameter: &'static str,
+        metres: f64,
+    ) -> Result<Position, SettingsError> {
+        let reach = f64::from(Position::LIMIT) * self.resolution_m;
+        within(parameter, metres, -reach..=reach)?;
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^30 by the check above")]
+        Ok(Position::from_counts(libm::round(metres / self.resolution_m) as i32))
+    }
+
+    /// `newtons` as a fraction of full scale, within +-1.
+    pub(crate) fn force(
+        &self,
+        parameter: &'static str,
+        newtons: f64,
+    ) -> Result<Force, SettingsError> {
+        within(parameter, newtons, -self.full_scale_n..=self.full_scale_n)?;
+        let full = f64::from(Force::FULL_SCALE.bits());
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^30 by the check above")]
+        Ok(Force::saturating_from_bits(libm::round(newtons / self.full_scale_n * full) as i32))
+    }
+
+    /// `seconds` in samples, rounded to the nearest.
+    pub(crate) fn samples(
+        &self,
+        parameter: &'static str,
+        seconds: f64,
+    ) -> Result<u32, SettingsError> {
+        let allowed = widen(&limits::PHASE_SAMPLES);
+        let range = allowed.start() / self.rate_hz..=allowed.end() / self.rate_hz;
+        within(parameter, seconds, range)?;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 2^24 by the check above"
+        )]
+        Ok(libm::round(seconds * self.rate_hz) as u32)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// The paper's device.
+    pub const DESIGN: Design = Design {
+        rate_hz: 1e4,
+        resolution_m: 1e-6,
+        full_scale_n: 5.906,
+        period: 10,
+        output: Output::Continuous,
+    };
+}

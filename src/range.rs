@@ -1,0 +1,91 @@
+//! Ranges: what is allowed, the check, and the error that names the parameter and the range.
+
+use core::{fmt, ops::RangeInclusive};
+
+/// Accepted ranges, SI units. The simulator checks its scenes against the same ones.
+pub mod limits {
+    use core::ops::RangeInclusive;
+
+    /// Sample rate, Hz.
+    pub const RATE_HZ: RangeInclusive<f64> = 1e3..=5e4;
+    /// Encoder resolution, m per count.
+    pub const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
+    /// Force at full command, N.
+    pub const FULL_SCALE_N: RangeInclusive<f64> = 1e-3..=1e5;
+    /// Samples per output.
+    pub const PERIOD: RangeInclusive<u32> = 1..=1000;
+    /// Wall stiffness K, N/m.
+    pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e7;
+    /// Wall damping B, N s/m.
+    pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e4;
+    /// Samples to settle before a hit is judged, and samples that are judged.
+    pub const PHASE_SAMPLES: RangeInclusive<u32> = 1..=1 << 24;
+    /// RMS limit of a hit, in counts.
+    pub const RMS_COUNTS: RangeInclusive<f64> = 1e-3..=65_535.0;
+}
+
+/// A parameter that is out of range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SettingsError {
+    /// Its name, as in [`Settings`], [`Design`] or [`HitSettings`].
+    pub parameter: &'static str,
+    /// What was asked for.
+    pub value: f64,
+    /// What is allowed.
+    pub range: RangeInclusive<f64>,
+}
+
+impl fmt::Display for SettingsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (low, high) = (shorten(*self.range.start()), shorten(*self.range.end()));
+        write!(f, "{} is {}, allowed {low} to {high}", self.parameter, self.value)
+    }
+}
+
+/// `value` to nine digits, so that a product like 3.5e-5 * 1000 prints as 0.035.
+pub fn shorten(value: f64) -> f64 {
+    const DIGITS: f64 = 9.0;
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let exponent = DIGITS - 1.0 - libm::floor(libm::log10(libm::fabs(value)));
+    if exponent >= 0.0 {
+        let scale = libm::exp10(exponent);
+        libm::round(value * scale) / scale
+    } else {
+        let scale = libm::exp10(-exponent);
+        libm::round(value / scale) * scale
+    }
+}
+
+impl core::error::Error for SettingsError {}
+
+/// `value` if it lies in `range`; NaN lies in none.
+///
+/// # Errors
+/// Names the parameter and the range.
+pub fn within(
+    parameter: &'static str,
+    value: f64,
+    range: RangeInclusive<f64>,
+) -> Result<f64, SettingsError> {
+    if range.contains(&value) { Ok(value) } else { Err(SettingsError { parameter, value, range }) }
+}
+
+pub(crate) fn widen(range: &RangeInclusive<u32>) -> RangeInclusive<f64> {
+    f64::from(*range.start())..=f64::from(*range.end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_print_without_the_digits_of_their_arithmetic() {
+        assert_eq!(shorten(3.5e-5 * 1000.0), 0.035);
+        assert_eq!(shorten(-1_234.567_891_234), -1_234.567_89);
+        assert_eq!(shorten(0.0), 0.0);
+        assert_eq!(shorten(1e300 * 1.000_000_000_01), 1e300);
+        assert!(shorten(f64::NAN).is_nan());
+    }
+}
