@@ -73,7 +73,7 @@ impl Trace {
             velocity_lsb_m_per_s: design.resolution_m * design.rate_hz,
             full_scale_n: design.full_scale_n,
             surface: rig.fixed(hit).map_err(Error::input)?.controller().surface(),
-            rows: Vec::with_capacity(samples(rig) as usize),
+            rows: Vec::with_capacity(usize::try_from(samples(rig)).unwrap_or_default()),
         })
     }
 

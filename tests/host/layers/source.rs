@@ -120,7 +120,7 @@ impl Source {
 
     fn walk(&self, mut at: Module, mut rest: &[String], depth: usize) -> Option<Module> {
         while let [next, ..] = rest {
-            let child = [&at[..], &[next.clone()]].concat();
+            let child = [&at[..], std::slice::from_ref(next)].concat();
             if self.files.contains_key(&child) {
                 (at, rest) = (child, &rest[1..]);
                 continue;
