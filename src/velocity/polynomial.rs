@@ -51,7 +51,8 @@ impl FirDesign {
         }))
     }
 
-    fn of(exact: &[f64]) -> Self {
+    /// Those weights, newest first: at most [`WINDOW_MAX`], each below 2, adding up to one.
+    pub(super) fn of(exact: &[f64]) -> Self {
         let mut weights = [0.0; LENGTH];
         for (weight, exact) in weights.iter_mut().zip(exact) {
             *weight = *exact;

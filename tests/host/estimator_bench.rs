@@ -46,7 +46,11 @@ impl Run {
 
 /// Response of a linear estimator to one count in the position, counts per sample.
 pub fn response_to_a_position(settings: &VelocitySettings) -> Vec<f64> {
-    let TransferFunction { num, den } = transfer_function(settings, &DESIGN).unwrap().unwrap();
+    response_of(&transfer_function(settings, &DESIGN).unwrap().unwrap())
+}
+
+/// Of a transfer function from the position to the velocity.
+pub fn response_of(TransferFunction { num, den }: &TransferFunction) -> Vec<f64> {
     let mut response: Vec<f64> = Vec::new();
     for n in 0..20_000 {
         let past: f64 = (1..den.len().min(n + 1)).map(|k| den[k] * response[n - k]).sum();

@@ -1,29 +1,30 @@
-//! The finite difference, the low-passes behind it, Taylor expansions and least-squares fits: what
+//! The finite difference, the low-passes behind it, and every weighted sum of differences: what
 //! docs/estimators.md states of them is measured. The low-passes' coefficients, responses and sums are in
 //! tests/host/filter.rs.
 
 use std::f64::consts::PI;
 
-use proptest::prelude::*;
+use host_sim::{
+    analysis::linear::{position_response, transfer_function},
+    simulation::twin::TwinEstimator,
+};
+use proptest::{prelude::*, sample::select};
 use zwidth::{
     VelocitySettings,
-    velocity::{ButterworthDesign, EstimatorName, FirDesign},
+    velocity::{ButterworthDesign, EstimatorName, FirDesign, Senses},
 };
 
 use crate::estimator_bench::{
-    DESIGN, LSB, Run, delay_over_a_chirp, pieces, response_to_a_position, rest_after, speeds,
-    twin_over_random_motion,
+    DESIGN, LSB, Run, delay_over_a_chirp, pieces, response_of, response_to_a_position, rest_after,
+    speeds, twin_over_random_motion,
 };
 
-const NAMES: [EstimatorName; 7] = [
-    EstimatorName::Butterworth,
-    EstimatorName::FirstOrder,
-    EstimatorName::Difference,
-    EstimatorName::Taylor2,
-    EstimatorName::Taylor3,
-    EstimatorName::LeastSquares1,
-    EstimatorName::LeastSquares2,
-];
+/// Finite difference and low-passes, and whatever the table has weights for.
+fn names() -> impl Iterator<Item = EstimatorName> {
+    let usual = [EstimatorName::Butterworth, EstimatorName::FirstOrder, EstimatorName::Difference];
+    let is_sum = |name: &EstimatorName| name.defaults().weights(&DESIGN).unwrap().is_some();
+    usual.into_iter().chain(EstimatorName::ALL.iter().copied().filter(is_sum))
+}
 
 /// Tunings from slow to fast.
 fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
@@ -75,7 +76,7 @@ fn rounding_lsb(settings: &VelocitySettings) -> f64 {
 
 #[test]
 fn constant_speed_is_measured_within_the_stated_error() {
-    for name in NAMES {
+    for name in names() {
         let mut closest = 0f64;
         for settings in tunings(name) {
             for speed in speeds() {
@@ -143,7 +144,7 @@ fn weights_are_those_of_the_polynomials() {
 fn the_stated_delay_is_that_over_a_chirp() {
     /// Of a sample or of the delay: quantisation, and the frequencies of the chirp being above zero.
     const ERROR_MAX: f64 = 0.02;
-    for name in NAMES {
+    for name in names() {
         for settings in tunings(name) {
             let stated = match settings {
                 VelocitySettings::Butterworth { cutoff_hz, .. } => {
@@ -156,7 +157,14 @@ fn the_stated_delay_is_that_over_a_chirp() {
                 VelocitySettings::LeastSquares1 { window_samples } => {
                     f64::from(window_samples) / 2.0
                 }
-                _ => 0.0,
+                VelocitySettings::Taylor2 {}
+                | VelocitySettings::Taylor3 {}
+                | VelocitySettings::LeastSquares2 { .. } => 0.0,
+                // each difference is the velocity of half a sample before it
+                _ => {
+                    let sum = settings.weights(&DESIGN).unwrap().unwrap();
+                    sum.weights().iter().zip(0u8..).map(|(g, age)| g * (f64::from(age) + 0.5)).sum()
+                }
             };
             let measured = delay_over_a_chirp(&settings, 20_000.0, 0.2, 1.0);
             println!("{settings:?}: {measured:.4} samples, stated {stated:.4}");
@@ -184,7 +192,7 @@ fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
 
 #[test]
 fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
-    for name in NAMES {
+    for name in names() {
         for settings in tunings(name) {
             let (worst, fastest) = twin_over_random_motion(&settings, 0.2);
             let stated = stated_lsb(&settings, fastest);
@@ -194,18 +202,57 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
     }
 }
 
+/// A row of the table without a twin, or a linear one without its transfer function, is found here, not by who runs it.
+/// Linear is what adds up: in its twin, over slow motions, where windows are long.
+#[test]
+fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
+    let mut linear = 0;
+    for &name in EstimatorName::ALL {
+        let settings = name.defaults();
+        let run = |differences: &[i32]| -> Vec<f64> {
+            let mut twin = TwinEstimator::new(&settings, &DESIGN).unwrap();
+            differences.iter().map(|d| twin.update(*d, &Senses::NONE)).collect()
+        };
+        let close = |ours: &[f64], theirs: &[f64]| {
+            ours.iter().zip(theirs).all(|(a, b)| (a - b).abs() < 1e-9)
+        };
+        let mut core = Run::new(&settings, 0);
+        let ramp = (1..5000).map(|count| core.at(count)).collect::<Vec<_>>();
+        for velocities in [ramp, run(&[1; 5000])] {
+            let mean = velocities[4000..].iter().sum::<f64>() / velocities[4000..].len() as f64;
+            assert!((mean - 1.0).abs() < 0.01, "{name:?}: {mean} at one count per sample");
+        }
+
+        let every = |n: i32| (0..1000).map(|k| i32::from(k % n == 0)).collect::<Vec<_>>();
+        let [a, b] = [every(3), every(7)];
+        let both: Vec<i32> = a.iter().zip(&b).map(|(a, b)| a + b).collect();
+        let sum: Vec<f64> = run(&a).iter().zip(run(&b)).map(|(a, b)| a + b).collect();
+        let adds_up = close(&run(&both), &sum);
+        let stated = transfer_function(&settings, &DESIGN).unwrap().is_some();
+        assert_eq!(stated, adds_up && name.sense().is_none(), "{name:?}");
+        if adds_up {
+            let mut there_and_back = [0; 1000];
+            there_and_back[..2].copy_from_slice(&[1, -1]);
+            let function = position_response(&settings, &DESIGN).unwrap().unwrap();
+            assert!(close(&run(&there_and_back), &response_of(&function)), "{name:?}");
+            linear += 1;
+        }
+    }
+    assert!(linear >= 12 && linear < EstimatorName::ALL.len(), "{linear}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Overflow checks are on in tests. Whatever came before: at rest, every estimator is at rest.
     #[test]
     fn nothing_makes_an_estimator_panic_or_stick(
-        which in 0..NAMES.len(),
+        name in select(names().collect::<Vec<_>>()),
         tuning in 0..6usize,
         start in any::<i32>(),
         pieces in pieces(),
     ) {
-        let all = tunings(NAMES[which]);
+        let all = tunings(name);
         let settings = all[tuning % all.len()];
         let velocity = rest_after(&settings, start, &pieces, 3 * settling(&settings));
         let stated = rounding_lsb(&settings) / LSB;

@@ -283,8 +283,7 @@ fn random_scenes_never_panic_and_stay_finite() {
         })
         .unwrap();
     println!("{:?}", ran.borrow());
-    // 15 estimators, two low-passes of them pre-warped too, both fits of two degrees.
-    assert_eq!(ran.borrow().len(), 19, "{:?}", ran.borrow());
+    assert_eq!(ran.borrow().len(), EstimatorName::ALL.len(), "{:?}", ran.borrow());
 }
 
 proptest! {

@@ -211,8 +211,9 @@ impl EstimatorChoice {
     }
 }
 
-/// A value of that type, or why it is none.
+/// A value of that type, or why it is none; to serde a date is a map, here as in a scene's other tables.
 fn typed<T: DeserializeOwned>(value: Value) -> Result<T, String> {
+    let value = if value.is_datetime() { Value::Table(toml::Table::new()) } else { value };
     T::deserialize(value).map_err(|error| error.message().into())
 }
 
@@ -248,7 +249,7 @@ impl<'de> Visitor<'de> for Table {
     type Value = (String, Vec<(String, Value)>);
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("internally tagged enum EstimatorChoice")
+        f.write_str("a table with an estimator")
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
