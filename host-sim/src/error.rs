@@ -2,7 +2,8 @@
 
 use std::{borrow::Cow, fmt, io, path::PathBuf};
 
-use crate::interrupt;
+/// Exit code of an interrupted command, as a shell gives it to Ctrl-C.
+pub const INTERRUPTED: u8 = 130;
 
 /// Why a command ended without its result.
 #[derive(Debug)]
@@ -59,7 +60,7 @@ impl Error {
         match self {
             Self::Input(_) => 2,
             Self::File { .. } | Self::Internal(_) => 1,
-            Self::Interrupted => interrupt::EXIT_CODE,
+            Self::Interrupted => INTERRUPTED,
         }
     }
 }

@@ -8,10 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::error::Error;
-
-/// Exit code of an interrupted command, as a shell gives it to Ctrl-C.
-pub const EXIT_CODE: u8 = 130;
+use crate::error::{Error, INTERRUPTED};
 
 /// Time that a command has to end by itself; with [`LAST_WORDS`] well below a second.
 const GRACE: Duration = Duration::from_millis(400);
@@ -37,7 +34,7 @@ pub fn check() -> Result<(), Error> {
 }
 
 /// Listens to the signals from now on. Where the command has not ended [`GRACE`] after one, `clean` takes away what
-/// must not stay, `report` says so, and the process ends with [`EXIT_CODE`].
+/// must not stay, `report` says so, and the process ends with [`INTERRUPTED`].
 ///
 /// # Errors
 /// The system refuses, or this has been called before.
@@ -51,7 +48,7 @@ pub fn watch(clean: fn(), report: fn()) -> Result<(), Error> {
         while !words.is_finished() && Instant::now() < ends {
             thread::sleep(Duration::from_millis(1));
         }
-        process::exit(EXIT_CODE.into());
+        process::exit(INTERRUPTED.into());
     };
     ctrlc::set_handler(ended)
         .map_err(|error| Error::Internal(format!("cannot watch for Ctrl-C: {error}")))

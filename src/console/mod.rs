@@ -20,7 +20,6 @@ mod reply;
 mod reply_channel;
 mod rules;
 mod session;
-mod walk_session;
 
 pub use command::{Command, GridValue, ParseError, parse, usages};
 pub use line::{Line, LineReader, Text};

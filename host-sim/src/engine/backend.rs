@@ -1,18 +1,19 @@
 //! Which text of the core runs the hits, on which vector machine, and which scenes have lanes at all.
 
-use zwidth::{SettingsError, VelocitySettings, experiment::Verdict};
+use zwidth::{SettingsError, VelocitySettings};
 
 use super::{
     fixed::FixedState,
     float::TwinState,
-    scheduler::{self, Prepare, Task},
+    scheduler::{self, Prepare},
     simd_ops::SimdOps,
+    work::{Depth, Tally, Task, Work, one_by_one},
 };
 use crate::{
     plant::AnyPlant,
     simulation::{
         controller::Controller as _,
-        prepared::{HitError, Numeric, PreparedScene, WallHit},
+        prepared::{Numeric, PreparedScene, WallHit},
         senses::AnySensing,
         twin::{self, Twin},
     },
@@ -112,41 +113,6 @@ impl Backend {
 /// AVX-512 is half as fast.
 const VECTORS: usize = 2;
 
-/// How much of a hit is run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Depth {
-    /// Until the verdict is certain. A hit that leaves the core's range is unstable.
-    Verdict,
-    /// To its end, for the RMS. A hit that leaves the core's range is an error.
-    Whole,
-}
-
-/// What a hit came to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
-    /// The verdict.
-    pub verdict: Verdict,
-    /// Population RMS over the window, m; only with [`Depth::Whole`].
-    pub rms_m: Option<f64>,
-}
-
-/// Where hits were run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// In their lanes to the end.
-    pub in_lanes: u64,
-    /// In the scalar loop, or refused.
-    pub scalar: u64,
-}
-
-/// Where hits come from and outcomes go.
-pub trait Work {
-    /// The next hit for a free lane. A lane that gets `None` is not asked again.
-    fn next(&mut self, lane: usize) -> Option<WallHit>;
-    /// The last hit of that lane is over.
-    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
-}
-
 /// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
 /// estimator that looks at nothing but the count and is a low-pass or none.
 pub fn lanes_for(rig: &PreparedScene) -> bool {
@@ -224,32 +190,6 @@ fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
         AnyPlant::Six(step) => scheduler::run::<S, C, 6, R>(simd, task, &step.linear(), work),
         AnyPlant::Seven(step) => scheduler::run::<S, C, 7, R>(simd, task, &step.linear(), work),
         _ => one_by_one(task, work),
-    }
-}
-
-fn one_by_one(task: Task<'_>, work: &mut dyn Work) -> Tally {
-    let mut tally = Tally::default();
-    while let Some(hit) = work.next(0) {
-        tally.scalar += 1;
-        let outcome = scalar(task, &hit);
-        work.done(0, outcome);
-    }
-    tally
-}
-
-/// A hit in the scalar loop.
-pub(super) fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
-    let Task { rig, numeric, depth } = task;
-    match depth {
-        Depth::Verdict => match rig.verdict(numeric, hit) {
-            // another machine may have been certain before the handle left
-            Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
-            verdict => verdict,
-        }
-        .map(|verdict| Outcome { verdict, rms_m: None }),
-        Depth::Whole => rig
-            .report(numeric, hit)
-            .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
     }
 }
 

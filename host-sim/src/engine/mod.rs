@@ -42,10 +42,11 @@ mod lanes;
 mod scheduler;
 mod simd_ops;
 mod stream;
+mod work;
 
-use backend::scalar;
-pub use backend::{Backend, Depth, Engine, Outcome, Tally, Work, lanes_for, run};
+pub use backend::{Backend, Engine, lanes_for, run};
 pub use stream::stream;
+pub use work::{Depth, Outcome, Tally, Work};
 
 #[cfg(test)]
 mod tests;

@@ -8,10 +8,9 @@ use zwidth::{
 };
 
 use super::{
-    Depth, Outcome, Tally, Work,
     lanes::{Actuation, Chunk, Kept, Lanes, Moving, OutputStage, Shared, mask},
-    scalar,
     simd_ops::{SimdOps, lanes, lanes_mut},
+    work::{Depth, Outcome, Tally, Task, Work, scalar},
 };
 use crate::{
     plant::LinearStep,
@@ -45,14 +44,6 @@ pub trait Prepare<S: SimdOps>: Lanes<S> {
     ) -> Result<Self::Controller, zwidth::SettingsError>;
     /// Its surface, counts.
     fn surface(controller: &Self::Controller) -> i32;
-}
-
-/// Which hits, in which arithmetic, and how much of them.
-#[derive(Clone, Copy, Debug)]
-pub struct Task<'a> {
-    pub rig: &'a PreparedScene,
-    pub numeric: Numeric,
-    pub depth: Depth,
 }
 
 /// A hit in a lane.

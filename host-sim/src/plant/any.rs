@@ -4,25 +4,14 @@
 
 use std::{fmt::Debug, sync::Arc};
 
-use super::{AugmentedStep, IntegratedStep, Moment, Plant, PlantStep, Regime, Sensed, Sensing};
+use super::{AnyState, AugmentedStep, IntegratedStep, Moment, Plant, PlantStep, Sensed, Sensing};
 use crate::{
     numerics::integrator::Integrator,
     scene::{
         Scene,
-        element::{Chain, Nonlinear, STATES_MAX},
+        element::{Chain, Nonlinear},
     },
 };
-
-/// The state of any plant.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AnyState {
-    /// States of the chain; unused places are 0.
-    pub(super) z: [f64; STATES_MAX],
-    pub(super) regime: Regime,
-    pub(super) step_s: f64,
-    pub(super) steps: u64,
-    pub(super) hit: u64,
-}
 
 /// The plant of a scene.
 #[derive(Clone, Debug)]

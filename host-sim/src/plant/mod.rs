@@ -13,12 +13,15 @@ mod integrated;
 mod sensed;
 
 pub(crate) use any::each_plant;
-pub use any::{AnyPlant, AnyState, OtherPlant};
+pub use any::{AnyPlant, OtherPlant};
 pub use augmented::{AugmentedStep, ChainState};
 pub use integrated::{HybridState, IntegratedStep, Regime};
 pub use sensed::{Sensed, SensedState, Sensing};
 
-use crate::{numerics::exact::oscillator_step, scene::Device};
+use crate::{
+    numerics::exact::oscillator_step,
+    scene::{Device, element::STATES_MAX},
+};
 
 /// A sample that the encoder is read for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,6 +74,17 @@ pub trait Plant: Clone {
     fn pack(state: &Self::State) -> AnyState;
     /// Back from [`pack`](Self::pack).
     fn unpack(any: &AnyState) -> Self::State;
+}
+
+/// The state of any plant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AnyState {
+    /// States of the chain; unused places are 0.
+    z: [f64; STATES_MAX],
+    regime: Regime,
+    step_s: f64,
+    steps: u64,
+    hit: u64,
 }
 
 /// The exact step of a device over one sample.

@@ -5,8 +5,10 @@ use std::{collections::HashSet, fs, path::Path, process::Command};
 use filter_forms::{Form, Format, Variant};
 use host_sim::{
     analysis::trade::{
-        Bench, Criterion, Refused, drift,
-        filters::{Exact, FilterRow, Filters, Measured},
+        Bench, Criterion, Refused,
+        criterion::{Exact, Measured},
+        drift,
+        filters::{FilterRow, Filters},
         noise::Motions,
         response::Tones,
         rest,

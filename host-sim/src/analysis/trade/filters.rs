@@ -8,54 +8,15 @@ use rayon::prelude::*;
 use super::{
     Bench, Criterion, Refused, Variant,
     area::{self, Areas},
-    cost, drift,
+    cost,
+    criterion::{Exact, Measured},
+    drift,
     headroom::Reversal,
     noise::{Motions, Noise},
-    response::{HIGHEST, Response, Tones},
+    response::{HIGHEST, Tones},
     rest,
 };
 use crate::{error::Error, scene::Scene};
-
-/// What was measured of a filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
-    /// Response.
-    pub response: Response,
-    /// DC drift, counts.
-    pub drift_counts: f64,
-    /// Distance from the exact filter, counts per sample.
-    pub noise: Noise,
-    /// Largest output after a stop, counts per sample.
-    pub rest_counts: f64,
-    /// Largest speed without overflow, counts per sample; `None` if the filter is too wrong to tell.
-    pub headroom_counts: Option<f64>,
-    /// Mean area, N^2 s/m^2.
-    pub area: Option<f64>,
-    /// Against the exact filter's, relative; `None` where that has none.
-    pub area_change: Option<f64>,
-}
-
-impl Measured {
-    /// Mean error of a constant speed, counts per sample; 10^-6 of it is the ripple of the counts.
-    pub fn bias_counts(&self) -> f64 {
-        self.drift_counts / f64::from(drift::SAMPLES)
-    }
-}
-
-/// What all filters of one cutoff are held against.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Exact {
-    /// Nominal cutoff, Hz.
-    pub cutoff_hz: f64,
-    /// The -3 dB frequency is in the band that is measured.
-    pub has_cutoff: bool,
-    /// What the encoder leaves in the exact filter's output, counts per sample.
-    pub encoder: Noise,
-    /// Mean area with the filter in `f64`, N^2 s/m^2.
-    pub area: f64,
-    /// Its spread over the starts, relative.
-    pub area_spread: f64,
-}
 
 /// A filter at a cutoff.
 #[derive(Clone, Debug, PartialEq)]

@@ -22,7 +22,6 @@ mod area;
 mod axis;
 mod colour;
 mod cost;
-mod cutoffs;
 mod panel;
 mod render;
 mod response;

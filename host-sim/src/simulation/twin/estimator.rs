@@ -4,13 +4,13 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        self, ButterworthDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
+        ButterworthDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
         TrackingLoop,
     },
 };
 
 use super::{
-    FLUSH_BELOW,
+    FLUSH_BELOW, LENGTH,
     foaw::Foaw,
     kalman::KalmanState,
     levant::{Levant, LevantState},
@@ -37,8 +37,6 @@ struct Rest {
     loops: Loop,
     stamps: Stamps,
 }
-
-pub(super) const LENGTH: usize = velocity::WINDOW_MAX as usize;
 
 /// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
 /// numbers can live in registers.

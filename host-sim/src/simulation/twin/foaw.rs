@@ -1,6 +1,6 @@
 //! First-order adaptive windowing as published: every window against every sample in it.
 
-use super::estimator::LENGTH;
+use super::LENGTH;
 
 /// Its parameters.
 #[derive(Clone, Copy, Debug)]

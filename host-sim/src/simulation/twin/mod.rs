@@ -10,12 +10,18 @@ mod stamps;
 
 pub(crate) use estimator::LowPass;
 pub use estimator::TwinEstimator;
-use zwidth::{Design, Output, Settings, SettingsError, velocity::Senses};
+use zwidth::{
+    Design, Output, Settings, SettingsError,
+    velocity::{Senses, WINDOW_MAX},
+};
 
 use crate::simulation::controller::{Controller, ControllerOutput};
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
+
+/// Differences that the estimators remember at most.
+const LENGTH: usize = WINDOW_MAX as usize;
 
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,12 +10,14 @@ use plotters::{
 };
 
 use super::{
-    FigureError, Page,
-    area::{AreaPlot, AreaPoint, panel_of},
-    axis::hertz,
-    colour::{ACCENT, FRAME, TEXT},
-    panel::{self, Panel, TICK_LENGTH},
-    text,
+    super::{
+        FigureError, GRID, Page,
+        axis::hertz,
+        colour::{ACCENT, FRAME, TEXT},
+        panel::{self, Panel, TICK_LENGTH},
+        text,
+    },
+    AreaPlot, AreaPoint, panel_of,
 };
 
 const CUTOFF_SIZE: f64 = 11.0;
@@ -67,7 +69,7 @@ impl Label {
             number(point.true_cutoff_hz, 0)
         };
         Self {
-            x: f64::from(x.map(&point.cutoff_hz, panel_of(1).x_pixels())) / super::GRID,
+            x: f64::from(x.map(&point.cutoff_hz, panel_of(1).x_pixels())) / GRID,
             cutoff_hz: point.cutoff_hz,
             nominal: hertz(point.cutoff_hz),
             true_hz,

@@ -1,11 +1,9 @@
 //! `walk`: the core's boundary walk. The output task runs one hit at a time; which one is next is decided
 //! here, with the settings built as for any other command.
 
-use super::{
-    Port, Reply, lines,
-    session::{Awaited, Console},
-};
+use super::{Awaited, Console};
 use crate::{
+    console::{Port, Reply, lines},
     experiment::{Order, Verdict, Walk, WalkError, WalkTotals},
     safety::State,
     store::Stored,
@@ -41,7 +39,7 @@ impl WalkSession {
 }
 
 impl<P: Port> Console<P> {
-    pub(super) fn begin_walk(&mut self) {
+    pub(in crate::console) fn begin_walk(&mut self) {
         let walk = Walk::new(self.stored.grid);
         let valid = walk.plan().check().and_then(|()| self.device.hit_sequence(&self.stored, true));
         if let Err(error) = valid {

@@ -3,6 +3,8 @@
 //! One command at a time: what the output task has to decide is asked of it, and the reply waits for its answer,
 //! which comes with the next output.
 
+mod walk;
+
 use core::fmt;
 
 use super::{
@@ -10,7 +12,6 @@ use super::{
     lines::{CalibrationHolds, CalibrationOver, HitOver},
     parse,
     reply_channel::ReplyChannel,
-    walk_session::WalkSession,
 };
 use crate::{
     device::Device,
@@ -20,6 +21,7 @@ use crate::{
     telemetry::{Frame, Record},
     velocity::EstimatorName,
 };
+use walk::WalkSession;
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
@@ -63,11 +65,11 @@ pub struct Console<P> {
     pub(super) stored: Stored,
     awaited: Option<Awaited>,
     pub(super) latest: Option<Report>,
-    pub(super) walking: Option<WalkSession>,
+    walking: Option<WalkSession>,
     /// What a walk had come to that ended because nobody reads; not yet said.
-    pub(super) pending_totals: Option<WalkTotals>,
+    pending_totals: Option<WalkTotals>,
     /// Another wall than the stored one is in force: a walk has just ended.
-    pub(super) restore_wall: bool,
+    restore_wall: bool,
     pub(super) streaming: bool,
     sequence: u32,
 }

@@ -9,11 +9,14 @@ use plotters::{
     style::text_anchor::HPos,
 };
 
+mod cutoffs;
+
+use cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows};
+
 use super::{
     Figure, FigureError, MARGIN, Page, Plot, WIDTH, at,
     axis::{Ticks, hertz, scaled_unit},
     colour::{ACCENT, DATA, QUIET, TEXT},
-    cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows},
     grid, not_negative,
     panel::{self, AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     positive, text,

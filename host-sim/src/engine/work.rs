@@ -1,0 +1,75 @@
+//! The hits that an engine runs: where they come from, what they come to, and the scalar loop.
+
+use zwidth::experiment::Verdict;
+
+use crate::simulation::prepared::{HitError, Numeric, PreparedScene, WallHit};
+
+/// How much of a hit is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Until the verdict is certain. A hit that leaves the core's range is unstable.
+    Verdict,
+    /// To its end, for the RMS. A hit that leaves the core's range is an error.
+    Whole,
+}
+
+/// What a hit came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Population RMS over the window, m; only with [`Depth::Whole`].
+    pub rms_m: Option<f64>,
+}
+
+/// Where hits were run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// In their lanes to the end.
+    pub in_lanes: u64,
+    /// In the scalar loop, or refused.
+    pub scalar: u64,
+}
+
+/// Where hits come from and outcomes go.
+pub trait Work {
+    /// The next hit for a free lane. A lane that gets `None` is not asked again.
+    fn next(&mut self, lane: usize) -> Option<WallHit>;
+    /// The last hit of that lane is over.
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
+}
+
+/// Which hits, in which arithmetic, and how much of them.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    pub rig: &'a PreparedScene,
+    pub numeric: Numeric,
+    pub depth: Depth,
+}
+
+/// Runs all hits in the scalar loop.
+pub fn one_by_one(task: Task<'_>, work: &mut dyn Work) -> Tally {
+    let mut tally = Tally::default();
+    while let Some(hit) = work.next(0) {
+        tally.scalar += 1;
+        let outcome = scalar(task, &hit);
+        work.done(0, outcome);
+    }
+    tally
+}
+
+/// A hit in the scalar loop.
+pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
+    let Task { rig, numeric, depth } = task;
+    match depth {
+        Depth::Verdict => match rig.verdict(numeric, hit) {
+            // another machine may have been certain before the handle left
+            Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
+            verdict => verdict,
+        }
+        .map(|verdict| Outcome { verdict, rms_m: None }),
+        Depth::Whole => rig
+            .report(numeric, hit)
+            .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
+    }
+}
