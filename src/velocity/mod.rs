@@ -69,7 +69,7 @@ impl Estimator {
     /// that of the usual ones out of the registers.
     #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
-        if Some(self.kind()) != state.kind {
+        if self.kind() != state.kind {
             self.take_over(state);
         }
         let difference = position.wrapping_since(state.previous);
@@ -84,7 +84,7 @@ impl Estimator {
     #[cold]
     #[inline(never)]
     fn take_over(&self, state: &mut State) {
-        state.kind = Some(self.kind());
+        state.kind = self.kind();
         state.memory.restart(self, state.velocity);
     }
 }
@@ -92,8 +92,8 @@ impl Estimator {
 /// What the samples so far left behind.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
-    /// Form of the estimator that has run; none: whatever comes next takes over.
-    kind: Option<Kind>,
+    /// Form of the estimator that has run; `None`: whatever comes next takes over.
+    kind: Kind,
     previous: Position,
     /// Of the last sample.
     velocity: Velocity,
@@ -103,13 +103,13 @@ pub struct State {
 impl State {
     /// Whatever comes next takes over from the velocity.
     pub fn restart(&mut self) {
-        self.kind = None;
+        self.kind = Kind::None;
     }
 
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
         Self {
-            kind: Some(Kind::Difference),
+            kind: Kind::Difference,
             previous: position,
             velocity: Velocity::ZERO,
             memory: Memory::REST,

@@ -50,10 +50,12 @@ macro_rules! estimators {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
 
-        /// Which integer form.
+        /// Which integer form. Numbered as those of [`Estimator`], so that finding it out is one load.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(super) enum Kind {
             $($(#[cfg($on)] $form,)*)*
+            /// No estimator's.
+            None,
         }
 
         /// What the forms remember. A field for each, not one for all: so the compiler can keep the few words of
