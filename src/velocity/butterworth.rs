@@ -55,7 +55,13 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
     let highest = if prewarp { PREWARPED_MAX } else { CUTOFF_MAX };
     within("cutoff_hz", cutoff_hz, CUTOFF_MIN * rate_hz..=highest * rate_hz)?;
     let angle = 2.0 * core::f64::consts::PI * cutoff_hz / rate_hz;
-    Ok(if prewarp { 2.0 * libm::tan(angle / 2.0) } else { angle })
+    Ok(if prewarp { prewarped(angle) } else { angle })
+}
+
+/// Not inlined: what `tan` needs of the stack would be needed for every cutoff.
+#[inline(never)]
+fn prewarped(angle: f64) -> f64 {
+    2.0 * libm::tan(angle / 2.0)
 }
 
 /// Coefficients in floating point, normalised to `a0 = 1`; `b1 = 2 b0`, `b2 = b0`.

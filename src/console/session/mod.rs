@@ -189,6 +189,7 @@ impl<P: Port> Console<P> {
     }
 
     /// Says why not, and of a wall outside the envelope what is allowed.
+    #[inline(never)] // its texts and keys do not belong on the stack of a command that is obeyed
     pub(super) fn refuse(&mut self, refusal: Refusal) {
         let stored = self.stored;
         match self.device.inside(&stored) {
@@ -206,6 +207,7 @@ impl<P: Port> Console<P> {
         }
     }
 
+    #[inline(never)] // what it has on the stack, for a `save` above all, is not needed below `obey`
     fn answer(&mut self, answer: Result<(), Refusal>) {
         let Some(awaited) = self.awaited.take() else { return };
         match (awaited, answer) {
