@@ -19,15 +19,12 @@ use crate::{
     units::{Demand, Force, Position},
 };
 
-/// One output under supervision.
+/// One output under supervision: what goes to the hardware, and its record. What can wait until the hardware is
+/// written stays in the [`Supervisor`]: a copy of it before would be latency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rendered {
     /// What the output may do.
     pub grant: OutputCommand,
-    /// For the sampling task. Publish it after the output hardware is written.
-    pub down: GuardCommand,
-    /// For the backup RAM, in the rare case that it changes.
-    pub memory: Option<MemoryUpdate>,
     /// For telemetry and black box. `settings` is left 0.
     pub record: Record,
 }
@@ -100,8 +97,9 @@ impl Supervisor {
         }
     }
 
-    /// The output that answers `up`, with what the guard found: `push` (into the wall) minus what the wall gives back, as far
-    /// as it may act. `control` is that of the very sample.
+    /// The output that answers `up`, with what the guard found: `push` (into the wall) minus what the wall gives back,
+    /// as far as it may act. `control` is that of the very sample. Write it, then publish [`down`](Self::down) and see
+    /// to [`take_memory_update`](Self::take_memory_update).
     #[inline]
     pub fn render(
         &mut self,
@@ -132,7 +130,7 @@ impl Supervisor {
         self.down.jump = if self.down.stall { u32::MAX } else { self.plan.jump };
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
-        Rendered { grant, down: self.down, memory: self.memory.take(), record }
+        Rendered { grant, record }
     }
 
     /// What it thinks, for the link.
@@ -168,10 +166,17 @@ impl Supervisor {
         !up.present.is_empty() || guard.events != self.down.acknowledged
     }
 
-    /// For the sampling task, as the last [`request`](Self::request) left it. Publish it at once
-    /// where the request is not to wait for the next output: a stall, a zero.
+    /// For the sampling task, as the last output or [`request`](Self::request) left it. Publish it after the output
+    /// hardware is written, and at once where a request is not to wait for the next output: a stall, a zero.
+    #[inline]
     pub fn down(&self) -> GuardCommand {
         self.down
+    }
+
+    /// For the backup RAM, after every output, in the rare case that it changes.
+    #[inline]
+    pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
+        self.memory.take()
     }
 
     /// Meets a request between two outputs.

@@ -119,10 +119,10 @@ impl Render {
         let sensed = self.sense(up.motion.sample);
         let rendered = self.scheduler.output(&up, &guard, sensed);
         self.put_out(rendered.grant);
-        self.ends.sampling.command(rendered.down);
-        FLAGS.rendered.store(rendered.down.rendered, Relaxed);
+        self.ends.sampling.command(self.scheduler.command());
+        FLAGS.rendered.store(up.motion.number(), Relaxed);
 
-        match rendered.memory {
+        match self.scheduler.take_memory_update() {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
             Some(MemoryUpdate::Erase) => self.outputs.memory.erase(),
             None => {}

@@ -122,7 +122,7 @@ impl Loop {
         step.due.then(|| {
             let rendered =
                 self.supervisor.render(&self.control, &step.report, &self.guard, self.push, GOOD);
-            self.down = rendered.down;
+            self.down = self.supervisor.down();
             rendered
         })
     }

@@ -10,8 +10,8 @@ use super::{
 use crate::{
     LoopParameters,
     safety::{
-        BlackBox, Guard, GuardCommand, Inputs, OutputCommand, Refusal, Rendered, Request,
-        SampleReport, Sensed, State, Supervisor,
+        BlackBox, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand, Refusal, Rendered,
+        Request, SampleReport, Sensed, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -100,6 +100,18 @@ impl<const N: usize> Scheduler<N> {
         let valid = self.gains == Gains::Inside || self.supervisor.status().unlocked;
         let inputs = Inputs::of(sensed, self.supervisor.is_cut(up, guard), valid);
         self.supervisor.render(&self.parameters, up, guard, self.push, inputs)
+    }
+
+    /// For the sampling task, once the output is out.
+    #[inline(always)]
+    pub fn command(&self) -> GuardCommand {
+        self.supervisor.down()
+    }
+
+    /// For the backup RAM, once the output is out.
+    #[inline(always)]
+    pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
+        self.supervisor.take_memory_update()
     }
 
     /// Everything of an output that can wait until it is out. `positions` are those of the samples since the last

@@ -121,6 +121,7 @@ impl Bench {
         let sensed = Sensed { switched_on: self.last != OutputCommand::Off, ..self.sensed };
         let rendered = self.scheduler.output(&up, &self.guard, sensed);
         self.last = rendered.grant;
+        let zeros = self.scheduler.command().zeros;
         // nine samples on the way, and the due one
         let moved = position.wrapping_since(before);
         let positions: Vec<_> =
@@ -135,8 +136,8 @@ impl Bench {
             let report = self.scheduler.report(record);
             self.reports.push(report);
         }
-        if self.guard.zeros != rendered.down.zeros {
-            self.guard.zeros = rendered.down.zeros;
+        if self.guard.zeros != zeros {
+            self.guard.zeros = zeros;
             self.zero = self.handle.position().counts();
         }
         self.sample += 10;

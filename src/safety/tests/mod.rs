@@ -104,8 +104,8 @@ impl Bench {
                     self.supervisor.render(control, &asked.report, guard, *push, *inputs);
                 self.asked = None;
                 self.output = rendered.grant.force();
-                self.down = rendered.down;
-                self.updates.extend(rendered.memory);
+                self.down = self.supervisor.down();
+                self.updates.extend(self.supervisor.take_memory_update());
                 self.last = Some(rendered);
             }
             Some((delay, _)) => *delay -= 1,

@@ -5,8 +5,8 @@ use zwidth::{
     LoopParameters,
     console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
     safety::{
-        BlackBox, FaultRecord, Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request,
-        SampleReport, Supervisor,
+        BlackBox, FaultRecord, Guard, GuardCommand, GuardedSampler, Inputs, MemoryUpdate, Rendered,
+        Request, SampleReport, Supervisor,
         envelope::{Envelope, Key},
     },
     store::{Stored, load, save},
@@ -41,8 +41,12 @@ pub extern "C" fn zwidth_supervised_render(
     push: &Force,
     inputs: &Inputs,
     rendered: &mut Rendered,
+    down: &mut GuardCommand,
+    memory: &mut Option<MemoryUpdate>,
 ) {
     *rendered = supervisor.render(control, up, guard, *push, *inputs);
+    *down = supervisor.down();
+    *memory = supervisor.take_memory_update();
 }
 
 /// Between two outputs.
