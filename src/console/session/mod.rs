@@ -107,7 +107,7 @@ impl<P: Port> Console<P> {
             Event::None => {}
             Event::Answer(answer) => self.answer(answer),
             Event::HitOver(verdict, window) if self.walking.is_some() => {
-                self.judged(verdict, window.rms_counts());
+                self.judged(verdict, &window);
             }
             Event::HitOver(verdict, window) => {
                 self.write(&HitOver(verdict, window, self.device.design.resolution_m));

@@ -4,7 +4,7 @@
 use super::{Awaited, Console};
 use crate::{
     console::{Port, Reply, lines},
-    experiment::{Order, Verdict, Walk, WalkError, WalkTotals},
+    experiment::{Order, RunningVariance, Verdict, Walk, WalkError, WalkTotals},
     safety::State,
     store::Stored,
 };
@@ -30,6 +30,7 @@ pub struct WalkSession {
 
 impl WalkSession {
     /// Those settings with the wall of the walk's cell.
+    #[inline(never)] // as `judged`
     fn with_wall(&self, mut stored: Stored) -> Stored {
         let (grid, cell) = (self.walk.plan(), self.walk.cell());
         stored.settings.wall.stiffness_n_per_m = grid.stiffness_n_per_m(cell);
@@ -101,12 +102,13 @@ impl<P: Port> Console<P> {
     }
 
     /// A hit of the walk is over.
-    pub(super) fn judged(&mut self, verdict: Verdict, rms_counts: f64) {
+    #[inline(never)] // f64 here would make every pass save the floating-point registers
+    pub(super) fn judged(&mut self, verdict: Verdict, window: &RunningVariance) {
         let Some(mut walking) = self.walking else { return };
         let plan = *walking.walk.plan();
         let cell = walking.walk.cell();
         let number = walking.totals.hits.saturating_add(1);
-        let rms_m = rms_counts * self.device.design.resolution_m;
+        let rms_m = window.rms_counts() * self.device.design.resolution_m;
         self.write(&lines::CellJudged(number, &plan, cell, verdict, rms_m));
         match walking.walk.report(verdict) {
             Ok(step) => {
