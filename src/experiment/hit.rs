@@ -28,6 +28,7 @@ impl HitSettings {
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
+    #[expect(clippy::float_arithmetic, reason = "design time: settings to integers")]
     pub fn build(&self, design: &Design) -> Result<HitPlan, SettingsError> {
         design.check()?;
         let limit_counts = self.rms_limit_m / design.resolution_m;
