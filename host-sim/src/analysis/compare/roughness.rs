@@ -29,7 +29,7 @@ pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 /// Hits at a wall.
 pub const HITS: u32 = 16;
 
-/// Measures one estimator; the rig's scene holds it.
+/// Measures one estimator; the prepared scene holds it.
 pub fn measure(rig: &PreparedScene, numeric: Numeric, wall: &WallHit) -> Contact {
     let hits: Vec<(bool, f64)> = (0..HITS)
         .into_par_iter()

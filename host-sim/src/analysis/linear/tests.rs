@@ -1,4 +1,4 @@
-//! The printed values of the field survey (FIELD.md, part C), and the corners of the accepted range.
+//! Values worked out once more in double precision by another program, and the corners of the accepted range.
 
 use super::*;
 

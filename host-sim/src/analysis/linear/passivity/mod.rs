@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn lower_cutoff_relaxes_passivity() {
-        // The opposite order of the stability boundary (FIELD.md C1 against C3).
+        // The opposite order of the stability boundary.
         let at = |hz| damping(20_000.0, 20.0, 1e4, &TransferFunction::paper(1e4, hz));
         let demands = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4000.0].map(at);
         assert!(demands.is_sorted(), "{demands:?}");
