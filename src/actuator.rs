@@ -1,5 +1,5 @@
-//! Force to DAC or PWM code: the last stage, run for every output, and the only clamp to the
-//! hardware's range.
+//! Force to DAC or PWM code: the last stage, run for every output. The force is saturated already
+//! ([`Demand::saturate`](crate::units::Demand::saturate)), so nothing is clamped here.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

@@ -1,5 +1,5 @@
 //! `envelope.csv` of a sweep to Rust source: for the build script of the firmware, which takes this
-//! file in by `#[path = "src/envelope/generate.rs"] mod generate;`. It needs `std` and nothing else.
+//! file in by `#[path = "src/safety/envelope/generate.rs"] mod generate;`. It needs `std` and nothing else.
 
 use std::{fmt::Write as _, format, string::String, vec::Vec};
 

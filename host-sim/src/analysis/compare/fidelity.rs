@@ -1,4 +1,4 @@
-//! ControllerOutput against commanded impedance, `K + j w B` (Chawda, Celik, O'Malley, IEEE/ASME T-Mech 23(2),
+//! Rendered against commanded impedance, `K + j w B` (Chawda, Celik, O'Malley, IEEE/ASME T-Mech 23(2),
 //! 2018, plot it over the Z-width).
 //!
 //! The handle is moved inside each of several walls by a sine, the very loop of the scene (encoder, estimator,
