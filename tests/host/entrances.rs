@@ -148,16 +148,7 @@ fn every_number_of_the_core_is_refused() {
         sign_test_force: 0.05,
         sign_test_counts: 20,
     };
-    let back = ReturnSettings {
-        start_m: 0.0,
-        speed_m_per_s: 0.15,
-        force_n: 1.4,
-        stiffness_n_per_m: 300.0,
-        damping_n_s_per_m: 15.0,
-        integral_n_per_m_s: 600.0,
-        tolerance_m: 5e-5,
-        timeout_s: 10.0,
-    };
+    let back = ReturnSettings::SOFT;
     let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
     let calibration = CalibrationSettings {
         percent: 20.0,

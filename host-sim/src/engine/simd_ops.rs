@@ -149,128 +149,70 @@ impl SimdOps for pulp::Scalar {}
 #[cfg(target_arch = "aarch64")]
 impl SimdOps for pulp::aarch64::Neon {}
 
+/// A machine of x86: instructions of the same name, for vectors of different length.
 #[cfg(target_arch = "x86_64")]
-impl SimdOps for pulp::x86::V3 {
-    #[inline(always)]
-    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
-        self.max_f64s(a, b)
-    }
+macro_rules! x86 {
+    (
+        $machine:ty, $set:ident,
+        $product:ident, $left_by:ident, $right_by:ident, $left:ident, $right:ident
+    ) => {
+        impl SimdOps for $machine {
+            #[inline(always)]
+            fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+                self.max_f64s(a, b)
+            }
 
-    #[inline(always)]
-    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
-        self.min_f64s(a, b)
-    }
+            #[inline(always)]
+            fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
+                self.min_f64s(a, b)
+            }
 
-    #[inline(always)]
-    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
-        cast(self.avx2._mm256_mul_epi32(cast(a), cast(b)))
-    }
+            #[inline(always)]
+            fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+                cast(self.$set.$product(cast(a), cast(b)))
+            }
 
-    #[inline(always)]
-    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
-        cast(self.avx2._mm256_slli_epi64::<16>(cast(a)))
-    }
+            #[inline(always)]
+            fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
+                cast(self.$set.$left_by::<16>(cast(a)))
+            }
 
-    #[inline(always)]
-    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
-        cast(self.avx2._mm256_srli_epi64::<30>(cast(a)))
-    }
+            #[inline(always)]
+            fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
+                cast(self.$set.$right_by::<30>(cast(a)))
+            }
 
-    #[inline(always)]
-    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
-        cast(self.avx2._mm256_sllv_epi64(cast(a), cast(by)))
-    }
+            #[inline(always)]
+            fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+                cast(self.$set.$left(cast(a), cast(by)))
+            }
 
-    #[inline(always)]
-    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
-        cast(self.avx2._mm256_srlv_epi64(cast(a), cast(by)))
-    }
-}
-
-/// Two vectors side by side.
-#[cfg(target_arch = "x86_64")]
-impl SimdOps for pulp::x86::V3_512b {
-    #[inline(always)]
-    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
-        self.max_f64s(a, b)
-    }
-
-    #[inline(always)]
-    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
-        self.min_f64s(a, b)
-    }
-
-    #[inline(always)]
-    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
-        halves(a, b, |a, b| self.0.product(a, b))
-    }
-
-    #[inline(always)]
-    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
-        halves(a, a, |a, _| self.0.shift_left_16(a))
-    }
-
-    #[inline(always)]
-    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
-        halves(a, a, |a, _| self.0.shift_right_30(a))
-    }
-
-    #[inline(always)]
-    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
-        halves(a, by, |a, by| self.0.shift_left(a, by))
-    }
-
-    #[inline(always)]
-    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
-        halves(a, by, |a, by| self.0.shift_right(a, by))
-    }
+            #[inline(always)]
+            fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+                cast(self.$set.$right(cast(a), cast(by)))
+            }
+        }
+    };
 }
 
 #[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn halves(
-    a: pulp::u64x8,
-    b: pulp::u64x8,
-    f: impl Fn(pulp::u64x4, pulp::u64x4) -> pulp::u64x4,
-) -> pulp::u64x8 {
-    let ([a0, a1], [b0, b1]): ([pulp::u64x4; 2], [pulp::u64x4; 2]) = (cast(a), cast(b));
-    cast([f(a0, b0), f(a1, b1)])
-}
+x86!(
+    pulp::x86::V3,
+    avx2,
+    _mm256_mul_epi32,
+    _mm256_slli_epi64,
+    _mm256_srli_epi64,
+    _mm256_sllv_epi64,
+    _mm256_srlv_epi64
+);
 
 #[cfg(target_arch = "x86_64")]
-impl SimdOps for pulp::x86::V4 {
-    #[inline(always)]
-    fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
-        self.max_f64s(a, b)
-    }
-
-    #[inline(always)]
-    fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
-        self.min_f64s(a, b)
-    }
-
-    #[inline(always)]
-    fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
-        cast(self.avx512f._mm512_mul_epi32(cast(a), cast(b)))
-    }
-
-    #[inline(always)]
-    fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
-        cast(self.avx512f._mm512_slli_epi64::<16>(cast(a)))
-    }
-
-    #[inline(always)]
-    fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
-        cast(self.avx512f._mm512_srli_epi64::<30>(cast(a)))
-    }
-
-    #[inline(always)]
-    fn shift_left(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
-        cast(self.avx512f._mm512_sllv_epi64(cast(a), cast(by)))
-    }
-
-    #[inline(always)]
-    fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
-        cast(self.avx512f._mm512_srlv_epi64(cast(a), cast(by)))
-    }
-}
+x86!(
+    pulp::x86::V4,
+    avx512f,
+    _mm512_mul_epi32,
+    _mm512_slli_epi64,
+    _mm512_srli_epi64,
+    _mm512_sllv_epi64,
+    _mm512_srlv_epi64
+);
