@@ -34,7 +34,7 @@ pub struct Device {
     pub safety: SafetySettings,
     /// What the motor stands.
     pub duty: DutySettings,
-    /// The way back to the start; the start is that of the settings.
+    /// The return move to the start; the start is that of the settings.
     pub back: ReturnSettings,
     /// A calibration; its force is that of the command.
     pub calibration: CalibrationSettings,

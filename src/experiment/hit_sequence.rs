@@ -8,12 +8,12 @@ use super::{
 };
 use crate::units::{Force, Position};
 
-/// What a trial is made of.
+/// What a hit sequence is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitSequencePlan {
     /// The hit.
     pub hit: HitPlan,
-    /// The way back before it.
+    /// The return move before it.
     pub back: ReturnPlan,
     /// What the motor stands.
     pub duty: DutyPlan,
@@ -21,7 +21,7 @@ pub struct HitSequencePlan {
     pub early: bool,
 }
 
-/// Why a trial ended without a verdict.
+/// Why a hit sequence ended without a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AbortReason {
     /// The force went off.
@@ -53,7 +53,7 @@ enum Phase {
     Hit(Hit),
 }
 
-/// A trial in progress.
+/// A hit sequence in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct HitSequence {
     plan: HitSequencePlan,
@@ -67,7 +67,7 @@ pub struct HitSequence {
 }
 
 impl HitSequence {
-    /// A trial whose first output is still to come.
+    /// A hit sequence whose first output is still to come.
     pub fn new(plan: HitSequencePlan) -> Self {
         Self { plan, phase: Phase::Cool, cooled: 0, looked: 0, fresh: false }
     }
@@ -171,21 +171,21 @@ mod tests {
         chatter_m: f64,
     ) -> (Result<Verdict, AbortReason>, [u32; 3]) {
         let plan = plan(early);
-        let mut trial = HitSequence::new(plan);
+        let mut sequence = HitSequence::new(plan);
         let mut handle = Handle::at(0.0517);
         let mut spent = [0; 3];
         for n in 0..200_000 {
-            let push = match trial.output(handle.position(), handle.x > 0.07, &duty) {
+            let push = match sequence.output(handle.position(), handle.x > 0.07, &duty) {
                 Ok(push) => push,
                 Err(broken) => return (Err(broken), spent),
             };
-            let phase = match trial.phase {
+            let phase = match sequence.phase {
                 Phase::Cool => 0,
                 Phase::Back(_) => 1,
                 Phase::Hit(_) => 2,
             };
             spent[phase] += 1;
-            if trial.is_fresh() {
+            if sequence.is_fresh() {
                 assert!(handle.x.abs() < 6e-5, "{}", handle.x);
             }
             duty.add(&plan.duty, push);
@@ -195,11 +195,11 @@ mod tests {
                 (handle.x, handle.v) = (0.0702 + sign * chatter_m, 0.0);
             }
             for _ in 0..10 {
-                if let Some(verdict) = trial.sample(handle.position(), handle.x > 0.07) {
+                if let Some(verdict) = sequence.sample(handle.position(), handle.x > 0.07) {
                     return (Ok(verdict), spent);
                 }
             }
-            if let Some(verdict) = trial.early_verdict() {
+            if let Some(verdict) = sequence.early_verdict() {
                 return (Ok(verdict), spent);
             }
         }
@@ -236,10 +236,10 @@ mod tests {
         assert_eq!((verdict, hit), (Ok(Verdict::Stable), 1_500));
         assert!(cool > 100, "{cool}");
         // a motor that stays warm, because the wall goes on asking for force
-        let mut trial = HitSequence::new(plan);
+        let mut sequence = HitSequence::new(plan);
         let at = Position::from_counts(80_000);
         let ended =
-            (0..1_000_000).find_map(|n| trial.output(at, true, &warm).err().map(|b| (n, b)));
+            (0..1_000_000).find_map(|n| sequence.output(at, true, &warm).err().map(|b| (n, b)));
         assert_eq!(ended, Some((plan.duty.patience(), AbortReason::TooWarm)));
     }
 }

@@ -1,4 +1,4 @@
-//! The way back: between two hits the handle is brought to the start slowly, by a soft spring whose
+//! The return move: between two hits the handle is brought to the start slowly, by a soft spring whose
 //! far end moves there at a limited speed.
 //!
 //! ```text

@@ -132,7 +132,7 @@ impl<const N: usize> Scheduler<N> {
     }
 
     /// What the experiment pushes with at the next output. Found out after this one, so that it costs no
-    /// latency: a way back does not mind a millisecond, and a hit begins with the output of its push.
+    /// latency: a return move does not mind a millisecond, and a hit begins with the output of its push.
     fn prepare(&mut self, position: Position) {
         let contact = self.parameters.wall.penetration(position) > 0;
         let over = match &mut self.experiment {

@@ -1,5 +1,5 @@
 //! The release ELF under load, in a session that is run once: its telemetry against the core on the host, bit for bit;
-//! the delay of its samples, its interrupt masks, cycles and memory. And what no session has: every trouble within the
+//! the delay of its samples, its interrupt masks, cycles and memory. And what no session has: every fault within the
 //! budget of a sample, commands in any order, commands against the latency, nobody who reads.
 
 mod acknowledgement;

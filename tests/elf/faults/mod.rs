@@ -4,13 +4,13 @@
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 
+mod fault_case;
+mod run_case;
 mod settings;
-mod suffer;
-mod trouble;
 
 use self::{
-    suffer::{Depth, suffer},
-    trouble::{TROUBLES, Trouble},
+    fault_case::{FAULT_CASES, FaultCase},
+    run_case::{Depth, run_case},
 };
 use rayon::prelude::*;
 use virtual_board::board::{BOARDS, Board, Powered};
@@ -44,7 +44,7 @@ impl Row {
 
 fn header() {
     println!(
-        "| board          | trouble                                  | off       | allowed   | zero code | fault | kept |"
+        "| board          | fault case                               | off       | allowed   | zero code | fault | kept |"
     );
     println!(
         "|----------------|------------------------------------------|----------:|----------:|----------:|------:|------|"
@@ -55,23 +55,22 @@ fn ms(us: f64) -> String {
     format!("{:.3} ms", us / 1e3)
 }
 
-/// Every trouble of `troubles` on both boards, in parallel; the rows in order.
-fn rows(firmwares: &[Firmware], troubles: &[&Trouble], depth: Depth) -> Vec<Row> {
-    let pairs: Vec<_> =
-        firmwares.iter().flat_map(|f| troubles.iter().map(move |t| (f, *t))).collect();
-    let suffered = pairs.par_iter().map(|(firmware, trouble)| {
-        let result = suffer(firmware, trouble, depth);
+/// Every fault case of `cases` on both boards, in parallel; the rows in order.
+fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> {
+    let pairs: Vec<_> = firmwares.iter().flat_map(|f| cases.iter().map(move |t| (f, *t))).collect();
+    let results = pairs.par_iter().map(|(firmware, case)| {
+        let result = run_case(firmware, case, depth);
         Row {
             board: firmware.board.name,
-            name: trouble.name.to_owned(),
+            name: case.name.to_owned(),
             off: ms(result.off_us),
-            limit: ms(trouble.limit_us),
+            limit: ms(case.limit_us),
             zero: ms(result.zero_us),
-            fault: trouble.code.to_string(),
+            fault: case.code.to_string(),
             kept: result.kept,
         }
     });
-    suffered.collect()
+    results.collect()
 }
 
 /// A host that stops reading and then floods, with every channel set to blocking, while the force is
@@ -130,7 +129,9 @@ fn count(firmware: &Firmware, name: &str, cases: usize, kept: &str) -> Row {
 fn campaign() {
     let firmwares = BOARDS.map(Firmware::of);
     header();
-    rows(&firmwares, &TROUBLES.iter().collect::<Vec<_>>(), Depth::Full).iter().for_each(Row::print);
+    rows(&firmwares, &FAULT_CASES.iter().collect::<Vec<_>>(), Depth::Full)
+        .iter()
+        .for_each(Row::print);
     for firmware in &firmwares {
         flood(firmware, 10_000).print();
         let flipped = settings::flip_every_byte(firmware, 1);
@@ -143,11 +144,11 @@ fn campaign() {
     }
 }
 
-/// The troubles that take no watchdog, on the default board.
+/// The fault cases that take no watchdog, on the default board.
 #[test]
-fn troubles_take_the_force_away_in_time_and_say_why() {
+fn faults_take_the_force_away_in_time_and_say_why() {
     let firmware = Firmware::of(BOARDS[0]);
-    let short: Vec<_> = TROUBLES.iter().filter(|trouble| trouble.short).collect();
+    let short: Vec<_> = FAULT_CASES.iter().filter(|case| case.short).collect();
     header();
     rows(&[firmware], &short, Depth::Short).iter().for_each(Row::print);
 }

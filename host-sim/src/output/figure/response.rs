@@ -6,9 +6,9 @@ use super::{
     Figure, FigureError, Page, Plot, WIDTH,
     axis::Ticks,
     colour::{ACCENT, DATA, TEXT},
-    panel::{self, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
+    panel::{self, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     plottable, positive, text,
-    trace::{range, reduce},
+    trace::{MM_PER_M, draw_trace, range, small_unit},
 };
 
 const VOLTAGE: Panel = Panel { left: 76.0, top: 58.0, right: WIDTH - 24.0, bottom: 118.0 };
@@ -35,11 +35,6 @@ const LEGEND_MIDDLE: f64 = POSITION.top - 14.0;
 const LEGEND_SAMPLE: f64 = 26.0;
 const LEGEND_GAP: f64 = 6.0;
 const LEGEND_PITCH: f64 = 18.0;
-
-const MM_PER_M: f64 = 1e3;
-const UM_PER_M: f64 = 1e6;
-/// From here on the residual is in millimetres.
-const MM_FROM_M: f64 = 2e-3;
 
 /// What [`pulse_response`] draws; all rows are even in time.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,7 +98,7 @@ pub(super) fn draw<DB: DrawingBackend>(
     let y = Ticks::within(low - pad, high + pad, FEW_Y_TICKS);
     let mut chart = VOLTAGE.chart(page, times().bare(), y, NO_TITLE_DROP)?;
     panel::axes(&mut chart, Grid::Horizontal, ["", "u [V]"])?;
-    line(page, &chart, voltage, TEXT.mix(1.0), MODEL_WIDTH)?;
+    draw_trace(page, &chart, voltage, TEXT.mix(1.0), MODEL_WIDTH)?;
     VOLTAGE.frame(page)?;
 
     let all = plot.measured_m.iter().chain(&plot.model_m);
@@ -116,33 +111,20 @@ pub(super) fn draw<DB: DrawingBackend>(
         values.map(|(row, value)| (time(first + row), value * factor)).collect()
     };
     let measured = scaled(&plot.measured_m, 0, MM_PER_M);
-    line(page, &chart, measured.into_iter(), DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH)?;
+    draw_trace(page, &chart, measured.into_iter(), DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH)?;
     let model = scaled(&plot.model_m, plot.first, MM_PER_M);
-    line(page, &chart, model.into_iter(), ACCENT.mix(1.0), MODEL_WIDTH)?;
+    draw_trace(page, &chart, model.into_iter(), ACCENT.mix(1.0), MODEL_WIDTH)?;
     POSITION.frame(page)?;
     legend(page)?;
 
     let [low, high] = range(plot.residual_m.iter().copied());
-    let (unit, factor) =
-        if low.abs().max(high) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) };
+    let (unit, factor) = small_unit([low, high]);
     let y = Ticks::around(low * factor, high * factor, FEW_Y_TICKS);
     let mut chart = RESIDUAL.chart(page, times(), y, X_TITLE_DROP)?;
     panel::axes(&mut chart, Grid::Horizontal, ["Time t [s]", &format!("Residual [{unit}]")])?;
     let residual = scaled(&plot.residual_m, plot.first, factor);
-    line(page, &chart, residual.into_iter(), DATA.mix(1.0), RESIDUAL_WIDTH)?;
+    draw_trace(page, &chart, residual.into_iter(), DATA.mix(1.0), RESIDUAL_WIDTH)?;
     RESIDUAL.frame(page)
-}
-
-fn line<DB: DrawingBackend>(
-    page: &Page<DB>,
-    chart: &Chart<'_, DB, Ticks>,
-    points: impl Iterator<Item = (f64, f64)>,
-    colour: RGBAColor,
-    width: f64,
-) -> Result<(), FigureError> {
-    let points = reduce(points.map(|point| chart.backend_coord(&point)));
-    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
-    Ok(())
 }
 
 fn legend<DB: DrawingBackend>(page: &Page<DB>) -> Result<(), FigureError> {

@@ -8,7 +8,7 @@ use super::{
     colour::{ACCENT, DATA, FRAME, TEXT},
     panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP},
     plottable, text,
-    trace::{draw_trace, range},
+    trace::{LINE_WIDTH, draw_trace, range},
 };
 
 const TOP: f64 = 56.0;
@@ -105,7 +105,7 @@ pub(super) fn draw<DB: DrawingBackend>(
         panel::axes(&mut chart, Grid::Both, ["", title])?;
         for line in plot.points.chunk_by(|_, next| !next.after_gap) {
             let points = line.iter().map(|point| (point.time, point.values[index]));
-            draw_trace(page, &chart, points)?;
+            draw_trace(page, &chart, points, DATA.mix(1.0), LINE_WIDTH)?;
         }
         panel.frame(page)?;
     }

@@ -20,7 +20,7 @@ pub(super) const HEIGHT: f64 = ZOOM.bottom + 50.0;
 const MOST_X_TICKS: usize = 9;
 const MOST_Y_TICKS: usize = 6;
 
-const LINE_WIDTH: f64 = 0.9;
+pub(super) const LINE_WIDTH: f64 = 0.9;
 const WALL_WIDTH: f64 = 1.2;
 const DASH: [f64; 2] = [6.0, 4.0];
 /// Opacity of a phase behind the trace, and of its strip above.
@@ -33,9 +33,9 @@ const REMARK_HALF_PITCH: f64 = 7.0;
 /// Grid steps of the columns that a long trace is reduced to: finer than a pen line is wide.
 const COLUMN_STEPS: i32 = 4;
 
-const MM_PER_M: f64 = 1e3;
+pub(super) const MM_PER_M: f64 = 1e3;
 const UM_PER_M: f64 = 1e6;
-/// From here on the deviations are in millimetres.
+/// From here on small lengths are in millimetres.
 const MM_FROM_M: f64 = 2e-3;
 
 /// What [`hit_trace`] draws.
@@ -140,7 +140,7 @@ fn draw_hit<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(),
     HIT.frame(page)?;
     let samples = plot.positions_m.iter().enumerate();
     let trace = samples.map(|(n, position_m)| (n as f64 / plot.rate_hz, position_m * MM_PER_M));
-    draw_trace(page, &chart, trace)?;
+    draw_trace(page, &chart, trace, DATA.mix(1.0), LINE_WIDTH)?;
     draw_level(page, &chart, wall)?;
     let height = f64::from(chart.backend_coord(&(0.0, wall)).1) / super::GRID;
     let beside = [HIT.right + REMARK_GAP, height];
@@ -152,10 +152,17 @@ pub(super) fn draw_trace<DB: DrawingBackend>(
     page: &Page<DB>,
     chart: &TimeChart<'_, DB>,
     samples: impl Iterator<Item = (f64, f64)>,
+    colour: RGBAColor,
+    width: f64,
 ) -> Result<(), FigureError> {
     let points = reduce(samples.map(|sample| chart.backend_coord(&sample)));
-    page.draw(&PathElement::new(points, DATA.stroke_width(stroke(LINE_WIDTH))))?;
+    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
     Ok(())
+}
+
+/// Unit of small lengths that reach this far, and how many of it are a metre.
+pub(super) fn small_unit([low_m, high_m]: [f64; 2]) -> (&'static str, f64) {
+    if low_m.abs().max(high_m.abs()) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) }
 }
 
 /// A dashed line at one height.
@@ -186,11 +193,7 @@ fn draw_window<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<
     let deviations_m = || inside.iter().map(|(_, x)| x - mean_m);
     let limit_m = plot.rms_limit_m;
     let ends_m = range(deviations_m().chain([-limit_m, limit_m]));
-    let (unit, factor) = if ends_m.iter().any(|end_m| end_m.abs() >= MM_FROM_M) {
-        ("mm", MM_PER_M)
-    } else {
-        ("µm", UM_PER_M)
-    };
+    let (unit, factor) = small_unit(ends_m);
     let limit = limit_m * factor;
     let [low, high] = ends_m.map(|end_m| end_m * factor);
     let x = Ticks::within(from_s, to_s, MOST_X_TICKS);
@@ -204,7 +207,7 @@ fn draw_window<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<
         ZOOM.remark(page, "the trace ends before the window")?;
     }
     let deviations = inside.iter().map(|(t, x)| (*t, (x - mean_m) * factor));
-    draw_trace(page, &chart, deviations)?;
+    draw_trace(page, &chart, deviations, DATA.mix(1.0), LINE_WIDTH)?;
     for level in [-limit, limit] {
         draw_level(page, &chart, level)?;
     }
@@ -231,7 +234,7 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 /// First, lowest, highest and last point of each column: peaks survive.
-pub(super) fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
+fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
     let points: Vec<(i32, i32)> = points.collect();
     let columns = points.chunk_by(|a, b| a.0 / COLUMN_STEPS == b.0 / COLUMN_STEPS);
     let mut line: Vec<(i32, i32)> = columns

@@ -1,9 +1,9 @@
-//! One trouble from `arm` to `arm`.
+//! One fault case from `arm` to `arm`.
 
 use virtual_board::world::World;
 use zwidth::telemetry::{Decoder, Flags, Record};
 
-use super::trouble::{Before, RENDER_US, Trouble};
+use super::fault_case::{Before, FaultCase, RENDER_US};
 use crate::firmware::{Firmware, arm, ok};
 
 /// How much is looked at.
@@ -15,8 +15,8 @@ pub enum Depth {
     Full,
 }
 
-/// What came of a trouble.
-pub struct Suffered {
+/// What came of a fault case.
+pub struct CaseResult {
     /// us until enable was inactive.
     pub off_us: f64,
     /// us until the force's code was that of zero force.
@@ -34,13 +34,13 @@ pub fn lead(world: &mut World<'_>, to_m: f64) {
     }
 }
 
-/// Armed or not, as the trouble wants it; off its place by 0.1 mm, so that the position is not the
+/// Armed or not, as the fault case wants it; off its place by 0.1 mm, so that the position is not the
 /// counter's reading.
-fn prepare(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>, depth: Depth) {
+fn prepare(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>, depth: Depth) {
     let rest_m = firmware.scene.device.rest_position_m;
     lead(world, rest_m + 100e-6);
     let zero_m = world.position_m();
-    match trouble.before {
+    match case.before {
         Before::Off => {
             for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"] {
                 ok(world, line);
@@ -65,8 +65,8 @@ fn prepare(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>, depth:
             }
         }
     }
-    if trouble.before != Before::Off {
-        assert!(world.powered.amplifier.is_enabled(), "{}", trouble.name);
+    if case.before != Before::Off {
+        assert!(world.powered.amplifier.is_enabled(), "{}", case.name);
     }
 }
 
@@ -78,16 +78,16 @@ fn zero_registers(world: &World<'_>) -> [u32; 3] {
     }
 }
 
-/// Prepares, makes trouble, checks what came of it and the way back.
-pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered {
-    let name = trouble.name;
+/// Prepares, brings the fault about, checks what came of it and that the board recovers.
+pub fn run_case(firmware: &Firmware, case: &FaultCase, depth: Depth) -> CaseResult {
+    let name = case.name;
     let mut world = firmware.boot();
     let world = &mut world;
-    prepare(firmware, trouble, world, depth);
+    prepare(firmware, case, world, depth);
     let settings = ok(world, "get");
     let outputs = world.powered.mcu.events() / 10;
-    let begun = (trouble.begin)(firmware, world);
-    let patience = if trouble.limit_us > 20_000.0 { 1_100 } else { 40 };
+    let begun = (case.begin)(firmware, world);
+    let patience = if case.limit_us > 20_000.0 { 1_100 } else { 40 };
     for _ in 0..patience {
         world.sample().unwrap();
     }
@@ -96,55 +96,55 @@ pub fn suffer(firmware: &Firmware, trouble: &Trouble, depth: Depth) -> Suffered 
     let off = changes.disabled_at.filter(|&at| at >= begun);
     let off_us = us(off.unwrap_or_else(|| panic!("{name}: enable stays active")) - begun);
     assert!(!world.powered.amplifier.is_enabled(), "{name}");
-    assert!(off_us <= trouble.limit_us, "{name}: off after {off_us} us");
+    assert!(off_us <= case.limit_us, "{name}: off after {off_us} us");
     // The amplifier is off; the code follows, at the latest when the program acts or begins anew.
     let zero_us = us(changes.command_at.saturating_sub(begun));
     assert_eq!(world.powered.amplifier.command(), 0, "{name}");
     // A reset drops enable by itself; the code follows when the program begins anew, within an output.
-    let booting_us = if trouble.resets { RENDER_US } else { 0.0 };
-    let allowed_us = trouble.limit_us.max(RENDER_US) + trouble.halted_us + booting_us;
+    let booting_us = if case.resets { RENDER_US } else { 0.0 };
+    let allowed_us = case.limit_us.max(RENDER_US) + case.halted_us + booting_us;
     assert!(zero_us <= allowed_us, "{name}: zero force after {zero_us} us");
-    if !trouble.resets {
+    if !case.resets {
         assert_eq!(world.powered.mcu.force_registers(), zero_registers(world), "{name}");
     }
     // Off it stays, and says why.
     world.run(500).unwrap();
     world.replies.clear();
     let status = ok(world, "status");
-    assert!(status.contains(&format!("fault {} ", trouble.code)), "{name}: {status}");
+    assert!(status.contains(&format!("fault {} ", case.code)), "{name}: {status}");
     world.telemetry.clear();
     let faults = ok(world, "faults");
     let all = faults.split(", all").nth(1).unwrap().split(',').next().unwrap();
     let all: Vec<u32> = all.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    let expected = if trouble.all.is_empty() { &[trouble.code] } else { trouble.all };
+    let expected = if case.all.is_empty() { &[case.code] } else { case.all };
     assert_eq!(all, expected, "{name}: {faults}");
     let mut kept = vec!["fault"];
-    assert_eq!(world.powered.mcu.resets() > 0, trouble.resets, "{name}");
-    if !trouble.resets {
+    assert_eq!(world.powered.mcu.resets() > 0, case.resets, "{name}");
+    if !case.resets {
         assert_eq!(ok(world, "get"), settings, "{name}");
         kept.push("settings");
-        black_box(world, trouble, depth, outputs);
+        black_box(world, case, depth, outputs);
         kept.push("black box");
     }
-    for line in if trouble.stays { &["arm", "clear"][..] } else { &["arm"] } {
+    for line in if case.stays { &["arm", "clear"][..] } else { &["arm"] } {
         let refused = world.ask(line).unwrap();
         assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
     }
     // The fault outlives a reset. On the other board the way back goes without one.
-    if firmware.board == virtual_board::board::BOARDS[0] && !trouble.stays {
+    if firmware.board == virtual_board::board::BOARDS[0] && !case.stays {
         world.reset();
         world.run(300).unwrap();
         let status = ok(world, "status");
-        assert!(status.contains(&format!("fault {} ", trouble.code)), "{name}, reset: {status}");
+        assert!(status.contains(&format!("fault {} ", case.code)), "{name}, reset: {status}");
         kept.push("over a reset");
     }
-    way_back(firmware, trouble, world);
-    Suffered { off_us, zero_us, kept: kept.join(", ") }
+    recover(firmware, case, world);
+    CaseResult { off_us, zero_us, kept: kept.join(", ") }
 }
 
 /// The records of the black box come, marked as such, without a gap, and end with the fault.
-fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth, outputs: u64) {
-    let name = trouble.name;
+fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64) {
+    let name = case.name;
     let samples = if depth == Depth::Full { 5_200 } else { 300 };
     world.run(samples).unwrap();
     let mut decoder = Decoder::new();
@@ -166,7 +166,7 @@ fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth, outputs: u6
     }
     if depth == Depth::Full {
         let [before @ .., last] = &records[..] else { unreachable!() };
-        assert_eq!(u32::from(last.fault), trouble.code, "{name}");
+        assert_eq!(u32::from(last.fault), case.code, "{name}");
         assert!(before.iter().all(|record| record.fault == 0), "{name}");
         assert!(
             before.iter().rev().take(50).all(|record| record.flags.contains(Flags::ON)),
@@ -176,9 +176,9 @@ fn black_box(world: &mut World<'_>, trouble: &Trouble, depth: Depth, outputs: u6
 }
 
 /// The cause goes; force comes back by `clear` and `arm` only.
-fn way_back(firmware: &Firmware, trouble: &Trouble, world: &mut World<'_>) {
-    let name = trouble.name;
-    (trouble.end)(world);
+fn recover(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>) {
+    let name = case.name;
+    (case.end)(world);
     lead(world, firmware.scene.device.rest_position_m);
     world.run(500).unwrap();
     assert!(!world.powered.amplifier.is_enabled(), "{name}: force came back by itself");

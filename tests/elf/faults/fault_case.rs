@@ -5,7 +5,7 @@ use virtual_board::{
     world::World,
 };
 
-use super::suffer::lead;
+use super::run_case::lead;
 use crate::firmware::{Firmware, ok};
 
 /// Where the device is when it happens.
@@ -15,12 +15,12 @@ pub enum Before {
     Pressed,
     /// Armed, the handle on its way to the wall, with a push of 48 %.
     Moving,
-    /// Off; the trouble begins before `arm`, and its time is counted from the enable.
+    /// Off; the fault case begins before `arm`, and its time is counted from the enable.
     Off,
 }
 
 /// One way to go wrong.
-pub struct Trouble {
+pub struct FaultCase {
     pub name: &'static str,
     /// Expected code.
     pub code: u32,
@@ -64,7 +64,7 @@ const WATCHDOG_US: f64 = 51_000.0;
 /// DBGMCU's bit of the watchdog.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
-const PLAIN: Trouble = Trouble {
+const PLAIN: FaultCase = FaultCase {
     name: "",
     code: 0,
     all: &[],
@@ -79,8 +79,8 @@ const PLAIN: Trouble = Trouble {
 };
 
 /// All of them.
-pub const TROUBLES: [Trouble; 34] = [
-    Trouble {
+pub const FAULT_CASES: [FaultCase; 34] = [
+    FaultCase {
         name: "count jump",
         code: 10,
         all: &[10, 11],
@@ -92,7 +92,7 @@ pub const TROUBLES: [Trouble; 34] = [
         },
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "over-speed",
         code: 11,
         limit_us: RENDER_US, // of which the estimator takes a part
@@ -110,7 +110,7 @@ pub const TROUBLES: [Trouble; 34] = [
         },
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "out of range",
         code: 12,
         all: &[12, 15],
@@ -131,7 +131,7 @@ pub const TROUBLES: [Trouble; 34] = [
         stays: true,
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "dead channel A, in free motion",
         code: 13,
         limit_us: 50_000.0 + RENDER_US,
@@ -143,7 +143,7 @@ pub const TROUBLES: [Trouble; 34] = [
         end: |world| world.powered.mcu.kill_channel(0, false),
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "dead channel B, in free motion",
         code: 13,
         limit_us: 50_000.0 + RENDER_US,
@@ -173,7 +173,7 @@ pub const TROUBLES: [Trouble; 34] = [
         |world| world.motor_reversed = false,
         true,
     ),
-    Trouble {
+    FaultCase {
         name: "beyond travel",
         code: 15,
         limit_us: RENDER_US,
@@ -188,14 +188,14 @@ pub const TROUBLES: [Trouble; 34] = [
         end: |world| lead(world, world.position_m() + 0.1),
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "late render",
         code: 20,
         limit_us: RENDER_US,
         begin: |_, world| mask_render(world, 15),
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "stuck render, 15 periods",
         code: 20,
         all: &[20, 21],
@@ -203,7 +203,7 @@ pub const TROUBLES: [Trouble; 34] = [
         begin: |_, world| mask_render(world, 150),
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "stuck render, for ever",
         code: 22, // `render` itself would have written 20 into the fault memory
         limit_us: RENDER_US,
@@ -212,7 +212,7 @@ pub const TROUBLES: [Trouble; 34] = [
         short: false,
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "watchdog: link does not run",
         code: 22,
         limit_us: WATCHDOG_US,
@@ -225,7 +225,7 @@ pub const TROUBLES: [Trouble; 34] = [
         resets: true,
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "reset while armed",
         code: 23,
         limit_us: AT_ONCE_US,
@@ -237,7 +237,7 @@ pub const TROUBLES: [Trouble; 34] = [
         resets: true,
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "emergency stop, 0.2 ms",
         code: 30,
         limit_us: AT_ONCE_US,
@@ -250,7 +250,7 @@ pub const TROUBLES: [Trouble; 34] = [
         },
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "emergency stop",
         code: 30,
         limit_us: AT_ONCE_US,
@@ -263,7 +263,7 @@ pub const TROUBLES: [Trouble; 34] = [
         stays: true,
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         stays: false,
         ..brown_out("brown-out, 0.2 ms", |_, world| {
             let begun = sag(world);
@@ -278,7 +278,7 @@ pub const TROUBLES: [Trouble; 34] = [
         sag(world)
     }),
     brown_out("brown-out", |_, world| sag(world)),
-    Trouble {
+    FaultCase {
         name: "debugger halt, 30 ms",
         code: 32,
         halted_us: 30_000.0,
@@ -286,7 +286,7 @@ pub const TROUBLES: [Trouble; 34] = [
         begin: |_, world| halt(world, 300, AfterHalt::Kept),
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "debugger halt, 30 ms, MOE reset",
         code: 32,
         halted_us: 30_000.0,
@@ -294,7 +294,7 @@ pub const TROUBLES: [Trouble; 34] = [
         begin: |_, world| halt(world, 300, AfterHalt::Reset),
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "debugger halt, 200 ms",
         code: 22,
         halted_us: 200_000.0,
@@ -309,7 +309,7 @@ pub const TROUBLES: [Trouble; 34] = [
         short: false,
         ..PLAIN
     },
-    Trouble {
+    FaultCase {
         name: "debugger halt, 200 ms, watchdog stopped",
         code: 32,
         halted_us: 200_000.0,
@@ -330,7 +330,7 @@ pub const TROUBLES: [Trouble; 34] = [
     hard_fault("HardFault in render", |_, world| lose_the_way(world, RENDER, NOWHERE), true),
     hard_fault("HardFault in sample", |_, world| lose_the_way(world, SAMPLE, NOWHERE), false),
     hard_fault("undefined instruction", |_, world| lose_the_way(world, LINK, ERASED), false),
-    Trouble {
+    FaultCase {
         name: "clock failure",
         code: 33,
         all: &[23, 33],
@@ -371,8 +371,8 @@ const fn panic(
     name: &'static str,
     begin: fn(&Firmware, &mut World<'_>) -> u64,
     short: bool,
-) -> Trouble {
-    Trouble {
+) -> FaultCase {
+    FaultCase {
         name,
         code: 41,
         all: &[23, 41],
@@ -385,8 +385,8 @@ const fn panic(
 }
 
 /// The supply sags, and stays so.
-const fn brown_out(name: &'static str, begin: fn(&Firmware, &mut World<'_>) -> u64) -> Trouble {
-    Trouble { name, code: 31, limit_us: BROWN_OUT_US, begin, end: recover, stays: true, ..PLAIN }
+const fn brown_out(name: &'static str, begin: fn(&Firmware, &mut World<'_>) -> u64) -> FaultCase {
+    FaultCase { name, code: 31, limit_us: BROWN_OUT_US, begin, end: recover, stays: true, ..PLAIN }
 }
 
 fn sag(world: &mut World<'_>) -> u64 {
@@ -404,17 +404,17 @@ const fn at_arm(
     begin: fn(&Firmware, &mut World<'_>) -> u64,
     end: fn(&mut World<'_>),
     short: bool,
-) -> Trouble {
+) -> FaultCase {
     let limit_us = 100_000.0 + RENDER_US;
-    Trouble { name, code: 14, limit_us, before: Before::Off, begin, end, short, ..PLAIN }
+    FaultCase { name, code: 14, limit_us, before: Before::Off, begin, end, short, ..PLAIN }
 }
 
 const fn hard_fault(
     name: &'static str,
     begin: fn(&Firmware, &mut World<'_>) -> u64,
     short: bool,
-) -> Trouble {
-    Trouble {
+) -> FaultCase {
+    FaultCase {
         name,
         code: 42,
         all: &[23, 42],
