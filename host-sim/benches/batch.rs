@@ -52,12 +52,12 @@ impl Work for Hits {
 }
 
 /// Samples per second of one run.
-fn throughput(rig: &PreparedScene, engine: Engine, numeric: Numeric) -> f64 {
+fn throughput(prepared: &PreparedScene, engine: Engine, numeric: Numeric) -> f64 {
     // the scalar loop is slow, and needs fewer hits for the same precision
     let hits = if engine == Engine::Core { HITS / 4 } else { HITS };
     let mut work = Hits { left: hits, unstable: 0 };
     let began = Instant::now();
-    run(engine, rig, numeric, Depth::Whole, &mut work);
+    run(engine, prepared, numeric, Depth::Whole, &mut work);
     black_box(work.unstable);
     f64::from(hits) * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
@@ -83,7 +83,7 @@ fn main() {
     if let Some(place) = arguments.iter().position(|argument| argument == "--figure") {
         return figure(Path::new(&arguments[place + 1]));
     }
-    let rig = PreparedScene::new(&NamedScene::load("paper-1um").unwrap().scene).unwrap();
+    let prepared = PreparedScene::new(&NamedScene::load("paper-1um").unwrap().scene).unwrap();
     let mut rows = vec![];
     let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());
     for engine in available.map(Engine::Lanes).chain([Engine::Core]) {
@@ -95,7 +95,7 @@ fn main() {
     for _ in 0..ROUNDS {
         for (engine, _, numeric, speeds) in &mut rows {
             yardstick.push(plain_throughput() / 1e6);
-            speeds.push(throughput(&rig, *engine, *numeric) / 1e6);
+            speeds.push(throughput(&prepared, *engine, *numeric) / 1e6);
         }
     }
     println!("plain f64 loop: {:.1} Msamples/s, one core", best(&yardstick));
@@ -110,7 +110,7 @@ fn main() {
                 Engine::Core => engine.name(),
                 Engine::Lanes(backend) => backend.name(),
             },
-            engine.hits_at_once(&rig),
+            engine.hits_at_once(&prepared),
             best(&speeds),
             best(&speeds) / best(&yardstick)
         );
@@ -118,7 +118,7 @@ fn main() {
 }
 
 /// The paper's device with a hit of so many samples, the last half of them its window.
-fn rig_of(samples: u64) -> PreparedScene {
+fn prepared_of(samples: u64) -> PreparedScene {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.device.start_position_m = 0.0695;
     scene.wall_hit.settle_s = samples as f64 * 0.5e-4;
@@ -127,7 +127,7 @@ fn rig_of(samples: u64) -> PreparedScene {
 }
 
 /// Processor time of one thread for so many hits, s.
-fn cost_of(rig: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
+fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let hit = |number: u64| WallHit {
         cutoff_hz: 1500.0,
         stiffness_n_per_m: 40_000.0 + 1e-2 * number as f64,
@@ -138,11 +138,20 @@ fn cost_of(rig: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let (began_s, mut rounds) = (processor_s(), 0.0);
     loop {
         let mut seen = 0;
-        stream(Engine::lanes(), rig, numeric, Depth::Whole, hits, hit, &stop, |number, outcome| {
-            black_box(outcome.unwrap());
-            seen = number + 1;
-            Ok(())
-        })
+        stream(
+            Engine::lanes(),
+            prepared,
+            numeric,
+            Depth::Whole,
+            hits,
+            hit,
+            &stop,
+            |number, outcome| {
+                black_box(outcome.unwrap());
+                seen = number + 1;
+                Ok(())
+            },
+        )
         .unwrap();
         assert_eq!(seen, hits);
         rounds += 1.0;
@@ -196,7 +205,7 @@ fn figure(stem: &Path) {
         lines: vec![],
     });
     panels[1].y_title = "Peak memory [MB]".into();
-    let short = rig_of(SAMPLES_PER_HIT);
+    let short = prepared_of(SAMPLES_PER_HIT);
     for (name, numeric) in NUMERICS {
         let (mut times, mut memory, mut lengths) = (vec![], vec![], vec![]);
         for hits in HITS {
@@ -206,8 +215,8 @@ fn figure(stem: &Path) {
             writeln!(csv, "{name},{hits},{SAMPLES_PER_HIT},{time_s},{:.1}", peak_mb()).unwrap();
         }
         for samples in LENGTHS {
-            let rig = rig_of(samples);
-            let time_s = pool.install(|| cost_of(&rig, numeric, HITS_PER_LENGTH));
+            let prepared = prepared_of(samples);
+            let time_s = pool.install(|| cost_of(&prepared, numeric, HITS_PER_LENGTH));
             lengths.push([samples as f64, time_s]);
             writeln!(csv, "{name},{HITS_PER_LENGTH},{samples},{time_s},{:.1}", peak_mb()).unwrap();
         }

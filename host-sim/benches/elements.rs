@@ -75,9 +75,10 @@ fn elements(c: &mut Criterion) {
     for (name, tables) in cases {
         let text = format!("{PAPER}\n{}", tables.join("\n"));
         let scene = NamedScene::parse(name.into(), text, name).expect("valid").scene;
-        let rig = PreparedScene::new(&scene).expect("valid");
+        let prepared = PreparedScene::new(&scene).expect("valid");
         group.bench_function(name, |bencher| {
-            bencher.iter(|| rig.hit(black_box(Numeric::Fixed), black_box(&HIT), |_| ()).unwrap());
+            bencher
+                .iter(|| prepared.hit(black_box(Numeric::Fixed), black_box(&HIT), |_| ()).unwrap());
         });
     }
     group.finish();

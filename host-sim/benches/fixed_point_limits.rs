@@ -36,7 +36,7 @@ fn hit(cutoff_hz: f64, number: u64) -> WallHit {
 
 /// Verdicts of all walls; none for a handle that leaves the core's range.
 fn verdicts(
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
 ) -> Result<Vec<Option<Verdict>>, Error> {
@@ -44,10 +44,19 @@ fn verdicts(
     let total = STEPS * STEPS * STARTS;
     let stop = AtomicBool::new(false);
     let each = |number| hit(cutoff_hz, number);
-    stream(Engine::lanes(), rig, numeric, Depth::Verdict, total, each, &stop, |_, outcome| {
-        all.push(outcome.ok().map(|outcome| outcome.verdict));
-        Ok(())
-    })?;
+    stream(
+        Engine::lanes(),
+        prepared,
+        numeric,
+        Depth::Verdict,
+        total,
+        each,
+        &stop,
+        |_, outcome| {
+            all.push(outcome.ok().map(|outcome| outcome.verdict));
+            Ok(())
+        },
+    )?;
     Ok(all)
 }
 
@@ -60,14 +69,14 @@ fn run() -> Result<(), Error> {
         scene.encoder.resolution_m = resolution_m;
         // 15 um, or 15 counts where a count is more than one.
         scene.wall_hit.rms_limit_m = 15.0 * resolution_m.max(1e-6);
-        let rig = PreparedScene::new(&scene)?;
+        let prepared = PreparedScene::new(&scene)?;
         let mut points = vec![vec![], vec![]];
         for cutoff_hz in CUTOFFS_HZ {
-            let exact = verdicts(&rig, Numeric::F64, cutoff_hz)?;
+            let exact = verdicts(&prepared, Numeric::F64, cutoff_hz)?;
             let stable = exact.iter().filter(|verdict| **verdict == Some(Verdict::Stable)).count();
             let mut differ = [0; 2];
             for (n, numeric) in [Numeric::Fixed, Numeric::F64Rounded].into_iter().enumerate() {
-                let others = verdicts(&rig, numeric, cutoff_hz)?;
+                let others = verdicts(&prepared, numeric, cutoff_hz)?;
                 differ[n] = exact.iter().zip(&others).filter(|(a, b)| a != b).count();
                 points[n].push([cutoff_hz, 100.0 * differ[n] as f64 / exact.len() as f64]);
             }

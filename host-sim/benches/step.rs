@@ -28,7 +28,7 @@ const HIT: WallHit = WallHit {
 };
 
 fn step(c: &mut Criterion) {
-    let rig =
+    let prepared =
         PreparedScene::new(&NamedScene::load("paper-1um").expect("built in").scene).expect("valid");
     let mut group = c.benchmark_group("one wall hit");
     group.throughput(Throughput::Elements(SAMPLES as u64));
@@ -37,7 +37,7 @@ fn step(c: &mut Criterion) {
     });
     for (name, numeric) in [("fixed point", Numeric::Fixed), ("f64 twin", Numeric::F64)] {
         group.bench_function(name, |bencher| {
-            bencher.iter(|| rig.verdict(black_box(numeric), black_box(&HIT)));
+            bencher.iter(|| prepared.verdict(black_box(numeric), black_box(&HIT)));
         });
     }
     group.finish();

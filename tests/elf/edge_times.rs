@@ -246,7 +246,7 @@ fn hits_end_as_in_the_simulator() {
         text = text.replace(from, to);
     }
     let scene = NamedScene::parse("stamps".to_owned(), text, "test").unwrap();
-    let rig = PreparedScene::new(&scene.scene).unwrap();
+    let prepared = PreparedScene::new(&scene.scene).unwrap();
     let session = Session { board, scene, elf, table };
     for (k, b, stable) in
         [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]
@@ -257,7 +257,7 @@ fn hits_end_as_in_the_simulator() {
             damping_n_s_per_m: b,
             start_offset_counts: 0.0,
         };
-        let simulated = rig.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
+        let simulated = prepared.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
         let (report, _) = session.hit([1500.0, k, b]).unwrap();
         println!("K {k} B {b}: {}; simulated {simulated:?}", report.line);
         assert_eq!([simulated.is_stable(), report.verdict == Verdict::Stable], [stable; 2]);

@@ -43,11 +43,11 @@ fn session(board: Board, edit: impl Fn(&mut Scene)) -> Session {
 /// The walk on the virtual board, held against the simulator's.
 fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
     let session = session(board, edit);
-    let rig = PreparedScene::new(&session.scene.scene).unwrap();
+    let prepared = PreparedScene::new(&session.scene.scene).unwrap();
     let stop = AtomicBool::new(false);
     let simulated = (0..REPEATS).map(|repeat| {
         let offset = start_offset_counts(repeat, REPEATS);
-        walk::walk(Engine::lanes(), &rig, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
+        walk::walk(Engine::lanes(), &prepared, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
     });
     let simulated: Vec<_> = simulated.collect();
     let mean = simulated.iter().map(|boundary| boundary.area).sum::<f64>() / f64::from(REPEATS);

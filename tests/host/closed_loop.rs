@@ -62,12 +62,12 @@ fn growth(numeric: Numeric, rate_hz: f64, stiffness_n_per_m: f64) -> f64 {
         rms_m(&mut simulation, 4 * second);
         rms_m(&mut simulation, second) / early
     }
-    let rig = PreparedScene::new(&linear_scene(rate_hz, stiffness_n_per_m)).unwrap();
+    let prepared = PreparedScene::new(&linear_scene(rate_hz, stiffness_n_per_m)).unwrap();
     let hit = hit(0.1 * rate_hz, stiffness_n_per_m, 0.0);
     let second = rate_hz as u32;
     match numeric {
-        Numeric::Fixed => ratio(rig.fixed(&hit).unwrap(), second),
-        _ => ratio(rig.twin(&hit, twin::Rounding::Exact).unwrap(), second),
+        Numeric::Fixed => ratio(prepared.fixed(&hit).unwrap(), second),
+        _ => ratio(prepared.twin(&hit, twin::Rounding::Exact).unwrap(), second),
     }
 }
 
@@ -115,8 +115,8 @@ fn a_fractional_latency_is_exact() {
     for latency in [0.3, 10.3, 7.75] {
         let mut scene = paper();
         scene.actuator.latency = latency;
-        let rig = PreparedScene::new(&scene).unwrap();
-        let mut simulation = rig.fixed(&hit(500.0, 4000.0, 30.0)).unwrap();
+        let prepared = PreparedScene::new(&scene).unwrap();
+        let mut simulation = prepared.fixed(&hit(500.0, 4000.0, 30.0)).unwrap();
         let sample_s = 1.0 / scene.control.rate_hz;
         let whole = latency.floor() as usize;
         let split_s = latency.fract() * sample_s;
@@ -197,10 +197,10 @@ fn quantised_outputs_come_near_the_ideal_one_as_their_resolution_grows() {
     let run = |output| {
         let mut scene = paper();
         scene.output = output;
-        let rig = PreparedScene::new(&scene).unwrap();
+        let prepared = PreparedScene::new(&scene).unwrap();
         let wall = hit(500.0, 4000.0, 30.0);
-        let fixed = rig.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
-        let twin = rig.hit(Numeric::F64, &wall, |_| ()).unwrap();
+        let fixed = prepared.hit(Numeric::Fixed, &wall, |_| ()).unwrap();
+        let twin = prepared.hit(Numeric::F64, &wall, |_| ()).unwrap();
         assert_eq!(fixed.verdict, twin.verdict, "{output:?}");
         fixed.mean_m
     };
@@ -227,10 +227,10 @@ fn core_and_twin_agree_on_every_force_while_they_see_the_same_counts() {
             let mut scene = paper();
             scene.output = output;
             scene.wall.push_only = false;
-            let rig = PreparedScene::new(&scene).unwrap();
+            let prepared = PreparedScene::new(&scene).unwrap();
             let wall = hit(1500.0, 8000.0, damping);
-            let mut core = rig.fixed(&wall).unwrap();
-            let mut twin = rig.twin(&wall, twin::Rounding::Exact).unwrap();
+            let mut core = prepared.fixed(&wall).unwrap();
+            let mut twin = prepared.twin(&wall, twin::Rounding::Exact).unwrap();
             let code = output.map_or(0.0, |_| 1.0 / 32_767.0);
             let mut compared = 0;
             for _ in 0..60_000 {

@@ -138,9 +138,9 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
     let readings = |seed: &str, start_offset_counts: f64, stiffness: f64| {
         let scene =
             read(&[&ENCODER_NOISE.replace("seed = 1", seed).replace("5e-7", "5e-6")]).unwrap();
-        let rig = PreparedScene::new(&scene).unwrap();
+        let prepared = PreparedScene::new(&scene).unwrap();
         let mut simulation =
-            rig.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
+            prepared.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
         // Before the wall is reached.
         (0..500)
             .map(|_| {

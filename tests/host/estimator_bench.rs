@@ -337,7 +337,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     let list = built_in.lines().find(|line| line.starts_with("cutoffs_hz")).unwrap();
     let text = built_in.replace(usual, velocity).replace(list, "cutoffs_hz = [100, 300, 1000]");
     let scene = NamedScene::parse("x".into(), text + table, "x").unwrap().scene;
-    let rig = PreparedScene::new(&scene).unwrap();
+    let prepared = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
         cutoff_hz,
         stiffness_n_per_m: 10_000.0,
@@ -346,7 +346,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     };
     let reports = [Numeric::Fixed, Numeric::F64].map(|numeric| {
         let (mut worst, mut fastest, mut before) = (0.0f64, 0.0f64, None::<f64>);
-        let report = rig
+        let report = prepared
             .hit(numeric, &hit, |sample| {
                 // on the way to the wall: the speed of the handle against the estimate
                 if (1000..2500).contains(&sample.index)

@@ -24,9 +24,9 @@ fn wall(cutoff_hz: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallH
 
 /// A hit with core and twin, every number of which must be finite.
 fn hit(scene: &Scene, wall: &WallHit) -> [Result<HitReport, HitError>; 2] {
-    let rig = PreparedScene::new(scene).unwrap();
+    let prepared = PreparedScene::new(scene).unwrap();
     [Numeric::Fixed, Numeric::F64].map(|numeric| {
-        let report = rig.hit(numeric, wall, |sample| {
+        let report = prepared.hit(numeric, wall, |sample| {
             assert!(sample.position_m.is_finite() && sample.output_n.is_finite());
             assert!(sample.output_n.abs() <= scene.full_scale_n());
         })?;

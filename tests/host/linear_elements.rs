@@ -70,14 +70,14 @@ fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
 
 /// Amplitude of the sixth second over that of the third.
 fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
-    let rig = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
+    let prepared = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
     let hit = WallHit {
         cutoff_hz: point.cutoff_hz,
         stiffness_n_per_m,
         damping_n_s_per_m: point.damping_n_s_per_m,
         start_offset_counts: 0.0,
     };
-    let mut simulation = rig.twin(&hit, twin::Rounding::Exact).unwrap();
+    let mut simulation = prepared.twin(&hit, twin::Rounding::Exact).unwrap();
     let mut positions_m = vec![];
     let _: ControlFlow<()> = simulation.run(60_000, |sample| {
         positions_m.push(sample.position_m);

@@ -17,7 +17,7 @@ const CELL: f64 = 2000.0 * 10.0;
 const SCENES: [&str; 2] = ["paper-1um", "paper-2um"];
 const REPEATS: u32 = 4;
 
-fn rig(scene: &str) -> PreparedScene {
+fn prepare(scene: &str) -> PreparedScene {
     PreparedScene::new(&NamedScene::load(scene).unwrap().scene).unwrap()
 }
 
@@ -32,11 +32,11 @@ fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
         Numeric::F64Rounded => &ROUNDED,
     };
     cell.get_or_init(|| {
-        let rigs = SCENES.map(rig);
+        let prepared = SCENES.map(prepare);
         let plans = [0, 1].map(|n: usize| Plan {
             name: SCENES[n],
-            rig: &rigs[n],
-            cutoffs_hz: &rigs[n].scene().sweep.cutoffs_hz,
+            prepared: &prepared[n],
+            cutoffs_hz: &prepared[n].scene().sweep.cutoffs_hz,
         });
         sweep(Engine::lanes(), &plans, numeric, REPEATS, &AtomicBool::new(false), |_| ()).unwrap()
     })
@@ -125,7 +125,7 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
 /// Whether the exact twin itself gives both verdicts at this wall when the start is moved by up to
 /// 0.015 count, in steps of 0.0001.
 fn is_chaotic(
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     cutoff_hz: f64,
     start_offset_counts: f64,
     wall: BoundaryPoint,
@@ -137,7 +137,7 @@ fn is_chaotic(
             damping_n_s_per_m: wall.damping_n_s_per_m,
             start_offset_counts: start_offset_counts + f64::from(n) * 1e-4,
         };
-        rig.verdict(Numeric::F64, &hit).unwrap()
+        prepared.verdict(Numeric::F64, &hit).unwrap()
     };
     let first = verdict(0);
     (1..=150).flat_map(|n| [n, -n]).any(|n| verdict(n) != first)
@@ -147,7 +147,7 @@ fn is_chaotic(
 fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaotic() {
     let (mut walks, mut chaotic) = (0, 0);
     for (n, scene) in SCENES.into_iter().enumerate() {
-        let rig = rig(scene);
+        let prepared = prepare(scene);
         let low =
             |numeric| default_sweep(numeric)[n].cutoffs.iter().filter(|c| c.cutoff_hz <= 200.0);
         for (fixed, exact) in low(Numeric::Fixed).zip(low(Numeric::F64)) {
@@ -157,7 +157,7 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
                 for (a, b) in differing(a, b) {
                     chaotic += 1;
                     let stiffer = if a.stiffness_n_per_m > b.stiffness_n_per_m { a } else { b };
-                    let excused = is_chaotic(&rig, fixed.cutoff_hz, start, stiffer);
+                    let excused = is_chaotic(&prepared, fixed.cutoff_hz, start, stiffer);
                     println!("{scene}, {} Hz, start {start}: {a:?} {b:?}", fixed.cutoff_hz);
                     assert!(excused, "the twin is sure of this wall");
                     assert!(fixed.cutoff_hz > 100.0, "at 50 and 100 Hz nothing is chaotic");
@@ -201,10 +201,11 @@ fn fixed_point_moves_the_chaotic_edge_hardly_more_than_rounding_the_velocity_alo
 
 #[test]
 fn the_result_does_not_depend_on_the_number_of_threads() {
-    let rig = rig("paper-2um");
+    let prepared = prepare("paper-2um");
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let plan = [Plan { name: "paper-2um", rig: &rig, cutoffs_hz: &[50.0, 200.0, 100.0] }];
+        let plan =
+            [Plan { name: "paper-2um", prepared: &prepared, cutoffs_hz: &[50.0, 200.0, 100.0] }];
         pool.install(|| {
             sweep(Engine::lanes(), &plan, Numeric::Fixed, 2, &AtomicBool::new(false), |_| ())
                 .unwrap()

@@ -24,14 +24,14 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     scene.control.rate_hz = RATE_HZ;
     scene.sweep.cutoffs_hz = vec![1500.0];
     // One hit that never ends: the loop goes on, what it does is looked at from outside.
-    let rig = PreparedScene::new(&scene).unwrap();
+    let prepared = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
         cutoff_hz: 1500.0,
         stiffness_n_per_m: 20_000.0,
         damping_n_s_per_m: 50.0,
         start_offset_counts: 0.0,
     };
-    let mut simulation = rig.fixed(&hit).unwrap();
+    let mut simulation = prepared.fixed(&hit).unwrap();
     let mut hours = vec![];
     let mut number = 0;
     for _ in 0..HOURS {

@@ -47,13 +47,13 @@ impl Explained {
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn explain(
     engine: Engine,
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
     envelope: &linear::Boundary,
     stop: &AtomicBool,
 ) -> Result<Vec<Explained>, Error> {
-    let boundary = walk(engine, rig, numeric, cutoff_hz, 0.0, stop)?;
+    let boundary = walk(engine, prepared, numeric, cutoff_hz, 0.0, stop)?;
     boundary
         .points
         .into_iter()
@@ -66,7 +66,7 @@ pub fn explain(
             let start_offset_counts = 0.0;
             let wall =
                 WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            let report = rig.report(numeric, &wall)?;
+            let report = prepared.report(numeric, &wall)?;
             Ok(Explained {
                 point,
                 linear_n_per_m: limit.stiffness_max,

@@ -97,7 +97,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let Grid { scene, cutoffs_hz, dampings } = args.at.load(&stiffnesses)?;
     let start_offset_counts = args.start.counts()?;
     let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
-    let rig = PreparedScene::new(&scene.scene)?;
+    let prepared = PreparedScene::new(&scene.scene)?;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.csv.as_ref())?;
     if let Some(csv) = csv {
@@ -109,7 +109,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let (numeric, wall) = (common.numeric.into(), |number| walls.wall(number));
     stream(
         common.engine.into(),
-        &rig,
+        &prepared,
         numeric,
         Depth::Whole,
         points,

@@ -63,13 +63,13 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.trace.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
-    let rig = PreparedScene::new(&scene.scene)?;
+    let prepared = PreparedScene::new(&scene.scene)?;
     let numeric = common.numeric.into();
     let report = if csv.is_none() && plot.is_none() {
-        rig.hit(numeric, &hit, |_| ())?
+        prepared.hit(numeric, &hit, |_| ())?
     } else {
-        let mut trace = Trace::new(&rig, &hit).map_err(|error| error.of(&scene.name))?;
-        let report = rig.hit(numeric, &hit, |sample| trace.push(sample))?;
+        let mut trace = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
+        let report = prepared.hit(numeric, &hit, |sample| trace.push(sample))?;
         if let Some(csv) = csv {
             outputs.write(csv, trace.csv().as_bytes())?;
         }

@@ -133,10 +133,10 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let file = outputs.option(args.csv.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
-    let rig = args.simulated.then(|| PreparedScene::new(&scene.scene)).transpose()?;
+    let prepared = args.simulated.then(|| PreparedScene::new(&scene.scene)).transpose()?;
     let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz
         .par_iter()
-        .map(|&cutoff_hz| analyse(&scene, cutoff_hz, &dampings, args, rig.as_ref(), common))
+        .map(|&cutoff_hz| analyse(&scene, cutoff_hz, &dampings, args, prepared.as_ref(), common))
         .collect();
     let analyses = analyses?;
     if let Some(file) = file {
@@ -252,7 +252,7 @@ fn analyse(
     cutoff_hz: f64,
     dampings: &[f64],
     args: &LinearArgs,
-    rig: Option<&PreparedScene>,
+    prepared: Option<&PreparedScene>,
     common: &Common,
 ) -> Result<Analysis, Error> {
     let scene = &scene.scene;
@@ -303,11 +303,11 @@ fn analyse(
         })
     });
     let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
-    let simulated = match rig {
+    let simulated = match prepared {
         None => vec![],
-        Some(rig) => explain(
+        Some(prepared) => explain(
             common.engine.into(),
-            rig,
+            prepared,
             common.numeric.into(),
             cutoff_hz,
             &boundary,

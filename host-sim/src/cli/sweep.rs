@@ -56,7 +56,7 @@ struct Json {
 /// One scene with what it needs before the walks begin.
 struct Job {
     scene: NamedScene,
-    rig: PreparedScene,
+    prepared: PreparedScene,
     cutoffs_hz: Vec<f64>,
     variants: Vec<Variant>,
     to: FolderPlace,
@@ -67,9 +67,9 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let (mut outputs, jobs) = prepare(args, common)?;
     let mut plans = vec![];
     for job in &jobs {
-        let variants = job.variants.iter().map(|variant| &variant.rig);
-        for rig in std::iter::once(&job.rig).chain(variants) {
-            plans.push(Plan { name: &job.scene.name, rig, cutoffs_hz: &job.cutoffs_hz });
+        let variants = job.variants.iter().map(|variant| &variant.prepared);
+        for prepared in std::iter::once(&job.prepared).chain(variants) {
+            plans.push(Plan { name: &job.scene.name, prepared, cutoffs_hz: &job.cutoffs_hz });
         }
     }
     let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
@@ -81,7 +81,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let mut results = results.into_iter();
     let (mut summaries, mut tables) = (vec![], vec![]);
     for job in jobs {
-        let Job { scene, rig, cutoffs_hz, variants, to, folder } = job;
+        let Job { scene, prepared, cutoffs_hz, variants, to, folder } = job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -92,7 +92,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             result,
         });
         let numeric_name = common.numeric.name();
-        let envelopes = envelopes(engine, &rig, numeric, &result, interrupt::flag())?;
+        let envelopes = envelopes(engine, &prepared, numeric, &result, interrupt::flag())?;
         let study = Study {
             envelopes,
             numeric,
@@ -101,7 +101,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             variants: variants.collect(),
             command: command_line(args, common, &scene, &cutoffs_hz),
             scene,
-            rig,
+            prepared,
             result,
         };
         study.write(&mut outputs, to)?;
@@ -145,9 +145,9 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
             Some(out) => out.clone(),
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
-        let rig = PreparedScene::new(&scene.scene)?;
+        let prepared = PreparedScene::new(&scene.scene)?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
-        jobs.push(Job { scene, rig, cutoffs_hz, variants, to, folder });
+        jobs.push(Job { scene, prepared, cutoffs_hz, variants, to, folder });
     }
     Ok((outputs, jobs))
 }

@@ -50,10 +50,10 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let file = outputs.option(args.csv.as_ref())?;
     let velocity = scene.scene.velocity;
-    let rig = PreparedScene::new(&scene.scene)?;
+    let prepared = PreparedScene::new(&scene.scene)?;
     let boundary = walk(
         common.engine.into(),
-        &rig,
+        &prepared,
         common.numeric.into(),
         first.cutoff_hz,
         first.start_offset_counts,

@@ -43,9 +43,9 @@ impl Engine {
     }
 
     /// Hits of that scene that run side by side in one thread.
-    pub fn hits_at_once(self, rig: &PreparedScene) -> usize {
+    pub fn hits_at_once(self, prepared: &PreparedScene) -> usize {
         match self {
-            Self::Lanes(backend) if lanes_for(rig) => backend.lanes(),
+            Self::Lanes(backend) if lanes_for(prepared) => backend.lanes(),
             _ => 1,
         }
     }
@@ -115,9 +115,9 @@ const VECTORS: usize = 2;
 
 /// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
 /// estimator that looks at nothing but the count and is a low-pass or none.
-pub fn lanes_for(rig: &PreparedScene) -> bool {
+pub fn lanes_for(prepared: &PreparedScene) -> bool {
     let linear = matches!(
-        rig.parts().plant,
+        prepared.parts().plant,
         AnyPlant::Plain(_)
             | AnyPlant::Three(_)
             | AnyPlant::Four(_)
@@ -126,27 +126,27 @@ pub fn lanes_for(rig: &PreparedScene) -> bool {
             | AnyPlant::Seven(_)
     );
     let low_pass = matches!(
-        rig.scene().velocity.settings(0.0),
+        prepared.scene().velocity.settings(0.0),
         VelocitySettings::Butterworth { .. }
             | VelocitySettings::ButterworthPrewarped { .. }
             | VelocitySettings::FirstOrder { .. }
             | VelocitySettings::FirstOrderPrewarped { .. }
             | VelocitySettings::Difference {}
     );
-    linear && low_pass && rig.sensing() == AnySensing::Blind
+    linear && low_pass && prepared.sensing() == AnySensing::Blind
 }
 
 /// Runs all hits of `work` in this thread.
 pub fn run(
     engine: Engine,
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     work: &mut dyn Work,
 ) -> Tally {
-    let task = Task { rig, numeric, depth };
+    let task = Task { prepared, numeric, depth };
     let Engine::Lanes(backend) = engine else { return one_by_one(task, work) };
-    if !lanes_for(rig) {
+    if !lanes_for(prepared) {
         return one_by_one(task, work);
     }
     match backend {
@@ -182,7 +182,7 @@ fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     task: Task<'_>,
     work: &mut dyn Work,
 ) -> Tally {
-    match &task.rig.parts().plant {
+    match &task.prepared.parts().plant {
         AnyPlant::Plain(step) => scheduler::run::<S, C, 2, R>(simd, task, &step.linear(), work),
         AnyPlant::Three(step) => scheduler::run::<S, C, 3, R>(simd, task, &step.linear(), work),
         AnyPlant::Four(step) => scheduler::run::<S, C, 4, R>(simd, task, &step.linear(), work),
@@ -195,11 +195,11 @@ fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
 
 impl<S: SimdOps> Prepare<S> for FixedState<S> {
     fn prepare(
-        rig: &PreparedScene,
+        prepared: &PreparedScene,
         _: Numeric,
         hit: &WallHit,
     ) -> Result<Self::Controller, SettingsError> {
-        Ok(*rig.core(hit)?.control())
+        Ok(*prepared.core(hit)?.control())
     }
 
     fn surface(control: &Self::Controller) -> i32 {
@@ -209,7 +209,7 @@ impl<S: SimdOps> Prepare<S> for FixedState<S> {
 
 impl<S: SimdOps> Prepare<S> for TwinState<S> {
     fn prepare(
-        rig: &PreparedScene,
+        prepared: &PreparedScene,
         numeric: Numeric,
         hit: &WallHit,
     ) -> Result<Twin, SettingsError> {
@@ -217,7 +217,7 @@ impl<S: SimdOps> Prepare<S> for TwinState<S> {
             Numeric::F64Rounded => twin::Rounding::VelocityLsb,
             _ => twin::Rounding::Exact,
         };
-        rig.twin_of_core(hit, rounding)
+        prepared.twin_of_core(hit, rounding)
     }
 
     fn surface(twin: &Twin) -> i32 {

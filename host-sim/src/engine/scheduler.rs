@@ -38,7 +38,7 @@ pub trait Prepare<S: SimdOps>: Lanes<S> {
     /// # Errors
     /// A setting is out of range.
     fn prepare(
-        rig: &PreparedScene,
+        prepared: &PreparedScene,
         numeric: Numeric,
         hit: &WallHit,
     ) -> Result<Self::Controller, zwidth::SettingsError>;
@@ -117,7 +117,7 @@ pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
 
 impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a, S, C, P, R> {
     fn new(simd: S, task: Task<'a>, step: &LinearStep<P>) -> Self {
-        let parts = task.rig.parts();
+        let parts = task.prepared.parts();
         let zero = simd.splat_f64s(0.0);
         let splat = |value: f64| simd.splat_f64s(value);
         let mut phi = [[zero; P]; P];
@@ -168,13 +168,13 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
     /// Takes the next hit into a free lane; those that no lane can run are run at once.
     fn begin(&mut self, lane: usize, work: &mut dyn Work) {
         while let Some(hit) = work.next(lane) {
-            let Task { rig, numeric, .. } = self.task;
-            match C::prepare(rig, numeric, &hit) {
+            let Task { prepared, numeric, .. } = self.task;
+            match C::prepare(prepared, numeric, &hit) {
                 Err(error) => {
                     self.tally.scalar += 1;
                     work.done(lane, Err(error.into()));
                 }
-                Ok(_) if f64::from(rig.first_count(&hit)).abs() > COUNT_MAX => {
+                Ok(_) if f64::from(prepared.first_count(&hit)).abs() > COUNT_MAX => {
                     work.done(lane, self.scalar(&hit));
                 }
                 Ok(controller) => return self.start(lane, hit, &controller),
@@ -184,12 +184,12 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
     }
 
     fn start(&mut self, lane: usize, hit: WallHit, controller: &C::Controller) {
-        let rig = self.task.rig;
+        let prepared = self.task.prepared;
         let surface = C::surface(controller);
         let (vector, place) = Self::place(lane);
         let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
         moving.controller.start(&mut kept.gains, place, controller);
-        let state = self.step.at_rest(rig.start_m(&hit));
+        let state = self.step.at_rest(prepared.start_m(&hit));
         let set = |vector: &mut S::f64s, value: f64| lanes_mut(vector)[place] = value;
         for (vector, value) in moving.state.iter_mut().zip(state) {
             set(vector, value);
@@ -199,7 +199,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
         {
             set(vector, 0.0);
         }
-        set(&mut moving.counted.count, rig.first_count(&hit).into());
+        set(&mut moving.counted.count, prepared.first_count(&hit).into());
         set(&mut kept.surface, surface.into());
         lanes_mut(&mut kept.within)[place] = mask(false);
         for commands_n in &mut self.actuation.commands_n {
@@ -233,7 +233,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
     /// Samples until a lane has to be looked at; `None` if none is running.
     fn until_next_event(&self) -> Option<u32> {
         let to_output = self.waiting.then(|| self.actuation.samples_to_output());
-        let soonest = soonest(&self.running, self.task.rig.plan());
+        let soonest = soonest(&self.running, self.task.prepared.plan());
         let samples = [soonest, to_output].into_iter().flatten().min()?;
         Some(samples.min(CHUNK_SAMPLES))
     }
@@ -254,7 +254,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
         if !finite || !near || moving.controller.is_lost(place) {
             return Some(None);
         }
-        let settle = self.task.rig.plan().settle;
+        let settle = self.task.prepared.plan().settle;
         if running.samples <= settle {
             return None;
         }
@@ -310,9 +310,9 @@ impl Running {
 
     /// The hit's outcome, if it is over or certain.
     fn judge(&self, task: Task<'_>) -> Option<Outcome> {
-        let hit = Hit::in_window(*task.rig.plan(), u32::from(self.contact), self.variance);
+        let hit = Hit::in_window(*task.prepared.plan(), u32::from(self.contact), self.variance);
         if hit.is_over() {
-            let rms_m = self.variance.rms_counts() * task.rig.design().resolution_m;
+            let rms_m = self.variance.rms_counts() * task.prepared.design().resolution_m;
             let whole = task.depth == Depth::Whole;
             return Some(Outcome { verdict: hit.verdict(), rms_m: whole.then_some(rms_m) });
         }
@@ -332,14 +332,14 @@ fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P]
 
 /// What an output needs, the same for all hits.
 fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
-    let Task { rig, numeric, .. } = task;
+    let Task { prepared, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);
-    let push_bits = i64::from(rig.plan().push.bits());
+    let push_bits = i64::from(prepared.plan().push.bits());
     let full_bits = f64::from(Force::FULL_SCALE.bits());
-    let push_only = rig.scene().wall.push_only;
-    let codes = match rig.design().output {
+    let push_only = prepared.scene().wall.push_only;
+    let codes = match prepared.design().output {
         Output::Continuous => None,
-        Output::Dac { .. } | Output::Pwm { .. } => Actuator::new(rig.design().output).ok(),
+        Output::Dac { .. } | Output::Pwm { .. } => Actuator::new(prepared.design().output).ok(),
     };
     let codes = codes.map(|actuator| actuator.codes_per_full_scale());
     let per_full_scale = codes.unwrap_or(Force::FULL_SCALE.bits().unsigned_abs());
@@ -352,6 +352,6 @@ fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
         codes_f64: codes.map(|codes| splat(codes.into())),
         per_code: splat(1.0 / f64::from(per_full_scale)),
         velocity_lsb: (numeric == Numeric::F64Rounded).then(|| splat(twin::ROUND_TO_LSB)),
-        full_scale_n: splat(task.rig.parts().full_scale_n),
+        full_scale_n: splat(task.prepared.parts().full_scale_n),
     }
 }

@@ -22,7 +22,7 @@ const HITS_PER_LANE: u64 = 64;
 #[expect(clippy::too_many_arguments, reason = "what, how and where to")]
 pub fn stream(
     engine: Engine,
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     total: u64,
@@ -31,7 +31,7 @@ pub fn stream(
     mut sink: impl FnMut(u64, Result<Outcome, HitError>) -> Result<(), Error>,
 ) -> Result<(), Error> {
     let threads = rayon::current_num_threads();
-    let block = HITS_PER_LANE * (threads * engine.hits_at_once(rig)) as u64;
+    let block = HITS_PER_LANE * (threads * engine.hits_at_once(prepared)) as u64;
     let mut begin = 0;
     while begin < total {
         let end = total.min(begin + block);
@@ -43,7 +43,7 @@ pub fn stream(
                 let lanes = vec![];
                 let mut work =
                     Numbered { next: &next, end, hit: &hit, stop, lanes, outcomes: vec![] };
-                run(engine, rig, numeric, depth, &mut work);
+                run(engine, prepared, numeric, depth, &mut work);
                 work.outcomes
             })
             .collect();

@@ -47,13 +47,13 @@ impl Work for Listed<'_> {
 
 fn outcomes(
     engine: Engine,
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     depth: Depth,
     hits: &[WallHit],
 ) -> (Vec<Result<Outcome, HitError>>, Tally) {
     let mut work = Listed { hits, taken: 0, in_lane: vec![], outcomes: vec![None; hits.len()] };
-    let tally = run(engine, rig, numeric, depth, &mut work);
+    let tally = run(engine, prepared, numeric, depth, &mut work);
     (work.outcomes.into_iter().map(Option::unwrap).collect(), tally)
 }
 
@@ -63,18 +63,18 @@ fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Option<u64>), H
 }
 
 /// Every engine and backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of them.
-fn hold(rig: &PreparedScene, hits: &[WallHit]) -> u64 {
+fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
         for depth in [Depth::Whole, Depth::Verdict] {
             let scalar: Vec<_> = hits
                 .iter()
                 .map(|hit| match depth {
-                    Depth::Whole => rig.hit(numeric, hit, |_| {}).map(|report| Outcome {
+                    Depth::Whole => prepared.hit(numeric, hit, |_| {}).map(|report| Outcome {
                         verdict: report.verdict,
                         rms_m: Some(report.rms_m),
                     }),
-                    Depth::Verdict => match rig.verdict(numeric, hit) {
+                    Depth::Verdict => match prepared.verdict(numeric, hit) {
                         Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
                         verdict => verdict,
                     }
@@ -82,7 +82,7 @@ fn hold(rig: &PreparedScene, hits: &[WallHit]) -> u64 {
                 })
                 .collect();
             for engine in engines() {
-                let (found, tally) = outcomes(engine, rig, numeric, depth, hits);
+                let (found, tally) = outcomes(engine, prepared, numeric, depth, hits);
                 for ((hit, found), expected) in hits.iter().zip(&found).zip(&scalar) {
                     let context = format!("{engine:?} {numeric:?} {depth:?} {hit:?}");
                     assert_eq!(bits(found), bits(expected), "{context}");
@@ -131,8 +131,8 @@ fn grid(cutoffs_hz: &[f64], ks: &[f64], bs: &[f64]) -> Vec<WallHit> {
 fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
     let hits = grid(&[50.0, 1500.0, 4000.0], &[2000.0, 30_000.0, 90_000.0], &[10.0, 300.0]);
     for name in ["paper-1um", "paper-2um"] {
-        let rig = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
-        assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+        let prepared = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
+        assert_eq!(hold(&prepared, &hits), hits.len() as u64, "all in lanes");
     }
 }
 
@@ -143,9 +143,9 @@ fn a_few_samples_are_the_same_on_every_backend() {
     scene.device.start_position_m = scene.wall.position_m + 1e-5;
     scene.wall_hit.settle_s = 0.004;
     scene.wall_hit.window_s = 0.008;
-    let rig = PreparedScene::new(&scene).unwrap();
+    let prepared = PreparedScene::new(&scene).unwrap();
     let hits = grid(&[50.0, 4000.0], &[90_000.0], &[10.0]);
-    assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+    assert_eq!(hold(&prepared, &hits), hits.len() as u64, "all in lanes");
     let names: Vec<_> = engines().map(|engine| format!("{engine:?}")).collect();
     println!("{names:?}");
 }
@@ -171,9 +171,9 @@ fn linear_elements_run_in_lanes() {
         (amplifier, mode, arm),
     ] {
         let scene = Scene { amplifier, mode, arm, ..short(paper()) };
-        let rig = PreparedScene::new(&scene).unwrap();
-        assert!(lanes_for(&rig));
-        assert_eq!(hold(&rig, &hits), hits.len() as u64, "all in lanes");
+        let prepared = PreparedScene::new(&scene).unwrap();
+        assert!(lanes_for(&prepared));
+        assert_eq!(hold(&prepared, &hits), hits.len() as u64, "all in lanes");
     }
 }
 
@@ -191,9 +191,9 @@ fn what_has_no_lanes_runs_all_the_same() {
     };
     for mut scene in [friction, loops] {
         scene.sweep.cutoffs_hz = vec![800.0];
-        let rig = PreparedScene::new(&scene).unwrap();
-        assert!(!lanes_for(&rig));
-        assert_eq!(hold(&rig, &hits), 0);
+        let prepared = PreparedScene::new(&scene).unwrap();
+        assert!(!lanes_for(&prepared));
+        assert_eq!(hold(&prepared, &hits), 0);
     }
 }
 
@@ -202,13 +202,13 @@ fn a_hit_without_contact_and_one_that_is_refused_say_so() {
     let mut scene = short(paper());
     scene.wall_hit.push_n = 0.0;
     scene.device.start_position_m = 0.0;
-    let rig = PreparedScene::new(&scene).unwrap();
+    let prepared = PreparedScene::new(&scene).unwrap();
     let mut hits = grid(&[800.0], &[2000.0], &[10.0]);
     hits.extend(grid(&[1e9], &[2000.0], &[10.0]));
     hits.extend(grid(&[800.0], &[2000.0], &[-1.0]));
     hits.extend(grid(&[900.0], &[2000.0], &[10.0]));
     for engine in engines() {
-        let (found, _) = outcomes(engine, &rig, Numeric::Fixed, Depth::Verdict, &hits);
+        let (found, _) = outcomes(engine, &prepared, Numeric::Fixed, Depth::Verdict, &hits);
         assert_eq!(found[0].clone().unwrap().verdict, Verdict::NoContact);
         assert!(matches!(&found[1], Err(HitError::Settings(e)) if e.parameter == "cutoff_hz"));
         assert!(
@@ -230,9 +230,9 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     scene.device.damping_n_s_per_m = 0.0;
     scene.actuator.limit_v = 1000.0;
     scene.wall_hit.push_n = 500.0;
-    let rig = PreparedScene::new(&scene).unwrap();
+    let prepared = PreparedScene::new(&scene).unwrap();
     let hits = grid(&[0.4, 50.0, 4990.0], &[0.0, 2000.0, 1e9], &[0.0, 10.0, 1e6]);
-    assert!(hold(&rig, &hits) < hits.len() as u64, "some left");
+    assert!(hold(&prepared, &hits) < hits.len() as u64, "some left");
 }
 
 fn scenes() -> impl Strategy<Value = Scene> {
@@ -315,9 +315,9 @@ proptest! {
             // from the lowest to the highest cutoff that is accepted with and without pre-warping
             hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
         }
-        let rig = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&rig));
-        hold(&rig, &hits);
+        let prepared = PreparedScene::new(&scene).unwrap();
+        prop_assert!(lanes_for(&prepared));
+        hold(&prepared, &hits);
     }
 }
 
@@ -332,10 +332,10 @@ fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
         scene.walk.stiffness_step_n_per_m = 8000.0;
         scene.walk.damping_step_n_s_per_m = 80.0;
     }
-    let rigs = scenes.map(|scene| PreparedScene::new(&scene).unwrap());
-    let plans: Vec<Plan<'_>> = rigs
+    let prepared = scenes.map(|scene| PreparedScene::new(&scene).unwrap());
+    let plans: Vec<Plan<'_>> = prepared
         .iter()
-        .map(|rig| Plan { name: "s", rig, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
+        .map(|prepared| Plan { name: "s", prepared, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
         .collect();
     let stop = std::sync::atomic::AtomicBool::new(false);
     for numeric in [Numeric::Fixed, Numeric::F64] {
@@ -359,7 +359,7 @@ fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
     let mut scene = short(paper());
     scene.wall_hit.settle_s = 0.001;
     scene.wall_hit.window_s = 0.001;
-    let rig = PreparedScene::new(&scene).unwrap();
+    let prepared = PreparedScene::new(&scene).unwrap();
     let stop = AtomicBool::new(false);
     let hit = |number: u64| WallHit {
         stiffness_n_per_m: number as f64,
@@ -374,8 +374,16 @@ fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
         }
         Ok(())
     };
-    let ended =
-        stream(Engine::lanes(), &rig, Numeric::Fixed, Depth::Whole, 20_000, hit, &stop, &mut take);
+    let ended = stream(
+        Engine::lanes(),
+        &prepared,
+        Numeric::Fixed,
+        Depth::Whole,
+        20_000,
+        hit,
+        &stop,
+        &mut take,
+    );
     assert!(matches!(ended, Err(crate::error::Error::Interrupted)));
     assert!(next > 7000 && next < 20_000);
 }

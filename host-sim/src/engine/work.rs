@@ -42,7 +42,7 @@ pub trait Work {
 /// Which hits, in which arithmetic, and how much of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    pub rig: &'a PreparedScene,
+    pub prepared: &'a PreparedScene,
     pub numeric: Numeric,
     pub depth: Depth,
 }
@@ -60,15 +60,15 @@ pub fn one_by_one(task: Task<'_>, work: &mut dyn Work) -> Tally {
 
 /// A hit in the scalar loop.
 pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
-    let Task { rig, numeric, depth } = task;
+    let Task { prepared, numeric, depth } = task;
     match depth {
-        Depth::Verdict => match rig.verdict(numeric, hit) {
+        Depth::Verdict => match prepared.verdict(numeric, hit) {
             // another machine may have been certain before the handle left
             Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
             verdict => verdict,
         }
         .map(|verdict| Outcome { verdict, rms_m: None }),
-        Depth::Whole => rig
+        Depth::Whole => prepared
             .report(numeric, hit)
             .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
     }

@@ -59,7 +59,7 @@ pub struct Study {
     /// The scene.
     pub scene: NamedScene,
     /// The scene, prepared.
-    pub rig: PreparedScene,
+    pub prepared: PreparedScene,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
     /// Its name.
@@ -265,11 +265,11 @@ impl Study {
             damping_n_s_per_m: wall.damping_n_s_per_m,
             start_offset_counts: 0.0,
         };
-        if Trace::refused(&self.rig).is_some() {
+        if Trace::refused(&self.prepared).is_some() {
             return Ok(None);
         }
-        let mut trace = Trace::new(&self.rig, &hit)?;
-        let report = self.rig.hit(self.numeric, &hit, |sample| trace.push(sample))?;
+        let mut trace = Trace::new(&self.prepared, &hit)?;
+        let report = self.prepared.hit(self.numeric, &hit, |sample| trace.push(sample))?;
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
                        over time, and the window that decides."
             .into();

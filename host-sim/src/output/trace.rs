@@ -24,8 +24,8 @@ pub const SATURATED: u8 = 4;
 const SAMPLES_MAX: u64 = 2_000_000;
 
 /// Samples of a hit.
-fn samples(rig: &PreparedScene) -> u64 {
-    u64::from(rig.plan().settle) + u64::from(rig.plan().window)
+fn samples(prepared: &PreparedScene) -> u64 {
+    u64::from(prepared.plan().settle) + u64::from(prepared.plan().window)
 }
 
 /// One hit, sample by sample.
@@ -50,8 +50,8 @@ struct Row {
 
 impl Trace {
     /// Why a hit of that scene is too long to be kept sample by sample, if it is.
-    pub fn refused(rig: &PreparedScene) -> Option<String> {
-        let samples = samples(rig);
+    pub fn refused(prepared: &PreparedScene) -> Option<String> {
+        let samples = samples(prepared);
         (samples > SAMPLES_MAX).then(|| {
             format!(
                 "wall_hit.settle_s and wall_hit.window_s make {samples} samples, allowed {SAMPLES_MAX} in a trace"
@@ -63,17 +63,17 @@ impl Trace {
     ///
     /// # Errors
     /// A setting of `hit` is out of range, or the hit is too long.
-    pub fn new(rig: &PreparedScene, hit: &WallHit) -> Result<Self, Error> {
-        if let Some(reason) = Self::refused(rig) {
+    pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, Error> {
+        if let Some(reason) = Self::refused(prepared) {
             return Err(Error::Input(reason));
         }
-        let design = rig.design();
+        let design = prepared.design();
         Ok(Self {
             rate_hz: design.rate_hz,
             velocity_lsb_m_per_s: design.resolution_m * design.rate_hz,
             full_scale_n: design.full_scale_n,
-            surface: rig.fixed(hit).map_err(Error::input)?.controller().surface(),
-            rows: Vec::with_capacity(usize::try_from(samples(rig)).unwrap_or_default()),
+            surface: prepared.fixed(hit).map_err(Error::input)?.controller().surface(),
+            rows: Vec::with_capacity(usize::try_from(samples(prepared)).unwrap_or_default()),
         })
     }
 

@@ -1,7 +1,7 @@
 //! What the controller senses beside the count: commanded force, acceleration, edge times.
 //!
 //! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
-//! the rig chooses once per run. Only the sense that the scene's estimator looks at is worked out.
+//! the prepared scene chooses once per run. Only the sense that the scene's estimator looks at is worked out.
 
 use zwidth::{
     units::{Acceleration, Force},

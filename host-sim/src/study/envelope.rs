@@ -75,7 +75,7 @@ pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samp
 /// A setting is out of range, or `stop` was set.
 pub fn envelopes(
     engine: Engine,
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     sweep: &SweepResult,
     stop: &AtomicBool,
@@ -95,11 +95,9 @@ pub fn envelopes(
             .map(move |(n, low)| (cutoff_hz, n, low))
             .collect::<Vec<_>>()
     };
-    let columns = sweep
-        .cutoffs
-        .iter()
-        .flat_map(columns)
-        .map(|(cutoff_hz, damping, boundary)| (cutoff_hz, Column::new(rig, damping, boundary)));
+    let columns = sweep.cutoffs.iter().flat_map(columns).map(|(cutoff_hz, damping, boundary)| {
+        (cutoff_hz, Column::new(prepared, damping, boundary))
+    });
     let columns: Vec<(f64, Column)> = columns.collect();
     let mut hits = vec![];
     for (cutoff_hz, column) in &columns {
@@ -114,7 +112,7 @@ pub fn envelopes(
     #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
     let hit = |number: u64| hits[number as usize];
     let depth = Depth::Verdict;
-    stream(engine, rig, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
+    stream(engine, prepared, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
         stable.push(outcome?.verdict == Verdict::Stable);
         Ok(())
     })?;
@@ -137,8 +135,8 @@ struct Column {
 }
 
 impl Column {
-    fn new(rig: &PreparedScene, damping: i32, boundary_n_per_m: f64) -> Self {
-        let plan = rig.scene().walk_plan();
+    fn new(prepared: &PreparedScene, damping: i32, boundary_n_per_m: f64) -> Self {
+        let plan = prepared.scene().walk_plan();
         let damping_n_s_per_m = plan.damping_n_s_per_m(Cell { stiffness: 0, damping });
         let mut stiffnesses_n_per_m = vec![];
         for stiffness in (0..).step_by(STRIDE.unsigned_abs() as usize) {
@@ -195,12 +193,12 @@ mod tests {
         assert!(boards.len() >= 2, "{}", boards.len());
         for (board, table) in boards {
             let scene = NamedScene::load(board).unwrap();
-            let rig = PreparedScene::new(&scene.scene).unwrap();
-            let plan = Plan { name: board, rig: &rig, cutoffs_hz: &[CUTOFF_HZ] };
+            let prepared = PreparedScene::new(&scene.scene).unwrap();
+            let plan = Plan { name: board, prepared: &prepared, cutoffs_hz: &[CUTOFF_HZ] };
             let stop = AtomicBool::new(false);
             let engine = Engine::lanes();
             let swept = sweep(engine, &[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
-            let made = envelopes(engine, &rig, Numeric::Fixed, &swept[0], &stop).unwrap();
+            let made = envelopes(engine, &prepared, Numeric::Fixed, &swept[0], &stop).unwrap();
             let made = rows(&scene, &made);
             let (header, lines) = table.split_once('\n').unwrap();
             assert_eq!(header, HEADER.trim_end());
@@ -215,15 +213,15 @@ mod tests {
     fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {
         // 4000 Hz, 2 um, B = 390 N s/m: K = 52,000 N/m is stable, 2000 to 40,000 are not.
         let scene = NamedScene::load("paper-2um").unwrap();
-        let rig = PreparedScene::new(&scene.scene).unwrap();
-        let column = Column::new(&rig, 38, 52_000.0);
+        let prepared = PreparedScene::new(&scene.scene).unwrap();
+        let column = Column::new(&prepared, 38, 52_000.0);
         let hit = |stiffness_n_per_m: &f64| WallHit {
             cutoff_hz: 4000.0,
             stiffness_n_per_m: *stiffness_n_per_m,
             damping_n_s_per_m: column.damping_n_s_per_m,
             start_offset_counts: 0.0,
         };
-        let verdict = |hit| rig.verdict(Numeric::Fixed, &hit) == Ok(Verdict::Stable);
+        let verdict = |hit| prepared.verdict(Numeric::Fixed, &hit) == Ok(Verdict::Stable);
         let interval = column.longest(column.stiffnesses_n_per_m.iter().map(hit).map(verdict));
         assert_eq!(interval.damping_n_s_per_m, 390.0);
         assert!(interval.low_n_per_m > 40_000.0, "{interval:?}");

@@ -14,7 +14,7 @@ pub struct Variant {
     /// What is different, for people.
     pub change: String,
     /// The changed scene, prepared.
-    pub rig: PreparedScene,
+    pub prepared: PreparedScene,
 }
 
 /// The variants of a scene. One that changes nothing (half a latency of zero) or leaves the accepted
@@ -30,7 +30,7 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
         if changed == *scene || changed.check().is_err() {
             return Ok(());
         }
-        variants.push(Variant { name, change, rig: PreparedScene::new(&changed)? });
+        variants.push(Variant { name, change, prepared: PreparedScene::new(&changed)? });
         Ok::<(), Error>(())
     };
     let limit_m = scene.wall_hit.rms_limit_m;
@@ -71,7 +71,7 @@ mod tests {
             |scene: &Scene| variants(scene).unwrap().iter().map(|v| v.name).collect::<Vec<_>>();
         assert_eq!(names(&scene).len(), 7);
         let all = variants(&scene).unwrap();
-        let find = |name| all.iter().find(|v| v.name == name).unwrap().rig.scene().clone();
+        let find = |name| all.iter().find(|v| v.name == name).unwrap().prepared.scene().clone();
         assert!((find("rms_limit_third").wall_hit.rms_limit_m - 5e-6).abs() < 1e-18);
         assert_eq!(find("latency_half").actuator.latency, 5.0);
         assert_eq!(find("output_rate_double").actuator.period, 5);

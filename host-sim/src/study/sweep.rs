@@ -120,7 +120,7 @@ pub struct Plan<'a> {
     /// What errors call it.
     pub name: &'a str,
     /// The prepared scene.
-    pub rig: &'a PreparedScene,
+    pub prepared: &'a PreparedScene,
     /// Nominal cutoffs, Hz, in any order.
     pub cutoffs_hz: &'a [f64],
 }
@@ -142,7 +142,7 @@ pub fn sweep(
     let sorted: Vec<Vec<f64>> = plans.iter().map(|plan| ascending(plan.cutoffs_hz)).collect();
     let starts: Vec<Vec<Start>> = sorted.iter().map(|cutoffs| starts(cutoffs, repeats)).collect();
     let queues: Vec<Queue<'_>> =
-        plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.rig, starts)).collect();
+        plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.prepared, starts)).collect();
     // Every walk runs to its end or to the interruption, so that the error that is reported is the
     // first in this order, not the first in time.
     let threads = rayon::current_num_threads();
@@ -179,7 +179,7 @@ pub fn sweep(
             };
             let walks = walks.by_ref().take(repeats as usize);
             let boundaries = walks.map(&mut boundary).collect::<Result<_, _>>()?;
-            let true_cutoff_hz = plan.rig.scene().true_cutoff_hz(cutoff_hz);
+            let true_cutoff_hz = plan.prepared.scene().true_cutoff_hz(cutoff_hz);
             cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries });
         }
         let ideal = ideal(&cutoffs);

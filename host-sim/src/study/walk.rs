@@ -58,8 +58,8 @@ pub struct Progress {
 
 impl Progress {
     /// The walk of that scene at `cutoff_hz`, its first hit still to come.
-    pub fn new(rig: &PreparedScene, cutoff_hz: f64, start_offset_counts: f64) -> Self {
-        let walk = Walk::new(rig.scene().walk_plan());
+    pub fn new(prepared: &PreparedScene, cutoff_hz: f64, start_offset_counts: f64) -> Self {
+        let walk = Walk::new(prepared.scene().walk_plan());
         let boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
         Self { walk, boundary, cutoff_hz, start_offset_counts }
     }
@@ -124,13 +124,13 @@ impl Progress {
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn walk(
     engine: Engine,
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     numeric: Numeric,
     cutoff_hz: f64,
     start_offset_counts: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
+    let mut progress = Progress::new(prepared, cutoff_hz, start_offset_counts);
     let mut known = BTreeMap::new();
     loop {
         while let Some(verdict) = known.remove(&place(progress.walk.cell())) {
@@ -141,22 +141,22 @@ pub fn walk(
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let cells = ahead(&progress.walk, &known, engine.hits_at_once(rig));
+        let cells = ahead(&progress.walk, &known, engine.hits_at_once(prepared));
         let mut work =
             Ahead { progress: &progress, cells, begun: 0, lanes: vec![], known: &mut known };
-        run(engine, rig, numeric, Depth::Verdict, &mut work);
+        run(engine, prepared, numeric, Depth::Verdict, &mut work);
     }
 }
 
 /// [`walk`] by other hits, one by one.
 pub(crate) fn walk_with(
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     cutoff_hz: f64,
     start_offset_counts: f64,
     stop: &AtomicBool,
     verdict: impl Fn(&WallHit) -> Result<Verdict, HitError>,
 ) -> Result<Boundary, Error> {
-    let mut progress = Progress::new(rig, cutoff_hz, start_offset_counts);
+    let mut progress = Progress::new(prepared, cutoff_hz, start_offset_counts);
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
@@ -240,13 +240,13 @@ mod tests {
     #[test]
     fn a_walk_that_looks_ahead_is_the_walk_hit_by_hit() {
         for (name, cutoff_hz, offset) in [("paper-1um", 200.0, 0.0), ("paper-2um", 1500.0, 0.75)] {
-            let rig = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
+            let prepared = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
             let stop = AtomicBool::new(false);
             let [ahead, core] = [Engine::lanes(), Engine::Core].map(|engine| {
-                walk(engine, &rig, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap()
+                walk(engine, &prepared, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap()
             });
-            let verdict = |hit: &WallHit| rig.verdict(Numeric::Fixed, hit);
-            let plain = walk_with(&rig, cutoff_hz, offset, &stop, verdict).unwrap();
+            let verdict = |hit: &WallHit| prepared.verdict(Numeric::Fixed, hit);
+            let plain = walk_with(&prepared, cutoff_hz, offset, &stop, verdict).unwrap();
             assert_eq!(ahead, plain);
             assert_eq!(core, plain);
             assert!(plain.hits > 40 && plain.points.len() > 10, "{}", plain.hits);

@@ -21,7 +21,7 @@ pub struct Start {
 /// Walks of one scene that wait for a lane, in any thread.
 pub struct Queue<'a> {
     /// The scene.
-    pub rig: &'a PreparedScene,
+    pub prepared: &'a PreparedScene,
     /// All its walks.
     pub starts: &'a [Start],
     /// How many have begun.
@@ -30,8 +30,8 @@ pub struct Queue<'a> {
 
 impl<'a> Queue<'a> {
     /// Nothing has begun.
-    pub fn new(rig: &'a PreparedScene, starts: &'a [Start]) -> Self {
-        Self { rig, starts, begun: AtomicUsize::new(0) }
+    pub fn new(prepared: &'a PreparedScene, starts: &'a [Start]) -> Self {
+        Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
 
     /// The next walk. The last one first: its cutoff is the highest, its walk long, and a long walk that
@@ -53,7 +53,7 @@ pub fn walks(
 ) {
     let lanes = vec![];
     let mut work = Walks { queue, stop, lanes, done };
-    run(engine, queue.rig, numeric, Depth::Verdict, &mut work);
+    run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
 struct Walks<'a, D> {
@@ -78,7 +78,8 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Work for Walks<'_, D> {
         if place.is_none() {
             let walk = self.queue.next()?;
             let Start { cutoff_hz, start_offset_counts } = *self.queue.starts.get(walk)?;
-            *place = Some((walk, Progress::new(self.queue.rig, cutoff_hz, start_offset_counts)));
+            *place =
+                Some((walk, Progress::new(self.queue.prepared, cutoff_hz, start_offset_counts)));
         }
         place.as_ref().map(|(_, progress)| progress.hit())
     }

@@ -258,10 +258,10 @@ pub fn compare(
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
             let (with, cutoff_hz) = with_estimator(&entry.told(scene), &settings);
-            let rig = PreparedScene::new(&with)?;
+            let prepared = PreparedScene::new(&with)?;
             let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
-            let contacts =
-                walls.map(|wall| roughness::measure(&rig, Numeric::Fixed, &wall.hit(cutoff_hz)));
+            let contacts = walls
+                .map(|wall| roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz)));
             let fidelity = fidelity::measure(&with, cutoff_hz, &walls)?;
             let cost = cost::of(settings.name());
             Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })

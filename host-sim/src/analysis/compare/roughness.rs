@@ -30,12 +30,12 @@ pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 pub const HITS: u32 = 16;
 
 /// Measures one estimator; the prepared scene holds it.
-pub fn measure(rig: &PreparedScene, numeric: Numeric, wall: &WallHit) -> Contact {
+pub fn measure(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> Contact {
     let hits: Vec<(bool, f64)> = (0..HITS)
         .into_par_iter()
         .map(|n| {
             let start_offset_counts = start_offset_counts(n, HITS);
-            hit(rig, numeric, &WallHit { start_offset_counts, ..*wall })
+            hit(prepared, numeric, &WallHit { start_offset_counts, ..*wall })
         })
         .collect();
     Contact {
@@ -45,16 +45,16 @@ pub fn measure(rig: &PreparedScene, numeric: Numeric, wall: &WallHit) -> Contact
 }
 
 /// Whether a hit is stable, and how rough.
-fn hit(rig: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
+fn hit(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
     let mut forces_n = vec![];
-    let settle = u64::from(rig.plan().settle);
-    let report = rig.hit(numeric, wall, |sample| {
+    let settle = u64::from(prepared.plan().settle);
+    let report = prepared.hit(numeric, wall, |sample| {
         if let Some(rendered) = sample.rendered.filter(|_| sample.index >= settle) {
-            forces_n.push(rendered.output * rig.design().full_scale_n);
+            forces_n.push(rendered.output * prepared.design().full_scale_n);
         }
     });
     let stable = report.is_ok_and(|report| report.is_stable());
-    let output_hz = rig.design().rate_hz / f64::from(rig.design().period);
+    let output_hz = prepared.design().rate_hz / f64::from(prepared.design().period);
     (stable, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
 }
 

@@ -89,8 +89,8 @@ pub fn tune(
 ) -> Result<(VelocitySettings, Tuned), Error> {
     let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Vec<Boundary>, Error> {
         let (scene, cutoff_hz) = with_estimator(scene, settings);
-        let rig = PreparedScene::new(&scene)?;
-        let each = |&start: &f64| walk(engine, &rig, Numeric::Fixed, cutoff_hz, start, stop);
+        let prepared = PreparedScene::new(&scene)?;
+        let each = |&start: &f64| walk(engine, &prepared, Numeric::Fixed, cutoff_hz, start, stop);
         let boundaries = starts.par_iter().map(each).collect();
         done(starts.len() as u64);
         boundaries

@@ -89,7 +89,7 @@ impl Areas {
 ///
 /// # Errors
 /// The scene is out of range.
-pub fn rig(scene: &Scene) -> Result<PreparedScene, Error> {
+pub fn prepare(scene: &Scene) -> Result<PreparedScene, Error> {
     let mut scene = scene.clone();
     scene.velocity = zwidth::VelocitySettings::Difference {}.into();
     PreparedScene::new(&scene)
@@ -100,15 +100,15 @@ pub fn rig(scene: &Scene) -> Result<PreparedScene, Error> {
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn boundary(
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     filter: &Filter,
     cutoff_hz: f64,
     start: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    walk_with(rig, cutoff_hz, start, stop, |hit| {
-        let core = rig.core(hit).map_err(HitError::Settings)?;
-        rig.early_verdict(hit, Filtered::new(core, *filter))
+    walk_with(prepared, cutoff_hz, start, stop, |hit| {
+        let core = prepared.core(hit).map_err(HitError::Settings)?;
+        prepared.early_verdict(hit, Filtered::new(core, *filter))
     })
 }
 
@@ -117,7 +117,7 @@ pub fn boundary(
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn measure(
-    rig: &PreparedScene,
+    prepared: &PreparedScene,
     bench: &Bench,
     cutoffs_hz: &[f64],
     repeats: u32,
@@ -139,7 +139,7 @@ pub fn measure(
             let start = start_offset_counts(repeat, repeats);
             let area = filter
                 .ok()
-                .map(|filter| boundary(rig, &filter, cutoff_hz, start, stop).map(|b| b.area))
+                .map(|filter| boundary(prepared, &filter, cutoff_hz, start, stop).map(|b| b.area))
                 .transpose();
             done();
             area
@@ -178,12 +178,12 @@ mod tests {
             &stop,
         )
         .unwrap();
-        let rig = rig(&scene).unwrap();
+        let prepared = prepare(&scene).unwrap();
         let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
-        assert_eq!(boundary(&rig, &filter, 1500.0, 0.25, &stop).unwrap(), core);
+        assert_eq!(boundary(&prepared, &filter, 1500.0, 0.25, &stop).unwrap(), core);
         assert!(core.area > 1e7, "{core:?}");
         // another filter has another boundary: the velocity that is used is that of the filter
         let low = bench.filter(Variant::ALL[0], 50.0).unwrap();
-        assert!(boundary(&rig, &low, 50.0, 0.25, &stop).unwrap().area < 0.2 * core.area);
+        assert!(boundary(&prepared, &low, 50.0, 0.25, &stop).unwrap().area < 0.2 * core.area);
     }
 }

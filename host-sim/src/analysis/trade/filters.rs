@@ -73,8 +73,8 @@ pub fn measure(
         .map(|&cutoff_hz| at_cutoff(&bench, cutoff_hz, stop, &done))
         .collect();
     let signals = signals.ok_or(Error::Interrupted)?;
-    let rig = area::rig(scene)?;
-    let areas = area::measure(&rig, &bench, cutoffs_hz, repeats, stop, &done)?;
+    let prepared = area::prepare(scene)?;
+    let areas = area::measure(&prepared, &bench, cutoffs_hz, repeats, stop, &done)?;
     let place = |variant: usize, cutoff: usize| variant * cutoffs_hz.len() + cutoff;
     let reference = Variant::ALL.iter().position(|v| *v == REFERENCE).unwrap_or(0);
     let none = Areas(vec![]);

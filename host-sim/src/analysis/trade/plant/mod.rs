@@ -200,8 +200,8 @@ pub fn measure(
         return Err(Error::Internal("no method".into()));
     };
     let cutoff_hz = cutoff_hz(scene);
-    let rig = PreparedScene::new(&first.scene(scene))?;
-    let fine = walk(engine, &rig, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
+    let prepared = PreparedScene::new(&first.scene(scene))?;
+    let fine = walk(engine, &prepared, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
     let Some(peak) =
         fine.points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
     else {
@@ -225,10 +225,10 @@ pub fn measure(
         })
     });
     let hits: Vec<WallHit> = beside.filter(|hit| hit.stiffness_n_per_m > 0.0).collect();
-    let recorded = Recorded::new(&rig, &middle).map_err(Error::from)?;
+    let recorded = Recorded::new(&prepared, &middle).map_err(Error::from)?;
     let reference = Reference { scene, cutoff_hz, stop, engine, hits, recorded };
-    let expected = reference.verdicts(&rig, 0.0)?;
-    let nudged = reference.verdicts(&rig, NUDGE_COUNTS)?;
+    let expected = reference.verdicts(&prepared, 0.0)?;
+    let nudged = reference.verdicts(&prepared, NUDGE_COUNTS)?;
     let area = reference.area(first, 0.0)?;
     let area_chaotic = reference.area(first, NUDGE_COUNTS)? / area - 1.0;
     done();
@@ -263,8 +263,8 @@ fn differing(a: &[Verdict], b: &[Verdict]) -> usize {
 
 impl Reference<'_> {
     fn row(&self, method: Method, expected: &[Verdict], area: f64) -> Result<PlantRow, Error> {
-        let rig = match PreparedScene::new(&method.scene(self.scene)) {
-            Ok(rig) => rig,
+        let prepared = match PreparedScene::new(&method.scene(self.scene)) {
+            Ok(prepared) => prepared,
             Err(error @ Error::Input(_)) => {
                 return Ok(PlantRow { method, measured: Err(error.to_string()) });
             }
@@ -280,7 +280,7 @@ impl Reference<'_> {
         let own = self.area(method, 0.0)?;
         let measured = PlantMeasured {
             trajectory_m: error_m,
-            verdicts_wrong: differing(expected, &self.verdicts(&rig, 0.0)?),
+            verdicts_wrong: differing(expected, &self.verdicts(&prepared, 0.0)?),
             area: own,
             area_change: own / area - 1.0,
             steps_per_sample,
@@ -292,13 +292,13 @@ impl Reference<'_> {
         Ok(PlantRow { method, measured: Ok(measured) })
     }
 
-    fn verdicts(&self, rig: &PreparedScene, nudge_counts: f64) -> Result<Vec<Verdict>, Error> {
+    fn verdicts(&self, prepared: &PreparedScene, nudge_counts: f64) -> Result<Vec<Verdict>, Error> {
         let verdict = |hit: &WallHit| {
             if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
                 return Err(Error::Interrupted);
             }
             let hit = WallHit { start_offset_counts: nudge_counts, ..*hit };
-            match rig.verdict(Numeric::Fixed, &hit) {
+            match prepared.verdict(Numeric::Fixed, &hit) {
                 Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
                 other => Ok(other?),
             }
@@ -311,11 +311,11 @@ impl Reference<'_> {
         let mut scene = method.scene(self.scene);
         scene.walk.stiffness_step_n_per_m *= COARSER;
         scene.walk.damping_step_n_s_per_m *= COARSER;
-        let rig = PreparedScene::new(&scene)?;
+        let prepared = PreparedScene::new(&scene)?;
         let areas: Vec<f64> = (0..REPEATS)
             .map(|repeat| {
                 let start = start_offset_counts(repeat, REPEATS) + nudge_counts;
-                walk(self.engine, &rig, Numeric::Fixed, self.cutoff_hz, start, self.stop)
+                walk(self.engine, &prepared, Numeric::Fixed, self.cutoff_hz, start, self.stop)
                     .map(|b| b.area)
             })
             .collect::<Result<_, _>>()?;

@@ -33,18 +33,18 @@ impl Recorded {
     ///
     /// # Errors
     /// A setting is out of range.
-    pub fn new(rig: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
-        let samples = (rig.plan().settle + rig.plan().window) as usize;
+    pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
+        let samples = (prepared.plan().settle + prepared.plan().window) as usize;
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "0 to 1000 by the scene's check"
         )]
-        let latency = rig.scene().actuator.latency.floor() as usize;
-        let full_scale_n = rig.design().full_scale_n;
+        let latency = prepared.scene().actuator.latency.floor() as usize;
+        let full_scale_n = prepared.design().full_scale_n;
         let mut positions_m = Vec::with_capacity(samples);
         let mut commands_n = vec![None; samples + latency];
-        let mut simulation = rig.fixed(hit)?;
+        let mut simulation = prepared.fixed(hit)?;
         for n in 0..samples {
             let sample = simulation.step();
             positions_m.push(sample.position_m);
@@ -53,7 +53,7 @@ impl Recorded {
             }
         }
         commands_n.truncate(samples);
-        let start_m = rig.scene().device.start_position_m;
+        let start_m = prepared.scene().device.start_position_m;
         Ok(Self { start_m, positions_m, commands_n })
     }
 
