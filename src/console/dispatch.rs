@@ -1,7 +1,7 @@
 //! What each command does.
 
 use super::{
-    Command, Port, Reply, allowed,
+    Command, Port, Reply, Situation, allowed,
     session::{Awaited, ChangedSetting, Console},
     signs_allowed,
 };
@@ -9,7 +9,7 @@ use crate::{
     Settings,
     experiment::Order,
     safety::{Request, State},
-    store::Stored,
+    store::{Loaded, Stored},
     velocity::Parameter,
 };
 
@@ -59,18 +59,25 @@ impl<P: Port> Console<P> {
                 stored.settings.velocity = name.following(&stored.settings.velocity);
                 self.propose(stored, ChangedSetting::Estimator(name));
             }
-            Command::Push(push_n) => self.keep(Stored { push_n, ..stored }, ("push", push_n, "N")),
+            Command::Push(push_n) => {
+                stored.push_n = push_n;
+                self.keep(stored, ("push", push_n, "N"));
+            }
             Command::Start(start_m) => {
-                self.keep(Stored { start_m, ..stored }, ("start", start_m, "m"));
+                stored.start_m = start_m;
+                self.keep(stored, ("start", start_m, "m"));
             }
             Command::Settle(settle_s) => {
-                self.keep(Stored { settle_s, ..stored }, ("settle", settle_s, "s"));
+                stored.settle_s = settle_s;
+                self.keep(stored, ("settle", settle_s, "s"));
             }
             Command::Window(window_s) => {
-                self.keep(Stored { window_s, ..stored }, ("window", window_s, "s"));
+                stored.window_s = window_s;
+                self.keep(stored, ("window", window_s, "s"));
             }
             Command::RmsLimit(rms_limit_m) => {
-                self.keep(Stored { rms_limit_m, ..stored }, ("rms", rms_limit_m, "m"));
+                stored.rms_limit_m = rms_limit_m;
+                self.keep(stored, ("rms", rms_limit_m, "m"));
             }
             Command::Grid(value, number) => {
                 *value.of(&mut stored.grid) = number;
@@ -112,16 +119,19 @@ impl<P: Port> Console<P> {
                 self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
             }
             Command::Save => self.order(Order::Request(Request::Stall(true)), Awaited::Save),
-            Command::Load => {
-                let loaded = self.port.load(self.device.defaults());
-                let new = loaded.stored;
-                // Signs and full scale are taken over only with the force off.
-                let turned = new.signs != stored.signs || new.full_scale_n != stored.full_scale_n;
-                match signs_allowed(&situation) {
-                    Err(refusal) if turned => self.reply(Reply::Refused(refusal)),
-                    _ => self.propose(new, ChangedSetting::Loaded(loaded.source)),
-                }
-            }
+            Command::Load => self.load(&situation),
+        }
+    }
+
+    /// Settings out of flash. Signs and full scale are taken over only with the force off.
+    #[inline(never)] // two records and what reads them do not belong on the stack of every command
+    fn load(&mut self, situation: &Situation) {
+        let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
+        let old = &self.stored;
+        let turned = stored.signs != old.signs || stored.full_scale_n != old.full_scale_n;
+        match signs_allowed(situation) {
+            Err(refusal) if turned => self.reply(Reply::Refused(refusal)),
+            _ => self.propose(stored, ChangedSetting::Loaded(source)),
         }
     }
 
