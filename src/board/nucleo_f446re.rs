@@ -57,8 +57,8 @@ impl Wiring for NucleoF446re {
     const OUTPUT: Output = Output::Dac { bits: 12 };
     const SENSES: &'static [Sense] =
         if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
-    /// 8.5 us to the DAC's register (1524 cycles on the virtual board), 3 us for its buffer to settle (data
-    /// sheet, typical).
+    /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states), 3 us for its buffer to
+    /// settle (data sheet, typical).
     const LATENCY_SAMPLES: f64 = 0.115;
     type Force = dac::Output;
     type Encoder = encoder::Encoder<EdgeTimes>;
