@@ -63,11 +63,6 @@ impl Format {
             Self::Cmsis32x64 => "cmsis-32x64",
         }
     }
-
-    /// Signals have 16 bits.
-    pub const fn is_q15(self) -> bool {
-        matches!(self, Self::Q15 | Self::Q15Feedback)
-    }
 }
 
 impl Form {

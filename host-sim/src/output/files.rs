@@ -303,17 +303,6 @@ impl Drop for Outputs {
     }
 }
 
-/// Writes one file, whole or not at all.
-///
-/// # Errors
-/// As [`Outputs`].
-pub fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
-    let mut outputs = Outputs::new(force, &[]);
-    let file = outputs.file(path)?;
-    outputs.write(file, bytes)?;
-    outputs.commit()
-}
-
 /// The path without links and `.` in its folder. What is at its end is not followed.
 fn real(path: &Path) -> Result<PathBuf, Error> {
     let folder = folder_of(path);

@@ -201,21 +201,6 @@ impl Mcu {
         Ok(())
     }
 
-    /// Runs up to the next sampling event and returns its cycle; `None` if `limit` comes first.
-    ///
-    /// # Errors
-    /// The core locked up.
-    pub fn run_to_event(&mut self, limit: u64) -> Result<Option<u64>, Stopped> {
-        let seen = self.events;
-        while self.events == seen {
-            if self.now >= limit {
-                return Ok(None);
-            }
-            self.run_until(self.next.min(limit).max(self.now + 1))?;
-        }
-        Ok(Some(self.event.0))
-    }
-
     /// Brings the devices to the present and the interrupt line to the core.
     fn service(&mut self) {
         let due = self.soc.pace.next_event();

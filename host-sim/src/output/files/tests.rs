@@ -19,6 +19,14 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
+/// Writes one file, whole or not at all.
+fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
+    let mut outputs = Outputs::new(force, &[]);
+    let file = outputs.file(path)?;
+    outputs.write(file, bytes)?;
+    outputs.commit()
+}
+
 #[test]
 fn a_result_that_is_not_committed_leaves_no_trace() {
     let root = tempfile::tempdir().unwrap();
