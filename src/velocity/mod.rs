@@ -6,6 +6,7 @@
 
 mod biquad;
 mod butterworth;
+mod central_difference;
 mod difference;
 mod edge_timer;
 mod fir;
@@ -27,6 +28,7 @@ pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{
     ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, true_cutoff_hz,
 };
+pub use central_difference::CentralDifference;
 pub use difference::Difference;
 pub use edge_timer::{Captures, EdgeTimer};
 pub use fir::Fir;

@@ -289,6 +289,8 @@ estimators! {
             Levant(Levant) keeps levant;
             /// Steady-state Kalman filter.
             Kalman(Kalman) keeps kalman;
+            /// Half the counts of the last two samples.
+            CentralDifference(CentralDifference) keeps central_difference;
         }
         names {
             /// Position and acceleration.
@@ -343,6 +345,9 @@ estimators! {
                 /// Jerk that differs from sample to sample, RMS, m/s^3; its range follows from the design.
                 jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
             } => |design| Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise());
+            /// Half the counts of the last two samples.
+            CentralDifference = 16, "central-difference" {} => |_| CentralDifference(CentralDifference),
+                weights FirDesign::of(&[0.5, 0.5]);
         }
     }
 }
