@@ -189,6 +189,7 @@ impl Bench {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "a return and a hit in closed loop")]
 fn a_hit_returns_pushes_and_is_judged() {
     let mut bench = Bench::armed();
     bench.stored.push_n = 1.0;
@@ -206,6 +207,7 @@ fn a_hit_returns_pushes_and_is_judged() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "a return in closed loop")]
 fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
     let mut bench = Bench::armed();
     bench.handle.x = 1e-6 * f64::from(bench.zero);
@@ -230,6 +232,7 @@ fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "arms in closed loop")]
 fn experiments_need_the_full_force_and_end_when_it_goes() {
     for order in [Bench::new().hit(), Bench::calibrate(10.0)] {
         assert_eq!(Bench::new().order(order), Err(Refusal::NotArmed));
@@ -250,6 +253,7 @@ fn experiments_need_the_full_force_and_end_when_it_goes() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "10 s in steps of 1 ms")]
 fn a_hit_that_cannot_return_says_so() {
     let mut bench = Bench::armed();
     bench.stored.start_m = -0.02;
@@ -266,6 +270,7 @@ fn a_hit_that_cannot_return_says_so() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "a minute in steps of 1 ms")]
 fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves() {
     let mut bench = Bench::armed();
     bench.held = true; // by a gauge
@@ -289,6 +294,7 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "a calibration in closed loop")]
 fn after_a_calibration_a_push_without_motion_counts_again() {
     let mut bench = Bench::armed();
     bench.held = true;
@@ -304,6 +310,7 @@ fn after_a_calibration_a_push_without_motion_counts_again() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "arms in closed loop")]
 fn stop_ends_a_hit_without_a_verdict() {
     let mut bench = Bench::armed();
     bench.met(bench.hit());
@@ -316,6 +323,7 @@ fn stop_ends_a_hit_without_a_verdict() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "a calibration in closed loop")]
 fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_are_full() {
     let mut bench = Bench::armed();
     bench.met(bench.hit());
@@ -404,6 +412,7 @@ fn signs_are_turned_with_the_force_off_and_the_zero_is_lost() {
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "arms in closed loop")]
 fn the_black_box_is_read_out_oldest_first_beside_the_present_and_released_by_clear() {
     let mut bench = Bench::armed();
     bench.sensed.stop_closed = false;
@@ -430,6 +439,7 @@ fn the_black_box_is_read_out_oldest_first_beside_the_present_and_released_by_cle
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "a motor takes half a minute to warm")]
 fn a_motor_that_has_worked_is_warm() {
     let mut bench = Bench::armed();
     bench.held = true;
