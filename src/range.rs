@@ -27,7 +27,7 @@ pub mod limits {
 /// A parameter that is out of range.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SettingsError {
-    /// Its name, as in [`Settings`], [`Design`] or [`HitSettings`].
+    /// Its name, as in [`Settings`](crate::Settings), [`Design`](crate::Design) or [`HitSettings`](crate::HitSettings).
     pub parameter: &'static str,
     /// What was asked for.
     pub value: f64,

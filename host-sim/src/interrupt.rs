@@ -33,7 +33,7 @@ pub fn check() -> Result<(), Error> {
     if is_requested() { Err(Error::Interrupted) } else { Ok(()) }
 }
 
-/// Listens to the signals from now on. Where the command has not ended [`GRACE`] after one, `clean` takes away what
+/// Listens to the signals from now on. Where the command has not ended 0.4 s after one, `clean` takes away what
 /// must not stay, `report` says so, and the process ends with [`INTERRUPTED`].
 ///
 /// # Errors

@@ -43,7 +43,7 @@ pub enum Shaping {
     Second,
 }
 
-/// Coefficients of the filter; made by [`Design::quantise`](super::Design::quantise).
+/// Coefficients of the filter; made by [`ButterworthDesign::quantise`](super::ButterworthDesign::quantise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
     pub(super) b: [Coefficient; 3],

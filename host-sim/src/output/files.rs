@@ -1,5 +1,5 @@
 //! The one door for results. All files of a command appear together, or none does: each is written to a
-//! [draft](super::draft) beside its place and flushed, then all are renamed. A place is a real path: it is no input of
+//! draft beside its place and flushed, then all are renamed. A place is a real path: it is no input of
 //! the command, no other result of it, and no other program writes it at the same time.
 
 use std::{

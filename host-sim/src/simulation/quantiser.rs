@@ -38,7 +38,7 @@ impl Quantiser {
 /// Adding it to a number below 2^51 leaves the nearest integer in the low bits of the sum.
 pub(crate) const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
-/// The largest integer not above `value`, saturating at the ends of `i32`: [`INTEGER`] gives the nearest one, and a
+/// The largest integer not above `value`, saturating at the ends of `i32`: `INTEGER` gives the nearest one, and a
 /// rounding up is taken back. A third of the instructions of `value.floor() as i32`.
 #[inline]
 pub fn floor(value: f64) -> i32 {

@@ -4,7 +4,7 @@
 //! * [`search`]: the tuning with the largest Z-width area, by the same rule for each, over the same
 //!   decades of [`bandwidth`]; [`tuned`] is its result;
 //! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
-//! * [`contact`]: how rough the force is in contact;
+//! * [`roughness`](mod@roughness): how rough the force is in contact;
 //! * [`fidelity`]: how far the rendered impedance is from the commanded one;
 //! * [`cost`]: cycles and memory on the Cortex-M4;
 //! * [`table`]: all of it as columns; [`winners`]: who is best by which.
