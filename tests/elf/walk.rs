@@ -97,8 +97,8 @@ fn grid(
 #[test]
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
     let walked = both(BOARDS[0], |scene| {
-        grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.8, 0.3]);
-        scene.device.start_position_m = 0.06;
+        grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.2]);
+        scene.device.start_position_m = 0.066; // a short way back
     });
     assert!(walked.hits >= 10, "{walked:?}");
 }
@@ -245,7 +245,12 @@ fn a_handle_that_is_held_back_ends_the_way_back() {
     let status = ok(&mut world, "status");
     assert!(status.contains("fault 13 (push without motion)"), "{status}");
     assert!(!world.powered.amplifier.is_enabled());
-    // a hand that gives way a little is not, and the return gives up by itself
+}
+
+#[test]
+#[ignore = "a return gives up after 10 s; the library's tests have that as well"]
+fn a_hand_that_gives_way_a_little_lets_the_way_back_give_up_by_itself() {
+    let session = session(BOARDS[0], |_| {});
     let mut world = armed(&session);
     ok(&mut world, "start -0.01");
     ok(&mut world, "hit");
@@ -267,20 +272,18 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     world.run(10_000).unwrap();
     let at_m = world.position_m();
     world.hold(at_m, true); // a gauge holds the handle
-    ok(&mut world, "calibrate 20");
-    let lines = lines_after(&mut world, 105_000);
-    assert!(
-        lines.iter().any(
-            |l| l.starts_with("calibrate holds 20 %") || l.starts_with("calibrate holds 19.99")
-        ),
-        "{lines:?}"
-    );
-    assert!(lines.iter().any(|l| l.contains("code 2457")), "{lines:?}"); // 2048 + 0.2 * 2047
-    assert!((world.powered.amplifier.command() - 409).abs() <= 1);
+    ok(&mut world, "calibrate 8");
+    let lines = lines_after(&mut world, 42_000);
+    let holds = |line: &String| {
+        line.starts_with("calibrate holds 8 %") || line.starts_with("calibrate holds 7.99")
+    };
+    assert!(lines.iter().any(holds), "{lines:?}");
+    assert!(lines.iter().any(|l| l.contains("code 2212")), "{lines:?}"); // 2048 + 0.08 * 2047
+    assert!((world.powered.amplifier.command() - 164).abs() <= 1);
     assert!(ok(&mut world, "status").contains("fault none, calibration"));
-    ok(&mut world, "calibrate 15");
-    world.run(30_000).unwrap();
-    assert!((world.powered.amplifier.command() - 307).abs() <= 1);
+    ok(&mut world, "calibrate 6");
+    world.run(12_000).unwrap();
+    assert!((world.powered.amplifier.command() - 123).abs() <= 1);
     world.hold(at_m, false); // it lets go
     let lines = lines_after(&mut world, 5_000);
     assert!(

@@ -42,7 +42,12 @@ impl Clock {
     }
 
     pub(super) fn take_touched(&self) -> bool {
-        self.touched.swap(false, Relaxed)
+        // One thread only: a swap would cost each step what a whole instruction does.
+        let touched = self.touched.load(Relaxed);
+        if touched {
+            self.touched.store(false, Relaxed);
+        }
+        touched
     }
 }
 
