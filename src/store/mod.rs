@@ -198,13 +198,18 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
     }
 }
 
+/// What was damaged after the newest record was written: a save or an erase that was cut short.
+///
+/// A sector with valid records was filled before the active one, so its damage is old.
+fn damaged_later(active: &Content, other: &Content) -> u32 {
+    active.damaged_behind + if other.newest.is_none() { other.damaged } else { 0 }
+}
+
 /// The newest settings that are whole, else `defaults`; and says which.
 pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     let (_, found, [active, other]) = newest(flash);
     let damaged = active.damaged + other.damaged;
-    // A sector with valid records was filled before the active one, so its damage is old. Without
-    // any, its damage is a save or an erase that came later and was cut short.
-    let later = active.damaged_behind + if other.newest.is_none() { other.damaged } else { 0 };
+    let later = damaged_later(&active, &other);
     let (stored, source) = match found {
         Some((_, stored)) if stored.device != defaults.device => (defaults, Source::OtherDevice),
         Some((_, stored)) if later == 0 => (stored, Source::Newest),
@@ -224,10 +229,10 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
     if count == 0 || flash.capacity() < 2 * F::ERASE_SIZE {
         return Err(SaveError::TooSmall);
     }
-    let (active, found, [content, _]) = newest(flash);
+    let (active, found, [content, other]) = newest(flash);
     let sequence = match found {
         Some((sequence, newest))
-            if content.damaged_behind == 0
+            if damaged_later(&content, &other) == 0
                 && newest.to_words(sequence) == stored.to_words(sequence) =>
         {
             return Ok(Saved::Unchanged);
@@ -235,14 +240,17 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
         Some((sequence, _)) => sequence.saturating_add(1),
         None => 1,
     };
-    let (sector, slot) = if content.free < count {
+    let end = Sector::B.start::<F>();
+    let (sector, slot) = if found.is_none() && content.damaged + other.damaged > 0 {
+        // There is nothing to keep, and remains would pass for newer than this record.
+        [0, end].into_iter().try_for_each(|start| flash.erase(start, start + end))?;
+        (Sector::A, 0)
+    } else if content.free < count {
         (active, content.free)
     } else {
-        // Without any valid record there is nothing to keep, and either sector will do.
-        let other = active.other();
-        let start = other.start::<F>();
-        flash.erase(start, start + Sector::B.start::<F>())?;
-        (other, 0)
+        let sector = active.other();
+        flash.erase(sector.start::<F>(), sector.start::<F>() + end)?;
+        (sector, 0)
     };
     let words_now = stored.to_words(sequence);
     let bytes = words_now.map(u32::to_le_bytes);

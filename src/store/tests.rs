@@ -269,6 +269,22 @@ fn damage_in_older_records_is_counted_and_changes_nothing() {
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (2.0, Source::Newest, 1));
 }
 
+/// Else every boot would say that the newest copy is damaged.
+#[test]
+fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
+    let mut flash = Mock::<4>::new();
+    for n in 1..=6 {
+        save(&mut flash, &stored(f64::from(n))).unwrap();
+    }
+    (flash.left, flash.cut) = (Some(7), Cut::Half);
+    assert!(save(&mut flash, &stored(7.0)).is_err());
+    flash.left = None;
+    assert_eq!(load(&mut flash, defaults()).source, Source::Older);
+    assert_eq!(save(&mut flash, &stored(6.0)), Ok(Saved::Written));
+    assert_eq!(load(&mut flash, defaults()).source, Source::Newest);
+    assert_eq!(save(&mut flash, &stored(6.0)), Ok(Saved::Unchanged));
+}
+
 #[test]
 fn a_store_full_of_garbage_gives_the_defaults_and_can_be_used_again() {
     let mut flash = Mock::<4>::new();
@@ -278,7 +294,8 @@ fn a_store_full_of_garbage_gives_the_defaults_and_can_be_used_again() {
     let loaded = load(&mut flash, defaults());
     assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Defaults));
     assert_eq!(save(&mut flash, &stored(5.0)), Ok(Saved::Written));
-    assert_eq!(stiffness(&load(&mut flash, defaults())), 5.0);
+    let loaded = load(&mut flash, defaults());
+    assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (5.0, Source::Newest, 0));
 }
 
 /// Words that version 0.1.0 wrote: the layout stays, so that they load.
