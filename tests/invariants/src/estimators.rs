@@ -1,0 +1,256 @@
+//! Every estimator of the table, with all that it accepts on every design that is accepted.
+
+use proptest::prelude::*;
+use zwidth::{
+    CounterWidth, Design, LoopParameters, Sampler, Settings, VelocitySettings, WallSettings,
+    units::{Acceleration, Force, Position, Velocity},
+    velocity::{Edge, Estimator, EstimatorName, Senses, State},
+};
+
+use crate::{
+    any::{self, Random},
+    stated::{LSB, stated},
+};
+
+/// An estimator of the table, tuned.
+#[derive(Clone, Copy, Debug)]
+struct Tuned {
+    design: Design,
+    settings: VelocitySettings,
+}
+
+impl Tuned {
+    fn estimator(&self) -> Estimator {
+        self.settings.build(&self.design).unwrap()
+    }
+
+    fn name(&self) -> EstimatorName {
+        self.settings.name()
+    }
+
+    fn control(&self) -> LoopParameters {
+        let wall =
+            WallSettings { position_m: 0.0, stiffness_n_per_m: 0.0, damping_n_s_per_m: 0.0, push_only: true };
+        Settings { velocity: self.settings, wall }.build(&self.design).unwrap()
+    }
+}
+
+fn tuned() -> impl Strategy<Value = Tuned> + Clone {
+    (any::design(), any::estimator(), any::parts()).prop_filter_map("no tuning is left", |(design, name, parts)| {
+        Some(Tuned { design, settings: any::tuned(name, parts, &design)? })
+    })
+}
+
+/// One after another on the same design.
+fn several() -> impl Strategy<Value = Vec<Tuned>> {
+    let one = (any::estimator(), any::parts());
+    (any::design(), prop::collection::vec(one, 2..6)).prop_map(|(design, each)| {
+        let tuned = |(name, parts)| Some(Tuned { design, settings: any::tuned(name, parts, &design)? });
+        each.into_iter().filter_map(tuned).collect()
+    })
+}
+
+/// An estimator at work from rest at a count.
+struct Run {
+    estimator: Estimator,
+    state: State,
+}
+
+impl Run {
+    fn at(tuned: &Tuned, count: i32) -> Self {
+        Self { estimator: tuned.estimator(), state: State::at_rest(Position::from_counts(count)) }
+    }
+
+    fn step(&mut self, count: i64, senses: &Senses) -> i32 {
+        let position = Position::from_counts(count as i32);
+        let velocity = self.estimator.update(&mut self.state, position, senses).bits();
+        assert!(velocity.abs() <= Velocity::LIMIT << Velocity::FRACTION_BITS, "{velocity} is beyond the range");
+        velocity
+    }
+}
+
+/// The latest edge at sample `n` of a handle that is at `speed * n + phase`, and how fast it goes.
+fn edge(speed: f64, phase: f64, n: f64) -> Option<Edge> {
+    let border = (speed * n + phase).floor() + f64::from(speed < 0.0);
+    let age = n - (border - phase) / speed;
+    // before it began to move there was none
+    (speed != 0.0 && age <= n).then_some(Edge { age: (age * LSB) as u32, up: speed > 0.0 })
+}
+
+fn mirrored(senses: &Senses) -> Senses {
+    Senses {
+        force: Force::saturating_from_bits(-senses.force.bits()),
+        acceleration: Acceleration::saturating_from_bits(-senses.acceleration.bits()),
+        edge: senses.edge.map(|edge| Edge { up: !edge.up, ..edge }),
+    }
+}
+
+/// LSB by which the velocity of the mirrored motion may differ: what is rounded is rounded up at halves.
+fn mirror_lsb(name: EstimatorName) -> i32 {
+    use EstimatorName as N;
+    match name {
+        N::Difference | N::CentralDifference | N::FoawEnd | N::FoawBest | N::TimeStamps => 0,
+        _ => 2,
+    }
+}
+
+crate::properties! {
+    /// A handle that has always been at rest, at any count, reads exactly 0.
+    rest(500, (tuned, count) in (tuned(), any::<i32>())) {
+        let mut run = Run::at(&tuned, count);
+        for _ in 0..200 {
+            assert_eq!(run.step(count.into(), &Senses::NONE), 0);
+        }
+    }
+
+    /// The same motion somewhere else, across any wrap of the count, has the same velocities, bit for bit; through a
+    /// counter of 16 bits too.
+    shifted(400, (tuned, pieces, by, seed) in (
+        tuned(),
+        prop_oneof![any::motion(20_000.0), any::nonsense()],
+        prop_oneof![any::<i32>(), Just(i32::MAX), Just(i32::MIN)],
+        any::<u64>(),
+    )) {
+        let mut random = Random(seed);
+        let (mut here, mut there) = (Run::at(&tuned, 0), Run::at(&tuned, by));
+        let control = tuned.control();
+        let mut narrow = Sampler::new(0, CounterWidth::Bits16);
+        let mut follows = true;
+        let mut last = 0;
+        for count in any::counts(&pieces) {
+            let senses = random.senses();
+            let velocity = here.step(count, &senses);
+            assert_eq!(velocity, there.step(count + i64::from(by), &senses));
+            // as far as the counter follows
+            follows &= (count - last).abs() < 1 << 15;
+            last = count;
+            let sampled = narrow.sense(&control, count as u32 & 0xFFFF, &senses);
+            assert!(!follows || sampled.motion.velocity.bits() == velocity);
+        }
+    }
+
+    /// The mirrored motion has the mirrored velocities: exactly, or within 2 LSB where something is rounded.
+    mirror(400, (tuned, pieces, seed) in (tuned(), any::motion(20_000.0), any::<u64>())) {
+        let mut random = Random(seed);
+        let (mut one, mut other) = (Run::at(&tuned, 0), Run::at(&tuned, 0));
+        for count in any::counts(&pieces) {
+            let senses = random.senses();
+            let (velocity, back) = (one.step(count, &senses), other.step(-count, &mirrored(&senses)));
+            assert!((velocity + back).abs() <= mirror_lsb(tuned.name()), "{velocity} and {back}");
+        }
+    }
+
+    /// Nothing overflows and every velocity is in range, whatever is counted and sensed, retuned and restarted.
+    no_overflow(400, (each, pieces, seed) in (
+        several(),
+        prop::collection::vec(prop_oneof![any::nonsense(), any::motion(32_767.0)], 2..5),
+        any::<u64>(),
+    )) {
+        let Some(first) = each.first() else { return Ok(()) };
+        let mut random = Random(seed);
+        let mut run = Run::at(first, 0);
+        let mut from = 0;
+        for (pieces, tuned) in pieces.iter().zip(each.iter().cycle()) {
+            run.estimator = tuned.estimator();
+            if random.below(2) == 0 {
+                run.state.restart();
+            }
+            let counts = any::counts(pieces);
+            for count in &counts {
+                run.step(from + count, &random.senses());
+            }
+            from += counts.last().copied().unwrap_or_default();
+        }
+    }
+
+    /// A constant speed is measured within the error that docs/estimators.md states, whole counts per sample within
+    /// theirs, once the change of speed has gone.
+    slopes(150, (tuned, part, back, whole, phase) in (
+        tuned(),
+        any::part(),
+        any::<bool>(),
+        any::<bool>(),
+        0.0..1.0f64,
+    )) {
+        let says = stated(&tuned.settings, &tuned.design);
+        let stamps = says.error.is_nan();
+        let fastest = if says.settles[1] > 0.0 { 30_000.0 / says.settles[1] } else { 20_000.0 };
+        let slowest = if stamps { 1e-3 } else { 1e-5f64.min(fastest) };
+        let mut speed = any::between(slowest, fastest.min(20_000.0), part);
+        if whole {
+            speed = speed.round();
+        }
+        let waits = says.settles[0] + says.settles[1] * speed + if stamps && speed > 0.0 { 3.0 / speed } else { 0.0 };
+        if waits > 40_000.0 {
+            return Ok(()); // seconds of a slow tuning
+        }
+        let speed = if back { -speed } else { speed };
+        let mut error = if speed.fract() == 0.0 { says.whole } else { says.error };
+        if let VelocitySettings::TimeStamps { span_samples } = tuned.settings {
+            error = speed.abs() / (LSB * (f64::from(span_samples) - 0.5)) + 0.5 / LSB;
+        }
+        if !says.holds {
+            return Ok(());
+        }
+        let mut run = Run::at(&tuned, phase.floor() as i32);
+        for n in 1..waits as u32 + 300 {
+            let n = f64::from(n);
+            let senses = Senses { edge: edge(speed, phase, n), ..Senses::NONE };
+            let velocity = f64::from(run.step((speed * n + phase).floor() as i64, &senses)) / LSB;
+            let off = (velocity - speed).abs();
+            assert!(n < waits || off <= error + 1e-9, "{off} at {speed}, stated {error}");
+        }
+    }
+
+    /// A handle that stops reads 0, within what is stated for whole counts, once the stop has gone.
+    stop(100, (tuned, pieces) in (tuned(), any::motion(300.0))) {
+        let says = stated(&tuned.settings, &tuned.design);
+        let stamps = says.error.is_nan();
+        // Levant's needs the longer the further it was left behind
+        let mut waits = says.settles[0] + 1000.0 * says.settles[1];
+        if stamps {
+            waits = 33_000.0; // standstill is what no edge has come for in 2^15 samples
+        }
+        if waits > 40_000.0 {
+            return Ok(());
+        }
+        if !says.holds {
+            return Ok(());
+        }
+        let mut run = Run::at(&tuned, 0);
+        let counts = any::counts(&pieces);
+        for count in &counts {
+            run.step(*count, &Senses::NONE);
+        }
+        let last = counts.last().copied().unwrap_or_default();
+        let whole = if stamps { 0.0 } else { says.whole };
+        for n in 0..waits as u32 + 100 {
+            let velocity = f64::from(run.step(last, &Senses::NONE)) / LSB;
+            assert!(f64::from(n) < waits || velocity.abs() <= whole, "{velocity} after {n}");
+        }
+    }
+
+    /// A restart, of any estimator by any, makes the velocity jump by no more than docs/estimators.md states for the one
+    /// that takes over.
+    restart(400, (each, pieces, next, seed) in (
+        several(),
+        prop_oneof![any::motion(3000.0), any::motion(5.0)],
+        prop_oneof![-3i64..=3, -32_000i64..=32_000],
+        any::<u64>(),
+    )) {
+        let [before, after, ..] = each.as_slice() else { return Ok(()) };
+        let mut random = Random(seed);
+        let mut sampler = Sampler::new(0, CounterWidth::Bits32);
+        let (mut velocity, mut at) = (0.0, 0);
+        for count in any::counts(&pieces) {
+            let sampled = sampler.sense(&before.control(), count as u32, &Senses::NONE);
+            (velocity, at) = (f64::from(sampled.motion.velocity.bits()) / LSB, count);
+        }
+        sampler.restart();
+        let senses = Senses { edge: None, ..random.senses() };
+        let first = sampler.sense(&after.control(), (at + next) as u32, &senses);
+        let jump = (f64::from(first.motion.velocity.bits()) / LSB - velocity).abs();
+        let says = stated(&after.settings, &after.design).jump(velocity, next as f64, &senses);
+        assert!(jump <= says + 2.0 / LSB, "{jump} for {says}, from {velocity} to {next} counts");
+    }
+}

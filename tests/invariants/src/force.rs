@@ -1,0 +1,258 @@
+//! The force: supervisor, wall, gain fade, ramp and output together.
+
+use proptest::prelude::*;
+use zwidth::{
+    Design, Output, VelocitySettings, WallSettings,
+    safety::{Inputs, OutputCommand, Rendered, Request, SLEW, State},
+    units::Force,
+};
+
+use crate::{
+    any,
+    rig::{GOOD, NO_WALL, Rig, control, wide},
+    stated::LSB,
+};
+
+/// Designs that the supervisor takes: an output within 12.5 ms.
+fn design() -> impl Strategy<Value = Design> + Clone {
+    any::design().prop_map(|design| {
+        let most = (0.0125 * design.rate_hz).floor() as u32;
+        Design { period: design.period.min(most), ..design }
+    })
+}
+
+/// What happens after an output.
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    /// So many outputs with the handle where it is.
+    Wait(u8),
+    /// The handle moves by so many counts an output, for so many.
+    Move(i32, u8),
+    /// Places of K and B in their ranges, of the surface from the handle in counts, and whether the wall only pushes.
+    Wall(f64, f64, Option<i32>, bool),
+    /// The same wall, with K and B at those places.
+    Gains(f64, f64),
+    /// LSB of the force.
+    Push(i32),
+    /// Another estimator.
+    Estimator(usize, any::Parts),
+    Ask(Request),
+    Inputs(Inputs),
+}
+
+fn event(moves: bool) -> impl Strategy<Value = Event> {
+    let surface = prop::option::weighted(0.5, prop_oneof![-300i32..300, -20i32..20]);
+    let requests = vec![
+        Request::Arm,
+        Request::Disarm,
+        Request::Clear,
+        Request::Zero,
+        Request::Zero,
+        Request::Zero,
+        Request::Unlock,
+        Request::Turn,
+        Request::Stall(true),
+        Request::Stall(false),
+    ];
+    prop_oneof![
+        4 => (1u8..40).prop_map(Event::Wait),
+        if moves { 6 } else { 0 } => (prop_oneof![-3i32..=3, -400i32..=400], 1u8..10)
+            .prop_map(|(counts, outputs)| Event::Move(counts, outputs)),
+        3 => (any::part(), any::part(), surface, any::<bool>())
+            .prop_map(|(k, b, surface, push_only)| Event::Wall(k, b, surface, push_only)),
+        3 => (any::part(), any::part()).prop_map(|(k, b)| Event::Gains(k, b)),
+        2 => (-(1i32 << 30)..=1 << 30).prop_map(Event::Push),
+        1 => (any::<usize>(), any::parts()).prop_map(|(place, parts)| Event::Estimator(place, parts)),
+        2 => prop::sample::select(requests).prop_map(Event::Ask),
+    ]
+}
+
+fn trouble() -> impl Strategy<Value = Event> {
+    let mostly = |likely| prop::bool::weighted(likely);
+    let inputs = (mostly(0.9), mostly(0.9), mostly(0.9), mostly(0.1)).prop_map(
+        |(stop_closed, supply_good, settings_valid, halted)| {
+            Event::Inputs(Inputs { stop_closed, supply_good, settings_valid, halted })
+        },
+    );
+    prop_oneof![5 => event(true), 1 => inputs, 1 => Just(Event::Inputs(GOOD)), 1 => Just(Event::Ask(Request::Arm))]
+}
+
+/// A rig, and the settings that are in force on it.
+struct Bench {
+    rig: Rig,
+    velocity: VelocitySettings,
+    wall: WallSettings,
+    /// Only walls that push.
+    push_only: bool,
+    /// What the last change of the settings was refused for, if it was.
+    changes: u32,
+}
+
+impl Bench {
+    fn new(design: Design, push_only: bool) -> Self {
+        let velocity = VelocitySettings::Difference {};
+        let plan = wide(&design).build(&design).unwrap();
+        let control = control(&design, velocity, NO_WALL).unwrap();
+        Self { rig: Rig::new(design, plan, control), velocity, wall: NO_WALL, push_only, changes: 0 }
+    }
+
+    fn armed(design: Design, push_only: bool) -> Self {
+        let mut bench = Self::new(design, push_only);
+        bench.rig = bench.rig.armed();
+        bench
+    }
+
+    /// K and B at those places: from what a full scale in 10^4 counts is to one in a count.
+    fn gains(&self, k: f64, b: f64) -> [f64; 2] {
+        let design = &self.rig.design;
+        let unit = design.full_scale_n / design.resolution_m;
+        let gain = |part: f64, low: f64, high: f64| if part == 0.0 { 0.0 } else { any::between(low, high, part) };
+        let k = gain(k, 1e-4 * unit, unit).min(1e7);
+        [k, gain(b, 1e-3 * unit / design.rate_hz, 10.0 * unit / design.rate_hz).min(1e4)]
+    }
+
+    fn put(&mut self, velocity: VelocitySettings, wall: WallSettings) {
+        let Some(control) = control(&self.rig.design, velocity, wall) else { return };
+        if self.rig.change(control).is_ok() {
+            (self.velocity, self.wall) = (velocity, wall);
+            self.changes += 1;
+        }
+    }
+
+    /// What happens before the next outputs: how many there are, and the counts that the handle moves by before each.
+    fn happen(&mut self, event: Event) -> (u8, i32) {
+        match event {
+            Event::Wait(outputs) => return (outputs, 0),
+            Event::Move(counts, outputs) => return (outputs, counts),
+            Event::Wall(k, b, surface, push_only) => {
+                let [stiffness_n_per_m, damping_n_s_per_m] = self.gains(k, b);
+                let position_m = surface.map_or(self.wall.position_m, |away| {
+                    (f64::from(self.rig.position()) + f64::from(away)) * self.rig.design.resolution_m
+                });
+                let push_only = push_only || self.push_only;
+                let wall = WallSettings { position_m, stiffness_n_per_m, damping_n_s_per_m, push_only };
+                self.put(self.velocity, wall);
+            }
+            Event::Gains(k, b) => {
+                let [stiffness_n_per_m, damping_n_s_per_m] = self.gains(k, b);
+                self.put(self.velocity, WallSettings { stiffness_n_per_m, damping_n_s_per_m, ..self.wall });
+            }
+            Event::Push(bits) => self.rig.push = Force::saturating_from_bits(bits),
+            Event::Estimator(place, parts) => {
+                let names = zwidth::velocity::EstimatorName::ALL;
+                if let Some(velocity) = any::tuned(names[place % names.len()], parts, &self.rig.design) {
+                    self.put(velocity, self.wall);
+                }
+            }
+            Event::Ask(request) => {
+                let before = self.rig.supervisor.status();
+                if self.rig.ask(request).is_err() {
+                    assert_eq!(self.rig.supervisor.status(), before, "a refusal changes nothing");
+                }
+            }
+            Event::Inputs(inputs) => self.rig.inputs = inputs,
+        }
+        (0, 0)
+    }
+}
+
+/// The code of a force, by the page: the nearest to the part of full scale, halves away from zero.
+fn code(output: Output, force: Force) -> i64 {
+    let (zero, full) = match output {
+        Output::Continuous => return force.bits().into(),
+        Output::Dac { bits } => (1i64 << (bits - 1), (1i64 << (bits - 1)) - 1),
+        Output::Pwm { steps } => (0, i64::from(steps)),
+    };
+    let size = i64::from(force.bits().abs()) * full;
+    let whole = size >> 30;
+    let up = i64::from(size - (whole << 30) >= 1 << 29);
+    zero + i64::from(force.bits().signum()) * (whole + up)
+}
+
+/// What must hold of every output, whatever goes on.
+fn check(bench: &Bench, rendered: &Rendered) {
+    let status = bench.rig.supervisor.status();
+    let output = bench.rig.design.output;
+    let record = &rendered.record;
+    match rendered.grant {
+        OutputCommand::On(granted) => {
+            assert!(status.state.is_on() && bench.rig.inputs == GOOD, "force in {:?}", status.state);
+            assert_eq!((granted.force(), granted.command()), (record.force, record.command));
+            assert!(granted.force().bits().abs() <= 1 << 30);
+            assert!(status.state != State::SignTest || granted.force().bits().abs() <= SLEW);
+        }
+        OutputCommand::Off => {
+            assert!(!status.state.is_on(), "no force in {:?}", status.state);
+            assert_eq!(record.force, Force::ZERO);
+        }
+    }
+    assert_eq!(i64::from(record.command.code()), code(output, record.force));
+}
+
+crate::properties! {
+    /// Whatever is changed, asked for, moved and sensed: the force is within full scale and its code is the nearest, it
+    /// is 0 with the code of 0 while the supervisor is not on, and within 5 % in the sign test.
+    within_full_scale(150, (design, push_only, events) in (
+        design(),
+        any::<bool>(),
+        prop::collection::vec(trouble(), 1..60),
+    )) {
+        let mut bench = Bench::armed(design, push_only);
+        for event in events {
+            let (outputs, counts) = bench.happen(event);
+            for _ in 0..outputs.max(1) {
+                bench.rig.count += i64::from(counts);
+                let rendered = bench.rig.output();
+                check(&bench, &rendered);
+            }
+        }
+    }
+
+    /// The force of a wall is that of its spring and damper in SI units, within a few parts in 10^9, and what the page
+    /// says at the surface, beyond full scale and where it would pull.
+    spring_and_damper(1500, (design, k, b, push_only, depth, speed, push, surface) in (
+        any::design(),
+        any::part(),
+        any::part(),
+        any::<bool>(),
+        prop_oneof![-3i32..=3, -100_000i32..100_000],
+        prop_oneof![Just(0i32), -200_000i32..200_000],
+        -(1i32 << 30)..=1 << 30,
+        -1_000_000i32..1_000_000,
+    )) {
+        let wall = WallSettings {
+            position_m: f64::from(surface) * design.resolution_m,
+            stiffness_n_per_m: any::between(0.0, 1e7, k),
+            damping_n_s_per_m: any::between(0.0, 1e4, b),
+            push_only,
+        };
+        let Some(control) = control(&design, VelocitySettings::Difference {}, wall) else { return Ok(()) };
+        let motion = zwidth::Motion {
+            sample: 0,
+            position: zwidth::units::Position::from_counts(surface + depth),
+            velocity: zwidth::units::Velocity::saturating_from_bits(speed),
+        };
+        let push = Force::saturating_from_bits(push);
+        let drive = control.render(motion, push);
+        let metres = f64::from(depth) * design.resolution_m;
+        let metres_per_s = f64::from(speed) / LSB * design.resolution_m * design.rate_hz;
+        let [spring, damper] = [wall.stiffness_n_per_m * metres, wall.damping_n_s_per_m * metres_per_s];
+        let mut back = spring + damper;
+        if push_only {
+            back = back.max(0.0);
+        }
+        let asked = f64::from(push.bits()) / f64::from(1 << 30) - if depth > 0 { back / design.full_scale_n } else { 0.0 };
+        let given = f64::from(drive.force.bits()) / f64::from(1 << 30);
+        let error = 2e-9 + 1e-9 * (spring.abs() + damper.abs()) / design.full_scale_n;
+        assert!((given - asked.clamp(-1.0, 1.0)).abs() <= error, "{given} for {asked}");
+        assert_eq!(drive.contact, depth > 0);
+        let clear = (asked.abs() - 1.0).abs() > error;
+        assert!(!clear || drive.saturated == (asked.abs() > 1.0), "{asked}");
+        let code_of = |force| i64::from(control.actuator.command(force).code());
+        assert_eq!(code_of(drive.force), code(design.output, drive.force));
+        // odd: the code of the opposite force is as far from that of 0, on the other side
+        let opposite = Force::saturating_from_bits(-drive.force.bits());
+        let zero = i64::from(control.actuator.zero().code());
+        assert_eq!(code_of(opposite) - zero, zero - code_of(drive.force));
+    }
+}

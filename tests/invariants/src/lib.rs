@@ -1,0 +1,55 @@
+//! What must always hold of the library, each as a property that random cases try.
+//!
+//! A property is a line of text, a strategy that makes cases, and a check; [`ALL`] has them all. What a check compares
+//! with is written a second time here, from the pages and not from the code. `cargo test` tries each property with a
+//! fixed seed, `cargo invariants` for as long as wanted with any ([`campaign`]).
+
+#![forbid(unsafe_code)]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "a test fails loudly; what is cast is small or meant to be cut"
+)]
+
+mod any;
+pub mod campaign;
+mod property;
+mod rig;
+mod stated;
+
+properties_of! {
+    counter,
+    envelope,
+    estimators,
+    force,
+    frames,
+    guard,
+    hit,
+    parser,
+    return_move,
+    store,
+    walk,
+}
+
+pub use property::Property;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The page has a row for each property, and no other.
+    #[test]
+    fn the_page_has_every_property() {
+        let page = include_str!("../../../docs/invariants.md");
+        let of = |property: &Property| {
+            format!("| `{}` | {} |", property.title(), property.states.trim())
+        };
+        let rows: Vec<String> = all().map(of).collect();
+        let stated: Vec<&str> =
+            page.lines().filter(|line| line.starts_with("| `") && line.contains("::")).collect();
+        assert_eq!(stated, rows, "the rows:\n{}", rows.join("\n"));
+    }
+}

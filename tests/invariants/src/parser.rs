@@ -1,0 +1,145 @@
+//! The console's commands and numbers against the standard library.
+
+use proptest::prelude::*;
+use zwidth::{
+    console::{Command, Decimal, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Text, parse, usages},
+    velocity::EstimatorName,
+};
+
+/// What `k TEXT` comes to.
+fn number(text: &str) -> Option<f64> {
+    match parse(format!("k {text}").as_bytes()) {
+        Ok(Command::Stiffness(value)) => Some(value),
+        Ok(other) => panic!("{text} became {other:?}"),
+        Err(_) => None,
+    }
+}
+
+/// Whether a text is a number of the page: a sign, digits with at most one point, at most 15 of them significant, at
+/// most three digits of exponent, and a power of ten within 22 when the digits are taken as a whole number.
+fn is_offered(text: &str) -> bool {
+    let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
+    let lower = unsigned.to_ascii_lowercase();
+    let (mantissa, exponent) = lower.split_once('e').map_or((&*lower, "0"), |(m, e)| (m, e));
+    let digits = exponent.strip_prefix(['+', '-']).unwrap_or(exponent);
+    let is_digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    if !(1..=3).contains(&digits.len()) || !is_digits(digits) {
+        return false;
+    }
+    let (whole, part) = mantissa.split_once('.').unwrap_or((mantissa, ""));
+    let all = format!("{whole}{part}");
+    if all.is_empty() || !is_digits(&all) {
+        return false;
+    }
+    let significant = all.trim_start_matches('0');
+    let power = exponent.parse::<i64>().unwrap() - part.len() as i64;
+    significant.len() <= 15 && (significant.is_empty() || power.abs() <= 22)
+}
+
+/// Texts that are numbers, nearly numbers, and none.
+fn text() -> impl Strategy<Value = String> {
+    prop_oneof![
+        4 => "[+-]?[0-9]{0,9}(\\.[0-9]{0,9})?([eE][+-]?[0-9]{1,3})?",
+        2 => "[+-]?0{0,5}[0-9]{10,17}(\\.[0-9]{0,4})?([eE][+-]?[0-9]{1,2})?",
+        2 => "[0-9eE.+-]{1,12}",
+        1 => any::<f64>().prop_map(|value| value.to_string()),
+        1 => any::<f64>().prop_map(|value| format!("{value:e}")),
+        1 => any::<i64>().prop_map(|value| value.to_string()),
+        1 => prop::sample::select(vec!["nan", "inf", "-inf", "infinity", "0x10", "1_000", "1e", "e1"])
+            .prop_map(str::to_owned),
+    ]
+}
+
+crate::properties! {
+    /// What is read as a number is the standard library's f64, bit for bit but for the sign of 0; and every number that
+    /// the page offers is read.
+    numbers(4000, text in text()) {
+        let expected = text.parse::<f64>().ok().filter(|_| is_offered(&text));
+        let read = number(&text);
+        if text.is_empty() {
+            assert_eq!(read, None);
+        } else {
+            assert_eq!(read, expected, "{text:?}");
+        }
+    }
+
+    /// A number that is shown is within half of its twelfth digit, and what is shown of one with twelve digits is read
+    /// as that number.
+    shown(4000, (digits, exponent, negative, any) in (
+        1u64..1_000_000_000_000,
+        -21i32..=10,
+        any::<bool>(),
+        any::<f64>(),
+    )) {
+        let sign = if negative { "-" } else { "" };
+        let value: f64 = format!("{sign}{digits}e{exponent}").parse().unwrap();
+        let text = Decimal(value).to_string();
+        assert_eq!(text.parse::<f64>(), Ok(value), "{text}");
+        if is_offered(&text) {
+            assert_eq!(number(&text), Some(value), "{text}");
+        }
+        let normal = any.is_finite() && any.abs() > 1e-300;
+        let back: f64 = Decimal(any).to_string().to_lowercase().parse().unwrap();
+        assert!(!normal || (back / any - 1.0).abs() < 5.1e-12, "{any} became {back}");
+    }
+
+    /// A line is a name of the help with what it wants behind it, in any case and with any blanks: nothing else is read
+    /// as a command, and every refusal fits a line.
+    commands(3000, (place, words, upper, blank) in (
+        any::<prop::sample::Index>(),
+        prop::collection::vec(prop_oneof![
+            text(),
+            "[a-z0-9+-]{1,12}".prop_map(String::from),
+            prop::sample::select(vec!["on", "off", "+", "-", "envelope", "7"]).prop_map(str::to_owned),
+            prop::sample::select(EstimatorName::ALL).prop_map(|name| name.text().to_owned()),
+        ], 0..3),
+        any::<bool>(),
+        "[ \t]{1,3}",
+    )) {
+        let all: Vec<&str> = usages().collect();
+        let usage = all[place.index(all.len())];
+        let (name, wanted) = usage.split_once(' ').map_or((usage, None), |(name, wanted)| (name, Some(wanted)));
+        let words: Vec<String> = words.into_iter().filter(|word| !word.is_empty()).collect();
+        let typed = if upper { name.to_uppercase() } else { name.to_owned() };
+        let line = std::iter::once(typed).chain(words.iter().cloned()).collect::<Vec<_>>().join(&blank);
+        let is_number = wanted.is_some_and(|wanted| wanted.bytes().any(|byte| byte.is_ascii_uppercase()));
+        let expected = match (wanted, words.as_slice()) {
+            (None, []) => true,
+            (None, _) | (Some(_), []) | (Some(_), [_, _, ..]) => false,
+            (Some("NAME"), [word]) => EstimatorName::ALL.iter().any(|name| name.text().eq_ignore_ascii_case(word)),
+            (Some(_), [word]) if is_number => is_offered(word) && word.parse::<f64>().is_ok(),
+            (Some(choice), [word]) => choice.split('|').any(|known| known.eq_ignore_ascii_case(word)),
+        };
+        let read = parse(line.as_bytes());
+        assert_eq!(read.is_ok(), expected, "{line:?}: {read:?}");
+        if let Err(error) = read {
+            let text = Text::<REPLY_MAX>::of(error);
+            assert!(!text.as_str().contains(['\n', '\r', '~']));
+        }
+    }
+
+    /// Any bytes are cut into lines as the standard library cuts them; one that is too long is refused once, blank ones
+    /// are passed over.
+    lines(150, bytes in prop::collection::vec(
+        prop_oneof![3 => any::<u8>(), 1 => Just(b'\n'), 1 => Just(b'\r'), 4 => b' '..b'z'],
+        0..300,
+    )) {
+        let mut reader = LineReader::<LINE_MAX>::new();
+        let mut read = Vec::new();
+        for byte in &bytes {
+            match reader.push(*byte) {
+                None => {}
+                Some(Line::TooLong) => read.push(Err(ParseError::TooLong)),
+                Some(Line::Text(text)) => read.push(Ok(text.to_vec())),
+            }
+        }
+        let mut pieces: Vec<&[u8]> = bytes.split(|byte| matches!(byte, b'\n' | b'\r')).collect();
+        pieces.pop(); // not ended
+        let expected: Vec<_> = pieces
+            .into_iter()
+            .filter(|line| line.len() > LINE_MAX || !line.iter().all(u8::is_ascii_whitespace))
+            .map(|line| if line.len() > LINE_MAX { Err(ParseError::TooLong) } else { Ok(line.to_vec()) })
+            .collect();
+        assert_eq!(read, expected);
+    }
+}

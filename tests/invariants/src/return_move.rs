@@ -1,0 +1,133 @@
+//! The return move between two hits.
+
+use std::fmt;
+
+use proptest::prelude::*;
+use zwidth::{
+    Design,
+    experiment::{Return, ReturnPlan, ReturnSettings, ReturnStep},
+    units::Position,
+};
+
+use crate::any::{self, Random};
+
+/// A return that is accepted.
+#[derive(Clone, Copy)]
+struct Move {
+    design: Design,
+    settings: ReturnSettings,
+    plan: ReturnPlan,
+}
+
+impl fmt::Debug for Move {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Move").field(&self.design).field(&self.settings).finish()
+    }
+}
+
+impl Move {
+    fn output_s(&self) -> f64 {
+        f64::from(self.design.period) / self.design.rate_hz
+    }
+
+    fn start(&self) -> i64 {
+        self.plan.start().counts().into()
+    }
+
+    fn tolerance(&self) -> f64 {
+        self.settings.tolerance_m / self.design.resolution_m
+    }
+
+    /// Outputs that it may take.
+    fn outputs_max(&self) -> u32 {
+        (self.settings.timeout_s / self.output_s()).ceil() as u32
+    }
+}
+
+fn accepted() -> impl Strategy<Value = Move> {
+    let parts = prop::collection::vec(any::part(), 8);
+    (any::design(), parts).prop_filter_map("no range is left", |(design, parts)| {
+        // A refusal names the number and its range: what is refused is set next.
+        let mut settings = ReturnSettings {
+            start_m: f64::NAN,
+            speed_m_per_s: f64::NAN,
+            force_n: f64::NAN,
+            stiffness_n_per_m: f64::NAN,
+            damping_n_s_per_m: f64::NAN,
+            integral_n_per_m_s: f64::NAN,
+            tolerance_m: f64::NAN,
+            timeout_s: f64::NAN,
+        };
+        for _ in 0..20 {
+            let error = match settings.build(&design) {
+                Ok(plan) => return Some(Move { design, settings, plan }),
+                Err(error) => error,
+            };
+            let (place, part) = match error.parameter {
+                "start_m" => (&mut settings.start_m, parts[0]),
+                "return_speed_m_per_s" => (&mut settings.speed_m_per_s, parts[1]),
+                "return_force_n" => (&mut settings.force_n, parts[2]),
+                "return_stiffness_n_per_m" => (&mut settings.stiffness_n_per_m, parts[3]),
+                "return_damping_n_s_per_m" => (&mut settings.damping_n_s_per_m, parts[4]),
+                "return_integral_n_per_m_s" => (&mut settings.integral_n_per_m_s, parts[5]),
+                "return_tolerance_m" => (&mut settings.tolerance_m, parts[6]),
+                "return_timeout_s" => (&mut settings.timeout_s, parts[7]),
+                other => panic!("{other} is no number of a return"),
+            };
+            let (low, high) = (*error.range.start(), *error.range.end());
+            if low > high {
+                return None;
+            }
+            *place = any::between(low, high, part);
+        }
+        None
+    })
+}
+
+fn at(counts: i64) -> Position {
+    Position::from_counts(counts.clamp(-(1 << 30), 1 << 30) as i32)
+}
+
+crate::properties! {
+    /// Wherever the handle is and goes, a return ends in time, its force stays within its limit and in contact never
+    /// points into the wall, and it has arrived only where the handle stood at the start.
+    bounded(150, (back, seed, mode) in (accepted(), any::<u64>(), 0u8..4)) {
+        let mut random = Random(seed);
+        let mut run = Return::new(back.plan);
+        let limit = back.settings.force_n / back.design.full_scale_n;
+        let mut place = back.start() + (random.bits() as i32 >> random.below(31)) as i64;
+        let rest = (0.02 / back.output_s()).ceil() as usize;
+        let mut past = Vec::new();
+        for n in 0..=back.outputs_max().min(20_000) {
+            match (mode, random.below(8)) {
+                (0, _) => {}
+                (1, 0) => place = back.start() + (random.bits() as i32 >> random.below(31)) as i64,
+                (2, _) => place += (back.start() - place) / 50,
+                (_, _) => place += random.below(7) as i64 - 3,
+            }
+            let contact = mode == 3 && random.below(2) == 0;
+            past.push(at(place).counts());
+            match run.output(at(place), contact) {
+                ReturnStep::Push(force) => {
+                    let part = f64::from(force.bits()) / f64::from(1 << 30);
+                    assert!(part.abs() <= limit && limit <= 0.5, "{part} of {limit}");
+                    assert!(!contact || part <= 0.0);
+                    assert!(n <= back.outputs_max());
+                }
+                ReturnStep::Arrived => {
+                    let recent = &past[past.len() - rest.min(past.len())..];
+                    let near = |x: &i32| (f64::from(*x) - back.start() as f64).abs() <= 2.0 * back.tolerance();
+                    assert!(recent.iter().all(near));
+                    break;
+                }
+                ReturnStep::TooLong => {
+                    assert!(n + 2 >= back.outputs_max());
+                    break;
+                }
+            }
+        }
+        if back.outputs_max() < 20_000 {
+            assert!(!matches!(run.output(at(place), false), ReturnStep::Push(_)) || past.len() as u32 <= back.outputs_max() + 1);
+        }
+    }
+}

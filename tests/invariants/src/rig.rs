@@ -1,0 +1,186 @@
+//! The sampling task, the output task and a handle, in step as on the board; the handle is where a case puts it.
+
+use zwidth::{
+    CounterWidth, Design, LoopParameters, Settings, VelocitySettings, WallSettings,
+    safety::{
+        Guard, GuardCommand, GuardView, GuardedSampler, Inputs, Refusal, Rendered, Request,
+        SafetyPlan, SafetySettings, State, Step, Supervisor,
+    },
+    units::{Force, Position},
+    velocity::Senses,
+};
+
+/// All is well.
+pub const GOOD: Inputs =
+    Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+
+/// A wall that does nothing.
+pub const NO_WALL: WallSettings = WallSettings {
+    position_m: 0.0,
+    stiffness_n_per_m: 0.0,
+    damping_n_s_per_m: 0.0,
+    push_only: true,
+};
+
+/// Limits that are as wide as they may be, so that a case is not ended by them.
+pub fn wide(design: &Design) -> SafetySettings {
+    let unit = design.resolution_m * design.rate_hz;
+    SafetySettings {
+        speed_max_m_per_s: 32_766.0 * unit,
+        speed_believable_m_per_s: 32_766.0 * unit,
+        travel_low_m: -f64::from(1 << 30) * design.resolution_m,
+        travel_high_m: f64::from(1 << 30) * design.resolution_m,
+        ramp_in_s: 0.02,
+        sign_test_force: 0.05,
+        sign_test_counts: 10,
+    }
+}
+
+/// Both tasks.
+#[derive(Clone, Copy)]
+pub struct Rig {
+    /// What is built.
+    pub design: Design,
+    /// In force.
+    pub control: LoopParameters,
+    /// The half that renders.
+    pub supervisor: Supervisor,
+    sampler: GuardedSampler,
+    guard: Guard,
+    view: GuardView,
+    down: GuardCommand,
+    /// What the experiment pushes with.
+    pub push: Force,
+    /// What the board says.
+    pub inputs: Inputs,
+    /// What the counter reads.
+    pub count: i64,
+    /// What the hardware does.
+    pub output: Option<Force>,
+    position: Position,
+}
+
+impl Rig {
+    /// Off, at count 0.
+    pub fn new(design: Design, plan: SafetyPlan, control: LoopParameters) -> Self {
+        Self {
+            design,
+            control,
+            supervisor: Supervisor::new(plan, None),
+            sampler: GuardedSampler::new(0, CounterWidth::Bits32),
+            guard: Guard::NOTHING,
+            view: GuardView::NOTHING,
+            down: GuardCommand::start(&plan),
+            push: Force::ZERO,
+            inputs: GOOD,
+            count: 0,
+            output: None,
+            position: Position::default(),
+        }
+    }
+
+    /// Where the handle is, counts, as the last output saw it.
+    pub fn position(&self) -> i32 {
+        self.position.counts()
+    }
+
+    /// One sample, and the output if one is due.
+    pub fn sample(&mut self) -> (Step, Option<Rendered>) {
+        let Self { sampler, control, down, guard, count, .. } = self;
+        let step = sampler.step(control, *count as u32, &Senses::NONE, down, guard);
+        let number = step.report.motion.number();
+        if step.told {
+            self.view.take(self.guard, number);
+        }
+        if step.cut {
+            self.output = None;
+        }
+        let rendered = step.due.then(|| {
+            let Self { control, push, inputs, .. } = self;
+            let guard = self.view.at(number);
+            let rendered = self.supervisor.render(control, &step.report, &guard, *push, *inputs);
+            self.output = rendered.grant.force();
+            self.position = step.report.motion.position;
+            self.down = self.supervisor.down();
+            rendered
+        });
+        (step, rendered)
+    }
+
+    /// Up to the next output.
+    pub fn output(&mut self) -> Rendered {
+        loop {
+            if let (_, Some(rendered)) = self.sample() {
+                return rendered;
+            }
+        }
+    }
+
+    /// Meets a request after an output.
+    pub fn ask(&mut self, request: Request) -> Result<(), Refusal> {
+        let result = self.supervisor.request(request);
+        self.down = self.supervisor.down();
+        result
+    }
+
+    /// Exchanges the settings after an output, if they may be, in the order of the scheduler.
+    pub fn change(&mut self, control: LoopParameters) -> Result<(), Refusal> {
+        self.supervisor.may_change(&self.control, &control)?;
+        if control.estimator != self.control.estimator {
+            self.supervisor.retuned();
+            self.down = self.supervisor.down();
+        }
+        self.control = control;
+        Ok(())
+    }
+
+    /// Where it stands.
+    pub fn state(&self) -> State {
+        self.supervisor.status().state
+    }
+
+    /// Zeroed, and through the sign test: the handle goes where the force pushes it. The ramp is next.
+    pub fn pass_sign_test(&mut self) {
+        self.output();
+        self.ask(Request::Zero).unwrap();
+        self.output();
+        self.output();
+        self.ask(Request::Arm).unwrap();
+        // as few as two outputs are a quarter of the test: so fast that its answer is far above the limit
+        let quarter = 0.025 * self.design.rate_hz / f64::from(self.design.period);
+        let faster = (200.0 / (quarter * quarter)).ceil() as i64;
+        let (mut speed, mut outputs) = (0, 0);
+        while self.state() != State::RampIn {
+            let force = self.output().grant.force().unwrap_or_default();
+            speed += faster * i64::from(force.bits().signum());
+            self.count += speed;
+            outputs += 1;
+            assert!(
+                outputs < 10_000 && self.state() != State::Fault,
+                "{:?}",
+                self.supervisor.status()
+            );
+        }
+    }
+
+    /// The full force may act, and the handle is at rest.
+    pub fn armed(mut self) -> Self {
+        self.pass_sign_test();
+        while self.state() != State::Armed {
+            self.output();
+        }
+        for _ in 0..50 {
+            self.output();
+        }
+        self
+    }
+}
+
+/// Settings in integers.
+pub fn control(
+    design: &Design,
+    velocity: VelocitySettings,
+    wall: WallSettings,
+) -> Option<LoopParameters> {
+    Settings { velocity, wall }.build(design).ok()
+}

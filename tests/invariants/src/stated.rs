@@ -1,0 +1,233 @@
+//! What docs/estimators.md states of each estimator, written down a second time: sums of differences from their
+//! weights, the others from the equations at the head of the page's sections.
+
+use std::f64::consts::{PI, SQRT_2};
+
+use zwidth::{
+    Design, VelocitySettings,
+    units::{Acceleration, Force},
+    velocity::Senses,
+};
+
+/// LSB of the velocity in a count per sample.
+pub const LSB: f64 = 65_536.0;
+
+/// What is stated of an estimator with those settings on that device, in counts and samples.
+#[derive(Clone, Debug)]
+pub struct Stated {
+    /// Largest error at a constant speed.
+    pub error: f64,
+    /// The same at whole counts per sample.
+    pub whole: f64,
+    /// Whether an error is stated for these settings.
+    pub holds: bool,
+    /// Samples until a change of speed by one count per sample has gone, and for each further one.
+    pub settles: [f64; 2],
+    /// What a difference of one count per sample between the next counts and the old velocity makes of the velocity at
+    /// once, after a restart.
+    pub first: First,
+}
+
+/// How the first velocity after a restart follows the counts.
+#[derive(Clone, Copy, Debug)]
+pub enum First {
+    /// By that part of the difference, and at most so much beside it.
+    Part(f64, f64),
+    /// The square root of the difference times that.
+    Root(f64),
+    /// The difference, at most that.
+    Bounded(f64),
+    /// That part of the difference that half the known acceleration leaves, and the acceleration per full scale of
+    /// force, or what was measured.
+    Known(f64, Option<f64>),
+    /// A mean over that time, or the bound of a count since the last edge.
+    Mean(f64),
+}
+
+impl Stated {
+    /// Largest jump of the velocity with the first sample after a restart at `velocity`.
+    pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
+        let off = (counts - velocity).abs();
+        match self.first {
+            First::Part(part, beside) => part * off + beside,
+            First::Root(lambda) => lambda * off.sqrt(),
+            First::Bounded(most) => off.min(most),
+            First::Known(part, full_scale) => {
+                let known = match full_scale {
+                    Some(full_scale) => {
+                        full_scale * f64::from(senses.force.bits())
+                            / f64::from(Force::FULL_SCALE.bits())
+                    }
+                    None => {
+                        f64::from(senses.acceleration.bits())
+                            / f64::from(1 << Acceleration::FRACTION_BITS)
+                    }
+                };
+                part * (off + known.abs() / 2.0) + known.abs()
+            }
+            First::Mean(span) => off.max((off + 2.0) / (span - 0.5)),
+        }
+    }
+}
+
+/// Of a linear estimator: half the sum of the magnitudes of its response to a position. `b` and `a` are those of the
+/// low-pass behind the difference.
+fn ripple(b: &[f64], a: &[f64], samples: usize) -> f64 {
+    let (mut response, mut sum) = (Vec::new(), 0.0);
+    for n in 0..samples {
+        // the difference of a count that comes and goes on being there: 1 at 0, -1 at 1
+        let input = |n: usize| b.get(n).copied().unwrap_or(0.0);
+        let input = input(n) - if n > 0 { input(n - 1) } else { 0.0 };
+        let past: f64 = (1..=a.len().min(n)).map(|k| a[k - 1] * response[n - k]).sum();
+        let value: f64 = input - past;
+        sum += value.abs();
+        response.push(value);
+    }
+    0.5 * sum
+}
+
+/// `u` of the Kalman filters, from what their page has: `2 u^2 = L (1 - u)` or `2 u^3 = L (1 - u) (2 - u)`.
+fn kalman_u(ratio: f64, states: i32) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..60 {
+        let u: f64 = (low + high) / 2.0;
+        let right = if states == 2 { ratio * (1.0 - u) } else { ratio * (1.0 - u) * (2.0 - u) };
+        if 2.0 * u.powi(states) < right { low = u } else { high = u }
+    }
+    (low + high) / 2.0
+}
+
+/// What the page states.
+pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
+    use VelocitySettings as V;
+    let exact = |error: f64, lsb: f64, settles: f64, first: First| Stated {
+        error: error + lsb / LSB,
+        whole: lsb / LSB,
+        holds: true,
+        settles: [settles, 0.0],
+        first,
+    };
+    if let Some(sum) = settings.weights(design).unwrap() {
+        let weights = sum.weights();
+        let error = ripple(weights, &[], weights.len() + 1);
+        let first = First::Part(weights[0].abs(), error);
+        return exact(error, 1.0, weights.len() as f64 + 1.0, first);
+    }
+    let low_pass = |b: &[f64], a: &[f64], part: f64| {
+        let settles = 8.0 / part + 200.0;
+        let error = ripple(b, a, settles.min(60_000.0) as usize);
+        exact(error, 2.0, settles, First::Part(b[0], 0.0))
+    };
+    let digital = |cutoff_hz: f64, prewarp: bool| {
+        let angle = 2.0 * PI * cutoff_hz / design.rate_hz;
+        if prewarp { 2.0 * (angle / 2.0).tan() } else { angle }
+    };
+    let butterworth = |cutoff_hz: f64, prewarp: bool| {
+        let w = digital(cutoff_hz, prewarp);
+        let a0 = 4.0 + 2.0 * SQRT_2 * w + w * w;
+        let b = [w * w / a0, 2.0 * w * w / a0, w * w / a0];
+        let a = [(2.0 * w * w - 8.0) / a0, (4.0 - 2.0 * SQRT_2 * w + w * w) / a0];
+        low_pass(&b, &a, cutoff_hz / design.rate_hz)
+    };
+    let first_order = |cutoff_hz: f64, prewarp: bool| {
+        let w = digital(cutoff_hz, prewarp);
+        low_pass(
+            &[w / (2.0 + w), w / (2.0 + w)],
+            &[(w - 2.0) / (w + 2.0)],
+            cutoff_hz / design.rate_hz,
+        )
+    };
+    let kalman = |noise: f64, states: i32| {
+        let samples = design.rate_hz.powi(states);
+        let u = kalman_u(noise / samples / (design.resolution_m / 12f64.sqrt()), states);
+        let (alpha, beta) = (u * (2.0 - u), 2.0 * u * u);
+        let gamma = if states == 2 { 0.0 } else { beta * beta / (2.0 * alpha) };
+        // the response to a position, by the recursion itself
+        let (mut x, mut v, mut acceleration, mut sum) = (0.0, 0.0, 0.0, 0.0);
+        for n in 0..((60.0 / u) as usize).min(60_000) {
+            let ahead: f64 = x + v + acceleration / 2.0;
+            let r = f64::from(n == 0) - ahead;
+            x = ahead + alpha * r;
+            v += acceleration + beta * r;
+            acceleration += gamma * r;
+            sum += v.abs();
+        }
+        exact(0.5 * sum, 2.0, 60.0 / u + 200.0, First::Part(beta, 0.0))
+    };
+    let observer = |bandwidth_hz: f64, full_scale: Option<f64>| {
+        let p = (-2.0 * PI * bandwidth_hz / design.rate_hz).exp();
+        let [l1, l2, l3] =
+            [1.0 - p * p * p, 1.5 * (1.0 - p).powi(2) * (1.0 + p), (1.0 - p).powi(3)];
+        let (mut x, mut v, mut a, mut sum) = (0.0, 0.0, 0.0, 0.0);
+        let settles = 12.0 / (bandwidth_hz / design.rate_hz) + 200.0;
+        for n in 0..settles as usize {
+            let ahead: f64 = x + v + a / 2.0;
+            let e = f64::from(n == 0) - ahead;
+            x = ahead + l1 * e;
+            v += a + l2 * e;
+            a += l3 * e;
+            sum += v.abs();
+        }
+        exact(0.5 * sum, 0.0, settles, First::Known(l2, full_scale))
+    };
+    let c =
+        |acceleration: f64| acceleration / (design.resolution_m * design.rate_hz * design.rate_hz);
+    // less noise than a count takes quantisation for motion
+    let windowed = |error: f64, window_samples: u32, noise_counts: f64| {
+        let window = f64::from(window_samples);
+        let error = if noise_counts < 1.0 { 1.0 } else { error / window };
+        exact(error, 0.0, window + 1.0, First::Part(1.0, 1.0))
+    };
+    match *settings {
+        V::Butterworth { cutoff_hz } => butterworth(cutoff_hz, false),
+        V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
+        V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
+        V::FirstOrderPrewarped { cutoff_hz } => first_order(cutoff_hz, true),
+        V::Difference {} => exact(1.0, 0.0, 2.0, First::Part(1.0, 0.0)),
+        V::TrackingLoop { bandwidth_hz } => {
+            let part = bandwidth_hz / design.rate_hz;
+            let p = (-2.0 * PI * part).exp();
+            low_pass(&[(1.0 - p).powi(2)], &[-2.0 * p, p * p], part)
+        }
+        V::Observer { bandwidth_hz, mass_kg } => {
+            let metres = design.full_scale_n / mass_kg / design.rate_hz / design.rate_hz;
+            observer(bandwidth_hz, Some(metres / design.resolution_m))
+        }
+        V::Fusion { crossover_hz } => observer(crossover_hz, None),
+        V::Kalman2 { acceleration_rms_m_per_s2 } => kalman(acceleration_rms_m_per_s2, 2),
+        V::Kalman3 { jerk_rms_m_per_s3 } => kalman(jerk_rms_m_per_s3, 3),
+        V::TimeStamps { span_samples } => Stated {
+            error: f64::NAN, // it goes with the speed
+            whole: f64::NAN,
+            holds: true,
+            settles: [2.0 * f64::from(span_samples) + 10.0, 0.0],
+            first: First::Mean(span_samples.into()),
+        },
+        V::FoawEnd { window_samples, noise_counts } => windowed(1.0, window_samples, noise_counts),
+        V::FoawBest { window_samples, noise_counts } => windowed(1.5, window_samples, noise_counts),
+        V::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio } => {
+            let c = c(acceleration_max_m_per_s2);
+            let [error, whole] = if lambda_ratio <= 1.5 { [2.5, 2.0] } else { [3.5, 2.5] };
+            Stated {
+                error: error * c.max(c.sqrt()) + 1.0 / LSB,
+                whole: whole * c + 1.0 / LSB,
+                holds: (1.0..=2.5).contains(&lambda_ratio),
+                settles: [200.0, 4.0 / c],
+                first: First::Root(lambda_ratio * c.sqrt()),
+            }
+        }
+        V::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
+            let c = c(acceleration_max_m_per_s2);
+            Stated {
+                error: f64::min(1.0, 1.2 * c.sqrt()) + 1.0 / LSB,
+                whole: 0.0,
+                holds: (1.0..=2.5).contains(&lambda_ratio),
+                settles: [200.0, 4.0 / c],
+                first: First::Bounded(1.1 * c),
+            }
+        }
+        ref other => panic!(
+            "{other:?}: state its error at constant speed and its jump after a restart, here and on the page"
+        ),
+    }
+}

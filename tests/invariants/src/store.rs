@@ -1,0 +1,220 @@
+//! Settings in flash, with the power cut anywhere.
+
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+use proptest::prelude::*;
+use zwidth::{
+    Settings, WallSettings,
+    experiment::WalkSettings,
+    store::{DeviceKey, RECORD_WORDS, Saved, Signs, Source, Stored, load, save},
+    velocity::EstimatorName,
+};
+
+use crate::any::Random;
+
+const RECORD_BYTES: usize = 4 * RECORD_WORDS;
+/// Three records, and a rest that none fits into.
+const SECTOR_BYTES: usize = 3 * RECORD_BYTES + 32;
+
+/// Flash that programs `UNIT` bytes at once. When the power goes, each bit of the unit that was being programmed or
+/// erased is what it was or what it was to be.
+#[derive(Clone)]
+struct Flash<const UNIT: usize> {
+    bytes: Vec<u8>,
+    /// Units until the power goes.
+    left: Option<u32>,
+    torn: Random,
+}
+
+#[derive(Debug)]
+struct PowerLost;
+
+impl NorFlashError for PowerLost {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl From<NorFlashErrorKind> for PowerLost {
+    fn from(kind: NorFlashErrorKind) -> Self {
+        panic!("{kind:?}: the store asks for what flash cannot do")
+    }
+}
+
+impl<const UNIT: usize> Flash<UNIT> {
+    fn erased(seed: u64) -> Self {
+        Self { bytes: vec![0xFF; 2 * SECTOR_BYTES], left: None, torn: Random(seed) }
+    }
+
+    fn change(&mut self, first: usize, to: &[u8]) -> Result<(), PowerLost> {
+        let whole = match &mut self.left {
+            Some(0) => return Err(PowerLost),
+            Some(left) => {
+                *left -= 1;
+                *left > 0
+            }
+            None => true,
+        };
+        for (place, to) in self.bytes[first..].iter_mut().zip(to) {
+            let done = if whole { 0xFF } else { self.torn.bits() as u8 };
+            *place = *place & !done | to & done;
+        }
+        if whole { Ok(()) } else { Err(PowerLost) }
+    }
+}
+
+impl<const UNIT: usize> ErrorType for Flash<UNIT> {
+    type Error = PowerLost;
+}
+
+impl<const UNIT: usize> ReadNorFlash for Flash<UNIT> {
+    const READ_SIZE: usize = 4;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerLost> {
+        check_read(self, offset, bytes.len())?;
+        bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const UNIT: usize> NorFlash for Flash<UNIT> {
+    const WRITE_SIZE: usize = UNIT;
+    const ERASE_SIZE: usize = SECTOR_BYTES;
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerLost> {
+        check_write(self, offset, bytes.len())?;
+        for (n, unit) in bytes.chunks(UNIT).enumerate() {
+            let first = offset as usize + n * UNIT;
+            let blank = self.bytes[first..][..UNIT].iter().all(|byte| *byte == 0xFF);
+            assert!(blank, "byte {first} is written twice without an erase");
+            self.change(first, unit)?;
+        }
+        Ok(())
+    }
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLost> {
+        check_erase(self, from, to)?;
+        let mut units: Vec<usize> = (from as usize..to as usize).step_by(UNIT).collect();
+        // in any order
+        for n in (1..units.len()).rev() {
+            let other = self.torn.below(n as u64 + 1) as usize;
+            units.swap(n, other);
+        }
+        units.into_iter().try_for_each(|first| self.change(first, &[0xFF; UNIT]))
+    }
+}
+
+fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
+    Stored {
+        device: DeviceKey::new("bench").unwrap(),
+        settings: Settings {
+            velocity: name.defaults(),
+            wall: WallSettings {
+                position_m: number,
+                stiffness_n_per_m: -number,
+                damping_n_s_per_m: 2.0 * number,
+                push_only: flags[0],
+            },
+        },
+        push_n: number,
+        signs: Signs { motor_reversed: flags[1], encoder_reversed: flags[2] },
+        start_m: number,
+        settle_s: number,
+        window_s: number,
+        rms_limit_m: number,
+        full_scale_n: number,
+        grid: WalkSettings {
+            stiffness_start_n_per_m: number,
+            stiffness_step_n_per_m: number,
+            stiffness_max_n_per_m: number,
+            damping_start_n_s_per_m: number,
+            damping_step_n_s_per_m: number,
+            damping_max_n_s_per_m: number,
+        },
+    }
+}
+
+/// A save: its number, and after how many units the power goes, if it does.
+type Step = (u16, Option<u32>);
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let cut = prop::option::of(1u32..(RECORD_BYTES + SECTOR_BYTES) as u32 / 4);
+    // early ones more often: with wide units there are few
+    let cut = prop_oneof![2 => cut, 1 => prop::option::of(1u32..50)];
+    prop::collection::vec((0u16..50, cut), 1..25)
+}
+
+fn survives<const UNIT: usize>(steps: &[Step], seed: u64) {
+    let mut flash = Flash::<UNIT>::erased(seed);
+    let defaults = stored(-1.0, EstimatorName::Difference, [false; 3]);
+    // what may be there: after a cut either of two
+    let mut may = vec![defaults];
+    let mut saved = false;
+    for (number, cut) in steps {
+        let name = EstimatorName::ALL[usize::from(*number) % EstimatorName::ALL.len()];
+        let record = stored(f64::from(*number), name, [number % 2 == 0, number % 3 == 0, number % 5 == 0]);
+        flash.left = *cut;
+        match save(&mut flash, &record) {
+            Ok(done) => {
+                let same = may.len() == 1 && may[0] == record && saved;
+                assert!(done == Saved::Written || may.contains(&record) && saved, "nothing was written");
+                assert!(!same || done == Saved::Unchanged || flash.left.is_some() || cut.is_none());
+                (may, saved) = (vec![record], true);
+            }
+            Err(_) => may.push(record),
+        }
+        flash.left = None;
+        let loaded = load(&mut flash, defaults);
+        assert!(may.contains(&loaded.stored), "{:?} is none of what may be there", loaded.stored.start_m);
+        if may.len() == 1 && saved {
+            assert_eq!(loaded.source, Source::Newest);
+        }
+        if loaded.stored != defaults {
+            assert!(matches!(loaded.source, Source::Newest | Source::Older));
+            // what is there once stays: the record that was cut is whole, or is none for ever
+            may = vec![loaded.stored];
+            saved = true;
+        } else if !saved {
+            may = vec![defaults];
+        }
+    }
+}
+
+crate::properties! {
+    /// Saves with the power cut at any unit of a write or an erase, bits torn, leave what was saved before or what was
+    /// being saved, and the next save works; on flash that programs 4, 8 or 16 bytes at once.
+    power_cuts(60, (steps, seed, unit) in (steps(), any::<u64>(), 0u8..3)) {
+        match unit {
+            0 => survives::<4>(&steps, seed),
+            1 => survives::<8>(&steps, seed),
+            _ => survives::<16>(&steps, seed),
+        }
+    }
+
+    /// A record comes back as it was, bit for bit, whatever numbers are in it; with any bits flipped it does not come.
+    records(500, (number, place, flags, sequence, flips) in (
+        any::<f64>(),
+        any::<prop::sample::Index>(),
+        any::<[bool; 3]>(),
+        any::<u32>(),
+        prop::collection::vec((0..RECORD_WORDS, 1u32..), 1..4),
+    )) {
+        let record = stored(number, EstimatorName::ALL[place.index(EstimatorName::ALL.len())], flags);
+        let words = record.to_words(sequence);
+        let (back, of) = Stored::from_words(&words).unwrap();
+        assert_eq!((back, of.to_words(back)), (sequence, words));
+        assert_eq!(of.settings.velocity, record.settings.velocity);
+        assert_eq!((of.signs, of.settings.wall.push_only), (record.signs, flags[0]));
+        assert_eq!(of.settings.wall.stiffness_n_per_m.to_bits(), (-number).to_bits());
+        let mut other = words;
+        for (word, flip) in flips {
+            other[word] ^= flip;
+        }
+        assert_eq!(Stored::from_words(&other).is_some(), other == words);
+    }
+}
