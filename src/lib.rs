@@ -73,6 +73,6 @@ pub use design::Design;
 pub use encoder::CounterWidth;
 pub use experiment::HitSettings;
 pub use gain::Gain;
-pub use range::{SettingsError, limits, shorten};
+pub use range::{SettingsError, ends, limits, shorten};
 pub use settings::{Settings, WallSettings};
 pub use velocity::VelocitySettings;

@@ -37,13 +37,26 @@ pub struct SettingsError {
 
 impl fmt::Display for SettingsError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (low, high) = (shorten(*self.range.start()), shorten(*self.range.end()));
+        let [low, high] = ends(&self.range);
         write!(f, "{} is {}, allowed {low} to {high}", self.parameter, self.value)
     }
 }
 
+/// The ends of a range as people read them: shortened, but never outwards, so that they are accepted when typed.
+pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
+    [(*range.start(), 1.0), (*range.end(), -1.0)].map(|(end, inwards)| {
+        let short = [0.0, inwards].map(|digits| shortened(end, digits));
+        short.into_iter().find(|short| range.contains(short)).unwrap_or(end)
+    })
+}
+
 /// `value` to nine digits, so that a product like 3.5e-5 * 1000 prints as 0.035.
 pub fn shorten(value: f64) -> f64 {
+    shortened(value, 0.0)
+}
+
+/// `value` to nine digits, and the last of them moved by so much.
+fn shortened(value: f64, moved: f64) -> f64 {
     const DIGITS: f64 = 9.0;
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -51,10 +64,10 @@ pub fn shorten(value: f64) -> f64 {
     let exponent = DIGITS - 1.0 - libm::floor(libm::log10(libm::fabs(value)));
     if exponent >= 0.0 {
         let scale = libm::exp10(exponent);
-        libm::round(value * scale) / scale
+        (libm::round(value * scale) + moved) / scale
     } else {
         let scale = libm::exp10(-exponent);
-        libm::round(value / scale) * scale
+        (libm::round(value / scale) + moved) * scale
     }
 }
 
@@ -79,6 +92,15 @@ pub(crate) fn widen(range: &RangeInclusive<u32>) -> RangeInclusive<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_printed_limit_is_accepted_when_it_is_typed() {
+        assert_eq!(ends(&(3.5e-5 * 1000.0..=1e-1_f64.next_down())), [0.035, 0.099_999_999]);
+        assert_eq!(ends(&(1.0 / 3.0..=2.0 / 3.0)), [0.333_333_334, 0.666_666_666]);
+        assert_eq!(ends(&(-2e9 / 3.0..=-1e9 / 3.0)), [-666_666_666.0, -333_333_334.0]);
+        assert_eq!(ends(&(1e300 / 3.0..=1e300 / 3.0)), [1e300 / 3.0; 2]);
+        assert_eq!(ends(&(0.25..=0.125 * 3.0)), [0.25, 0.375]);
+    }
 
     #[test]
     fn limits_print_without_the_digits_of_their_arithmetic() {

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use zwidth::shorten;
+use zwidth::ends;
 
 /// Refuses a value outside its range.
 ///
@@ -14,6 +14,6 @@ pub fn within(key: &str, value: f64, range: RangeInclusive<f64>) -> Result<(), S
 
 /// The one line that says what is wrong with a value: key, value, allowed range.
 pub fn refused(key: &str, value: f64, range: &RangeInclusive<f64>) -> String {
-    let (low, high) = (shorten(*range.start()), shorten(*range.end()));
+    let [low, high] = ends(range);
     format!("{key} is {value}, allowed {low} to {high}")
 }

@@ -23,7 +23,7 @@ mod session;
 
 pub use command::{Command, GridValue, ParseError, parse, usages};
 pub use line::{Line, LineReader, Text};
-pub use number::Decimal;
+pub use number::{Decimal, Limit};
 pub use port::Port;
 pub use reply::Reply;
 pub use rules::{Situation, allowed, signs_allowed};

@@ -46,16 +46,19 @@ pub(super) fn parse(text: &[u8]) -> Option<f64> {
     if !any {
         return None;
     }
-    #[expect(clippy::cast_precision_loss, reason = "below 10^15, so exact")]
-    let value = mantissa as f64;
-    let power = POWERS.get(usize::try_from(exponent.unsigned_abs()).ok()?);
-    let value = match (mantissa, power) {
-        (0, _) => return Some(0.0),
-        (_, Some(power)) if exponent < 0 => value / power,
-        (_, Some(power)) => value * power,
-        (_, None) => return None,
-    };
+    if mantissa == 0 {
+        return Some(0.0);
+    }
+    let value = decimal(mantissa, exponent)?;
     Some(if negative { -value } else { value })
+}
+
+/// The `f64` nearest to `digits * 10^exponent`, `digits` below 10^15; `None` beyond [`POWERS`].
+fn decimal(digits: u64, exponent: i32) -> Option<f64> {
+    #[expect(clippy::cast_precision_loss, reason = "below 10^15, so exact")]
+    let value = digits as f64;
+    let power = POWERS.get(usize::try_from(exponent.unsigned_abs()).ok()?)?;
+    Some(if exponent < 0 { value / power } else { value * power })
 }
 
 /// One to three digits.
@@ -75,38 +78,71 @@ pub struct Decimal(pub f64);
 
 impl fmt::Display for Decimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let value = self.0;
-        if value.is_nan() {
-            return f.write_str("nan");
-        }
-        if value < 0.0 {
-            f.write_char('-')?;
-        }
-        let mut scaled = value.abs();
-        if scaled == 0.0 {
-            return f.write_char('0');
-        }
-        if scaled.is_infinite() {
-            return f.write_str("inf");
-        }
-        // value = scaled * 10^exponent, with 12 digits before the point.
-        let mut exponent = 0i32;
-        while scaled >= 1e12 {
-            scaled /= 10.0;
-            exponent += 1;
-        }
-        while scaled < 1e11 {
-            scaled *= 10.0;
-            exponent -= 1;
-        }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
-        let mut digits = libm::round(scaled) as u64;
-        while digits.is_multiple_of(10) && digits > 0 {
-            digits /= 10;
-            exponent += 1;
-        }
-        write_digits(f, digits, exponent)
+        write_decimal(f, self.0, |_| 0)
     }
+}
+
+/// An end of what is allowed, for a reply: as [`Decimal`], but never outside, so that it is accepted when it is typed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Limit {
+    /// The lowest value.
+    Low(f64),
+    /// The highest value.
+    High(f64),
+}
+
+impl fmt::Display for Limit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::Low(limit) | Self::High(limit)) = *self;
+        write_decimal(f, limit, |shown| match self {
+            Self::Low(_) if shown < limit => 1,
+            Self::High(_) if shown > limit => -1,
+            _ => 0,
+        })
+    }
+}
+
+/// `moved` says by how many of the last digit what is shown shall be larger.
+fn write_decimal(
+    f: &mut fmt::Formatter<'_>,
+    value: f64,
+    moved: impl Fn(f64) -> i64,
+) -> fmt::Result {
+    if value.is_nan() {
+        return f.write_str("nan");
+    }
+    if value < 0.0 {
+        f.write_char('-')?;
+    }
+    let mut scaled = value.abs();
+    if scaled == 0.0 {
+        return f.write_char('0');
+    }
+    if scaled.is_infinite() {
+        return f.write_str("inf");
+    }
+    // value = scaled * 10^exponent, with 12 digits before the point.
+    let mut exponent = 0i32;
+    while scaled >= 1e12 {
+        scaled /= 10.0;
+        exponent += 1;
+    }
+    while scaled < 1e11 {
+        scaled *= 10.0;
+        exponent -= 1;
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
+    let mut digits = libm::round(scaled) as u64;
+    let towards = if value < 0.0 { -1 } else { 1 };
+    if let Some(shown) = decimal(digits, exponent) {
+        let shown = if value < 0.0 { -shown } else { shown };
+        digits = digits.wrapping_add_signed(towards * moved(shown));
+    }
+    while digits.is_multiple_of(10) && digits > 0 {
+        digits /= 10;
+        exponent += 1;
+    }
+    write_digits(f, digits, exponent)
 }
 
 /// `digits * 10^exponent`; `digits` ends in no zero.
@@ -240,6 +276,19 @@ mod tests {
                 prop_assert_eq!(value, text.parse::<f64>().unwrap());
             } else {
                 prop_assert!(exponent - i32::try_from(places).unwrap() < -22);
+            }
+        }
+
+        #[test]
+        fn a_limit_is_accepted_when_it_is_typed(part in 0.0..1.0f64, exponent in -4i32..8) {
+            // as a line between two points of the envelope: any digits
+            let limit = part * 10f64.powi(exponent);
+            for limit in [limit, -limit] {
+                let typed = |shown: Limit| parse(shown.to_string().as_bytes()).unwrap();
+                let (low, high) = (typed(Limit::Low(limit)), typed(Limit::High(limit)));
+                prop_assert!(low >= limit && high <= limit, "{low} {limit} {high}");
+                let near = 1e-11 * limit.abs();
+                prop_assert!(low - limit <= near && limit - high <= near, "{low} {limit} {high}");
             }
         }
 

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{Decimal, ParseError, Situation, usages};
+use super::{Decimal, Limit, ParseError, Situation, usages};
 use crate::{
     SettingsError,
     safety::{
@@ -71,14 +71,13 @@ impl fmt::Display for Reply<'_> {
             Self::Parse(error) => write!(f, "error: {error}"),
             Self::Refused(refusal) => refused(f, *refusal),
             Self::Range(error) => {
-                let (low, high) = (error.range.start(), error.range.end());
                 write!(
                     f,
                     "error: {} is {}, allowed {} to {}",
                     error.parameter,
                     Decimal(error.value),
-                    Decimal(*low),
-                    Decimal(*high)
+                    Limit::Low(*error.range.start()),
+                    Limit::High(*error.range.end())
                 )
             }
             Self::NoSense(name, sense) => write!(
@@ -93,7 +92,7 @@ impl fmt::Display for Reply<'_> {
                     known(f, envelope, key)?;
                 }
                 if let Some([low, high]) = outside.allowed() {
-                    write!(f, " {} to {}", Decimal(low), Decimal(high))?;
+                    write!(f, " {} to {}", Limit::Low(low), Limit::High(high))?;
                 }
                 f.write_str(", or unlock envelope")
             }
