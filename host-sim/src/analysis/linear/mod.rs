@@ -28,6 +28,7 @@ use crate::{
 };
 
 mod boundary;
+mod felt;
 mod monodromy;
 pub mod passivity;
 mod response;

@@ -159,6 +159,49 @@ fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) {
 }
 
 #[test]
+fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
+    // Next to nothing in place of a spring of 0 is the same loop; at 0 the body's position is an eigenvalue of 1.
+    let arm = Arm {
+        mass_kg: 1.2,
+        damping_n_s_per_m: 12.0,
+        stiffness_n_per_m: 0.0,
+        rest_position_m: 0.0,
+        grip_damping_n_s_per_m: 25.0,
+        grip_stiffness_n_per_m: 0.0,
+    };
+    let mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 0.0, damping_n_s_per_m: 4.0 };
+    let gripped = Arm { grip_stiffness_n_per_m: 1200.0, ..arm };
+    let apart = Arm { grip_damping_n_s_per_m: 0.0, ..arm };
+    let amplifier = Some(Amplifier { bandwidth_hz: 400.0 });
+    for (mode, arm, amplifier) in [
+        (None, Some(arm), None),
+        (Some(mode), None, amplifier),
+        (Some(mode), Some(arm), None),
+        (Some(mode), Some(gripped), amplifier),
+        (Some(Mode { stiffness_n_per_m: 6e4, ..mode }), Some(arm), None),
+        (None, Some(apart), None),
+        (Some(Mode { damping_n_s_per_m: 0.0, ..mode }), Some(arm), amplifier),
+    ] {
+        for period in [1, 10] {
+            let limit = |spring: f64| {
+                let near = |stiffness: f64| if stiffness == 0.0 { spring } else { stiffness };
+                let mode = mode.map(|m| Mode { stiffness_n_per_m: near(m.stiffness_n_per_m), ..m });
+                let arm = arm.map(|a| Arm { stiffness_n_per_m: near(a.stiffness_n_per_m), ..a });
+                let estimator = TransferFunction::paper(1e4, 500.0);
+                let elements = Elements { amplifier, mode, arm };
+                let of =
+                    Loop { elements, period, ..Loop::single_rate(Device::PAPER, 1e4, estimator) };
+                Boundary::new(&of).unwrap().at(20.0).unwrap()
+            };
+            let (free, held) = (limit(0.0), limit(1e-6));
+            assert!(!free.unstable_at_zero, "{mode:?} {arm:?} {free:?}");
+            let (k, near) = (free.stiffness_max, held.stiffness_max);
+            assert!(k > 1000.0 && (k / near - 1.0).abs() < 1e-6, "{mode:?} {arm:?} {k} {near}");
+        }
+    }
+}
+
+#[test]
 fn narrow_resonances_are_not_stepped_over() {
     let mut dice = Dice(5);
     let mut stable = 0;
