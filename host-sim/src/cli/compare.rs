@@ -41,9 +41,10 @@ pub struct CompareArgs {
     /// Estimators by their names in the table, A,B,C [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
-    /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m.
-    #[arg(long, value_name = "N_S_PER_M", default_value_t = 100.0)]
-    damping: f64,
+    /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m [default:
+    /// 100, or half of the largest B that finite difference and Butterworth reaches, if that is less].
+    #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
+    damping: Option<f64>,
     /// Tunings that the search may try for an estimator with one parameter, two walks each; with two
     /// parameters four times as many. It stops before where nothing near is better.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(3..=1000))]
@@ -113,8 +114,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let entries = entries(&args.estimators, &scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
-    if !range.contains(&args.damping) {
-        return Err(Error::Input(refused("--damping", args.damping, &range)));
+    if let Some(damping) = args.damping.filter(|damping| !range.contains(damping)) {
+        return Err(Error::Input(refused("--damping", damping, &range)));
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
@@ -133,7 +134,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     )?;
     bar.finish_and_clear();
     let winners = winners::winners(&compared, &place);
-    let manifest = Manifest::new(command_line(args, common, &scene), &scene);
+    let manifest = Manifest::new(command_line(args, common, &scene, &place), &scene);
     write((&mut outputs, to), &scene, &compared, &place, &winners, &manifest)?;
     outputs.commit()?;
     if common.json {
@@ -191,7 +192,7 @@ fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     format!("--estimators: {name} {reason}")
 }
 
-fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene) -> String {
+fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: &Place) -> String {
     let estimators = match args.estimators.is_empty() {
         true => String::new(),
         false => format!(" --estimators {}", args.estimators.join(",")),
@@ -199,7 +200,7 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene) -> Stri
     format!(
         "compare {}{estimators} --damping {} --budget {} --repeat {} --engine {}",
         scene.name,
-        args.damping,
+        place.middle().damping_n_s_per_m,
         args.budget,
         args.repeat,
         Engine::from(common.engine).name()

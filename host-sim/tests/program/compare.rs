@@ -98,6 +98,41 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
 }
 
 #[test]
+fn every_command_runs_at_the_lowest_and_the_highest_rate() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    let text = fs::read_to_string(folder.path().join("coarse.toml")).unwrap();
+    for (rate_hz, every) in [(1000, 1), (50_000, 50)] {
+        let text = text
+            .replace("rate_hz = 10000", &format!("rate_hz = {rate_hz}"))
+            .replace("period = 10 ", &format!("period = {every} "))
+            .replace("latency = 10.0", &format!("latency = {every}.0"))
+            .replace("1000, 1200, 1500, 1700, 2000, 2500, 3000, 4000]", "]");
+        let text = text.replace("100, 200, 500, ]", "100, 200, 400]");
+        let name = format!("at{rate_hz}.toml");
+        fs::write(folder.path().join(&name), text).unwrap();
+        let wall = ["--cutoff", "200", "--stiffness", "2000", "--damping", "10"];
+        let some = match rate_hz {
+            1000 => "--estimators=butterworth,kalman-3,levant-explicit,observer,time-stamps",
+            _ => "--estimators=butterworth,kalman-3",
+        };
+        for args in [
+            [&["hit", &name], &wall[..]].concat(),
+            vec!["walk", &name, "--cutoff", "200"],
+            vec!["grid", &name, "--cutoffs", "200", "--dampings", "10", "--stiffnesses", "2000"],
+            vec!["linear", &name, "--cutoffs", "200", "--dampings", "10", "--multirate"],
+            vec!["sweep", &name, "--repeat", "1"],
+            vec!["compare", &name, some, "--budget", "3", "--repeat", "1"],
+        ] {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+            let output = command.current_dir(folder.path()).args(&args).output().unwrap();
+            let error = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "{args:?}: {error}");
+        }
+    }
+}
+
+#[test]
 fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_needs() {
     let folder = TempDir::new().unwrap();
     scene(folder.path());

@@ -206,6 +206,10 @@ pub fn with_estimator(scene: &Scene, settings: &VelocitySettings) -> (Scene, f64
 /// The estimator that gives the wall at which contacts are compared.
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
+/// B at which K is read off where nobody names one and finite difference and Butterworth, tuned, reaches twice as far;
+/// else half of what it reaches.
+const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
+
 /// Most walks that comparing `entries` takes.
 pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     let reference = u64::from(!entries.contains(&REFERENCE));
@@ -222,7 +226,7 @@ pub fn compare(
     engine: Engine,
     scene: &Scene,
     entries: &[Entry],
-    damping_n_s_per_m: f64,
+    damping_n_s_per_m: Option<f64>,
     budget: search::Budget,
     stop: &AtomicBool,
     done: impl Fn(u64) + Sync,
@@ -243,6 +247,15 @@ pub fn compare(
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
     let plan = scene.walk_plan();
+    let damping_n_s_per_m = damping_n_s_per_m.unwrap_or_else(|| {
+        let reached = reference.map_or(0.0, |(_, (_, tuned))| {
+            tuned.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
+        });
+        // a B of the grid
+        let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
+        let steps = ((0.5 * reached - first) / step).floor().max(0.0);
+        USUAL_DAMPING_N_S_PER_M.clamp(first, first + steps * step)
+    });
     let walls = [0.5, 1.0, 2.0].map(|times| {
         let damping_n_s_per_m = (times * damping_n_s_per_m)
             .clamp(plan.damping_start_n_s_per_m, plan.damping_max_n_s_per_m);
@@ -272,11 +285,17 @@ pub fn compare(
 
 /// Where the search starts. What is known of the device is told: the observer gets its mass.
 fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
-    match entry {
+    let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
-    }
+    };
+    // The defaults are for 10 kHz and 1 um: where the core refuses one, the nearest power of two of it that it takes.
+    let Some((_, tuning)) = start.tuning() else { return start };
+    let design = scene.design();
+    let powers = (0..64).flat_map(|n| [n, -n]).map(|n| 2f64.powi(n));
+    let mut tunings = powers.map(|power| start.with_tuning(tuning * power));
+    tunings.find(|settings| settings.build(&design).is_ok()).unwrap_or(start)
 }
 
 fn with_own_mass(settings: VelocitySettings, scene: &Scene) -> VelocitySettings {
