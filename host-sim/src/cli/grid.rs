@@ -96,6 +96,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let stiffnesses = args.stiffnesses.0.clone();
     let Grid { scene, cutoffs_hz, dampings } = args.at.load(&stiffnesses)?;
     let start_offset_counts = args.start.counts()?;
+    args.start.check(&scene)?;
     let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
     let prepared = PreparedScene::new(&scene.scene)?;
     let mut outputs = Outputs::new(common.force, &scene.files);

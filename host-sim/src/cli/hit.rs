@@ -32,7 +32,7 @@ pub struct HitArgs {
     /// Write every sample as CSV.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Draw the position over time; .svg or .png.
+    /// Draw the true position over time; .svg or .png. The RMS is of the counts.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -56,6 +56,7 @@ struct Json<'a> {
     peak_penetration_m: f64,
     saturated_fraction: f64,
     contact_fraction: f64,
+    velocity_clipped_fraction: f64,
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
@@ -106,6 +107,7 @@ fn print(
         peak_penetration_m: report.peak_penetration_m,
         saturated_fraction: report.saturated_fraction,
         contact_fraction: report.contact_fraction,
+        velocity_clipped_fraction: report.velocity_clipped_fraction,
     };
     if common.json {
         return print_json(&json);
@@ -134,5 +136,9 @@ fn print(
         json.saturated_fraction * 100.0,
         json.contact_fraction * 100.0
     );
+    if json.velocity_clipped_fraction > 0.0 {
+        let clipped = json.velocity_clipped_fraction * 100.0;
+        let _ = write!(text, "\nvelocity at the end of its range in {clipped:.2} % of the samples");
+    }
     print_text(&text)
 }

@@ -26,12 +26,23 @@ pub fn parse(text: &str) -> Result<List, String> {
             }
             _ => list.split(',').map(number).collect::<Result<_, _>>().map(List),
         },
-        [from, step, to] => range(number(from)?, number(step)?, number(to)?),
+        [from, step, to] => {
+            let places = decimals(from).zip(decimals(step)).map(|(a, b)| a.max(b));
+            range(number(from)?, number(step)?, number(to)?, places)
+        }
         _ => Err(format!("`{text}` is neither A,B,C nor FROM:STEP:TO")),
     }
 }
 
-fn range(from: f64, step: f64, to: f64) -> Result<List, String> {
+/// Digits after the point of a number as it was typed; `None` if there are too many to count in.
+fn decimals(text: &str) -> Option<i32> {
+    let (digits, exponent) = text.trim().split_once(['e', 'E']).unwrap_or((text.trim(), "0"));
+    let places = digits.split_once('.').map_or(0, |(_, places)| places.len());
+    let places = i32::try_from(places).ok()?.checked_sub(exponent.parse().ok()?)?.max(0);
+    (places <= 22).then_some(places) // powers of ten that are exact in f64
+}
+
+fn range(from: f64, step: f64, to: f64, places: Option<i32>) -> Result<List, String> {
     if step <= 0.0 {
         return Err(format!("the step is {step}, allowed above 0"));
     }
@@ -44,7 +55,15 @@ fn range(from: f64, step: f64, to: f64) -> Result<List, String> {
         return Err(format!("the list has {} values, allowed {VALUES_MAX}", steps + 1.0));
     }
     let indices = std::iter::successors(Some(0.0), |n| Some(n + 1.0));
-    Ok(List(indices.take_while(|&n| n <= steps).map(|n| from + n * step).collect()))
+    // In whole units of the last digit typed the sum is exact, and the division gives the number as it is typed.
+    let unit = places.map(|places| 10f64.powi(places));
+    let exact = |value: f64| value.abs() < 2f64.powi(53);
+    let value = |n: f64| match unit.map(|unit| ((from * unit).round(), (step * unit).round(), unit))
+    {
+        Some((from, step, unit)) if exact(from.abs() + n * step) => (from + n * step) / unit,
+        _ => from + n * step,
+    };
+    Ok(List(indices.take_while(|&n| n <= steps).map(value).collect()))
 }
 
 #[cfg(test)]
@@ -55,7 +74,11 @@ mod tests {
     fn both_forms_are_read() {
         assert_eq!(parse("50, 100,1.5e3").unwrap().0, [50.0, 100.0, 1500.0]);
         assert_eq!(parse("100:100:300").unwrap().0, [100.0, 200.0, 300.0]);
-        assert_eq!(parse("0:0.1:0.3").unwrap().0.len(), 4);
+        assert_eq!(parse("0:0.1:0.3").unwrap().0, [0.0, 0.1, 0.2, 0.3]);
+        assert_eq!(parse("1e-6:1e-6:4E-6").unwrap().0, [1e-6, 2e-6, 3e-6, 4e-6]);
+        assert_eq!(parse("-0.35:0.05:0").unwrap().0[1], -0.3);
+        let tenths = parse("0.1:0.1:999").unwrap().0;
+        assert!(tenths.iter().zip(1u32..).all(|(value, n)| *value == f64::from(n) / 10.0));
         assert_eq!(parse("1:2:4").unwrap().0, [1.0, 3.0]);
     }
 

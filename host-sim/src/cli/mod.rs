@@ -20,7 +20,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared};
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
-/// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um) or a TOML file.
+/// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um, nucleo-f446re,
+/// discovery-f407) or a TOML file.
 #[derive(Debug, Parser)]
 #[command(name = "host-sim", bin_name = "cargo sim", version, max_term_width = 100)]
 struct Cli {
@@ -59,7 +60,8 @@ struct Common {
     #[arg(long, global = true, value_enum, default_value_t)]
     engine: EngineArg,
     /// Folder for the results; with several scenes, one folder per scene in it
-    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written.
+    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written. The other commands
+    /// name their files one by one.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace results that are there already.
@@ -132,6 +134,18 @@ impl Command {
     }
 }
 
+impl Command {
+    /// Options that name the files of a command that has no folder of results.
+    fn named_outputs(&self) -> Option<&'static str> {
+        match self {
+            Self::Hit(_) => Some("--trace and --plot"),
+            Self::Walk(_) | Self::Grid(_) => Some("--csv"),
+            Self::Linear(_) | Self::Telemetry(_) => Some("--csv and --plot"),
+            Self::Sweep(_) | Self::Compare(_) | Self::Trade(_) | Self::Identify(_) => None,
+        }
+    }
+}
+
 /// Runs the command line and returns the exit code, see [`terminal::end`].
 pub fn run() -> u8 {
     match terminal::parse::<Cli>() {
@@ -142,6 +156,10 @@ pub fn run() -> u8 {
 
 fn execute(cli: Cli) -> Result<(), Error> {
     terminal::begin(cli.common.json.then_some(cli.command.name()))?;
+    if let (Some(_), Some(options)) = (&cli.common.out, cli.command.named_outputs()) {
+        let command = cli.command.name();
+        return Err(Error::Input(format!("--out is not of {command}, whose files are {options}")));
+    }
     let threads = usize::from(cli.common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)

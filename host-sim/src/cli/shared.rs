@@ -16,6 +16,16 @@ pub struct Start {
 }
 
 impl Start {
+    /// Refuses a start inside the wall.
+    pub fn check(self, scene: &NamedScene) -> Result<(), Error> {
+        let (device, wall) = (&scene.scene.device, &scene.scene.wall);
+        let counts = (wall.position_m - device.start_position_m) / scene.scene.encoder.resolution_m;
+        if self.start_offset <= counts {
+            return Ok(());
+        }
+        Err(Error::Input(refused("--start-offset", self.start_offset, &(-1e6..=counts.min(1e6)))))
+    }
+
     /// Counts of `--start-offset`, checked.
     pub fn counts(self) -> Result<f64, Error> {
         const ALLOWED: RangeInclusive<f64> = -1e6..=1e6;
@@ -53,6 +63,7 @@ impl AtCutoff {
             start_offset_counts: self.start.counts()?,
         };
         check_wall(&scene, &hit, ["--cutoff", "--stiffness", "--damping"])?;
+        self.start.check(&scene)?;
         Ok((scene, hit))
     }
 }

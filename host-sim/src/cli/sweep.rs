@@ -119,6 +119,9 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     print_text(&tables.join("\n"))
 }
 
+/// Most walks of one sweep: every point of every boundary is kept until the end, some 100 MB for so many.
+const WALKS_MAX: usize = 100_000;
+
 /// Everything that can be refused is refused here, before the first walk.
 fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Error> {
     let names: Vec<String> = if args.scenes.is_empty() {
@@ -148,6 +151,13 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         let prepared = PreparedScene::new(&scene.scene)?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
         jobs.push(Job { scene, prepared, cutoffs_hz, variants, to, folder });
+    }
+    let walks_of = |job: &Job| job.cutoffs_hz.len() * (1 + job.variants.len());
+    let walks = jobs.iter().map(walks_of).sum::<usize>() * args.repeat as usize;
+    if walks > WALKS_MAX {
+        return Err(Error::Input(format!(
+            "cutoffs and --repeat make {walks} walks, allowed {WALKS_MAX}"
+        )));
     }
     Ok((outputs, jobs))
 }

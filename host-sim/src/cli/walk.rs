@@ -15,7 +15,7 @@ use crate::{
         terminal::{print_json, print_text},
     },
     simulation::prepared::PreparedScene,
-    study::walk::{Boundary, walk},
+    study::walk::{Boundary, settles_in_s, walk},
 };
 
 /// Follows the boundary of the stable walls at one cutoff, without repeats.
@@ -61,13 +61,19 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     )
     .map_err(|error| error.of(&scene.name))?;
     let Some(ended) = boundary.ended else {
+        let reason = match settles_in_s(&prepared, common.numeric.into(), &first) {
+            Some(settle_s) => format!(
+                "still settles in the window with {}; raise wall_hit.settle_s, {settle_s} is enough here",
+                velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
+            ),
+            None => format!(
+                "is unstable with {}; lower walk.stiffness_start_n_per_m or change the estimator's tuning",
+                velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
+            ),
+        };
         return Err(Error::Input(format!(
-            "{}: the first point of the walk, K = {} N/m and B = {} N s/m, is unstable with {}; \
-             lower walk.stiffness_start_n_per_m or change the estimator's tuning",
-            scene.name,
-            first.stiffness_n_per_m,
-            first.damping_n_s_per_m,
-            velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
+            "{}: the first point of the walk, K = {} N/m and B = {} N s/m, {reason}",
+            scene.name, first.stiffness_n_per_m, first.damping_n_s_per_m
         )));
     };
     if let Some(file) = file {

@@ -55,8 +55,12 @@ pub fn parse<T: Parser>() -> Result<T, u8> {
         let lines: Vec<&str> = lines.filter(|line| !line.is_empty()).collect();
         let line = lines.join(" ");
         let line = line.strip_prefix("error: ").unwrap_or(&line);
-        let json = std::env::args_os().take_while(|arg| arg != "--").any(|arg| arg == "--json");
-        say("input", &one_line(&format!("{line} (see --help)")), 2, json.then_some(None));
+        let args: Vec<_> = std::env::args_os().skip(1).take_while(|arg| arg != "--").collect();
+        let command = T::command();
+        let named = args.iter().find_map(|arg| command.find_subcommand(arg));
+        let json = args.iter().any(|arg| arg == "--json");
+        let json = json.then_some(named.map(clap::Command::get_name));
+        say("input", &one_line(&format!("{line} (see --help)")), 2, json);
         2
     })
 }

@@ -11,7 +11,8 @@ use crate::range::within;
 /// Corner of the accelerometer's low-pass, Hz.
 const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 
-/// An accelerometer on the handle. It gives the mean acceleration of each sample.
+/// An accelerometer on the body that carries motor and encoder, also where `[mode]` puts another one behind it. It gives
+/// the mean acceleration of each sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Accelerometer {

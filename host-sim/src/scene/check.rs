@@ -28,6 +28,12 @@ pub mod ranges {
 }
 
 impl Scene {
+    /// Checks that a hit of this scene starts before the wall.
+    pub(super) fn check_start(&self) -> Result<(), String> {
+        let before_wall = *ranges::POSITION_M.start()..=self.wall.position_m;
+        within("device.start_position_m", self.device.start_position_m, before_wall)
+    }
+
     /// Checks every value.
     ///
     /// # Errors

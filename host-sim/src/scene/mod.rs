@@ -114,7 +114,7 @@ pub struct Scene {
     /// How a plant is integrated that is not linear; on a linear one it takes the place of the exact step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integrator: Option<Integrator>,
-    /// Optional element: an accelerometer on the handle.
+    /// Optional element: an accelerometer, on the body that carries the encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accelerometer: Option<Accelerometer>,
 }
@@ -152,7 +152,8 @@ impl NamedScene {
             let message = error.message().replace('\n', " ");
             Error::Input(format!("{origin}:{line}: {}: {message}", line_of(&text, line)))
         })?;
-        scene.check().map_err(|error| Error::Input(format!("{origin}: {error}")))?;
+        let checked = scene.check().and_then(|()| scene.check_start());
+        checked.map_err(|error| Error::Input(format!("{origin}: {error}")))?;
         Ok(Self { name, text, files: vec![], scene })
     }
 }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use zwidth::{
     Design, SettingsError,
     experiment::{Hit, HitPlan, Verdict},
-    units::{Force, Position},
+    units::{Force, Position, Velocity},
 };
 
 use crate::{
@@ -71,6 +71,8 @@ pub struct HitReport {
     pub saturated_fraction: f64,
     /// Samples in contact, as a fraction of the window.
     pub contact_fraction: f64,
+    /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
+    pub velocity_clipped_fraction: f64,
 }
 
 impl HitReport {
@@ -128,6 +130,9 @@ pub struct PreparedScene {
     parts: Parts<AnyPlant>,
 }
 
+/// No handle comes to its wall faster, m/s.
+const ANY_SPEED_M_PER_S: f64 = 10.0;
+
 /// How many samples pass between two looks for an early verdict.
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
@@ -154,7 +159,37 @@ impl PreparedScene {
             latency: whole,
             period: design.period,
         };
-        Ok(Self { scene: scene.clone(), design, plan, parts })
+        let prepared = Self { scene: scene.clone(), design, plan, parts };
+        prepared.check_approach()?;
+        Ok(prepared)
+    }
+
+    /// Refuses a handle that comes to the wall faster than the core's velocity can say.
+    fn check_approach(&self) -> Result<(), Error> {
+        let Design { rate_hz, resolution_m, .. } = self.design;
+        let most_m_per_s = f64::from(Velocity::LIMIT) * resolution_m * rate_hz;
+        if most_m_per_s > ANY_SPEED_M_PER_S {
+            return Ok(());
+        }
+        let (plant, wall_m) = (&self.parts.plant, self.scene.wall.position_m);
+        let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
+        let push_n = push * self.design.full_scale_n;
+        let mut state = plant.at_rest(self.scene.device.start_position_m);
+        for _ in 0..self.samples() {
+            state = plant.advance(&state, push_n);
+            if plant.position_m(&state) > wall_m {
+                break;
+            }
+            let speed_m_per_s = plant.speed_m_per_s(&state);
+            if speed_m_per_s > most_m_per_s {
+                return Err(Error::Input(format!(
+                    "the handle comes to the wall with more than {most_m_per_s:.3} m/s, the largest velocity at \
+                     encoder.resolution_m = {resolution_m} and control.rate_hz = {rate_hz}; raise one of them or \
+                     lower wall_hit.push_n"
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// The scene.
@@ -248,6 +283,11 @@ impl PreparedScene {
         self.observed_hit(numeric, hit, None)
     }
 
+    /// Whether the handle comes to the wall at all, within the window or before it.
+    pub fn touches(&self, numeric: Numeric, hit: &WallHit) -> bool {
+        self.report(numeric, hit).is_ok_and(|report| report.peak_penetration_m > 0.0)
+    }
+
     /// Through a pointer, so that the loops are compiled once and not for each caller.
     fn observed_hit(
         &self,
@@ -283,11 +323,12 @@ impl PreparedScene {
         let start_m = self.start_m(hit);
         if let AnySensing::Full(full) = self.sensing() {
             let parts = self.parts.clone();
-            return self.run_whole(Simulation::new(parts, controller, full, start_m), observe);
+            let simulation = Simulation::new(parts, controller, full, start_m);
+            return self.run_whole(hit, simulation, observe);
         }
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            self.run_whole(Simulation::new(parts, controller, Blind, start_m), observe)
+            self.run_whole(hit, Simulation::new(parts, controller, Blind, start_m), observe)
         })
     }
 
@@ -317,6 +358,7 @@ impl PreparedScene {
 
     fn run_whole<C: Controller + Copy, S: Sensing, P: Plant>(
         &self,
+        of: &WallHit,
         mut simulation: Simulation<C, S, P>,
         mut observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
@@ -324,7 +366,7 @@ impl PreparedScene {
         let surface_m = f64::from(surface) * self.design.resolution_m;
         let mut hit = Hit::new(self.plan);
         let (mut outputs, mut saturated) = (0u32, 0u32);
-        let mut peak_penetration_m = 0f64;
+        let (mut peak_penetration_m, mut clipped, mut last) = (0f64, 0u32, self.first_count(of));
         let ended = simulation.run(self.samples(), |sample| {
             if let Some(observe) = &mut observe {
                 observe(sample);
@@ -334,6 +376,8 @@ impl PreparedScene {
                 saturated += u32::from(rendered.saturated);
             }
             peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
+            clipped += u32::from(sample.count.abs_diff(last) > Velocity::LIMIT.unsigned_abs());
+            last = sample.count;
             judge(&mut hit, sample, surface)
         });
         let verdict = verdict(ended, &hit)?;
@@ -345,6 +389,7 @@ impl PreparedScene {
             peak_penetration_m,
             saturated_fraction: f64::from(saturated) / f64::from(outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
+            velocity_clipped_fraction: f64::from(clipped) / f64::from(self.samples()),
         })
     }
 

@@ -19,7 +19,7 @@ use crate::{
     error::Error,
     numerics::statistics::Repeats,
     simulation::prepared::{Numeric, PreparedScene},
-    study::walk::Boundary,
+    study::walk::{Boundary, first_hit, settles_in_s},
     study::walk_lanes::{Queue, Start, walks},
 };
 
@@ -32,6 +32,8 @@ pub struct CutoffResult {
     pub true_cutoff_hz: f64,
     /// One boundary per repeat, the first from the scene's own start.
     pub boundaries: Vec<Boundary>,
+    /// Where no walk has a stable first point: the settle time with which it is stable, s, if there is one.
+    pub settles_in_s: Option<f64>,
 }
 
 /// A study.
@@ -114,6 +116,9 @@ impl CutoffResult {
     }
 }
 
+/// Neighbouring cutoffs whose ratio is above this one are far apart.
+const COARSE: f64 = 1.3;
+
 /// Which walks a study makes.
 #[derive(Clone, Debug)]
 pub struct Plan<'a> {
@@ -178,9 +183,13 @@ pub fn sweep(
                 None => Err(Error::Internal("a walk has no result".into())),
             };
             let walks = walks.by_ref().take(repeats as usize);
-            let boundaries = walks.map(&mut boundary).collect::<Result<_, _>>()?;
+            let boundaries = walks.map(&mut boundary).collect::<Result<Vec<_>, _>>()?;
             let true_cutoff_hz = plan.prepared.scene().true_cutoff_hz(cutoff_hz);
-            cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries });
+            let settles_in_s = match boundaries.iter().all(|boundary| boundary.ended.is_none()) {
+                true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, cutoff_hz)),
+                false => None,
+            };
+            cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries, settles_in_s });
         }
         let ideal = ideal(&cutoffs);
         results.push(SweepResult { cutoffs, ideal });
@@ -238,6 +247,42 @@ impl SweepResult {
         ideal.range_hz[0] == first.cutoff_hz || ideal.range_hz[1] == last.cutoff_hz
     }
 
+    /// That areas of the ideal range are cut.
+    fn cut_range(&self) -> Option<String> {
+        let [low, high] = self.ideal?.range_hz;
+        let within = |result: &&CutoffResult| (low..=high).contains(&result.cutoff_hz);
+        let is_cut = |boundary: &Boundary| {
+            let cuts = [Ended::DampingMax, Ended::StiffnessMax, Ended::BothMax];
+            boundary.ended.is_some_and(|ended| cuts.contains(&ended))
+        };
+        let is_cut = |result: &&CutoffResult| result.boundaries.iter().any(is_cut);
+        let inside = self.cutoffs.iter().filter(within).count();
+        let cut = self.cutoffs.iter().filter(within).filter(is_cut).count();
+        (cut > 0).then(|| {
+            format!(
+                "the ideal range rests on areas that are cut at caps of [walk], {cut} of its {inside} \
+                 cutoffs; raise the caps to see which of them is best"
+            )
+        })
+    }
+
+    /// That the cutoffs beside the ideal range are far from it.
+    fn coarse_range(&self) -> Option<String> {
+        let [low, high] = self.ideal?.range_hz;
+        let cutoffs = self.cutoffs.iter().map(|result| result.cutoff_hz);
+        let below = cutoffs.clone().rfind(|&hz| hz < low).filter(|hz| low / hz > COARSE);
+        let above = cutoffs.clone().find(|&hz| hz > high).filter(|hz| hz / high > COARSE);
+        let ends = match (below, above) {
+            (None, None) => return None,
+            (Some(below), None) => format!("begin anywhere above {below} Hz"),
+            (None, Some(above)) => format!("end anywhere below {above} Hz"),
+            (Some(below), Some(above)) => {
+                format!("begin anywhere above {below} Hz and end anywhere below {above} Hz")
+            }
+        };
+        Some(format!("the cutoffs that were tried are far apart: the ideal range may {ends}"))
+    }
+
     /// What a reader must know beside the numbers, one sentence each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![];
@@ -260,7 +305,15 @@ impl SweepResult {
                     ));
                 }
             }
+            if let Some(settle_s) = result.settles_in_s {
+                notes.push(format!(
+                    "{cutoff_hz} Hz: the first point still settles in the window; raise wall_hit.settle_s, \
+                     {settle_s} s is enough there"
+                ));
+            }
         }
+        notes.extend(self.cut_range());
+        notes.extend(self.coarse_range());
         if self.cutoffs.len() == 1 {
             notes.push("only one cutoff was tried; there is nothing to compare it with".into());
         } else if self.ends_at_edge() {
@@ -280,7 +333,7 @@ mod tests {
     fn cutoff(cutoff_hz: f64, areas: &[f64]) -> CutoffResult {
         let boundary = |&area: &f64| Boundary { points: vec![], area, hits: 1, ended: None };
         let boundaries = areas.iter().map(boundary).collect();
-        CutoffResult { cutoff_hz, true_cutoff_hz: cutoff_hz, boundaries }
+        CutoffResult { cutoff_hz, true_cutoff_hz: cutoff_hz, boundaries, settles_in_s: None }
     }
 
     /// Areas of that mean, spread evenly over +-1 %.
@@ -302,6 +355,33 @@ mod tests {
         assert_eq!((ideal.cutoff_hz, ideal.range_hz), (1000.0, [1000.0, 3000.0]));
         assert_eq!(ideal.basis, RangeBasis::WithinTwoPercent);
         assert_eq!(super::ideal(&[cutoff(1000.0, &[0.0, 0.0])]), None);
+    }
+
+    #[test]
+    fn a_range_that_rests_on_cut_areas_or_far_cutoffs_says_so() {
+        let of = |cutoffs: &[(f64, f64, Option<Ended>)]| {
+            let results = cutoffs.iter().map(|&(hz, area, ended)| {
+                let mut result = cutoff(hz, &[area]);
+                result.boundaries[0].ended = ended;
+                result
+            });
+            let cutoffs: Vec<CutoffResult> = results.collect();
+            let ideal = ideal(&cutoffs);
+            SweepResult { cutoffs, ideal }.notes().join("; ")
+        };
+        let closed = Some(Ended::Closed);
+        let plain = [(900.0, 50.0, closed), (1000.0, 100.0, closed), (1300.0, 60.0, closed)];
+        assert_eq!(of(&plain), "");
+        let notes = of(&[plain[0], (1000.0, 100.0, Some(Ended::DampingMax)), plain[2]]);
+        assert!(
+            notes.contains("rests on areas that are cut") && notes.contains("1 of its 1"),
+            "{notes}"
+        );
+        // a cut area outside the range is no matter of the range
+        let notes = of(&[(900.0, 50.0, Some(Ended::DampingMax)), plain[1], plain[2]]);
+        assert!(!notes.contains("rests on"), "{notes}");
+        let notes = of(&[(500.0, 50.0, closed), plain[1], (2000.0, 60.0, closed)]);
+        assert!(notes.contains("above 500 Hz and end anywhere below 2000 Hz"), "{notes}");
     }
 
     #[test]

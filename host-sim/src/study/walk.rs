@@ -80,9 +80,11 @@ impl Progress {
 
     /// Takes the verdict of [`hit`](Self::hit). `Some` once the walk is over: its boundary, or why there is none.
     /// A first point that is unstable gives an empty boundary; a hit that leaves the core's range counts as unstable.
+    /// `touches` tells whether the handle comes to the wall at all in a hit.
     pub fn report(
         &mut self,
         verdict: Result<Verdict, HitError>,
+        touches: impl Fn(&WallHit) -> bool,
     ) -> Option<Result<Boundary, Error>> {
         let hit = self.hit();
         self.boundary.hits += 1;
@@ -97,9 +99,15 @@ impl Progress {
             Err(WalkError::FirstUnstable) => return Some(Ok(self.boundary.clone())),
             Err(error @ WalkError::NoContact(_)) => {
                 let (k, b) = (hit.stiffness_n_per_m, hit.damping_n_s_per_m);
+                let reason = if touches(&hit) {
+                    "the handle bounces off the wall and is away from it for the whole window; raise \
+                     wall_hit.window_s or wall_hit.push_n"
+                        .into()
+                } else {
+                    format!("{error}; raise wall_hit.push_n or move wall.position_m closer")
+                };
                 return Some(Err(Error::Input(format!(
-                    "no_contact at {} Hz, K = {k} N/m, B = {b} N s/m: {error}; \
-                     raise wall_hit.push_n or move wall.position_m closer",
+                    "no_contact at {} Hz, K = {k} N/m, B = {b} N s/m: {reason}",
                     self.cutoff_hz
                 ))));
             }
@@ -132,9 +140,10 @@ pub fn walk(
 ) -> Result<Boundary, Error> {
     let mut progress = Progress::new(prepared, cutoff_hz, start_offset_counts);
     let mut known = BTreeMap::new();
+    let touches = |hit: &WallHit| prepared.touches(numeric, hit);
     loop {
         while let Some(verdict) = known.remove(&place(progress.walk.cell())) {
-            if let Some(ended) = progress.report(verdict) {
+            if let Some(ended) = progress.report(verdict, touches) {
                 return ended;
             }
         }
@@ -161,11 +170,33 @@ pub(crate) fn walk_with(
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        if let Some(ended) = progress.report(verdict(&progress.hit())) {
+        let touches = |hit: &WallHit| prepared.touches(Numeric::Fixed, hit);
+        if let Some(ended) = progress.report(verdict(&progress.hit()), touches) {
             return ended;
         }
     }
 }
+
+/// The first hit of the walk from the scene's own start.
+pub fn first_hit(prepared: &PreparedScene, cutoff_hz: f64) -> WallHit {
+    Progress::new(prepared, cutoff_hz, 0.0).hit()
+}
+
+/// The settle time with which a wall that is unstable in the window is stable: the handle was still coming to rest.
+/// `None` if more time does not help.
+pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -> Option<f64> {
+    let mut scene = prepared.scene().clone();
+    let (settle_s, window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s);
+    SETTLE_LONGER.into_iter().find_map(|longer| {
+        scene.wall_hit.settle_s = longer * (settle_s + window_s);
+        let patient = PreparedScene::new(&scene).ok()?;
+        let stable = patient.verdict(numeric, hit) == Ok(Verdict::Stable);
+        stable.then_some(scene.wall_hit.settle_s)
+    })
+}
+
+/// How many times settling and window together a wall is given before it is called unstable for good.
+const SETTLE_LONGER: [f64; 3] = [1.0, 3.0, 10.0];
 
 type Known = BTreeMap<(i32, i32), Result<Verdict, HitError>>;
 

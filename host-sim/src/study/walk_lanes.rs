@@ -52,12 +52,13 @@ pub fn walks(
     done: impl FnMut(usize, Result<Boundary, Error>),
 ) {
     let lanes = vec![];
-    let mut work = Walks { queue, stop, lanes, done };
+    let mut work = Walks { queue, numeric, stop, lanes, done };
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
 struct Walks<'a, D> {
     queue: &'a Queue<'a>,
+    numeric: Numeric,
     stop: &'a AtomicBool,
     lanes: Vec<Option<(usize, Progress)>>,
     done: D,
@@ -88,7 +89,9 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Work for Walks<'_, D> {
         let Some(place) = self.lanes.get_mut(lane) else { return };
         let Some((walk, progress)) = place else { return };
         let verdict = outcome.map(|outcome| outcome.verdict);
-        if let Some(ended) = progress.report(verdict) {
+        let prepared = self.queue.prepared;
+        let touches = |hit: &WallHit| prepared.touches(self.numeric, hit);
+        if let Some(ended) = progress.report(verdict, touches) {
             let walk = *walk;
             *place = None;
             (self.done)(walk, ended);

@@ -346,7 +346,8 @@ fn errors_are_json_where_results_are() {
     for (args, command, wanted) in [
         (vec!["walk", "no-scene", "--cutoff", "1", "--json"], Value::from("walk"), "no-scene"),
         (vec!["--json", "walk", "paper-1um"], Value::from("walk"), "a cutoff is missing"),
-        (vec!["walk", "paper-1um", "--cutof", "1", "--json"], Value::Null, "--cutof"),
+        (vec!["walk", "paper-1um", "--cutof", "1", "--json"], Value::from("walk"), "--cutof"),
+        (vec!["wlak", "paper-1um", "--json"], Value::Null, "wlak"),
     ] {
         let output = sim(path, &args);
         assert_eq!(output.status.code(), Some(2));

@@ -79,6 +79,33 @@ fn folder() -> TempDir {
 }
 
 #[test]
+fn positions_in_mm_are_named_as_the_likely_cause() {
+    let folder = folder();
+    let folder = folder.path();
+    let in_mm = |factor: f64, name: &str| {
+        let text = fs::read_to_string(folder.join("log.csv")).unwrap();
+        let mut lines = text.lines();
+        let header = lines.next().unwrap().to_owned();
+        let place = header.split(',').position(|column| column == "position_m").unwrap();
+        let rows = lines.map(|line| {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            cells[place] = format!("{:.6}", cells[place].parse::<f64>().unwrap() * factor);
+            cells.join(",")
+        });
+        let rows: Vec<String> = [header].into_iter().chain(rows).collect();
+        fs::write(folder.join(name), rows.join("\n")).unwrap();
+    };
+    in_mm(1000.0, "mm.csv");
+    let args = ["identify", "mm.csv", "--gain", "0.5906"];
+    refused(folder, &args, "are these mm?");
+    // without counts only size speaks: of the travel, or of the mass
+    refused(folder, &[&args[..], &["--resolution", "0"]].concat(), "allowed 5; position_m is in m");
+    in_mm(600.0, "small.csv");
+    let args = ["identify", "small.csv", "--gain", "0.0005906", "--resolution", "0"];
+    refused(folder, &args, "are these mm?");
+}
+
+#[test]
 fn a_log_becomes_a_scene_that_the_other_commands_take() {
     let folder = folder();
     let folder = folder.path();

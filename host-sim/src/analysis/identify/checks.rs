@@ -5,9 +5,14 @@ use super::{
     confidence::{Estimate, Estimates},
     record::Record,
 };
+use crate::{range::refused, scene::ranges};
 
 /// Fewest counts of motion.
 const FEWEST_COUNTS: f64 = 20.0;
+/// Longest travel, m.
+const TRAVEL_MAX_M: f64 = 5.0;
+/// The usual cause of positions a thousand times too large.
+const IN_MM: &str = "; position_m is in m: are these mm?";
 /// Largest distance of a position from a whole count, counts: what printing may cost.
 const OFF_GRID_MAX: f64 = 0.01;
 /// A voltage whose changes are smaller than this part of the limit excites nothing.
@@ -39,6 +44,12 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
         ));
     }
     let (low, high) = range(&record.position_m);
+    if high - low > TRAVEL_MAX_M {
+        let travel_m = high - low;
+        return Err(format!(
+            "the position moves by {travel_m:.3} m, allowed {TRAVEL_MAX_M}{IN_MM}"
+        ));
+    }
     let resolution_m = options.resolution_m;
     if high - low <= FEWEST_COUNTS * resolution_m {
         let counts = if resolution_m > 0.0 { ((high - low) / resolution_m).round() } else { 0.0 };
@@ -56,8 +67,8 @@ fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
         counts.clone().enumerate().find(|(_, count)| (count - count.round()).abs() > OFF_GRID_MAX)
     {
         return Err(format!(
-            "the position at {:.4} s is {count:.3} counts of {resolution_m} m; give the encoder's --resolution, or 0 \
-             for a sensor without counts",
+            "the position at {:.4} s is {count:.3} counts of {resolution_m} m; give the encoder's --resolution in m, or \
+             0 for a sensor without counts",
             record.time_s(row)
         ));
     }
@@ -66,8 +77,9 @@ fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
     let moved = counts.map(|count| (count - first).round().abs() as u64);
     let step = moved.fold(0, gcd);
     if step > 1 {
+        let cause = if step % 1000 == 0 { IN_MM } else { "" };
         return Err(format!(
-            "the position moves in steps of {step} counts of {resolution_m} m; give the encoder's --resolution"
+            "the position moves in steps of {step} counts of {resolution_m} m; give the encoder's --resolution{cause}"
         ));
     }
     Ok(())
@@ -120,6 +132,10 @@ pub(super) fn after(found: &Estimates, seconds: f64) -> Result<Vec<String>, Stri
             "the record does not show the mass: {}; damping hides it, so sample faster or change the voltage faster",
             with(mass, "kg")
         ));
+    }
+    if !ranges::MASS_KG.contains(&mass.value) {
+        let cause = if mass.value < *ranges::MASS_KG.start() { IN_MM } else { "" };
+        return Err(refused("the identified mass_kg", mass.value, &ranges::MASS_KG) + cause);
     }
     if damping.high() < 0.0 {
         return Err(format!(

@@ -82,7 +82,7 @@ pub(super) fn draw<DB: DrawingBackend>(
     panel::heading(page, &plot.title, &plot.subtitle)?;
     draw_hit(page, plot)?;
     let verdict = format!(
-        "Measuring window: {}, RMS {} µm (limit {} µm)",
+        "Measuring window: {}, RMS of the counts {} µm (limit {} µm)",
         plot.verdict,
         micrometres(plot.rms_m),
         micrometres(plot.rms_limit_m)
@@ -135,7 +135,7 @@ fn draw_hit<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(),
             text::write(page, text, middle, HPos::Center, SMALL_SIZE, TEXT)?;
         }
     }
-    let titles = ["Time t [s]", "Position x [mm]"];
+    let titles = ["Time t [s]", "True position x [mm]"];
     panel::axes(&mut chart, Grid::Horizontal, titles)?;
     HIT.frame(page)?;
     let samples = plot.positions_m.iter().enumerate();
@@ -301,13 +301,13 @@ mod tests {
         let figure = look(hit_trace, &plot(contact()));
         assert!(figure.svg().len() < LARGEST_SVG_BYTES);
         for text in [
-            "Position x [mm]",
+            "True position x [mm]",
             "x − mean [µm]",
             "Time t [s]",
             "settle 4 s",
             "measuring window 2 s",
             ">\nwall\n<",
-            "Measuring window: stable, RMS 2.20 µm (limit 15 µm)",
+            "Measuring window: stable, RMS of the counts 2.20 µm (limit 15 µm)",
         ] {
             assert!(figure.svg().contains(text), "{text} is missing");
         }
