@@ -148,15 +148,48 @@ impl Common {
         let board = Board::named(&self.board).ok_or_else(|| {
             Error::Input(format!("--board is {}, allowed {}", self.board, Board::names(", ")))
         })?;
+        check_device(&scene, board)?;
         let path = match &self.elf {
             Some(path) => path.clone(),
             None => image::build(board.name).map_err(Error::Internal)?,
         };
         let elf = Elf::load(&path)?;
+        let is_for = |board: &Board| elf.contains(board.name);
+        if let Some(other) = BOARDS.iter().find(|other| is_for(other) && !is_for(&board)) {
+            return Err(Error::Input(format!(
+                "{} is an image of {}, --board is {}",
+                path.display(),
+                other.name,
+                board.name
+            )));
+        }
         let table = log::table(&elf.bytes).map_err(|error| {
             Error::Input(format!("{} is no firmware of ours: {error}", path.display()))
         })?;
         Ok(Session { board, scene, elf, table })
+    }
+}
+
+/// The firmware takes counts, samples and full command for those of the device that its image is built for.
+fn check_device(scene: &NamedScene, board: Board) -> Result<(), Error> {
+    let (wanted, image) = (&scene.scene, NamedScene::load(board.name)?.scene);
+    let [wanted, image] = [wanted, &image].map(|scene| {
+        [
+            ("encoder.resolution_m", scene.encoder.resolution_m),
+            ("control.rate_hz", scene.control.rate_hz),
+            ("actuator.gain_n_per_v * actuator.limit_v", scene.full_scale_n()),
+        ]
+    });
+    match wanted
+        .into_iter()
+        .zip(image)
+        .find(|((_, is), (_, of_image))| (is / of_image - 1.0).abs() > 1e-9)
+    {
+        None => Ok(()),
+        Some(((key, is), (_, of_image))) => Err(Error::Input(format!(
+            "{}: {key} is {is}, the image of {} is built for {of_image}",
+            scene.name, board.name
+        ))),
     }
 }
 

@@ -60,6 +60,12 @@ impl Elf {
         Ok(Self { bytes, flash, symbols, sections })
     }
 
+    /// Whether that text stands in flash.
+    pub fn contains(&self, text: &str) -> bool {
+        let text = text.as_bytes();
+        self.flash.iter().any(|(_, data)| data.windows(text.len()).any(|part| part == text))
+    }
+
     /// Address of a symbol.
     pub fn address_of(&self, name: &str) -> Option<u32> {
         self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)

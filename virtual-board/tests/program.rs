@@ -77,6 +77,55 @@ fn bad_input_is_one_line_and_writes_nothing() {
 }
 
 #[test]
+fn another_encoder_rate_or_motor_than_the_images_is_refused() {
+    let folder = folder();
+    let path = folder.path();
+    let text = include_str!("../../scenes/nucleo-f446re.toml");
+    for (from, to, wanted) in [
+        (
+            "resolution_m = 1e-6",
+            "resolution_m = 2e-6",
+            ["encoder.resolution_m is 0.000002", "0.000001"],
+        ),
+        ("rate_hz = 10000", "rate_hz = 9000", ["control.rate_hz is 9000", "10000"]),
+        ("limit_v = 10.0", "limit_v = 5.0", ["actuator.limit_v is 2.953", "5.906"]),
+    ] {
+        assert!(text.contains(from));
+        fs::write(path.join("other.toml"), text.replace(from, to)).unwrap();
+        for args in [hit(&["other.toml"]), vec!["run", "other.toml"]] {
+            let output = board(path, &args).output().unwrap();
+            let line = line(&output);
+            assert_eq!(output.status.code(), Some(2), "{args:?}: {line}");
+            assert!(wanted.iter().all(|part| line.contains(part)), "{line} should say {wanted:?}");
+            assert!(line.contains("the image of nucleo-f446re"), "{line}");
+        }
+    }
+}
+
+#[test]
+fn an_image_of_the_other_board_is_named() {
+    // The smallest ELF that holds a board's name in flash: header, one segment, the name.
+    let mut elf = b"\x7fELF\x01\x01\x01".to_vec();
+    elf.resize(16, 0);
+    let word = |value: u32| value.to_le_bytes();
+    elf.extend([word(2 | 40 << 16), word(1), word(0), word(52), word(0), word(0)].concat());
+    elf.extend([word(52 | 32 << 16), word(1), word(0)].concat());
+    let name = b"discovery-f407";
+    let bytes = u32::try_from(name.len()).unwrap();
+    elf.extend([1, 84, 0x800_0000, 0x800_0000, bytes, bytes, 4, 4].map(word).concat());
+    elf.extend(name);
+    let folder = folder();
+    fs::write(folder.path().join("image"), elf).unwrap();
+    let output = board(folder.path(), &hit(&["mine.toml", "--elf", "image"])).output().unwrap();
+    let line = line(&output);
+    assert_eq!(output.status.code(), Some(2), "{line}");
+    assert!(
+        line.contains("image is an image of discovery-f407, --board is nucleo-f446re"),
+        "{line}"
+    );
+}
+
+#[test]
 fn a_signal_ends_it_within_a_second() {
     let folder = folder();
     let path = folder.path();
