@@ -42,7 +42,6 @@ impl ObserverDesign {
         design: &Design,
     ) -> Result<Self, SettingsError> {
         let gains = gains("bandwidth_hz", bandwidth_hz, design.rate_hz)?;
-        within("mass_kg", mass_kg, MASS_KG)?;
         let full_scale =
             design.full_scale_n / design.resolution_m / design.rate_hz / design.rate_hz;
         let lightest = full_scale / f64::from(Velocity::LIMIT);

@@ -285,9 +285,14 @@ fn what_is_out_of_range_is_refused_by_name() {
         assert_eq!(refused(settings), "mass_kg");
     }
     // a motor that throws the handle beyond the range of the velocity in one sample
-    let strong = Design { full_scale_n: 1e5, resolution_m: 1e-8, rate_hz: 1e3, ..DESIGN };
-    let error = VelocitySettings::Observer { bandwidth_hz: 10.0, mass_kg: 1.0 }.build(&strong);
-    assert_eq!(error.unwrap_err().parameter, "mass_kg");
+    let strong = Design { full_scale_n: 1e4, resolution_m: 1e-8, rate_hz: 1e3, ..DESIGN };
+    for mass_kg in [0.0, 1.0, 101.0] {
+        let settings = VelocitySettings::Observer { bandwidth_hz: 10.0, mass_kg };
+        let error = settings.build(&strong).unwrap_err();
+        assert_eq!(error.parameter, "mass_kg");
+        // the same range whatever was asked for
+        assert!((30.5..30.6).contains(error.range.start()), "{error}");
+    }
 }
 
 #[test]
