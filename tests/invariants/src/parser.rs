@@ -120,10 +120,17 @@ crate::properties! {
 
     /// Any bytes are cut into lines as the standard library cuts them; one that is too long is refused once, blank ones
     /// are passed over.
-    lines(150, bytes in prop::collection::vec(
-        prop_oneof![3 => any::<u8>(), 1 => Just(b'\n'), 1 => Just(b'\r'), 4 => b' '..b'z'],
-        0..300,
+    lines(150, pieces in prop::collection::vec(
+        prop_oneof![
+            2 => prop::collection::vec(any::<u8>(), 0..20),
+            // around the longest that is taken
+            2 => (LINE_MAX - 3..LINE_MAX + 4).prop_map(|length| vec![b'x'; length]),
+            1 => (0..2 * LINE_MAX).prop_map(|length| vec![b' '; length]),
+            4 => prop::sample::select(vec!["\n", "\r", "\r\n"]).prop_map(|end| end.as_bytes().to_vec()),
+        ],
+        0..40,
     )) {
+        let bytes = pieces.concat();
         let mut reader = LineReader::<LINE_MAX>::new();
         let mut read = Vec::new();
         for byte in &bytes {
