@@ -1,9 +1,9 @@
 //! The states of a plant that act on the handle.
 //!
-//! A body that no spring holds, neither to the ground nor towards the handle, has a position on which nothing
-//! depends: an eigenvalue of 1 at every K and B, and by its rounding the loop would be unstable or not. A body
-//! behind a joint without spring and damper does not act at all. Both are left out, in coordinates in which they
-//! stand alone: the stretch of each joint in place of the position of the body behind it.
+//! Bodies that no spring holds, neither to the ground nor to the handle, have a place on which nothing depends: an
+//! eigenvalue of 1 at every K and B, and by its rounding the loop would be unstable or not. What lies behind a joint
+//! without spring and damper does not act at all. Both are left out; of several bodies that float together the places
+//! relative to the first of them stay.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -16,32 +16,38 @@ pub(super) struct Felt {
     states: usize,
     /// Those kept, by their place; the handle's position and speed are the first two.
     kept: Vec<usize>,
+    /// A body, and the floating one before it from which its place is taken.
+    relative: Option<[usize; 2]>,
 }
 
 impl Felt {
     /// Those of that chain.
     pub(super) fn of(chain: &Chain) -> Self {
         let states = chain.states();
-        let joints = [
-            chain.mode.map(|mode| [mode.stiffness_n_per_m, mode.damping_n_s_per_m]),
-            chain.arm.map(|arm| [arm.grip_stiffness_n_per_m, arm.grip_damping_n_s_per_m]),
-        ];
         let is_held = chain.arm.is_some_and(|arm| arm.stiffness_n_per_m > 0.0);
-        let mut kept = vec![0, 1];
-        for (behind, joint) in joints.into_iter().flatten().enumerate() {
-            if joint == [0.0; 2] {
-                break;
+        let joints = [
+            chain.mode.map(|mode| ([mode.stiffness_n_per_m, mode.damping_n_s_per_m], false)),
+            chain.arm.map(|a| ([a.grip_stiffness_n_per_m, a.grip_damping_n_s_per_m], is_held)),
+        ];
+        let acts =
+            |([stiffness, damping], _): &([f64; 2], bool)| *stiffness > 0.0 || *damping > 0.0;
+        let bodies: Vec<_> = joints.into_iter().flatten().take_while(acts).collect();
+        let (mut kept, mut relative) = (vec![0, 1], None);
+        for (n, ([stiffness, _], held)) in bodies.iter().enumerate() {
+            let position = 2 * (n + 1);
+            let next = bodies.get(n + 1).filter(|([stiffness, _], _)| *stiffness > 0.0);
+            let floats = *stiffness == 0.0 && !held && next.is_none_or(|(_, held)| !held);
+            match (floats, next) {
+                (false, _) => kept.push(position),
+                (true, None) => {}
+                (true, Some(_)) => relative = Some([position + 2, position]),
             }
-            let place = 2 * (behind + 1);
-            if joint[0] > 0.0 || is_held {
-                kept.push(place);
-            }
-            kept.push(place + 1);
+            kept.push(position + 1);
         }
         if chain.amplifier.is_some() {
             kept.push(states - 1);
         }
-        Self { states, kept }
+        Self { states, kept, relative }
     }
 
     /// How many are kept.
@@ -54,22 +60,16 @@ impl Felt {
         &self,
         step: (DMatrix<f64>, DVector<f64>),
     ) -> (DMatrix<f64>, DVector<f64>) {
-        if self.kept.len() == self.states {
-            return step;
-        }
         let (mut less, mut gamma) = step;
-        let positions = self.states / 2;
-        // T less T^-1: a column takes in the ones of the bodies behind it, a row loses that of the body before it
-        for body in (1..positions).rev() {
-            let behind = less.column(2 * body).clone_owned();
-            let mut before = less.column_mut(2 * (body - 1));
-            before += behind;
+        if self.kept.len() == self.states {
+            return (less, gamma);
         }
-        for body in (1..positions).rev() {
-            let before = less.row(2 * (body - 1)).clone_owned();
-            let mut row = less.row_mut(2 * body);
+        if let Some([body, from]) = self.relative {
+            // the other columns do not change: where both move alike, nothing does
+            let before = less.row(from).clone_owned();
+            let mut row = less.row_mut(body);
             row -= before;
-            gamma[2 * body] -= gamma[2 * (body - 1)];
+            gamma[body] -= gamma[from];
         }
         (less.select_rows(&self.kept).select_columns(&self.kept), gamma.select_rows(&self.kept))
     }
