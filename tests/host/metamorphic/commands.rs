@@ -1,0 +1,193 @@
+//! Commands against each other: `walk` against the walls of `grid` against `hit`, `sweep` against `walk`.
+
+use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+
+use host_sim::{
+    engine::{Depth, Engine, stream},
+    scene::Scene,
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    study::{
+        sweep::{Plan, start_offset_counts, sweep},
+        walk::{Boundary, walk},
+    },
+};
+use zwidth::experiment::{Ended, Verdict};
+
+use crate::dice::{Dice, cases};
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// A scene whose first wall is soft, and whose walk has a few dozen hits.
+fn scene(dice: &mut Dice) -> Scene {
+    let mut scene = dice.scene();
+    scene.device.mass_kg = dice.between(0.2, 0.6);
+    scene.device.damping_n_s_per_m = dice.between(4.0, 8.0);
+    scene.wall_hit.push_n = dice.between(0.4, 0.6) * scene.full_scale_n();
+    scene.wall_hit.settle_s = 1.2;
+    scene.wall_hit.window_s = 0.3;
+    scene.wall_hit.rms_limit_m = 10.0 * scene.encoder.resolution_m;
+    scene.actuator.latency = scene.actuator.latency.min(3.0);
+    let first = dice.between(300.0, 600.0);
+    scene.walk.stiffness_start_n_per_m = first;
+    scene.walk.stiffness_step_n_per_m = dice.one_of(&[1500.0, 4000.0]);
+    scene.walk.stiffness_max_n_per_m = dice.between(6.0, 30.0) * 1000.0;
+    scene.walk.damping_start_n_s_per_m = dice.between(3.0, 10.0);
+    scene.walk.damping_step_n_s_per_m = dice.between(10.0, 30.0);
+    scene.walk.damping_max_n_s_per_m = dice.between(60.0, 200.0);
+    scene
+}
+
+fn cutoff_hz(scene: &Scene, dice: &mut Dice) -> f64 {
+    let hz = scene.control.rate_hz * dice.decades(0.02, 0.2);
+    if scene.velocity.has_cutoff() { hz } else { 0.0 }
+}
+
+/// The walk of theory.md over a table of verdicts: K up to the first unstable wall, and the K below it is the
+/// boundary; then one B on, and up again if the same K is stable there, else down to the first stable one; until no K
+/// is stable or B is at its cap.
+fn walked(
+    scene: &Scene,
+    mut stable: impl FnMut(i32, i32) -> bool,
+) -> (Vec<[f64; 2]>, u64, Option<Ended>) {
+    let plan = &scene.walk;
+    let k = |n: i32| plan.stiffness_start_n_per_m + f64::from(n) * plan.stiffness_step_n_per_m;
+    let b = |n: i32| plan.damping_start_n_s_per_m + f64::from(n) * plan.damping_step_n_s_per_m;
+    let (mut points, mut hits, mut capped) = (vec![], 0, false);
+    let mut hit = |hits: &mut u64, n: i32, m: i32| {
+        *hits += 1;
+        stable(n, m)
+    };
+    if !hit(&mut hits, 0, 0) {
+        return (points, hits, None);
+    }
+    let (mut n, mut m, mut is_stable) = (0, 0, true);
+    loop {
+        if is_stable {
+            while k(n + 1) <= plan.stiffness_max_n_per_m && hit(&mut hits, n + 1, m) {
+                n += 1;
+            }
+            capped |= k(n + 1) > plan.stiffness_max_n_per_m;
+        } else {
+            n -= 1;
+            while k(n) > 0.0 && !hit(&mut hits, n, m) {
+                n -= 1;
+            }
+            if k(n) <= 0.0 {
+                let ended = if capped { Ended::StiffnessMax } else { Ended::Closed };
+                return (points, hits, Some(ended));
+            }
+        }
+        points.push([b(m), k(n)]);
+        if b(m + 1) > plan.damping_max_n_s_per_m {
+            let ended = if capped { Ended::BothMax } else { Ended::DampingMax };
+            return (points, hits, Some(ended));
+        }
+        m += 1;
+        is_stable = hit(&mut hits, n, m);
+    }
+}
+
+fn pairs(boundary: &Boundary) -> Vec<[f64; 2]> {
+    let pair = |point: &host_sim::study::walk::BoundaryPoint| {
+        [point.damping_n_s_per_m, point.stiffness_n_per_m]
+    };
+    boundary.points.iter().map(pair).collect()
+}
+
+#[test]
+fn a_walk_is_the_walls_of_a_grid_which_are_hits() {
+    let mut long = 0;
+    cases(4, |dice| {
+        let scene = scene(dice);
+        let prepared = PreparedScene::new(&scene).unwrap();
+        let cutoff_hz = cutoff_hz(&scene, dice);
+        let start_offset_counts = dice.one_of(&[0.0, 0.25, 0.5]);
+        let plan = &scene.walk;
+        let rows = |first: f64, step: f64, max: f64| ((max - first) / step) as i32 + 1;
+        let ks = rows(
+            plan.stiffness_start_n_per_m,
+            plan.stiffness_step_n_per_m,
+            plan.stiffness_max_n_per_m,
+        );
+        let bs = rows(
+            plan.damping_start_n_s_per_m,
+            plan.damping_step_n_s_per_m,
+            plan.damping_max_n_s_per_m,
+        );
+        let wall = |number: u64| {
+            let (n, m) = (number as i32 % ks, number as i32 / ks);
+            WallHit {
+                cutoff_hz,
+                stiffness_n_per_m: plan.stiffness_start_n_per_m
+                    + f64::from(n) * plan.stiffness_step_n_per_m,
+                damping_n_s_per_m: plan.damping_start_n_s_per_m
+                    + f64::from(m) * plan.damping_step_n_s_per_m,
+                start_offset_counts,
+            }
+        };
+        let numeric = dice.one_of(&[Numeric::Fixed, Numeric::F64]);
+        let mut table = BTreeMap::new();
+        let total = (ks * bs) as u64;
+        stream(
+            Engine::lanes(),
+            &prepared,
+            numeric,
+            Depth::Whole,
+            total,
+            wall,
+            &STOP,
+            |number, outcome| {
+                let outcome = outcome.map_or((Verdict::Unstable, None), |o| (o.verdict, o.rms_m));
+                table.insert((number as i32 % ks, number as i32 / ks), outcome);
+                Ok(())
+            },
+        )
+        .unwrap();
+        for number in (0..total).step_by(7) {
+            let hit = prepared.hit(numeric, &wall(number), |_| ());
+            let (verdict, rms_m) = table[&(number as i32 % ks, number as i32 / ks)];
+            assert_eq!(hit.map(|hit| (hit.verdict, Some(hit.rms_m))), Ok((verdict, rms_m)));
+        }
+        let (points, hits, ended) = walked(&scene, |n, m| table[&(n, m)].0 == Verdict::Stable);
+        for engine in [Engine::lanes(), Engine::Core] {
+            let found =
+                walk(engine, &prepared, numeric, cutoff_hz, start_offset_counts, &STOP).unwrap();
+            assert_eq!(
+                (pairs(&found), found.hits, found.ended),
+                (points.clone(), hits, ended),
+                "{}: {scene:?}",
+                dice.name
+            );
+            let area = points.iter().map(|[_, k]| k * plan.damping_step_n_s_per_m).sum::<f64>();
+            assert!((found.area - area).abs() <= 1e-12 * area);
+        }
+        long += u32::from(points.len() > 2);
+    });
+    assert!(long >= 2, "{long} walks of more than two points");
+}
+
+#[test]
+fn a_sweep_of_one_cutoff_is_its_walks() {
+    cases(4, |dice| {
+        let scene = scene(dice);
+        let prepared = PreparedScene::new(&scene).unwrap();
+        let cutoff_hz = cutoff_hz(&scene, dice);
+        let repeats = 1 + dice.below(4);
+        let plan = Plan { name: "one", prepared: &prepared, cutoffs_hz: &[cutoff_hz] };
+        let engine = Engine::lanes();
+        let swept = sweep(engine, &[plan], Numeric::Fixed, repeats, &STOP, |_| ()).unwrap();
+        let [result] = &swept[0].cutoffs[..] else { panic!("one cutoff") };
+        let walks = (0..repeats).map(|n| {
+            let start = f64::from(n) / f64::from(repeats);
+            assert_eq!(start, start_offset_counts(n, repeats));
+            walk(Engine::Core, &prepared, Numeric::Fixed, cutoff_hz, start, &STOP).unwrap()
+        });
+        let walks: Vec<Boundary> = walks.collect();
+        assert_eq!(result.boundaries, walks, "{}: {scene:?}", dice.name);
+        let areas = walks.iter().map(|walk| walk.area);
+        let mean = areas.clone().sum::<f64>() / f64::from(repeats);
+        assert!((result.area() - mean).abs() <= 1e-12 * mean);
+        let (low, high) = (areas.clone().fold(f64::INFINITY, f64::min), areas.fold(0.0, f64::max));
+        assert_eq!((result.area_low(), result.area_high()), (low, high));
+    });
+}
