@@ -30,6 +30,7 @@ properties_of! {
     hit,
     parser,
     return_move,
+    ring,
     store,
     walk,
 }

@@ -1,0 +1,66 @@
+//! The ring of positions between sampling and output task, stepped by hand.
+
+use std::sync::{Mutex, PoisonError};
+
+use proptest::prelude::*;
+use zwidth::units::Position;
+
+#[path = "../../../src/sync/position_ring.rs"]
+mod position_ring;
+
+use position_ring::{Follower, LENGTH, note};
+
+/// There is one ring.
+static RING: Mutex<()> = Mutex::new(());
+
+/// A position that tells its sample.
+fn place(sample: u64) -> Position {
+    Position::from_counts((sample.wrapping_mul(0x9E37_79B9) >> 3) as i32)
+}
+
+crate::properties! {
+    /// Whenever samples come between its steps, the follower reads the position of every sample up to the one that it
+    /// follows to, in order and once; those are left out that are half a ring old.
+    followed(300, (first, turns) in (
+        prop_oneof![Just(0u64), any::<u32>().prop_map(u64::from)],
+        prop::collection::vec((
+            prop_oneof![8 => 1u64..20, 1 => 1u64..100],
+            prop::collection::vec(prop::bool::weighted(0.3), 40),
+        ), 1..40),
+    )) {
+        let _alone = RING.lock().unwrap_or_else(PoisonError::into_inner);
+        let half = LENGTH as u64 / 2;
+        let mut follower = Follower::new();
+        // up to the first sample there is nothing to read
+        let (mut noted, mut next) = (first, first);
+        let mut begun = false;
+        for (samples, between) in turns {
+            for _ in 0..samples {
+                note(noted, place(noted));
+                noted += 1;
+            }
+            let last = noted - 1;
+            follower.follow_to(last);
+            let oldest = (last + 1).saturating_sub(half);
+            if !begun {
+                // it may have begun in the middle of the samples: what was never noted is not looked at
+                for _ in oldest..first.max(oldest) {
+                    follower.read();
+                }
+                begun = true;
+            }
+            next = next.max(oldest);
+            let mut between = between.into_iter();
+            for sample in next..=last {
+                // a sample comes while the others are being read
+                if between.next() == Some(true) && noted <= last + half {
+                    note(noted, place(noted));
+                    noted += 1;
+                }
+                assert_eq!(follower.read(), Some(place(sample)), "sample {sample}");
+            }
+            assert_eq!(follower.read(), None);
+            next = last + 1;
+        }
+    }
+}
