@@ -176,7 +176,7 @@ crate::properties! {
         let stamps = says.error.is_nan();
         let fastest = if says.settles[1] > 0.0 { 30_000.0 / says.settles[1] } else { 20_000.0 };
         let slowest = if stamps { 1e-3 } else { 1e-5f64.min(fastest) };
-        let mut speed = any::between(slowest, fastest.min(20_000.0), part);
+        let mut speed = any::between(slowest, fastest.min(20_000.0), part.sqrt().sqrt());
         if whole {
             speed = speed.round();
         }

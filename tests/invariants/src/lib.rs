@@ -21,6 +21,8 @@ mod rig;
 mod stated;
 
 properties_of! {
+    black_box,
+    calibration,
     counter,
     envelope,
     estimators,
