@@ -38,6 +38,8 @@ use zwidth::{
 };
 
 use fixed::Coefficients;
+use float::Float;
+use word::Word;
 
 /// Why a format cannot have a cutoff.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,27 +79,68 @@ pub struct Filter {
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Core(Core),
-    Direct1(fixed::Direct1<i32>),
-    Direct2(fixed::Direct2Transposed<i32>),
-    StateVariable(integrators::StateVariable<i32>),
-    Delta(integrators::Delta<i32>),
-    HalfDirect1(fixed::Direct1<i16>),
-    HalfFeedback(fixed::Direct1Feedback<i16>),
-    HalfDirect2(fixed::Direct2Transposed<i16>),
-    HalfStateVariable(integrators::StateVariable<i16>),
-    HalfDelta(integrators::Delta<i16>),
-    SingleDirect1(float::Direct1<f32>),
-    SingleDirect2(float::Direct2Transposed<f32>),
-    SingleStateVariable(float::StateVariable<f32>),
-    SingleDelta(float::Delta<f32>),
-    DoubleDirect1(float::Direct1<f64>),
-    DoubleDirect2(float::Direct2Transposed<f64>),
-    DoubleStateVariable(float::StateVariable<f64>),
-    DoubleDelta(float::Delta<f64>),
+    I32(Fixed<i32>),
+    Q15(Fixed<i16>),
+    Q15Feedback(fixed::Direct1Feedback<i16>),
+    F32(Floating<f32>),
+    F64(Floating<f64>),
     IdspDither(peers::IdspDither),
     IdspWide(peers::IdspWide),
     CmsisQ31(peers::CmsisQ31),
     Cmsis32x64(peers::Cmsis32x64),
+}
+
+/// One of the forms.
+#[derive(Clone, Copy, Debug)]
+enum Forms<A, B, C, D> {
+    Direct1(A),
+    Direct2Transposed(B),
+    StateVariable(C),
+    Delta(D),
+}
+
+type Fixed<W> = Forms<
+    fixed::Direct1<W>,
+    fixed::Direct2Transposed<W>,
+    integrators::StateVariable<W>,
+    integrators::Delta<W>,
+>;
+type Floating<T> =
+    Forms<float::Direct1<T>, float::Direct2Transposed<T>, float::StateVariable<T>, float::Delta<T>>;
+
+impl<W: Word> Fixed<W> {
+    fn fixed(form: Form, p: &Prototype) -> Result<Self, Refused> {
+        let c = || Coefficients::exact_at_dc(p);
+        Ok(match form {
+            Form::Direct1 => Self::Direct1(fixed::Direct1::new(c()?)),
+            Form::Direct2Transposed => Self::Direct2Transposed(fixed::Direct2Transposed::new(c()?)),
+            Form::StateVariable => Self::StateVariable(integrators::StateVariable::new(p)?),
+            Form::Delta => Self::Delta(integrators::Delta::new(p)?),
+        })
+    }
+}
+
+impl<T: Float> Floating<T> {
+    fn floating(form: Form, p: &Prototype) -> Self {
+        match form {
+            Form::Direct1 => Self::Direct1(float::Direct1::new(p)),
+            Form::Direct2Transposed => Self::Direct2Transposed(float::Direct2Transposed::new(p)),
+            Form::StateVariable => Self::StateVariable(float::StateVariable::new(p)),
+            Form::Delta => Self::Delta(float::Delta::new(p)),
+        }
+    }
+}
+
+impl<A: Step, B: Step, C: Step, D: Step> Forms<A, B, C, D> {
+    #[inline]
+    fn visit<V: Visit>(&mut self, visit: V, fraction: u32) -> V::Output {
+        match self {
+            Self::Direct1(form) => visit.visit(form, fraction),
+            Self::Direct2Transposed(form) => visit.visit(form, fraction),
+            Self::StateVariable(form) => visit.visit(form, fraction),
+            Self::Delta(form) => visit.visit(form, fraction),
+        }
+    }
 }
 
 /// The core's own filter.
@@ -159,95 +202,41 @@ impl Filter {
         q15_fraction: u32,
     ) -> Result<Self, Refused> {
         let p = Prototype::new(cutoff_hz, rate_hz);
+        let c = || Coefficients::exact_at_dc(&p);
+        let design = ButterworthDesign::new(cutoff_hz, rate_hz, false).map_err(Refused::Core);
         let kind = match variant.format {
             Format::I32Feedback => {
-                let design =
-                    ButterworthDesign::new(cutoff_hz, rate_hz, false).map_err(Refused::Core)?;
-                Kind::Core(Core { filter: design.quantise(), state: BiquadState::default() })
+                Kind::Core(Core { filter: design?.quantise(), state: BiquadState::default() })
             }
-            Format::I32 => match variant.form {
-                Form::Direct1 => {
-                    let c = Coefficients::exact_at_dc(&p)?;
-                    Kind::Direct1(fixed::Direct1::new(c))
-                }
-                Form::Direct2Transposed => {
-                    let c = Coefficients::exact_at_dc(&p)?;
-                    Kind::Direct2(fixed::Direct2Transposed::new(c))
-                }
-                Form::StateVariable => Kind::StateVariable(integrators::StateVariable::new(&p)?),
-                Form::Delta => Kind::Delta(integrators::Delta::new(&p)?),
-            },
-            Format::Q15 => match variant.form {
-                Form::Direct1 => {
-                    let c = Coefficients::exact_at_dc(&p)?;
-                    Kind::HalfDirect1(fixed::Direct1::new(c))
-                }
-                Form::Direct2Transposed => {
-                    let c = Coefficients::exact_at_dc(&p)?;
-                    Kind::HalfDirect2(fixed::Direct2Transposed::new(c))
-                }
-                Form::StateVariable => {
-                    Kind::HalfStateVariable(integrators::StateVariable::new(&p)?)
-                }
-                Form::Delta => Kind::HalfDelta(integrators::Delta::new(&p)?),
-            },
+            Format::I32 => Kind::I32(Fixed::fixed(variant.form, &p)?),
+            Format::Q15 => Kind::Q15(Fixed::fixed(variant.form, &p)?),
             Format::Q15Feedback => {
-                let c = Coefficients::exact_at_dc(&p)?;
                 // the order that the core takes; where it refuses, the cutoff is low
-                let design = ButterworthDesign::new(cutoff_hz, rate_hz, false);
                 let shaping = design.map_or(Shaping::Second, |design| design.quantise().shaping());
-                Kind::HalfFeedback(fixed::Direct1Feedback::new(c, shaping))
+                let c = Coefficients::exact_at_dc(&p)?; // of 16 bits
+                Kind::Q15Feedback(fixed::Direct1Feedback::new(c, shaping))
             }
-            Format::F32 => match variant.form {
-                Form::Direct1 => Kind::SingleDirect1(float::Direct1::new(&p)),
-                Form::Direct2Transposed => Kind::SingleDirect2(float::Direct2Transposed::new(&p)),
-                Form::StateVariable => Kind::SingleStateVariable(float::StateVariable::new(&p)),
-                Form::Delta => Kind::SingleDelta(float::Delta::new(&p)),
-            },
-            Format::F64 => match variant.form {
-                Form::Direct1 => Kind::DoubleDirect1(float::Direct1::new(&p)),
-                Form::Direct2Transposed => Kind::DoubleDirect2(float::Direct2Transposed::new(&p)),
-                Form::StateVariable => Kind::DoubleStateVariable(float::StateVariable::new(&p)),
-                Form::Delta => Kind::DoubleDelta(float::Delta::new(&p)),
-            },
-            Format::IdspDither => {
-                Kind::IdspDither(peers::IdspDither::new(&Coefficients::exact_at_dc(&p)?))
-            }
-            Format::IdspWide => {
-                Kind::IdspWide(peers::IdspWide::new(&Coefficients::exact_at_dc(&p)?))
-            }
-            Format::CmsisQ31 => {
-                Kind::CmsisQ31(peers::CmsisQ31::new(&Coefficients::exact_at_dc(&p)?))
-            }
-            Format::Cmsis32x64 => {
-                Kind::Cmsis32x64(peers::Cmsis32x64::new(&Coefficients::exact_at_dc(&p)?))
-            }
+            Format::F32 => Kind::F32(Floating::floating(variant.form, &p)),
+            Format::F64 => Kind::F64(Floating::floating(variant.form, &p)),
+            Format::IdspDither => Kind::IdspDither(peers::IdspDither::new(&c()?)),
+            Format::IdspWide => Kind::IdspWide(peers::IdspWide::new(&c()?)),
+            Format::CmsisQ31 => Kind::CmsisQ31(peers::CmsisQ31::new(&c()?)),
+            Format::Cmsis32x64 => Kind::Cmsis32x64(peers::Cmsis32x64::new(&c()?)),
         };
         Ok(Self { kind, fraction: q15_fraction })
     }
 
     /// Does something with the form that this is, told apart once.
+    #[inline]
     pub fn visit<V: Visit>(&mut self, visit: V) -> V::Output {
         let fraction = self.fraction;
         match &mut self.kind {
             Kind::Core(form) => visit.visit(form, fraction),
-            Kind::Direct1(form) => visit.visit(form, fraction),
-            Kind::Direct2(form) => visit.visit(form, fraction),
-            Kind::StateVariable(form) => visit.visit(form, fraction),
-            Kind::Delta(form) => visit.visit(form, fraction),
-            Kind::HalfDirect1(form) => visit.visit(form, fraction),
-            Kind::HalfFeedback(form) => visit.visit(form, fraction),
-            Kind::HalfDirect2(form) => visit.visit(form, fraction),
-            Kind::HalfStateVariable(form) => visit.visit(form, fraction),
-            Kind::HalfDelta(form) => visit.visit(form, fraction),
-            Kind::SingleDirect1(form) => visit.visit(form, fraction),
-            Kind::SingleDirect2(form) => visit.visit(form, fraction),
-            Kind::SingleStateVariable(form) => visit.visit(form, fraction),
-            Kind::SingleDelta(form) => visit.visit(form, fraction),
-            Kind::DoubleDirect1(form) => visit.visit(form, fraction),
-            Kind::DoubleDirect2(form) => visit.visit(form, fraction),
-            Kind::DoubleStateVariable(form) => visit.visit(form, fraction),
-            Kind::DoubleDelta(form) => visit.visit(form, fraction),
+            Kind::I32(forms) => forms.visit(visit, fraction),
+            Kind::Q15(forms) => forms.visit(visit, fraction),
+            Kind::Q15Feedback(form) => visit.visit(form, fraction),
+            Kind::F32(forms) => forms.visit(visit, fraction),
+            Kind::F64(forms) => forms.visit(visit, fraction),
             Kind::IdspDither(form) => visit.visit(form, fraction),
             Kind::IdspWide(form) => visit.visit(form, fraction),
             Kind::CmsisQ31(form) => visit.visit(form, fraction),
@@ -258,37 +247,24 @@ impl Filter {
     /// One sample, velocity in and out in LSB of the core's.
     #[inline]
     pub fn update(&mut self, input: i32) -> i32 {
-        let fraction = self.fraction;
-        match &mut self.kind {
-            Kind::Core(form) => form.velocity(input, fraction),
-            Kind::Direct1(form) => form.velocity(input, fraction),
-            Kind::Direct2(form) => form.velocity(input, fraction),
-            Kind::StateVariable(form) => form.velocity(input, fraction),
-            Kind::Delta(form) => form.velocity(input, fraction),
-            Kind::HalfDirect1(form) => form.velocity(input, fraction),
-            Kind::HalfFeedback(form) => form.velocity(input, fraction),
-            Kind::HalfDirect2(form) => form.velocity(input, fraction),
-            Kind::HalfStateVariable(form) => form.velocity(input, fraction),
-            Kind::HalfDelta(form) => form.velocity(input, fraction),
-            Kind::SingleDirect1(form) => form.velocity(input, fraction),
-            Kind::SingleDirect2(form) => form.velocity(input, fraction),
-            Kind::SingleStateVariable(form) => form.velocity(input, fraction),
-            Kind::SingleDelta(form) => form.velocity(input, fraction),
-            Kind::DoubleDirect1(form) => form.velocity(input, fraction),
-            Kind::DoubleDirect2(form) => form.velocity(input, fraction),
-            Kind::DoubleStateVariable(form) => form.velocity(input, fraction),
-            Kind::DoubleDelta(form) => form.velocity(input, fraction),
-            Kind::IdspDither(form) => form.velocity(input, fraction),
-            Kind::IdspWide(form) => form.velocity(input, fraction),
-            Kind::CmsisQ31(form) => form.velocity(input, fraction),
-            Kind::Cmsis32x64(form) => form.velocity(input, fraction),
-        }
+        self.visit(Update(input))
     }
 
     /// `samples` samples: `input` gives LSB of the core's velocity, `each` sees counts per sample with all digits that
     /// the format has.
     pub fn run(&mut self, samples: u32, input: impl FnMut(u32) -> i32, each: impl FnMut(u32, f64)) {
         self.visit(Run { samples, input, each });
+    }
+}
+
+struct Update(i32);
+
+impl Visit for Update {
+    type Output = i32;
+
+    #[inline]
+    fn visit<F: Step>(self, form: &mut F, fraction: u32) -> i32 {
+        form.velocity(self.0, fraction)
     }
 }
 

@@ -14,7 +14,6 @@ use host_sim::{
     error::Error,
     interrupt,
     output::{
-        SCHEMA_VERSION,
         files::{Outputs, Place},
         terminal::{self, note, print_json, print_text},
     },
@@ -102,19 +101,10 @@ struct Common {
 
 /// Runs the command line; exit codes as of the simulator.
 pub fn main() -> ExitCode {
-    let exit_code = match terminal::parse::<Cli>() {
-        Ok(cli) => terminal::end(execute(cli.command)),
-        Err(exit_code) => exit_code,
-    };
-    ExitCode::from(exit_code)
+    ExitCode::from(terminal::run(|cli: Cli| execute(cli.command)))
 }
 
 fn execute(command: Command) -> Result<(), Error> {
-    terminal::begin(match &command {
-        Command::Hit { json: true, .. } => Some("hit"),
-        Command::Walk { json: true, .. } => Some("walk"),
-        _ => None,
-    })?;
     match command {
         Command::Run { common, telemetry, force } => {
             let (scene, mut outputs) = common.open(force)?;
@@ -334,8 +324,6 @@ fn stdin() -> Receiver<Result<String, Error>> {
 
 #[derive(Serialize)]
 struct HitJson<'a> {
-    schema_version: u32,
-    command: &'static str,
     scene: &'a str,
     board: &'static str,
     cutoff_hz: f64,
@@ -349,8 +337,6 @@ struct HitJson<'a> {
 
 #[derive(Serialize)]
 struct WalkJson<'a> {
-    schema_version: u32,
-    command: &'static str,
     scene: &'a str,
     board: &'static str,
     cutoff_hz: f64,
@@ -374,8 +360,6 @@ fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Error> {
     }
     let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
     print_json(&HitJson {
-        schema_version: SCHEMA_VERSION,
-        command: "hit",
         scene: &session.scene.name,
         board: session.board.name,
         cutoff_hz,
@@ -420,8 +404,6 @@ fn walk(
         return Ok(());
     }
     print_json(&WalkJson {
-        schema_version: SCHEMA_VERSION,
-        command: "walk",
         scene: &session.scene.name,
         board: session.board.name,
         cutoff_hz,

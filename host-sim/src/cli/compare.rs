@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use zwidth::velocity::{EstimatorName, Sense};
 
-use super::{Common, NumericArg, progress};
+use super::{Common, progress};
 use crate::{
     analysis::compare::{
         Class, Compared, Entry, Place, Wall, compare,
@@ -21,15 +21,15 @@ use crate::{
     error::Error,
     interrupt,
     output::{
-        SCHEMA_VERSION,
         figure::{self, Curve, Figure, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
         manifest::Manifest,
         report::{self, ReportFigure},
-        terminal::{print_json, print_text},
+        terminal::print_result,
     },
-    range::refused,
+    range::within,
     scene::NamedScene,
+    simulation::prepared::Numeric,
 };
 
 /// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness,
@@ -70,8 +70,6 @@ const FILES: [&str; 10] = [
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
     scene: &'a str,
     /// Of the wall at which force is compared.
     damping_n_s_per_m: f64,
@@ -81,7 +79,7 @@ struct Json<'a> {
     /// Impedance error of hold and latency alone, with the true velocity.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
-    winners: Vec<Winner>,
+    winners: &'a [Winner],
     notes: Vec<String>,
 }
 
@@ -106,7 +104,7 @@ struct JsonRow {
 
 pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
-    if !matches!(common.numeric, NumericArg::Fixed) {
+    if common.numeric != Numeric::Fixed {
         return Err(Error::input(
             "--numeric: compare runs the fixed-point core only, allowed fixed",
         ));
@@ -114,8 +112,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let entries = entries(&args.estimators, &scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
-    if let Some(damping) = args.damping.filter(|damping| !range.contains(damping)) {
-        return Err(Error::Input(refused("--damping", damping, &range)));
+    if let Some(damping) = args.damping {
+        within("--damping", damping, range).map_err(Error::Input)?;
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
@@ -137,24 +135,20 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let manifest = Manifest::new(command_line(args, common, &scene, &place), &scene);
     write((&mut outputs, to), &scene, &compared, &place, &winners, &manifest)?;
     outputs.commit()?;
-    if common.json {
-        let estimators = compared.iter().map(|c| json_row(c, &place)).collect();
-        return print_json(&Json {
-            schema_version: SCHEMA_VERSION,
-            command: "compare",
-            scene: &scene.name,
-            damping_n_s_per_m: place.middle().damping_n_s_per_m,
-            stiffness_n_per_m: place.middle().stiffness_n_per_m,
-            walls: place.walls,
-            impedance_error_of_loop: compared.first().map(|c| c.fidelity.of_loop),
-            estimators,
-            winners,
-            notes: table::notes(&compared, &place),
-        });
-    }
-    let mut text = terminal::text(&compared, &place, &winners);
-    let _ = write!(text, "\nresults in {}", folder.display());
-    print_text(&text)
+    let json = Json {
+        scene: &scene.name,
+        damping_n_s_per_m: place.middle().damping_n_s_per_m,
+        stiffness_n_per_m: place.middle().stiffness_n_per_m,
+        walls: place.walls,
+        impedance_error_of_loop: compared.first().map(|c| c.fidelity.of_loop),
+        estimators: compared.iter().map(|c| json_row(c, &place)).collect(),
+        winners: &winners,
+        notes: table::notes(&compared, &place),
+    };
+    print_result(common.json, json, || {
+        let text = terminal::text(&compared, &place, &winners);
+        format!("{text}\nresults in {}", folder.display())
+    })
 }
 
 /// The estimators of the command line, in its order.
@@ -264,13 +258,12 @@ fn zwidth(scene: &NamedScene, compared: &[Compared], class: Class) -> Result<Fig
         ideal: best == Some(c.entry),
         points: c.tuned.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
     });
-    figure::zwidth(&ZwidthPlot {
+    Ok(figure::zwidth(&ZwidthPlot {
         title: format!("Z-width by estimator, {}, {}", class.text(), scene.name),
         subtitle: "each at the tuning with the largest area; ideal: the largest of them".into(),
         legend: "Estimator".into(),
         curves: curves.collect(),
-    })
-    .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
+    })?)
 }
 
 /// Every tuning that was tried, in that order.

@@ -16,11 +16,7 @@ use crate::{
     engine::{Depth, stream},
     error::Error,
     interrupt,
-    output::{
-        SCHEMA_VERSION,
-        files::Outputs,
-        terminal::{print_json, print_text},
-    },
+    output::{files::Outputs, terminal::print_result},
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
@@ -51,8 +47,6 @@ struct Counts {
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
     scene: &'a str,
     numeric: &'static str,
     points: u64,
@@ -107,7 +101,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let points = walls.count();
     let bar = progress::bar_of(points, "walls");
     let (mut counts, mut row) = (Counts::default(), String::new());
-    let (numeric, wall) = (common.numeric.into(), |number| walls.wall(number));
+    let (numeric, wall) = (common.numeric, |number| walls.wall(number));
     stream(
         common.engine.into(),
         &prepared,
@@ -142,13 +136,11 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     bar.finish_and_clear();
     outputs.commit()?;
     let (scene, numeric) = (scene.name.as_str(), common.numeric.name());
-    if common.json {
-        let (schema_version, command) = (SCHEMA_VERSION, "grid");
-        return print_json(&Json { schema_version, command, scene, numeric, points, counts });
-    }
     let Counts { stable, unstable, no_contact, out_of_range } = counts;
-    print_text(&format!(
-        "{scene}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
-         {out_of_range} out of range"
-    ))
+    print_result(common.json, Json { scene, numeric, points, counts }, || {
+        format!(
+            "{scene}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
+             {out_of_range} out of range"
+        )
+    })
 }

@@ -1,19 +1,17 @@
 //! `hit`: one wall hit.
 
-use std::{fmt::Write as _, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, shared::AtCutoff};
+use super::{
+    Common,
+    shared::{AtCutoff, Subject},
+};
 use crate::{
     error::Error,
-    output::{
-        SCHEMA_VERSION,
-        files::Outputs,
-        terminal::{print_json, print_text},
-        trace::Trace,
-    },
+    output::{files::Outputs, terminal::print_result, trace::Trace},
     scene::NamedScene,
     simulation::prepared::{HitReport, PreparedScene, WallHit},
 };
@@ -39,14 +37,8 @@ pub struct HitArgs {
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
-    scene: &'a str,
-    numeric: &'static str,
-    estimator: &'static str,
-    /// `null` if the estimator has none.
-    cutoff_hz: Option<f64>,
-    true_cutoff_hz: Option<f64>,
+    #[serde(flatten)]
+    subject: Subject<'a>,
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     verdict: &'static str,
@@ -65,7 +57,7 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let csv = outputs.option(args.trace.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let prepared = PreparedScene::new(&scene.scene)?;
-    let numeric = common.numeric.into();
+    let numeric = common.numeric;
     let report = if csv.is_none() && plot.is_none() {
         prepared.hit(numeric, &hit, |_| ())?
     } else {
@@ -91,13 +83,7 @@ fn print(
 ) -> Result<(), Error> {
     let velocity = scene.scene.velocity;
     let json = Json {
-        schema_version: SCHEMA_VERSION,
-        command: "hit",
-        scene: &scene.name,
-        numeric: common.numeric.name(),
-        estimator: velocity.name(),
-        cutoff_hz: velocity.has_cutoff().then_some(hit.cutoff_hz),
-        true_cutoff_hz: velocity.has_cutoff().then(|| scene.scene.true_cutoff_hz(hit.cutoff_hz)),
+        subject: Subject::new(scene, hit.cutoff_hz, common),
         stiffness_n_per_m: hit.stiffness_n_per_m,
         damping_n_s_per_m: hit.damping_n_s_per_m,
         verdict: report.verdict.name(),
@@ -109,36 +95,26 @@ fn print(
         contact_fraction: report.contact_fraction,
         velocity_clipped_fraction: report.velocity_clipped_fraction,
     };
-    if common.json {
-        return print_json(&json);
-    }
-    let mut text = String::new();
     let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
-    let _ = writeln!(
-        text,
-        "{}: {}, RMS {:.3} um (limit {limit_um} um)",
-        scene.name,
-        json.verdict,
-        json.rms_m * 1e6
-    );
-    let _ = writeln!(
-        text,
-        "{}, K = {} N/m, B = {} N s/m",
-        velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz),
-        json.stiffness_n_per_m,
-        json.damping_n_s_per_m
-    );
-    let _ = write!(
-        text,
-        "mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %",
-        json.mean_m,
-        json.peak_penetration_m * 1e6,
-        json.saturated_fraction * 100.0,
-        json.contact_fraction * 100.0
-    );
-    if json.velocity_clipped_fraction > 0.0 {
-        let clipped = json.velocity_clipped_fraction * 100.0;
-        let _ = write!(text, "\nvelocity at the end of its range in {clipped:.2} % of the samples");
-    }
-    print_text(&text)
+    let clipped = json.velocity_clipped_fraction * 100.0;
+    let note = (clipped > 0.0)
+        .then(|| format!("\nvelocity at the end of its range in {clipped:.2} % of the samples"));
+    print_result(common.json, &json, || {
+        format!(
+            "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
+             {}, K = {} N/m, B = {} N s/m\n\
+             mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %{}",
+            scene.name,
+            json.verdict,
+            json.rms_m * 1e6,
+            velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz),
+            json.stiffness_n_per_m,
+            json.damping_n_s_per_m,
+            json.mean_m,
+            json.peak_penetration_m * 1e6,
+            json.saturated_fraction * 100.0,
+            json.contact_fraction * 100.0,
+            note.unwrap_or_default()
+        )
+    })
 }

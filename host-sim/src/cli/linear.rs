@@ -21,10 +21,9 @@ use crate::{
     error::Error,
     interrupt,
     output::{
-        SCHEMA_VERSION,
         figure::{self, Curve, ZwidthPlot},
         files::Outputs,
-        terminal::{print_json, print_text},
+        terminal::print_result,
     },
     scene::{self, NamedScene},
     simulation::prepared::PreparedScene,
@@ -58,16 +57,14 @@ pub struct LinearArgs {
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
     scene: &'a str,
     multirate: bool,
     /// Tables of the scene that have no place in a linear analysis.
     left_out: &'a [&'static str],
     /// What of the scene the passivity condition does not know; only with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    passivity_left_out: Option<Vec<&'static str>>,
-    rows: &'a [Row],
+    passivity_left_out: Option<&'a [&'static str]>,
+    rows: Vec<&'a Row>,
     /// The simulated boundary, if asked for.
     simulated: Vec<SimulatedRow>,
 }
@@ -147,36 +144,28 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     }
     outputs.commit()?;
     let left_out = scene.scene.nonlinear_elements();
-    if common.json {
-        let (schema_version, loaded) = (SCHEMA_VERSION, &scene);
-        let scene = loaded.name.as_str();
-        let multirate = args.multirate;
-        let simulated = analyses.iter().flat_map(simulated_rows).collect();
-        let rows: Vec<Row> = analyses.into_iter().flat_map(|analysis| analysis.rows).collect();
-        return print_json(&Json {
-            schema_version,
-            command: "linear",
-            scene,
-            multirate,
-            left_out: &left_out,
-            passivity_left_out: args
-                .passivity
-                .then(|| passivity_left_out(&loaded.scene, args.multirate)),
-            rows: &rows,
-            simulated,
-        });
-    }
-    let mut text = table(&analyses) + &explanation(&analyses, &scene.scene);
-    if !left_out.is_empty() {
-        let _ = write!(text, "\nnot linear, left out: {}", left_out.join(", "));
-    }
-    if args.passivity {
-        let left_out = passivity_left_out(&scene.scene, args.multirate);
-        if !left_out.is_empty() {
-            let _ = write!(text, "\nnot part of the passivity condition: {}", left_out.join(", "));
+    let passivity_left_out =
+        args.passivity.then(|| passivity_left_out(&scene.scene, args.multirate));
+    let json = Json {
+        scene: &scene.name,
+        multirate: args.multirate,
+        left_out: &left_out,
+        passivity_left_out: passivity_left_out.as_deref(),
+        rows: all_rows(&analyses).collect(),
+        simulated: analyses.iter().flat_map(simulated_rows).collect(),
+    };
+    print_result(common.json, json, || {
+        let mut text = table(&analyses) + &explanation(&analyses, &scene.scene);
+        for (what, left_out) in [
+            ("not linear, left out", Some(&left_out)),
+            ("not part of the passivity condition", passivity_left_out.as_ref()),
+        ] {
+            if let Some(left_out) = left_out.filter(|left_out| !left_out.is_empty()) {
+                let _ = write!(text, "\n{what}: {}", left_out.join(", "));
+            }
         }
-    }
-    print_text(&text)
+        text
+    })
 }
 
 /// What of a scene Colgate and Schenkel's condition, on a damped mass, does not know.
@@ -308,7 +297,7 @@ fn analyse(
         Some(prepared) => explain(
             common.engine.into(),
             prepared,
-            common.numeric.into(),
+            common.numeric,
             cutoff_hz,
             &boundary,
             interrupt::flag(),
@@ -349,19 +338,18 @@ fn curves(scene: &NamedScene, analysis: &Analysis) -> Vec<Curve> {
     if passive_region.is_empty() && simulated.is_empty() {
         return vec![linear];
     }
-    let named = |kind: &str, points: Vec<BoundaryPoint>, ideal: bool| Curve {
+    let named = |kind: &str, points: Vec<BoundaryPoint>| Curve {
         name: format!("{} {kind}", linear.name),
         detail: format!("{}: {kind}", linear.detail),
-        ideal,
+        ideal: false,
         points,
     };
-    let mut curves = vec![named("linear", linear.points.clone(), false)];
+    let mut curves = vec![named("linear", linear.points.clone())];
     if !passive_region.is_empty() {
-        curves.push(named("passive", passive_region.clone(), false));
+        curves.push(named("passive", passive_region.clone()));
     }
     if !simulated.is_empty() {
-        let points = simulated.iter().map(|explained| explained.point).collect();
-        curves.push(named("simulated", points, false));
+        curves.push(named("simulated", simulated.iter().map(|e| e.point).collect()));
     }
     curves
 }
@@ -378,13 +366,12 @@ fn draw(
     } else {
         "a force with every sample and at once (paper, section 2.1)".into()
     };
-    figure::zwidth(&ZwidthPlot {
+    Ok(figure::zwidth(&ZwidthPlot {
         title: format!("Uncoupled stability, linear, {}", scene.name),
         subtitle,
         legend: Curve::CUTOFF_LEGEND.into(),
         curves: curves.collect(),
-    })
-    .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
+    })?)
 }
 
 /// Where the paper's gain-margin method fails at this point, or would have to choose.

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared};
+use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared::Numeric};
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
 /// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um, nucleo-f446re,
@@ -55,7 +55,7 @@ struct Common {
     threads: Option<u16>,
     /// Arithmetic of the controller.
     #[arg(long, global = true, value_enum, default_value_t)]
-    numeric: NumericArg,
+    numeric: Numeric,
     /// What runs the hits; the results do not depend on it.
     #[arg(long, global = true, value_enum, default_value_t)]
     engine: EngineArg,
@@ -67,17 +67,6 @@ struct Common {
     /// Replace results that are there already.
     #[arg(long, global = true)]
     force: bool,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum NumericArg {
-    /// Fixed point: the core's arithmetic, as on the board.
-    #[default]
-    Fixed,
-    /// Its twin in 64-bit floats.
-    F64,
-    /// The twin with its velocity rounded to the fixed-point LSB.
-    F64Rounded,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -98,75 +87,35 @@ impl From<EngineArg> for Engine {
     }
 }
 
-impl From<NumericArg> for prepared::Numeric {
-    fn from(numeric: NumericArg) -> Self {
-        match numeric {
-            NumericArg::Fixed => Self::Fixed,
-            NumericArg::F64 => Self::F64,
-            NumericArg::F64Rounded => Self::F64Rounded,
-        }
-    }
-}
-
-impl NumericArg {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Fixed => "fixed",
-            Self::F64 => "f64",
-            Self::F64Rounded => "f64-rounded",
-        }
-    }
-}
-
 impl Command {
-    fn name(&self) -> &'static str {
+    /// Name of a command that has no folder of results, and the options that name its files.
+    fn named_outputs(&self) -> Option<[&'static str; 2]> {
         match self {
-            Self::Hit(_) => "hit",
-            Self::Walk(_) => "walk",
-            Self::Grid(_) => "grid",
-            Self::Sweep(_) => "sweep",
-            Self::Linear(_) => "linear",
-            Self::Compare(_) => "compare",
-            Self::Trade(_) => "trade",
-            Self::Identify(_) => "identify",
-            Self::Telemetry(_) => "telemetry",
-        }
-    }
-}
-
-impl Command {
-    /// Options that name the files of a command that has no folder of results.
-    fn named_outputs(&self) -> Option<&'static str> {
-        match self {
-            Self::Hit(_) => Some("--trace and --plot"),
-            Self::Walk(_) | Self::Grid(_) => Some("--csv"),
-            Self::Linear(_) | Self::Telemetry(_) => Some("--csv and --plot"),
+            Self::Hit(_) => Some(["hit", "--trace and --plot"]),
+            Self::Walk(_) => Some(["walk", "--csv"]),
+            Self::Grid(_) => Some(["grid", "--csv"]),
+            Self::Linear(_) => Some(["linear", "--csv and --plot"]),
+            Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
             Self::Sweep(_) | Self::Compare(_) | Self::Trade(_) | Self::Identify(_) => None,
         }
     }
 }
 
-/// Runs the command line and returns the exit code, see [`terminal::end`].
+/// Runs the command line and returns the exit code, see [`terminal::run`].
 pub fn run() -> u8 {
-    match terminal::parse::<Cli>() {
-        Ok(cli) => terminal::end(execute(cli)),
-        Err(exit_code) => exit_code,
-    }
+    terminal::run(execute)
 }
 
-fn execute(cli: Cli) -> Result<(), Error> {
-    terminal::begin(cli.common.json.then_some(cli.command.name()))?;
-    if let (Some(_), Some(options)) = (&cli.common.out, cli.command.named_outputs()) {
-        let command = cli.command.name();
+fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
+    if let (Some(_), Some([command, options])) = (&common.out, command.named_outputs()) {
         return Err(Error::Input(format!("--out is not of {command}, whose files are {options}")));
     }
-    let threads = usize::from(cli.common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
+    let threads = usize::from(common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
         .map_err(|error| Error::Internal(format!("cannot start threads: {error}")))?;
-    let common = cli.common;
-    pool.install(|| match cli.command {
+    pool.install(|| match command {
         Command::Hit(args) => hit::run(&args, &common),
         Command::Walk(args) => walk::run(&args, &common),
         Command::Grid(args) => grid::run(&args, &common),

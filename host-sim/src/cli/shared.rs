@@ -1,11 +1,18 @@
 //! Arguments that several commands have, and their checks.
 
-use std::ops::RangeInclusive;
-
 use clap::Args;
+use serde::Serialize;
 
-use super::list::{self, List};
-use crate::{error::Error, range::refused, scene::NamedScene, simulation::prepared::WallHit};
+use super::{
+    Common,
+    list::{self, List},
+};
+use crate::{
+    error::Error,
+    range::{refused, within},
+    scene::NamedScene,
+    simulation::prepared::WallHit,
+};
 
 /// Where a hit or a walk starts.
 #[derive(Clone, Copy, Debug, Args)]
@@ -28,12 +35,8 @@ impl Start {
 
     /// Counts of `--start-offset`, checked.
     pub fn counts(self) -> Result<f64, Error> {
-        const ALLOWED: RangeInclusive<f64> = -1e6..=1e6;
-        if ALLOWED.contains(&self.start_offset) {
-            Ok(self.start_offset)
-        } else {
-            Err(Error::Input(refused("--start-offset", self.start_offset, &ALLOWED)))
-        }
+        within("--start-offset", self.start_offset, -1e6..=1e6).map_err(Error::Input)?;
+        Ok(self.start_offset)
     }
 }
 
@@ -65,6 +68,31 @@ impl AtCutoff {
         check_wall(&scene, &hit, ["--cutoff", "--stiffness", "--damping"])?;
         self.start.check(&scene)?;
         Ok((scene, hit))
+    }
+}
+
+/// What was run, as every JSON object of a hit or a walk begins.
+#[derive(Serialize)]
+pub struct Subject<'a> {
+    scene: &'a str,
+    numeric: &'static str,
+    estimator: &'static str,
+    /// `null` if the estimator has none.
+    cutoff_hz: Option<f64>,
+    true_cutoff_hz: Option<f64>,
+}
+
+impl<'a> Subject<'a> {
+    pub fn new(scene: &'a NamedScene, cutoff_hz: f64, common: &Common) -> Self {
+        let velocity = scene.scene.velocity;
+        let of_cutoff = |hz: f64| velocity.has_cutoff().then_some(hz);
+        Self {
+            scene: &scene.name,
+            numeric: common.numeric.name(),
+            estimator: velocity.name(),
+            cutoff_hz: of_cutoff(cutoff_hz),
+            true_cutoff_hz: of_cutoff(scene.scene.true_cutoff_hz(cutoff_hz)),
+        }
     }
 }
 

@@ -16,10 +16,9 @@ use crate::{
     error::Error,
     interrupt,
     output::{
-        SCHEMA_VERSION,
         files::{FolderPlace, Outputs},
         sweep::{self as sweep_files, Study, Summary, VariantResult},
-        terminal::{print_json, print_text},
+        terminal::print_result,
     },
     scene::{NamedScene, STUDY},
     simulation::prepared::PreparedScene,
@@ -48,8 +47,6 @@ pub struct SweepArgs {
 
 #[derive(Serialize)]
 struct Json {
-    schema_version: u32,
-    command: &'static str,
     scenes: Vec<Summary>,
 }
 
@@ -74,7 +71,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     }
     let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
     let bar = progress::bar(walks as u64 * u64::from(args.repeat));
-    let numeric = common.numeric.into();
+    let numeric = common.numeric;
     let engine = Engine::from(common.engine);
     let results = sweep(engine, &plans, numeric, args.repeat, interrupt::flag(), |_| bar.inc(1))?;
     bar.finish_and_clear();
@@ -91,12 +88,10 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             change,
             result,
         });
-        let numeric_name = common.numeric.name();
         let envelopes = envelopes(engine, &prepared, numeric, &result, interrupt::flag())?;
         let study = Study {
             envelopes,
             numeric,
-            numeric_name,
             repeats: args.repeat,
             variants: variants.collect(),
             command: command_line(args, common, &scene, &cutoffs_hz),
@@ -105,18 +100,11 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             result,
         };
         study.write(&mut outputs, to)?;
-        if common.json {
-            summaries.push(study.summary());
-        } else {
-            tables.push(table(&study, &folder.display().to_string()));
-        }
+        summaries.push(study.summary());
+        tables.push(table(&study, &folder.display().to_string()));
     }
     outputs.commit()?;
-    if common.json {
-        let (schema_version, command) = (SCHEMA_VERSION, "sweep");
-        return print_json(&Json { schema_version, command, scenes: summaries });
-    }
-    print_text(&tables.join("\n"))
+    print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
 }
 
 /// Most walks of one sweep: every point of every boundary is kept until the end, some 100 MB for so many.

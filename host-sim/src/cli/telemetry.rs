@@ -10,12 +10,7 @@ use crate::{
     analysis::telemetry::Capture,
     error::Error,
     input,
-    output::{
-        SCHEMA_VERSION,
-        files::Outputs,
-        telemetry::telemetry_figure,
-        terminal::{print_json, print_text},
-    },
+    output::{files::Outputs, telemetry::telemetry_figure, terminal::print_result},
     scene::NamedScene,
 };
 
@@ -37,8 +32,6 @@ pub struct TelemetryArgs {
 
 #[derive(Serialize)]
 struct Json {
-    schema_version: u32,
-    command: &'static str,
     frames: usize,
     dropped: u64,
     garbage_bytes: u64,
@@ -76,8 +69,6 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     }
     outputs.commit()?;
     let json = Json {
-        schema_version: SCHEMA_VERSION,
-        command: "telemetry",
         frames: capture.frames.len(),
         dropped: capture.dropped,
         garbage_bytes: capture.garbage_bytes,
@@ -85,16 +76,15 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         last_sample: last.record.sample,
         faults: capture.faults(),
     };
-    if common.json {
-        return print_json(&json);
-    }
-    print_text(&format!(
-        "{name}: {} frames, {} dropped, {} bytes of garbage, samples {} to {}, fault codes {:?}",
-        json.frames,
-        json.dropped,
-        json.garbage_bytes,
-        json.first_sample,
-        json.last_sample,
-        json.faults
-    ))
+    print_result(common.json, &json, || {
+        format!(
+            "{name}: {} frames, {} dropped, {} bytes of garbage, samples {} to {}, fault codes {:?}",
+            json.frames,
+            json.dropped,
+            json.garbage_bytes,
+            json.first_sample,
+            json.last_sample,
+            json.faults
+        )
+    })
 }

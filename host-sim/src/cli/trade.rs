@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, NumericArg, list, progress};
+use super::{Common, list, progress};
 use crate::{
     analysis::trade::{
         Bench, Criterion, Format, Variant, cost, default_cutoffs_hz,
@@ -17,15 +17,15 @@ use crate::{
     interrupt,
     notation::number,
     output::{
-        SCHEMA_VERSION,
         figure::hertz,
         files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
         manifest::Manifest,
-        terminal::{print_json, print_text},
+        terminal::{headed, print_result},
         trade_figures,
     },
-    range::refused,
+    range::within,
     scene::NamedScene,
+    simulation::prepared::Numeric,
 };
 
 /// Measures speed against accuracy: number formats and forms of the velocity filter, and ways to advance the plant.
@@ -57,8 +57,6 @@ const FILES: [&str; 10] = [
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
     scene: &'a str,
     cutoffs_hz: Vec<f64>,
     q15_full_scale_m_per_s: f64,
@@ -102,7 +100,7 @@ struct JsonMethod {
 
 pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
-    if !matches!(common.numeric, NumericArg::Fixed) {
+    if common.numeric != Numeric::Fixed {
         return Err(Error::input("--numeric: trade runs all formats, allowed fixed"));
     }
     let cutoffs_hz = cutoffs(args, &scene)?;
@@ -125,16 +123,10 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let json = json(&scene, &cutoffs_hz, &bench, &good, &plants);
     write((&mut outputs, to), args, &scene, &filters, &plants, &json)?;
     outputs.commit()?;
-    if common.json {
-        return print_json(&json);
-    }
-    let text = format!(
-        "{}\n{}\nresults in {}",
-        filter_text(&filters, &good, &bench),
-        plant_text(&plants),
-        folder.display()
-    );
-    print_text(&text)
+    print_result(common.json, json, || {
+        let filters = filter_text(&filters, &good, &bench);
+        format!("{filters}\n{}\nresults in {}", plant_text(&plants), folder.display())
+    })
 }
 
 /// Those that were asked for, checked, each once and ascending.
@@ -145,9 +137,7 @@ fn cutoffs(args: &TradeArgs, scene: &NamedScene) -> Result<Vec<f64>, Error> {
     };
     let range = 1e-5 * rate_hz..=0.499 * rate_hz;
     for &cutoff_hz in asked {
-        if !range.contains(&cutoff_hz) {
-            return Err(Error::Input(refused("--cutoffs", cutoff_hz, &range)));
-        }
+        within("--cutoffs", cutoff_hz, range.clone()).map_err(Error::Input)?;
     }
     Ok(crate::study::sweep::ascending(asked))
 }
@@ -186,8 +176,6 @@ fn json<'a>(
         }
     });
     Json {
-        schema_version: SCHEMA_VERSION,
-        command: "trade",
         scene: &scene.name,
         cutoffs_hz: cutoffs_hz.to_vec(),
         q15_full_scale_m_per_s: bench.q15_full_scale_counts() * bench.m_per_s(),
@@ -231,7 +219,7 @@ fn write(
     ] {
         outputs.add_figure(to, [svg, png], figure)?;
     }
-    outputs.add(to, "summary.json", &json_bytes(json)?)?;
+    outputs.add(to, "summary.json", (headed(json)? + "\n").as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(&manifest)?)
 }
 

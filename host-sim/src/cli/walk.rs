@@ -5,15 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, shared::AtCutoff};
+use super::{
+    Common,
+    shared::{AtCutoff, Subject},
+};
 use crate::{
     error::Error,
     interrupt,
-    output::{
-        SCHEMA_VERSION,
-        files::Outputs,
-        terminal::{print_json, print_text},
-    },
+    output::{files::Outputs, terminal::print_result},
     simulation::prepared::PreparedScene,
     study::walk::{Boundary, settles_in_s, walk},
 };
@@ -30,14 +29,8 @@ pub struct WalkArgs {
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
-    scene: &'a str,
-    numeric: &'static str,
-    estimator: &'static str,
-    /// `null` if the estimator has none.
-    cutoff_hz: Option<f64>,
-    true_cutoff_hz: Option<f64>,
+    #[serde(flatten)]
+    subject: Subject<'a>,
     area_n2_s_per_m2: f64,
     stiffness_peak_n_per_m: f64,
     damping_max_n_s_per_m: f64,
@@ -54,7 +47,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let boundary = walk(
         common.engine.into(),
         &prepared,
-        common.numeric.into(),
+        common.numeric,
         first.cutoff_hz,
         first.start_offset_counts,
         interrupt::flag(),
@@ -81,33 +74,26 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     }
     outputs.commit()?;
     let json = Json {
-        schema_version: SCHEMA_VERSION,
-        command: "walk",
-        scene: &scene.name,
-        numeric: common.numeric.name(),
-        estimator: velocity.name(),
-        cutoff_hz: velocity.has_cutoff().then_some(first.cutoff_hz),
-        true_cutoff_hz: velocity.has_cutoff().then(|| scene.scene.true_cutoff_hz(first.cutoff_hz)),
+        subject: Subject::new(&scene, first.cutoff_hz, common),
         area_n2_s_per_m2: boundary.area,
         stiffness_peak_n_per_m: boundary.stiffness_peak_n_per_m(),
         damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
         hits: boundary.hits,
         ended_by: ended.name(),
     };
-    if common.json {
-        return print_json(&json);
-    }
-    print_text(&format!(
-        "{}: area {:.4e} N^2 s/m^2 with {}\n\
-         peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
-        scene.name,
-        json.area_n2_s_per_m2,
-        velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz),
-        json.stiffness_peak_n_per_m,
-        json.damping_max_n_s_per_m,
-        json.hits,
-        json.ended_by
-    ))
+    print_result(common.json, &json, || {
+        format!(
+            "{}: area {:.4e} N^2 s/m^2 with {}\n\
+             peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
+            scene.name,
+            json.area_n2_s_per_m2,
+            velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz),
+            json.stiffness_peak_n_per_m,
+            json.damping_max_n_s_per_m,
+            json.hits,
+            json.ended_by
+        )
+    })
 }
 
 fn csv(cutoff_hz: f64, boundary: &Boundary) -> String {

@@ -133,7 +133,7 @@ impl Outputs {
     pub fn draw(&mut self, place: Place, figure: &Figure) -> Result<(), Error> {
         let bytes = match is_svg(&self.files[place.0].shown)? {
             true => figure.svg().as_bytes().to_vec(),
-            false => png(figure)?,
+            false => figure.png()?,
         };
         self.write(place, &bytes)
     }
@@ -165,7 +165,7 @@ impl Outputs {
         figure: &Figure,
     ) -> Result<(), Error> {
         self.add(to, svg_name, figure.svg().as_bytes())?;
-        self.add(to, png_name, &png(figure)?)
+        self.add(to, png_name, &figure.png()?)
     }
 
     /// A draft of `path`, and its real path.
@@ -333,11 +333,6 @@ fn is_svg(path: &Path) -> Result<bool, Error> {
         Some("png") => Ok(false),
         _ => Err(Error::Input(format!("{}: allowed endings are .svg and .png", path.display()))),
     }
-}
-
-/// A figure as PNG.
-fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
-    figure.png().map_err(|error| Error::Internal(format!("cannot draw: {error}")))
 }
 
 /// JSON as it stands in files.

@@ -10,7 +10,7 @@ use crate::{
     output::trace::Trace,
     output::{
         SCHEMA_VERSION,
-        figure::{self, AreaPlot, AreaPoint, Curve, Figure, FigureError, ZwidthPlot},
+        figure::{self, AreaPlot, AreaPoint, Curve, Figure, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
         manifest::Manifest,
         report::{self, AreaRow, Report, ReportFigure},
@@ -62,8 +62,6 @@ pub struct Study {
     pub prepared: PreparedScene,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
-    /// Its name.
-    pub numeric_name: &'static str,
     /// Walks per cutoff.
     pub repeats: u32,
     /// The walks.
@@ -156,7 +154,7 @@ impl Study {
         Summary {
             schema_version: SCHEMA_VERSION,
             scene: self.scene.name.clone(),
-            numeric: self.numeric_name,
+            numeric: self.numeric.name(),
             repeats: self.repeats,
             ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
             ideal_true_cutoff_hz: ideal.map(|i| self.scene.scene.true_cutoff_hz(i.cutoff_hz)),
@@ -207,13 +205,12 @@ impl Study {
             let is_ideal = ideal == Some(result.cutoff_hz);
             Curve::of_cutoff(result.cutoff_hz, result.true_cutoff_hz, is_ideal, points)
         });
-        figure::zwidth(&ZwidthPlot {
+        Ok(figure::zwidth(&ZwidthPlot {
             title: format!("Z-width, {}", self.scene.name),
             subtitle: subtitle(self),
             legend: Curve::CUTOFF_LEGEND.into(),
             curves: curves.collect(),
-        })
-        .map_err(undrawable)
+        })?)
     }
 
     fn zwidth_caption(&self) -> String {
@@ -235,15 +232,14 @@ impl Study {
             1 => "One walk per cutoff.".to_owned(),
             n => format!("Points are means of {n} walks, starts spread over one count."),
         };
-        figure::area(&AreaPlot {
+        Ok(figure::area(&AreaPlot {
             title: format!("Z-width area over the cutoff, {}", self.scene.name),
             subtitle: subtitle(self),
             points: points.collect(),
             ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
             ideal_range_hz: ideal.map(|ideal| ideal.range_hz),
             convention: format!("{} {walks}", convention(self)),
-        })
-        .map_err(undrawable)
+        })?)
     }
 
     /// The hit on the stiffest wall of the boundary at the ideal cutoff.
@@ -411,8 +407,4 @@ fn variant_summary(variant: &VariantResult) -> VariantSummary {
         ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
         area_at_ideal_n2_s_per_m2: at_ideal.map(CutoffResult::area),
     }
-}
-
-fn undrawable(error: FigureError) -> Error {
-    Error::Internal(format!("cannot draw: {error}"))
 }

@@ -55,8 +55,7 @@ pub fn telemetry_figure(
             .to_vec(),
         points: points.collect(),
     };
-    figure::telemetry(&plot)
-        .map_err(|error| Error::Internal(format!("cannot draw the telemetry: {error}")))
+    Ok(figure::telemetry(&plot)?)
 }
 
 /// A record on the figure's axes.

@@ -17,17 +17,23 @@ use crate::{
     output::{SCHEMA_VERSION, files},
 };
 
-/// The command, if its result and its error are to be JSON.
-static JSON: OnceLock<&'static str> = OnceLock::new();
+/// Whether result and error are to be JSON, and the command; `None` if there is no such command.
+static JSON: OnceLock<(bool, Option<String>)> = OnceLock::new();
 /// One error is enough.
 static SAID: AtomicBool = AtomicBool::new(false);
 
+/// The one JSON object of a command: its head, and what it says.
+#[derive(Serialize)]
+struct Headed<'a, T: Serialize> {
+    schema_version: u32,
+    command: Option<&'a str>,
+    #[serde(flatten)]
+    body: T,
+}
+
 /// An error for a program, on stdout in place of the result.
 #[derive(Serialize)]
-struct Json<'a> {
-    schema_version: u32,
-    /// `null` if there is no such command.
-    command: Option<&'a str>,
+struct Failed<'a> {
     error: JsonError<'a>,
 }
 
@@ -38,12 +44,32 @@ struct JsonError<'a> {
     exit_code: u8,
 }
 
-/// The command line.
-///
-/// # Errors
-/// The exit code; help, version or what is wrong has been said.
-pub fn parse<T: Parser>() -> Result<T, u8> {
-    T::try_parse().map_err(|error| {
+/// Runs a command line, listening to signals, says what went wrong, if anything did, and returns the exit code: 0 done,
+/// 1 failed, 2 bad input, 130 interrupted.
+pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
+    let cli = match parse() {
+        Ok(cli) => cli,
+        Err(exit_code) => return exit_code,
+    };
+    let watched = interrupt::watch(files::abandon, || say_error(&Error::Interrupted));
+    let Err(error) = watched.and_then(|()| execute(cli)) else { return 0 };
+    let error = if interrupt::is_requested() { Error::Interrupted } else { error };
+    say_error(&error);
+    error.exit_code()
+}
+
+/// The command line, or the exit code: help, version or what is wrong has been said.
+fn parse<T: Parser>() -> Result<T, u8> {
+    let matches = T::command().try_get_matches();
+    let cli = matches.and_then(|mut matches| {
+        let command = matches.subcommand().map(|(name, options)| {
+            let json = options.try_get_one("json").ok().flatten().is_some_and(|json| *json);
+            (json, Some(name.to_owned()))
+        });
+        let _ = JSON.set(command.unwrap_or_default());
+        T::from_arg_matches_mut(&mut matches)
+    });
+    cli.map_err(|error| {
         let is_help = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
         if is_help || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
             let _ = error.print(); // a closed pipe is no reason to panic
@@ -59,56 +85,54 @@ pub fn parse<T: Parser>() -> Result<T, u8> {
         let command = T::command();
         let named = args.iter().find_map(|arg| command.find_subcommand(arg));
         let json = args.iter().any(|arg| arg == "--json");
-        let json = json.then_some(named.map(clap::Command::get_name));
-        say("input", &one_line(&format!("{line} (see --help)")), 2, json);
+        let _ = JSON.set((json, named.map(|command| command.get_name().to_owned())));
+        say_error(&Error::Input(format!("{line} (see --help)")));
         2
     })
 }
 
-/// Listens to signals from now on; `json` is the command's name if its error is to be JSON.
-///
-/// # Errors
-/// The system refuses.
-pub fn begin(json: Option<&'static str>) -> Result<(), Error> {
-    if let Some(command) = json {
-        let _ = JSON.set(command);
-    }
-    interrupt::watch(files::abandon, || say_error(&Error::Interrupted))
-}
-
-/// Says what went wrong, if anything did, and returns the exit code: 0 done, 1 failed, 2 bad input, 130 interrupted.
-pub fn end(result: Result<(), Error>) -> u8 {
-    let Err(error) = result else { return 0 };
-    let error = if interrupt::is_requested() { Error::Interrupted } else { error };
-    say_error(&error);
-    error.exit_code()
-}
-
-fn say_error(error: &Error) {
-    let json = JSON.get().map(|command| Some(*command));
-    say(error.kind(), &one_line(&error.to_string()), error.exit_code(), json);
-}
-
 /// One line on stderr, and the object for a program on stdout. Where nobody can be told, the exit code says it.
-fn say(kind: &str, message: &str, exit_code: u8, json: Option<Option<&str>>) {
+fn say_error(error: &Error) {
     if SAID.swap(true, Ordering::Relaxed) {
         return;
     }
+    let message = &one_line(&error.to_string());
     let _ = writeln!(io::stderr(), "error: {message}");
-    if let Some(command) = json {
-        let error = JsonError { kind, message, exit_code };
-        let _ = print_json(&Json { schema_version: SCHEMA_VERSION, command, error });
+    if JSON.get().is_some_and(|(json, _)| *json) {
+        let (kind, exit_code) = (error.kind(), error.exit_code());
+        let _ = print_json(Failed { error: JsonError { kind, message, exit_code } });
     }
 }
 
-/// Prints `value` as the one JSON object of this command.
+/// `body` as JSON with the head that every object has: schema and command.
+///
+/// # Errors
+/// It cannot be written as JSON.
+pub fn headed(body: impl Serialize) -> Result<String, Error> {
+    let command = JSON.get().and_then(|(_, command)| command.as_deref());
+    let headed = Headed { schema_version: SCHEMA_VERSION, command, body };
+    serde_json::to_string_pretty(&headed)
+        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))
+}
+
+/// Prints the one JSON object of a command.
 ///
 /// # Errors
 /// [`Error::File`] if stdout cannot be written.
-pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
-    let text = serde_json::to_string_pretty(value)
-        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
-    print_text(&text)
+pub fn print_json(body: impl Serialize) -> Result<(), Error> {
+    print_text(&headed(body)?)
+}
+
+/// Prints what a command came to: with `--json` its one object, else the text.
+///
+/// # Errors
+/// [`Error::File`] if stdout cannot be written.
+pub fn print_result(
+    json: bool,
+    body: impl Serialize,
+    text: impl FnOnce() -> String,
+) -> Result<(), Error> {
+    if json { print_json(body) } else { print_text(&text()) }
 }
 
 /// Prints lines; a reader that hangs up is not an error of ours.

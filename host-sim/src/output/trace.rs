@@ -127,7 +127,7 @@ impl Trace {
         report: &HitReport,
     ) -> Result<Figure, Error> {
         let wall_hit = &scene.scene.wall_hit;
-        hit_trace(&TracePlot {
+        Ok(hit_trace(&TracePlot {
             title: format!("Wall hit, {}", scene.name),
             subtitle: format!(
                 "K = {} N/m, B = {} N s/m, {}",
@@ -143,7 +143,6 @@ impl Trace {
             rms_limit_m: wall_hit.rms_limit_m,
             verdict: report.verdict.text().into(),
             rms_m: report.rms_m,
-        })
-        .map_err(|error| Error::Internal(format!("cannot draw the hit: {error}")))
+        })?)
     }
 }

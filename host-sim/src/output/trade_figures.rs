@@ -1,14 +1,11 @@
 //! The figures of a trade.
 
-use super::figure::{self, Figure, Mark, TradePanel, TradePlot, TradeSeries, hertz};
-use crate::{
-    analysis::trade::{
-        Bench, Criterion, Form, Format, Variant, criterion,
-        filters::{FilterRow, Filters},
-        plant::Plants,
-        table::{filter_points, pareto, plant_points},
-    },
-    error::Error,
+use super::figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, hertz, trade};
+use crate::analysis::trade::{
+    Bench, Criterion, Form, Format, Variant, criterion,
+    filters::{FilterRow, Filters},
+    plant::Plants,
+    table::{filter_points, pareto, plant_points},
 };
 
 /// Cutoffs that the Pareto figure shows: the ones tried that are nearest to these, Hz.
@@ -74,10 +71,6 @@ fn name(variant: Variant) -> String {
     }
 }
 
-fn drawn(plot: &TradePlot) -> Result<Figure, Error> {
-    figure::trade(plot).map_err(|error| Error::Internal(format!("cannot draw: {error}")))
-}
-
 fn front(points: &[Option<[f64; 2]>]) -> Vec<[f64; 2]> {
     let mut front: Vec<[f64; 2]> = pareto(points)
         .into_iter()
@@ -92,7 +85,7 @@ fn front(points: &[Option<[f64; 2]>]) -> Vec<[f64; 2]> {
 ///
 /// # Errors
 /// It cannot be drawn.
-pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, Error> {
+pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, FigureError> {
     let mut shown: Vec<usize> = vec![];
     for wanted in SHOWN_HZ {
         let far = |n: &usize| (filters.exact[*n].cutoff_hz / wanted).ln().abs();
@@ -119,7 +112,7 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
             .map(|points| points[number].into_iter().filter(|[_, y]| y.is_finite()).collect())
             .collect(),
     });
-    drawn(&TradePlot {
+    trade(&TradePlot {
         title: format!("Velocity filters, error over cost, {scene}"),
         subtitle: "RMS distance from the exact filter on a quantised ramp; limit: a tenth of the encoder's noise, or 1 LSB"
             .into(),
@@ -135,8 +128,8 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
 ///
 /// # Errors
 /// It cannot be drawn.
-pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, Error> {
-    drawn(&cutoffs_plot(scene, filters))
+pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, FigureError> {
+    trade(&cutoffs_plot(scene, filters))
 }
 
 /// Where the formats fail: a panel for each of [`Criterion::ALL`], with the error over what is allowed at each cutoff.
@@ -183,7 +176,7 @@ pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
 ///
 /// # Errors
 /// It cannot be drawn.
-pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, Error> {
+pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
     let points = plant_points(plants);
     let methods = [
         ("exact", 1, Mark::Diamond),
@@ -219,7 +212,7 @@ pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, Error> {
         front,
     };
     let chaotic = Some(plants.area_chaotic.abs()).filter(|change| *change > 0.0);
-    drawn(&TradePlot {
+    trade(&TradePlot {
         title: format!("Ways to advance the plant, error over cost, {scene}"),
         subtitle:
             "limit: what moving the start by a quarter count does; 0 is drawn at the lower edge"

@@ -22,17 +22,27 @@ use crate::{
 };
 
 /// Which arithmetic the controller uses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Numeric {
-    /// The fixed-point core.
+    /// Fixed point: the core's arithmetic, as on the board.
+    #[default]
     Fixed,
-    /// Its `f64` twin.
+    /// Its twin in 64-bit floats.
     F64,
-    /// The `f64` twin with the velocity rounded to the fixed-point LSB.
+    /// The twin with its velocity rounded to the fixed-point LSB.
     F64Rounded,
 }
 
 impl Numeric {
+    /// Name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fixed => "fixed",
+            Self::F64 => "f64",
+            Self::F64Rounded => "f64-rounded",
+        }
+    }
+
     /// How the twin rounds; `None` for the core.
     fn twin(self) -> Option<twin::Rounding> {
         match self {

@@ -7,16 +7,20 @@ use zwidth::velocity::EstimatorName;
 pub struct Cost {
     /// Worst cycles of one update, zero wait states.
     pub cycles: f64,
-    /// Bytes of its state and its coefficients.
+    /// Bytes of state and coefficients.
     pub ram_bytes: f64,
 }
 
-/// `estimator,cycles,ram_bytes`; a test holds it against the measurement.
-const TABLE: &str = include_str!("../../../data/estimator_cost.csv");
+impl Cost {
+    /// Of a row `name,cycles,ram_bytes` of a table.
+    pub fn find(table: &str, name: &str) -> Option<Self> {
+        let row = table.lines().find(|line| line.split(',').next() == Some(name))?;
+        let mut cells = row.split(',').skip(1).map(str::parse);
+        Some(Self { cycles: cells.next()?.ok()?, ram_bytes: cells.next()?.ok()? })
+    }
+}
 
-/// The cost of that estimator, if it was measured.
+/// The cost of that estimator, if it was measured; a test holds the table against the measurement.
 pub fn of(name: EstimatorName) -> Option<Cost> {
-    let row = TABLE.lines().find(|line| line.split(',').next() == Some(name.text()))?;
-    let mut cells = row.split(',').skip(1).map(str::parse);
-    Some(Cost { cycles: cells.next()?.ok()?, ram_bytes: cells.next()?.ok()? })
+    Cost::find(include_str!("../../../data/estimator_cost.csv"), name.text())
 }

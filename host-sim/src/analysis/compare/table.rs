@@ -82,124 +82,82 @@ impl Criterion {
     }
 }
 
-use Better::{Less, More, NearerToZero};
-use Part::{Boundary, Robustness, Signal};
+/// Makes the list: part, good end, key; name, unit for people and factor to it, digits there; values.
+macro_rules! criteria {
+    ($($part:ident $better:expr, $key:literal:
+       $name:literal, $unit:expr, $scale:literal, $digits:literal, $values:expr;)*) => {
+        [$(Criterion {
+            key: $key,
+            name: $name,
+            unit: $unit,
+            scale: $scale,
+            digits: $digits,
+            part: Part::$part,
+            better: $better,
+            values: $values,
+        }),*]
+    };
+}
 
 const AREA: &str = "10^6 N² s/m²";
+const MORE: Option<Better> = Some(Better::More);
+const LESS: Option<Better> = Some(Better::Less);
+const NEARER: Option<Better> = Some(Better::NearerToZero);
 
 /// All columns.
-pub const CRITERIA: [Criterion; 25] = [
-    column("area_n2_s_per_m2", "area", (AREA, 1e-6, 2), Boundary, Some(More), |c, _| {
-        c.tuned.areas()
-    }),
-    column("area_low_n2_s_per_m2", "lowest", (AREA, 1e-6, 2), Boundary, None, |c, _| {
-        vec![c.tuned.area_range()[0]]
-    }),
-    column("area_high_n2_s_per_m2", "highest", (AREA, 1e-6, 2), Boundary, None, |c, _| {
-        vec![c.tuned.area_range()[1]]
-    }),
-    column(
-        "stiffness_peak_mean_n_per_m",
-        "peak K",
-        ("kN/m", 1e-3, 1),
-        Boundary,
-        Some(More),
-        |c, _| c.tuned.stiffness_peaks_n_per_m(),
-    ),
-    column(
-        "stiffness_at_damping_mean_n_per_m",
-        "K at B",
-        ("kN/m", 1e-3, 1),
-        Boundary,
-        Some(More),
-        |c, place| c.tuned.stiffnesses_at(place.middle().damping_n_s_per_m),
-    ),
-    column(
-        "damping_max_mean_n_s_per_m",
-        "largest B",
-        ("N s/m", 1.0, 0),
-        Boundary,
-        Some(More),
-        |c, _| c.tuned.dampings_max_n_s_per_m(),
-    ),
-    column("bandwidth_hz", "-3 dB", ("Hz", 1.0, 0), Signal, None, |c, _| {
-        vec![c.tuned.bandwidth_hz]
-    }),
-    column("delay_hand_s", "delay h", ("ms", 1e3, 3), Signal, Some(NearerToZero), |c, _| {
-        vec![c.signal.delay_s.hand]
-    }),
-    column("delay_motor_s", "delay m", ("ms", 1e3, 3), Signal, Some(NearerToZero), |c, _| {
-        vec![c.signal.delay_s.motor]
-    }),
-    column("phase_100_hz_hand_deg", "100 Hz h", ("deg", 1.0, 1), Signal, None, |c, _| {
-        vec![c.signal.phase_100_hz_deg.hand]
-    }),
-    column("phase_100_hz_motor_deg", "100 Hz m", ("deg", 1.0, 1), Signal, None, |c, _| {
-        vec![c.signal.phase_100_hz_deg.motor]
-    }),
-    column("noise_at_rest_m_per_s", "noise, rest", ("mm/s", 1e3, 3), Signal, Some(Less), |c, _| {
-        vec![c.signal.noise_at_rest_m_per_s]
-    }),
-    column(
-        "noise_in_motion_m_per_s",
-        "noise, motion",
-        ("mm/s", 1e3, 3),
-        Signal,
-        Some(Less),
-        |c, _| vec![c.signal.noise_in_motion_m_per_s],
-    ),
-    column("roughness_n", "force > 100 Hz", ("mN", 1e3, 1), Part::Contact, Some(Less), |c, _| {
-        roughness(c)
-    }),
-    column("roughness_low_n", "lowest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
-        roughness(c).into_iter().reduce(f64::min).into_iter().collect()
-    }),
-    column("roughness_high_n", "highest", ("mN", 1e3, 1), Part::Contact, None, |c, _| {
-        roughness(c).into_iter().reduce(f64::max).into_iter().collect()
-    }),
-    column(
-        "impedance_error",
-        "impedance error",
-        ("%", 1e2, 2),
-        Part::Contact,
-        Some(Less),
-        |c, _| at_all_walls(c, c.fidelity.error),
-    ),
-    column(
-        "impedance_error_of_estimator",
-        "estimator's share",
-        ("%", 1e2, 2),
-        Part::Contact,
-        Some(Less),
-        |c, _| at_all_walls(c, c.fidelity.of_estimator),
-    ),
-    column("left_when_bandwidth_low", "-3 dB /1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
-        c.tuned.left_when_mistuned[0].into_iter().collect()
-    }),
-    column("left_when_bandwidth_high", "-3 dB x1.2", ("%", 1e2, 0), Robustness, None, |c, _| {
-        c.tuned.left_when_mistuned[1].into_iter().collect()
-    }),
-    column(
-        "left_when_bandwidth_wrong",
-        "worse of both",
-        ("%", 1e2, 0),
-        Robustness,
-        Some(More),
-        |c, _| worse(c.tuned.left_when_mistuned),
-    ),
-    column("left_when_mass_low", "mass -20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
-        c.tuned.left_when_mass_is_wrong[0].into_iter().collect()
-    }),
-    column("left_when_mass_high", "mass +20 %", ("%", 1e2, 0), Robustness, None, |c, _| {
-        c.tuned.left_when_mass_is_wrong[1].into_iter().collect()
-    }),
-    column("cycles", "cycles", ("", 1.0, 0), Robustness, Some(Less), |c, _| {
-        c.cost.map(|cost| cost.cycles).into_iter().collect()
-    }),
-    column("ram_bytes", "RAM", ("bytes", 1.0, 0), Robustness, Some(Less), |c, _| {
-        c.cost.map(|cost| cost.ram_bytes).into_iter().collect()
-    }),
-];
+pub const CRITERIA: [Criterion; 25] = criteria! {
+    Boundary MORE, "area_n2_s_per_m2":
+        "area", AREA, 1e-6, 2, |c, _| c.tuned.areas();
+    Boundary None, "area_low_n2_s_per_m2":
+        "lowest", AREA, 1e-6, 2, |c, _| vec![c.tuned.area_range()[0]];
+    Boundary None, "area_high_n2_s_per_m2":
+        "highest", AREA, 1e-6, 2, |c, _| vec![c.tuned.area_range()[1]];
+    Boundary MORE, "stiffness_peak_mean_n_per_m":
+        "peak K", "kN/m", 1e-3, 1, |c, _| c.tuned.stiffness_peaks_n_per_m();
+    Boundary MORE, "stiffness_at_damping_mean_n_per_m":
+        "K at B", "kN/m", 1e-3, 1,
+        |c, place| c.tuned.stiffnesses_at(place.middle().damping_n_s_per_m);
+    Boundary MORE, "damping_max_mean_n_s_per_m":
+        "largest B", "N s/m", 1.0, 0, |c, _| c.tuned.dampings_max_n_s_per_m();
+    Signal None, "bandwidth_hz":
+        "-3 dB", "Hz", 1.0, 0, |c, _| vec![c.tuned.bandwidth_hz];
+    Signal NEARER, "delay_hand_s":
+        "delay h", "ms", 1e3, 3, |c, _| vec![c.signal.delay_s.hand];
+    Signal NEARER, "delay_motor_s":
+        "delay m", "ms", 1e3, 3, |c, _| vec![c.signal.delay_s.motor];
+    Signal None, "phase_100_hz_hand_deg":
+        "100 Hz h", "deg", 1.0, 1, |c, _| vec![c.signal.phase_100_hz_deg.hand];
+    Signal None, "phase_100_hz_motor_deg":
+        "100 Hz m", "deg", 1.0, 1, |c, _| vec![c.signal.phase_100_hz_deg.motor];
+    Signal LESS, "noise_at_rest_m_per_s":
+        "noise, rest", "mm/s", 1e3, 3, |c, _| vec![c.signal.noise_at_rest_m_per_s];
+    Signal LESS, "noise_in_motion_m_per_s":
+        "noise, motion", "mm/s", 1e3, 3, |c, _| vec![c.signal.noise_in_motion_m_per_s];
+    Contact LESS, "roughness_n":
+        "force > 100 Hz", "mN", 1e3, 1, |c, _| roughness(c);
+    Contact None, "roughness_low_n":
+        "lowest", "mN", 1e3, 1, |c, _| Vec::from_iter(roughness(c).into_iter().reduce(f64::min));
+    Contact None, "roughness_high_n":
+        "highest", "mN", 1e3, 1, |c, _| Vec::from_iter(roughness(c).into_iter().reduce(f64::max));
+    Contact LESS, "impedance_error":
+        "impedance error", "%", 1e2, 2, |c, _| at_all_walls(c, c.fidelity.error);
+    Contact LESS, "impedance_error_of_estimator":
+        "estimator's share", "%", 1e2, 2, |c, _| at_all_walls(c, c.fidelity.of_estimator);
+    Robustness None, "left_when_bandwidth_low":
+        "-3 dB /1.2", "%", 1e2, 0, |c, _| Vec::from_iter(c.tuned.left_when_mistuned[0]);
+    Robustness None, "left_when_bandwidth_high":
+        "-3 dB x1.2", "%", 1e2, 0, |c, _| Vec::from_iter(c.tuned.left_when_mistuned[1]);
+    Robustness MORE, "left_when_bandwidth_wrong":
+        "worse of both", "%", 1e2, 0, |c, _| Vec::from_iter(worse(c.tuned.left_when_mistuned));
+    Robustness None, "left_when_mass_low":
+        "mass -20 %", "%", 1e2, 0, |c, _| Vec::from_iter(c.tuned.left_when_mass_is_wrong[0]);
+    Robustness None, "left_when_mass_high":
+        "mass +20 %", "%", 1e2, 0, |c, _| Vec::from_iter(c.tuned.left_when_mass_is_wrong[1]);
+    Robustness LESS, "cycles":
+        "cycles", "", 1.0, 0, |c, _| Vec::from_iter(c.cost.map(|cost| cost.cycles));
+    Robustness LESS, "ram_bytes":
+        "RAM", "bytes", 1.0, 0, |c, _| Vec::from_iter(c.cost.map(|cost| cost.ram_bytes));
+};
 
 /// Of each hit at the middle wall, if that is stable.
 fn roughness(c: &Compared) -> Vec<f64> {
@@ -213,24 +171,13 @@ fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
 }
 
 /// The smaller of two values, if there are both.
-fn worse([low, high]: [Option<f64>; 2]) -> Vec<f64> {
-    low.zip(high).map(|(low, high)| low.min(high)).into_iter().collect()
+fn worse([low, high]: [Option<f64>; 2]) -> Option<f64> {
+    low.zip(high).map(|(low, high)| low.min(high))
 }
 
 /// Walks that the search made.
 pub fn search_walks(c: &Compared) -> usize {
     c.tuned.tried.len() * WALKS_OF_A_TRY as usize
-}
-
-const fn column(
-    key: &'static str,
-    name: &'static str,
-    (unit, scale, digits): (&'static str, f64, usize),
-    part: Part,
-    better: Option<Better>,
-    values: fn(&Compared, &Place) -> Vec<f64>,
-) -> Criterion {
-    Criterion { key, name, unit, scale, digits, part, better, values }
 }
 
 /// A parameter that was tuned.

@@ -4,24 +4,11 @@ use std::time::Instant;
 
 use filter_forms::{Filter, Step, Variant, Visit};
 
-/// Cycles and memory on the Cortex-M4.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cost {
-    /// Worst cycles of one update, velocity bits in and out, zero wait states.
-    pub cycles: f64,
-    /// Bytes of coefficients and state.
-    pub ram_bytes: f64,
-}
+use crate::analysis::compare::Cost;
 
-/// `variant,cycles,ram_bytes`; a test holds it against the measurement.
-const TABLE: &str = include_str!("../../../data/filter_cost.csv");
-
-/// The cost of that variant.
+/// The cost of one update of that variant, velocity bits in and out; a test holds the table against the measurement.
 pub fn of(variant: Variant) -> Option<Cost> {
-    let name = variant.to_string();
-    let row = TABLE.lines().find(|line| line.split(',').next() == Some(name.as_str()))?;
-    let mut cells = row.split(',').skip(1).map(str::parse);
-    Some(Cost { cycles: cells.next()?.ok()?, ram_bytes: cells.next()?.ok()? })
+    Cost::find(include_str!("../../../data/filter_cost.csv"), &variant.to_string())
 }
 
 const SAMPLES: u32 = 50_000;

@@ -3,8 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{
-    Bench, Criterion, Variant,
-    cost::{self, Cost},
+    Bench, Criterion, Variant, cost,
     filters::{FilterRow, Filters},
     plant::Plants,
 };
@@ -61,8 +60,9 @@ pub fn filters_csv(filters: &Filters, bench: &Bench) -> String {
         let (format, form) = (row.variant.format.name(), row.variant.form.name());
         let cutoff_hz = filters.exact[row.cutoff].cutoff_hz;
         let _ = write!(text, "{format},{form},{cutoff_hz},");
-        let Cost { cycles, ram_bytes } =
-            cost::of(row.variant).unwrap_or(Cost { cycles: f64::NAN, ram_bytes: f64::NAN });
+        let cost = cost::of(row.variant);
+        let cost = [cost.map(|cost| cost.cycles), cost.map(|cost| cost.ram_bytes)].map(cell);
+        let [cycles, ram_bytes] = cost;
         let ns = filters.host_ns[number];
         match &row.measured {
             Ok(m) => {

@@ -4,15 +4,12 @@ use serde::Serialize;
 
 use crate::{
     analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record},
-    output::SCHEMA_VERSION,
     scene::Scene,
 };
 
 /// All of it; docs/files.md has the keys.
 #[derive(Serialize)]
 pub(super) struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
     logs: Vec<&'a str>,
     rows: usize,
     step_s: f64,
@@ -83,8 +80,6 @@ impl<'a> Json<'a> {
             speed_m_per_s: fit.speed_m_per_s,
         });
         Self {
-            schema_version: SCHEMA_VERSION,
-            command: "identify",
             logs: records.iter().map(|record| record.name.as_str()).collect(),
             rows: found.fits.iter().map(|fit| fit.model_m.len()).sum(),
             step_s: records[0].step_s,

@@ -20,9 +20,9 @@ use crate::{
     output::{
         figure::{self, ResponsePlot},
         files::Outputs,
-        terminal::{print_json, print_text},
+        terminal::print_result,
     },
-    range::refused,
+    range::within,
     scene::{NamedScene, Scene, ranges},
 };
 
@@ -161,10 +161,8 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
         outputs.draw(plot, &draw(&records[0], &found)?)?;
     }
     outputs.commit()?;
-    if common.json {
-        return print_json(&Json::new(&records, &found, &options, &scene));
-    }
-    print_text(&table(&records, &found, &options))
+    let json = Json::new(&records, &found, &options, &scene);
+    print_result(common.json, json, || table(&records, &found, &options))
 }
 
 fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Error> {
@@ -172,25 +170,21 @@ fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Er
     options.fit_latency = args.fit_latency;
     options.spring = !args.no_spring;
     if let Some(latency) = args.latency {
-        within("--latency", latency, ranges::LATENCY)?;
+        within("--latency", latency, ranges::LATENCY).map_err(Error::Input)?;
         options.latency_s = latency / scene.control.rate_hz;
     }
     if let Some(resolution_m) = args.resolution {
         if resolution_m != 0.0 {
-            within("--resolution", resolution_m, RESOLUTION_M)?;
+            within("--resolution", resolution_m, RESOLUTION_M).map_err(Error::Input)?;
         }
         options.resolution_m = resolution_m;
     }
     for (option, time_s) in [("--from", args.from), ("--to", args.to)] {
-        within(option, time_s.unwrap_or(0.0), -1e9..=1e9)?;
+        within(option, time_s.unwrap_or(0.0), -1e9..=1e9).map_err(Error::Input)?;
     }
     // Refuses it before any record is read.
     options.gain.known_n_per_v().map_err(Error::Input)?;
     Ok(options)
-}
-
-fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), Error> {
-    if range.contains(&value) { Ok(()) } else { Err(Error::Input(refused(key, value, &range))) }
 }
 
 /// A record from a file of any of the accepted forms.
@@ -319,7 +313,7 @@ fn draw(record: &Record, found: &Identification) -> Result<figure::Figure, Error
         format!("k = {k:.4} N/m, x0 = {x0:.4} m")
     });
     let stem = Path::new(&record.name).file_stem().unwrap_or_default().to_string_lossy();
-    figure::pulse_response(&ResponsePlot {
+    Ok(figure::pulse_response(&ResponsePlot {
         title: format!("Measured response and identified model, {stem}"),
         subtitle: format!(
             "m = {:.4} kg, b = {:.4} N s/m, {spring}; residual {:.2} µm RMS",
@@ -334,8 +328,7 @@ fn draw(record: &Record, found: &Identification) -> Result<figure::Figure, Error
         first: fit.first,
         model_m: fit.model_m.clone(),
         residual_m: fit.residual_m.clone(),
-    })
-    .map_err(|error| Error::Internal(format!("cannot draw: {error}")))
+    })?)
 }
 
 fn table(records: &[Record], found: &Identification, options: &Options) -> String {

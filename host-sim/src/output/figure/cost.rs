@@ -3,24 +3,23 @@
 use plotters::{prelude::*, style::text_anchor::HPos};
 
 use super::{
-    Figure, FigureError, Page, Plot, WIDTH,
+    Figure, FigureError, Page, WIDTH,
     axis::Ticks,
     colour::{ACCENT, DATA, TEXT},
     grid,
-    panel::{self, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
+    panel::{self, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP},
     positive, text,
 };
 
 const TOP: f64 = 78.0;
 const BOTTOM: f64 = TOP + 210.0;
-pub(super) const HEIGHT: f64 = BOTTOM + 50.0;
+const HEIGHT: f64 = BOTTOM + 50.0;
 const LEFT: f64 = 66.0;
 const RIGHT: f64 = WIDTH - 20.0;
 /// Between two panels, for the numbers and the title of the second one.
 const GAP: f64 = 66.0;
-const LEGEND_MIDDLE: f64 = 60.0;
+const LEGEND_MIDDLE: f64 = 46.0;
 const LEGEND_SAMPLE: f64 = 22.0;
-const LEGEND_GAP: f64 = 6.0;
 const LEGEND_PITCH: f64 = 16.0;
 const LINE_WIDTH: f64 = 1.6;
 const DOT_RADIUS: f64 = 2.6;
@@ -61,14 +60,10 @@ pub fn cost(plot: &CostPlot) -> Result<Figure, FigureError> {
     for value in points() {
         positive("cost", *value)?;
     }
-    Figure::new(Plot::Cost(plot.clone()))
+    Figure::new([&plot.title, &plot.subtitle], HEIGHT, &|page| draw(plot, page))
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &CostPlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
-    panel::heading(page, &plot.title, &plot.subtitle)?;
+fn draw(plot: &CostPlot, page: &Page) -> Result<(), FigureError> {
     let colours = [DATA, ACCENT, TEXT];
     let count = plot.panels.len().max(1) as f64;
     let width = (RIGHT - LEFT - GAP * (count - 1.0)) / count;
@@ -89,12 +84,18 @@ pub(super) fn draw<DB: DrawingBackend>(
         }
         place.frame(page)?;
     }
-    legend(page, plot, &colours)
+    let lengths = plot.names.iter().map(|name| {
+        LEGEND_SAMPLE + panel::LEGEND_GAP + text::width(name, SMALL_SIZE) + LEGEND_PITCH
+    });
+    let left = RIGHT + LEGEND_PITCH - lengths.sum::<f64>();
+    let lines = plot.names.iter().zip(colours);
+    let lines = lines.map(|(name, colour)| (name.as_str(), colour.mix(1.0), LINE_WIDTH));
+    panel::legend(page, [left, LEGEND_MIDDLE], [LEGEND_SAMPLE, LEGEND_PITCH], lines)
 }
 
-fn curve<DB: DrawingBackend>(
-    page: &Page<DB>,
-    chart: &Chart<'_, DB, Ticks>,
+fn curve(
+    page: &Page,
+    chart: &Chart<'_, Ticks>,
     line: &[[f64; 2]],
     colour: RGBColor,
 ) -> Result<(), FigureError> {
@@ -103,29 +104,7 @@ fn curve<DB: DrawingBackend>(
     for point in &points {
         page.draw(&Circle::new(*point, grid(DOT_RADIUS), colour.filled()))?;
     }
-    page.draw(&PathElement::new(points, colour.stroke_width(stroke(LINE_WIDTH))))?;
-    Ok(())
-}
-
-fn legend<DB: DrawingBackend>(
-    page: &Page<DB>,
-    plot: &CostPlot,
-    colours: &[RGBColor],
-) -> Result<(), FigureError> {
-    let lengths = plot
-        .names
-        .iter()
-        .map(|name| LEGEND_SAMPLE + LEGEND_GAP + text::width(name, SMALL_SIZE) + LEGEND_PITCH);
-    let mut left = RIGHT + LEGEND_PITCH - lengths.sum::<f64>();
-    for (name, colour) in plot.names.iter().zip(colours) {
-        let ends = [left, left + LEGEND_SAMPLE].map(|x| super::at(x, LEGEND_MIDDLE - 14.0));
-        page.draw(&PathElement::new(ends.to_vec(), colour.stroke_width(stroke(LINE_WIDTH))))?;
-        left += LEGEND_SAMPLE + LEGEND_GAP;
-        let middle = [left, LEGEND_MIDDLE - 14.0];
-        text::write(page, name, middle, HPos::Left, SMALL_SIZE, TEXT)?;
-        left += text::width(name, SMALL_SIZE) + LEGEND_PITCH;
-    }
-    Ok(())
+    panel::path(page, points, colour, LINE_WIDTH)
 }
 
 #[cfg(test)]

@@ -31,15 +31,12 @@ mod trace;
 mod trade;
 mod zwidth;
 
-use std::fmt;
+use std::{cell::RefCell, convert::Infallible, fmt, mem, rc::Rc};
 
-use plotters::{
-    coord::Shift,
-    drawing::{DrawingArea, DrawingAreaErrorKind},
-    prelude::DrawingBackend,
-    style::RGBColor,
-};
-use plotters_backend::DrawingErrorKind;
+use plotters::drawing::DrawingAreaErrorKind;
+
+use crate::error::Error;
+use render::{Page, Recorder, Shape};
 
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, scaled_unit};
@@ -61,20 +58,29 @@ const LARGEST_VALUE: f64 = 1e15;
 /// What is smaller counts as 0 where a logarithm or a division follows.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
-/// What a figure is drawn on, in grid steps from its top left corner.
-type Page<DB> = DrawingArea<DB, Shift>;
-
 /// A finished figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    plot: Plot,
+    size: (u32, u32),
+    shapes: Vec<Shape>,
     svg: String,
 }
 
 impl Figure {
-    fn new(plot: Plot) -> Result<Self, FigureError> {
-        let svg = render::svg(&plot)?;
-        Ok(Self { plot, svg })
+    /// A page of that height with title and subtitle, and what `draw` adds to it.
+    fn new(
+        [title, subtitle]: [&str; 2],
+        height: f64,
+        draw: &dyn Fn(&Page) -> Result<(), FigureError>,
+    ) -> Result<Self, FigureError> {
+        let size = (grid(WIDTH).unsigned_abs(), grid(height).unsigned_abs());
+        let recorder = Rc::new(RefCell::new(Recorder { size, shapes: vec![] }));
+        let page = Page::from(&recorder);
+        panel::heading(&page, title, subtitle)?;
+        draw(&page)?;
+        let shapes = mem::take(&mut recorder.borrow_mut().shapes);
+        let svg = render::svg_head(size, title) + &render::svg(&shapes) + "</svg>\n";
+        Ok(Self { size, shapes, svg })
     }
 
     /// One `<svg>` element without ids and without an XML declaration: a file as it is, or inline in
@@ -89,70 +95,7 @@ impl Figure {
     /// # Errors
     /// [`FigureError::Font`] or [`FigureError::Encoding`], neither of which the data can cause.
     pub fn png(&self) -> Result<Vec<u8>, FigureError> {
-        render::png(&self.plot)
-    }
-}
-
-/// Checked data of a figure.
-#[derive(Debug, Clone, PartialEq)]
-enum Plot {
-    Zwidth(ZwidthPlot),
-    Area(AreaPlot),
-    Trace(TracePlot),
-    Response(ResponsePlot),
-    Telemetry(TelemetryPlot),
-    Cost(CostPlot),
-    Trade(TradePlot),
-}
-
-impl Plot {
-    fn title(&self) -> &str {
-        match self {
-            Self::Zwidth(plot) => &plot.title,
-            Self::Area(plot) => &plot.title,
-            Self::Trace(plot) => &plot.title,
-            Self::Response(plot) => &plot.title,
-            Self::Telemetry(plot) => &plot.title,
-            Self::Cost(plot) => &plot.title,
-            Self::Trade(plot) => &plot.title,
-        }
-    }
-
-    fn height(&self) -> f64 {
-        match self {
-            Self::Zwidth(_) => zwidth::HEIGHT,
-            Self::Area(plot) => area::height(plot),
-            Self::Trace(_) => trace::HEIGHT,
-            Self::Response(_) => response::HEIGHT,
-            Self::Telemetry(plot) => telemetry::height(plot),
-            Self::Cost(_) => cost::HEIGHT,
-            Self::Trade(plot) => trade::height(plot),
-        }
-    }
-
-    fn draw<DB: DrawingBackend>(&self, page: &Page<DB>) -> Result<(), FigureError> {
-        match self {
-            Self::Zwidth(plot) => zwidth::draw(plot, page),
-            Self::Area(plot) => area::draw(plot, page),
-            Self::Trace(plot) => trace::draw(plot, page),
-            Self::Response(plot) => response::draw(plot, page),
-            Self::Telemetry(plot) => telemetry::draw(plot, page),
-            Self::Cost(plot) => cost::draw(plot, page),
-            Self::Trade(plot) => trade::draw(plot, page),
-        }
-    }
-
-    /// Colour, stroke width and name of the lines that a browser names under the pointer.
-    fn names(&self) -> Vec<(RGBColor, u32, String)> {
-        match self {
-            Self::Zwidth(plot) => zwidth::names(plot),
-            Self::Area(_)
-            | Self::Trace(_)
-            | Self::Response(_)
-            | Self::Telemetry(_)
-            | Self::Cost(_)
-            | Self::Trade(_) => vec![],
-        }
+        render::png(&self.shapes, self.size)
     }
 }
 
@@ -213,12 +156,15 @@ impl fmt::Display for FigureError {
 
 impl std::error::Error for FigureError {}
 
-impl<E: std::error::Error + Send + Sync> From<DrawingAreaErrorKind<E>> for FigureError {
-    fn from(error: DrawingAreaErrorKind<E>) -> Self {
-        match error {
-            DrawingAreaErrorKind::BackendError(DrawingErrorKind::FontError(_)) => Self::Font,
-            _ => Self::Encoding,
-        }
+impl From<DrawingAreaErrorKind<Infallible>> for FigureError {
+    fn from(_: DrawingAreaErrorKind<Infallible>) -> Self {
+        Self::Encoding
+    }
+}
+
+impl From<FigureError> for Error {
+    fn from(error: FigureError) -> Self {
+        Self::Internal(format!("cannot draw: {error}"))
     }
 }
 

@@ -4,7 +4,6 @@ use std::ops::Range;
 
 use plotters::{
     coord::{
-        Shift,
         cartesian::Cartesian2d,
         ranged1d::{AsRangedCoord, Ranged, ValueFormatter},
     },
@@ -16,7 +15,9 @@ use super::{
     FigureError, MARGIN, Page, WIDTH, at,
     axis::Ticks,
     colour::{self, FRAME, QUIET, TEXT},
-    grid, text,
+    grid,
+    render::Recorder,
+    text,
 };
 
 pub(super) const TITLE_SIZE: f64 = 16.0;
@@ -27,6 +28,8 @@ const TITLE_MIDDLE: f64 = 18.0;
 const SUBTITLE_MIDDLE: f64 = 37.5;
 const GRID_WIDTH: f64 = 0.7;
 const FRAME_WIDTH: f64 = 1.0;
+/// Between a sample of a legend and its name.
+pub(super) const LEGEND_GAP: f64 = 6.0;
 /// From the frame to the lower edge of the title below it.
 pub(super) const X_TITLE_DROP: f64 = 40.0;
 
@@ -40,17 +43,17 @@ pub(super) struct Panel {
 }
 
 /// A chart over linear stiffness, area or position.
-pub(super) type Chart<'a, DB, X> = ChartContext<'a, DB, Cartesian2d<X, Ticks>>;
+pub(super) type Chart<'a, X> = ChartContext<'a, Recorder, Cartesian2d<X, Ticks>>;
 
 impl Panel {
     /// The chart in this rectangle; `x_title_drop` is the room below it.
-    pub(super) fn chart<'a, DB: DrawingBackend, X: AsRangedCoord>(
+    pub(super) fn chart<'a, X: AsRangedCoord>(
         &self,
-        page: &'a DrawingArea<DB, Shift>,
+        page: &'a Page,
         x: X,
         y: Ticks,
         x_title_drop: f64,
-    ) -> Result<Chart<'a, DB, X::CoordDescType>, FigureError> {
+    ) -> Result<Chart<'a, X::CoordDescType>, FigureError> {
         let (_, height) = page.dim_in_pixel();
         let chart = ChartBuilder::on(page)
             .margin_left(grid(MARGIN))
@@ -72,18 +75,14 @@ impl Panel {
     }
 
     /// The frame, painted after the data so that lines end under it.
-    pub(super) fn frame<DB: DrawingBackend>(&self, page: &Page<DB>) -> Result<(), FigureError> {
+    pub(super) fn frame(&self, page: &Page) -> Result<(), FigureError> {
         let (l, t, r, b) = (self.left, self.top, self.right, self.bottom);
         let corners = [[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]];
         line(page, &corners, FRAME, FRAME_WIDTH)
     }
 
     /// A remark in the middle of an empty plot.
-    pub(super) fn remark<DB: DrawingBackend>(
-        &self,
-        page: &Page<DB>,
-        remark: &str,
-    ) -> Result<(), FigureError> {
+    pub(super) fn remark(&self, page: &Page, remark: &str) -> Result<(), FigureError> {
         let size = AXIS_TITLE_SIZE;
         text::write(page, remark, self.centre(), HPos::Center, size, QUIET)
     }
@@ -97,15 +96,11 @@ pub(super) enum Grid {
 }
 
 /// Draws grid, ticks, numbers and titles.
-pub(super) fn axes<DB, X>(
-    chart: &mut Chart<'_, DB, X>,
+pub(super) fn axes<X: Ranged<ValueType = f64> + ValueFormatter<f64>>(
+    chart: &mut Chart<'_, X>,
     grid_lines: Grid,
     [x_title, y_title]: [&str; 2],
-) -> Result<(), FigureError>
-where
-    DB: DrawingBackend,
-    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
-{
+) -> Result<(), FigureError> {
     let mut mesh = chart.configure_mesh();
     mesh.bold_line_style(colour::GRID.stroke_width(stroke(GRID_WIDTH)))
         .axis_style(FRAME.stroke_width(stroke(FRAME_WIDTH)))
@@ -122,11 +117,7 @@ where
 }
 
 /// Title and subtitle at the top left, cut to the width of the page.
-pub(super) fn heading<DB: DrawingBackend>(
-    page: &Page<DB>,
-    title: &str,
-    subtitle: &str,
-) -> Result<(), FigureError> {
+pub(super) fn heading(page: &Page, title: &str, subtitle: &str) -> Result<(), FigureError> {
     page.fill(&WHITE)?;
     let room = WIDTH - 2.0 * MARGIN;
     for (line, middle, size, colour) in
@@ -144,36 +135,58 @@ pub(super) fn stroke(units: f64) -> u32 {
 }
 
 /// A line through points of the page.
-pub(super) fn line<DB: DrawingBackend>(
-    page: &Page<DB>,
+pub(super) fn line(
+    page: &Page,
     points: &[[f64; 2]],
-    colour: RGBColor,
+    colour: impl Color,
     width: f64,
 ) -> Result<(), FigureError> {
-    let points: Vec<_> = points.iter().map(|[x, y]| at(*x, *y)).collect();
-    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
+    path(page, points.iter().map(|[x, y]| at(*x, *y)).collect(), colour, width)
+}
+
+/// A line through points of the drawing grid.
+pub(super) fn path(
+    page: &Page,
+    points: Vec<(i32, i32)>,
+    colour: impl Color,
+    width: f64,
+) -> Result<(), FigureError> {
+    Ok(page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?)
+}
+
+/// Lines and their names in a row that begins at `left`.
+pub(super) fn legend<'a>(
+    page: &Page,
+    [mut left, middle]: [f64; 2],
+    [sample, pitch]: [f64; 2],
+    lines: impl IntoIterator<Item = (&'a str, RGBAColor, f64)>,
+) -> Result<(), FigureError> {
+    for (name, colour, width) in lines {
+        line(page, &[[left, middle], [left + sample, middle]], colour, width)?;
+        left += sample + LEGEND_GAP;
+        text::write(page, name, [left, middle], HPos::Left, SMALL_SIZE, TEXT)?;
+        left += text::width(name, SMALL_SIZE) + pitch;
+    }
     Ok(())
 }
 
 /// A filled rectangle of the page.
-pub(super) fn rect<DB: DrawingBackend>(
-    page: &Page<DB>,
+pub(super) fn rect(
+    page: &Page,
     x: Range<f64>,
     y: Range<f64>,
     colour: RGBAColor,
 ) -> Result<(), FigureError> {
     let corners = [at(x.start, y.start), at(x.end, y.end)];
-    page.draw(&Rectangle::new(corners, colour.filled()))?;
-    Ok(())
+    Ok(page.draw(&Rectangle::new(corners, colour.filled()))?)
 }
 
 /// A filled circle of the page.
-pub(super) fn dot<DB: DrawingBackend>(
-    page: &Page<DB>,
+pub(super) fn dot(
+    page: &Page,
     [x, y]: [f64; 2],
     radius: f64,
     colour: RGBColor,
 ) -> Result<(), FigureError> {
-    page.draw(&Circle::new(at(x, y), grid(radius), colour.filled()))?;
-    Ok(())
+    Ok(page.draw(&Circle::new(at(x, y), grid(radius), colour.filled()))?)
 }

@@ -1,64 +1,246 @@
-//! A drawn page as SVG text and as PNG bytes.
+//! A page as plotters draws it, kept as shapes; the shapes as SVG text and as PNG bytes.
+//!
+//! plotters is compiled for each backend that it draws on: here for one, and a figure is drawn once.
+
+use std::{convert::Infallible, fmt::Write as _, mem};
 
 use ab_glyph::{Font as _, Glyph, point};
-use plotters::prelude::*;
+use plotters::{coord::Shift, prelude::*};
 use plotters_backend::{
-    BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind,
+    BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind, rasterizer,
     text_anchor::{HPos, VPos},
 };
 
 use super::{
-    FigureError, GRID, Plot, grid,
+    FigureError, GRID, grid,
     text::{self, FONT_FAMILIES, escape},
 };
 
 /// Grid steps per pixel of a PNG, each way: what they average is the anti-aliasing.
 pub(super) const STEPS_PER_PIXEL: u8 = 2;
-fn size(plot: &Plot) -> (u32, u32) {
-    let side = |units| grid(units).unsigned_abs();
-    (side(super::WIDTH), side(plot.height()))
+
+/// What a figure is drawn on, in grid steps from its top left corner.
+pub(super) type Page = DrawingArea<Recorder, Shift>;
+
+/// Keeps what plotters draws: filled shapes and lines, since no figure has others.
+pub(super) struct Recorder {
+    pub size: (u32, u32),
+    pub shapes: Vec<Shape>,
 }
 
-/// The figure as one `<svg>` element.
-pub(super) fn svg(plot: &Plot) -> Result<String, FigureError> {
-    let size = size(plot);
-    let mut drawn = String::new();
-    {
-        let page = SVGBackend::with_string(&mut drawn, size).into_drawing_area();
-        plot.draw(&page)?;
-        page.present()?;
+/// A shape and what it is painted with.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Shape {
+    Line([BackendCoord; 2], ShapeStyle),
+    Path(Vec<BackendCoord>, ShapeStyle),
+    Rectangle([BackendCoord; 2], ShapeStyle),
+    Circle(BackendCoord, u32, ShapeStyle),
+    Polygon(Vec<BackendCoord>, ShapeStyle),
+    Text(Lettering, ShapeStyle),
+}
+
+/// A line of text.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Lettering {
+    text: String,
+    at: BackendCoord,
+    /// Of an em, in grid steps.
+    size: f64,
+    /// What of it stands at its place: its name in SVG, and which part of the width is before it.
+    anchor: (&'static str, f64),
+    /// From its place down to the base line, em.
+    drop: f64,
+    /// It is read from below.
+    turned: bool,
+}
+
+type Drawn = Result<(), DrawingErrorKind<Infallible>>;
+type BitmapError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
+
+impl Recorder {
+    fn keep(
+        &mut self,
+        style: &impl BackendStyle,
+        shape: impl FnOnce(ShapeStyle) -> Shape,
+    ) -> Drawn {
+        let BackendColor { alpha, rgb: (red, green, blue) } = style.color();
+        let color = RGBAColor(red, green, blue, alpha);
+        if alpha > 0.0 {
+            let stroke_width = style.stroke_width();
+            self.shapes.push(shape(ShapeStyle { color, filled: true, stroke_width }));
+        }
+        Ok(())
     }
-    let (_, shapes) = drawn.split_once('\n').ok_or(FigureError::Encoding)?;
-    // What is said once for the page, what is the default, and what depends on the browser's font.
-    // No text can match: the quotes in it are escaped.
-    let mut shapes = shapes
-        .replace(&format!(" font-family=\"{FONT_FAMILIES}\""), "")
-        .replace(" opacity=\"1\"", "")
-        .replace(" stroke=\"none\" stroke-width=\"1\"", "")
-        .replace(" stroke=\"none\"", "")
-        .replace(" fill=\"none\"", "")
-        .replace("dy=\"0.5ex\"", "dy=\"0.36em\"")
-        .replace("dy=\"-0.5ex\"", "dy=\"-0.27em\"");
-    for (colour, width, name) in plot.names() {
-        name_line(&mut shapes, colour, width, &name);
+}
+
+impl DrawingBackend for Recorder {
+    type ErrorType = Infallible;
+
+    fn get_size(&self) -> (u32, u32) {
+        self.size
     }
-    let (width, height) = size;
-    Ok(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" \
-         viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\" \
-         font-family=\"{FONT_FAMILIES}\" fill=\"none\" stroke-linejoin=\"round\">\n{shapes}",
-        super::WIDTH,
-        plot.height(),
-        escape(plot.title()),
-    ))
+
+    fn ensure_prepared(&mut self) -> Drawn {
+        Ok(())
+    }
+
+    fn present(&mut self) -> Drawn {
+        Ok(())
+    }
+
+    fn draw_pixel(&mut self, (x, y): BackendCoord, colour: BackendColor) -> Drawn {
+        self.keep(&colour, |style| Shape::Rectangle([(x, y), (x + 1, y + 1)], style))
+    }
+
+    fn draw_line<S: BackendStyle>(
+        &mut self,
+        from: BackendCoord,
+        to: BackendCoord,
+        style: &S,
+    ) -> Drawn {
+        self.keep(style, |style| Shape::Line([from, to], style))
+    }
+
+    fn draw_rect<S: BackendStyle>(
+        &mut self,
+        from: BackendCoord,
+        to: BackendCoord,
+        style: &S,
+        _: bool,
+    ) -> Drawn {
+        self.keep(style, |style| Shape::Rectangle([from, to], style))
+    }
+
+    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
+        &mut self,
+        path: I,
+        style: &S,
+    ) -> Drawn {
+        self.keep(style, |style| Shape::Path(path.into_iter().collect(), style))
+    }
+
+    fn draw_circle<S: BackendStyle>(
+        &mut self,
+        centre: BackendCoord,
+        radius: u32,
+        style: &S,
+        _: bool,
+    ) -> Drawn {
+        self.keep(style, |style| Shape::Circle(centre, radius, style))
+    }
+
+    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
+        &mut self,
+        corners: I,
+        style: &S,
+    ) -> Drawn {
+        self.keep(style, |style| Shape::Polygon(corners.into_iter().collect(), style))
+    }
+
+    fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Drawn {
+        let lettering = Lettering {
+            text: text.to_owned(),
+            at,
+            size: text::em(style.size()),
+            anchor: match style.anchor().h_pos {
+                HPos::Left => ("start", 0.0),
+                HPos::Center => ("middle", 0.5),
+                HPos::Right => ("end", 1.0),
+            },
+            drop: match style.anchor().v_pos {
+                VPos::Top => 0.76,
+                VPos::Center => 0.36,
+                VPos::Bottom => -0.27,
+            },
+            turned: matches!(style.transform(), FontTransform::Rotate270),
+        };
+        self.keep(&style.color(), |style| Shape::Text(lettering, style))
+    }
+}
+
+/// The opening tag of a page, with what is said once for all of it.
+pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
+    let [wide, high] = [width, height].map(|steps| f64::from(steps) / GRID);
+    let title = escape(title);
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{wide}\" height=\"{high}\" \
+         viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\" \
+         font-family=\"{FONT_FAMILIES}\" fill=\"none\" stroke-linejoin=\"round\">\n"
+    )
+}
+
+/// The shapes as SVG elements.
+pub(super) fn svg(shapes: &[Shape]) -> String {
+    let mut out = String::new();
+    for shape in shapes {
+        let _ = match shape {
+            Shape::Line([(x1, y1), (x2, y2)], style) => writeln!(
+                out,
+                "<line{} x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\"/>",
+                stroke(style)
+            ),
+            Shape::Path(path, style) => {
+                writeln!(out, "<polyline{} points=\"{}\"/>", stroke(style), points(path))
+            }
+            Shape::Rectangle([(left, top), (right, bottom)], style) => {
+                let (width, height) = (right - left, bottom - top);
+                writeln!(
+                    out,
+                    "<rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\"{}/>",
+                    ink("fill", style)
+                )
+            }
+            Shape::Circle((x, y), radius, style) => {
+                writeln!(
+                    out,
+                    "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"{}/>",
+                    ink("fill", style)
+                )
+            }
+            Shape::Polygon(corners, style) => {
+                writeln!(out, "<polygon{} points=\"{}\"/>", ink("fill", style), points(corners))
+            }
+            Shape::Text(
+                Lettering { text, at: (x, y), size, anchor: (anchor, _), drop, turned },
+                style,
+            ) => {
+                let turn = if *turned {
+                    format!(" transform=\"rotate(270, {x}, {y})\"")
+                } else {
+                    String::new()
+                };
+                writeln!(
+                    out,
+                    "<text x=\"{x}\" y=\"{y}\" dy=\"{drop}em\" text-anchor=\"{anchor}\" \
+                     font-size=\"{size}\"{}{turn}>\n{}\n</text>",
+                    ink("fill", style),
+                    escape(text).replace("&#39;", "&apos;") // as plotters writes it
+                )
+            }
+        };
+    }
+    out
+}
+
+/// Opacity, if there is one to tell, and colour.
+fn ink(what: &str, style: &ShapeStyle) -> String {
+    let RGBAColor(red, green, blue, alpha) = style.color;
+    let opacity = if alpha < 1.0 { format!(" opacity=\"{alpha}\"") } else { String::new() };
+    format!("{opacity} {what}=\"#{red:02X}{green:02X}{blue:02X}\"")
+}
+
+fn stroke(style: &ShapeStyle) -> String {
+    format!("{} stroke-width=\"{}\"", ink("stroke", style), style.stroke_width)
+}
+
+fn points(points: &[BackendCoord]) -> String {
+    points.iter().map(|(x, y)| format!("{x},{y} ")).collect()
 }
 
 /// Gives the first line of a colour and width a name that a browser shows under the pointer.
-fn name_line(shapes: &mut String, colour: RGBColor, width: u32, name: &str) {
-    let RGBColor(red, green, blue) = colour;
-    let style =
-        format!("stroke=\"#{red:02X}{green:02X}{blue:02X}\" stroke-width=\"{width}\" points=");
-    let Some(start) = shapes.find(&style) else {
+pub(super) fn name_line(shapes: &mut String, colour: RGBColor, width: u32, name: &str) {
+    let style = ShapeStyle { stroke_width: width, ..colour.filled() };
+    let Some(start) = shapes.find(&format!("{} points=", stroke(&style))) else {
         return;
     };
     if let Some(length) = shapes[start..].find("/>") {
@@ -68,20 +250,17 @@ fn name_line(shapes: &mut String, colour: RGBColor, width: u32, name: &str) {
     }
 }
 
-/// The figure as PNG, [`GRID`] / [`STEPS_PER_PIXEL`] pixels per unit.
-pub(super) fn png(plot: &Plot) -> Result<Vec<u8>, FigureError> {
-    text::font()?;
-    let (width, height) = size(plot);
+/// The shapes as PNG, [`GRID`] / [`STEPS_PER_PIXEL`] pixels per unit.
+pub(super) fn png(shapes: &[Shape], (width, height): (u32, u32)) -> Result<Vec<u8>, FigureError> {
     // A row or column that fills no pixel would be lost: the page is padded.
     let pixels = [width, height].map(|side| side.div_ceil(STEPS_PER_PIXEL.into()));
     let [width, height] = pixels.map(|side| side * u32::from(STEPS_PER_PIXEL));
     let mut fine = vec![u8::MAX; 3 * width as usize * height as usize];
-    {
-        let bitmap = BitMapBackend::with_buffer(&mut fine, (width, height));
-        let page = Bitmap(bitmap).into_drawing_area();
-        plot.draw(&page)?;
-        page.present()?;
+    let mut bitmap = BitMapBackend::with_buffer(&mut fine, (width, height));
+    for shape in shapes {
+        paint(&mut bitmap, shape)?;
     }
+    drop(bitmap);
     let coarse = average(&fine, pixels[0] as usize, STEPS_PER_PIXEL.into());
     encode(&coarse, pixels).map_err(|_| FigureError::Encoding)
 }
@@ -117,110 +296,65 @@ fn encode(rgb: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, png::Encodin
     Ok(bytes)
 }
 
-/// plotters' bitmap with lines that join roundly and text that stands as it does in SVG.
-///
-/// Both are drawn here because plotters 0.3.7 turns a zigzag into one polygon that crosses itself,
-/// which leaves holes and spikes, and because its `ab_glyph` text drops the bearing of each glyph
-/// and has another size and base line than its SVG text.
-struct Bitmap<'a>(BitMapBackend<'a>);
+/// A shape on plotters' bitmap. Lines that join roundly and text that stands as it does in SVG are made here:
+/// plotters 0.3.7 turns a zigzag into one polygon that crosses itself, which leaves holes and spikes, and its
+/// `ab_glyph` text drops the bearing of each glyph and has another size and base line than its SVG text.
+fn paint(bitmap: &mut BitMapBackend<'_>, shape: &Shape) -> Result<(), FigureError> {
+    let painted = match shape {
+        Shape::Line([from, to], style) => rasterizer::draw_line(bitmap, *from, *to, style),
+        Shape::Path(path, style) => paint_path(bitmap, path, style),
+        Shape::Rectangle([from, to], style) => bitmap.draw_rect(*from, *to, style, true),
+        Shape::Circle(centre, radius, style) => bitmap.draw_circle(*centre, *radius, style, true),
+        Shape::Polygon(corners, style) => bitmap.fill_polygon(corners.iter().copied(), style),
+        Shape::Text(lettering, style) => return paint_text(bitmap, lettering, style),
+    };
+    painted.map_err(|_| FigureError::Encoding)
+}
 
-type Drawn<'a> = Result<(), DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>>;
-
-impl<'a> DrawingBackend for Bitmap<'a> {
-    type ErrorType = <BitMapBackend<'a> as DrawingBackend>::ErrorType;
-
-    fn get_size(&self) -> (u32, u32) {
-        self.0.get_size()
-    }
-
-    fn ensure_prepared(&mut self) -> Drawn<'a> {
-        self.0.ensure_prepared()
-    }
-
-    fn present(&mut self) -> Drawn<'a> {
-        self.0.present()
-    }
-
-    fn draw_pixel(&mut self, at: BackendCoord, colour: BackendColor) -> Drawn<'a> {
-        self.0.draw_pixel(at, colour)
-    }
-
-    fn draw_rect<S: BackendStyle>(
-        &mut self,
-        from: BackendCoord,
-        to: BackendCoord,
-        style: &S,
-        fill: bool,
-    ) -> Drawn<'a> {
-        self.0.draw_rect(from, to, style, fill)
-    }
-
-    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
-        &mut self,
-        path: I,
-        style: &S,
-    ) -> Drawn<'a> {
-        let mut ends = None;
-        for point in path {
-            if let Some((before, joint)) = ends {
-                self.0.draw_line(before, point, style)?;
-                if joint {
-                    self.0.draw_circle(before, style.stroke_width() / 2, style, true)?;
-                }
-            }
-            ends = Some((point, ends.is_some()));
+fn paint_path<'a>(
+    bitmap: &mut BitMapBackend<'a>,
+    path: &[BackendCoord],
+    style: &ShapeStyle,
+) -> Result<(), BitmapError<'a>> {
+    for (index, ends) in path.windows(2).enumerate() {
+        bitmap.draw_line(ends[0], ends[1], style)?;
+        if index > 0 {
+            bitmap.draw_circle(ends[0], style.stroke_width / 2, style, true)?;
         }
-        Ok(())
     }
+    Ok(())
+}
 
-    fn draw_text<S: BackendTextStyle>(
-        &mut self,
-        text: &str,
-        style: &S,
-        (x, y): BackendCoord,
-    ) -> Drawn<'a> {
-        let Ok(font) = text::font() else {
-            return Ok(()); // `png` has refused a damaged font already
+fn paint_text(
+    bitmap: &mut BitMapBackend<'_>,
+    lettering: &Lettering,
+    style: &ShapeStyle,
+) -> Result<(), FigureError> {
+    let Lettering { text, at: (x, y), size, anchor: (_, before), drop, turned } = lettering;
+    let font = text::font()?;
+    let units_per_em = font.units_per_em().unwrap_or(1.0);
+    let scale = single(*size) * font.height_unscaled() / units_per_em;
+    let mut pen = -before * text::width(text, *size);
+    for c in text.chars() {
+        let origin = point(single(pen), single(drop * size));
+        let glyph: Glyph = font.glyph_id(c).with_scale_and_position(scale, origin);
+        pen += text::advance(font, c) * size;
+        let Some(outline) = font.outline_glyph(glyph) else {
+            continue;
         };
-        let em = text::em(style.size());
-        let before = match style.anchor().h_pos {
-            HPos::Left => 0.0,
-            HPos::Center => 0.5,
-            HPos::Right => 1.0,
-        };
-        // As the SVG has it.
-        let base_line = match style.anchor().v_pos {
-            VPos::Top => 0.76,
-            VPos::Center => 0.36,
-            VPos::Bottom => -0.27,
-        };
-        let units_per_em = font.units_per_em().unwrap_or(1.0);
-        let scale = single(em) * font.height_unscaled() / units_per_em;
-        let mut pen = -before * text::width(text, em);
-        for c in text.chars() {
-            let origin = point(single(pen), single(base_line * em));
-            let glyph: Glyph = font.glyph_id(c).with_scale_and_position(scale, origin);
-            pen += text::advance(font, c) * em;
-            let Some(outline) = font.outline_glyph(glyph) else {
-                continue;
-            };
-            let corner = outline.px_bounds().min;
-            let (left, top) = (grid_of(corner.x), grid_of(corner.y));
-            let mut drawn = Ok(());
-            outline.draw(|column, row, cover| {
-                let turned = style
-                    .transform()
-                    .transform(left + column.cast_signed(), top + row.cast_signed());
-                let colour = style.color().mix(f64::from(cover.min(1.0)));
-                let painted = self.0.draw_pixel((x + turned.0, y + turned.1), colour);
-                if drawn.is_ok() {
-                    drawn = painted;
-                }
-            });
-            drawn?;
-        }
-        Ok(())
+        let corner = outline.px_bounds().min;
+        let (left, top) = (grid_of(corner.x), grid_of(corner.y));
+        let mut painted = Ok(());
+        outline.draw(|column, row, cover| {
+            let (right, down) = (left + column.cast_signed(), top + row.cast_signed());
+            let place = if *turned { (x + down, y - right) } else { (x + right, y + down) };
+            let colour = style.color().mix(f64::from(cover.min(1.0)));
+            let pixel = bitmap.draw_pixel(place, colour);
+            painted = mem::replace(&mut painted, Ok(())).and(pixel);
+        });
+        painted.map_err(|_| FigureError::Encoding)?;
     }
+    Ok(())
 }
 
 #[expect(

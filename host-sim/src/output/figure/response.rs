@@ -1,13 +1,13 @@
 //! Voltage, measured and modelled position, and what is between them: the paper's figure 4.
 
-use plotters::{prelude::*, style::text_anchor::HPos};
+use plotters::prelude::*;
 
 use super::{
-    Figure, FigureError, Page, Plot, WIDTH,
+    Figure, FigureError, Page, WIDTH,
     axis::Ticks,
     colour::{ACCENT, DATA, TEXT},
-    panel::{self, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
-    plottable, positive, text,
+    panel::{self, Grid, Panel, X_TITLE_DROP},
+    plottable, positive,
     trace::{MM_PER_M, draw_trace, range, small_unit},
 };
 
@@ -16,7 +16,7 @@ const POSITION: Panel =
     Panel { top: VOLTAGE.bottom + 34.0, bottom: VOLTAGE.bottom + 224.0, ..VOLTAGE };
 const RESIDUAL: Panel =
     Panel { top: POSITION.bottom + 22.0, bottom: POSITION.bottom + 112.0, ..VOLTAGE };
-pub(super) const HEIGHT: f64 = RESIDUAL.bottom + 50.0;
+const HEIGHT: f64 = RESIDUAL.bottom + 50.0;
 /// Room below a panel whose times stand below another one.
 const NO_TITLE_DROP: f64 = 4.0;
 const MOST_X_TICKS: usize = 9;
@@ -33,7 +33,6 @@ const MEASURED_OPACITY: f64 = 0.45;
 /// Legend above the position.
 const LEGEND_MIDDLE: f64 = POSITION.top - 14.0;
 const LEGEND_SAMPLE: f64 = 26.0;
-const LEGEND_GAP: f64 = 6.0;
 const LEGEND_PITCH: f64 = 18.0;
 
 /// What [`pulse_response`] draws; all rows are even in time.
@@ -79,14 +78,10 @@ pub fn pulse_response(plot: &ResponsePlot) -> Result<Figure, FigureError> {
             plottable(quantity, *value)?;
         }
     }
-    Figure::new(Plot::Response(plot.clone()))
+    Figure::new([&plot.title, &plot.subtitle], HEIGHT, &|page| draw(plot, page))
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &ResponsePlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
-    panel::heading(page, &plot.title, &plot.subtitle)?;
+fn draw(plot: &ResponsePlot, page: &Page) -> Result<(), FigureError> {
     let end_s = plot.start_s + plot.step_s * plot.measured_m.len() as f64;
     let times = || Ticks::within(plot.start_s, end_s, MOST_X_TICKS);
     let time = |row: usize| plot.start_s + row as f64 * plot.step_s;
@@ -115,7 +110,12 @@ pub(super) fn draw<DB: DrawingBackend>(
     let model = scaled(&plot.model_m, plot.first, MM_PER_M);
     draw_trace(page, &chart, model.into_iter(), ACCENT.mix(1.0), MODEL_WIDTH)?;
     POSITION.frame(page)?;
-    legend(page)?;
+    let lines = [
+        ("measured", DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH),
+        ("model", ACCENT.mix(1.0), MODEL_WIDTH),
+    ];
+    let begin = [POSITION.left, LEGEND_MIDDLE];
+    panel::legend(page, begin, [LEGEND_SAMPLE, LEGEND_PITCH], lines)?;
 
     let [low, high] = range(plot.residual_m.iter().copied());
     let (unit, factor) = small_unit([low, high]);
@@ -125,21 +125,6 @@ pub(super) fn draw<DB: DrawingBackend>(
     let residual = scaled(&plot.residual_m, plot.first, factor);
     draw_trace(page, &chart, residual.into_iter(), DATA.mix(1.0), RESIDUAL_WIDTH)?;
     RESIDUAL.frame(page)
-}
-
-fn legend<DB: DrawingBackend>(page: &Page<DB>) -> Result<(), FigureError> {
-    let mut left = POSITION.left;
-    for (name, colour, width) in [
-        ("measured", DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH),
-        ("model", ACCENT.mix(1.0), MODEL_WIDTH),
-    ] {
-        let ends = [left, left + LEGEND_SAMPLE].map(|x| super::at(x, LEGEND_MIDDLE));
-        page.draw(&PathElement::new(ends.to_vec(), colour.stroke_width(stroke(width))))?;
-        left += LEGEND_SAMPLE + LEGEND_GAP;
-        text::write(page, name, [left, LEGEND_MIDDLE], HPos::Left, SMALL_SIZE, TEXT)?;
-        left += text::width(name, SMALL_SIZE) + LEGEND_PITCH;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

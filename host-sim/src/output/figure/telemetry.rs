@@ -3,7 +3,7 @@
 use plotters::{prelude::*, style::text_anchor::HPos};
 
 use super::{
-    Figure, FigureError, Page, Plot, WIDTH,
+    Figure, FigureError, Page, WIDTH,
     axis::Ticks,
     colour::{ACCENT, DATA, FRAME, TEXT},
     panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP},
@@ -72,27 +72,18 @@ pub fn telemetry(plot: &TelemetryPlot) -> Result<Figure, FigureError> {
             plottable("telemetry", value)?;
         }
     }
-    Figure::new(Plot::Telemetry(plot.clone()))
+    Figure::new([&plot.title, &plot.subtitle], height(plot), &|page| draw(plot, page))
 }
 
-pub(super) fn height(plot: &TelemetryPlot) -> f64 {
-    facts_top(plot) + ROW * plot.facts.len() as f64 + X_TITLE_DROP + 12.0
-}
-
-/// Where the facts begin: below the last panel.
-fn facts_top(_: &TelemetryPlot) -> f64 {
-    panel_top(PANELS)
+fn height(plot: &TelemetryPlot) -> f64 {
+    panel_top(PANELS) + ROW * plot.facts.len() as f64 + X_TITLE_DROP + 12.0
 }
 
 fn panel_top(index: usize) -> f64 {
     TOP + index as f64 * (PANEL_HEIGHT + GAP)
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &TelemetryPlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
-    panel::heading(page, &plot.title, &plot.subtitle)?;
+fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     let [from, to] = range(plot.points.iter().map(|point| point.time));
     let to = to.max(from + SHORTEST);
     for (index, title) in plot.titles.iter().enumerate() {
@@ -112,13 +103,9 @@ pub(super) fn draw<DB: DrawingBackend>(
     draw_facts(page, plot, [from, to])
 }
 
-fn draw_facts<DB: DrawingBackend>(
-    page: &Page<DB>,
-    plot: &TelemetryPlot,
-    [from, to]: [f64; 2],
-) -> Result<(), FigureError> {
+fn draw_facts(page: &Page, plot: &TelemetryPlot, [from, to]: [f64; 2]) -> Result<(), FigureError> {
     let x = |time: f64| LEFT + (time - from) / (to - from) * (RIGHT - LEFT);
-    let top = facts_top(plot);
+    let top = panel_top(PANELS); // below the last panel
     for (row, (name, bit, bad)) in plot.facts.iter().enumerate() {
         let middle = top + ROW * (row as f64 + 0.5);
         let beside = [LEFT - NAME_GAP, middle];
@@ -148,8 +135,8 @@ fn draw_facts<DB: DrawingBackend>(
     text::write(page, &plot.time_title, title, HPos::Center, AXIS_TITLE_SIZE, TEXT)
 }
 
-fn bar<DB: DrawingBackend>(
-    page: &Page<DB>,
+fn bar(
+    page: &Page,
     [from, to]: [f64; 2],
     middle: f64,
     colour: RGBColor,

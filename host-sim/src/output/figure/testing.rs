@@ -27,7 +27,7 @@ impl Pixels {
         let frame = reader.next_frame(&mut rgb).unwrap();
         let scale = GRID / f64::from(render::STEPS_PER_PIXEL);
         assert_eq!(f64::from(frame.width), WIDTH * scale);
-        assert_eq!(f64::from(frame.height), (figure.plot.height() * scale).ceil());
+        assert_eq!(f64::from(frame.height), (f64::from(figure.size.1) / GRID * scale).ceil());
         let width = frame.width as usize;
         Self { width, rgb }
     }
@@ -55,7 +55,7 @@ pub(super) fn check<P>(draw: fn(&P) -> Result<Figure, FigureError>, plot: &P) ->
     }
     let document = Document::parse(svg).unwrap();
     assert_eq!(document.root_element().tag_name().name(), "svg");
-    let (width, height) = (grid(WIDTH), grid(figure.plot.height()));
+    let (width, height) = (grid(WIDTH), figure.size.1);
     for [left, top, right, bottom] in text_boxes(&document) {
         assert!(left >= 0.0 && top >= 0.0, "a text leaves the paper");
         assert!(right <= f64::from(width) && bottom <= f64::from(height));

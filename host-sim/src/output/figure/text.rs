@@ -49,8 +49,8 @@ pub(super) fn em(nominal: f64) -> f64 {
 }
 
 /// Writes a line of text; `x` is its start, middle or end, `y` the middle of its digits.
-pub(super) fn write<DB: DrawingBackend>(
-    page: &Page<DB>,
+pub(super) fn write(
+    page: &Page,
     text: &str,
     [x, y]: [f64; 2],
     anchor: HPos,

@@ -4,7 +4,7 @@ use crate::notation::number;
 use plotters::{element::DashedPathElement, prelude::*, style::text_anchor::HPos};
 
 use super::{
-    Figure, FigureError, MARGIN, Page, Plot, WIDTH,
+    Figure, FigureError, MARGIN, Page, WIDTH,
     axis::{Ticks, hertz},
     colour::{ACCENT, DATA, FRAME, TEXT},
     grid, not_negative,
@@ -16,7 +16,7 @@ const STRIP_TOP: f64 = 54.0;
 const HIT: Panel = Panel { left: 76.0, top: 72.0, right: WIDTH - 56.0, bottom: 208.0 };
 const VERDICT_MIDDLE: f64 = HIT.bottom + 64.5;
 const ZOOM: Panel = Panel { top: HIT.bottom + 79.0, bottom: HIT.bottom + 209.0, ..HIT };
-pub(super) const HEIGHT: f64 = ZOOM.bottom + 50.0;
+const HEIGHT: f64 = ZOOM.bottom + 50.0;
 const MOST_X_TICKS: usize = 9;
 const MOST_Y_TICKS: usize = 6;
 
@@ -72,14 +72,10 @@ pub struct TracePlot {
 /// there are no samples.
 pub fn hit_trace(plot: &TracePlot) -> Result<Figure, FigureError> {
     check(plot)?;
-    Figure::new(Plot::Trace(plot.clone()))
+    Figure::new([&plot.title, &plot.subtitle], HEIGHT, &|page| draw(plot, page))
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &TracePlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
-    panel::heading(page, &plot.title, &plot.subtitle)?;
+fn draw(plot: &TracePlot, page: &Page) -> Result<(), FigureError> {
     draw_hit(page, plot)?;
     let verdict = format!(
         "Measuring window: {}, RMS of the counts {} µm (limit {} µm)",
@@ -109,9 +105,7 @@ fn check(plot: &TracePlot) -> Result<(), FigureError> {
     Ok(())
 }
 
-type TimeChart<'a, DB> = Chart<'a, DB, Ticks>;
-
-fn draw_hit<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(), FigureError> {
+fn draw_hit(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     let window_end_s = plot.settle_s + plot.window_s;
     let end_s = window_end_s.max(plot.positions_m.len() as f64 / plot.rate_hz);
     let [low, high] = range(plot.positions_m.iter().copied().chain([plot.wall_m]));
@@ -148,16 +142,15 @@ fn draw_hit<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(),
 }
 
 /// The line through the samples, reduced.
-pub(super) fn draw_trace<DB: DrawingBackend>(
-    page: &Page<DB>,
-    chart: &TimeChart<'_, DB>,
+pub(super) fn draw_trace(
+    page: &Page,
+    chart: &Chart<'_, Ticks>,
     samples: impl Iterator<Item = (f64, f64)>,
     colour: RGBAColor,
     width: f64,
 ) -> Result<(), FigureError> {
     let points = reduce(samples.map(|sample| chart.backend_coord(&sample)));
-    page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?;
-    Ok(())
+    panel::path(page, points, colour, width)
 }
 
 /// Unit of small lengths that reach this far, and how many of it are a metre.
@@ -166,11 +159,7 @@ pub(super) fn small_unit([low_m, high_m]: [f64; 2]) -> (&'static str, f64) {
 }
 
 /// A dashed line at one height.
-fn draw_level<DB: DrawingBackend>(
-    page: &Page<DB>,
-    chart: &TimeChart<'_, DB>,
-    level: f64,
-) -> Result<(), FigureError> {
+fn draw_level(page: &Page, chart: &Chart<'_, Ticks>, level: f64) -> Result<(), FigureError> {
     let (_, y) = chart.backend_coord(&(0.0, level));
     let ends = [(grid(ZOOM.left), y), (grid(ZOOM.right), y)];
     let [dash, gap] = DASH.map(grid);
@@ -179,7 +168,7 @@ fn draw_level<DB: DrawingBackend>(
     Ok(())
 }
 
-fn draw_window<DB: DrawingBackend>(page: &Page<DB>, plot: &TracePlot) -> Result<(), FigureError> {
+fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     // Half a sample of slack: n / rate need not be exact.
     let half_s = 0.5 / plot.rate_hz;
     let (from_s, to_s) = (plot.settle_s, plot.settle_s + plot.window_s);

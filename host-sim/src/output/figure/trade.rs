@@ -3,7 +3,7 @@
 use plotters::{prelude::*, style::text_anchor::HPos};
 
 use super::{
-    Figure, FigureError, MARGIN, Page, Plot, WIDTH,
+    Figure, FigureError, MARGIN, Page, WIDTH,
     axis::superscript,
     colour::{GRID, QUIET, TEXT},
     panel::{self, AXIS_TITLE_SIZE, Panel, SMALL_SIZE},
@@ -114,7 +114,7 @@ pub fn trade(plot: &TradePlot) -> Result<Figure, FigureError> {
             plottable("y", point[1])?;
         }
     }
-    Figure::new(Plot::Trade(plot.clone()))
+    Figure::new([&plot.title, &plot.subtitle], height(plot), &|page| draw(plot, page))
 }
 
 fn columns(plot: &TradePlot) -> usize {
@@ -125,7 +125,7 @@ fn rows(plot: &TradePlot) -> usize {
     plot.panels.len().div_ceil(columns(plot)).max(1)
 }
 
-pub(super) fn height(plot: &TradePlot) -> f64 {
+fn height(plot: &TradePlot) -> f64 {
     let rows = rows(plot) as f64;
     let panels = TOP + rows * PANEL_HEIGHT + (rows - 1.0) * GAP[1] + BOTTOM;
     panels.max(TOP + LEGEND_PITCH * (plot.series.len() as f64 + 2.0) + MARGIN)
@@ -180,11 +180,7 @@ fn decade(exponent: i32) -> String {
     }
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &TradePlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
-    panel::heading(page, &plot.title, &plot.subtitle)?;
+fn draw(plot: &TradePlot, page: &Page) -> Result<(), FigureError> {
     let names = plot.series.iter().map(|series| text::width(&series.name, SMALL_SIZE));
     let widest = names.fold(text::width(&plot.legend, AXIS_TITLE_SIZE) - LEGEND_SWATCH, f64::max);
     let right = WIDTH - MARGIN - LEGEND_GAP - LEGEND_SWATCH - widest - 6.0;
@@ -205,8 +201,8 @@ pub(super) fn draw<DB: DrawingBackend>(
     draw_legend(page, plot, right + LEGEND_GAP)
 }
 
-fn draw_panel<DB: DrawingBackend>(
-    page: &Page<DB>,
+fn draw_panel(
+    page: &Page,
     plot: &TradePlot,
     n: usize,
     part: &TradePanel,
@@ -279,8 +275,8 @@ fn draw_panel<DB: DrawingBackend>(
     Ok(())
 }
 
-fn draw_mark<DB: DrawingBackend>(
-    page: &Page<DB>,
+fn draw_mark(
+    page: &Page,
     [x, y]: [f64; 2],
     mark: Mark,
     colour: RGBColor,
@@ -297,11 +293,7 @@ fn draw_mark<DB: DrawingBackend>(
     Ok(())
 }
 
-fn draw_legend<DB: DrawingBackend>(
-    page: &Page<DB>,
-    plot: &TradePlot,
-    left: f64,
-) -> Result<(), FigureError> {
+fn draw_legend(page: &Page, plot: &TradePlot, left: f64) -> Result<(), FigureError> {
     text::write(page, &plot.legend, [left, TOP + 4.0], HPos::Left, AXIS_TITLE_SIZE, TEXT)?;
     let mut y = TOP + 24.0;
     for series in &plot.series {

@@ -3,16 +3,16 @@
 use plotters::{prelude::*, style::text_anchor::HPos};
 
 use super::{
-    Figure, FigureError, MARGIN, Page, Plot, WIDTH,
+    Figure, FigureError, MARGIN, Page, WIDTH,
     axis::{Ticks, hertz},
     colour::{ACCENT, QUIET, TEXT, ordered},
     grid, not_negative,
     panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
-    text,
+    render, text,
 };
 use crate::study::walk::BoundaryPoint;
 
-pub(super) const HEIGHT: f64 = 400.0;
+const HEIGHT: f64 = 400.0;
 const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
@@ -96,20 +96,23 @@ impl Curve {
 /// [`FigureError`] if a number is NaN, infinite or negative.
 pub fn zwidth(plot: &ZwidthPlot) -> Result<Figure, FigureError> {
     largest(plot)?;
-    Figure::new(Plot::Zwidth(plot.clone()))
+    let mut figure = Figure::new([&plot.title, &plot.subtitle], HEIGHT, &|page| draw(plot, page))?;
+    for (curve, style) in plot.curves.iter().zip(styles(plot)) {
+        if !curve.points.is_empty() {
+            let width = stroke(style.width());
+            render::name_line(&mut figure.svg, style.colour, width, &curve.detail);
+        }
+    }
+    Ok(figure)
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &ZwidthPlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
+fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     let [largest_damping, largest_stiffness] = largest(plot)?;
     let (unit, factor) = match largest_stiffness {
         k if k < KILO_FROM_N_PER_M => ("N/m", 1.0),
         k if k < MEGA_FROM_N_PER_M => ("kN/m", 1e3),
         _ => ("MN/m", 1e6),
     };
-    panel::heading(page, &plot.title, &plot.subtitle)?;
     let legend = Legend::of(plot);
     let panel =
         Panel { left: LEFT, top: TOP, right: WIDTH - MARGIN - legend.width(), bottom: BOTTOM };
@@ -139,15 +142,6 @@ pub(super) fn draw<DB: DrawingBackend>(
         }
     }
     legend.draw(page, panel.right + LEGEND_GAP)
-}
-
-/// What each line says under the pointer.
-pub(super) fn names(plot: &ZwidthPlot) -> Vec<(RGBColor, u32, String)> {
-    let name = |(curve, style): (&Curve, Style)| {
-        let name = curve.detail.clone();
-        (!curve.points.is_empty()).then_some((style.colour, stroke(style.width()), name))
-    };
-    plot.curves.iter().zip(styles(plot)).filter_map(name).collect()
 }
 
 /// Largest damping and stiffness, at least 1 each so that the axes have a length.
@@ -195,22 +189,16 @@ fn styles(plot: &ZwidthPlot) -> Vec<Style> {
     plot.curves.iter().enumerate().map(style).collect()
 }
 
-fn draw_curve<DB: DrawingBackend>(
-    page: &Page<DB>,
-    points: Vec<(i32, i32)>,
-    style: Style,
-) -> Result<(), FigureError> {
+fn draw_curve(page: &Page, points: Vec<(i32, i32)>, style: Style) -> Result<(), FigureError> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
         return Ok(());
     };
     let gaps = (points.len() - 1) as f64;
     let dotted = f64::from((last.0 - first.0).abs()) >= gaps * f64::from(grid(DOT_SPACING));
     if style.ideal {
-        let halo = WHITE.stroke_width(stroke(IDEAL_HALO));
-        page.draw(&PathElement::new(points.clone(), halo))?;
+        panel::path(page, points.clone(), WHITE, IDEAL_HALO)?;
     }
-    let line = style.colour.stroke_width(stroke(style.width()));
-    page.draw(&PathElement::new(points.clone(), line))?;
+    panel::path(page, points.clone(), style.colour, style.width())?;
     if dotted {
         for point in points {
             let dot = Circle::new(point, grid(style.radius()), style.colour.filled());
@@ -259,7 +247,7 @@ impl Legend {
         (self.columns as f64 * self.column_width).max(titles)
     }
 
-    fn draw<DB: DrawingBackend>(&self, page: &Page<DB>, left: f64) -> Result<(), FigureError> {
+    fn draw(&self, page: &Page, left: f64) -> Result<(), FigureError> {
         let write =
             |text: &str, at, size, colour| text::write(page, text, at, HPos::Left, size, colour);
         let title = [left, LEGEND_TITLE_MIDDLE];

@@ -121,8 +121,8 @@ pub(super) fn rows(labels: &[Label]) -> usize {
 }
 
 /// Ticks at every cutoff, up to its numbers.
-pub(super) fn draw_labels<DB: DrawingBackend>(
-    page: &Page<DB>,
+pub(super) fn draw_labels(
+    page: &Page,
     panel: &Panel,
     plot: &AreaPlot,
     labels: &[Label],

@@ -14,11 +14,11 @@ mod cutoffs;
 use cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows};
 
 use super::{
-    Figure, FigureError, MARGIN, Page, Plot, WIDTH, at,
+    Figure, FigureError, MARGIN, Page, WIDTH, at,
     axis::{Ticks, hertz, scaled_unit},
     colour::{ACCENT, DATA, QUIET, TEXT},
     grid, not_negative,
-    panel::{self, AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
+    panel::{self, AXIS_TITLE_SIZE, Chart, Grid, Panel, SMALL_SIZE, X_TITLE_DROP},
     positive, text,
 };
 
@@ -90,7 +90,7 @@ pub struct AreaPoint {
 /// [`FigureError`] if an area is NaN, infinite or negative, or a cutoff is not greater than 0.
 pub fn area(plot: &AreaPlot) -> Result<Figure, FigureError> {
     check(plot)?;
-    Figure::new(Plot::Area(plot.clone()))
+    Figure::new([&plot.title, &plot.subtitle], height(plot), &|page| draw(plot, page))
 }
 
 pub(super) fn panel_of(rows: usize) -> Panel {
@@ -106,23 +106,19 @@ fn x_title_drop(rows: usize) -> f64 {
     X_TITLE_DROP + (rows.max(1) - 1) as f64 * ROW_PITCH
 }
 
-pub(super) fn height(plot: &AreaPlot) -> f64 {
+fn height(plot: &AreaPlot) -> f64 {
     let rows = rows(&labels(plot));
     let drop = x_title_drop(rows) - X_TITLE_DROP + CAPTION_DROP;
     (panel_of(rows).bottom + drop + CAPTION_PITCH * caption(plot).len() as f64).ceil()
 }
 
-pub(super) fn draw<DB: DrawingBackend>(
-    plot: &AreaPlot,
-    page: &Page<DB>,
-) -> Result<(), FigureError> {
+fn draw(plot: &AreaPlot, page: &Page) -> Result<(), FigureError> {
     let largest = check(plot)?;
     let (factor, unit) = scaled_unit(largest, "N² s/m²");
     let labels = labels(plot);
     let rows = rows(&labels);
     let panel = panel_of(rows);
 
-    panel::heading(page, &plot.title, &plot.subtitle)?;
     key(page, plot)?;
     let y = if largest > 0.0 {
         Ticks::around(0.0, HEADROOM * largest / factor, MOST_TICKS)
@@ -175,11 +171,7 @@ fn check(plot: &AreaPlot) -> Result<f64, FigureError> {
     Ok(largest)
 }
 
-fn shade_range<DB: DrawingBackend>(
-    page: &Page<DB>,
-    panel: &Panel,
-    plot: &AreaPlot,
-) -> Result<(), FigureError> {
+fn shade_range(page: &Page, panel: &Panel, plot: &AreaPlot) -> Result<(), FigureError> {
     let (Some(ends), false) = (plot.ideal_range_hz, plot.points.is_empty()) else {
         return Ok(());
     };
@@ -193,9 +185,9 @@ fn shade_range<DB: DrawingBackend>(
     Ok(())
 }
 
-fn draw_areas<DB: DrawingBackend>(
-    page: &Page<DB>,
-    chart: &Chart<'_, DB, WithKeyPoints<LogCoord<f64>>>,
+fn draw_areas(
+    page: &Page,
+    chart: &Chart<'_, WithKeyPoints<LogCoord<f64>>>,
     plot: &AreaPlot,
     factor: f64,
 ) -> Result<(), FigureError> {
@@ -206,7 +198,7 @@ fn draw_areas<DB: DrawingBackend>(
     let band: Vec<_> = highs.chain(lows).collect();
     page.draw(&Polygon::new(band, DATA.mix(BAND_OPACITY).filled()))?;
     let means: Vec<_> = points().map(|point| place(point, point.area)).collect();
-    page.draw(&PathElement::new(means.clone(), DATA.stroke_width(stroke(LINE_WIDTH))))?;
+    panel::path(page, means.clone(), DATA, LINE_WIDTH)?;
     for (point, mean) in points().zip(means) {
         let ideal = plot.ideal_cutoff_hz == Some(point.cutoff_hz);
         let colour = if ideal { ACCENT } else { DATA };
@@ -217,21 +209,20 @@ fn draw_areas<DB: DrawingBackend>(
         let (_, high) = place(point, point.area_high);
         let cap = |y| vec![(x - grid(CAP_HALF), y), (x + grid(CAP_HALF), y)];
         for line in [vec![(x, low), (x, high)], cap(low), cap(high)] {
-            page.draw(&PathElement::new(line, colour.stroke_width(stroke(BAR_WIDTH))))?;
+            panel::path(page, line, colour, BAR_WIDTH)?;
         }
         page.draw(&Circle::new(mean, grid(DOT_RADIUS), colour.filled()))?;
     }
     Ok(())
 }
 
-fn ring<DB: DrawingBackend>(page: &Page<DB>, at: (i32, i32)) -> Result<(), FigureError> {
+fn ring(page: &Page, at: (i32, i32)) -> Result<(), FigureError> {
     page.draw(&Circle::new(at, grid(IDEAL_RADIUS), ACCENT.filled()))?;
-    page.draw(&Circle::new(at, grid(IDEAL_HOLE), WHITE.filled()))?;
-    Ok(())
+    Ok(page.draw(&Circle::new(at, grid(IDEAL_HOLE), WHITE.filled()))?)
 }
 
 /// One line above the plot that says what is what, so that nothing stands on the data.
-fn key<DB: DrawingBackend>(page: &Page<DB>, plot: &AreaPlot) -> Result<(), FigureError> {
+fn key(page: &Page, plot: &AreaPlot) -> Result<(), FigureError> {
     let y = KEY_MIDDLE;
     let mut x = LEFT;
     let label = |x: &mut f64, text: &str| {
