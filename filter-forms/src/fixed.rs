@@ -83,7 +83,7 @@ impl<W: Word + Signal> Step for Direct1<W> {
     fn step(&mut self, x: W) -> W {
         let bits = fraction(W::BITS);
         let sum = sum(&self.c, [x, self.x[0], self.x[1]], self.y);
-        let y = W::clipped((sum + W::Wide::one_at(bits - 1)).down(bits));
+        let y = W::clipped((sum + (W::Wide::ONE << (bits - 1))) >> bits);
         self.x = [x, self.x[0]];
         self.y = [y, self.y[0]];
         y
@@ -113,15 +113,15 @@ impl<W: Word + Signal> Step for Direct1Feedback<W> {
     #[inline]
     fn step(&mut self, x: W) -> W {
         let bits = fraction(W::BITS);
-        let half = W::Wide::one_at(bits - 1);
+        let half = W::Wide::ONE << (bits - 1);
         let [e1, e2] = self.e;
         let carried = match self.shaping {
             Shaping::First => e1,
             Shaping::Second => e1 + (e1 - e2),
         };
         let total = sum(&self.c, [x, self.x[0], self.x[1]], self.y) + carried + half;
-        let y = W::clipped(total.down(bits));
-        self.e = [total.low(bits) - half, e1];
+        let y = W::clipped(total >> bits);
+        self.e = [(total & ((W::Wide::ONE << bits) - W::Wide::ONE)) - half, e1];
         self.x = [x, self.x[0]];
         self.y = [y, self.y[0]];
         y
@@ -150,8 +150,8 @@ impl<W: Word + Signal> Step for Direct2Transposed<W> {
     fn step(&mut self, x: W) -> W {
         let bits = fraction(W::BITS);
         let Coefficients { b, a } = self.c;
-        let total = b[0].times(x) + self.s[0] + W::Wide::one_at(bits - 1);
-        let y = W::clipped(total.down(bits));
+        let total = b[0].times(x) + self.s[0] + (W::Wide::ONE << (bits - 1));
+        let y = W::clipped(total >> bits);
         self.s[0] = b[1].times(x) - a[0].times(y) + self.s[1];
         self.s[1] = b[2].times(x) - a[1].times(y);
         y

@@ -50,11 +50,11 @@ impl<W: Word + Signal> Step for StateVariable<W> {
         let bits = fraction(W::BITS);
         let [s1, s2] = self.s;
         let v =
-            self.d.times_wide(self.g.times_wide(x.wide().up(Self::BELOW) - s2, bits) + s1, bits);
+            self.d.times_wide(self.g.times_wide((x.wide() << Self::BELOW) - s2, bits) + s1, bits);
         let rise = self.g.times_wide(v, bits);
         let y = rise + s2;
         self.s = [v + v - s1, y + rise];
-        W::clipped((y + W::Wide::one_at(Self::BELOW - 1)).down(Self::BELOW))
+        W::clipped((y + (W::Wide::ONE << (Self::BELOW - 1))) >> Self::BELOW)
     }
 }
 
@@ -110,12 +110,12 @@ impl<W: Word + Signal> Step for Delta<W> {
     /// The states stay at their ends, so that an overload ends with its input.
     #[inline]
     fn step(&mut self, x: W) -> W {
-        let half = W::Wide::one_at(self.below - 1);
+        let half = W::Wide::ONE << (self.below - 1);
         let sum = self.s[0].clipped_add(self.b0.times(x)).clipped_add(half);
-        let y = W::clipped(sum.down(self.below));
+        let y = W::clipped(sum >> self.below);
         let (forward, back) = (self.alpha2.times(x), self.alpha1.times(y));
-        let rise = self.s[1].clipped_add(forward).down(self.alpha2_bits - self.below);
-        let fall = back.down(self.alpha1_bits - self.below);
+        let rise = self.s[1].clipped_add(forward) >> (self.alpha2_bits - self.below);
+        let fall = back >> (self.alpha1_bits - self.below);
         self.s[0] = self.s[0].clipped_add(rise.clipped_add(-fall));
         self.s[1] = self.s[1].clipped_add(forward - self.alpha2.times(y));
         y

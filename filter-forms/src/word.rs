@@ -3,21 +3,24 @@
 
 use core::{
     hint::cold_path,
-    ops::{Add, Neg, Sub},
+    ops::{Add, BitAnd, Neg, Shl, Shr, Sub},
 };
 
-/// A word twice as wide, for sums of products. The forms are dimensioned so that plain sums stay inside.
-pub trait Wide: Copy + Add<Output = Self> + Sub<Output = Self> + Neg<Output = Self> {
+/// A word twice as wide, for sums of products. The forms are dimensioned so that plain sums stay inside; a shift to the
+/// right rounds towards minus infinity.
+pub trait Wide:
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Neg<Output = Self>
+    + BitAnd<Output = Self>
+    + Shl<u32, Output = Self>
+    + Shr<u32, Output = Self>
+{
     /// 0.
     const ZERO: Self;
-    /// `self / 2^bits`, towards minus infinity.
-    fn down(self, bits: u32) -> Self;
-    /// `self 2^bits`.
-    fn up(self, bits: u32) -> Self;
-    /// 1 in the last place but `bits`.
-    fn one_at(bits: u32) -> Self;
-    /// The lowest `bits` bits.
-    fn low(self, bits: u32) -> Self;
+    /// 1.
+    const ONE: Self;
     /// A sum that stays at the end of the range where it would go beyond.
     fn clipped_add(self, other: Self) -> Self;
 }
@@ -46,26 +49,7 @@ macro_rules! word {
     ($word:ty, $wide:ty, $clip:expr, $times_wide:expr) => {
         impl Wide for $wide {
             const ZERO: Self = 0;
-
-            #[inline]
-            fn down(self, bits: u32) -> Self {
-                self >> bits
-            }
-
-            #[inline]
-            fn up(self, bits: u32) -> Self {
-                self << bits
-            }
-
-            #[inline]
-            fn one_at(bits: u32) -> Self {
-                1 << bits
-            }
-
-            #[inline]
-            fn low(self, bits: u32) -> Self {
-                self & ((1 << bits) - 1)
-            }
+            const ONE: Self = 1;
 
             #[inline]
             fn clipped_add(self, other: Self) -> Self {

@@ -19,7 +19,7 @@ use std::{
 
 use host_sim::{
     engine::{Backend, Depth, Engine, Outcome, Work, run, stream},
-    output::figure::{CostPanel, CostPlot, cost},
+    output::figure::{Mark, TradePanel, TradePlot, TradeSeries, trade},
     scene::NamedScene,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
@@ -199,12 +199,7 @@ fn figure(stem: &Path) {
     const HITS_PER_LENGTH: u64 = 64;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let mut csv = String::from("numeric,hits,samples_per_hit,time_s,peak_mb\n");
-    let mut panels = ["Hits", "Hits", "Samples of a hit"].map(|x_title| CostPanel {
-        x_title: x_title.into(),
-        y_title: "Processor time [s]".into(),
-        lines: vec![],
-    });
-    panels[1].y_title = "Peak memory [MB]".into();
+    let mut series = vec![];
     let short = prepared_of(SAMPLES_PER_HIT);
     for (name, numeric) in NUMERICS {
         let (mut times, mut memory, mut lengths) = (vec![], vec![], vec![]);
@@ -226,18 +221,37 @@ fn figure(stem: &Path) {
             slope(&lengths),
             peak_mb()
         );
-        for (panel, line) in panels.iter_mut().zip([times, memory, lengths]) {
-            panel.lines.push(line);
-        }
+        series.push(TradeSeries {
+            name: name.into(),
+            colour: series.len(),
+            mark: Mark::Circle,
+            points: vec![times, memory, lengths],
+        });
     }
-    let figure = cost(&CostPlot {
+    let panels = [
+        ("Processor time [s]", "hits"),
+        ("Peak memory [MB]", "hits"),
+        ("Processor time [s]", "samples of a hit"),
+    ];
+    let figure = trade(&TradePlot {
         title: "Cost of wall hits in lanes".into(),
         subtitle: format!(
             "One thread, {}; hits of {SAMPLES_PER_HIT} samples, then {HITS_PER_LENGTH} hits",
             Backend::best().name()
         ),
-        names: NUMERICS.map(|(name, _)| name.into()).to_vec(),
-        panels: panels.into(),
+        legend: "Arithmetic".into(),
+        x_title: "Hits, or samples of a hit".into(),
+        panels: panels
+            .map(|(y_title, over)| TradePanel {
+                title: format!("over {over}"),
+                y_title: y_title.into(),
+                limit: None,
+                floor: 1e-9,
+                front: vec![],
+            })
+            .into(),
+        series,
+        lines: true,
     })
     .unwrap();
     fs::write(stem.with_extension("csv"), csv).unwrap();

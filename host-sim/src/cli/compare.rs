@@ -210,11 +210,10 @@ fn write(
     manifest: &Manifest,
 ) -> Result<(), Error> {
     let mut figures = vec![];
-    let files = [["zwidth.svg", "zwidth.png"], ["zwidth_more.svg", "zwidth_more.png"]];
-    for (class, [svg, png]) in Class::ALL.into_iter().zip(files) {
+    for (class, stem) in Class::ALL.into_iter().zip(["zwidth", "zwidth_more"]) {
         if compared.iter().any(|c| c.class() == class) {
             let figure = zwidth(scene, compared, class)?;
-            outputs.add_figure(to, [svg, png], &figure)?;
+            outputs.add_figure(to, stem, &figure)?;
             let caption = format!(
                 "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
                 class.text()

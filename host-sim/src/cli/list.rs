@@ -7,9 +7,6 @@ use crate::scene::ranges::VALUES_MAX;
 pub struct List(pub Vec<f64>);
 
 /// Reads `A,B,C` or `FROM:STEP:TO` (TO included if a step falls on it).
-///
-/// # Errors
-/// One line that says what is wrong.
 pub fn parse(text: &str) -> Result<List, String> {
     let number = |part: &str| {
         let value: f64 = part.trim().parse().map_err(|_| format!("`{part}` is not a number"))?;

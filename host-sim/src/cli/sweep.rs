@@ -168,6 +168,11 @@ fn command_line(
     )
 }
 
+const HEAD: &str = concat!(
+    "     cutoff     -3 dB        area         low        high    peak K     max B\n",
+    "         Hz        Hz   N^2 s/m^2                               N/m     N s/m\n",
+);
+
 /// The range first, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
     let SweepResult { cutoffs, ideal } = &study.result;
@@ -187,16 +192,7 @@ fn table(study: &Study, folder: &str) -> String {
             );
         }
     }
-    let _ = writeln!(
-        text,
-        "  {:>9} {:>9} {:>11} {:>11} {:>11} {:>9} {:>9}",
-        "cutoff", "-3 dB", "area", "low", "high", "peak K", "max B"
-    );
-    let _ = writeln!(
-        text,
-        "  {:>9} {:>9} {:>11} {:>11} {:>11} {:>9} {:>9}",
-        "Hz", "Hz", "N^2 s/m^2", "", "", "N/m", "N s/m"
-    );
+    text.push_str(HEAD);
     for result in cutoffs {
         let _ = writeln!(
             text,

@@ -207,18 +207,11 @@ fn write(
     });
     let command = format!("trade {}{cutoffs} --repeat {}", scene.name, args.repeat);
     let manifest = Manifest::new(command, scene);
-    let filters_figure = trade_figures::filters(&scene.name, filters, &bench)?;
-    let cutoffs_figure = trade_figures::cutoffs(&scene.name, filters)?;
-    let plant_figure = trade_figures::plants(&scene.name, plants)?;
     outputs.add(to, "filters.csv", table::filters_csv(filters, &bench).as_bytes())?;
     outputs.add(to, "plant.csv", table::plant_csv(plants).as_bytes())?;
-    for (svg, png, figure) in [
-        ("filters.svg", "filters.png", &filters_figure),
-        ("cutoffs.svg", "cutoffs.png", &cutoffs_figure),
-        ("plant.svg", "plant.png", &plant_figure),
-    ] {
-        outputs.add_figure(to, [svg, png], figure)?;
-    }
+    outputs.add_figure(to, "filters", &trade_figures::filters(&scene.name, filters, &bench)?)?;
+    outputs.add_figure(to, "cutoffs", &trade_figures::cutoffs(&scene.name, filters)?)?;
+    outputs.add_figure(to, "plant", &trade_figures::plants(&scene.name, plants)?)?;
     outputs.add(to, "summary.json", (headed(json)? + "\n").as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(&manifest)?)
 }

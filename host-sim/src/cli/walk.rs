@@ -54,7 +54,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     )
     .map_err(|error| error.of(&scene.name))?;
     let Some(ended) = boundary.ended else {
-        let reason = match settles_in_s(&prepared, common.numeric.into(), &first) {
+        let reason = match settles_in_s(&prepared, common.numeric, &first) {
             Some(settle_s) => format!(
                 "still settles in the window with {}; raise wall_hit.settle_s, {settle_s} is enough here",
                 velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)

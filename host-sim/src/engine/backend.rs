@@ -177,18 +177,21 @@ fn each_numeric<S: SimdOps, const R: usize>(simd: S, task: Task<'_>, work: &mut 
     }
 }
 
+/// Plants of four and six states run as those of five and seven: half as many kinds of lanes to compile for little more
+/// work of each.
 fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
     simd: S,
     task: Task<'_>,
     work: &mut dyn Work,
 ) -> Tally {
+    use scheduler::run;
     match &task.prepared.parts().plant {
-        AnyPlant::Plain(step) => scheduler::run::<S, C, 2, R>(simd, task, &step.linear(), work),
-        AnyPlant::Three(step) => scheduler::run::<S, C, 3, R>(simd, task, &step.linear(), work),
-        AnyPlant::Four(step) => scheduler::run::<S, C, 4, R>(simd, task, &step.linear(), work),
-        AnyPlant::Five(step) => scheduler::run::<S, C, 5, R>(simd, task, &step.linear(), work),
-        AnyPlant::Six(step) => scheduler::run::<S, C, 6, R>(simd, task, &step.linear(), work),
-        AnyPlant::Seven(step) => scheduler::run::<S, C, 7, R>(simd, task, &step.linear(), work),
+        AnyPlant::Plain(step) => run::<S, C, 2, R>(simd, task, &step.linear(), work),
+        AnyPlant::Three(step) => run::<S, C, 3, R>(simd, task, &step.linear(), work),
+        AnyPlant::Four(step) => run::<S, C, 5, R>(simd, task, &step.linear().padded(), work),
+        AnyPlant::Five(step) => run::<S, C, 5, R>(simd, task, &step.linear(), work),
+        AnyPlant::Six(step) => run::<S, C, 7, R>(simd, task, &step.linear().padded(), work),
+        AnyPlant::Seven(step) => run::<S, C, 7, R>(simd, task, &step.linear(), work),
         _ => one_by_one(task, work),
     }
 }

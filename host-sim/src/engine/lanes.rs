@@ -86,8 +86,8 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub after: [S::f64s; P],
     pub rest_m: S::f64s,
     pub resolution_m: S::f64s,
-    /// The encoder rounds; else it floors.
-    pub rounds: bool,
+    /// Counts that are added before the encoder floors: 1/2 where it rounds, else 0, which changes nothing.
+    pub bias: S::f64s,
     pub stage: OutputStage<S>,
 }
 
@@ -277,10 +277,7 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
             self.move_on(simd, block);
             let end = samples as usize + usize::from(event);
             let Some(block) = buffer.get_mut(..end) else { return };
-            match self.shared.rounds {
-                true => self.count::<true>(simd, block),
-                false => self.count::<false>(simd, block),
-            }
+            self.count(simd, block);
             self.filter(simd, block);
             if event {
                 self.event(simd);
@@ -310,15 +307,15 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
 
     /// Positions of a block to counts moved, and the window's sums.
     #[inline(always)]
-    fn count<const ROUND: bool>(&mut self, simd: S, block: &mut [Row<S, R>]) {
-        let (resolution_m, half) = (self.shared.resolution_m, simd.splat_f64s(0.5));
+    fn count(&mut self, simd: S, block: &mut [Row<S, R>]) {
+        let (resolution_m, bias) = (self.shared.resolution_m, self.shared.bias);
         let mut counted = each!(self.moving, counted);
         let (origin, within) = (each!(self.kept, origin), each!(self.kept, within));
         for row in block {
             for r in 0..R {
                 let Counted { count: last, jump, sum, squares, deepest } = counted[r];
                 let exact = simd.div_f64s(row.0[r], resolution_m);
-                let count = simd.floor(if ROUND { simd.add_f64s(exact, half) } else { exact });
+                let count = simd.floor(simd.add_f64s(exact, bias));
                 let difference = simd.sub_f64s(count, last);
                 let away = simd.masked(simd.sub_f64s(count, origin[r]), within[r]);
                 counted[r] = Counted {

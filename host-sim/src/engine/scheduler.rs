@@ -131,7 +131,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             after: each(simd, &step.after),
             rest_m: splat(step.rest_m[0]),
             resolution_m: splat(parts.encoder.resolution_m),
-            rounds: parts.encoder.rounding == Rounding::Round,
+            bias: splat(if parts.encoder.rounding == Rounding::Round { 0.5 } else { 0.0 }),
             stage: stage(simd, task),
         };
         let kept = Kept {

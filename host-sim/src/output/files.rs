@@ -80,9 +80,6 @@ impl Outputs {
     }
 
     /// Reserves the file of an option, if it is given.
-    ///
-    /// # Errors
-    /// As [`file`](Self::file).
     pub fn option(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
         path.map(|path| self.file(path)).transpose()
     }
@@ -127,9 +124,6 @@ impl Outputs {
     }
 
     /// A figure, in the format that the file's name asks for.
-    ///
-    /// # Errors
-    /// It cannot be drawn or written.
     pub fn draw(&mut self, place: Place, figure: &Figure) -> Result<(), Error> {
         let bytes = match is_svg(&self.files[place.0].shown)? {
             true => figure.svg().as_bytes().to_vec(),
@@ -139,9 +133,6 @@ impl Outputs {
     }
 
     /// A whole file of a result folder.
-    ///
-    /// # Errors
-    /// As [`file`](Self::file) and [`write`](Self::write).
     pub fn add(&mut self, to: FolderPlace, name: &str, bytes: &[u8]) -> Result<(), Error> {
         let folder = &self.folders[to.0];
         let place = match name {
@@ -154,18 +145,15 @@ impl Outputs {
         self.write(place, bytes)
     }
 
-    /// A figure of a result folder, as SVG and as PNG.
-    ///
-    /// # Errors
-    /// As [`add`](Self::add), and if it cannot be drawn.
+    /// A figure of a result folder, as `STEM.svg` and as `STEM.png`.
     pub fn add_figure(
         &mut self,
         to: FolderPlace,
-        [svg_name, png_name]: [&str; 2],
+        stem: &str,
         figure: &Figure,
     ) -> Result<(), Error> {
-        self.add(to, svg_name, figure.svg().as_bytes())?;
-        self.add(to, png_name, &figure.png()?)
+        self.add(to, &format!("{stem}.svg"), figure.svg().as_bytes())?;
+        self.add(to, &format!("{stem}.png"), &figure.png()?)
     }
 
     /// A draft of `path`, and its real path.
@@ -336,9 +324,6 @@ fn is_svg(path: &Path) -> Result<bool, Error> {
 }
 
 /// JSON as it stands in files.
-///
-/// # Errors
-/// It cannot be written as JSON.
 pub fn json(value: &impl serde::Serialize) -> Result<Vec<u8>, Error> {
     let mut text = serde_json::to_vec_pretty(value)
         .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;

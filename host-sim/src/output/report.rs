@@ -6,9 +6,7 @@
 
 use std::fmt::Write as _;
 
-use serde::Serialize;
-
-use super::figure::{Figure, escape, hertz, scaled_unit};
+use super::figure::{AreaPoint, Figure, escape, hertz, scaled_unit};
 use crate::notation::number;
 
 const STYLE: &str = "\
@@ -47,7 +45,7 @@ pub struct Report {
     /// Figures in the order in which they are shown.
     pub figures: Vec<ReportFigure>,
     /// One row per cutoff.
-    pub areas: Vec<AreaRow>,
+    pub areas: Vec<AreaPoint>,
     /// Remarks, one sentence each.
     pub notes: Vec<String>,
     /// The scene file as it was read.
@@ -63,28 +61,6 @@ pub struct ReportFigure {
     pub figure: Figure,
     /// What the reader should see in it.
     pub caption: String,
-}
-
-/// The result of one cutoff, over its repeats.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct AreaRow {
-    /// Nominal cutoff.
-    pub cutoff_hz: f64,
-    /// Frequency at which the discrete filter is down by 3 dB.
-    pub true_cutoff_hz: f64,
-    /// Mean area [N² s/m²].
-    #[serde(rename = "area_n2_s_per_m2")]
-    pub area: f64,
-    /// Smallest area of the repeats [N² s/m²].
-    #[serde(rename = "area_low_n2_s_per_m2")]
-    pub area_low: f64,
-    /// Largest area of the repeats [N² s/m²].
-    #[serde(rename = "area_high_n2_s_per_m2")]
-    pub area_high: f64,
-    /// Largest stable stiffness at any damping.
-    pub stiffness_peak_n_per_m: f64,
-    /// Largest damping at which any wall was stable.
-    pub damping_max_n_s_per_m: f64,
 }
 
 /// The report as one HTML file.
@@ -257,8 +233,8 @@ mod tests {
     use super::*;
     use crate::output::figure::{AreaPlot, ZwidthPlot, area, zwidth};
 
-    fn row(cutoff_hz: f64, area: f64) -> AreaRow {
-        AreaRow {
+    fn row(cutoff_hz: f64, area: f64) -> AreaPoint {
+        AreaPoint {
             cutoff_hz,
             true_cutoff_hz: 0.9 * cutoff_hz,
             area,

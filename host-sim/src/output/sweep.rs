@@ -10,10 +10,10 @@ use crate::{
     output::trace::Trace,
     output::{
         SCHEMA_VERSION,
-        figure::{self, AreaPlot, AreaPoint, Curve, Figure, ZwidthPlot},
+        figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
         manifest::Manifest,
-        report::{self, AreaRow, Report, ReportFigure},
+        report::{self, Report, ReportFigure},
     },
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
@@ -94,7 +94,7 @@ pub struct Summary {
 #[derive(Clone, Debug, Serialize)]
 struct CutoffSummary {
     #[serde(flatten)]
-    areas: AreaRow,
+    areas: AreaPoint,
     walks: Vec<WalkSummary>,
 }
 
@@ -167,25 +167,13 @@ impl Study {
     }
 
     /// Draws and writes every file.
-    ///
-    /// # Errors
-    /// A file cannot be drawn or written.
     pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
-        let mut figures = vec![
-            ("zwidth.svg", "zwidth.png", self.zwidth()?, self.zwidth_caption()),
-            ("area.svg", "area.png", self.area()?, convention(self)),
-        ];
-        if let Some((figure, caption)) = self.hit()? {
-            figures.push(("hit.svg", "hit.png", figure, caption));
+        let mut figures = vec![self.zwidth()?, self.area()?];
+        figures.extend(self.hit()?);
+        for (stem, shown) in ["zwidth", "area", "hit"].into_iter().zip(&figures) {
+            outputs.add_figure(to, stem, &shown.figure)?;
         }
-        for (svg_name, png_name, figure, _) in &figures {
-            outputs.add_figure(to, [svg_name, png_name], figure)?;
-        }
-        let figures = figures
-            .into_iter()
-            .map(|(_, _, figure, caption)| ReportFigure { figure, caption })
-            .collect();
         outputs.add(to, "boundary.csv", self.boundary_csv().as_bytes())?;
         outputs.add(to, "areas.csv", self.areas_csv().as_bytes())?;
         outputs.add(to, "envelope.csv", self.envelope_csv().as_bytes())?;
@@ -197,7 +185,7 @@ impl Study {
         outputs.add(to, MANIFEST, &json(&manifest)?)
     }
 
-    fn zwidth(&self) -> Result<Figure, Error> {
+    fn zwidth(&self) -> Result<ReportFigure, Error> {
         let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
         let curves = self.result.cutoffs.iter().map(|result| {
             let first = result.boundaries.first();
@@ -205,45 +193,36 @@ impl Study {
             let is_ideal = ideal == Some(result.cutoff_hz);
             Curve::of_cutoff(result.cutoff_hz, result.true_cutoff_hz, is_ideal, points)
         });
-        Ok(figure::zwidth(&ZwidthPlot {
+        let figure = figure::zwidth(&ZwidthPlot {
             title: format!("Z-width, {}", self.scene.name),
             subtitle: subtitle(self),
             legend: Curve::CUTOFF_LEGEND.into(),
             curves: curves.collect(),
-        })?)
+        })?;
+        let caption = "Boundary of the stable walls, one curve per nominal cutoff: the largest K that the walk \
+                       found stable at each B. The first of the repeated walks is shown.";
+        Ok(ReportFigure { figure, caption: caption.into() })
     }
 
-    fn zwidth_caption(&self) -> String {
-        "Boundary of the stable walls, one curve per nominal cutoff: the largest K that the walk \
-         found stable at each B. The first of the repeated walks is shown."
-            .into()
-    }
-
-    fn area(&self) -> Result<Figure, Error> {
+    fn area(&self) -> Result<ReportFigure, Error> {
         let ideal = self.result.ideal;
-        let points = self.result.cutoffs.iter().map(|result| AreaPoint {
-            cutoff_hz: result.cutoff_hz,
-            true_cutoff_hz: result.true_cutoff_hz,
-            area: result.area(),
-            area_low: result.area_low(),
-            area_high: result.area_high(),
-        });
         let walks = match self.repeats {
             1 => "One walk per cutoff.".to_owned(),
             n => format!("Points are means of {n} walks, starts spread over one count."),
         };
-        Ok(figure::area(&AreaPlot {
+        let figure = figure::area(&AreaPlot {
             title: format!("Z-width area over the cutoff, {}", self.scene.name),
             subtitle: subtitle(self),
-            points: points.collect(),
+            points: areas(&self.result).collect(),
             ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
             ideal_range_hz: ideal.map(|ideal| ideal.range_hz),
             convention: format!("{} {walks}", convention(self)),
-        })?)
+        })?;
+        Ok(ReportFigure { figure, caption: convention(self) })
     }
 
     /// The hit on the stiffest wall of the boundary at the ideal cutoff.
-    fn hit(&self) -> Result<Option<(Figure, String)>, Error> {
+    fn hit(&self) -> Result<Option<ReportFigure>, Error> {
         let Some(ideal) = self.result.ideal else {
             return Ok(None);
         };
@@ -267,9 +246,9 @@ impl Study {
         let mut trace = Trace::new(&self.prepared, &hit)?;
         let report = self.prepared.hit(self.numeric, &hit, |sample| trace.push(sample))?;
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
-                       over time, and the window that decides."
-            .into();
-        Ok(Some((trace.figure(&self.scene, &hit, &report)?, caption)))
+                       over time, and the window that decides.";
+        let figure = trace.figure(&self.scene, &hit, &report)?;
+        Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
     fn boundary_csv(&self) -> String {
@@ -292,18 +271,9 @@ impl Study {
         let mut text = String::from(
             "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",
         );
-        for result in &self.result.cutoffs {
-            let _ = writeln!(
-                text,
-                "{},{},{},{},{},{},{}",
-                result.cutoff_hz,
-                result.true_cutoff_hz,
-                result.area(),
-                result.area_low(),
-                result.area_high(),
-                result.stiffness_peak_n_per_m(),
-                result.damping_max_n_s_per_m()
-            );
+        for row in areas(&self.result) {
+            let (k, b) = (row.stiffness_peak_n_per_m, row.damping_max_n_s_per_m);
+            let _ = writeln!(text, "{},{k},{b}", area_cells(&row));
         }
         text
     }
@@ -319,17 +289,8 @@ impl Study {
              area_high_n2_s_per_m2,schema_version\n",
         );
         for variant in &self.variants {
-            for result in &variant.result.cutoffs {
-                let _ = writeln!(
-                    text,
-                    "{},{},{},{},{},{},{SCHEMA_VERSION}",
-                    variant.name,
-                    result.cutoff_hz,
-                    result.true_cutoff_hz,
-                    result.area(),
-                    result.area_low(),
-                    result.area_high()
-                );
+            for row in areas(&variant.result) {
+                let _ = writeln!(text, "{},{},{SCHEMA_VERSION}", variant.name, area_cells(&row));
             }
         }
         text
@@ -338,13 +299,12 @@ impl Study {
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
         let mut notes = self.result.notes();
         notes.extend(self.variants.iter().map(VariantResult::sentence));
-        let areas = self.result.cutoffs.iter().map(area_row);
         report::html(&Report {
             title: format!("{}: {}", self.scene.name, subtitle(self)),
             ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
             ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
             figures,
-            areas: areas.collect(),
+            areas: areas(&self.result).collect(),
             notes,
             scene: self.scene.text.clone(),
             provenance: manifest.facts(),
@@ -382,9 +342,19 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
     CutoffSummary { areas: area_row(result), walks: walks.collect() }
 }
 
-/// One cutoff in numbers, for every table that has a row of it.
-fn area_row(result: &CutoffResult) -> AreaRow {
-    AreaRow {
+/// Each cutoff in numbers, for every table and figure that has a row of it.
+fn areas(result: &SweepResult) -> impl Iterator<Item = AreaPoint> {
+    result.cutoffs.iter().map(area_row)
+}
+
+/// What the rows of all CSV tables of areas begin with.
+fn area_cells(row: &AreaPoint) -> String {
+    let AreaPoint { cutoff_hz, true_cutoff_hz, area, area_low, area_high, .. } = row;
+    format!("{cutoff_hz},{true_cutoff_hz},{area},{area_low},{area_high}")
+}
+
+fn area_row(result: &CutoffResult) -> AreaPoint {
+    AreaPoint {
         cutoff_hz: result.cutoff_hz,
         true_cutoff_hz: result.true_cutoff_hz,
         area: result.area(),

@@ -17,9 +17,6 @@ const FACTS: [(&str, Flags, bool); 6] = [
 
 /// Position, velocity, force and flags over time: in SI units with the scene that the board
 /// plays, else in the units of the control.
-///
-/// # Errors
-/// There are no frames.
 pub fn telemetry_figure(
     capture: &Capture,
     name: &str,

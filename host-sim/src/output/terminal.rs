@@ -105,9 +105,6 @@ fn say_error(error: &Error) {
 }
 
 /// `body` as JSON with the head that every object has: schema and command.
-///
-/// # Errors
-/// It cannot be written as JSON.
 pub fn headed(body: impl Serialize) -> Result<String, Error> {
     let command = JSON.get().and_then(|(_, command)| command.as_deref());
     let headed = Headed { schema_version: SCHEMA_VERSION, command, body };
@@ -116,17 +113,11 @@ pub fn headed(body: impl Serialize) -> Result<String, Error> {
 }
 
 /// Prints the one JSON object of a command.
-///
-/// # Errors
-/// [`Error::File`] if stdout cannot be written.
 pub fn print_json(body: impl Serialize) -> Result<(), Error> {
     print_text(&headed(body)?)
 }
 
 /// Prints what a command came to: with `--json` its one object, else the text.
-///
-/// # Errors
-/// [`Error::File`] if stdout cannot be written.
 pub fn print_result(
     json: bool,
     body: impl Serialize,
@@ -136,9 +127,6 @@ pub fn print_result(
 }
 
 /// Prints lines; a reader that hangs up is not an error of ours.
-///
-/// # Errors
-/// [`Error::File`] if stdout cannot be written.
 pub fn print_text(text: &str) -> Result<(), Error> {
     let mut stdout = io::stdout();
     let printed = writeln!(stdout, "{}", printable(text, true)).and_then(|()| stdout.flush());

@@ -117,9 +117,6 @@ impl Trace {
     }
 
     /// Position over time, with settle phase and window.
-    ///
-    /// # Errors
-    /// The figure cannot be drawn.
     pub fn figure(
         &self,
         scene: &NamedScene,

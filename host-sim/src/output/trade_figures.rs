@@ -82,9 +82,6 @@ fn front(points: &[Option<[f64; 2]>]) -> Vec<[f64; 2]> {
 }
 
 /// Error of the velocity over cycles, at a few cutoffs.
-///
-/// # Errors
-/// It cannot be drawn.
 pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, FigureError> {
     let mut shown: Vec<usize> = vec![];
     for wanted in SHOWN_HZ {
@@ -125,9 +122,6 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
 }
 
 /// Where the formats fail, drawn: see [`cutoffs_plot`].
-///
-/// # Errors
-/// It cannot be drawn.
 pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, FigureError> {
     trade(&cutoffs_plot(scene, filters))
 }
@@ -173,9 +167,6 @@ pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
 }
 
 /// Error of the plant over operations.
-///
-/// # Errors
-/// It cannot be drawn.
 pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
     let points = plant_points(plants);
     let methods = [

@@ -117,6 +117,21 @@ impl<const N: usize> LinearStep<N> {
     pub fn at_rest(&self, position_m: f64) -> [f64; N] {
         augmented::still(&self.rest_m, position_m)
     }
+
+    /// The same with more states, which stay 0 and add exactly nothing to the others.
+    pub fn padded<const M: usize>(&self) -> LinearStep<M> {
+        fn longer<T: Copy, const N: usize, const M: usize>(short: [T; N], rest: T) -> [T; M] {
+            core::array::from_fn(|place| short.get(place).copied().unwrap_or(rest))
+        }
+        let Self { phi, gamma, before, after, rest_m } = *self;
+        LinearStep {
+            phi: longer(phi.map(|row| longer(row, 0.0)), [0.0; M]),
+            gamma: longer(gamma, 0.0),
+            before: longer(before, 0.0),
+            after: longer(after, 0.0),
+            rest_m,
+        }
+    }
 }
 
 /// Position and speed of the handle.

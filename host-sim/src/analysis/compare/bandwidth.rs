@@ -34,9 +34,6 @@ const LOWEST: f64 = 1e-5;
 const POINTS: u32 = 376;
 
 /// -3 dB frequency of what the estimator makes of the position, Hz.
-///
-/// # Errors
-/// A parameter is out of range.
 pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64, SettingsError> {
     let of_rate = match *settings {
         VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }

@@ -86,9 +86,6 @@ const RECORD_S: f64 = 2.0;
 const SETTLE_S: f64 = 1.0;
 
 /// Measures the estimator of that scene, at that cutoff, at those walls.
-///
-/// # Errors
-/// A setting is out of range.
 pub fn measure(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Result<Fidelity, Error> {
     let each = walls.iter().map(|wall| at_wall(scene, cutoff_hz, wall));
     let points = each.collect::<Result<Vec<_>, Error>>()?.concat();

@@ -9,6 +9,7 @@ use zwidth::{units::Velocity, velocity::Senses};
 use super::{Bench, Variant};
 use crate::{
     error::Error,
+    numerics::statistics::Repeats,
     scene::Scene,
     simulation::{
         controller::{Controller, ControllerOutput, Fixed},
@@ -67,9 +68,7 @@ pub struct Areas(pub Vec<f64>);
 impl Areas {
     /// Mean.
     pub fn mean(&self) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "a handful")]
-        let count = self.0.len().max(1) as f64;
-        self.0.iter().sum::<f64>() / count
+        Repeats::of(self.0.iter().copied()).mean
     }
 
     /// Largest less smallest, as a share of the mean; 0 where there is no area.
@@ -86,9 +85,6 @@ impl Areas {
 }
 
 /// The scene with the finite difference alone, made ready.
-///
-/// # Errors
-/// The scene is out of range.
 pub fn prepare(scene: &Scene) -> Result<PreparedScene, Error> {
     let mut scene = scene.clone();
     scene.velocity = zwidth::VelocitySettings::Difference {}.into();

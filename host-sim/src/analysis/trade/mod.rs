@@ -91,9 +91,6 @@ impl Bench {
     }
 
     /// The filter at rest.
-    ///
-    /// # Errors
-    /// The format cannot have the cutoff.
     pub fn filter(&self, variant: Variant, cutoff_hz: f64) -> Result<Filter, Refused> {
         Filter::new(variant, cutoff_hz, self.rate_hz, self.q15_fraction)
     }

@@ -23,8 +23,6 @@ pub(super) struct Ticks {
     pub decimals: usize,
     pub low: f64,
     pub high: f64,
-    /// The values are logarithms, and the numbers powers of ten.
-    pub powers: bool,
 }
 
 impl Ticks {
@@ -52,7 +50,6 @@ impl Ticks {
             decimals: 0,
             low,
             high,
-            powers: false,
         };
         let digits = ticks.step().map_or(0.0, |step| -step.log10());
         let smallest_fitting = |decimals: &usize| *decimals as f64 >= digits - SLACK;
@@ -62,16 +59,7 @@ impl Ticks {
 
     /// The axis of data that is all 0: one tick.
     pub(super) fn nothing() -> Self {
-        Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0, powers: false }
-    }
-
-    /// Whole decades around a range of logarithms.
-    pub(super) fn decades(low: f64, high: f64) -> Self {
-        let (low, high) = ((low + SLACK).floor(), (high - SLACK).ceil());
-        let high = high.max(low + 1.0);
-        let counts = (0..MOST_VALUES).map(f64::from);
-        let values = counts.map(|count| low + count).take_while(|value| *value <= high);
-        Self { values: values.collect(), decimals: 0, low, high, powers: true }
+        Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }
 
     /// The same range with neither ticks nor numbers.
@@ -111,12 +99,6 @@ impl Ranged for Ticks {
 
 impl ValueFormatter<f64> for Ticks {
     fn format_ext(&self, value: &f64) -> String {
-        if self.powers {
-            return format!(
-                "10{}",
-                format!("{value:.0}").chars().map(superscript).collect::<String>()
-            );
-        }
         number(*value, self.decimals)
     }
 }

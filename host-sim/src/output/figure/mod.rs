@@ -6,7 +6,6 @@
 //! TracePlot     -> hit_trace      ├─> Figure ─> svg(), png()
 //! ResponsePlot  -> pulse_response │
 //! TelemetryPlot -> telemetry      │
-//! CostPlot      -> cost           │
 //! TradePlot     -> trade          ┘
 //! ```
 //! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
@@ -21,7 +20,6 @@
 mod area;
 mod axis;
 mod colour;
-mod cost;
 mod panel;
 mod render;
 mod response;
@@ -40,7 +38,6 @@ use render::{Page, Recorder, Shape};
 
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, scaled_unit};
-pub use cost::{CostPanel, CostPlot, cost};
 pub use response::{ResponsePlot, pulse_response};
 pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
 pub(crate) use text::escape;

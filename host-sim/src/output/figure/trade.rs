@@ -325,7 +325,7 @@ fn draw_legend(page: &Page, plot: &TradePlot, left: f64) -> Result<(), FigureErr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::figure::testing::check as look;
+    use crate::output::figure::testing::{Pixels, check as look};
 
     fn plot() -> TradePlot {
         let panel = |title: &str| TradePanel {
@@ -365,6 +365,27 @@ mod tests {
         {
             assert!(figure.svg().contains(text), "{text} is missing");
         }
+    }
+
+    #[test]
+    fn costs_are_lines_between_decades() {
+        let line = |factor: f64| -> Vec<[f64; 2]> {
+            (3..=6).map(|n| [10f64.powi(n), factor * 10f64.powi(n - 5)]).collect()
+        };
+        let mut costs = plot();
+        costs.series.truncate(2);
+        costs.panels.iter_mut().for_each(|panel| panel.front.clear());
+        for (series, factor) in costs.series.iter_mut().zip([1.0, 3.0]) {
+            series.points = vec![line(factor); 2];
+        }
+        let figure = look(trade, &costs);
+        for text in ["10⁵", "10⁻²", "Cost [cycles]", "q15"] {
+            assert!(figure.svg().contains(text), "{text} is missing");
+        }
+        assert!(!figure.svg().contains("not beaten"));
+        assert!(Pixels::of(&figure).count(COLOURS[1]) > 500, "a line does not show");
+        costs.series[0].points[0][0][0] = 0.0;
+        assert_eq!(trade(&costs), Err(FigureError::NotPositive { quantity: "x" }));
     }
 
     #[test]

@@ -30,9 +30,6 @@ pub struct Replayed {
 
 impl Recorded {
     /// Runs a whole hit with the core.
-    ///
-    /// # Errors
-    /// A setting is out of range.
     pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
         let samples = (prepared.plan().settle + prepared.plan().window) as usize;
         #[expect(

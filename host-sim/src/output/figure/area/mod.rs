@@ -9,6 +9,8 @@ use plotters::{
     style::text_anchor::HPos,
 };
 
+use serde::Serialize;
+
 mod cutoffs;
 
 use cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows};
@@ -69,19 +71,26 @@ pub struct AreaPlot {
     pub convention: String,
 }
 
-/// The area of one cutoff over its repeats.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// The result of one cutoff, over its repeats.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AreaPoint {
     /// Nominal cutoff.
     pub cutoff_hz: f64,
     /// Frequency at which the discrete filter is down by 3 dB.
     pub true_cutoff_hz: f64,
     /// Mean area [N² s/m²].
+    #[serde(rename = "area_n2_s_per_m2")]
     pub area: f64,
     /// Smallest area of the repeats [N² s/m²].
+    #[serde(rename = "area_low_n2_s_per_m2")]
     pub area_low: f64,
     /// Largest area of the repeats [N² s/m²].
+    #[serde(rename = "area_high_n2_s_per_m2")]
     pub area_high: f64,
+    /// Largest stable stiffness at any damping.
+    pub stiffness_peak_n_per_m: f64,
+    /// Largest damping at which any wall was stable.
+    pub damping_max_n_s_per_m: f64,
 }
 
 /// Draws the area from 0 over the logarithm of the cutoff; the upper axis gives true frequencies.
@@ -285,7 +294,17 @@ mod tests {
     }
 
     fn point(cutoff_hz: f64, true_cutoff_hz: f64, area: f64) -> AreaPoint {
-        AreaPoint { cutoff_hz, true_cutoff_hz, area, area_low: 0.99 * area, area_high: 1.01 * area }
+        let [stiffness_peak_n_per_m, damping_max_n_s_per_m] = [5e4, 700.0];
+        let [area_low, area_high] = [0.99 * area, 1.01 * area];
+        AreaPoint {
+            cutoff_hz,
+            true_cutoff_hz,
+            area,
+            area_low,
+            area_high,
+            stiffness_peak_n_per_m,
+            damping_max_n_s_per_m,
+        }
     }
 
     fn run() -> Vec<AreaPoint> {
