@@ -20,6 +20,7 @@
 mod area;
 mod axis;
 mod colour;
+mod page;
 mod panel;
 mod render;
 mod response;
@@ -34,7 +35,7 @@ use std::{cell::RefCell, convert::Infallible, fmt, mem, rc::Rc};
 use plotters::drawing::DrawingAreaErrorKind;
 
 use crate::error::Error;
-use render::{Page, Recorder, Shape};
+use page::{Page, Recorder, Shape};
 
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, scaled_unit};

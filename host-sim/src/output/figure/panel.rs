@@ -16,7 +16,7 @@ use super::{
     axis::Ticks,
     colour::{self, FRAME, QUIET, TEXT},
     grid,
-    render::Recorder,
+    page::Recorder,
     text,
 };
 

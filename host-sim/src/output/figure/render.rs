@@ -1,162 +1,21 @@
-//! A page as plotters draws it, kept as shapes; the shapes as SVG text and as PNG bytes.
-//!
-//! plotters is compiled for each backend that it draws on: here for one, and a figure is drawn once.
+//! The shapes of a page as SVG text and as PNG bytes.
 
-use std::{convert::Infallible, fmt::Write as _, mem};
+use std::{fmt::Write as _, mem};
 
 use ab_glyph::{Font as _, Glyph, point};
-use plotters::{coord::Shift, prelude::*};
-use plotters_backend::{
-    BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind, rasterizer,
-    text_anchor::{HPos, VPos},
-};
+use plotters::prelude::*;
+use plotters_backend::{BackendCoord, BackendStyle, DrawingErrorKind, rasterizer};
 
 use super::{
     FigureError, GRID, grid,
+    page::{Lettering, Shape},
     text::{self, FONT_FAMILIES, escape},
 };
 
 /// Grid steps per pixel of a PNG, each way: what they average is the anti-aliasing.
 pub(super) const STEPS_PER_PIXEL: u8 = 2;
 
-/// What a figure is drawn on, in grid steps from its top left corner.
-pub(super) type Page = DrawingArea<Recorder, Shift>;
-
-/// Keeps what plotters draws: filled shapes and lines, since no figure has others.
-pub(super) struct Recorder {
-    pub size: (u32, u32),
-    pub shapes: Vec<Shape>,
-}
-
-/// A shape and what it is painted with.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Shape {
-    Line([BackendCoord; 2], ShapeStyle),
-    Path(Vec<BackendCoord>, ShapeStyle),
-    Rectangle([BackendCoord; 2], ShapeStyle),
-    Circle(BackendCoord, u32, ShapeStyle),
-    Polygon(Vec<BackendCoord>, ShapeStyle),
-    Text(Lettering, ShapeStyle),
-}
-
-/// A line of text.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Lettering {
-    text: String,
-    at: BackendCoord,
-    /// Of an em, in grid steps.
-    size: f64,
-    /// What of it stands at its place: its name in SVG, and which part of the width is before it.
-    anchor: (&'static str, f64),
-    /// From its place down to the base line, em.
-    drop: f64,
-    /// It is read from below.
-    turned: bool,
-}
-
-type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 type BitmapError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
-
-impl Recorder {
-    fn keep(
-        &mut self,
-        style: &impl BackendStyle,
-        shape: impl FnOnce(ShapeStyle) -> Shape,
-    ) -> Drawn {
-        let BackendColor { alpha, rgb: (red, green, blue) } = style.color();
-        let color = RGBAColor(red, green, blue, alpha);
-        if alpha > 0.0 {
-            let stroke_width = style.stroke_width();
-            self.shapes.push(shape(ShapeStyle { color, filled: true, stroke_width }));
-        }
-        Ok(())
-    }
-}
-
-impl DrawingBackend for Recorder {
-    type ErrorType = Infallible;
-
-    fn get_size(&self) -> (u32, u32) {
-        self.size
-    }
-
-    fn ensure_prepared(&mut self) -> Drawn {
-        Ok(())
-    }
-
-    fn present(&mut self) -> Drawn {
-        Ok(())
-    }
-
-    fn draw_pixel(&mut self, (x, y): BackendCoord, colour: BackendColor) -> Drawn {
-        self.keep(&colour, |style| Shape::Rectangle([(x, y), (x + 1, y + 1)], style))
-    }
-
-    fn draw_line<S: BackendStyle>(
-        &mut self,
-        from: BackendCoord,
-        to: BackendCoord,
-        style: &S,
-    ) -> Drawn {
-        self.keep(style, |style| Shape::Line([from, to], style))
-    }
-
-    fn draw_rect<S: BackendStyle>(
-        &mut self,
-        from: BackendCoord,
-        to: BackendCoord,
-        style: &S,
-        _: bool,
-    ) -> Drawn {
-        self.keep(style, |style| Shape::Rectangle([from, to], style))
-    }
-
-    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
-        &mut self,
-        path: I,
-        style: &S,
-    ) -> Drawn {
-        self.keep(style, |style| Shape::Path(path.into_iter().collect(), style))
-    }
-
-    fn draw_circle<S: BackendStyle>(
-        &mut self,
-        centre: BackendCoord,
-        radius: u32,
-        style: &S,
-        _: bool,
-    ) -> Drawn {
-        self.keep(style, |style| Shape::Circle(centre, radius, style))
-    }
-
-    fn fill_polygon<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
-        &mut self,
-        corners: I,
-        style: &S,
-    ) -> Drawn {
-        self.keep(style, |style| Shape::Polygon(corners.into_iter().collect(), style))
-    }
-
-    fn draw_text<S: BackendTextStyle>(&mut self, text: &str, style: &S, at: BackendCoord) -> Drawn {
-        let lettering = Lettering {
-            text: text.to_owned(),
-            at,
-            size: text::em(style.size()),
-            anchor: match style.anchor().h_pos {
-                HPos::Left => ("start", 0.0),
-                HPos::Center => ("middle", 0.5),
-                HPos::Right => ("end", 1.0),
-            },
-            drop: match style.anchor().v_pos {
-                VPos::Top => 0.76,
-                VPos::Center => 0.36,
-                VPos::Bottom => -0.27,
-            },
-            turned: matches!(style.transform(), FontTransform::Rotate270),
-        };
-        self.keep(&style.color(), |style| Shape::Text(lettering, style))
-    }
-}
 
 /// The opening tag of a page, with what is said once for all of it.
 pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
@@ -212,7 +71,8 @@ pub(super) fn svg(shapes: &[Shape]) -> String {
                 writeln!(
                     out,
                     "<text x=\"{x}\" y=\"{y}\" dy=\"{drop}em\" text-anchor=\"{anchor}\" \
-                     font-size=\"{size}\"{}{turn}>\n{}\n</text>",
+                     font-size=\"{}\"{}{turn}>\n{}\n</text>",
+                    text::em(*size),
                     ink("fill", style),
                     escape(text).replace("&#39;", "&apos;") // as plotters writes it
                 )
@@ -331,10 +191,10 @@ fn paint_text(
     style: &ShapeStyle,
 ) -> Result<(), FigureError> {
     let Lettering { text, at: (x, y), size, anchor: (_, before), drop, turned } = lettering;
-    let font = text::font()?;
+    let (font, size) = (text::font()?, text::em(*size));
     let units_per_em = font.units_per_em().unwrap_or(1.0);
-    let scale = single(*size) * font.height_unscaled() / units_per_em;
-    let mut pen = -before * text::width(text, *size);
+    let scale = single(size) * font.height_unscaled() / units_per_em;
+    let mut pen = -before * text::width(text, size);
     for c in text.chars() {
         let origin = point(single(pen), single(drop * size));
         let glyph: Glyph = font.glyph_id(c).with_scale_and_position(scale, origin);
