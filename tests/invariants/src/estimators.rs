@@ -202,6 +202,38 @@ crate::properties! {
         }
     }
 
+    /// With ideal edge times the velocity of time stamps is a mean of the true one: never above the fastest speed in either
+    /// direction that the handle has had, to the rounding of the times, wherever it turns.
+    true_edges(200, (span, phase, pieces) in (
+        1u32..=62,
+        0.0..1.0f64,
+        prop_oneof![any::motion(0.5), any::motion(5.0), any::motion(300.0)],
+    )) {
+        let tuned = Tuned { design: any::PAPER, settings: VelocitySettings::TimeStamps { span_samples: span } };
+        let mut run = Run::at(&tuned, 0);
+        let (mut last, mut age) = (phase, None);
+        let (mut slowest, mut fastest) = (0f64, 0f64);
+        let mut up = true;
+        // at rest first, with one sample of it behind
+        for place in std::iter::once(0.0).chain(any::places(&pieces)) {
+            let now = place + phase;
+            let speed = now - last;
+            (slowest, fastest) = (slowest.min(speed), fastest.max(speed));
+            age = age.map(|age: f64| age + 1.0);
+            if now.floor() != last.floor() {
+                // the border that was crossed last
+                up = speed > 0.0;
+                let border = now.floor() + f64::from(!up);
+                age = Some((now - border) / speed);
+            }
+            last = now;
+            let edge = age.map(|age| Edge { age: (age * LSB) as u32, up });
+            let velocity = f64::from(run.step(now.floor() as i64, &Senses { edge, ..Senses::NONE })) / LSB;
+            let rounding = fastest.max(-slowest) / (LSB * (f64::from(span) - 0.5)) + 1.0 / LSB;
+            assert!((slowest - rounding..=fastest + rounding).contains(&velocity), "{velocity} of {slowest} to {fastest}");
+        }
+    }
+
     /// A handle that stops reads 0, within what is stated for whole counts, once the stop has gone.
     stop(100, (tuned, pieces) in (tuned(), any::motion(300.0))) {
         let says = stated(&tuned.settings, &tuned.design);

@@ -111,7 +111,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let weights = sum.weights();
         let error = ripple(weights, &[], weights.len() + 1);
         let first = First::Part(weights[0].abs(), error);
-        return exact(error, 1.0, weights.len() as f64 + 1.0, first);
+        return Stated { whole: 0.0, ..exact(error, 1.0, weights.len() as f64 + 1.0, first) };
     }
     let low_pass = |b: &[f64], a: &[f64], part: f64| {
         let settles = 8.0 / part + 200.0;
