@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 use zwidth::velocity::{EstimatorName, Sense};
 
-use super::{Common, progress};
+use super::{Common, progress, shared};
 use crate::{
     analysis::compare::{
         Class, Compared, Entry, Place, Wall, compare,
@@ -110,6 +110,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         ));
     }
     let entries = entries(&args.estimators, &scene)?;
+    shared::prepare(&scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
     if let Some(damping) = args.damping {

@@ -10,14 +10,14 @@ use super::{
     Common,
     list::{self, List},
     progress,
-    shared::{AtCutoffs, Grid, Start},
+    shared::{AtCutoffs, Grid, Start, prepare},
 };
 use crate::{
     engine::{Depth, stream},
     error::Error,
     interrupt,
     output::{files::Outputs, terminal::print_result},
-    simulation::prepared::{HitError, PreparedScene, WallHit},
+    simulation::prepared::{HitError, WallHit},
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
@@ -92,7 +92,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let start_offset_counts = args.start.counts()?;
     args.start.check(&scene)?;
     let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
-    let prepared = PreparedScene::new(&scene.scene)?;
+    let prepared = prepare(&scene)?;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.csv.as_ref())?;
     if let Some(csv) = csv {

@@ -7,13 +7,13 @@ use serde::Serialize;
 
 use super::{
     Common,
-    shared::{AtCutoff, Subject},
+    shared::{AtCutoff, Subject, prepare},
 };
 use crate::{
     error::Error,
     output::{files::Outputs, terminal::print_result, trace::Trace},
     scene::NamedScene,
-    simulation::prepared::{HitReport, PreparedScene, WallHit},
+    simulation::prepared::{HitReport, WallHit},
 };
 
 /// Hits one wall and says whether it is stable.
@@ -56,7 +56,7 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.trace.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
-    let prepared = PreparedScene::new(&scene.scene)?;
+    let prepared = prepare(&scene)?;
     let numeric = common.numeric;
     let report = if csv.is_none() && plot.is_none() {
         prepared.hit(numeric, &hit, |_| ())?

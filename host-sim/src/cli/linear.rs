@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{
     Common,
-    shared::{AtCutoffs, Grid},
+    shared::{AtCutoffs, Grid, prepare},
 };
 use crate::{
     analysis::{
@@ -130,7 +130,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let file = outputs.option(args.csv.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
-    let prepared = args.simulated.then(|| PreparedScene::new(&scene.scene)).transpose()?;
+    let prepared = args.simulated.then(|| prepare(&scene)).transpose()?;
     let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz
         .par_iter()
         .map(|&cutoff_hz| analyse(&scene, cutoff_hz, &dampings, args, prepared.as_ref(), common))

@@ -11,7 +11,7 @@ use crate::{
     error::Error,
     range::{refused, within},
     scene::NamedScene,
-    simulation::prepared::WallHit,
+    simulation::prepared::{PreparedScene, WallHit},
 };
 
 /// Where a hit or a walk starts.
@@ -94,6 +94,13 @@ impl<'a> Subject<'a> {
             true_cutoff_hz: of_cutoff(scene.scene.true_cutoff_hz(cutoff_hz)),
         }
     }
+}
+
+/// Prepares a person's scene: no hit of it may come to the wall faster than the core's velocity can say.
+pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
+    let prepared = PreparedScene::new(&scene.scene)?;
+    prepared.check_approach()?;
+    Ok(prepared)
 }
 
 /// A scene at many cutoffs and dampings.

@@ -9,7 +9,7 @@ use super::{
     Common,
     list::{self, List},
     progress,
-    shared::check_cutoffs,
+    shared::{self, check_cutoffs},
 };
 use crate::{
     engine::Engine,
@@ -136,7 +136,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
             Some(out) => out.clone(),
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
-        let prepared = PreparedScene::new(&scene.scene)?;
+        let prepared = shared::prepare(&scene)?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
         jobs.push(Job { scene, prepared, cutoffs_hz, variants, to, folder });
     }

@@ -7,13 +7,12 @@ use serde::Serialize;
 
 use super::{
     Common,
-    shared::{AtCutoff, Subject},
+    shared::{AtCutoff, Subject, prepare},
 };
 use crate::{
     error::Error,
     interrupt,
     output::{files::Outputs, terminal::print_result},
-    simulation::prepared::PreparedScene,
     study::walk::{Boundary, settles_in_s, walk},
 };
 
@@ -43,7 +42,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let file = outputs.option(args.csv.as_ref())?;
     let velocity = scene.scene.velocity;
-    let prepared = PreparedScene::new(&scene.scene)?;
+    let prepared = prepare(&scene)?;
     let boundary = walk(
         common.engine.into(),
         &prepared,

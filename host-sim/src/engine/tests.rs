@@ -223,7 +223,7 @@ fn a_hit_without_contact_and_one_that_is_refused_say_so() {
 fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     let mut scene = short(paper());
     scene.encoder.resolution_m = 1e-8;
-    scene.wall.position_m = 0.0;
+    scene.wall.position_m = 0.001;
     scene.device.start_position_m = 0.0;
     scene.device.mass_kg = 1e-3;
     scene.device.stiffness_n_per_m = 0.0;

@@ -169,13 +169,14 @@ impl PreparedScene {
             latency: whole,
             period: design.period,
         };
-        let prepared = Self { scene: scene.clone(), design, plan, parts };
-        prepared.check_approach()?;
-        Ok(prepared)
+        Ok(Self { scene: scene.clone(), design, plan, parts })
     }
 
     /// Refuses a handle that comes to the wall faster than the core's velocity can say.
-    fn check_approach(&self) -> Result<(), Error> {
+    ///
+    /// # Errors
+    /// [`Error::Input`] says how fast it may come.
+    pub fn check_approach(&self) -> Result<(), Error> {
         let Design { rate_hz, resolution_m, .. } = self.design;
         let most_m_per_s = f64::from(Velocity::LIMIT) * resolution_m * rate_hz;
         if most_m_per_s > ANY_SPEED_M_PER_S {

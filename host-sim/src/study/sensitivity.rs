@@ -17,7 +17,7 @@ pub struct Variant {
     pub prepared: PreparedScene,
 }
 
-/// The variants of a scene. One that changes nothing (half a latency of zero) or leaves the accepted
+/// The variants of a scene. One that changes nothing (half a latency of zero, half of an odd period) or leaves the accepted
 /// ranges (twice a latency of 600 samples) is left out.
 ///
 /// # Errors
@@ -49,7 +49,7 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
         add(name, change, &|scene| scene.actuator.latency = changed)?;
     }
     let period = scene.actuator.period;
-    let halved = (period / 2).max(1);
+    let halved = if period.is_multiple_of(2) { period / 2 } else { period };
     let change = format!("an output every {halved} samples instead of {period}, same latency");
     add("output_rate_double", change, &|scene| scene.actuator.period = halved)?;
     let (start_m, wall_m) = (scene.device.start_position_m, scene.wall.position_m);
@@ -77,6 +77,8 @@ mod tests {
         assert_eq!(find("output_rate_double").actuator.period, 5);
         assert_eq!(find("slower_impact").device.start_position_m, 0.035);
         assert!(!find("push_only_flipped").wall.push_only);
+        scene.actuator.period = 3; // twice the rate would be every 1.5 samples
+        assert!(!names(&scene).contains(&"output_rate_double"));
         scene.actuator.latency = 600.0;
         assert!(!names(&scene).contains(&"latency_double"));
         scene.actuator.latency = 0.0;
