@@ -78,7 +78,7 @@ pub struct Decimal(pub f64);
 
 impl fmt::Display for Decimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_decimal(f, self.0, |_| 0)
+        write_decimal(f, self.0, 0)
     }
 }
 
@@ -93,21 +93,15 @@ pub enum Limit {
 
 impl fmt::Display for Limit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::Low(limit) | Self::High(limit)) = *self;
-        write_decimal(f, limit, |shown| match self {
-            Self::Low(_) if shown < limit => 1,
-            Self::High(_) if shown > limit => -1,
-            _ => 0,
-        })
+        match *self {
+            Self::Low(limit) => write_decimal(f, limit, 1),
+            Self::High(limit) => write_decimal(f, limit, -1),
+        }
     }
 }
 
-/// `moved` says by how many of the last digit what is shown shall be larger.
-fn write_decimal(
-    f: &mut fmt::Formatter<'_>,
-    value: f64,
-    moved: impl Fn(f64) -> i64,
-) -> fmt::Result {
+/// What is shown is never below the value if `inwards` is 1, never above it if it is -1.
+fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Result {
     if value.is_nan() {
         return f.write_str("nan");
     }
@@ -133,10 +127,12 @@ fn write_decimal(
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
     let mut digits = libm::round(scaled) as u64;
-    let towards = if value < 0.0 { -1 } else { 1 };
-    if let Some(shown) = decimal(digits, exponent) {
-        let shown = if value < 0.0 { -shown } else { shown };
-        digits = digits.wrapping_add_signed(towards * moved(shown));
+    // of the magnitude, which is the larger the lower a number below zero is
+    let up = (inwards > 0) == (value > 0.0);
+    match decimal(digits, exponent).filter(|_| inwards != 0) {
+        Some(shown) if up && shown < value.abs() => digits += 1,
+        Some(shown) if !up && shown > value.abs() => digits -= 1,
+        _ => {}
     }
     while digits.is_multiple_of(10) && digits > 0 {
         digits /= 10;
