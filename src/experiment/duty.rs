@@ -9,20 +9,25 @@
 //! heat' = (u^2 - heat) / tau          u = force / full scale
 //! ```
 //!
-//! `heat` is the mean of u^2, weighted by exp(-age / tau). [`Duty::is_ready`] lets a hit begin only
+//! `heat` is the mean of u^2, weighted by exp(-age / tau): per output of length T it moves by
+//! `1 - exp(-T / tau)` of what u^2 is beyond it, the exact step while u is constant, for every T and tau
+//! that are accepted. Heat and u^2 lie within 0..=1 at 60 fractional bits, so that nothing can overflow: not by
+//! a range that somebody has to keep, but by the format. [`Duty::is_ready`] lets a hit begin only
 //! if `heat` stays at or below its limit even when the hit takes full force from its first output to
 //! its last. So no sequence of hits exceeds the limit, and none is broken off: they wait.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use crate::{
-    Design,
+    Design, Gain,
     range::{SettingsError, within},
     units::Force,
 };
 
 /// Fractional bits of the heat.
-const FRACTION: u32 = 40;
+const FRACTION: u32 = 2 * Force::FRACTION_BITS;
+/// Fractional bits of a difference of heats, as it is multiplied: +-1 is within 32 bits.
+const DIFFERENCE: u32 = 30;
 
 /// What the motor stands, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,9 +41,9 @@ pub struct DutySettings {
 /// The limit in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DutyPlan {
-    /// Part of the heat that one output exchanges, LSB of 2^-32.
-    exchange: i64,
-    /// Heat that must not be exceeded, 40 fractional bits.
+    /// Part of the heat that one output exchanges: LSB of heat per LSB of a difference.
+    exchange: Gain,
+    /// Heat that must not be exceeded.
     limit: i64,
     /// Heat at which a hit may begin.
     ready: i64,
@@ -64,7 +69,7 @@ impl DutySettings {
         }
         // What `build` asks for, the other way round.
         let kept = (1.0 - part * part) / (1.0 - RESERVE);
-        let outputs = libm::log(kept) / libm::log1p(-period_s / self.time_constant_s);
+        let outputs = -libm::log(kept) * self.time_constant_s / period_s;
         f64::max(0.0, libm::floor(outputs - SPARE_OUTPUTS) * period_s)
     }
 
@@ -82,9 +87,9 @@ impl DutySettings {
     pub fn build(&self, design: &Design, samples: u32) -> Result<DutyPlan, SettingsError> {
         design.check()?;
         let tau = within("duty_time_constant_s", self.time_constant_s, 1.0..=3600.0)?;
-        let exchange = f64::from(design.period) / design.rate_hz / tau;
+        let part = f64::from(design.period) / design.rate_hz / tau;
         let outputs = libm::ceil(f64::from(samples) / f64::from(design.period)) + SPARE_OUTPUTS;
-        let kept = libm::exp(outputs * libm::log1p(-exchange));
+        let kept = libm::exp(-outputs * part);
         let least = libm::sqrt(1.0 - kept + RESERVE * kept) * design.full_scale_n;
         let force = self.continuous_force_n;
         within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
@@ -92,10 +97,15 @@ impl DutySettings {
         let ready = (limit - (1.0 - kept)) / kept - 1e-4;
         let bits = |value: f64| libm::floor(libm::scalbn(value, FRACTION.cast_signed())) as i64;
         Ok(DutyPlan {
-            exchange: libm::round(libm::scalbn(exchange, 32)) as i64,
+            // 5e-9 to 0.64, times 2^30: far from the ends of a gain
+            exchange: Gain::from_f64(libm::scalbn(
+                1.0 - libm::exp(-part),
+                (FRACTION - DIFFERENCE).cast_signed(),
+            ))
+            .unwrap_or_default(),
             limit: bits(limit),
             ready: bits(ready),
-            patience: libm::ceil(PATIENCE / exchange) as u32,
+            patience: libm::ceil(PATIENCE / part) as u32,
         })
     }
 }
@@ -112,7 +122,7 @@ const PATIENCE: f64 = 9.3;
 /// How warm the motor is, by the model; cold at reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Duty {
-    /// 40 fractional bits, 0 to 1.
+    /// 0 to 1.
     heat: i64,
 }
 
@@ -121,9 +131,9 @@ impl Duty {
     #[inline]
     pub fn add(&mut self, plan: &DutyPlan, force: Force) {
         let force = i64::from(force.bits());
-        let square = (force * force) >> (2 * Force::FRACTION_BITS - FRACTION);
-        let change = (square - self.heat) * plan.exchange; // below 2^40 times 2^23
-        self.heat += (change + (1 << 31)) >> 32;
+        #[expect(clippy::cast_possible_truncation, reason = "+-2^30")]
+        let difference = ((force * force - self.heat) >> (FRACTION - DIFFERENCE)) as i32;
+        self.heat += plan.exchange.apply(difference);
     }
 
     /// Whether a hit may begin.
@@ -138,7 +148,8 @@ impl Duty {
 
     /// Heat in thousandths of what full force would lead to.
     pub fn per_mille(&self) -> u32 {
-        u32::try_from((self.heat * 1000) >> FRACTION).unwrap_or_default()
+        u32::try_from(((self.heat >> DIFFERENCE) * 1000) >> (FRACTION - DIFFERENCE))
+            .unwrap_or_default()
     }
 }
 
@@ -168,12 +179,36 @@ mod tests {
         for n in 1..=60_000 {
             duty.add(&plan, force(-0.6));
             let exact = 0.36 * (1.0 - (-f64::from(n) * 1e-3 / 30.0).exp());
-            assert!((duty.heat as f64 / 2f64.powi(40) - exact).abs() < 1e-5);
+            assert!((duty.heat as f64 / 2f64.powi(FRACTION.cast_signed()) - exact).abs() < 1e-5);
         }
         for _ in 0..600_000 {
             duty.add(&plan, Force::ZERO);
         }
         assert!(duty.per_mille() == 0 && duty.is_ready(&plan));
+    }
+
+    /// Every output period, sample rate and time constant that is accepted, against the weighted mean itself.
+    #[test]
+    fn no_accepted_design_overflows_or_loses_the_heat() {
+        for (rate_hz, period) in [(1e3, 10), (1e3, 1000), (5e4, 1000), (1e4, 10), (5e4, 1)] {
+            for time_constant_s in [1.0, 5.0, 3600.0] {
+                let design = Design { rate_hz, period, ..DESIGN };
+                let settings = DutySettings { continuous_force_n: 5.906, time_constant_s };
+                let plan = settings.build(&design, period).unwrap();
+                let decay = (-f64::from(period) / rate_hz / time_constant_s).exp();
+                let (mut duty, mut mean) = (Duty::default(), 0.0);
+                for n in 0..if cfg!(miri) { 60 } else { 20_000 } {
+                    let part = [1.0, -1.0, 0.3, 0.0][n / 7 % 4];
+                    duty.add(&plan, force(part));
+                    mean = mean * decay + (1.0 - decay) * part * part;
+                    let heat = duty.heat as f64 / 2f64.powi(FRACTION.cast_signed());
+                    assert!(
+                        (heat - mean).abs() < 1e-5,
+                        "{rate_hz} {period} {time_constant_s}: {heat} {mean}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]
