@@ -2,14 +2,23 @@
 //! far end moves there at a limited speed.
 //!
 //! ```text
-//! r     moves from the handle to the start, by at most `speed`, while r is within `lead` of x
-//! e     = r - x
-//! force = clamp(K e + I + B (e - e_8) / 8 outputs, +-limit)      I gathers Ki e, within +-limit
+//! r     moves from the handle to the start, by at most `speed`, while r is within `lead` of x;
+//!       never farther from the start than x is: a handle that is brought on by a hand takes r along
+//! e     = r - x                                points to the start until the handle is past it
+//! v     = speed of r, at most `speed`
+//! force = clamp(K e + I + B (v - x'), +-limit)    I gathers Ki e while K e + I is within +-limit
 //! ```
+//!
+//! **It moves towards its start only.** Spring and integral never point away from the start, whoever moves the handle,
+//! as long as it is not past it; what does, brakes a handle that comes faster than `speed`. So what the force can make
+//! of any handle is at most `speed + limit / B`.
+//!
+//! **A return that is taken starts**: a step of r fits the lead, or the spring would have to be stronger than `limit` for
+//! the first one.
 //!
 //! The speed comes from the last eight outputs, not from the estimator: a return works with whatever
 //! cutoff is tried. The integral finds the force that holds the handle at the start, against a spring
-//! or its weight.
+//! or its weight; a hand that holds the handle on the way does not wind it up.
 //! In contact the force only ever points out of the wall.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
@@ -111,6 +120,9 @@ impl ReturnSettings {
             let range = 0.0..=libm::scalbn(1.0, 50) / lsb;
             Gain::from_f64(value * lsb).ok_or(SettingsError { parameter: name, value, range })
         };
+        // r has to be able to take its first step.
+        let stiffest = self.force_n * outputs_per_s / self.speed_m_per_s;
+        within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=stiffest)?;
         #[expect(clippy::cast_precision_loss, reason = "8")]
         let span_s = SPAN as f64 / outputs_per_s;
         let step = counts(self.speed_m_per_s) / outputs_per_s * f64::from(1u32 << FRACTION);
@@ -167,8 +179,10 @@ pub struct Return {
     /// Counts, 16 fractional bits; `None` before the first output.
     reference: Option<i64>,
     integral: i64,
-    /// The last errors, newest first, counts.
-    past: [i32; SPAN],
+    /// How far r has moved by its own steps, 16 fractional bits.
+    planned: i64,
+    /// The last distances of that from the handle, newest first, counts.
+    past: [i64; SPAN],
     /// Where the handle has stood, within the tolerance, for that many outputs.
     rest: (Position, u32),
     outputs: u32,
@@ -181,6 +195,7 @@ impl Return {
             plan,
             reference: None,
             integral: 0,
+            planned: 0,
             past: [0; SPAN],
             rest: (Position::default(), 0),
             outputs: 0,
@@ -192,31 +207,41 @@ impl Return {
         let plan = self.plan;
         let x = i64::from(position.counts());
         let start = i64::from(plan.start.counts());
-        let mut reference = match self.reference {
-            Some(reference) => reference,
-            None => {
-                self.rest = (position, 0);
-                x << FRACTION
-            }
-        };
         let target = start << FRACTION;
-        let next = reference + between(target - reference, plan.step);
+        let here = x << FRACTION;
+        let first = self.reference.is_none();
+        // Between handle and start; one that the handle has passed is taken along.
+        let mut reference =
+            self.reference.unwrap_or(here).max(here.min(target)).min(here.max(target));
+        let step = between(target - reference, plan.step);
         // It waits for a handle that is held.
-        if ((next >> FRACTION) - x).abs() <= i64::from(plan.lead) {
-            reference = next;
+        if ((reference + step - here) >> FRACTION).abs() <= i64::from(plan.lead) {
+            reference += step;
+            self.planned += step;
         }
         self.reference = Some(reference);
-        let error = (reference >> FRACTION) - x;
-        let error = i32::try_from(error).unwrap_or(if error < 0 { i32::MIN } else { i32::MAX });
-        let widened = error.saturating_sub(self.past.last().copied().unwrap_or_default());
-        self.past.copy_within(..SPAN - 1, 1);
-        if let Some(first) = self.past.first_mut() {
-            *first = error;
+        let ahead = (self.planned >> FRACTION) - x;
+        if first {
+            (self.rest, self.past) = ((position, 0), [ahead; SPAN]);
         }
+        let widened = ahead - self.past.last().copied().unwrap_or(ahead);
+        self.past.copy_within(..SPAN - 1, 1);
+        if let Some(newest) = self.past.first_mut() {
+            *newest = ahead;
+        }
+        let [error, widened] = [(reference >> FRACTION) - x, widened].map(|counts| {
+            i32::try_from(counts).unwrap_or(if counts < 0 { i32::MIN } else { i32::MAX })
+        });
         let limit = plan.limit;
-        self.integral = between(self.integral + plan.integral.apply(error), limit);
-        // each within +-2^61
-        let soft = plan.stiffness.apply(error) + plan.damping.apply(widened);
+        // each product within +-2^61
+        let spring = plan.stiffness.apply(error);
+        let integral = between(self.integral + plan.integral.apply(error), limit);
+        // It does not wind up against a hand: beyond the limit it only gets smaller.
+        let more = spring.saturating_add(integral);
+        if more.abs() <= limit || integral.abs() < self.integral.abs() {
+            self.integral = integral;
+        }
+        let soft = spring.saturating_add(plan.damping.apply(widened));
         let mut force = between(soft.saturating_add(self.integral), limit);
         if contact {
             (force, self.integral) = (force.min(0), self.integral.min(0));
@@ -340,6 +365,69 @@ pub(super) mod tests {
         let (end, outputs, _, strongest) = bring_back(Handle::at(0.05), true);
         assert_eq!((end, outputs), (ReturnStep::TooLong, 10_000));
         assert!(strongest <= 1.4 / 5.906 + 1e-9);
+    }
+
+    /// A hand that brings the handle to the start faster than the return would, holds it there for a moment or not,
+    /// and lets go: it stays there, but for what its own spring moves it by.
+    #[test]
+    #[cfg_attr(miri, ignore = "returns in closed loop")]
+    fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
+        for (mass_kg, spring) in [(0.416, 0.0), (0.05, 0.0), (0.416, 11.0626)] {
+            for (from_m, to_m) in [(0.05, 0.0), (-0.03, 0.0), (0.05, 0.005)] {
+                for (outputs, wait) in [(100, 0), (500, 0), (100, 15), (500, 300)] {
+                    let mut handle = Handle { mass_kg, spring, ..Handle::at(from_m) };
+                    let mut back = Return::new(SETTINGS.build(&DESIGN).unwrap());
+                    let (mut farthest, mut fastest, mut arrived) = (0f64, 0f64, false);
+                    for n in 0..6_000 {
+                        let ReturnStep::Push(force) = back.output(handle.position(), false) else {
+                            arrived = true;
+                            break;
+                        };
+                        if n < outputs + wait {
+                            let part = f64::from(n.min(outputs)) / f64::from(outputs);
+                            (handle.x, handle.v) = (from_m + (to_m - from_m) * part, 0.0);
+                            continue;
+                        }
+                        handle.go(force);
+                        farthest = farthest.max(handle.x.abs() - to_m);
+                        fastest = fastest.max(handle.v.abs());
+                    }
+                    let case = std::format!(
+                        "{mass_kg} kg, {spring} N/m, {from_m} to {to_m} m, {outputs} + {wait}"
+                    );
+                    assert!(arrived, "{case}");
+                    let sag = 2.5e-3 * spring / 11.0626;
+                    // for eight outputs the brake still sees the speed of the hand
+                    assert!(farthest < 1.5e-3 + sag, "{case}: {farthest} m away");
+                    assert!(fastest < 0.25, "{case}: {fastest} m/s");
+                }
+            }
+        }
+    }
+
+    #[test]
+    #[cfg_attr(miri, ignore = "returns in closed loop")]
+    fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_range() {
+        let stiff = |stiffness_n_per_m| ReturnSettings { stiffness_n_per_m, ..SETTINGS };
+        let error = stiff(9_400.0).build(&DESIGN).unwrap_err();
+        assert_eq!(error.parameter, "return_stiffness_n_per_m");
+        let most = *error.range.end();
+        assert!((9_300.0..9_334.0).contains(&most), "{error}");
+        for settings in
+            [stiff(most), ReturnSettings { force_n: 0.006, speed_m_per_s: 0.01, ..stiff(600.0) }]
+        {
+            for resolution_m in [1e-6, 7.3e-6, 1e-7] {
+                let design = Design { resolution_m, ..DESIGN };
+                let settings = ReturnSettings { tolerance_m: 5e-5, ..settings };
+                let mut back = Return::new(settings.build(&design).unwrap());
+                #[expect(clippy::cast_possible_truncation, reason = "half a metre")]
+                let at = Position::from_counts((0.05 / resolution_m) as i32);
+                let moved = (0..20).any(|_| {
+                    matches!(back.output(at, false), ReturnStep::Push(force) if force.bits() < 0)
+                });
+                assert!(moved, "{settings:?} {resolution_m}");
+            }
+        }
     }
 
     #[test]
