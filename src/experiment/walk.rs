@@ -39,6 +39,8 @@ pub struct Cell {
 impl WalkSettings {
     /// Most points that a walk may have along either axis.
     const STEPS_MAX: f64 = 1e6;
+    /// Where a value above 0 is asked for: far below any wall, and a number that can be typed.
+    const SMALLEST: f64 = 1e-9;
 
     /// Checks every field. A walk begins at a K above 0.
     ///
@@ -46,13 +48,13 @@ impl WalkSettings {
     /// Names the first parameter that is out of range, and the range.
     pub fn check(&self) -> Result<(), SettingsError> {
         let k_max = self.stiffness_max_n_per_m;
-        within("stiffness_max_n_per_m", k_max, limits::STIFFNESS_N_PER_M)?;
-        let smallest = f64::MIN_POSITIVE..=k_max;
+        within("stiffness_max_n_per_m", k_max, Self::SMALLEST..=*limits::STIFFNESS_N_PER_M.end())?;
+        let smallest = Self::SMALLEST..=k_max;
         within("stiffness_start_n_per_m", self.stiffness_start_n_per_m, smallest)?;
-        let steps = |max: f64| f64::max(max / Self::STEPS_MAX, f64::MIN_POSITIVE)..=max;
+        let steps = |max: f64| f64::max(max / Self::STEPS_MAX, Self::SMALLEST)..=max;
         within("stiffness_step_n_per_m", self.stiffness_step_n_per_m, steps(k_max))?;
         let b_max = self.damping_max_n_s_per_m;
-        within("damping_max_n_s_per_m", b_max, limits::DAMPING_N_S_PER_M)?;
+        within("damping_max_n_s_per_m", b_max, Self::SMALLEST..=*limits::DAMPING_N_S_PER_M.end())?;
         within("damping_start_n_s_per_m", self.damping_start_n_s_per_m, 0.0..=b_max)?;
         within("damping_step_n_s_per_m", self.damping_step_n_s_per_m, steps(b_max))?;
         Ok(())

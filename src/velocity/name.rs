@@ -152,4 +152,15 @@ mod tests {
         assert_eq!("BUTTERWORTH".parse(), Ok(EstimatorName::Butterworth));
         assert_eq!("butterwort".parse::<EstimatorName>(), Err(UnknownEstimator));
     }
+
+    #[test]
+    #[cfg(feature = "estimators")]
+    fn a_number_of_samples_is_whole() {
+        let of =
+            |window| EstimatorName::LeastSquares1.defaults().with_tuning(window).build(&DESIGN);
+        assert!(of(64.0).is_ok());
+        for window in [64.4, 63.6, 16.5, f64::NAN] {
+            assert!(of(window).is_err(), "{window}");
+        }
+    }
 }

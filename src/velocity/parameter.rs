@@ -55,15 +55,15 @@ impl Number for f64 {
 }
 
 impl Number for u32 {
-    /// The nearest whole number; what is none, or beyond `u32`, becomes 0 and is refused as such.
+    /// What is no whole number, or beyond `u32`, becomes 0 and is refused as such.
     fn of(number: f64) -> Self {
-        if number >= 0.0 && number <= f64::from(u32::MAX) {
+        if number >= 0.0 && number <= f64::from(u32::MAX) && libm::trunc(number) == number {
             #[expect(
                 clippy::cast_possible_truncation,
                 clippy::cast_sign_loss,
                 reason = "within u32 by the line above"
             )]
-            let whole = libm::round(number) as u32;
+            let whole = number as u32;
             whole
         } else {
             0
