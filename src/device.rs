@@ -9,11 +9,13 @@ use crate::{
         CalibrationPlan, CalibrationSettings, DutyPlan, DutySettings, Gains, HitSequencePlan,
         Order, ReturnSettings, WalkSettings,
     },
+    range::within,
     safety::{
         Fault, FaultRecord, SafetyPlan, SafetySettings,
         envelope::{Envelope, Key, Outside},
     },
     store::{DeviceKey, Loaded, Signs, Source, Stored},
+    units::Position,
     velocity::{EstimatorName, Sense},
 };
 
@@ -74,11 +76,8 @@ impl Device {
     pub fn calibrated(&self, full_scale_n: f64) -> Result<Design, SettingsError> {
         let nominal = self.design.full_scale_n;
         let range = nominal / FULL_SCALE_FACTOR..=nominal * FULL_SCALE_FACTOR;
-        if range.contains(&full_scale_n) {
-            Ok(Design { full_scale_n, ..self.design })
-        } else {
-            Err(SettingsError { parameter: "full_scale_n", value: full_scale_n, range })
-        }
+        within("full_scale_n", full_scale_n, range)?;
+        Ok(Design { full_scale_n, ..self.design })
     }
 
     /// What a board starts with that found `loaded` in its flash, and the fault `boot` of its last run.
@@ -116,40 +115,49 @@ impl Device {
     /// A hit with those settings and what comes before it; `early`: its verdict as soon as it is certain.
     ///
     /// # Errors
-    /// Names what is out of range; a start at or behind the wall is.
+    /// Names what is out of range; a start at or behind the wall is, and a wall in front of which there is no start.
     pub fn hit_sequence(
         &self,
         stored: &Stored,
         early: bool,
     ) -> Result<HitSequencePlan, SettingsError> {
+        let plan = self.experiment(stored)?;
+        let Design { resolution_m, .. } = self.design;
+        let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
+        let wall_m = stored.settings.wall.position_m;
+        let reach_m = f64::from(Position::LIMIT) * resolution_m;
+        within("position_m", wall_m, travel_low_m + resolution_m..=reach_m)?;
+        let last_m = wall_m.min(travel_high_m) - resolution_m;
+        within("start_m", stored.start_m, travel_low_m..=last_m)?;
+        Ok(HitSequencePlan { early, ..plan })
+    }
+
+    /// The same as far as the settings of experiments say it, so that each of them can be set whatever the wall is: where
+    /// the wall has to be follows when one begins, see [`hit_sequence`](Self::hit_sequence).
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn experiment(&self, stored: &Stored) -> Result<HitSequencePlan, SettingsError> {
         let design = self.calibrated(stored.full_scale_n)?;
         let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
         let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
         let start_m = stored.start_m;
-        let wall_m = stored.settings.wall.position_m;
         // A motor weaker than it was taken for brings the handle back with what it has.
         let force_n = self.back.force_n.min(design.full_scale_n / 2.0);
         let back = ReturnSettings { start_m, force_n, ..self.back }.build(&design)?;
         let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
-        let range = travel_low_m..=wall_m.min(travel_high_m) - design.resolution_m;
-        if !range.contains(&start_m) {
-            return Err(SettingsError { parameter: "start_m", value: start_m, range });
-        }
+        within("start_m", start_m, travel_low_m..=travel_high_m)?;
         // What heats is the current: its part of full scale stays, whatever force a calibration found there.
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;
         let duty = DutySettings { continuous_force_n, ..self.duty };
-        let range = 0.0..=duty.longest_hit_s(&design);
-        let value = settle_s + window_s;
-        if !range.contains(&value) {
-            return Err(SettingsError {
-                parameter: "settle_s and window_s together",
-                value,
-                range,
-            });
-        }
-        let duty = duty.build(&design, hit.settle.saturating_add(hit.window))?;
-        Ok(HitSequencePlan { hit, back, duty, early })
+        let longest_s = duty.longest_hit_s(&design);
+        within("settle_s and window_s together", settle_s + window_s, 0.0..=longest_s)?;
+        // Each is rounded to samples, both together by up to one: the model has outputs to spare for that.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
+        let longest = libm::round(longest_s * design.rate_hz) as u32;
+        let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
+        Ok(HitSequencePlan { hit, back, duty, early: false })
     }
 
     /// A calibration at that part of full scale.
@@ -345,6 +353,47 @@ pub(crate) mod tests {
             refused(with(start_m, wall_m), "start_m");
         }
         assert!(with(0.1099, 0.2).is_ok());
+    }
+
+    /// Whatever the wall is, the settings of experiments can be set one by one; what is printed is then accepted.
+    #[test]
+    fn settings_of_experiments_do_not_wait_for_a_wall_and_their_printed_ends_are_accepted() {
+        for position_m in [-1.0, -0.04, 0.0, 0.07, 1.0] {
+            let mut stored = DEVICE.defaults();
+            stored.settings.wall.position_m = position_m;
+            for start_m in [-0.04, 0.0, 0.11] {
+                let stored = Stored { start_m, ..stored };
+                assert!(DEVICE.experiment(&stored).is_ok());
+                let Err(error) = DEVICE.hit_sequence(&stored, false) else { continue };
+                assert!(error.range.start() < error.range.end(), "{error}");
+                let [low, high] = crate::inward(&error.range);
+                for end in [low, high] {
+                    let mut stored = stored;
+                    match error.parameter {
+                        "start_m" => stored.start_m = end,
+                        "position_m" => {
+                            stored.settings.wall.position_m = end;
+                            stored.start_m = -0.04;
+                        }
+                        other => panic!("{other}"),
+                    }
+                    assert_eq!(DEVICE.hit_sequence(&stored, false).err(), None, "{error}");
+                }
+            }
+        }
+        for time_constant_s in [3.0, 7.1, 9.7, 13.3] {
+            let duty = DutySettings { time_constant_s, ..DEVICE.duty };
+            let device = Device { duty, ..DEVICE };
+            let long = Stored { settle_s: 50.0, window_s: 50.0, ..device.defaults() };
+            let error = device.experiment(&long).unwrap_err();
+            assert_eq!(error.parameter, "settle_s and window_s together");
+            let [_, most] = crate::inward(&error.range);
+            for part in [0.1, 0.333_33, 0.500_05, 2.0 / 3.0] {
+                let settle_s = (most * part * 1e5).round() / 1e5;
+                let stored = Stored { settle_s, window_s: most - settle_s, ..long };
+                assert_eq!(device.experiment(&stored).err(), None, "{most} {part}");
+            }
+        }
     }
 
     #[test]

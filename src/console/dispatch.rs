@@ -85,7 +85,7 @@ impl<P: Port> Console<P> {
             }
             Command::FullScale(full_scale_n) => {
                 stored.full_scale_n = full_scale_n;
-                match self.device.hit_sequence(&stored, false) {
+                match self.device.experiment(&stored) {
                     Ok(_) => {
                         let changed = ChangedSetting::Value("fullscale", full_scale_n, "N");
                         self.propose(stored, changed);
@@ -143,6 +143,9 @@ impl<P: Port> Console<P> {
     /// Changes the estimator's tuning, if it has one that `fits`.
     fn tune(&mut self, value: f64, fits: fn(&Parameter) -> bool) {
         match self.stored.settings.velocity.tuning() {
+            Some((parameter, _)) if parameter.is_whole() && libm::trunc(value) != value => {
+                self.write(&format_args!("error: {} is a whole number", parameter.name));
+            }
             Some((parameter, _)) if fits(&parameter) => {
                 self.change((parameter.name, value, parameter.unit), |settings| {
                     settings.velocity = settings.velocity.with_tuning(value);
@@ -155,7 +158,7 @@ impl<P: Port> Console<P> {
 
     /// Keeps a setting that only the next experiment looks at: name, value, unit.
     fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
-        let checked = self.device.hit_sequence(&stored, false);
+        let checked = self.device.experiment(&stored);
         match checked.and_then(|_| stored.grid.check()) {
             Ok(()) => {
                 self.stored = stored;

@@ -209,7 +209,13 @@ fn a_walk_that_could_not_run_is_not_begun() {
     let mut bench = Bench::new(FREE);
     bench.console.stored.start_m = 0.09;
     assert!(bench.says("walk").starts_with("error: start_m is 0.09, allowed "));
-    assert_eq!(bench.says("push 1.5").split(' ').next(), Some("error:"));
+    // in the wall's way or not, each setting can be set
+    for line in ["push 1.5", "kstart 1000", "settle 3", "start 0"] {
+        assert!(bench.says(line).starts_with("ok "), "{line}");
+    }
+    bench.console.stored.settings.wall.position_m = -0.05;
+    let refused = bench.says("walk");
+    assert!(refused.starts_with("error: position_m is -0.05, allowed -0.039999 to "), "{refused}");
 }
 
 #[test]
