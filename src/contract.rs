@@ -27,7 +27,7 @@ use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 
 use crate::{
     Output,
-    safety::{FaultRecord, ResetCause},
+    safety::{FaultRecord, ResetCause, Sensed},
     units::OutputCode,
     velocity::{Sense, Senses},
 };
@@ -101,6 +101,29 @@ pub fn start<F: ForceOutput, T: SampleTimer>() {
 pub fn off<F: ForceOutput, E: Enable>() {
     E::off();
     F::zero();
+}
+
+/// What a board says at an output: `switched_on` if the output task has switched the amplifier on, number of the sample
+/// and samples from output to output.
+///
+/// Effects are read before their causes: enable before what drops it, the note that the stop was open before its level.
+/// So whatever happens between two of these reads, an effect that is seen has its cause, and no stop passes for a halt.
+/// The guard's findings, the other cause, are to be read after this.
+#[inline(always)]
+pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
+    switched_on: bool,
+    (sample, period): (u64, u32),
+    drive: &Drive<F, E>,
+    stop: &mut EmergencyStop<P>,
+    supply: &mut impl Supply,
+    halts: &mut impl DebugHalts,
+) -> Sensed {
+    let enabled = drive.is_on();
+    let was_stopped = drive.was_stopped();
+    let stop_closed = stop.is_closed();
+    let supply_good = !supply.is_low();
+    let halted = halts.since_the_last(sample, period);
+    Sensed { switched_on, halted, was_stopped, stop_closed, supply_good, enabled }
 }
 
 /// All of a board that the tasks own.

@@ -8,8 +8,8 @@ use crate::{
     CounterWidth,
     actuator::Actuator,
     encoder::Encoder,
-    units::{Force, Position, Velocity},
-    velocity::{self, Estimator, Senses},
+    units::{Demand, Force, Position, Velocity},
+    velocity::{self, Senses, Tuned},
     wall::Wall,
 };
 
@@ -18,7 +18,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
     /// Velocity estimator.
-    pub estimator: Estimator,
+    pub estimator: Tuned,
     /// Virtual wall.
     pub wall: Wall,
     /// Force to code.
@@ -60,6 +60,8 @@ impl Motion {
 /// One output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
+    /// What the wall gives back.
+    pub wall: Demand,
     /// What the actuator is asked for: push minus wall, saturated. [`Actuator::command`] makes a code of it.
     pub force: Force,
     /// The handle is inside the wall.
@@ -97,13 +99,6 @@ impl Sampler {
         self.velocity.rebase(self.encoder.position());
     }
 
-    /// With the next sample the estimator starts anew, as if the handle had always moved at the velocity
-    /// of the last one. To be called when it has been tuned anew: a slope that a wide filter had from one
-    /// flicker of the counts would carry a narrow one far away.
-    pub fn restart(&mut self) {
-        self.velocity.restart();
-    }
-
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
     #[inline]
     pub fn sample(&mut self, control: &LoopParameters, counter: u32) -> Sampled {
@@ -129,12 +124,19 @@ impl Sampler {
 }
 
 impl LoopParameters {
+    /// These, to be put in force where `running` are. Another estimator or tuning then starts anew with its first
+    /// sample, see [`Tuned`].
+    #[must_use]
+    pub fn after(self, running: &Self) -> Self {
+        Self { estimator: self.estimator.after(&running.estimator), ..self }
+    }
+
     /// The output that answers `motion`: `push` (into the wall) minus what the wall gives back.
     /// Both share the actuator's range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
         let wall = self.wall.demand(motion.position, motion.velocity);
         let (force, saturated) = wall.against(push).saturate();
-        Drive { force, contact: self.wall.penetration(motion.position) > 0, saturated }
+        Drive { wall, force, contact: self.wall.penetration(motion.position) > 0, saturated }
     }
 }

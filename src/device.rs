@@ -152,7 +152,10 @@ impl Device {
         let continuous_force_n = self.duty.continuous_force_n * part;
         let duty = DutySettings { continuous_force_n, ..self.duty };
         let longest_s = duty.longest_hit_s(&design);
-        within("settle_s and window_s together", settle_s + window_s, 0.0..=longest_s)?;
+        let together_s = settle_s + window_s;
+        let same = libm::fabs(together_s - longest_s) < 0.5 / design.rate_hz;
+        let value = if same { longest_s } else { together_s };
+        within("settle_s and window_s together", value, 0.0..=longest_s)?;
         // Each is rounded to samples, both together by up to one: the model has outputs to spare for that.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
         let longest = libm::round(longest_s * design.rate_hz) as u32;
@@ -366,7 +369,7 @@ pub(crate) mod tests {
                 assert!(DEVICE.experiment(&stored).is_ok());
                 let Err(error) = DEVICE.hit_sequence(&stored, false) else { continue };
                 assert!(error.range.start() < error.range.end(), "{error}");
-                let [low, high] = crate::inward(&error.range);
+                let [low, high] = crate::ends(&error.range);
                 for end in [low, high] {
                     let mut stored = stored;
                     match error.parameter {
@@ -387,7 +390,7 @@ pub(crate) mod tests {
             let long = Stored { settle_s: 50.0, window_s: 50.0, ..device.defaults() };
             let error = device.experiment(&long).unwrap_err();
             assert_eq!(error.parameter, "settle_s and window_s together");
-            let [_, most] = crate::inward(&error.range);
+            let [_, most] = crate::ends(&error.range);
             for part in [0.1, 0.333_33, 0.500_05, 2.0 / 3.0] {
                 let settle_s = (most * part * 1e5).round() / 1e5;
                 let stored = Stored { settle_s, window_s: most - settle_s, ..long };

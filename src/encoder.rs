@@ -2,6 +2,8 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use crate::units::Position;
 
 /// Width of the hardware counter.
@@ -16,8 +18,7 @@ pub enum CounterWidth {
 /// Unwraps a counter that wraps around into positions whose differences are exact.
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder {
-    /// 32 - width.
-    unused_bits: u8,
+    narrow: bool,
     last: u32,
     position: Position,
 }
@@ -25,18 +26,15 @@ pub struct Encoder {
 impl Encoder {
     /// An encoder whose counter reads `counter` now; that reading, taken as signed, is its position.
     pub fn new(counter: u32, width: CounterWidth) -> Self {
-        let unused_bits = match width {
-            CounterWidth::Bits16 => 16,
-            CounterWidth::Bits32 => 0,
-        };
-        let position = Position::from_counts(sign_extend(counter, unused_bits));
-        Self { unused_bits, last: counter, position }
+        let narrow = width == CounterWidth::Bits16;
+        let position = Position::from_counts(signed(counter, narrow));
+        Self { narrow, last: counter, position }
     }
 
     /// Takes the counter's present reading and returns the position, in counts.
     #[inline]
     pub fn track(&mut self, counter: u32) -> Position {
-        let moved = sign_extend(counter.wrapping_sub(self.last), self.unused_bits);
+        let moved = signed(counter.wrapping_sub(self.last), self.narrow);
         self.last = counter;
         self.position = self.position.wrapping_add(moved);
         self.position
@@ -53,10 +51,15 @@ impl Encoder {
     }
 }
 
-/// The value of the lower `32 - unused_bits` bits, as signed.
+/// A reading as signed, of its lower half only if the counter is `narrow`.
 #[inline]
-fn sign_extend(value: u32, unused_bits: u8) -> i32 {
-    (value << unused_bits).cast_signed() >> unused_bits
+fn signed(value: u32, narrow: bool) -> i32 {
+    if narrow {
+        cold_path();
+        #[expect(clippy::cast_possible_truncation, reason = "the lower half is meant")]
+        return i32::from((value as u16).cast_signed());
+    }
+    value.cast_signed()
 }
 
 #[cfg(test)]

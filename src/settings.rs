@@ -11,6 +11,7 @@ use crate::{
     actuator::Actuator,
     range::{SettingsError, limits, within},
     units::{Force, Velocity},
+    velocity::Tuned,
     wall::Wall,
 };
 
@@ -53,7 +54,7 @@ impl Settings {
         let velocity_lsb =
             design.resolution_m * design.rate_hz / f64::from(1u32 << Velocity::FRACTION_BITS);
         Ok(LoopParameters {
-            estimator: self.velocity.build(design)?,
+            estimator: Tuned::first(self.velocity.build(design)?),
             wall: Wall {
                 surface: design.position("position_m", wall.position_m)?,
                 stiffness: gain(

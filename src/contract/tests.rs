@@ -105,3 +105,99 @@ fn only_a_low_pin_is_no_stop() {
         assert_eq!(EmergencyStop::new(Pin(level)).is_closed(), closed, "{level:?}");
     }
 }
+
+/// Reads of a board until something happens to it, and what does: the hardware drops enable with each.
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    /// The stop opens, and closes again after so many reads.
+    Stop(u32),
+    /// The supply falls.
+    Supply,
+    /// A debugger halts the core, which may set the stop's flag.
+    Halt(bool),
+}
+
+std::thread_local! {
+    static BOARD: RefCell<(u32, u32, Option<Event>)> = const { RefCell::new((0, 0, None)) };
+}
+
+/// The event, if it has come by this read, and reads since.
+fn come() -> Option<(Event, u32)> {
+    BOARD.with_borrow_mut(|(reads, at, event)| {
+        *reads += 1;
+        event.filter(|_| *reads > *at).map(|event| (event, *reads - *at))
+    })
+}
+
+struct Events;
+
+impl Enable for Events {
+    fn on(&mut self) {}
+    fn off() {}
+    fn is_on(&self) -> bool {
+        come().is_none()
+    }
+    fn was_stopped(&self) -> bool {
+        matches!(come(), Some((Event::Stop(_) | Event::Halt(true), _)))
+    }
+}
+
+impl ErrorType for Events {
+    type Error = Unreadable;
+}
+
+impl InputPin for Events {
+    fn is_high(&mut self) -> Result<bool, Unreadable> {
+        Ok(matches!(come(), Some((Event::Stop(open), since)) if since <= open))
+    }
+    fn is_low(&mut self) -> Result<bool, Unreadable> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+impl Supply for Events {
+    fn has_dropped() {}
+    fn is_low(&mut self) -> bool {
+        matches!(come(), Some((Event::Supply, _)))
+    }
+}
+
+impl DebugHalts for Events {
+    fn since_the_last(&mut self, _: u64, _: u32) -> bool {
+        matches!(come(), Some((Event::Halt(_), _)))
+    }
+}
+
+/// Before, between and after any of the reads: the output at which an event is first seen gives it its own name.
+#[test]
+fn whatever_happens_between_two_reads_is_named_after_its_cause() {
+    use crate::safety::Inputs;
+    let quiet =
+        Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+    for event in [
+        Event::Stop(1),
+        Event::Stop(2),
+        Event::Stop(100),
+        Event::Supply,
+        Event::Halt(false),
+        Event::Halt(true),
+    ] {
+        for at in 0..12 {
+            BOARD.set((0, at, Some(event)));
+            let seen = (0..4)
+                .map(|_| {
+                    let drive = Drive::new(Force, Events);
+                    let mut stop = EmergencyStop::new(Events);
+                    let sensed = sense(true, (0, 10), &drive, &mut stop, &mut Events, &mut Events);
+                    Inputs::of(sensed, false, true)
+                })
+                .find(|inputs| *inputs != quiet);
+            let expected = match event {
+                Event::Stop(_) => Inputs { stop_closed: false, ..quiet },
+                Event::Supply => Inputs { supply_good: false, ..quiet },
+                Event::Halt(_) => Inputs { halted: true, ..quiet },
+            };
+            assert_eq!(seen, Some(expected), "{event:?} at read {at}");
+        }
+    }
+}

@@ -23,12 +23,8 @@ pub struct GuardCommand {
     pub rendered: u32,
     /// [`Guard::events`] that `clear` has dealt with.
     pub acknowledged: u32,
-    /// Counts up with `zeros` and with `restarts`.
-    pub requests: u32,
     /// How often the count was to be zeroed.
     pub zeros: u32,
-    /// How often the estimator was to start anew, see [`Sampler::restart`].
-    pub restarts: u32,
     /// The force last granted, none while off: it has acted since the last sample, but for the time
     /// that the output took.
     pub force: Force,
@@ -44,17 +40,18 @@ pub struct GuardCommand {
 }
 
 impl GuardCommand {
+    /// As `jump` or `speed`: any will do.
+    pub const ANY: u32 = i32::MAX.cast_unsigned();
+
     /// As it is before the first output.
     pub const fn start(plan: &SafetyPlan) -> Self {
         Self {
             rendered: plan.period.wrapping_neg(), // as if there had been one
             acknowledged: 0,
-            requests: 0,
             zeros: 0,
-            restarts: 0,
             force: Force::ZERO,
             jump: plan.jump,
-            speed: u32::MAX,
+            speed: GuardCommand::ANY,
             stall: false,
         }
     }
@@ -153,9 +150,8 @@ impl GuardView {
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler {
     sampler: Sampler,
-    /// [`GuardCommand::requests`] and [`GuardCommand::restarts`] that were met.
-    requests: u32,
-    restarts: u32,
+    /// [`GuardCommand::zeros`] that were met.
+    zeros: u32,
     /// Found, and not in [`Guard`] yet.
     waiting: FaultSet,
     /// Something was found that is not cleared, or waits: the output has to be off.
@@ -167,8 +163,7 @@ impl GuardedSampler {
     pub fn new(counter: u32, width: CounterWidth) -> Self {
         Self {
             sampler: Sampler::new(counter, width),
-            requests: 0,
-            restarts: 0,
+            zeros: 0,
             waiting: FaultSet::EMPTY,
             alert: false,
         }
@@ -196,20 +191,16 @@ impl GuardedSampler {
         if due {
             self.expect_output(motion.number(), down, control.period.get());
         }
-        let moved = motion.position.wrapping_since(before).unsigned_abs();
-        let speed = motion.velocity.bits().unsigned_abs();
-        let quiet = moved <= down.jump
-            && speed <= down.speed
-            && down.requests == self.requests
-            && !self.alert;
+        let jumped = beyond(motion.position.wrapping_since(before), down.jump);
+        let fast = beyond(motion.velocity.bits(), down.speed);
+        let quiet = !jumped && !fast && down.zeros == self.zeros && !self.alert;
         if quiet {
             let report = SampleReport { motion, present: FaultSet::EMPTY };
             return Step { report, due, cut: false, told: false };
         }
         cold_path();
-        let present = FaultSet::EMPTY
-            .with_if(Fault::CountJump, moved > down.jump)
-            .with_if(Fault::OverSpeed, speed > down.speed);
+        let present =
+            FaultSet::EMPTY.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
         if !present.is_empty() {
             self.waiting = self.waiting.union(present);
             self.alert = true;
@@ -220,20 +211,14 @@ impl GuardedSampler {
             let report = SampleReport { motion, present: self.waiting };
             return Step { report, due, cut: false, told: false };
         }
-        if down.requests == self.requests {
+        if down.zeros == self.zeros {
             let told = self.note(motion.number(), down.acknowledged, guard);
-            Step { report: SampleReport { motion, present }, due, cut: self.alert, told }
+            Step { report: SampleReport { motion, present }, due, cut: told || self.alert, told }
         } else {
-            self.requests = down.requests;
-            if down.restarts != self.restarts {
-                self.restarts = down.restarts;
-                self.sampler.restart();
-            }
-            if down.zeros != guard.zeros {
-                guard.zeros = down.zeros;
-                self.sampler.zero();
-                motion.position = self.sampler.position();
-            }
+            self.zeros = down.zeros;
+            guard.zeros = down.zeros;
+            self.sampler.zero();
+            motion.position = self.sampler.position();
             let report = SampleReport { motion, present: self.waiting };
             Step { report, due, cut: self.alert, told: true }
         }
@@ -272,9 +257,27 @@ impl GuardedSampler {
     }
 }
 
+/// Whether `value` is beyond +-`limit`, which is at most [`GuardCommand::ANY`].
+#[inline(always)]
+fn beyond(value: i32, limit: u32) -> bool {
+    value.cast_unsigned().wrapping_add(limit) > limit.wrapping_mul(2)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn limits_hold_on_both_sides_and_to_the_count() {
+        for limit in [0, 1, 501, 100 << 16, GuardCommand::ANY - 1] {
+            let end = limit.cast_signed();
+            assert!(!beyond(end, limit) && !beyond(-end, limit) && !beyond(0, limit));
+            assert!(beyond(end + 1, limit) && beyond(-end - 1, limit), "{limit}");
+        }
+        for value in [i32::MAX, -i32::MAX, 0, 1, -1] {
+            assert!(!beyond(value, GuardCommand::ANY));
+        }
+    }
 
     #[test]
     fn a_zero_counts_from_the_sample_with_which_it_was_carried_out() {

@@ -49,7 +49,7 @@ pub struct Inputs {
     pub halted: bool,
 }
 
-/// What a board senses at an output.
+/// What a board senses at an output, see [`contract::sense`](crate::contract::sense).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensed {
     /// The output task switched the amplifier on, and not off since.
@@ -62,7 +62,7 @@ pub struct Sensed {
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The amplifier is enabled. To be read last.
+    /// The amplifier is enabled. To be read before what may drop it.
     pub enabled: bool,
 }
 

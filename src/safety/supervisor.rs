@@ -6,7 +6,7 @@ use core::hint::cold_path;
 
 use super::{
     Fault, FaultRecord, FaultSet, GrantedForce, Guard, GuardCommand, Inputs, MemoryUpdate,
-    OutputCommand, Refusal, Request, SafetyPlan, SampleReport, State, Status,
+    OutputCommand, Refusal, Request, SLEW, SafetyPlan, SampleReport, State, Status,
     gain_fade::GainFade,
     plan::STUCK_RENDERS,
     sign::{SignStep, SignTest},
@@ -126,8 +126,8 @@ impl Supervisor {
         self.last = grant;
         self.down.rendered = up.motion.number();
         self.down.force = grant.force().unwrap_or_default();
-        self.down.speed = if self.state.is_on() { self.plan.speed } else { u32::MAX };
-        self.down.jump = if self.down.stall { u32::MAX } else { self.plan.jump };
+        self.down.speed = if self.state.is_on() { self.plan.speed } else { GuardCommand::ANY };
+        self.down.jump = if self.down.stall { GuardCommand::ANY } else { self.plan.jump };
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
         Rendered { grant, record }
@@ -152,13 +152,6 @@ impl Supervisor {
     #[inline]
     pub fn expect_still(&mut self, still: bool) {
         self.still = still;
-    }
-
-    /// Another estimator, or another tuning, has just been put in force: it goes on from the velocity,
-    /// not from the slope that the old one had. Publish [`down`](Self::down) then.
-    pub fn retuned(&mut self) {
-        self.down.restarts = self.down.restarts.wrapping_add(1);
-        self.down.requests = self.down.requests.wrapping_add(1);
     }
 
     /// Whether the sampling task has switched off by itself.
@@ -205,7 +198,7 @@ impl Supervisor {
             Request::Stall(stall) => {
                 self.down.stall = stall;
                 if stall {
-                    self.down.jump = u32::MAX; // until the output after its end
+                    self.down.jump = GuardCommand::ANY; // until the output after its end
                 }
                 Ok(())
             }
@@ -230,15 +223,20 @@ impl Supervisor {
     /// it would throw it out.
     ///
     /// # Errors
-    /// In contact, before or after.
+    /// In contact, before or after; a zero is under way, so that nobody knows where the handle is from the next sample
+    /// on.
     pub fn may_change(&self, from: &LoopParameters, to: &LoopParameters) -> Result<(), Refusal> {
         let moved = from.wall.surface() != to.wall.surface();
         let same = from.estimator == to.estimator && !moved;
         let inside = moved && to.wall.penetration(self.record.position) > 0;
-        if same || !(self.state.is_on() && (self.contact || inside)) {
+        if same || !self.state.is_on() {
             Ok(())
-        } else {
+        } else if self.contact || inside {
             Err(Refusal::Contact)
+        } else if moved && self.zero_pending() {
+            Err(Refusal::Zeroing)
+        } else {
+            Ok(())
         }
     }
 
@@ -246,6 +244,10 @@ impl Supervisor {
         self.status().may_arm()?;
         if self.down.stall {
             return Err(Refusal::Stalled);
+        }
+        // Where the handle will be is not known yet: in a wall, it may be.
+        if self.zero_pending() {
+            return Err(Refusal::Zeroing);
         }
         self.state = State::SignTest;
         self.sign = SignTest::new();
@@ -277,7 +279,6 @@ impl Supervisor {
             State::Armed | State::Off | State::Fault => {}
         }
         self.down.zeros = self.down.zeros.wrapping_add(1);
-        self.down.requests = self.down.requests.wrapping_add(1);
         Ok(())
     }
 
@@ -293,6 +294,9 @@ impl Supervisor {
         self.unlocked = false;
         if self.state.is_on() {
             self.state = State::Off;
+            self.last = OutputCommand::Off;
+            self.down.force = Force::ZERO;
+            self.down.speed = GuardCommand::ANY;
             self.memory = Some(MemoryUpdate::Erase);
         }
     }
@@ -405,9 +409,6 @@ impl Supervisor {
         held: Option<Force>,
     ) -> Option<Force> {
         if self.state == State::SignTest {
-            if self.zero_pending() {
-                return Some(Force::ZERO); // the count is about to be renamed
-            }
             match self.sign.step(&self.plan, up.motion.position) {
                 SignStep::Push(force) => return Some(force),
                 SignStep::Passed => {
@@ -423,9 +424,12 @@ impl Supervisor {
         if !self.state.is_on() {
             return None;
         }
+        // Ramp and fade share what a step may be.
+        let ramping = self.state == State::RampIn;
+        let slew = if ramping { SLEW.saturating_sub_unsigned(self.plan.ramp_step) } else { SLEW };
         let fade = self.fade.get_or_insert(GainFade::new(control.wall, push));
-        let full = fade.force(control.wall, push, up.motion, drive.force, held);
-        if self.state == State::Armed {
+        let full = fade.force((&control.wall, push), up.motion, drive, held, slew);
+        if !ramping {
             return Some(full);
         }
         if self.ramp >= self.plan.ramp_renders {

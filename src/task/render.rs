@@ -6,11 +6,11 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    contract::{DebugHalts as _, FaultMemory as _, Supply as _},
+    contract::{self, FaultMemory as _},
     experiment::{DutyPlan, Order, Report, Sampling, Scheduler},
     safety::{
         BlackBox, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand, SampleReport,
-        Sensed, Supervisor,
+        Supervisor,
     },
     store::Signs,
 };
@@ -112,11 +112,14 @@ impl Render {
     #[inline(always)]
     pub fn run(&mut self) {
         let Some(up) = self.ends.due.read() else { return };
+        let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
+        let sensed =
+            contract::sense(self.was_on, (up.motion.sample, PERIOD), drive, stop, supply, halts);
+        // After that: what the sampling task cut has a reason here.
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
             self.guard.take(guard, number);
         }
         let guard = self.guard.at(up.motion.number());
-        let sensed = self.sense(up.motion.sample);
         let rendered = self.scheduler.output(&up, &guard, sensed);
         self.put_out(rendered.grant);
         self.ends.sampling.command(self.scheduler.command());
@@ -134,26 +137,15 @@ impl Render {
             && let Some(order) = self.ends.orders.dequeue()
         {
             self.scheduler.meet(order, &mut self.ends.sampling);
+            if self.was_on && self.scheduler.is_off() {
+                self.put_out(OutputCommand::Off);
+            }
         }
         if self.ends.reports.ready() {
             // There is room, and nobody else writes.
             let _ = self.ends.reports.enqueue(self.scheduler.report(record));
         }
         board::request_link();
-    }
-
-    /// What the board says at this output.
-    #[inline(always)]
-    fn sense(&mut self, sample: u64) -> Sensed {
-        let outputs = &mut self.outputs;
-        Sensed {
-            switched_on: self.was_on,
-            halted: outputs.halts.since_the_last(sample, PERIOD),
-            was_stopped: outputs.drive.was_stopped(),
-            stop_closed: outputs.stop.is_closed(),
-            supply_good: !outputs.supply.is_low(),
-            enabled: outputs.drive.is_on(),
-        }
     }
 
     #[inline(always)]

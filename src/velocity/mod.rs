@@ -1,8 +1,10 @@
 //! Position to [`Velocity`]: the second stage, run for every sample.
 //!
 //! An [`Estimator`] holds what a person chose (integer coefficients); a [`State`] holds what the
-//! samples left behind, so that an estimator can be retuned between two samples without a kick. One
-//! of another kind starts from the velocity that the old one left and warms itself up.
+//! samples left behind, and whose: an estimator never runs on what another one, or another tuning of it, has left. It
+//! starts from the velocity of the last sample, as if the handle had always moved at it, and warms itself up: a slope
+//! that a wide filter had from one flicker of the counts would carry a narrow one far away. [`Tuned`] is an estimator
+//! that knows its tuning from the one before, so that it comes into force whole, with one sample.
 
 mod biquad;
 mod butterworth;
@@ -71,8 +73,19 @@ impl Estimator {
     /// that of the usual ones out of the registers.
     #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
-        if self.kind() != state.kind {
-            self.take_over(state);
+        self.update_as(Tuning::first(self), state, position, senses)
+    }
+
+    #[inline(always)] // as `update`
+    fn update_as(
+        &self,
+        tuning: Tuning,
+        state: &mut State,
+        position: Position,
+        senses: &Senses,
+    ) -> Velocity {
+        if tuning != state.tuning {
+            self.take_over(tuning, state);
         }
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
@@ -81,21 +94,76 @@ impl Estimator {
         velocity
     }
 
-    /// Takes over from an estimator of another form: warms up as if the handle had always moved at
+    /// Takes over from another estimator or tuning: warms up as if the handle had always moved at
     /// the velocity of the last sample.
     #[cold]
     #[inline(never)]
-    fn take_over(&self, state: &mut State) {
-        state.kind = self.kind();
+    fn take_over(&self, tuning: Tuning, state: &mut State) {
+        state.tuning = tuning;
         state.memory.restart(self, state.velocity);
+    }
+}
+
+/// An estimator's form, and a number that its next tuning does not share: one comparison finds both out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Tuning(u16);
+
+impl Tuning {
+    #[inline(always)]
+    const fn first(estimator: &Estimator) -> Self {
+        Self(estimator.kind() as u16)
+    }
+
+    const fn next(self, estimator: &Estimator) -> Self {
+        Self((self.0 & 0xFF00).wrapping_add(0x100) | estimator.kind() as u16)
+    }
+}
+
+/// An [`Estimator`] in force, which starts anew with its first sample if it is another one than
+/// [before](Self::after), or tuned anew.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tuned {
+    tuning: Tuning,
+    estimator: Estimator,
+}
+
+impl Tuned {
+    /// The first one after a reset.
+    pub const fn first(estimator: Estimator) -> Self {
+        Self { tuning: Tuning::first(&estimator), estimator }
+    }
+
+    /// The same estimator, in force after `running`: with its own tuning it goes on, else it starts anew.
+    #[must_use]
+    pub fn after(self, running: &Self) -> Self {
+        let tuning = if self.estimator == running.estimator {
+            running.tuning
+        } else {
+            running.tuning.next(&self.estimator)
+        };
+        Self { tuning, ..self }
+    }
+
+    /// [`Estimator::update`].
+    #[inline(always)] // as that
+    pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
+        self.estimator.update_as(self.tuning, state, position, senses)
+    }
+}
+
+impl core::ops::Deref for Tuned {
+    type Target = Estimator;
+
+    fn deref(&self) -> &Estimator {
+        &self.estimator
     }
 }
 
 /// What the samples so far left behind.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
-    /// Form of the estimator that has run; `None`: whatever comes next takes over.
-    kind: Kind,
+    /// Of the estimator that has run.
+    tuning: Tuning,
     previous: Position,
     /// Of the last sample.
     velocity: Velocity,
@@ -103,19 +171,26 @@ pub struct State {
 }
 
 impl State {
-    /// Whatever comes next takes over from the velocity.
-    pub fn restart(&mut self) {
-        self.kind = Kind::None;
-    }
-
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
         Self {
-            kind: Kind::Difference,
+            tuning: Tuning(Kind::Difference as u16),
             previous: position,
             velocity: Velocity::ZERO,
             memory: Memory::REST,
         }
+    }
+
+    /// Whatever comes next takes over from the velocity.
+    pub fn restart(&mut self) {
+        self.tuning = Tuning(u16::MAX); // no form has this number
+    }
+
+    /// As after many samples at that velocity; whatever comes next takes over from it.
+    #[cfg(test)]
+    pub(crate) fn restart_at(&mut self, velocity: Velocity) {
+        self.velocity = velocity;
+        self.restart();
     }
 
     /// The position of the last sample is called `position` from now on; the velocity stays.

@@ -54,8 +54,6 @@ macro_rules! estimators {
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(super) enum Kind {
             $($(#[cfg($on)] $form,)*)*
-            /// No estimator's.
-            None,
         }
 
         /// What the forms remember. A field for each, not one for all: so the compiler can keep the few words of
@@ -196,8 +194,6 @@ estimators! {
         forms {
             /// Finite difference and low-pass.
             LowPass(Biquad) keeps filter;
-            /// Finite difference.
-            Difference(Difference) keeps nothing;
         }
         names {
             /// Finite difference followed by a second-order Butterworth low-pass; the paper's estimator.
@@ -220,6 +216,14 @@ estimators! {
                 /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, true)?);
+        }
+    }
+    if all(), core::hint::cold_path {
+        forms {
+            /// Finite difference.
+            Difference(Difference) keeps nothing;
+        }
+        names {
             /// Finite difference: the counts since the last sample.
             Difference = 3, "difference" {} => |_| Difference(Difference);
         }

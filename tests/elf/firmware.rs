@@ -93,6 +93,8 @@ pub struct Replay<'a> {
     sampler: Sampler,
     /// Settings in the order in which the firmware took them.
     controls: &'a [LoopParameters],
+    /// Those in force.
+    control: LoopParameters,
     number: u16,
     zeroed: bool,
 }
@@ -101,33 +103,31 @@ impl<'a> Replay<'a> {
     /// From the first reading of the counter on.
     pub fn new(first: u32, controls: &'a [LoopParameters]) -> Self {
         let sampler = Sampler::new(first, CounterWidth::Bits32);
-        Self { sampler, controls, number: 0, zeroed: false }
+        Self { sampler, controls, control: controls[0], number: 0, zeroed: false }
     }
 
     /// Sample `n`; `next` is the first record that is not before it. What was asked for at an output
-    /// holds from the next sample on, and the next record shows it; a zero and a new start of the
-    /// estimator come with that sample.
+    /// holds from the next sample on, and the next record shows it; a zero comes with that sample.
     pub fn sample(
         &mut self,
         n: u64,
         reading: u32,
         next: Option<&Record>,
         senses: &Senses,
-    ) -> (&'a LoopParameters, Sampled) {
-        let old = self.controls[usize::from(self.number)].estimator;
+    ) -> (LoopParameters, Sampled) {
         let mut zero = false;
         if n % 10 == 1
             && let Some(next) = next
         {
-            self.number = next.settings;
+            if next.settings != self.number {
+                self.number = next.settings;
+                self.control = self.controls[usize::from(self.number)].after(&self.control);
+            }
             zero = next.flags.contains(Flags::ZEROED) && !self.zeroed;
             self.zeroed |= zero;
         }
-        let control = &self.controls[usize::from(self.number)];
-        let mut sampled = self.sampler.sense(control, reading, senses);
-        if control.estimator != old {
-            self.sampler.restart();
-        }
+        let control = self.control;
+        let mut sampled = self.sampler.sense(&control, reading, senses);
         if zero {
             self.sampler.zero();
             sampled.motion.position = self.sampler.position();

@@ -219,6 +219,9 @@ fn tuned(name: EstimatorName, parts: [f64; 2], design: &Design) -> VelocitySetti
             true => (low * (high / low).powf(parts[place])).clamp(low, high),
             false => high * parts[place],
         };
+        if name.parameters()[place].is_some_and(|parameter| parameter.is_whole()) {
+            numbers[place] = numbers[place].round();
+        }
     }
     name.settings(numbers)
 }

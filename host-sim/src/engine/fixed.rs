@@ -107,7 +107,7 @@ impl<S: SimdOps> Lanes<S> for FixedState<S> {
     fn start(&mut self, gains: &mut Self::Gains, lane: usize, control: &LoopParameters) {
         // A difference alone is a low-pass that lets everything through.
         const PASS: ([i32; 5], bool) = ([1 << 30, 0, 0, 0, 0], false);
-        let (coefficients, second) = match &control.estimator {
+        let (coefficients, second) = match &*control.estimator {
             Estimator::LowPass(filter) => (filter.bits(), filter.shaping() == Shaping::Second),
             _ => PASS,
         };

@@ -57,6 +57,8 @@ pub struct Scheduler<const N: usize> {
     history: BlackBox<N>,
     /// Next record of the black box to send, while it is read out.
     replay: Option<usize>,
+    /// It goes on recording once it has been read out.
+    release: bool,
     /// What the next reports say; kept until there is room for it.
     answer: Event,
     news: Event,
@@ -83,6 +85,7 @@ impl<const N: usize> Scheduler<N> {
             duty_plan,
             history,
             replay: None,
+            release: false,
             answer: Event::None,
             news: Event::None,
         }
@@ -209,7 +212,15 @@ impl<const N: usize> Scheduler<N> {
         matches!(self.answer, Event::None)
     }
 
-    /// Meets an order, or refuses it; the next [`report`](Self::report) says which.
+    /// No force may act any more. After an order, the output is then switched off before the order is answered: who
+    /// reads that it is off may rely on it.
+    #[inline(always)]
+    pub fn is_off(&self) -> bool {
+        !self.supervisor.status().state.is_on()
+    }
+
+    /// Meets an order, or refuses it; the next [`report`](Self::report) says which. See to [`is_off`](Self::is_off)
+    /// before that.
     #[inline(always)] // called, it would copy the order once more
     pub fn meet(&mut self, order: Order, sampling: &mut impl Sampling) {
         self.answer = Event::Answer(self.met(order, sampling));
@@ -223,17 +234,18 @@ impl<const N: usize> Scheduler<N> {
                 // Now, not with the next output: flash may be written as soon as this is answered.
                 sampling.command(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
-                    self.history.release();
+                    // What is being read out is read out to its end.
+                    self.release = self.replay.is_some();
+                    if !self.release {
+                        self.history.release();
+                    }
                 }
                 result
             }
             Order::LoopParameters(parameters, gains) => {
+                let parameters = parameters.after(&self.parameters);
                 self.supervisor.may_change(&self.parameters, &parameters)?;
                 sampling.set_parameters(parameters);
-                if parameters.estimator != self.parameters.estimator {
-                    self.supervisor.retuned();
-                    sampling.command(self.supervisor.down());
-                }
                 self.parameters = parameters;
                 self.gains = gains;
                 self.settings = self.settings.wrapping_add(1);
@@ -297,6 +309,9 @@ impl<const N: usize> Scheduler<N> {
         let next = self.replay?;
         let record = self.history.get(next).copied();
         self.replay = record.is_some().then_some(next + 1);
+        if record.is_none() && core::mem::take(&mut self.release) {
+            self.history.release();
+        }
         record.map(|record| Record { flags: record.flags.with_if(Flags::REPLAY, true), ..record })
     }
 }

@@ -121,7 +121,6 @@ impl Bench {
         let sensed = Sensed { switched_on: self.last != OutputCommand::Off, ..self.sensed };
         let rendered = self.scheduler.output(&up, &self.guard, sensed);
         self.last = rendered.grant;
-        let zeros = self.scheduler.command().zeros;
         // nine samples on the way, and the due one
         let moved = position.wrapping_since(before);
         let positions: Vec<_> =
@@ -131,11 +130,15 @@ impl Bench {
             && let Some(order) = order
         {
             self.scheduler.meet(order, &mut self.sampling);
+            if self.scheduler.is_off() {
+                self.last = OutputCommand::Off;
+            }
         }
         if !self.full {
             let report = self.scheduler.report(record);
             self.reports.push(report);
         }
+        let zeros = self.scheduler.command().zeros;
         if self.guard.zeros != zeros {
             self.guard.zeros = zeros;
             self.zero = self.handle.position().counts();
@@ -356,6 +359,32 @@ fn requests_reach_the_supervisor_and_the_sampling_task_at_once() {
     assert_eq!(bench.order(Order::Request(Request::Clear)), Err(Refusal::NoFault));
 }
 
+/// Where the answer comes, the force is off: with a hit, without one, off already, and with a fault.
+#[test]
+fn disarm_is_answered_with_the_force_off() {
+    for case in 0..4 {
+        let mut bench = if case == 3 { Bench::new() } else { Bench::armed() };
+        match case {
+            1 => {
+                bench.stored.push_n = 1.0;
+                bench.met(bench.hit());
+                bench.run(3);
+                assert!(bench.last.force().is_some_and(|force| force != Force::ZERO));
+            }
+            2 => bench.sensed.stop_closed = false,
+            _ => {}
+        }
+        bench.met(Order::Request(Request::Disarm));
+        assert_eq!(bench.last, OutputCommand::Off, "{case}");
+        let command = bench.sampling.commands.last().unwrap();
+        assert_eq!((command.force, command.speed), (Force::ZERO, GuardCommand::ANY), "{case}");
+        let expected = if case == 2 { State::Fault } else { State::Off };
+        assert_eq!(bench.status().state, expected, "{case}");
+        bench.run(2);
+        assert_eq!((bench.last, bench.activity()), (OutputCommand::Off, Activity::None));
+    }
+}
+
 #[test]
 fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     let mut bench = Bench::armed();
@@ -372,8 +401,10 @@ fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     bench.stored.settings.wall.stiffness_n_per_m = 0.0;
     bench.stored.settings.velocity = bench.stored.settings.velocity.with_tuning(1000.0);
     bench.met(DEVICE.order(&bench.stored).unwrap());
-    let [.., last] = bench.sampling.commands.as_slice() else { panic!() };
-    assert_eq!((bench.sampling.commands.len(), last.restarts), (commands + 1, 1));
+    let (before, now) = (bench.sampling.parameters[known], bench.sampling.parameters[known + 1]);
+    assert_eq!(now, DEVICE.control(&bench.stored).unwrap().after(&before));
+    assert_ne!(now.estimator, DEVICE.control(&bench.stored).unwrap().estimator);
+    assert_eq!(bench.sampling.commands.len(), commands);
     // a wall where the handle is
     let kept = bench.scheduler.parameters;
     bench.stored.settings.wall.position_m = -0.03;
@@ -436,6 +467,29 @@ fn the_black_box_is_read_out_oldest_first_beside_the_present_and_released_by_cle
     bench.output(None);
     bench.met(Order::Request(Request::Clear));
     assert!(!bench.scheduler.history.is_frozen());
+}
+
+#[test]
+#[cfg_attr(miri, ignore = "arms in closed loop")]
+fn a_clear_does_not_cut_the_black_box_off() {
+    let mut bench = Bench::armed();
+    bench.sensed.stop_closed = false;
+    bench.run(20);
+    bench.sensed.stop_closed = true;
+    bench.output(None);
+    let fault = bench.status().fault.unwrap().sample;
+    bench.met(Order::Replay);
+    bench.run(2);
+    bench.met(Order::Request(Request::Clear));
+    bench.run(7);
+    let sent = &bench.reports[bench.reports.len() - 11..];
+    let replayed: Vec<_> = sent
+        .iter()
+        .filter(|report| report.streamed.flags.contains(Flags::REPLAY))
+        .map(|report| report.streamed.sample)
+        .collect();
+    assert_eq!(replayed, (0..8).map(|n| fault - 70 + 10 * n).collect::<Vec<_>>());
+    assert!(!bench.scheduler.history.is_frozen(), "it records again");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use crate::{
 };
 use std::{sync::OnceLock, vec::Vec};
 
+mod fade;
 mod faults;
 mod random;
 mod requests;
@@ -169,6 +170,19 @@ impl Bench {
         bench.clone()
     }
 
+    /// Puts new parameters in force, as the scheduler does.
+    fn retune(&mut self, control: LoopParameters) {
+        self.control = control.after(&self.control);
+    }
+
+    /// A hand moves the handle by so many counts until the next output.
+    fn drag(&mut self, counts: i32) {
+        for _ in 0..10 {
+            self.position_m += f64::from(counts) * 1e-7;
+            self.sample();
+        }
+    }
+
     /// After a fault: clear, then arm again.
     fn recover(&mut self) {
         self.ask(Request::Clear).unwrap();
@@ -177,6 +191,7 @@ impl Bench {
         if !self.supervisor.status().zeroed {
             assert_eq!(self.ask(Request::Arm), Err(Refusal::NotZeroed));
             self.ask(Request::Zero).unwrap();
+            self.run(20);
         }
         self.ask(Request::Arm).unwrap();
         self.run(4000);

@@ -118,6 +118,69 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     assert_eq!(bench.fault(), Some(Fault::CountJump));
 }
 
+/// A zero that is asked for renames the handle with a later sample: until then nobody can say whether it is in a wall.
+#[test]
+fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
+    let mut bench = Bench::armed();
+    let (from, to) = (bench.control, control(0.02, 2000.0));
+    bench.ask(Request::Zero).unwrap();
+    assert_eq!(bench.supervisor.may_change(&from, &to), Err(Refusal::Zeroing));
+    assert_eq!(bench.supervisor.may_change(&from, &control(0.01, 1.0)), Ok(()));
+    bench.run(20);
+    assert_eq!(bench.supervisor.may_change(&from, &to), Ok(()));
+    bench.ask(Request::Disarm).unwrap();
+    bench.run(20);
+    bench.ask(Request::Zero).unwrap();
+    assert_eq!(bench.ask(Request::Arm), Err(Refusal::Zeroing));
+    bench.run(20);
+    assert_eq!(bench.ask(Request::Arm), Ok(()));
+}
+
+/// What the old tuning left behind is gone with the very sample that first has the new one.
+#[test]
+#[cfg_attr(miri, ignore = "every tuning of every estimator")]
+fn another_tuning_starts_anew_with_its_first_sample() {
+    use crate::velocity::{EstimatorName, State as Memory};
+    for &name in EstimatorName::ALL {
+        let Some((parameter, value)) = name.defaults().tuning() else { continue };
+        for factor in [0.01, 0.1, 0.5, 2.0, 10.0, 100.0] {
+            let of = |value: f64| {
+                let value = if parameter.unit == "samples" { value.round() } else { value };
+                let velocity = name.defaults().with_tuning(value);
+                Settings {
+                    velocity,
+                    wall: WallSettings {
+                        position_m: 0.5,
+                        stiffness_n_per_m: 0.0,
+                        damping_n_s_per_m: 0.0,
+                        push_only: true,
+                    },
+                }
+                .build(&DESIGN)
+            };
+            let (Ok(new), Ok(old)) = (of(value), of(value * factor)) else { continue };
+            let mut bench = Bench::armed();
+            bench.held = true;
+            bench.supervisor.expect_still(true);
+            bench.control = old;
+            for n in 0..1503u32 {
+                bench.position_m += if n % 3 == 0 { 3e-6 } else { 4e-6 };
+                bench.sample();
+            }
+            let before = bench.sample().report.motion;
+            let mut twin = Memory::at_rest(before.position);
+            twin.restart_at(before.velocity);
+            bench.retune(new);
+            for n in 0..40u32 {
+                bench.position_m += if n % 3 == 0 { 3e-6 } else { 4e-6 };
+                let motion = bench.sample().report.motion;
+                let fresh = new.estimator.update(&mut twin, motion.position, &Senses::NONE);
+                assert_eq!(motion.velocity, fresh, "{} x {factor}, sample {n}", name.text());
+            }
+        }
+    }
+}
+
 /// The guard is told the force that acts, none while off, and tells the estimator.
 #[test]
 #[cfg(feature = "estimators")]

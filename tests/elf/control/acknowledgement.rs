@@ -7,7 +7,40 @@ use virtual_board::{
 
 use crate::firmware::{Firmware, arm, ok};
 
-each_board!(nothing_changes_without_an_acknowledgement);
+each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_the_force_off);
+
+/// At the end of the sample in which the answer comes the amplifier is off: at rest, in a hit, off already, and where a
+/// fault comes first.
+fn disarm_is_answered_with_the_force_off(board: Board) {
+    let firmware = Firmware::of(board);
+    for (phase, case) in (0..12).zip([0, 1, 2, 3].into_iter().cycle()) {
+        let mut world = firmware.boot();
+        arm(&mut world);
+        match case {
+            1 => {
+                ok(&mut world, "hit");
+                world.run(3_000).unwrap();
+            }
+            2 => {
+                ok(&mut world, "disarm");
+            }
+            _ => {}
+        }
+        world.run(phase).unwrap();
+        world.replies.clear();
+        if case == 3 {
+            world.emergency_stop(true);
+        }
+        world.send("disarm\n").unwrap();
+        let answered = (0..200).any(|_| {
+            world.sample().unwrap();
+            world.probe().unwrap();
+            world.replies.contains("ok disarm")
+        });
+        assert!(answered, "{case}: {}", world.replies);
+        assert!(!world.powered.amplifier.is_enabled(), "case {case}, phase {phase}");
+    }
+}
 
 /// Nobody reads: the channels fill up. One command more may act, and its reply waits for room; what
 /// comes after it is not obeyed, but for what ends something.

@@ -5,6 +5,7 @@ use virtual_board::{
     mcu::{Cycles, LINK, RENDER, SAMPLE},
     world::World,
 };
+use zwidth::velocity::EstimatorName;
 
 use super::session_of;
 use crate::firmware::{Firmware, arm, ok};
@@ -93,15 +94,28 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
         assert!(ok(&mut world, "status").contains("fault 20"));
         recover(&mut world);
     }
-    for line in [
-        "cutoff 1200",
-        "disarm",
-        "estimator first-order",
-        "estimator butterworth",
-        "save",
-        "load",
-        "zero",
-    ] {
+    // Every estimator after every other, with the force on and off.
+    ok(&mut world, "unlock envelope");
+    let known: Vec<_> = EstimatorName::ALL
+        .iter()
+        .map(|name| format!("estimator {}", name.text()))
+        .filter(|line| world.ask(line).unwrap().starts_with("ok"))
+        .collect();
+    assert!(known.contains(&"estimator difference".to_owned()) && known.len() >= 5, "{known:?}");
+    for off in [false, true] {
+        for (n, before) in known.iter().enumerate() {
+            for after in &known[n..] {
+                for line in [before, "cutoff 1200", after, before] {
+                    world.ask(line).unwrap(); // one has no cutoff
+                    world.run(20).unwrap();
+                }
+            }
+        }
+        if !off {
+            ok(&mut world, "disarm");
+        }
+    }
+    for line in ["save", "load", "zero"] {
         ok(&mut world, line);
         world.run(500).unwrap();
     }

@@ -278,9 +278,10 @@ crate::properties! {
             let sampled = sampler.sense(&before.control(), count as u32, &Senses::NONE);
             (velocity, at) = (f64::from(sampled.motion.velocity.bits()) / LSB, count);
         }
-        sampler.restart();
+        let control = after.control().after(&before.control());
+        prop_assume!(control != before.control());
         let senses = Senses { edge: None, ..random.senses() };
-        let first = sampler.sense(&after.control(), (at + next) as u32, &senses);
+        let first = sampler.sense(&control, (at + next) as u32, &senses);
         let jump = (f64::from(first.motion.velocity.bits()) / LSB - velocity).abs();
         let says = stated(&after.settings, &after.design).jump(velocity, next as f64, &senses);
         assert!(jump <= says + 2.0 / LSB, "{jump} for {says}, from {velocity} to {next} counts");

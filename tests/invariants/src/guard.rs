@@ -83,7 +83,7 @@ crate::properties! {
                     open = FaultSet::EMPTY;
                 }
                 if random.below(10) == 0 && down.zeros == zeros {
-                    (down.zeros, down.requests) = (down.zeros + 1, down.requests + 1);
+                    down.zeros += 1;
                 }
             }
         }

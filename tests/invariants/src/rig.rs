@@ -125,11 +125,8 @@ impl Rig {
 
     /// Exchanges the settings after an output, if they may be, in the order of the scheduler.
     pub fn change(&mut self, control: LoopParameters) -> Result<(), Refusal> {
+        let control = control.after(&self.control);
         self.supervisor.may_change(&self.control, &control)?;
-        if control.estimator != self.control.estimator {
-            self.supervisor.retuned();
-            self.down = self.supervisor.down();
-        }
         self.control = control;
         Ok(())
     }
