@@ -94,6 +94,9 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
     }
 }
 
+/// What the velocities of 300 samples may miss of the counts, where those are whole ones a sample, LSB.
+const SUM_LSB: f64 = 20.0;
+
 crate::properties! {
     /// A handle that has always been at rest, at any count, reads exactly 0.
     rest(500, (tuned, count) in (tuned(), any::<i32>())) {
@@ -193,12 +196,39 @@ crate::properties! {
             return Ok(());
         }
         let mut run = Run::at(&tuned, phase.floor() as i32);
+        let mut sum = 0.0;
         for n in 1..waits as u32 + 300 {
             let n = f64::from(n);
             let senses = Senses { edge: edge(speed, phase, n), ..Senses::NONE };
             let velocity = f64::from(run.step((speed * n + phase).floor() as i64, &senses)) / LSB;
             let off = (velocity - speed).abs();
             assert!(n < waits || off <= error + 1e-9, "{off} at {speed}, stated {error}");
+            sum += if n < waits { 0.0 } else { velocity - speed };
+            // what is rounded off one is in the next, so that it does not add up
+            let whole = speed.fract() == 0.0 && error <= 2.0 / LSB && !stamps;
+            assert!(!whole || sum.abs() <= SUM_LSB / LSB, "{sum} in all at {speed}");
+        }
+    }
+
+    /// A linear estimator is its equations in f64, within 3 LSB and the rounding of its coefficients, over any motion.
+    linear(200, (tuned, pieces, seed) in (tuned(), any::motion(300.0), any::<u64>())) {
+        let says = stated(&tuned.settings, &tuned.design);
+        let mut random = Random(seed);
+        let counts = any::counts(&pieces);
+        // as far as a handle is pushed: what is known may not saturate the state
+        let push = |random: &mut Random| Force::saturating_from_bits((random.bits() as i32) >> 12);
+        let senses: Vec<Senses> =
+            counts.iter().map(|_| Senses { force: push(&mut random), ..Senses::NONE }).collect();
+        let fastest = counts.windows(2).map(|pair| (pair[1] - pair[0]).abs()).max().unwrap_or(0).max(counts[0].abs());
+        let full = says.twin.run(&counts, &senses);
+        if full.iter().any(|velocity| velocity.abs() > 30_000.0) {
+            return Ok(()); // it saturates
+        }
+        let mut run = Run::at(&tuned, 0);
+        let lsb = says.twin.lsb(fastest as f64 * LSB);
+        for ((count, senses), twin) in counts.iter().zip(&senses).zip(full) {
+            let off = f64::from(run.step(*count, senses)) - twin * LSB;
+            assert!(off.abs() <= lsb, "{off} LSB of {lsb}");
         }
     }
 

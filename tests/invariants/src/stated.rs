@@ -26,6 +26,63 @@ pub struct Stated {
     /// What a difference of one count per sample between the next counts and the old velocity makes of the velocity at
     /// once, after a restart.
     pub first: First,
+    /// The same in `f64`, where it is linear.
+    pub twin: Twin,
+}
+
+/// A linear estimator in `f64`, by its equations.
+#[derive(Clone, Debug)]
+pub enum Twin {
+    /// It is not linear.
+    None,
+    /// Coefficients b and a of a filter behind the difference.
+    Filter(Vec<f64>, Vec<f64>),
+    /// Gains of position, velocity and acceleration, and what is known of that.
+    Observer([f64; 3], Option<First>),
+}
+
+impl Twin {
+    /// Velocities at those counts, from rest at 0; without senses nothing is known.
+    pub fn run(&self, counts: &[i64], senses: &[Senses]) -> Vec<f64> {
+        match self {
+            Self::None => Vec::new(),
+            Self::Filter(b, a) => {
+                let mut velocities: Vec<f64> = Vec::new();
+                let at = |n: usize| if n == 0 { 0.0 } else { counts[n - 1] as f64 };
+                for n in 0..counts.len() {
+                    let sum: f64 =
+                        (0..b.len().min(n + 1)).map(|k| b[k] * (at(n + 1 - k) - at(n - k))).sum();
+                    let past: f64 =
+                        (1..=a.len().min(n)).map(|k| a[k - 1] * velocities[n - k]).sum();
+                    velocities.push(sum - past);
+                }
+                velocities
+            }
+            Self::Observer([alpha, beta, gamma], known) => {
+                let (mut x, mut v, mut rest) = (0.0, 0.0, 0.0);
+                let step = |(n, count): (usize, &i64)| {
+                    let known = known.zip(senses.get(n));
+                    let a: f64 =
+                        rest + known.map_or(0.0, |(first, senses)| first.acceleration(senses));
+                    let ahead: f64 = x + v + a / 2.0;
+                    let e = *count as f64 - ahead;
+                    x = ahead + alpha * e;
+                    v += a + beta * e;
+                    rest += gamma * e;
+                    v
+                };
+                counts.iter().enumerate().map(step).collect()
+            }
+        }
+    }
+
+    /// LSB by which the integers may be off it at speeds up to that, LSB: rounding, and that of the coefficients.
+    pub fn lsb(&self, fastest: f64) -> f64 {
+        match self {
+            Self::Filter(b, _) => 3.0 + fastest * 3.0 * 2f64.powi(-31) / b.iter().sum::<f64>(),
+            _ => 2.0 + fastest * 1e-9,
+        }
+    }
 }
 
 /// How the first velocity after a restart follows the counts.
@@ -44,6 +101,21 @@ pub enum First {
     Mean(f64),
 }
 
+impl First {
+    /// What is known of the acceleration.
+    fn acceleration(&self, senses: &Senses) -> f64 {
+        match self {
+            Self::Known(_, Some(full_scale)) => {
+                full_scale * f64::from(senses.force.bits()) / f64::from(Force::FULL_SCALE.bits())
+            }
+            Self::Known(_, None) => {
+                f64::from(senses.acceleration.bits()) / f64::from(1 << Acceleration::FRACTION_BITS)
+            }
+            _ => 0.0,
+        }
+    }
+}
+
 impl Stated {
     /// Largest jump of the velocity with the first sample after a restart at `velocity`.
     pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
@@ -52,38 +124,20 @@ impl Stated {
             First::Part(part, beside) => part * off + beside,
             First::Root(lambda) => lambda * off.sqrt(),
             First::Bounded(most) => off.min(most),
-            First::Known(part, full_scale) => {
-                let known = match full_scale {
-                    Some(full_scale) => {
-                        full_scale * f64::from(senses.force.bits())
-                            / f64::from(Force::FULL_SCALE.bits())
-                    }
-                    None => {
-                        f64::from(senses.acceleration.bits())
-                            / f64::from(1 << Acceleration::FRACTION_BITS)
-                    }
-                };
-                part * (off + known.abs() / 2.0) + known.abs()
+            First::Known(part, _) => {
+                let known = self.first.acceleration(senses).abs();
+                part * (off + known / 2.0) + known
             }
             First::Mean(span) => off.max((off + 2.0) / (span - 0.5)),
         }
     }
 }
 
-/// Of a linear estimator: half the sum of the magnitudes of its response to a position. `b` and `a` are those of the
-/// low-pass behind the difference.
-fn ripple(b: &[f64], a: &[f64], samples: usize) -> f64 {
-    let (mut response, mut sum) = (Vec::new(), 0.0);
-    for n in 0..samples {
-        // the difference of a count that comes and goes on being there: 1 at 0, -1 at 1
-        let input = |n: usize| b.get(n).copied().unwrap_or(0.0);
-        let input = input(n) - if n > 0 { input(n - 1) } else { 0.0 };
-        let past: f64 = (1..=a.len().min(n)).map(|k| a[k - 1] * response[n - k]).sum();
-        let value: f64 = input - past;
-        sum += value.abs();
-        response.push(value);
-    }
-    0.5 * sum
+/// Half the sum of the magnitudes of the response to a position, so many samples of it.
+fn ripple(twin: &Twin, samples: f64) -> f64 {
+    let mut counts = vec![0; samples.min(60_000.0) as usize];
+    counts[0] = 1;
+    twin.run(&counts, &[]).iter().map(|v| 0.5 * v.abs()).sum()
 }
 
 /// `u` of the Kalman filters, from what their page has: `2 u^2 = L (1 - u)` or `2 u^3 = L (1 - u) (2 - u)`.
@@ -106,17 +160,22 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         holds: true,
         settles: [settles, 0.0],
         first,
+        twin: Twin::None,
+    };
+    let linear = |twin: Twin, lsb: f64, settles: f64, first: First| {
+        let error = ripple(&twin, settles);
+        Stated { twin, ..exact(error, lsb, settles, first) }
     };
     if let Some(sum) = settings.weights(design).unwrap() {
         let weights = sum.weights();
-        let error = ripple(weights, &[], weights.len() + 1);
-        let first = First::Part(weights[0].abs(), error);
-        return Stated { whole: 0.0, ..exact(error, 1.0, weights.len() as f64 + 1.0, first) };
+        let twin = Twin::Filter(weights.to_vec(), Vec::new());
+        let settles = weights.len() as f64 + 1.0;
+        let first = First::Part(weights[0].abs(), ripple(&twin, settles));
+        return Stated { whole: 0.0, ..linear(twin, 1.0, settles, first) };
     }
     let low_pass = |b: &[f64], a: &[f64], part: f64| {
-        let settles = 8.0 / part + 200.0;
-        let error = ripple(b, a, settles.min(60_000.0) as usize);
-        exact(error, 2.0, settles, First::Part(b[0], 0.0))
+        let twin = Twin::Filter(b.to_vec(), a.to_vec());
+        linear(twin, 2.0, 8.0 / part + 200.0, First::Part(b[0], 0.0))
     };
     let digital = |cutoff_hz: f64, prewarp: bool| {
         let angle = 2.0 * PI * cutoff_hz / design.rate_hz;
@@ -142,33 +201,15 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let u = kalman_u(noise / samples / (design.resolution_m / 12f64.sqrt()), states);
         let (alpha, beta) = (u * (2.0 - u), 2.0 * u * u);
         let gamma = if states == 2 { 0.0 } else { beta * beta / (2.0 * alpha) };
-        // the response to a position, by the recursion itself
-        let (mut x, mut v, mut acceleration, mut sum) = (0.0, 0.0, 0.0, 0.0);
-        for n in 0..((60.0 / u) as usize).min(60_000) {
-            let ahead: f64 = x + v + acceleration / 2.0;
-            let r = f64::from(n == 0) - ahead;
-            x = ahead + alpha * r;
-            v += acceleration + beta * r;
-            acceleration += gamma * r;
-            sum += v.abs();
-        }
-        exact(0.5 * sum, 2.0, 60.0 / u + 200.0, First::Part(beta, 0.0))
+        let twin = Twin::Observer([alpha, beta, gamma], None);
+        linear(twin, 2.0, 60.0 / u + 200.0, First::Part(beta, 0.0))
     };
     let observer = |bandwidth_hz: f64, full_scale: Option<f64>| {
         let p = (-2.0 * PI * bandwidth_hz / design.rate_hz).exp();
-        let [l1, l2, l3] =
-            [1.0 - p * p * p, 1.5 * (1.0 - p).powi(2) * (1.0 + p), (1.0 - p).powi(3)];
-        let (mut x, mut v, mut a, mut sum) = (0.0, 0.0, 0.0, 0.0);
+        let gains = [1.0 - p * p * p, 1.5 * (1.0 - p).powi(2) * (1.0 + p), (1.0 - p).powi(3)];
+        let first = First::Known(gains[1], full_scale);
         let settles = 12.0 / (bandwidth_hz / design.rate_hz) + 200.0;
-        for n in 0..settles as usize {
-            let ahead: f64 = x + v + a / 2.0;
-            let e = f64::from(n == 0) - ahead;
-            x = ahead + l1 * e;
-            v += a + l2 * e;
-            a += l3 * e;
-            sum += v.abs();
-        }
-        exact(0.5 * sum, 0.0, settles, First::Known(l2, full_scale))
+        linear(Twin::Observer(gains, Some(first)), 0.0, settles, first)
     };
     let c =
         |acceleration: f64| acceleration / (design.resolution_m * design.rate_hz * design.rate_hz);
@@ -202,6 +243,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
             holds: true,
             settles: [2.0 * f64::from(span_samples) + 10.0, 0.0],
             first: First::Mean(span_samples.into()),
+            twin: Twin::None,
         },
         V::FoawEnd { window_samples, noise_counts } => windowed(1.0, window_samples, noise_counts),
         V::FoawBest { window_samples, noise_counts } => windowed(1.5, window_samples, noise_counts),
@@ -214,6 +256,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 holds: (1.0..=2.5).contains(&lambda_ratio),
                 settles: [200.0, 4.0 / c],
                 first: First::Root(lambda_ratio * c.sqrt()),
+                twin: Twin::None,
             }
         }
         V::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
@@ -224,6 +267,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 holds: (1.0..=2.5).contains(&lambda_ratio),
                 settles: [200.0, 4.0 / c],
                 first: First::Bounded(1.1 * c),
+                twin: Twin::None,
             }
         }
         ref other => panic!(
