@@ -162,6 +162,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     };
     for name in names {
         println!("{name}: {} instructions", total(name));
+        crate::figure::figure(&format!("elf/control_path/{name}"), total(name));
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
     assert!((80..=130).contains(&total("zwidth_sample")));

@@ -20,6 +20,7 @@ use zwidth::{
 
 use crate::{
     edges,
+    figure::figure,
     firmware::{Firmware, Replay, ok},
 };
 
@@ -140,6 +141,16 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
 
     let watch = world.powered.mcu.watch();
     let sample = watch.tasks[&SAMPLE];
+    if !turned {
+        for (key, value) in [
+            ("sample_least", sample.least),
+            ("sample_most", sample.most),
+            ("delay_least", *watch.delays.keys().next().unwrap()),
+            ("delay_most", *watch.delays.keys().last().unwrap()),
+        ] {
+            figure(&format!("elf/edge_times/{key}"), value);
+        }
+    }
     println!("sample {}..{} cycles, delays {:?}", sample.least, sample.most, watch.delays);
     assert!(sample.most <= NUCLEO.cycles_per_sample() / 4, "{sample:?}");
     assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
@@ -204,6 +215,9 @@ fn a_slow_handle_has_its_speed_where_the_finite_difference_has_nothing() {
         let rough = differences.map(|d| (f64::from(d) - speed).abs()).fold(0.0, f64::max);
         let limit = allowed(speed.abs());
         println!("{speed}: off by {worst:.2e} of {limit:.2e}, the finite difference by {rough:.2}");
+        for (key, value) in [("off", worst), ("stated", limit), ("difference", rough)] {
+            figure(&format!("elf/edge_times/speed_{speed}/{key}"), value);
+        }
         assert!(found.len() as u64 >= length / 10 - 1, "{}", found.len());
         assert!(worst <= limit, "{worst} {limit}");
         assert!(rough > 0.6 && rough > 1_000.0 * limit, "{rough}");

@@ -8,6 +8,7 @@ use zwidth::{
     velocity::{Edge, EstimatorName, Senses, State},
 };
 
+use crate::figure::figure;
 use crate::mailbox::{Mailbox, assert_cost};
 
 /// A quarter of 100 us at 168 MHz, the slower board.
@@ -162,6 +163,9 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
             bytes = size;
         }
         println!("{}: at most {most} cycles, mean {usual} at the default; {bytes} B", name.text());
+        for (key, value) in [("most", most), ("mean", usual), ("bytes", bytes)] {
+            figure(&format!("elf/estimator_cost/{}/{key}", name.text()), value);
+        }
         assert!(most > 0 && most <= CYCLES_MAX, "{name:?}: {most} cycles");
         assert_cost("estimator_cost.csv", TABLE, name.text(), most);
     }

@@ -10,7 +10,10 @@ use host_sim::{
 };
 use virtual_board::board::Board;
 
-use crate::firmware::{Firmware, ok};
+use crate::{
+    figure::figure,
+    firmware::{Firmware, ok},
+};
 
 each_board!(the_device_is_identified_from_the_firmwares_telemetry);
 
@@ -63,6 +66,8 @@ fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
         found.residual.rms_counts.unwrap(),
         found.warnings
     );
+    let latency = found.latency_s.value * scene.control.rate_hz;
+    figure(&format!("elf/identify_telemetry/{}/latency", board.name), latency);
     let device = &scene.device;
     for (name, estimate, truth) in [
         ("m", found.mass_kg, device.mass_kg),
@@ -71,6 +76,7 @@ fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
     ] {
         let error = estimate.value / truth - 1.0;
         println!("{}: {name} {error:+.1e} relative", board.name);
+        figure(&format!("elf/identify_telemetry/{}/{name}", board.name), error.abs());
         assert!(error.abs() < ERROR_MAX, "{name}: {error}");
     }
     // The firmware counts from where it was zeroed, which was the rest position.

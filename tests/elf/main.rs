@@ -51,6 +51,9 @@ macro_rules! each_board {
     };
 }
 
+#[path = "../figure.rs"]
+mod figure;
+
 mod boot;
 mod code;
 mod control;

@@ -11,7 +11,10 @@ use zwidth::{
     units::Force,
 };
 
-use crate::firmware::{Firmware, arm, ok};
+use crate::{
+    figure::figure,
+    firmware::{Firmware, arm, ok},
+};
 
 each_board!(an_output_with_every_sample_works_and_has_the_time, ignored: "images of their own; CI runs it");
 
@@ -81,6 +84,21 @@ fn an_output_with_every_sample_works_and_has_the_time(board: Board) {
         watch.delays,
         100.0 * sent,
     );
+    let delays = &watch.delays;
+    for (key, value) in [
+        ("sample_least", sample.least),
+        ("sample_most", sample.most),
+        ("render_least", render.least),
+        ("render_most", render.most),
+        ("delay_least", *delays.keys().next().unwrap()),
+        ("delay_most", *delays.keys().last().unwrap()),
+        ("dac_least", least),
+        ("dac_most", latest),
+    ] {
+        figure(&format!("elf/period/{}/{key}", board.name), value);
+    }
+    figure(&format!("elf/period/{}/load", board.name), load);
+    figure(&format!("elf/period/{}/sent", board.name), sent);
     assert!(load <= LOAD, "{load}");
     assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
     assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));

@@ -16,7 +16,10 @@ use virtual_board::{
 };
 use zwidth::experiment::Ended;
 
-use crate::firmware::{Firmware, ok};
+use crate::{
+    figure::figure,
+    firmware::{Firmware, ok},
+};
 
 each_board!(
     signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept,
@@ -40,8 +43,8 @@ fn session(board: Board, edit: impl Fn(&mut Scene)) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// The walk on the virtual board, held against the simulator's.
-fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
+/// The walk on the virtual board, held against the simulator's; with the mean of those and the spread of one.
+fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     let session = session(board, edit);
     let prepared = PreparedScene::new(&session.scene.scene).unwrap();
     let stop = AtomicBool::new(false);
@@ -74,7 +77,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> WalkReport {
     let sum: f64 = walked.points.iter().map(|[_, k]| k).sum();
     let step = session.scene.scene.walk.damping_step_n_s_per_m;
     assert!((sum * step / walked.area - 1.0).abs() < 1e-9, "{sum} {walked:?}");
-    walked
+    (walked, [mean, spread])
 }
 
 /// Another grid, and hits that are shorter than the paper's.
@@ -96,7 +99,7 @@ fn grid(
 
 #[test]
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
-    let walked = both(BOARDS[0], |scene| {
+    let (walked, _) = both(BOARDS[0], |scene| {
         grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.2]);
         scene.device.start_position_m = 0.066; // a short way back
     });
@@ -109,10 +112,19 @@ fn a_walk_of_60_points_on_each_board_has_the_area_of_the_simulator() {
     std::thread::scope(|scope| {
         for board in BOARDS {
             scope.spawn(move || {
-                let walked = both(board, |scene| {
+                let (walked, [mean, spread]) = both(board, |scene| {
                     grid(scene, [20_000.0, 100_000.0], [16.0, 16.0, 1000.0], [0.5, 0.3]);
                     scene.device.start_position_m = 0.06; // a shorter way back
                 });
+                let leave = |key: &str, value: f64| {
+                    figure(&format!("elf/walk/{}/{key}", board.name), value);
+                };
+                leave("hits", f64::from(walked.hits));
+                leave("points", walked.points.len() as f64);
+                leave("area", walked.area);
+                leave("simulated", mean);
+                leave("spread", spread);
+                leave("virtual_s", walked.virtual_s);
                 assert!(walked.hits >= 60 && walked.points.len() >= 60, "{walked:?}");
                 assert!(walked.points.iter().all(|[b, _]| *b <= 1000.0));
             });

@@ -86,6 +86,7 @@ fn oscillations_grow_above_and_decay_below_the_analytic_stiffness() {
             }
             let error = bounds[0] / analytic - 1.0;
             println!("{rate_hz} Hz, {numeric:?}: {:.1} N/m, {:+.4} %", bounds[0], error * 100.0);
+            crate::figure::figure(&format!("host/closed_loop/{rate_hz}/{numeric:?}"), bounds[0]);
             assert!(error.abs() < TOLERANCE, "{rate_hz} Hz, {numeric:?}: {}", bounds[0]);
         }
     }

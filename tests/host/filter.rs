@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use crate::figure::figure;
 use zwidth::{
     CounterWidth, Design, Output, Sampler, Settings, VelocitySettings, WallSettings, shorten,
     units::Velocity,
@@ -73,6 +74,11 @@ fn coefficients_are_those_of_scipy_within_their_stated_lsb() {
             }
         }
         println!("prewarp {prewarp}: {rows} rows, worst error in LSB {worst:.3?}");
+        if !prewarp {
+            for (name, worst) in ["b0", "b1", "b2", "a1", "a2"].into_iter().zip(worst) {
+                figure(&format!("host/filter/{name}_lsb"), worst);
+            }
+        }
         assert!(rows > 100, "the golden file has {rows} usable rows");
         for (worst, max) in worst.into_iter().zip(ERROR_MAX_LSB) {
             assert!(worst <= max + 1e-6, "{worst} LSB");
@@ -104,6 +110,7 @@ fn every_accepted_cutoff_is_within_one_percent_after_quantisation() {
         }
     }
     println!("worst relative error of the -3 dB frequency: {worst:.5}");
+    figure("host/filter/cutoff_error", worst);
     assert!(worst <= 0.01, "{worst}");
 }
 
@@ -181,6 +188,7 @@ fn the_measured_frequency_response_is_the_theoretical_one() {
         assert!((at_cutoff - 0.5f64.sqrt()).abs() < ERROR_MAX, "{cutoff_hz}: {at_cutoff}");
     }
     println!("worst error of the gain: {worst:.2e}");
+    figure("host/filter/response_error", worst);
 }
 
 fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
@@ -235,6 +243,7 @@ fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever
         }
     }
     println!("largest span of sum(out - in) over {SAMPLES} samples: {worst:.3} counts");
+    figure("host/filter/drift_counts", worst);
 }
 
 #[test]
@@ -262,6 +271,7 @@ fn a_handle_that_stops_leaves_at_most_one_lsb_after_twenty_over_the_cutoff() {
         }
     }
     println!("largest rest: {worst} LSB");
+    figure("host/filter/rest_lsb", worst);
 }
 
 #[test]
@@ -312,9 +322,11 @@ fn shaped_noise_lsb(biquad: &Biquad, order: usize) -> f64 {
 #[test]
 fn the_quieter_order_of_error_feedback_is_chosen() {
     use zwidth::velocity::Shaping;
-    for cutoff in [1e-3, 0.01, 0.03, 0.055, 0.07, 0.1, 0.2, 0.4, 0.49] {
+    for cutoff in [4e-5, 1e-3, 0.01, 0.03, 0.05, 0.055, 0.07, 0.1, 0.2, 0.4, 0.49] {
         let biquad = filter(cutoff * 1e4, 1e4, false);
         let [first, second] = [1, 2].map(|order| shaped_noise_lsb(&biquad, order));
+        figure(&format!("host/filter/shaping/{cutoff}/first"), first);
+        figure(&format!("host/filter/shaping/{cutoff}/second"), second);
         let quieter = if first < second { Shaping::First } else { Shaping::Second };
         assert_eq!(biquad.shaping(), quieter, "{cutoff} of the rate: {first} {second} LSB");
     }

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::figure::figure;
 use host_sim::{
     analysis::identify::{Estimate, Gain, Identification, Options, Record, identify},
     plant::{Plant as _, PlantStep},
@@ -179,6 +180,15 @@ fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
         let column = || all.iter().map(|case| case[index]);
         let held = column().filter(|case| case[0] <= 1.0).count();
         inside += held;
+        if seeds == 50 {
+            let leave = |key: &str, value: f64| {
+                figure(&format!("host/identify_accuracy/{name}/{name_of}_{key}"), value);
+            };
+            leave("held", held as f64);
+            leave("error", median(column().map(|case| case[1])));
+            leave("half_width", median(column().map(|case| case[2])));
+            leave("largest", column().map(|case| case[1]).fold(0.0, f64::max));
+        }
         println!(
             "{name}: {name_of:>2} in its interval {held} of {}; median error {:.2e}, median half-width {:.2e}, largest error {:.2e} (relative)",
             all.len(),
@@ -189,6 +199,10 @@ fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
     }
     let coverage = inside as f64 / (4 * all.len()) as f64;
     println!("{name}: pooled {:.1} %", 100.0 * coverage);
+    if seeds == 50 {
+        figure(&format!("host/identify_accuracy/{name}/pooled"), coverage);
+        figure("host/identify_accuracy/records", all.len());
+    }
     coverage
 }
 
@@ -382,6 +396,8 @@ fn a_record_that_rests_keeps_honest_intervals() {
         100.0 * stated,
         100.0 * white
     );
+    figure("host/identify_accuracy/at rest/stated", stated);
+    figure("host/identify_accuracy/at rest/white", white);
     assert!(stated >= 0.9);
     assert!(white < 0.9, "the case does not need the wider intervals");
 }

@@ -9,6 +9,9 @@
     reason = "a test fails loudly; small numbers"
 )]
 
+#[path = "../figure.rs"]
+mod figure;
+
 mod closed_loop;
 mod elements;
 mod entrances;

@@ -2,6 +2,7 @@
 
 use std::sync::{OnceLock, atomic::AtomicBool};
 
+use crate::figure::figure;
 use host_sim::{
     engine::Engine,
     scene::NamedScene,
@@ -107,6 +108,7 @@ fn fixed_point_areas_are_the_twins() {
     }
     let mean = errors / count;
     println!("mean relative error of the area: {:.3} %", mean * 100.0);
+    figure("host/paper/area_error", mean);
     assert!(mean <= 0.01);
 }
 
@@ -166,6 +168,8 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
         }
     }
     println!("{walks} walks, {chaotic} points differ");
+    figure("host/paper/walks_up_to_200_hz", walks);
+    figure("host/paper/points_that_differ", chaotic);
     assert!(chaotic <= 1, "{chaotic}");
 }
 
@@ -196,6 +200,8 @@ fn fixed_point_moves_the_chaotic_edge_hardly_more_than_rounding_the_velocity_alo
         rounded * 100.0,
         fixed / rounded
     );
+    figure("host/paper/share_off_fixed", fixed);
+    figure("host/paper/share_off_rounded", rounded);
     assert!(fixed <= FACTOR_MAX * rounded);
 }
 

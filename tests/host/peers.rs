@@ -2,6 +2,7 @@
 //! inputs; what the design asks for and what comes out. `docs/theory.md` quotes these figures and
 //! `tests/elf/control_path.rs` has the cost.
 
+use crate::figure::figure;
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
 use idsp::iir;
@@ -59,6 +60,9 @@ fn an_overshoot_at_full_scale_saturates_here_and_wraps_there() {
         .map(|_| peers.update(32_767))
         .fold([0; 3], |low, out| [0, 1, 2].map(|n: usize| low[n].min(out[n])));
     println!("lowest output on a step to +32767 counts per sample: {lowest:?}");
+    for (who, low) in ["here", "idsp", "idsp_wide"].into_iter().zip(lowest) {
+        figure(&format!("host/peers/lowest/{who}"), low);
+    }
     assert_eq!(lowest[0], 0);
     assert!(lowest[1] < 0 && lowest[2] < 0, "the peers no longer wrap: try them again");
 }
@@ -79,6 +83,9 @@ fn after_a_stop_first_order_feedback_leaves_a_limit_cycle_at_low_cutoffs() {
         }
     }
     println!("largest rest 20/fc after a stop, LSB: {worst:?}");
+    for (who, rest) in ["here", "idsp", "idsp_wide"].into_iter().zip(worst) {
+        figure(&format!("host/peers/rest/{who}"), rest);
+    }
     assert!(worst[0] <= 1);
     assert!(worst[1] > 1, "the peer no longer has a limit cycle: try it again");
 }
@@ -100,6 +107,9 @@ fn at_constant_speed_the_wide_state_drifts_away() {
     }
     let counts = sum.map(|sum| sum as f64 / 65_536.0);
     println!("sum(out - in) after {samples} samples at 1 Hz, counts: {counts:.3?}");
+    for (who, drift) in ["here", "idsp", "idsp_wide"].into_iter().zip(counts) {
+        figure(&format!("host/peers/drift/{who}"), drift);
+    }
     assert!(counts[0].abs() < 1.1);
     // first order: bounded, by 2^30 / S = 39 counts here; wide: grows for ever
     assert!(counts[1].abs() < 39.0);

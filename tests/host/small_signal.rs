@@ -14,6 +14,8 @@ use host_sim::{
 };
 use rayon::prelude::*;
 
+use crate::figure::figure;
+
 /// Bilateral contact that is never left, an actuator that never saturates, 10 nm counts: what is
 /// left is the linear loop, with output period and latency as they are.
 fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
@@ -120,5 +122,7 @@ fn oscillations_start_to_grow_at_the_multirate_envelope() {
     assert!(errors.len() >= 20, "{}", errors.len());
     let worst = errors.iter().map(|(_, _, error)| error.abs()).fold(0.0, f64::max);
     println!("{} points, worst {:.3} %", errors.len(), 100.0 * worst);
+    figure("host/small_signal/points", errors.len());
+    figure("host/small_signal/worst", worst);
     assert!(worst <= TOLERANCE, "{worst}");
 }

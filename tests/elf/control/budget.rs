@@ -8,7 +8,10 @@ use virtual_board::{
 use zwidth::velocity::EstimatorName;
 
 use super::session_of;
-use crate::firmware::{Firmware, arm, ok};
+use crate::{
+    figure::figure,
+    firmware::{Firmware, arm, ok},
+};
 
 each_board!(
     no_sample_is_longer_than_its_budget_whatever_happens,
@@ -40,6 +43,17 @@ fn tasks_and_memory_stay_in_their_budget(board: Board) {
     println!(
         "{name:15} {sample:11} {core_range:11} {render:11} {link:11} {stack:6} {flash:6} {ram:6}"
     );
+    let leave = |key: &str, value: u64| figure(&format!("elf/control/{name}/{key}"), value);
+    for (task, cycles) in
+        [("sample", tasks[0]), ("core", core), ("render", tasks[1]), ("link", tasks[2])]
+    {
+        leave(&format!("{task}_least"), cycles.least);
+        leave(&format!("{task}_most"), cycles.most);
+    }
+    leave("core_mean", core.mean().round() as u64);
+    for (what, bytes) in [("stack", stack), ("flash", flash as u32), ("ram", ram)] {
+        leave(what, u64::from(bytes));
+    }
     println!("means: sample {:.0}, core {:.0}", tasks[0].mean(), core.mean());
     assert_eq!(core.runs, tasks[0].runs);
     assert!(core.least > 50 && core.most <= CORE_CYCLES, "{core:?}");
@@ -121,5 +135,6 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     }
     let sample = world.powered.mcu.watch().tasks[&SAMPLE];
     println!("{}: sample {}..{}", board.name, sample.least, sample.most);
+    figure(&format!("elf/control/{}/sample_whatever", board.name), sample.most);
     assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
 }

@@ -9,6 +9,7 @@ use virtual_board::{
 use super::{SAMPLES, session_of};
 use crate::{
     code::{Code, Instruction},
+    figure::figure,
     firmware::{Firmware, arm},
 };
 
@@ -42,6 +43,12 @@ fn nothing_delays_the_samples(board: Board) {
     println!("events by BASEPRI: {:?}", watch.events_by_basepri);
     let mask_us = watch.longest_mask as f64 / firmware.board.chip.core_hz as f64 * 1e6;
     println!("longest mask {} cycles, {mask_us:.1} us", watch.longest_mask);
+    let leave = |key: &str, value: u64| {
+        figure(&format!("elf/control/{}/{key}", firmware.board.name), value);
+    };
+    leave("delay_least", *watch.delays.keys().next().unwrap());
+    leave("delay_most", *watch.delays.keys().last().unwrap());
+    figure(&format!("elf/control/{}/mask_us", firmware.board.name), mask_us);
     assert!(mask_us <= MASK_US, "{mask_us}");
     assert!(masked >= 1, "{:?}", watch.events_by_basepri);
     assert!(session.lines > 500, "{}", session.lines);
@@ -104,6 +111,8 @@ fn a_logger_with_a_critical_section_would_be_noticed() {
         assert_eq!(watch.primask == 0, !sections);
         spreads.push(watch.delay_spread());
     }
+    figure("elf/control/nucleo-f446re/spread", spreads[0]);
+    figure("elf/control/nucleo-f446re/spread_with_critical_sections", spreads[1]);
     assert!(spreads[0] <= SPREAD && spreads[1] > 10 * SPREAD, "{spreads:?}");
 }
 

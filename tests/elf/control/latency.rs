@@ -3,7 +3,10 @@
 use host_sim::scene::NamedScene;
 use virtual_board::board::{Board, Force};
 
-use crate::firmware::{Firmware, arm, ok};
+use crate::{
+    figure::figure,
+    firmware::{Firmware, arm, ok},
+};
 
 each_board!(commands_reach_their_register_within_the_latency_that_the_simulator_is_given);
 
@@ -79,6 +82,8 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
         "{}: event to register {}..{} cycles in a hit, of {stated:.0}; {most} at most in all",
         board.name, steady.least, steady.most
     );
+    figure(&format!("elf/control/{}/register_in_a_hit", board.name), steady.most);
+    figure(&format!("elf/control/{}/register_of_all", board.name), most);
     assert!(steady.runs >= 1_000 && anew.runs > 300, "{steady:?} {anew:?}");
     assert!(steady.most as f64 <= stated, "{steady:?} of {stated}");
     let reserved = cycles(TAKEN_OVER_S) * (1.0 - RESERVE);

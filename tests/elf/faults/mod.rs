@@ -15,7 +15,10 @@ use self::{
 use rayon::prelude::*;
 use virtual_board::board::{BOARDS, Board, Powered};
 
-use crate::firmware::{Firmware, arm};
+use crate::{
+    figure::figure,
+    firmware::{Firmware, arm},
+};
 
 each_board!(
     damaged_settings_and_power_cuts_leave_settings_that_were_saved,
@@ -60,6 +63,10 @@ fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> 
     let pairs: Vec<_> = firmwares.iter().flat_map(|f| cases.iter().map(move |t| (f, *t))).collect();
     let results = pairs.par_iter().map(|(firmware, case)| {
         let result = run_case(firmware, case, depth);
+        if depth == Depth::Full {
+            figure(&format!("elf/faults/{}/{}", case.name, firmware.board.name), result.off_us);
+            figure(&format!("elf/faults/{}/allowed", case.name), case.limit_us);
+        }
         Row {
             board: firmware.board.name,
             name: case.name.to_owned(),
@@ -140,6 +147,11 @@ fn campaign() {
         count(firmware, "power cut in a save", cut, "older settings or the new ones, whole")
             .print();
         let erased = settings::cut_an_erase(firmware);
+        for (what, cases) in
+            [("flipped", flipped), ("cut in a save", cut), ("cut in an erase", erased)]
+        {
+            figure(&format!("elf/faults/{what}/cases"), cases);
+        }
         count(firmware, "power cut in an erase", erased, "newest settings").print();
     }
 }
