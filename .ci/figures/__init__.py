@@ -1,0 +1,19 @@
+"""The figures of the pages. A block is a function that makes the lines of a table; a slot is a sentence or row of a page
+with `{}` where figures stand, and their values."""
+
+BLOCKS = {}
+SLOTS = {}
+
+
+def block(make):
+    """Makes the table between `<!-- begin: NAME ARGUMENTS -->` and `<!-- end -->`."""
+    BLOCKS[make.__name__] = make
+    return make
+
+
+def slots(page, *entries):
+    """(text with {}, value, ..) each."""
+    SLOTS.setdefault(page, []).extend(entries)
+
+
+from . import commands, estimators, firmware, simulator  # noqa: E402,F401

@@ -1,0 +1,192 @@
+"""Runs the commands that a page shows, literally and in its order, in a folder of the page's own.
+
+Code of the kind `sh`, and code within a line that begins with a program's name. What is not run: forms with a word in
+capitals (their options must exist), what needs hardware, what takes minutes (its stored result must exist), what
+other parts of .ci run. `<!-- given: COMMAND -->` is run and not shown: what the reader brings. `<!-- board: SCENE -->`
+before a block of console commands types them on the virtual board; what stands to the right of `status` must come. `<!-- file: NAME -->`
+before a block makes that file of it.
+"""
+
+import functools
+import os
+import re
+import shutil
+import subprocess
+import time
+
+from .source import LONG, ROOT, shell
+
+SECONDS = 240 # a minute on an idle machine
+PROGRAM = re.compile(r"(?:[A-Z_]+=\S+ )?(?:cargo|mdbook|\.ci/\w+|probe-rs|valgrind|STM32_Programmer_CLI)\b")
+# A name that stands for others: SCENE, N_PER_V, K. Names of files and chips have small letters or digits.
+FORM = re.compile(r"(?<![\w./-])(?:[A-Z][A-Z_]*|[A-Z]+\.[a-z]+)(?![\w-])|(?<!\w)\.\.(?!/)|\.\.?$")
+# The name of a command or of an option, in a sentence or table.
+NAME = re.compile(r"cargo (?:sim|board)(?: (?:--)?\w+)?$")
+# Needs a board, or what the reader has of his own.
+HARDWARE = re.compile(r"cargo (?:flash|embed)|probe-rs|STM32_Programmer|openocd|nc |cargo-flash|\(printf")
+# Done by .ci/run, .ci/book or nobody: tools of the reader's.
+ELSEWHERE = re.compile(
+    r"\.ci/|mdbook|valgrind|cargo (?:fmt|clippy|doc|firmware|install|test --workspace|bench -p host-sim-bench|(?:test|run)$)"
+)
+# Of minutes, without a table of figures: what they make is stored beside.
+MINUTES = {
+    "cargo run --release -p host-sim-bench --bin fixed_point_limits": "docs/figures/fixed-point-limits.csv",
+    "cargo sim trade identified.toml": "docs/data/trade-plant-paper-1um.csv",
+    "cargo sim compare identified.toml": "docs/data/compare-paper-1um.csv",
+    **{command: f"docs/data/{next(iter(files.values()))}" for command, files in LONG.values()},
+}
+
+
+def shown(text):
+    """Line, kind and command of all that the page shows."""
+    kind, last = None, None
+    for n, line in enumerate(text.split("\n"), 1):
+        fence = re.match(r"\s*```(\w*)", line)
+        if fence:
+            if kind is None:
+                kind, block, start = fence[1] or "text", [], n + 1
+            else:
+                if kind == "sh":
+                    for m, command in enumerate(block):
+                        if command and not command.startswith("#"):
+                            yield start + m, "block", re.sub(r"\s{2,}#.*", "", command)
+                elif last:
+                    yield start, last[0], (last[1], block)
+                kind, last = None, None
+            continue
+        if kind:
+            block.append(line)
+            continue
+        if given := re.fullmatch(r"<!-- given: (.+) -->", line.strip()):
+            yield n, "given", given[1]
+        if before := re.fullmatch(r"<!-- (board|file): (.+) -->", line.strip()):
+            last = before[1], before[2]
+        for command in re.findall(r"`([^`]+)`", line):
+            if PROGRAM.match(command) and " " in command:
+                yield n, "run", command
+
+
+@functools.cache
+def usage(program, command):
+    binary = {"sim": "host-sim", "board": "virtual-board"}[program]
+    ran = shell(f"cargo run --quiet --release --package {binary} -- {command} --help")
+    return ran.stdout if ran.returncode == 0 else ""
+
+
+def form(command):
+    """A form: its command and options must exist."""
+    words = command.split()
+    if words[:2] not in (["cargo", "sim"], ["cargo", "board"]) or len(words) < 3:
+        return None
+    subcommands = re.findall(r"(?m)^  ([a-z]+) ", usage(words[1], ""))
+    help_text = usage(words[1], words[2]) if words[2] in subcommands else "".join(usage(words[1], c) for c in subcommands)
+    if words[2].isalpha() and words[2].islower() and words[2] not in subcommands:
+        help_text = ""
+    if not help_text:
+        return f"there is no `cargo {words[1]} {words[2]}`"
+    missing = [word for word in words if word.startswith("--") and word.strip("[]") not in help_text]
+    return f"`cargo {words[1]} {words[2]}` has no {missing}" if missing else None
+
+
+@functools.cache
+def tests(arguments):
+    ran = shell(f"cargo test --quiet {arguments} -- --list --include-ignored")
+    return re.findall(r"(?m)^(\S+): test$", ran.stdout) if ran.returncode == 0 else None
+
+
+def test_exists(command):
+    """A test that the page names: it is there, and .ci/run runs it."""
+    words, options = (command + " -- ").split(" -- ")[:2]
+    words = words.split()[2:]
+    target, after = [], iter(w for w in words if w != "--release")
+    names = []
+    for word in after:
+        if word in ("-p", "--test", "--features", "--package"):
+            target += [word, next(after)]
+        elif word.startswith("--"):
+            target.append(word)
+        else:
+            names.append(word)
+    names += [word for word in options.split() if not word.startswith("--")]
+    listed = tests(" ".join(target))
+    if listed is None:
+        return "the tests do not build"
+    return next((f"no test is named {name}" for name in names if not any(name in test for test in listed)), None)
+
+
+@functools.cache
+def properties():
+    return shell("cargo invariants --list").stdout
+
+
+def invariants(command):
+    """.ci/run runs them; here only whether the names are there."""
+    only = re.search(r"--only (\S+)", command)
+    return None if only is None or only[1] in properties() else f"no property has {only[1]} in its name"
+
+
+def board(scene, block, folder, environment):
+    """Types the commands of a block; what stands to the right of one must come."""
+    typed = [re.split(r"\s{2,}", line, maxsplit=1) for line in block if line.strip()]
+    lines = "".join(f"{words[0]}\n" for words in typed)
+    ran = subprocess.run(f"cargo board run {scene}", shell=True, cwd=folder, text=True, input=lines, env=environment,
+                         capture_output=True, timeout=SECONDS, check=False)
+    if ran.returncode:
+        return ran.stderr.strip()
+    if "error" in ran.stdout:
+        return next(line for line in ran.stdout.split("\n") if "error" in line)
+    at = 0
+    for words in typed:
+        for wanted in (words[1].split(", ") if words[0] == "status" and len(words) > 1 else []):
+            found = ran.stdout.find(wanted, at)
+            if found < 0:
+                return f"`{words[0]}` is not answered by {wanted!r}: {ran.stdout[at:][:400]!r}"
+            at = found
+    return None
+
+
+def run(name):
+    """All commands of a page; what failed."""
+    folder = ROOT / "target/pages" / name.replace("/", "-").removesuffix(".md")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    shutil.copytree(ROOT / "scenes", folder / "scenes")
+    shutil.copytree(ROOT / "docs/data", folder / "docs/data")
+    environment = {**os.environ, "LANG": "C.UTF-8", "ROOT": str(ROOT)}
+    failed, count = [], 0
+    for line, kind, command in shown((ROOT / name).read_text()):
+        begun, why = time.monotonic(), None
+        if kind == "board":
+            why = board(*command, folder, environment)
+            command = "console session"
+        elif kind == "file":
+            (folder / command[0]).write_text("\n".join(command[1]) + "\n")
+            continue
+        elif kind == "given":
+            ran = shell(command, folder, SECONDS, env=environment)
+            why = ran.stderr.strip() if ran.returncode else None
+        elif HARDWARE.match(re.sub(r"^[A-Z_]+=\S+ ", "", command)) or ELSEWHERE.match(command):
+            continue
+        elif command in MINUTES:
+            why = None if (ROOT / MINUTES[command]).exists() else f"{MINUTES[command]} is not there"
+        elif command.startswith("cargo test"):
+            why = test_exists(command)
+        elif command.startswith("cargo invariants"):
+            why = invariants(command)
+        elif FORM.search(command) or kind == "run" and NAME.match(command):
+            why = form(command)
+        else:
+            try:
+                ran = shell(command, folder, SECONDS, env=environment)
+                why = (ran.stderr.strip() or ran.stdout).split("\n")[-1] if ran.returncode else None
+            except subprocess.TimeoutExpired:
+                why = f"takes more than {SECONDS} s"
+        count += 1
+        seconds = time.monotonic() - begun
+        if seconds > 5:
+            print(f"{name}:{line}: {seconds:.0f} s: {command}")
+        if why:
+            failed.append(f"{name}:{line}: `{command}` fails: {why}")
+    if count:
+        print(f"{name}: {count} commands")
+    return failed

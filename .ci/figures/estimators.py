@@ -1,0 +1,415 @@
+"""Which estimator, speed against accuracy, velocity estimators: tables made of what `compare`, `trade` and the tests
+have stored."""
+
+import json
+import math
+
+from . import block, slots
+from .source import DATA, MADE, commit, constant, m, measured, number, power, row, rows, significant, table  # noqa: F401
+
+FUSION = "compare-paper-1um-accelerometer.csv"
+
+
+def compared(scene):
+    """The rows of `compare`; for the finer encoder with those of the scene with an accelerometer."""
+    found = [dict(r) for r in rows(f"compare-{scene}.csv")]
+    have = {r["estimator"] for r in found}
+    found += [dict(r) for r in rows(f"compare-{scene}-added.csv") if r["estimator"] not in have]
+    if scene == "paper-1um":
+        found += [{**r, "estimator": "fusion (accelerometer scene)"} for r in rows(FUSION) if r["estimator"] == "fusion"]
+    return found
+
+
+def of(scene, estimator):
+    return row(FUSION if estimator == "fusion" else f"compare-{scene}.csv", estimator=estimator)
+
+
+def said(scene):
+    return json.loads((DATA / f"compare-{scene}.json").read_text())
+
+
+def f(r, key, scale=1.0, digits=0):
+    return number(float(r[key]) * scale, digits) if r[key] else "-"
+
+
+def range_of(r, key, scale, digits):
+    """Mean, smallest and largest of the repeats."""
+    if not r[f"{key}"]:
+        return "-"
+    stem, unit = (key[:4], key[4:]) if key.startswith("area") else ("roughness", "_n")
+    low, high = (f(r, f"{stem}_{end}{unit}", scale, digits) for end in ("low", "high"))
+    return f"{f(r, key, scale, digits)} ({low} to {high})"
+
+
+def tuned(r):
+    if not r["tuning"]:
+        return ""
+    def one(value, unit, edge):
+        value = float(value)
+        text = significant(value, 3) if value < 100 and unit != "samples" else number(value, 0)
+        return f"{text}{' ' + unit if unit != '1' else ''}{'*' if edge == 'true' else ''}"
+    second = f", {one(r['second'], r['second_unit'], r['second_at_edge'])}" if r["second"] else ""
+    return one(r["tuning"], r["tuning_unit"], r["tuning_at_edge"]) + second
+
+
+def walks(r):
+    return r["search_walks"] + ("+" if r["search_settled"] == "false" else "")
+
+
+def left(r):
+    if not r["left_when_bandwidth_low"] and not r["left_when_bandwidth_high"]:
+        return "-"
+    return ", ".join(f(r, f"left_when_bandwidth_{end}", 100) for end in ("low", "high"))
+
+
+@block
+def comparison_areas(scene):
+    head = ["estimator", "needs", "tuning, second parameter", "walks", "area, 10^6 N^2 s/m^2 (lowest to highest)",
+            "peak K, kN/m", "K at B, kN/m", "largest B, N s/m", "area left at -3 dB /1.2, x1.2, %"]
+    return table(head, [
+        [r["estimator"], r["needs"], tuned(r), walks(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1),
+         f(r, "stiffness_peak_mean_n_per_m", 1e-3, 1), f(r, "stiffness_at_damping_mean_n_per_m", 1e-3, 1),
+         f(r, "damping_max_mean_n_s_per_m"), left(r)]
+        for r in compared(scene)])
+
+
+def cost(name):
+    """Cycles and bytes as the tests hold them; a fixed tuning has its estimator's."""
+    base = {"observer told in time": "observer", "first-order at 50 Hz": "first-order",
+            "fusion (accelerometer scene)": "fusion"}.get(name, name)
+    found = row("host-sim/data/estimator_cost.csv", estimator=base)
+    return [found["cycles"], found["ram_bytes"]]
+
+
+def delay(r):
+    hand, motor = (f(r, key, 1e3, 3) for key in ("delay_hand_s", "delay_motor_s"))
+    return hand if hand == motor else f"{hand} / {motor}"
+
+
+@block
+def comparison_measures(scene):
+    head = ["estimator", "-3 dB of difference and filter, Hz", "delay at 5 Hz by hand / by motor, ms",
+            "noise at rest / in motion, mm/s", "force above 100 Hz, mN (lowest to highest)",
+            "impedance error, %: all / estimator's share", "cycles", "RAM, bytes"]
+    return table(head, [
+        [r["estimator"], f(r, "bandwidth_hz"), delay(r),
+         f"{f(r, 'noise_at_rest_m_per_s', 1e3, 2)} / {f(r, 'noise_in_motion_m_per_s', 1e3, 2)}",
+         range_of(r, "roughness_n", 1e3, 0),
+         f"{f(r, 'impedance_error', 100, 2)} / {f(r, 'impedance_error_of_estimator', 100, 2)}" if r["impedance_error"] else "-",
+         *cost(r["estimator"])]
+        for r in compared(scene)])
+
+
+CRITERIA = [
+    ("area_n2_s_per_m2", "area"), ("stiffness_peak_mean_n_per_m", "peak K"),
+    ("stiffness_at_damping_mean_n_per_m", "K at B"), ("damping_max_mean_n_s_per_m", "largest B"),
+    ("delay_hand_s", "delay by hand"), ("delay_motor_s", "delay by motor"),
+    ("noise_at_rest_m_per_s", "noise at rest"), ("noise_in_motion_m_per_s", "noise in motion"),
+    ("roughness_n", "force above 100 Hz"), ("impedance_error", "impedance error"),
+    ("impedance_error_of_estimator", "the estimator's share of it"),
+    ("left_when_bandwidth_wrong", "area left at a bandwidth 1.2 times off, the worse way"),
+    ("cycles", "cycles"), ("ram_bytes", "RAM"),
+]
+
+
+@block
+def comparison_winners(scene):
+    winners = said(scene)["winners"]
+
+    def cell(criterion, kind):
+        found = [w for w in winners if w["criterion"] == criterion and w["class"] == kind]
+        if not found:
+            return ["-", "-"] if kind == "position_only" else ["-"]
+        text = ", ".join(found[0]["best"])
+        beside = [name for name in found[0]["not_told_apart"] if name not in found[0]["best"]]
+        text += f"; not told apart: {', '.join(beside)}" if beside else ""
+        rank = found[0]["butterworth_rank"]
+        return [text, rank if rank is not None else "-"] if kind == "position_only" else [text]
+
+    return table(
+        ["criterion", "by the position only", "rank of butterworth", "of those that know more (an observer's area and K: see below)"],
+        [[name, *cell(key, "position_only"), *cell(key, "more_than_position")] for key, name in CRITERIA])
+
+
+@block
+def comparison_walls():
+    told = said("paper-1um-added")
+    walls = [f"{number(w['stiffness_n_per_m'])} N/m with {w['damping_n_s_per_m']:g} N s/m" for w in told["walls"]]
+    return table(["what", "walls"], [["force above 100 Hz", f"K {walls[1]}"], ["impedance", ", ".join(f"K {w}" for w in walls)],
+                                     ["hold and latency alone, with the true velocity",
+                                      f"an impedance error of {100 * told['impedance_error_of_loop']:.2f} %"]])
+
+
+@block
+def comparison_short():
+    def gain(name, scene):
+        return 100 * (float(of(scene, name)["area_n2_s_per_m2"]) / float(of(scene, "butterworth")["area_n2_s_per_m2"]) - 1)
+
+    def worst(name, scene):
+        r = of(scene, name)
+        return f"{100 * float(r['left_when_bandwidth_wrong']):.0f} %"
+
+    names = ["butterworth", "kalman-3", "levant-explicit", "fusion"]
+    body = []
+    for name in names:
+        both = ["paper-1um"] if name == "fusion" else ["paper-1um", "paper-2um"]
+        cells = [f"{gain(name, s):+.0f} %" for s in both] + ["-"] * (2 - len(both))
+        offs = [worst(name, s) for s in both] + ["-"] * (2 - len(both))
+        body.append([name, cost(name)[0], *cells, *offs, f(of("paper-1um", name), "noise_in_motion_m_per_s", 1e3, 2),
+                     f(of("paper-1um", name), "roughness_n", 1e3)])
+    return table(["estimator", "cycles", "area against butterworth, 1 um", "2 um", "area left when mistuned by 1.2, 1 um", "2 um",
+                  "noise in motion, 1 um, mm/s", "force above 100 Hz, 1 um, mN"], body)
+
+
+LIMITED = ["butterworth", "first-order", "kalman-3", "levant-explicit", "time-stamps"]
+
+
+def at_limit(um):
+    return "compare-paper-1um.csv" if um == 15 else f"compare-paper-1um-limit-{um}um.csv"
+
+
+@block
+def comparison_limits(column, scale, digits):
+    def cell(name, um):
+        r = row(at_limit(um), estimator=name)
+        cut = column == "area_n2_s_per_m2" and float(r["damping_max_mean_n_s_per_m"]) >= 4000
+        return f(r, column, float(scale), int(digits)) + (" (up to the cap of B)" if cut else "")
+    return table(["estimator", *[f"limit of {um} um" for um in (5, 15, 30)]],
+                 [[name, *[cell(name, um) for um in (5, 15, 30)]] for name in LIMITED])
+
+
+@block
+def comparison_cutoffs():
+    return table(["limit of the RMS, um", "butterworth's best cutoff, Hz"],
+                 [[um, f(row(at_limit(um), estimator="butterworth"), "tuning")] for um in (5, 15, 30)])
+
+
+FIDELITY = ["butterworth", "kalman-3", "levant-explicit", "levant-implicit", "time-stamps", "fusion", "observer"]
+
+
+@block
+def comparison_frequencies():
+    def mean(name, hz):
+        file = "compare-paper-1um-accelerometer-fidelity.csv" if name == "fusion" else "compare-paper-1um-fidelity.csv"
+        found = [r for r in rows(file) if r["estimator"] == name and abs(float(r["frequency_hz"]) / hz - 1) < 0.01]
+        total, share, loop = (100 * sum(float(r[key]) for r in found) / len(found) for key in
+                              ("impedance_error", "impedance_error_of_estimator", "impedance_error_of_loop"))
+        return total, share, loop
+
+    hz = (1, 10, 50, 100)
+    body = [["hold and latency alone", *[significant(mean("butterworth", h)[2], 2) for h in hz]]]
+    for name in FIDELITY:
+        body.append([name, *["{} / {}".format(*[significant(x, 2) for x in mean(name, h)[:2]]) for h in hz]])
+    return table(["estimator", *[f"{h} Hz" for h in hz]], body)
+
+
+@block
+def comparison_observer():
+    """Every tuning that was tried with the device's own mass, beside two others."""
+    tried = [r for r in rows("compare-paper-1um-tuning.csv")
+             if r["estimator"] == "observer told in time" and abs(float(r["second"] or 0) / 0.416 - 1) < 1e-3]
+    wanted = sorted(tried, key=lambda r: float(r["tuning"]))
+    best = max(wanted, key=lambda r: float(r["area_n2_s_per_m2"]))
+    step = max(1, len(wanted) // 6)
+    picked = sorted({float(r["tuning"]): r for r in [*wanted[::step], best]}.items())
+    return table(
+        ["bandwidth of the observer told in time, with the device's own mass, Hz", "area, 10^6 N^2 s/m^2"],
+        [[significant(hz, 3) + (" (the best)" if r is best else ""), f(r, "area_n2_s_per_m2", 1e-6, 1)] for hz, r in picked]
+        + [[f"beside it: {name}", f(of("paper-1um", name), "area_n2_s_per_m2", 1e-6, 1)] for name in ("kalman-3", "fusion")])
+
+
+@block
+def comparison_observers():
+    names = ["observer", "observer told in time", "kalman-3"]
+    def line(name):
+        r = of("paper-1um", name)
+        area = float(r["area_n2_s_per_m2"]) / float(of("paper-1um", "butterworth")["area_n2_s_per_m2"])
+        mass = f"{f(r, 'left_when_mass_low', 100)}, {f(r, 'left_when_mass_high', 100)}" if r["left_when_mass_low"] else "-"
+        return [name, significant(area, 2), delay(r), f(r, "phase_100_hz_hand_deg", 1, 0), f(r, "phase_100_hz_motor_deg", 1, 0),
+                f(r, "impedance_error", 100, 1), f(r, "impedance_error_of_estimator", 100, 2), mass]
+    return table(["estimator", "area, times butterworth's", "delay by hand / by motor, ms", "phase at 100 Hz by hand, degrees",
+                  "by motor, degrees", "impedance error, %", "estimator's share, %", "area left with a mass 20 % too small, too large, %"],
+                 [line(name) for name in names])
+
+
+@block
+def comparison_coarser():
+    names = ["levant-explicit", "kalman-3", "butterworth", "time-stamps"]
+    def loss(name):
+        fine, coarse = (float(of(s, name)["area_n2_s_per_m2"]) for s in ("paper-1um", "paper-2um"))
+        return 100 * (1 - coarse / fine)
+    return table(["estimator", "area that the coarser encoder costs", "tuning at 1 um", "at 2 um"],
+                 [[name, f"{loss(name):.0f} %", *[tuned(of(s, name)) for s in ("paper-1um", "paper-2um")]]
+                  for name in sorted(names, key=loss)])
+
+
+PUBLISHED = [("2.07", ["levant-explicit", "levant-implicit"]), ("1.93", ["foaw-end", "foaw-best"]), ("1.33", ["kalman-2", "kalman-3"])]
+
+
+@block
+def comparison_published():
+    base = float(of("paper-1um", "first-order at 50 Hz")["stiffness_peak_mean_n_per_m"])
+    def here(names):
+        ratios = [float(of("paper-1um", n)["stiffness_peak_mean_n_per_m"]) / base for n in names]
+        return ", ".join(f"{ratio:.1f} {name}" for ratio, name in zip(ratios, names, strict=True))
+    return table(["peak K over that of the filter of 50 Hz", "Levant", "windowing", "Kalman"],
+                 [["published", *[value for value, _ in PUBLISHED]],
+                  ["each tuned, no filter behind it", *[here(names) for _, names in PUBLISHED]]])
+
+
+@block
+def made_by(*patterns):
+    """Stored tables with command and commit."""
+    found = [r for r in rows("made.csv") if any(r["file"].startswith(p) for p in patterns)]
+    return table(["table", "command", "at commit"],
+                 [[f"[{r['file']}](data/{r['file']})", f"`{r['command']}`", r["commit"]] for r in found])
+
+
+# Velocity estimators
+@block
+def estimator_costs():
+    names = [r["estimator"] for r in rows("host-sim/data/estimator_cost.csv")]
+    return table(["estimator", "cycles, at most", "mean at the default", "state and coefficients, bytes"],
+                 [[f"`{name}`", *[m(f"elf/estimator_cost/{name}/{key}") for key in ("most", "mean", "bytes")]] for name in names])
+
+
+@block
+def estimator_twins():
+    names = ["difference", "central-difference", "taylor-2", "taylor-3", "least-squares-1", "least-squares-2", "first-order",
+             "butterworth", "foaw-end", "foaw-best", "kalman-2", "kalman-3", "levant-explicit", "levant-implicit"]
+    stated = {
+        "difference": "0", "central-difference": "0", "taylor-2": "0.6, against exact weights", "taylor-3": "the same",
+        "least-squares-1": "the same", "least-squares-2": "the same", "first-order": "1.5",
+        "butterworth": "`1.5 + speed * 3 * 2^-31 / (4 b0)`, speed in LSB: a1 and a2 are rounded to 2^-30 and 2^-31, `4 b0` is their sum with 1",
+        "foaw-end": "0.5, the rounding", "foaw-best": "the same", "kalman-2": "1.1: the residue of the rounding is carried",
+        "kalman-3": "the same", "levant-explicit": "2, while the acceleration stays below C",
+        "levant-implicit": "1, while the acceleration stays below C and c >= 0.2; below, see the text",
+    }
+    body = []
+    for name in names:
+        value = float(measured(f"host/estimators/{name}/twin_lsb"))
+        body.append([f"`{name}`", "0" if value == 0 else number(value, 1), stated[name]])
+    return table(["estimator", "largest difference, LSB", "stated, LSB"], body)
+
+
+@block
+def estimator_slow():
+    speeds = ["0.05", "0.7", "-0.347"]
+    return table(
+        ["speed, counts per sample", *speeds],
+        [[name, *[power(float(measured(f"elf/edge_times/speed_{s}/{key}"))) if key != "difference"
+                  else number(float(measured(f"elf/edge_times/speed_{s}/{key}")), 2) for s in speeds]]
+         for name, key in [("velocity off by at most", "off"), ("stated", "stated"), ("finite difference off by", "difference")]])
+
+
+slots(
+    "docs/estimators.md",
+    ("from c = 1e-4 to 0.05 at most {} of that.", lambda: m("host/estimators/levant-implicit/twin_of_stated_below_c_0.2", 2)),
+    ("over 2 * 10^6 samples it drifts by {} counts.", lambda: m("host/estimators/kalman_drift_counts", 3)),
+)
+
+
+# Speed against accuracy
+FORMS = {"direct-1": "direct 1", "direct-2t": "transposed direct 2", "state-variable": "state-variable", "delta": "delta"}
+FORMATS = {
+    "i32-feedback": "i32, i64 sums, error feedback (the core)", "i32": "i32, i64 sums", "q15-feedback": "Q15, error feedback",
+    "q15": "Q15", "f32": "f32", "f64": "f64", "idsp-dither": "idsp 0.23.1, first-order feedback", "idsp-wide": "idsp, wide state",
+    "cmsis-q31": "CMSIS-DSP Q31", "cmsis-32x64": "CMSIS-DSP Q31, 32x64",
+}
+
+
+def filters(**wanted):
+    return [r for r in rows("trade-filters-paper-1um.csv") if all(r[k] == v for k, v in wanted.items())]
+
+
+@block
+def trade_filters():
+    body, before = [], None
+    for one in json.loads((DATA / "trade-paper-1um.json").read_text())["filters"]:
+        format_, form, good = one["format"], one["form"], one["would_do_hz"]
+        why = "refused" if one["refused_below"] else ", ".join(one["missed_below"])
+        body.append([FORMATS[format_] if format_ != before else "", FORMS[form], number(one["cycles"]), number(one["ram_bytes"]),
+                     f"{good[0]:g} to {good[1]:g}" if good else "none", why])
+        before = format_
+    return table(["format", "form", "cycles", "bytes", "would do, Hz", "misses just below"], body)
+
+
+@block
+def trade_at(cutoff_hz, *variants):
+    """What some filters get wrong at one cutoff."""
+    def cell(r, key, scale=1.0):
+        return significant(float(r[key]) * scale, 2) if r[key] else "-"
+    body = []
+    for variant in variants:
+        format_, form = variant.split("/")
+        r = filters(format=format_, form=form, cutoff_hz=cutoff_hz)[0]
+        if r["refused"]:
+            body.append([f"{FORMATS[format_]}, {FORMS[form]}", r["refused"], *[""] * 5])
+            continue
+        body.append([f"{FORMATS[format_]}, {FORMS[form]}", cell(r, "response_error", 100), cell(r, "cutoff_error", 100),
+                     cell(r, "drift_counts"), cell(r, "bias_m_per_s", 1e3), cell(r, "limit_cycle_m_per_s", 1e3),
+                     cell(r, "area_change", 100)])
+    return table(["filter", "response off by, %", "-3 dB frequency off by, %", "drift in 10^6 samples, counts",
+                  "bias at constant speed, mm/s", "left after a stop, mm/s", "area changes by, %"], body)
+
+
+METHODS = {"exact": "exact", "semi-implicit-euler": "semi-implicit Euler", "rk4": "RK4", "dormand-prince": "Dormand-Prince"}
+
+
+@block
+def trade_plant(name):
+    body = []
+    for r in sorted(rows(f"trade-plant-{name}.csv"), key=lambda r: (list(METHODS).index(r["method"]) if r["method"] in METHODS else 9,
+                                                                  -float(r["setting"] or 0) if "prince" in r["method"] else float(r["setting"] or 0))):
+        what = METHODS.get(r["method"], r["method"])
+        if r["setting"]:
+            value = float(r["setting"])
+            what += f", tolerance {power(value, 1)}" if "prince" in r["method"] else f", {value:g} step{'s' if value > 1 else ''} per sample"
+        if r["refused"]:
+            body.append([what, r["refused"], "", "", ""])
+            continue
+        change = 100 * float(r["area_change"]) if r["area_change"] else None
+        body.append([what, power(float(r["operations_per_s"])) if r["operations_per_s"] else "-",
+                     power(float(r["trajectory_error_m"])) if r["trajectory_error_m"] and float(r["trajectory_error_m"]) else "0",
+                     f"{r['verdicts_wrong']} of {r['verdicts']}", "-" if change is None else "0" if change == 0 else f"{change:+.1f} %"])
+    told = json.loads((DATA / f"trade-{name}.json").read_text())["plant"]
+    body.append(["exact, start moved by a quarter of a count", "-", "-", f"{told['verdicts_chaotic']} of {told['verdicts']}",
+                 f"{100 * told['area_chaotic']:.1f} %"])
+    return table(["method", "operations per simulated s", "trajectory off by, m", "verdicts that differ", "area changes by"], body)
+
+
+@block
+def trade_q15():
+    told = json.loads((DATA / "trade-paper-1um.json").read_text())
+    full_scale = told["q15_full_scale_m_per_s"]
+    w = math.pi * 20.0 / 1e4  # paper's equation (2), not pre-warped
+    b0 = w * w / (1 + math.sqrt(2) * w + w * w)
+    return table(["Q15 on `paper-1um`", "value"], [
+        ["full scale, m/s", significant(full_scale, 3)],
+        ["speed of impact without damping, and with it, m/s", ", ".join(significant(impact(b), 2) for b in (0.0, 5.5195))],
+        ["LSB of the velocity, um/s", significant(full_scale / 2**15 * 1e6, 2)],
+        ["`b0` at 20 Hz, in LSB of 2^-14, the format of its coefficients", significant(b0 * 2**14, 2)],
+    ])
+
+
+def impact(damping):
+    """Speed at 0.07 m of the paper's device, pushed with 2.835 N from 0, by small steps."""
+    x = v = 0.0
+    while x < 0.07:
+        v += 1e-6 * (2.835 - damping * v - 11.0626 * (x - 0.0517)) / 0.416
+        x += 1e-6 * v
+    return v
+
+
+@block
+def extremes_verdicts():
+    body = []
+    pairs = rows("docs/figures/fixed-point-limits.csv")
+    for name, key in [("the core", "differ_fixed"), ("exact, its velocity rounded to the core's LSB", "differ_rounded_velocity")]:
+        worst = max(pairs, key=lambda r: int(r[key]) / int(r["walls"]))
+        body.append([name, f"{100 * int(worst[key]) / int(worst['walls']):.1f} % ({float(worst['resolution_m']) * 1e6:g} um, "
+                     f"{float(worst['cutoff_hz']):g} Hz)", sum(int(r[key]) == 0 for r in pairs)])
+    few = sum(int(r["walls"]) - int(r["stable"]) < 6 for r in pairs)
+    head = ["arithmetic", f"verdicts that differ from exact arithmetic, of {pairs[0]['walls']} walls, at most",
+            f"pairs of resolution and cutoff without any, of {len(pairs)}"]
+    return [*table(head, body), "", f"Pairs with fewer than six unstable walls: {few}."]

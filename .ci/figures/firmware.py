@@ -1,0 +1,306 @@
+"""The firmware, faults, identification: what tests have measured on the virtual board, and the firmware's constants."""
+
+from . import block, slots
+from .source import constant, lit, m, measured, number, power, significant, table
+
+BOARDS = ["nucleo-f446re", "discovery-f407"]
+MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
+DEVICE = "src/task/device.rs"
+
+
+def value(key):
+    return float(measured(key))
+
+
+def span(key, room="control"):
+    return f"{m(f'elf/{room}/{key}_least')} to {m(f'elf/{room}/{key}_most')}"
+
+
+@block
+def firmware_measured():
+    head = ["board", "`sample`", "of it the core", "`render`", "`link`", "event to counter", "stack, kB", "flash, kB", "RAM, kB"]
+    return table(head, [
+        [board, *[span(f"{board}/{task}") for task in ("sample", "core", "render", "link", "delay")],
+         *[number(value(f"elf/control/{board}/{what}") / 1e3, 1) for what in ("stack", "flash", "ram")]]
+        for board in BOARDS])
+
+
+@block
+def firmware_variants():
+    body = [["`time-stamps`, with that estimator", "nucleo-f446re", span("sample", "edge_times"), "-", span("delay", "edge_times"), "-", "-"]]
+    for board in BOARDS:
+        to_dac = span(f"{board}/dac", "period") if board == "nucleo-f446re" else "-"
+        body.append(["`period-1`", board, *[span(f"{board}/{task}", "period") for task in ("sample", "render", "delay")],
+                     f"{100 * value(f'elf/period/{board}/load'):.0f} %", to_dac])
+    return table(["feature", "board", "`sample`", "`render`", "event to counter", "both together, of the time at most", "event to the DAC"], body)
+
+
+@block
+def firmware_latency():
+    body = []
+    for board, output, then in [
+        ("nucleo-f446re", "DAC", "3 us of settling by the data sheet"),
+        ("discovery-f407", "PWM", "taken over 14 us after the sample (`LEAD_CYCLES`)"),
+    ]:
+        cycles = [value(f"elf/control/{board}/register_{which}") for which in ("in_a_hit", "of_all")]
+        body.append([f"{board}, {output}", *[f"{number(c)} cycles, {c / MHZ[board]:.1f} us" for c in cycles], then,
+                     constant(f"scenes/{board}.toml", r"(?m)^latency = (\S+)"),
+                     significant(value(f"elf/identify_telemetry/{board}/latency"), 2)])
+    return table(["board", "event to register, in a hit", "the longest of all outputs", "and then", "latency", "as identified"], body)
+
+
+@block
+def firmware_walks():
+    body = []
+    for board in BOARDS:
+        key = f"elf/walk/{board}"
+        area, mean = value(f"{key}/area"), value(f"{key}/simulated")
+        body.append([board, m(f"{key}/hits"), m(f"{key}/points"), *[power(a, 5) for a in (area, mean)],
+                     f"+-{100 * value(f'{key}/spread'):.1f} %", f"{100 * (area / mean - 1):+.2f} %", f"{value(f'{key}/virtual_s') / 60:.0f}"])
+    return table(["board", "hits", "points", "area, N^2 s/m^2", "simulated, mean of 16", "one walk of those", "difference", "minutes of the board's time"], body)
+
+
+GUARD = "tests/elf/control"
+slots(
+    "docs/firmware.md",
+    ("The design allows `sample` {} cycles and the core {}.",
+     lambda: constant(f"{GUARD}/budget.rs", r"const SAMPLE_CYCLES: u64 = (\d+)"),
+     lambda: constant(f"{GUARD}/budget.rs", r"const CORE_CYCLES: u64 = (\d+)")),
+    ("`sample` takes {} at most in `no_sample_is_longer", lambda: number(max(value(f"elf/control/{b}/sample_whatever") for b in BOARDS))),
+    ("to 14, for {} us at most", lambda: f"{max(value(f'elf/control/{b}/mask_us') for b in BOARDS):.0f}"),
+    ("the delays spread over {} cycles, where the image as built has {}.",
+     lambda: m("elf/control/nucleo-f446re/spread_with_critical_sections"), lambda: m("elf/control/nucleo-f446re/spread")),
+    ("The core takes {} % of the time at 10 kHz", lambda: f"{max(value(f'elf/control/{b}/core_mean') / MHZ[b] for b in BOARDS):.1f}"),
+)
+
+
+# Faults
+def case(*names):
+    """The longest time of both boards until enable is off, of some cases of the campaign."""
+    times = []
+    for name in names:
+        for board in BOARDS:
+            times.append(value(f"elf/faults/{name}/{board}"))
+    return max(times)
+
+
+def ms(us):
+    return "0" if us < 0.5e-3 else "< 1 us" if us < 1 else f"{us / 1e3:.3f} ms" if us < 1e4 else f"{us / 1e3:.1f} ms"
+
+
+def allowed(*names):
+    limit = max(value(f"elf/faults/{name}/allowed") for name in names)
+    return f"{limit:g} us" if limit < 100 else f"{limit / 1e3:g} ms"
+
+
+def core(what):
+    return [f"{what} in {task}" for task in ("idle", "link", "render", "sample")]
+
+
+DEAD = ["dead channel A", "dead channel B"]
+HALT = ["debugger halt, 30 ms", "debugger halt, 30 ms, MOE reset", "debugger halt, 200 ms", "debugger halt, 200 ms, watchdog stopped"]
+CASES = [
+    (["count jump"], "count jump", "the handle is 0.7 mm farther at once", "10"),
+    (["over-speed"], "over-speed", "the handle moves at 2.5 m/s", "11"),
+    (["out of range"], "out of range", "bit 30 of the position flips in the memory of `sample`, in the encoder and in the estimator", "12"),
+    ([f"{d}, in free motion" for d in DEAD], "dead channel A or B, in free motion", "the pin keeps its level 1 mm after the start of a `hit`", "13"),
+    ([*[f"{d} at arm" for d in DEAD], "swapped channels at arm", "wrong motor sign at arm"],
+     "dead channel A or B, swapped channels, wrong motor sign, at `arm`", "pin, pins, or sign of the force on the plant", "14"),
+    (["beyond travel"], "beyond travel", "the handle is led past -0.04 m from zero at 0.5 m/s", "15"),
+    (["late render", "stuck render, 15 periods"], "late `render`, stuck `render` (15 periods)",
+     "its enable bit in the NVIC is 0 from right before a due sample; found when the next output is due, cut by the sample after", "20 (and 21)"),
+    (["stuck render, for ever"], "stuck `render`, for ever", "the same, and nobody sets the bit again", "22"),
+    (["watchdog: link does not run"], "watchdog", "the enable bit of `link` is 0: `idle` does not feed", "22"),
+    (["reset while armed"], "reset while armed", "the reset pin", "23"),
+    (["emergency stop"], "emergency stop", "TIM1's break input, no code", "30"),
+    (["emergency stop, 0.2 ms"], "emergency stop of 0.2 ms", "the same, closed again before the next output", "30"),
+    (["brown-out", "brown-out, 0.2 ms"], "brown-out, for good, and for 0.2 ms", "the voltage detector's output", "31"),
+    (["brown-out while the logger masks"], "brown-out while a log line is written", "the same", "31"),
+    ([HALT[0]], "debugger halt, 30 ms", "the core stands still; what DBGMCU says stands still with it; TIM1's outputs are off"
+     " meanwhile, then on again, because MOE was only masked", "32"),
+    ([HALT[1]], "the same, MOE reset", "by the other reading of the manuals", "32"),
+    ([HALT[2]], "debugger halt, 200 ms", "a script has stopped the watchdog on connecting; the next output has undone that", "22"),
+    ([HALT[3]], "the same, the watchdog stopped in the halt", "", "32"),
+    (["clock failure"], "clock failure", "the program counter jumps to the NMI handler; that the hardware gets there is not modelled", "33"),
+    (core("panic"), "panic in `idle`, `link`, `render`, `sample`", "the program counter jumps to the panic handler", "41"),
+    ([*core("HardFault"), "undefined instruction"], "hard fault in each of them",
+     "the program counter jumps to where no memory is, or into erased flash", "42"),
+]
+
+
+@block
+def fault_campaign():
+    body = []
+    for names, case_name, how, code in CASES:
+        off = case(*names)
+        limit = allowed(*names)
+        if names[0] in (HALT[0], HALT[3]):  # the program stands still for the halt
+            halted = 30e3 if names[0] == HALT[0] else 200e3
+            off, limit = off - halted, f"{(value(f'elf/faults/{names[0]}/allowed') - halted) / 1e3:g} ms"
+            shown = f"0, and {ms(off)} after it goes on"
+            limit += " after it goes on"
+        else:
+            shown = ms(off)
+        body.append([case_name, how, shown, limit, code])
+    body += [
+        ["RTT stall and flood", "nobody reads, all channels set to blocking, commands and garbage without a pause",
+         "stays on: no output missed, no sample delayed", "", "none"],
+        ["each byte of a settings record flipped", f"{m('elf/faults/flipped/cases')} boots",
+         "stays off; the older settings, or the defaults, and `load` says so", "", "none"],
+        ["power cut at each word of a `save`", "the ELF saves; the flash as it is before, in and after each store,"
+         f" {m('elf/faults/cut in a save/cases')} boots", "stays off; the older settings or the new ones, whole", "", "none"],
+        ["power cut in an erase", f"the other sector half erased, {m('elf/faults/cut in an erase/cases')} boots",
+         "stays off; the newest settings", "", "none"],
+    ]
+    return table(["fault case", "how it is brought about", "enable off after", "allowed", "code"], body)
+
+
+def device(name):
+    return lambda: number(lit(DEVICE, rf"\b{name}: (-?[\d._e-]+)"))
+
+
+def answer(force_n, mass_kg, counts_per_m):
+    """Counts by which the sign test moves a free handle, 2 f h^2 / m with h = 25 ms."""
+    return 2 * force_n * 0.025**2 / mass_kg * counts_per_m
+
+
+def sign_test(mass_kg=0.416, counts_per_m=1e6):
+    return lambda: number(answer(0.05 * 5.906, mass_kg, counts_per_m), 0)
+
+
+slots(
+    "docs/faults.md",
+    ("fastest believable speed, {} m/s, allows", device("speed_believable_m_per_s")),
+    ("the estimated speed is above {} m/s, or", device("speed_max_m_per_s")),
+    ("device's travel, {} to {} m from zero", device("travel_low_m"), device("travel_high_m")),
+    ("It must reach `sign_test_counts`, {}.", device("sign_test_counts")),
+    ("| the paper's: 0.295 N on 0.416 kg, 1 um, without damping | {} |", sign_test()),
+    ("| an encoder of 5 um | {} |", sign_test(counts_per_m=2e5)),
+    ("| a handle of 2 kg | {} |", sign_test(mass_kg=2.0)),
+)
+slots(
+    "docs/first-power-up.md",
+    ("| `design.resolution_m` | {} m |", lambda: "1e-6" if lit(DEVICE, r"\bresolution_m: ([\d.e-]+)") == 1e-6 else "?"),
+    ("| `design.full_scale_n` | {} N |", device("full_scale_n")),
+    ("| {} m, {} m | distance from the place of `zero`", device("travel_low_m"), device("travel_high_m")),
+    ("| `duty` | {} N, {} s (a guess)", device("continuous_force_n"), device("time_constant_s")),
+    ("| `safety.speed_max_m_per_s` | {} m/s |", device("speed_max_m_per_s")),
+    ("| `safety.speed_believable_m_per_s` | {} m/s |", device("speed_believable_m_per_s")),
+    ("`sign_test_counts` | {}, {} | the free", device("sign_test_force"), device("sign_test_counts")),
+)
+
+
+# Identification
+RECORDS = [
+    ("two pulses, noise 0.5", "two pulses, noise of 0.5 counts RMS"), ("one pulse, noise 0.5", "one pulse, 0.5 counts"),
+    ("two pulses, noise 0.1", "two pulses, 0.1 counts"), ("two pulses, no noise", "two pulses, no noise"),
+    ("train, no noise", "train of pulses, no noise"),
+]
+
+
+@block
+def identify_intervals():
+    body = []
+    for key, name in RECORDS:
+        key = f"host/identify_accuracy/{key}"
+        body.append([name, *[m(f"{key}/{p}_held") for p in ("m", "b", "k", "x0")], f"{100 * value(f'{key}/pooled'):.1f} %",
+                     ", ".join(power(value(f"{key}/m_{what}")) for what in ("error", "half_width"))])
+    return table(["record", "m", "b", "k", "x0", "pooled", "m: error, half-width"], body)
+
+
+@block
+def identify_summary():
+    key = "host/identify_accuracy"
+    largest = max(value(f"{key}/{record}/m_largest") for record, _ in RECORDS)
+    return table(["over all records", "value"], [
+        ["largest error of m", power(largest)],
+        ["records at rest most of the time, no noise: true values inside the stated intervals", f"{100 * value(f'{key}/at rest/stated'):.1f} %"],
+        ["the same, inside the naive intervals", f"{100 * value(f'{key}/at rest/white'):.1f} %"],
+    ])
+
+
+@block
+def identify_from_board():
+    names = ["m", "b", "k"]
+    return table(["board", *[f"{n} off by, relative" for n in names], "latency found, samples", "latency of the scene"], [
+        [board, *[power(value(f"elf/identify_telemetry/{board}/{n}"), 1) for n in names],
+         significant(value(f"elf/identify_telemetry/{board}/latency"), 2), constant(f"scenes/{board}.toml", r"(?m)^latency = (\S+)")]
+        for board in BOARDS])
+
+
+# Constants of the source that pages repeat
+def const(path, name, digits=None):
+    return lambda: number(lit(path, rf"const {name}: \w+ = ([\d._e-]+)"), digits)
+
+
+def soft(key, scale=1.0):
+    return lambda: number(scale * lit("src/experiment/return_move.rs", rf"SOFT: Self = Self \{{[^}}]*\b{key}: ([\d.e-]+)"))
+
+
+WIDTH = "src/velocity/butterworth.rs"
+
+
+def low_cutoff():
+    return power(lit(WIDTH, r"CUTOFF_MIN: f64 = ([\d.e-]+)"))
+
+
+def low_cutoff_lsb():
+    """DC sum of the coefficients at the lowest cutoff, in LSB."""
+    return number(2**30 * (2 * 3.141592653589793 * lit(WIDTH, r"CUTOFF_MIN: f64 = ([\d.e-]+)")) ** 2, 0)
+
+
+slots(
+    "docs/theory.md",
+    ("Accepted cutoffs are {} to {} of the rate, pre-warped to {} (", low_cutoff, const(WIDTH, "CUTOFF_MAX"), const(WIDTH, "PREWARPED_MAX")),
+    ("(w = 2 pi fc T), has {} LSB left: rounding it to an integer shifts the -3 dB frequency by up to 1/(2 * {}).", low_cutoff_lsb, low_cutoff_lsb),
+    ("second order below {} of the rate.", const(WIDTH, "SECOND_ORDER_BELOW")),
+)
+slots("docs/device.md", ("| cutoff | {} to {} of the sample rate", low_cutoff, const(WIDTH, "CUTOFF_MAX")))
+slots(
+    "docs/estimators.md",
+    ("a cutoff's {} to {}, pre-warped {}; the tracking", low_cutoff, const(WIDTH, "CUTOFF_MAX"), const(WIDTH, "PREWARPED_MAX")),
+    ("The limit is {} cycles, a quarter", const("tests/elf/estimator_cost.rs", "CYCLES_MAX")),
+)
+slots(
+    "docs/extremes.md",
+    ("| cutoffs | {} to {} of the rate, at 1", low_cutoff, const(WIDTH, "CUTOFF_MAX")),
+    ("| cutoff below {} of the rate (", low_cutoff),
+    ("| cutoff above {} of the rate |", const(WIDTH, "CUTOFF_MAX")),
+)
+slots("docs/scenes.md", ("nominal cutoffs of the study | {} to {} of the rate ({} if pre-warped)", low_cutoff, const(WIDTH, "CUTOFF_MAX"),
+                         const(WIDTH, "PREWARPED_MAX")))
+slots(
+    "docs/batch.md",
+    ("This is checked every {} samples in lanes, every {} in the core.", const("host-sim/src/engine/scheduler.rs", "CHUNK_SAMPLES"),
+     const("host-sim/src/simulation/prepared.rs", "EARLY_CHECK_SAMPLES")),
+    ("| counts from one sample to the next | 2^{} |", lambda: constant("host-sim/src/engine/scheduler.rs", r"JUMP_MAX: f64 = \(1 << (\d+)\)")),
+)
+slots(
+    "docs/firmware.md",
+    ("a soft spring ({} N/m, {} N s/m, at most {} N) whose far end moves to the start at {} m/s, never", soft("stiffness_n_per_m"),
+     soft("damping_n_s_per_m"), soft("force_n"), soft("speed_m_per_s")),
+    ("within {} um of the start for {} ms; after {} s the experiment", soft("tolerance_m", 1e6),
+     lambda: number(1e3 * lit("src/experiment/return_move.rs", r"REST_S: f64 = ([\d.]+)")), soft("timeout_s")),
+    ("as it is certain: every {} outputs the sum", const("src/experiment/hit_sequence.rs", "LOOK_OUTPUTS")),
+    ("counts, but is not limited. {} N and {} s are our guess for the paper's motor", device("continuous_force_n"), device("time_constant_s")),
+    ("that rises by {} % of full scale per second, is held for {} s,", device("rise_percent_per_s"), device("hold_s")),
+)
+slots(
+    "docs/troubleshooting.md",
+    ("friction above the return's force ({} N)", soft("force_n")),
+    ("the motor cools down, up to {} of its time constants", const("src/experiment/duty.rs", "PATIENCE")),
+)
+slots(
+    "docs/tuning.md",
+    ("up to {} of the motor's time constants.", const("src/experiment/duty.rs", "PATIENCE")),
+    ("force at full command, N; within a factor of {} of the device's", const("src/device.rs", "FULL_SCALE_FACTOR")),
+)
+slots(
+    "docs/faults.md",
+    ("for {} ms outside contact, and the count stayed within less than {}: dead", lambda: number(1e3 * lit("src/safety/plan.rs", r"PUSH_S: f64 = ([\d.]+)")),
+     const("src/safety/plan.rs", "PUSH_COUNTS")),
+    ("for at most {} s however often", const("src/experiment/calibration.rs", "LONGEST_S")),
+    ("for at most {} ms did not move the count the right way", lambda: number(1e3 * lit("src/safety/plan.rs", r"SIGN_TEST_S: f64 = ([\d.]+)"))),
+)
+slots("docs/telemetry.md", ("## Frame, layout version 1 {} bytes, no padding", const("src/telemetry.rs", "LEN")))
+slots("docs/settings.md", ("layout version 2 {} words of 32 bits, least", const("src/store/record.rs", "RECORD_WORDS")))

@@ -1,0 +1,210 @@
+"""Where figures come from: the simulator, what the tests have measured, stored tables, constants of the source."""
+
+import csv
+import functools
+import json
+import math
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT / "docs/data"
+PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))]
+# What `figure` of tests/figure.rs leaves, one file for each.
+LEFT_BY_TESTS = ROOT / "target/tmp/figures"
+MEASURED = DATA / "measured.csv"
+MADE = DATA / "made.csv"
+
+# Commands of minutes: the files that they write, and where these are stored; `json` is what they print.
+FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
+LONG = {
+    "compare-paper-1um": ("cargo sim compare paper-1um", {
+        "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",
+        "tuning.csv": "compare-paper-1um-tuning.csv", "json": "compare-paper-1um.json"}),
+    "compare-paper-2um": ("cargo sim compare paper-2um", {
+        "compare.csv": "compare-paper-2um.csv"}),
+    # A row that came later: it does not depend on the others.
+    **{f"compare-{scene}-added": (f"cargo sim compare {scene} --estimators butterworth,central-difference", {
+        "compare.csv": f"compare-{scene}-added.csv", "json": f"compare-{scene}-added.json"}) for scene in ("paper-1um", "paper-2um")},
+    "compare-paper-1um-accelerometer": (
+        "cargo sim compare docs/data/paper-1um-accelerometer.toml --estimators fusion",
+        {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
+    **{f"compare-limit-{um}um": (
+        f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",
+        {"compare.csv": f"compare-paper-1um-limit-{um}um.csv"}) for um in (5, 30)},
+    "trade-paper-1um": ("cargo sim trade paper-1um", {
+        "filters.csv": "trade-filters-paper-1um.csv", "plant.csv": "trade-plant-paper-1um.csv", "json": "trade-paper-1um.json"}),
+    "trade-paper-1um-stiff": ("cargo sim trade docs/data/paper-1um-stiff.toml --cutoffs 1500", {
+        "plant.csv": "trade-plant-paper-1um-stiff.csv", "json": "trade-paper-1um-stiff.json"}),
+}
+# Of what a command prints, what the pages need.
+KEPT = {"winners", "walls", "damping_n_s_per_m", "stiffness_n_per_m", "impedance_error_of_loop", "filters", "plant",
+        "q15_full_scale_m_per_s"}
+
+
+def shell(command, folder=ROOT, seconds=None, **more):
+    return subprocess.run(command, shell=True, cwd=folder, text=True, capture_output=True, timeout=seconds, **more)
+
+
+def commit():
+    """The last commit that changed the programs; + where they have been changed since."""
+    programs_ = "src host-sim filter-forms virtual-board scenes Cargo.lock rust-toolchain.toml"
+    changed = shell(f"git status --porcelain --untracked-files=no -- {programs_}").stdout
+    return shell(f"git log -1 --abbrev=9 --format=%h -- {programs_}").stdout.strip() + ("+" if changed else "")
+
+
+@functools.cache
+def rows(name):
+    """A stored table: docs/data/NAME, or a path from the root."""
+    path = ROOT / name if "/" in name else DATA / name
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def row(name, **wanted):
+    found = [r for r in rows(name) if all(r[key] == value for key, value in wanted.items())]
+    if not found:
+        raise SystemExit(f"error: {name} has no row {wanted}")
+    return found[0]
+
+
+@functools.cache
+def constant(path, pattern):
+    """What the group of the pattern matches in a source file, in one place of it."""
+    found = re.findall(pattern, (ROOT / path).read_text())
+    if len(found) != 1:
+        raise SystemExit(f"error: {path} has {len(found)} places like {pattern}")
+    return found[0]
+
+
+def lit(path, pattern):
+    """A number of the source."""
+    return float(constant(path, pattern).replace("_", ""))
+
+
+@functools.cache
+def programs():
+    """The simulator, built; its folder."""
+    built = shell("cargo build --quiet --release --package host-sim", ROOT)
+    if built.returncode:
+        raise SystemExit(built.stderr)
+    return ROOT / 'target/release'
+
+
+@functools.cache
+def sim(arguments, scene=None):
+    """What `cargo sim ARGUMENTS --json` says; `scene` is the text of SCENE.toml beside it."""
+    with tempfile.TemporaryDirectory() as folder:
+        if scene:
+            (Path(folder) / "SCENE.toml").write_text(scene)
+        ran = shell(f"{programs()}/host-sim {arguments} --json", folder)
+    if ran.returncode:
+        raise SystemExit(f"error: cargo sim {arguments}: {ran.stderr}")
+    return json.loads(ran.stdout)
+
+
+def changed_scene(name, **changes):
+    """A scene's text with the values of some keys exchanged; of keys that stand in it once."""
+    text = (ROOT / f"scenes/{name}.toml").read_text()
+    for key, value in changes.items():
+        text, n = re.subn(rf"(?m)^{key} = \S+", f"{key} = {value}", text)
+        assert n == 1, (name, key, n)
+    return text
+
+
+def measured(key):
+    """What a test has measured, as it stands in docs/data/measured.csv."""
+    return row("measured.csv", figure=key)["value"]
+
+
+def m(key, digits=None, scale=1.0):
+    """The same as a number with so many digits behind the point."""
+    return number(float(measured(key)) * scale, digits)
+
+
+def number(value, digits=None):
+    """As the pages write it: thousands with commas from 10,000 on."""
+    text = f"{value:.{digits}f}" if digits is not None else f"{value:g}"
+    if not float(text):
+        text = text.removeprefix("-")
+    whole, point, rest = text.partition(".")
+    return (f"{int(whole):,}" if abs(int(whole)) >= 10_000 else whole) + point + rest
+
+
+def significant(value, digits):
+    """So many significant digits; an exponent where there would be many zeros."""
+    if abs(value) < 1e-4:
+        return power(value, digits) if value else "0"
+    return number(value, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
+
+
+def power(value, digits=2):
+    """4.3e-5."""
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def table(head, body, right=()):
+    """Lines of a table; columns of `right` are aligned there."""
+    rule = ["---:" if n in right else "---" for n in range(len(head))]
+    return ["| " + " | ".join(map(str, cells)) + " |" for cells in [head, rule, *body]]
+
+
+# Where in an output period a fault's cause falls changes with every build: its time by up to that period and a sample.
+LOOSE = {"elf/faults/": 1200.0}
+
+
+def same(key, a, b):
+    """Equal, or the same number to the last digits that a processor's mathematics decide."""
+    loose = next((by for start, by in LOOSE.items() if key.startswith(start)), 0.0)
+    try:
+        return a == b or math.isclose(float(a), float(b), rel_tol=1e-6, abs_tol=loose)
+    except ValueError:
+        return False
+
+
+def take_measured(change):
+    """Takes over what tests have left, or says where it differs from what is stored."""
+    stored = rows("measured.csv")
+    lines = {row["figure"]: n for n, row in enumerate(stored, 2)}
+    told = {row["figure"]: dict(row) for row in stored}
+    differences, now = [], commit() if change else ""
+    for file in sorted(path for path in LEFT_BY_TESTS.rglob("*") if path.is_file()):
+        key, value = str(file.relative_to(LEFT_BY_TESTS)), file.read_text()
+        old = told.get(key, {"value": ""})["value"]
+        if not same(key, old, value):
+            differences.append(f"docs/data/measured.csv:{lines.get(key, 1)}: {key} is {old}, the test says {value}")
+            told[key] = {"figure": key, "value": value, "commit": now}
+    if change and differences:
+        with MEASURED.open("w", newline="") as out:
+            writer = csv.DictWriter(out, ["figure", "value", "commit"], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(told[key] for key in sorted(told))
+        rows.cache_clear()
+    return differences
+
+
+def run_long(name):
+    """Runs it, stores its tables, and notes the commit in docs/data/made.csv."""
+    command, files = LONG[name]
+    with tempfile.TemporaryDirectory() as folder:
+        words = command.removeprefix("cargo sim ").replace("docs/data/", f"{DATA}/")
+        ran = subprocess.run(f"{programs()}/host-sim {words} --json --out {folder}/out", shell=True, stdout=subprocess.PIPE,
+                             text=True, check=False)
+        if ran.returncode:
+            raise SystemExit(ran.returncode)
+        for made, stored in files.items():
+            if made == "json":
+                told = {key: value for key, value in json.loads(ran.stdout).items() if key in KEPT}
+                (DATA / stored).write_text(json.dumps(told, indent=1) + "\n")
+            else:
+                shutil.copy(f"{folder}/out/{made}", DATA / stored)
+    kept = [r for r in rows("made.csv") if r["file"] not in files.values()] if MADE.exists() else []
+    kept += [{"file": stored, "command": command, "commit": commit()} for stored in files.values()]
+    with MADE.open("w", newline="") as file:
+        writer = csv.DictWriter(file, ["file", "command", "commit"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(sorted(kept, key=lambda r: r["file"]))
