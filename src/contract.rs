@@ -17,6 +17,11 @@
 //! concrete type everywhere, so it costs what the registers cost. [`off`] works from every priority, from the
 //! panic handler and the fault handlers.
 //!
+//! **Signs.** Into the wall is positive, everywhere in the core: the count rises into the wall, and a positive
+//! [`OutputCode`] pushes into it. A board's own polarity (which channel leads, which way a motor is wound) is met by
+//! [`Encoder::turn`] and `mirrored`, from the settings `encoder` and `motor`, and nowhere else; the sign test of `arm`
+//! finds out whether both together are right.
+//!
 //! Traits of others are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. They do not fit
 //! elsewhere: `OutputPin` has an owner, enable is dropped by whoever comes first, and on our boards it is a timer's main
 //! output, which hardware drops too; `SetDutyCycle` sets one channel, magnitude and sign have to change together;

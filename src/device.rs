@@ -23,7 +23,7 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub struct Device {
     /// Name, as in the scene and in the envelope; of the board too.
-    pub name: &'static str,
+    pub key: DeviceKey,
     /// What is built. A calibration may find another force at full command.
     pub design: Design,
     /// From the counter's reading to the force, samples.
@@ -178,7 +178,7 @@ impl Device {
         let longest_s = 0.99 * self.duty.longest_hit_s(&self.design);
         let part = f64::min(1.0, longest_s / (settle_s + window_s));
         Stored {
-            device: DeviceKey::new(self.name).unwrap_or_default(),
+            device: self.key,
             settings: self.settings,
             push_n,
             signs: Signs::default(),
@@ -271,7 +271,7 @@ pub(crate) mod tests {
 
     /// The paper's device, without a sense beside the force.
     pub(crate) static DEVICE: Device = Device {
-        name: "bench",
+        key: DeviceKey::of("bench"),
         design: Design {
             rate_hz: 10_000.0,
             resolution_m: 1e-6,

@@ -46,6 +46,9 @@ impl DiscoveryF407 {
     const STEPS: u16 = (Self::CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
 }
 
+// The output's timer starts ahead of the sampling timer by the rest of a period.
+const _: () = assert!(DiscoveryF407::STEPS as u32 > pwm::LEAD_CYCLES, "a PWM period is too short");
+
 impl Wiring for DiscoveryF407 {
     const NAME: &'static str = "discovery-f407";
     const CORE_HZ: u32 = 168_000_000;

@@ -45,6 +45,17 @@ impl DeviceKey {
         Some(Self(bytes))
     }
 
+    /// That name, of a constant: one that is too long does not compile, so that no two devices share a key.
+    ///
+    /// # Panics
+    /// If it is longer than [`LEN`](Self::LEN).
+    pub const fn of(name: &str) -> Self {
+        let mut bytes = [0; Self::LEN];
+        assert!(name.len() <= Self::LEN, "the device's name is longer than 16 bytes");
+        bytes.split_at_mut(name.len()).0.copy_from_slice(name.as_bytes());
+        Self(bytes)
+    }
+
     /// The name; empty if the bytes are no text.
     pub fn name(&self) -> &str {
         let text = self.0.split(|&byte| byte == 0).next().unwrap_or_default();

@@ -12,6 +12,7 @@ use zwidth::{
         SafetySettings,
         envelope::{Boundary, Envelope, Key, Point},
     },
+    store::DeviceKey,
 };
 
 use crate::board;
@@ -23,7 +24,7 @@ pub const PERIOD: u32 = if cfg!(feature = "period-1") { 1 } else { 10 };
 
 /// The device.
 pub static DEVICE: Device = Device {
-    name: board::NAME,
+    key: DeviceKey::of(board::NAME),
     design: Design {
         rate_hz: board::RATE_HZ as f64,
         resolution_m: 1e-6,

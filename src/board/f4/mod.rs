@@ -157,16 +157,24 @@ impl Chip {
         let Self { mut rcc, enable, reset_cause } = self;
         let Peripherals { tim5, tim6, pwr, exti, flash, iwdg } = rest;
         let Wires { force, encoder, stop } = wires;
+        // What the clock tree gives, not what the board's file says of it; and whole ticks per sample.
+        const {
+            assert!(
+                (W::CORE_HZ / 2).is_multiple_of(RATE_HZ),
+                "a sample is no whole number of ticks"
+            )
+        };
+        let timer_hz = rcc.clocks.timclk1().raw();
         let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);
         let memory = fault_memory::FaultMemory::new(&supply, &mut rcc);
         let rtt::Channels { telemetry, replies, commands } = rtt::init();
         Parts {
             encoder,
-            sample_timer: sample_timer::SampleTimer::new(tim5, W::CORE_HZ / 2 / RATE_HZ, &mut rcc),
+            sample_timer: sample_timer::SampleTimer::new(tim5, timer_hz / RATE_HZ, &mut rcc),
             drive: Drive::new(force, enable),
             stop: EmergencyStop::new(stop),
             supply,
-            halts: debugger::Halts::new(tim6, W::CORE_HZ / 2, RATE_HZ, &mut rcc),
+            halts: debugger::Halts::new(tim6, timer_hz, RATE_HZ, &mut rcc),
             watchdog: watchdog::Watchdog::start(iwdg),
             memory,
             reset_cause,

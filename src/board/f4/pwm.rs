@@ -26,7 +26,7 @@ pub struct Output(());
 
 impl Output {
     /// PWM of zero force with `steps` timer ticks per period. TIM1 must have its clock; it does
-    /// not run yet.
+    /// not run yet. A period has to be longer than [`LEAD_CYCLES`], see `start`.
     pub fn new(
         magnitude: impl Into<<pac::TIM1 as CPin<0>>::Ch<PushPull>>,
         sign: impl Into<<pac::TIM1 as CPin<1>>::Ch<PushPull>>,

@@ -176,7 +176,7 @@ impl<P: Port> Console<P> {
     }
 
     pub(super) fn version(&mut self) {
-        self.reply(Reply::Version(env!("CARGO_PKG_VERSION"), self.device.name));
+        self.reply(Reply::Version(env!("CARGO_PKG_VERSION"), self.device.key.name()));
     }
 
     pub(super) fn situation(&self) -> Option<(Situation, Record)> {
