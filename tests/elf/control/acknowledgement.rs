@@ -13,7 +13,7 @@ each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_
 /// fault comes first.
 fn disarm_is_answered_with_the_force_off(board: Board) {
     let firmware = Firmware::of(board);
-    for (phase, case) in (0..12).zip([0, 1, 2, 3].into_iter().cycle()) {
+    for (case, phase) in [(0, 1), (1, 4), (2, 6), (3, 9)] {
         let mut world = firmware.boot();
         arm(&mut world);
         match case {
