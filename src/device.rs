@@ -144,9 +144,9 @@ impl Device {
         let start_m = stored.start_m;
         // A motor weaker than it was taken for brings the handle back with what it has.
         let force_n = self.back.force_n.min(design.full_scale_n / 2.0);
-        let back = ReturnSettings { start_m, force_n, ..self.back }.build(&design)?;
         let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
         within("start_m", start_m, travel_low_m..=travel_high_m)?;
+        let back = ReturnSettings { start_m, force_n, ..self.back }.build(&design)?;
         // What heats is the current: its part of full scale stays, whatever force a calibration found there.
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;

@@ -94,7 +94,8 @@ impl DutySettings {
         let force = self.continuous_force_n;
         within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
         let limit = (force / design.full_scale_n) * (force / design.full_scale_n);
-        let ready = (limit - (1.0 - kept)) / kept - 1e-4;
+        // At least what the range above leaves, however little of it a small `kept` does.
+        let ready = f64::max(1.0 - (1.0 - limit) / kept, RESERVE) - 1e-4;
         let bits = |value: f64| libm::floor(libm::scalbn(value, FRACTION.cast_signed())) as i64;
         Ok(DutyPlan {
             // 5e-9 to 0.64, times 2^30: far from the ends of a gain

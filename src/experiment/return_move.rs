@@ -106,7 +106,9 @@ impl ReturnSettings {
         within("return_speed_m_per_s", self.speed_m_per_s, 1e-3..=1.0)?;
         let half = design.full_scale_n / 2.0;
         within("return_force_n", self.force_n, 1e-3 * design.full_scale_n..=half)?;
-        within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=1e4)?;
+        // r has to be able to take its first step.
+        let stiffest = f64::min(1e4, self.force_n * outputs_per_s / self.speed_m_per_s);
+        within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=stiffest)?;
         within("return_damping_n_s_per_m", self.damping_n_s_per_m, 0.0..=1e3)?;
         within("return_integral_n_per_m_s", self.integral_n_per_m_s, 0.0..=1e5)?;
         within("return_timeout_s", self.timeout_s, 0.1..=60.0)?;
@@ -120,9 +122,6 @@ impl ReturnSettings {
             let range = 0.0..=libm::scalbn(1.0, 50) / lsb;
             Gain::from_f64(value * lsb).ok_or(SettingsError { parameter: name, value, range })
         };
-        // r has to be able to take its first step.
-        let stiffest = self.force_n * outputs_per_s / self.speed_m_per_s;
-        within("return_stiffness_n_per_m", self.stiffness_n_per_m, 1.0..=stiffest)?;
         #[expect(clippy::cast_precision_loss, reason = "8")]
         let span_s = SPAN as f64 / outputs_per_s;
         let step = counts(self.speed_m_per_s) / outputs_per_s * f64::from(1u32 << FRACTION);
