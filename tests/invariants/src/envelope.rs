@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use zwidth::{
+    console::{REPLY_MAX, Reply, Text},
     safety::envelope::{Boundary, Envelope, Key, Outside, Point},
 };
 
@@ -63,6 +64,22 @@ fn allows(points: &[Point], k: f64, b: f64) -> Result<(), Outside> {
     Envelope { boundaries: &boundaries }.allows(&KEY, k, b)
 }
 
+/// The limits of a refusal, as those read them who see it in a program's errors and at the console.
+fn read(outside: &Outside) -> [[f64; 2]; 2] {
+    let reply = Text::<REPLY_MAX>::of(Reply::Outside(*outside, &Envelope::EMPTY, KEY));
+    [outside.to_string(), reply.as_str().to_owned()].map(|line| {
+        let (_, range) = line.split_once("from ").unwrap();
+        let range = range.split(',').next().unwrap();
+        let (low, high) = range.split_once(" to ").unwrap();
+        [low, high].map(|end| end.parse().unwrap())
+    })
+}
+
+/// One in the ninth digit.
+fn unit(value: f64) -> f64 {
+    if value == 0.0 { 1e-300 } else { 10f64.powi(value.abs().log10().floor() as i32 - 8) }
+}
+
 /// B and K near what decides: on a point, right beside one, or anywhere.
 fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
     let point = points[place % points.len()];
@@ -73,8 +90,8 @@ fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
         _ => 0.0,
     };
     let beside = |value: f64, which: u8| match which {
-        0 => value.next_down().max(0.0),
-        1 => value.next_up(),
+        0 => value * (1.0 - 1e-12),
+        1 => value * (1.0 + 1e-12),
         _ => value,
     };
     let b = match which / 4 % 4 {
@@ -86,12 +103,43 @@ fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
 }
 
 crate::properties! {
-    /// A wall is allowed where the page says so, and nowhere else, to the last bit of K and B.
+    /// A wall is allowed where the page says so, and nowhere else, to a part in 10^12 of K and B.
     as_on_the_page(2000, (points, place, which, part) in (points(), any::<usize>(), any::<u8>(), any::part())) {
         let [k, b] = near(&points, place, which, part);
-        assert_eq!(allows(&points, k, b).is_ok(), is_inside(&points, k, b), "k {k} b {b}");
+        let inside = is_inside(&points, k, b);
+        // the chord is rounded
+        if inside == is_inside(&points, k * (1.0 + 1e-14), b) && inside == is_inside(&points, k * (1.0 - 1e-14), b)
+            || points.iter().any(|point| k == point.stiffness_high_n_per_m && b == point.damping_n_s_per_m)
+        {
+            assert_eq!(allows(&points, k, b).is_ok(), inside, "k {k} b {b}");
+        }
         assert!(allows(&points, -1.0, b).is_err() && allows(&points, k, f64::NAN).is_err());
         let last = points[points.len() - 1].damping_n_s_per_m;
-        assert!(allows(&points, k, last.next_up()).is_err());
+        assert!(allows(&points, k, last * (1.0 + 1e-12)).is_err());
+    }
+
+    /// The lowest and the highest gain that a refusal prints are accepted when they are typed; one more in the ninth
+    /// digit is refused.
+    printed(2000, (points, part, more) in (points(), any::part(), 0.0..1e6f64)) {
+        let last = points[points.len() - 1].damping_n_s_per_m;
+        let b = any::between(0.0, last, part);
+        for k in [more, 0.0, 1e7] {
+            let Err(outside @ Outside::Stiffness { .. }) = allows(&points, k, b) else { continue };
+            if outside.allowed().is_some_and(|[low, high]| high - low < 2.0 * unit(high)) {
+                continue; // no number of nine digits may be in it
+            }
+            for ends in read(&outside) {
+                for (typed, out) in ends.into_iter().zip([-1.0, 1.0]) {
+                    assert_eq!(allows(&points, typed, b), Ok(()), "{typed} of {outside:?} at {b}");
+                    let next = typed + out * unit(typed);
+                    assert!(next < 0.0 || allows(&points, next, b).is_err(), "{next} of {outside:?} at {b}");
+                }
+            }
+        }
+        let Err(outside @ Outside::Damping { .. }) = allows(&points, 1.0, last * 1.5) else { panic!("b is beyond") };
+        for [_, typed] in read(&outside) {
+            let beyond = |b: f64| matches!(allows(&points, 1.0, b), Err(Outside::Damping { .. }));
+            assert!(!beyond(typed) && beyond(typed + unit(typed)), "{typed} of {outside:?}");
+        }
     }
 }

@@ -2,15 +2,17 @@
 
 use proptest::prelude::*;
 use zwidth::{
-    Design, Output, VelocitySettings, WallSettings,
+    Design, LoopParameters, Output, VelocitySettings, WallSettings,
+    experiment::DutySettings,
     safety::{Inputs, OutputCommand, Rendered, Request, SLEW, State},
     units::Force,
 };
 
 use crate::{
-    any,
+    any::{self, Random},
+    orders::Orders,
     rig::{GOOD, NO_WALL, Rig, control, wide},
-    stated::LSB,
+    stated::{LSB, stated},
 };
 
 /// Designs that the supervisor takes: an output within 12.5 ms.
@@ -208,6 +210,94 @@ crate::properties! {
         }
     }
 
+    /// From one output to the next with the handle where it was, at the same speed, the force steps by at most 5 % of full
+    /// scale, whatever is changed, zeroed and armed when, but for going off.
+    slew(250, (design, armed, events) in (
+        design(),
+        any::<bool>(),
+        prop::collection::vec(event(true), 1..60),
+    )) {
+        let mut bench = Bench::new(design, false);
+        if armed {
+            bench.rig = bench.rig.armed();
+        } else {
+            bench.rig.pass_sign_test();
+        }
+        let mut last = (bench.rig.output(), bench.rig.count);
+        for event in events {
+            let (outputs, counts) = bench.happen(event);
+            for _ in 0..outputs.max(1) {
+                bench.rig.count += i64::from(counts);
+                let now = (bench.rig.output(), bench.rig.count);
+                check(&bench, &now.0);
+                let same = last.1 == now.1 && last.0.record.velocity == now.0.record.velocity;
+                if let Some(force) = now.0.grant.force().filter(|_| same) {
+                    // off is no force
+                    let before = last.0.grant.force().unwrap_or_default();
+                    let step = i64::from(force.bits()) - i64::from(before.bits());
+                    assert!(step.abs() <= i64::from(SLEW), "{step} of {SLEW} in {:?}", bench.rig.state());
+                }
+                last = now;
+            }
+        }
+    }
+
+    /// No request and no change of the settings, not even right behind a zero, puts a wall where the handle is while the
+    /// force is on, and it does not come on in one.
+    no_wall_on_the_handle(250, (design, place, events) in (
+        design(),
+        prop::option::of(-300i64..300),
+        prop::collection::vec((any::<bool>(), event(false)), 1..40),
+    )) {
+        let mut bench = Bench::new(design, false);
+        match place {
+            // off, and it would have to move to pass the sign test; but it may begin
+            Some(place) => {
+                bench.rig.output();
+                bench.rig.count += place;
+                bench.rig.output();
+            }
+            None => bench.rig = bench.rig.armed(),
+        }
+        for (zero, event) in events {
+            if zero {
+                bench.happen(Event::Ask(Request::Zero));
+            }
+            let (outputs, _) = bench.happen(event);
+            for _ in 0..outputs.max(1) {
+                bench.rig.output();
+                let status = bench.rig.supervisor.status();
+                assert!(!(status.state.is_on() && status.contact), "in contact, {:?}", status.state);
+            }
+        }
+    }
+
+    /// A wall that only pushes never pulls: without a push no force points into it, whatever gains change and fade and
+    /// wherever the handle goes; and with a push none is above it.
+    never_pulls(250, (design, push, events) in (
+        design(),
+        prop_oneof![2 => Just(0i32), 1 => 0i32..=1 << 30],
+        prop::collection::vec(event(true), 1..60),
+    )) {
+        let mut bench = Bench::armed(design, true);
+        bench.rig.push = Force::saturating_from_bits(push);
+        // a push comes in with 5 % an output
+        for _ in 0..25 {
+            bench.rig.output();
+        }
+        for event in events {
+            if matches!(event, Event::Push(_) | Event::Ask(Request::Arm)) {
+                continue;
+            }
+            let (outputs, counts) = bench.happen(event);
+            for _ in 0..outputs.max(1) {
+                bench.rig.count += i64::from(counts);
+                let force = bench.rig.output().grant.force().unwrap_or_default();
+                assert!(force.bits() <= push, "{force:?} into the wall, pushed with {push}");
+            }
+        }
+    }
+
     /// The force of a wall is that of its spring and damper in SI units, within a few parts in 10^9, and what the page
     /// says at the surface, beyond full scale and where it would pull.
     spring_and_damper(1500, (design, k, b, push_only, depth, speed, push, surface) in (
@@ -254,5 +344,55 @@ crate::properties! {
         let opposite = Force::saturating_from_bits(-drive.force.bits());
         let zero = i64::from(control.actuator.zero().code());
         assert_eq!(code_of(opposite) - zero, zero - code_of(drive.force));
+    }
+
+    /// Retuned at any time the estimator starts anew before the new tuning runs: the velocity jumps by no more than
+    /// docs/estimators.md states for a restart.
+    restarts_first(150, (design, names, pieces, at, seed) in (
+        design(),
+        prop::collection::vec((any::estimator(), any::parts()), 2..6),
+        prop_oneof![any::motion(2000.0), any::motion(3.0)],
+        prop::collection::vec(1u16..300, 1..6),
+        any::<u64>(),
+    )) {
+        let mut tuned = names.into_iter().filter_map(|(name, parts)| any::tuned(name, parts, &design));
+        let Some(first) = tuned.next() else { return Ok(()) };
+        let loop_of = |velocity| control(&design, velocity, NO_WALL).unwrap();
+        let duty = DutySettings { continuous_force_n: design.full_scale_n, time_constant_s: 30.0 };
+        let Ok(duty) = duty.build(&design, 1) else { return Ok(()) };
+        let mut orders = Orders::new(wide(&design).build(&design).unwrap(), duty, loop_of(first));
+        let mut random = Random(seed);
+        let counts: Vec<i64> = any::counts(&pieces);
+        let mut waits = at.into_iter();
+        let mut wait = waits.next();
+        let (mut order, mut asked) = (None::<LoopParameters>, None);
+        let (mut velocity, mut last) = (0.0, 0);
+        // the motion there and back, so that it goes on while the settings change
+        for count in counts.iter().chain(counts.iter().rev()) {
+            let senses = zwidth::velocity::Senses { edge: None, ..random.senses() };
+            let before = *orders.control();
+            let report = orders.sample(*count, &senses, &mut order);
+            let now = f64::from(report.motion.velocity.bits()) / LSB;
+            if let Some(next) = asked
+                && *loop_of(next).estimator == *before.estimator
+            {
+                asked = None;
+                // with the force off none is known
+                let known = zwidth::velocity::Senses { force: Force::ZERO, ..senses };
+                let says = stated(&next, &design).jump(velocity, (count - last) as f64, &known);
+                let jump = (now - velocity).abs();
+                assert!(jump <= says + 2.0 / LSB, "{next:?}: {jump} for {says}, from {velocity}");
+            }
+            (velocity, last) = (now, *count);
+            wait = wait.map(|wait| wait - 1);
+            if wait == Some(0) {
+                // two of them may be one and the same in integers: then it goes on
+                let running = &before.estimator;
+                if let Some(next) = tuned.next().filter(|next| *loop_of(*next).estimator != **running) {
+                    (order, asked) = (Some(loop_of(next)), Some(next));
+                }
+                wait = waits.next();
+            }
+        }
     }
 }

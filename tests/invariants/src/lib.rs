@@ -16,6 +16,7 @@
 
 mod any;
 pub mod campaign;
+mod orders;
 mod property;
 mod rig;
 mod stated;
@@ -24,12 +25,14 @@ properties_of! {
     black_box,
     calibration,
     counter,
+    duty,
     envelope,
     estimators,
     force,
     frames,
     guard,
     hit,
+    limits,
     parser,
     return_move,
     ring,

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use zwidth::{
     Design,
     experiment::{Return, ReturnPlan, ReturnSettings, ReturnStep},
-    units::Position,
+    units::{Force, Position},
 };
 
 use crate::any::{self, Random};
@@ -123,6 +123,62 @@ crate::properties! {
                 ReturnStep::TooLong => {
                     assert!(n + 2 >= back.outputs_max());
                     break;
+                }
+            }
+        }
+    }
+
+    /// Every return that is accepted begins: a handle that stands away from the start is pushed towards it soon, and
+    /// only towards it.
+    begins(300, (back, away, side) in (accepted(), 0.0..1.0f64, any::<bool>())) {
+        // beyond the tolerance, and within the range of positions
+        let far = back.tolerance() * 2.0 + away * 1e6 + 10.0;
+        let place = if side { back.start() + far as i64 } else { back.start() - far as i64 };
+        if place.abs() > 1 << 30 {
+            return Ok(());
+        }
+        let mut run = Return::new(back.plan);
+        let towards = if side { -1 } else { 1 };
+        // time in which the reference goes a thousand counts, or the whole way
+        let speed = back.settings.speed_m_per_s * back.output_s() / back.design.resolution_m;
+        let soon = (far.min(1000.0) / speed).ceil() as u32 + 10;
+        let lsb = f64::from(1 << 30) / back.design.full_scale_n * back.design.resolution_m;
+        if back.settings.stiffness_n_per_m * lsb < 1.0 {
+            return Ok(()); // a thousand counts are hardly an LSB of force
+        }
+        let mut pushed = false;
+        for _ in 0..soon.min(back.outputs_max()).min(100_000) {
+            let ReturnStep::Push(force) = run.output(at(place), false) else { break };
+            assert!(force.bits() * towards >= 0, "{force:?} away from the start");
+            pushed |= force != Force::ZERO;
+        }
+        assert!(pushed || soon >= back.outputs_max() || soon >= 100_000);
+    }
+
+    /// A handle that a hand brings towards the start, at any speed, and then holds there is never pushed away from it.
+    never_away(300, (back, way, goes) in (
+        accepted(),
+        (0.0..1.0f64, any::<bool>()),
+        prop::collection::vec((any::part(), 0u16..200, 8u16..60), 1..5),
+    )) {
+        let far = way.0 * 0.2 / back.design.resolution_m + 10.0;
+        if far + back.start().abs() as f64 > f64::from(1 << 30) {
+            return Ok(());
+        }
+        let side = if way.1 { 1 } else { -1 };
+        let mut run = Return::new(back.plan);
+        let mut distance = far as i64;
+        for (speed, moving, holding) in goes {
+            let step = any::between(1e-3, 1.0, speed) * back.output_s() / back.design.resolution_m;
+            for n in 0..moving + holding {
+                if n < moving {
+                    distance = (distance - step.ceil() as i64).max(0);
+                }
+                let place = back.start() + side * distance;
+                let ReturnStep::Push(force) = run.output(at(place), false) else { return Ok(()) };
+                // it has stood for the eight outputs over which its speed is measured
+                if n >= moving + 9 || moving == 0 {
+                    assert!(i64::from(force.bits()) * side <= 0, "{force:?} at {distance} counts from the start");
                 }
             }
         }

@@ -123,11 +123,10 @@ impl Rig {
         result
     }
 
-    /// Exchanges the settings after an output, if they may be, in the order of the scheduler.
+    /// Exchanges the settings after an output, if they may be.
     pub fn change(&mut self, control: LoopParameters) -> Result<(), Refusal> {
-        let control = control.after(&self.control);
         self.supervisor.may_change(&self.control, &control)?;
-        self.control = control;
+        self.control = control.after(&self.control);
         Ok(())
     }
 

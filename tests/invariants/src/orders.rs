@@ -1,0 +1,103 @@
+//! Scheduler and sampling task, force off: settings go down as orders, in the order in which the firmware sends them.
+
+use zwidth::{
+    CounterWidth, LoopParameters,
+    experiment::{DutyPlan, Gains, Order, Sampling, Scheduler},
+    safety::{
+        BlackBox, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand, SafetyPlan,
+        SampleReport, Sensed, Supervisor,
+    },
+    store::Signs,
+    units::Position,
+    velocity::Senses,
+};
+
+/// What reached the sampling task.
+#[derive(Clone, Debug)]
+pub struct ToSample {
+    /// The newest.
+    pub control: LoopParameters,
+    /// The newest.
+    pub down: GuardCommand,
+}
+
+impl Sampling for ToSample {
+    fn set_parameters(&mut self, parameters: LoopParameters) {
+        self.control = parameters;
+    }
+
+    fn command(&mut self, command: GuardCommand) {
+        self.down = command;
+    }
+
+    fn turn_encoder(&mut self, _: bool) {}
+}
+
+/// The scheduler with the sampling task.
+pub struct Orders {
+    scheduler: Scheduler<4>,
+    to_sample: ToSample,
+    sampler: GuardedSampler,
+    guard: Guard,
+    view: GuardView,
+}
+
+impl Orders {
+    /// Nothing going on.
+    pub fn new(plan: SafetyPlan, duty: DutyPlan, control: LoopParameters) -> Self {
+        let supervisor = Supervisor::new(plan, None);
+        let scheduler =
+            Scheduler::new(supervisor, control, Signs::default(), duty, BlackBox::new(1));
+        Self {
+            scheduler,
+            to_sample: ToSample { control, down: GuardCommand::start(&plan) },
+            sampler: GuardedSampler::new(0, CounterWidth::Bits32),
+            guard: Guard::NOTHING,
+            view: GuardView::NOTHING,
+        }
+    }
+
+    /// One sample, and what the output task does with it: an output, then an order that is there.
+    pub fn sample(
+        &mut self,
+        count: i64,
+        senses: &Senses,
+        order: &mut Option<LoopParameters>,
+    ) -> SampleReport {
+        let ToSample { control, down } = &self.to_sample;
+        let step = self.sampler.step(control, count as u32, senses, down, &mut self.guard);
+        let number = step.report.motion.number();
+        if step.told {
+            self.view.take(self.guard, number);
+        }
+        if step.due {
+            let guard = self.view.at(number);
+            let sensed = Sensed {
+                switched_on: false,
+                halted: false,
+                was_stopped: false,
+                stop_closed: true,
+                supply_good: true,
+                enabled: false,
+            };
+            let rendered = self.scheduler.output(&step.report, &guard, sensed);
+            assert_eq!(rendered.grant, OutputCommand::Off);
+            self.to_sample.command(self.scheduler.command());
+            let position: Position = step.report.motion.position;
+            let record = self.scheduler.follow(&rendered, position, std::iter::empty());
+            if self.scheduler.is_ready()
+                && let Some(control) = order.take()
+            {
+                self.scheduler
+                    .meet(Order::LoopParameters(control, Gains::Inside), &mut self.to_sample);
+            }
+            self.scheduler.report(record);
+        }
+        step.report
+    }
+
+    /// What the sampling task takes with the next sample.
+    pub fn control(&self) -> &LoopParameters {
+        &self.to_sample.control
+    }
+}
