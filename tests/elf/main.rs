@@ -69,4 +69,5 @@ mod identify_telemetry;
 mod mailbox;
 mod panics;
 mod period;
+mod snapshots;
 mod walk;

@@ -16,8 +16,9 @@ pub struct Amplifier {
     state: Mutex<State>,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct State {
+/// What the inputs are, and what they added up to so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct State {
     enabled: bool,
     /// Command in units, if enabled.
     command: i64,
@@ -65,6 +66,14 @@ impl Amplifier {
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn saved(&self) -> State {
+        *self.state()
+    }
+
+    pub(crate) fn restore(&self, from: State) {
+        *self.state() = from;
     }
 
     fn full_scale(&self) -> f64 {

@@ -5,7 +5,12 @@ use defmt_decoder::{DecodeError, StreamDecoder, Table};
 /// Decodes the defmt stream of one ELF.
 pub struct Decoder<'a> {
     stream: Box<dyn StreamDecoder + Send + Sync + 'a>,
+    /// The beginning of a frame. The stream has whole ones only, and so nothing to remember.
+    pub(crate) begun: Vec<u8>,
 }
+
+/// What ends a frame: the log is encoded by reverse zero-compressing COBS.
+const FRAME_END: u8 = 0;
 
 /// The stream does not fit the ELF.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +29,7 @@ pub fn table(elf: &[u8]) -> Result<Table, String> {
 impl<'a> Decoder<'a> {
     /// A decoder at the start of a stream.
     pub fn new(table: &'a Table) -> Self {
-        Self { stream: table.new_stream_decoder() }
+        Self { stream: table.new_stream_decoder(), begun: Vec::new() }
     }
 
     /// Takes bytes in and returns the lines that are complete.
@@ -32,8 +37,13 @@ impl<'a> Decoder<'a> {
     /// # Errors
     /// A frame is malformed.
     pub fn feed(&mut self, bytes: &[u8]) -> Result<Vec<String>, Malformed> {
-        self.stream.received(bytes);
         let mut lines = Vec::new();
+        self.begun.extend_from_slice(bytes);
+        let Some(end) = self.begun.iter().rposition(|byte| *byte == FRAME_END) else {
+            return Ok(lines);
+        };
+        self.stream.received(&self.begun[..=end]);
+        self.begun.drain(..=end);
         loop {
             match self.stream.decode() {
                 Ok(frame) => lines.push(frame.display_message().to_string()),

@@ -14,10 +14,11 @@ use host_sim::{
 };
 
 use crate::{
+    amplifier,
     board::{Board, Powered},
     elf::Elf,
     log,
-    mcu::{AfterHalt, Stopped},
+    mcu::{self, AfterHalt, Stopped},
 };
 
 /// Steps of the plant per sample.
@@ -42,8 +43,9 @@ pub struct World<'a> {
     step_s: f64,
     /// What A and B stand for between two counts, if their edges come at their own times.
     shown: Option<f64>,
-    /// Samples since it was switched on.
+    /// Samples since it was switched on, and steps of the present one.
     samples: u64,
+    stepped: u64,
     full_scale_n: f64,
     /// The handle is held where it is, or led at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
@@ -61,6 +63,26 @@ pub struct World<'a> {
     pub replies: String,
     /// Telemetry since it was last taken.
     pub telemetry: Vec<u8>,
+}
+
+/// A board in the world at one moment: chip, amplifier, handle, what is on its way to the host.
+#[derive(Clone)]
+pub struct Snapshot {
+    /// The chip.
+    pub mcu: mcu::Snapshot,
+    amplifier: amplifier::State,
+    state: AnyState,
+    shown: Option<f64>,
+    samples: [u64; 2],
+    held: Option<f64>,
+    led_m_per_s: f64,
+    motor_reversed: bool,
+    swapped_at: Option<i32>,
+    log: Vec<u8>,
+    moved_to: u64,
+    lines: Vec<String>,
+    replies: String,
+    telemetry: Vec<u8>,
 }
 
 /// Why a run ended.
@@ -145,6 +167,7 @@ impl<'a> World<'a> {
             step_s,
             shown: None,
             samples: 0,
+            stepped: 0,
             full_scale_n: scene.full_scale_n(),
             held: Some(start_m),
             led_m_per_s: 0.0,
@@ -156,6 +179,44 @@ impl<'a> World<'a> {
             replies: String::new(),
             telemetry: Vec::new(),
         })
+    }
+
+    /// Everything as it is now.
+    pub fn snapshot(&mut self) -> Snapshot {
+        Snapshot {
+            mcu: self.powered.mcu.snapshot(),
+            amplifier: self.powered.amplifier.saved(),
+            state: self.state,
+            shown: self.shown,
+            samples: [self.samples, self.stepped],
+            held: self.held,
+            led_m_per_s: self.led_m_per_s,
+            motor_reversed: self.motor_reversed,
+            swapped_at: self.swapped_at,
+            log: self.log.begun.clone(),
+            moved_to: self.moved_to,
+            lines: self.lines.clone(),
+            replies: self.replies.clone(),
+            telemetry: self.telemetry.clone(),
+        }
+    }
+
+    /// Everything as it was then, in this world or in another one of the same board, program and scene.
+    pub fn restore(&mut self, from: &Snapshot) {
+        self.powered.mcu.restore(&from.mcu);
+        self.powered.amplifier.restore(from.amplifier);
+        self.state = from.state;
+        self.shown = from.shown;
+        [self.samples, self.stepped] = from.samples;
+        self.held = from.held;
+        self.led_m_per_s = from.led_m_per_s;
+        self.motor_reversed = from.motor_reversed;
+        self.swapped_at = from.swapped_at;
+        self.log.begun.clone_from(&from.log);
+        self.moved_to = from.moved_to;
+        self.lines.clone_from(&from.lines);
+        self.replies.clone_from(&from.replies);
+        self.telemetry.clone_from(&from.telemetry);
     }
 
     /// Holds the handle at `position_m`, or lets it go from there at rest.
@@ -188,44 +249,70 @@ impl<'a> World<'a> {
         self.powered.mcu.reset();
     }
 
+    /// The supply goes and comes back; the switches and the handle stay as they are.
+    pub fn power_cycle(&mut self) {
+        self.powered.mcu.settle();
+        self.powered.mcu.power_cycle();
+        self.log.begun.clear();
+    }
+
     /// Position of the handle, m.
     pub fn position_m(&self) -> f64 {
         self.plant.position_m(&self.state)
     }
 
-    /// One sample, from [`LEAD_S`] before one sampling event to the same before the next.
+    /// One sample, from [`LEAD_S`] before one sampling event to the same before the next; or the rest of it.
     ///
     /// # Errors
     /// The program ended, or its log makes no sense.
     pub fn sample(&mut self) -> Result<(), Ended> {
-        let board = self.powered.board;
-        let per_sample = board.cycles_per_sample();
-        for _ in 0..self.steps {
-            let from = self.moved_to;
-            let to = from + per_sample / self.steps;
-            self.powered.mcu.run_until(to)?;
-            self.powered.mcu.settle();
-            let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
-            let force_n = if self.motor_reversed { -force_n } else { force_n };
-            match &mut self.held {
-                None => self.state = self.plant.advance(&self.state, force_n),
-                Some(place_m) if self.led_m_per_s != 0.0 => {
-                    *place_m += self.led_m_per_s * self.step_s;
-                    self.state = self.plant.at_rest(*place_m);
-                }
-                Some(_) => {}
-            }
-            if let Some(before) = self.shown {
-                self.show_edges(before, to, to - from);
-            } else {
-                let count = self.shown_count();
-                self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
-            }
-            self.moved_to = to;
+        while !self.step()? {}
+        Ok(())
+    }
+
+    /// Everything up to that cycle, or a few beyond it: instructions are whole.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn run_to(&mut self, cycle: u64) -> Result<(), Ended> {
+        let step = self.powered.board.cycles_per_sample() / self.steps;
+        while self.moved_to + step <= cycle {
+            self.step()?;
         }
+        Ok(self.powered.mcu.run_until(cycle)?)
+    }
+
+    /// One step of the plant; whether it was the last one of a sample.
+    fn step(&mut self) -> Result<bool, Ended> {
+        let from = self.moved_to;
+        let to = from + self.powered.board.cycles_per_sample() / self.steps;
+        self.powered.mcu.run_until(to)?;
+        self.powered.mcu.settle();
+        let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
+        let force_n = if self.motor_reversed { -force_n } else { force_n };
+        match &mut self.held {
+            None => self.state = self.plant.advance(&self.state, force_n),
+            Some(place_m) if self.led_m_per_s != 0.0 => {
+                *place_m += self.led_m_per_s * self.step_s;
+                self.state = self.plant.at_rest(*place_m);
+            }
+            Some(_) => {}
+        }
+        if let Some(before) = self.shown {
+            self.show_edges(before, to, to - from);
+        } else {
+            let count = self.shown_count();
+            self.powered.mcu.encoder_to(count, to, EDGE_CYCLES);
+        }
+        self.moved_to = to;
+        self.stepped += 1;
+        if self.stepped < self.steps {
+            return Ok(false);
+        }
+        self.stepped = 0;
         self.samples += 1;
         self.align();
-        Ok(())
+        Ok(true)
     }
 
     /// Swaps the encoder's channels, so that from here on it counts the other way round, or puts

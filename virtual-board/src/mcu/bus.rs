@@ -49,7 +49,20 @@ impl Clock {
         }
         touched
     }
+
+    pub(super) fn state(&self) -> ClockState {
+        (self.now(), self.edge(), self.touched.load(Relaxed))
+    }
+
+    pub(super) fn restore(&self, &(now, edge, touched): &ClockState) {
+        self.now.store(now, Relaxed);
+        self.edge.store(edge, Relaxed);
+        self.touched.store(touched, Relaxed);
+    }
 }
+
+/// What a [`Clock`] holds.
+pub(super) type ClockState = (u64, u64, bool);
 
 /// What a bus master's access passes through before it reaches a device's registers.
 pub(super) trait Port: Send + Sync + fmt::Debug {
@@ -74,7 +87,7 @@ pub(super) struct Lazy {
     /// Core cycles per tick.
     divider: u64,
     /// Core cycles for which it stood still while the core was halted.
-    stood: Arc<AtomicU64>,
+    pub(super) stood: Arc<AtomicU64>,
 }
 
 impl fmt::Debug for Lazy {
@@ -208,6 +221,17 @@ impl Port for Plain {
     }
 }
 
+/// The same, and counts the accesses.
+#[derive(Debug)]
+pub(super) struct Counted(pub(super) Lazy, pub(super) Arc<AtomicU64>);
+
+impl Port for Counted {
+    fn before(&self) {
+        self.1.fetch_add(1, Relaxed);
+        self.0.advance_to(self.0.clock.now());
+    }
+}
+
 /// A block without a model: its registers store what is written.
 #[derive(Debug)]
 pub(super) struct Storage {
@@ -235,6 +259,16 @@ impl Storage {
 
     pub(super) fn set(&self, offset: u64, value: u32) {
         self.word(offset).store(value, Relaxed);
+    }
+
+    pub(super) fn words(&self) -> Vec<u32> {
+        self.words.iter().map(|word| word.load(Relaxed)).collect()
+    }
+
+    pub(super) fn restore(&self, words: &[u32]) {
+        for (to, from) in self.words.iter().zip(words) {
+            to.store(*from, Relaxed);
+        }
     }
 }
 

@@ -52,7 +52,7 @@ pub struct EdgeNotes {
     pub captured_at: Vec<[Option<u64>; 2]>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Edges {
     waiting: VecDeque<(u64, i32)>,
     /// What A and B stand for, and what they will.
@@ -60,6 +60,17 @@ struct Edges {
     last: i32,
     /// Channels that do not move.
     dead: [bool; 2],
+    /// Levels of A and B.
+    levels: [bool; 2],
+}
+
+/// All that an [`EncoderInput`] remembers, but for its timers.
+#[derive(Clone, Debug)]
+pub(super) struct EncoderState {
+    edges: Edges,
+    read_at: u64,
+    readings: Vec<u32>,
+    notes: Option<EdgeNotes>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -97,8 +108,9 @@ impl EncoderInput {
 
     /// Shows `count` at once: the place that the firmware's counter starts from.
     pub(super) fn start_at(&self, count: i32) {
-        *lock(&self.state) = Edges { shown: count, last: count, ..Edges::default() };
-        self.show(count, [false; 2]);
+        let mut edges = lock(&self.state);
+        *edges = Edges { shown: count, last: count, ..Edges::default() };
+        self.show(&mut edges);
     }
 
     /// Delivers the edges that are due by `now`.
@@ -111,7 +123,7 @@ impl EncoderInput {
             edges.waiting.pop_front();
             edges.shown = count;
             self.advance_to(at);
-            self.show(count, edges.dead);
+            self.show(&mut edges);
             self.note(|notes| notes.edges.push((at, count)));
         }
         self.advance_to(now);
@@ -124,22 +136,26 @@ impl EncoderInput {
 
     /// Shows what `before`, that of the chip before a reset, showed: the reset moves no handle.
     pub(super) fn go_on_from(&self, before: &Self) {
-        let edges = std::mem::take(&mut *lock(&before.state));
-        let (shown, dead) = (edges.shown, edges.dead);
-        *lock(&self.state) = edges;
-        self.show(shown, dead);
+        let mut edges = lock(&self.state);
+        *edges = std::mem::take(&mut *lock(&before.state));
+        self.show(&mut edges);
     }
 
     /// A channel stays as it is, or is shown again.
     pub(super) fn kill(&self, channel: usize, dead: bool) {
         let mut edges = lock(&self.state);
         edges.dead[channel & 1] = dead;
-        self.show(edges.shown, edges.dead);
+        self.show(&mut edges);
     }
 
     /// What was read from the counter.
     pub(super) fn readings(&self) -> Vec<u32> {
         lock(&self.readings).clone()
+    }
+
+    /// The same, and forgets it.
+    pub(super) fn take_readings(&self) -> Vec<u32> {
+        std::mem::take(&mut *lock(&self.readings))
     }
 
     /// Takes notes from now on, and returns those so far.
@@ -154,15 +170,41 @@ impl EncoderInput {
     }
 
     /// Gray code: A leads B while the count rises.
-    fn show(&self, count: i32, dead: [bool; 2]) {
+    fn show(&self, edges: &mut Edges) {
+        let count = edges.shown;
         let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
-        for inputs in &self.inputs {
-            for (((id, pin), level), dead) in inputs.iter().zip(levels).zip(dead) {
-                if !dead {
-                    pin.sink.set_level(*id, pin.line, Level::from_bool(level == 1));
-                }
+        for (channel, level) in levels.into_iter().enumerate() {
+            if !edges.dead[channel] {
+                edges.levels[channel] = level == 1;
             }
         }
+        self.drive(edges);
+    }
+
+    fn drive(&self, edges: &Edges) {
+        for inputs in &self.inputs {
+            for ((id, pin), level) in inputs.iter().zip(edges.levels) {
+                pin.sink.set_level(*id, pin.line, Level::from_bool(level));
+            }
+        }
+    }
+
+    pub(super) fn state(&self) -> EncoderState {
+        EncoderState {
+            edges: lock(&self.state).clone(),
+            read_at: self.read_at.load(Relaxed),
+            readings: self.readings(),
+            notes: lock(&self.notes).clone(),
+        }
+    }
+
+    /// The timers are put back after it: they see the levels here.
+    pub(super) fn restore(&self, from: &EncoderState) {
+        self.drive(&from.edges);
+        lock(&self.state).clone_from(&from.edges);
+        self.read_at.store(from.read_at, Relaxed);
+        lock(&self.readings).clone_from(&from.readings);
+        lock(&self.notes).clone_from(&from.notes);
     }
 }
 

@@ -9,11 +9,15 @@
 mod bus;
 mod encoder;
 mod inject;
+mod snapshot;
 mod soc;
 mod supply;
 mod watch;
 
-use std::sync::{Arc, atomic::Ordering::Relaxed};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, atomic::Ordering::Relaxed},
+};
 
 use rsemu::{
     core::space::RamStore,
@@ -22,10 +26,11 @@ use rsemu::{
 
 use self::{
     bus::Clock,
-    soc::{BDTR, MAIN_OUTPUT_ENABLE, Memories, Soc},
+    soc::{BDTR, MAIN_OUTPUT_ENABLE, Memories, Soc, WIRED},
     watch::Step,
 };
 pub use encoder::EdgeNotes;
+pub use snapshot::Snapshot;
 pub use watch::{Cycles, LINK, RENDER, SAMPLE, Watch};
 
 const RAM: u32 = 0x2000_0000;
@@ -52,7 +57,7 @@ pub struct Chip {
 pub const SUPPLY_MV: u32 = 3300;
 
 /// A pin of the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pin {
     /// 'A' to 'E'.
     pub port: char,
@@ -108,6 +113,9 @@ pub enum Stopped {
     LockedUp(u32),
 }
 
+/// What drives the pins from outside: the level, and that of the alternate function if it is driven too.
+type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
+
 /// A microcontroller with a program, running.
 pub struct Mcu {
     chip: Chip,
@@ -134,6 +142,9 @@ pub struct Mcu {
     /// Program counters at which hard faults came.
     hard_faults: Vec<u32>,
     watch: Watch,
+    outside: Outside,
+    /// Flash as it was last saved, and how often its registers had been touched then.
+    flash_saved: Option<(Arc<Vec<u8>>, u64)>,
 }
 
 impl Mcu {
@@ -172,6 +183,8 @@ impl Mcu {
             commanded_at: 0,
             hard_faults: Vec::new(),
             watch: Watch::new(),
+            outside: Outside::new(),
+            flash_saved: None,
         }
     }
 
@@ -208,6 +221,9 @@ impl Mcu {
         for device in &self.soc.others {
             device.advance_to(self.now);
         }
+        if self.soc.flash_registers.next_event() <= self.now {
+            self.soc.flash_registers.advance_to(self.now);
+        }
         let before = self.soc.cpu.irq_asserted(PACE_IRQ);
         let line = self.soc.pace_line.get();
         if line && !before && due <= self.now {
@@ -221,6 +237,7 @@ impl Mcu {
             .soc
             .others
             .iter()
+            .chain([&self.soc.flash_registers])
             .map(bus::Lazy::next_event)
             .fold(self.soc.pace.next_event(), u64::min);
         self.next = self.next.max(self.now + 1);
@@ -280,6 +297,14 @@ impl Mcu {
         self.restart("pinrst");
     }
 
+    /// The supply goes and comes back: of the memories only flash is kept.
+    pub fn power_cycle(&mut self) {
+        for memory in [&self.memories.ram, &self.memories.backup] {
+            memory.fill(0, memory.len(), 0).expect(WIRED);
+        }
+        self.restart("porrst");
+    }
+
     /// A reset: everything but the memories and what is outside the chip starts anew.
     fn restart(&mut self, cause: &str) {
         self.memories.flash = self.soc.flash.contents();
@@ -289,6 +314,8 @@ impl Mcu {
         let encoder = Arc::clone(&self.soc.encoder);
         self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners, supply_mv);
         self.soc.encoder.go_on_from(&encoder);
+        self.flash_saved = None;
+        self.drive_pins();
         self.soc.set_break(open);
         self.soc.note_reset(cause);
         self.registers = self.soc.cpu.regs();
@@ -351,15 +378,26 @@ impl Mcu {
 
     /// Drives `pin` from outside.
     pub fn set_pin(&mut self, pin: Pin, high: bool) {
+        self.outside.insert(pin, (high, None));
         self.soc.set_pin(pin, high);
+    }
+
+    /// Drives the pins from outside that were driven: a reset moves no switch.
+    fn drive_pins(&self) {
+        for (pin, (high, alternate)) in &self.outside {
+            self.soc.set_pin(*pin, *high);
+            if let Some(high) = alternate {
+                self.soc.set_alternate(*pin, *high);
+            }
+        }
     }
 
     /// Drives TIM1's break input, which is active high, and the pin that it is on.
     pub fn set_break(&mut self, pin: Pin, open: bool) {
         self.clock.set(self.now);
         // The emulator's port reads an alternate-function pin as what drives it from inside.
-        self.soc.set_pin(pin, open);
-        self.soc.set_alternate(pin, open);
+        self.outside.insert(pin, (open, Some(open)));
+        self.drive_pins();
         self.soc.set_break(open);
     }
 
@@ -383,6 +421,11 @@ impl Mcu {
     /// Every value that the program has read from the encoder's counter since the last reset.
     pub fn counter_readings(&self) -> Vec<u32> {
         self.soc.encoder.readings()
+    }
+
+    /// The same since they were last taken.
+    pub fn take_counter_readings(&mut self) -> Vec<u32> {
+        self.soc.encoder.take_readings()
     }
 
     /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are

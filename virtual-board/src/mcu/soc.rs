@@ -9,7 +9,7 @@ use rsemu::{
     core::{
         device::Device,
         props::Props,
-        space::{AddressSpace, RamStore, Region, RegionRef},
+        space::{AddressSpace, DispatchPolicy, RamStore, Region, RegionRef},
         wire::{Level, WireBuilder, WireId, WireIdAllocator, WireSink, WireSource},
     },
     cpu::arm::v7m::{ArmV7m, Config},
@@ -17,8 +17,8 @@ use rsemu::{
 };
 
 use super::{
-    Chip, Listeners, Pin, PinListener,
-    bus::{Clock, Dac, Lazy, Plain, Port, Registers, Storage},
+    Chip, Listeners, Pin, PinListener, RAM, RAM_BYTES,
+    bus::{Clock, Counted, Dac, Lazy, Plain, Port, Registers, Storage},
     encoder::{CapturePort, CounterPort, EncoderInput},
     supply::{PowerPort, Supply},
 };
@@ -41,8 +41,12 @@ pub(super) struct Soc {
     pub(super) pwm: Lazy,
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) flash: Arc<Flash>,
+    /// Its registers, and how often they were accessed.
+    pub(super) flash_registers: Lazy,
+    pub(super) flash_touched: Arc<AtomicU64>,
     rcc: Lazy,
     pub(super) others: Vec<Lazy>,
+    exti: Lazy,
     pub(super) pace_line: Arc<Flag>,
     /// The supply detector's interrupt.
     pub(super) supply_line: Arc<Flag>,
@@ -270,7 +274,10 @@ impl Soc {
         supply.connect(id, exti.sink("line16", &[id]).expect(WIRED));
         let exti = lazy(exti, 1);
         let dbgmcu = Storage::new();
-        let space = AddressSpace::new("cpu", 32);
+        // Flash and RAM are found in a table, which halves the time of an access; the rest by a search.
+        let cover = u64::from(RAM + RAM_BYTES);
+        let table = DispatchPolicy::Dense { page_bits: 16, cover };
+        let space = AddressSpace::new("cpu", 32).with_dispatch(table);
         let map = |region: Region, address: u64| {
             space.topology().map(region, address).expect("addresses do not overlap");
         };
@@ -322,7 +329,9 @@ impl Soc {
             map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
         }
         map(Registers::region(&rcc, Plain(rcc.clone())), 0x4002_3800);
-        map(Registers::region(&flash_registers, Plain(flash_registers.clone())), 0x4002_3C00);
+        let flash_touched = Arc::new(AtomicU64::new(0));
+        let port = Counted(flash_registers.clone(), Arc::clone(&flash_touched));
+        map(Registers::region(&flash_registers, port), 0x4002_3C00);
         map(dbgmcu.region(), 0xE004_2000);
 
         // The chips have 4 priority bits, the emulator's default is 3.
@@ -337,7 +346,10 @@ impl Soc {
             encoder,
             flash,
             rcc: rcc.clone(),
-            others: vec![rcc, pwr, flash_registers, watchdog.clone()],
+            flash_registers,
+            flash_touched,
+            others: vec![rcc, pwr, watchdog.clone()],
+            exti,
             halt_timer,
             watchdog,
             pace_line,
@@ -381,6 +393,29 @@ impl Soc {
             }
         }
         apb2 & 1 != 0
+    }
+
+    /// What gates clocks, and the watchdog.
+    pub(super) fn rcc_and_power(&self) -> impl Iterator<Item = &dyn Device> {
+        self.others.iter().chain([&self.exti]).map(|lazy| &*lazy.device)
+    }
+
+    pub(super) fn timers(&self) -> impl Iterator<Item = &Lazy> {
+        let encoder = &self.encoder;
+        let last = &self.watchdog;
+        [&self.pwm, &self.pace, &encoder.counter, &encoder.capture, &self.halt_timer, last]
+            .into_iter()
+    }
+
+    pub(super) fn ports(&self) -> impl Iterator<Item = &dyn Device> {
+        self.gpio.iter().map(|port| &**port as &dyn Device)
+    }
+
+    /// Interrupt lines, the watchdog's reset, the stop, the break flag.
+    pub(super) fn flags(&self) -> [&AtomicBool; 5] {
+        let [pace, supply, bites] =
+            [&self.pace_line, &self.supply_line, &self.watchdog_bites].map(|flag| &flag.0);
+        [pace, supply, bites, &self.stop, &self.broken]
     }
 
     pub(super) fn set_pin(&self, pin: Pin, high: bool) {

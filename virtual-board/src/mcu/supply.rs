@@ -67,6 +67,10 @@ impl Supply {
         let [rising, falling] = LEVELS_MV[level];
         let limit = if self.low.load(Relaxed) == 0 { falling } else { rising };
         self.low.store(if self.mv() <= limit { PVDO } else { 0 }, Relaxed);
+        self.tell();
+    }
+
+    fn tell(&self) {
         if let Some((id, pin)) = self.line.get() {
             pin.sink.set_level(*id, pin.line, Level::from_bool(self.output() != 0));
         }
@@ -76,6 +80,18 @@ impl Supply {
     fn output(&self) -> u32 {
         let enabled = self.control.load(Relaxed) & PVDE != 0;
         if enabled { self.low.load(Relaxed) } else { 0 }
+    }
+
+    pub(super) fn state(&self) -> [u32; 3] {
+        [&self.mv, &self.control, &self.low].map(|word| word.load(Relaxed))
+    }
+
+    /// What watches its output is put back after it.
+    pub(super) fn restore(&self, from: [u32; 3]) {
+        for (to, from) in [&self.mv, &self.control, &self.low].into_iter().zip(from) {
+            to.store(from, Relaxed);
+        }
+        self.tell();
     }
 
     /// Wires its output.

@@ -1,0 +1,197 @@
+//! The whole state of the chip, saved and put back.
+//!
+//! The emulator's devices save their registers; what they leave out, because another device drives it, is driven
+//! again: pins, the encoder's levels, the supply. What is the chip's own here (memories, time, queues of edges, what
+//! was watched) is copied. Flash is shared by all snapshots between which nothing touched its registers.
+
+use std::sync::{Arc, atomic::Ordering::Relaxed};
+
+use rsemu::{
+    core::{
+        device::Device,
+        space::RamStore,
+        state::{ChunkReader, MachineShape, StateReader, StateWriter},
+    },
+    cpu::arm::v7m::Regs,
+};
+
+use super::{
+    Mcu, Outside, Watch,
+    bus::ClockState,
+    encoder::EncoderState,
+    soc::{Soc, WIRED},
+};
+
+/// What a chip is, at one cycle.
+#[derive(Clone)]
+pub struct Snapshot {
+    devices: Vec<u8>,
+    flash: Arc<Vec<u8>>,
+    ram: Vec<u8>,
+    backup: Vec<u8>,
+    clock: ClockState,
+    encoder: EncoderState,
+    /// Cycles for which each timer has stood still.
+    stood: Vec<u64>,
+    /// The blocks without a model: DBGMCU, DAC.
+    stored: [Vec<u32>; 2],
+    /// Interrupt lines, the watchdog's reset, the stop, the break flag.
+    flags: [bool; 5],
+    supply: [u32; 3],
+    written_at: u64,
+    outside: Outside,
+    registers: Regs,
+    stands: bool,
+    times: [u64; 7],
+    event: (u64, bool),
+    hard_faults: Vec<u32>,
+    watch: Watch,
+}
+
+impl Snapshot {
+    /// The registers, memories and devices of the chip, to be compared.
+    pub fn bytes(&self) -> impl Iterator<Item = u8> + '_ {
+        [&self.devices, &*self.flash, &self.ram, &self.backup].into_iter().flatten().copied()
+    }
+}
+
+/// A device's name among the saved ones: they are kept in the order of their names.
+fn name(index: usize) -> String {
+    format!("{index:02}")
+}
+
+/// A device saved.
+fn save<'a>(devices: impl Iterator<Item = &'a dyn Device>) -> Vec<u8> {
+    let mut writer = StateWriter::new(MachineShape::new());
+    for (index, device) in devices.enumerate() {
+        let mut chunk = writer.chunk(&name(index), "device", 0).expect(WIRED);
+        device.save(&mut chunk).expect(WIRED);
+    }
+    writer.to_vec().expect(WIRED)
+}
+
+/// Devices put back in their order.
+fn load<'a>(devices: impl Iterator<Item = &'a dyn Device>, bytes: &[u8]) {
+    let reader = StateReader::new(bytes).expect(WIRED);
+    for (index, device) in devices.enumerate() {
+        let (_, _, chunk) = reader.load_raw(&name(index)).expect(WIRED);
+        device.load(&mut ChunkReader::new(chunk)).expect(WIRED);
+    }
+}
+
+fn copy(memory: &RamStore) -> Vec<u8> {
+    let mut bytes = vec![0; usize::try_from(memory.len()).unwrap_or_default()];
+    memory.read_at(0, &mut bytes).expect(WIRED);
+    bytes
+}
+
+impl Soc {
+    /// All but flash: what gates a timer's clock before the timer, the core last.
+    fn devices(&self) -> impl Iterator<Item = &dyn Device> {
+        self.rcc_and_power()
+            .chain(self.timers().map(|lazy| &*lazy.device))
+            .chain(self.ports())
+            .chain(std::iter::once(&self.cpu as &dyn Device))
+    }
+}
+
+impl Mcu {
+    /// The state of the chip now.
+    pub fn snapshot(&mut self) -> Snapshot {
+        let flash = self.saved_flash();
+        let soc = &self.soc;
+        Snapshot {
+            devices: save(soc.devices()),
+            flash,
+            ram: copy(&self.memories.ram),
+            backup: copy(&self.memories.backup),
+            clock: self.clock.state(),
+            encoder: soc.encoder.state(),
+            stood: soc.timers().map(|lazy| lazy.stood.load(Relaxed)).collect(),
+            stored: [&soc.dbgmcu, &soc.dac].map(|block| block.words()),
+            flags: soc.flags().map(|flag| flag.load(Relaxed)),
+            supply: soc.supply.state(),
+            written_at: soc.commanded_at.load(Relaxed),
+            outside: self.outside.clone(),
+            registers: self.registers,
+            stands: self.stands,
+            times: [
+                self.now,
+                self.next,
+                self.asleep,
+                self.instructions,
+                self.resets,
+                self.events,
+                self.commanded_at,
+            ],
+            event: self.event,
+            hard_faults: self.hard_faults.clone(),
+            watch: self.watch.clone(),
+        }
+    }
+
+    /// Puts a state back that this chip, or another with the same program, was in.
+    pub fn restore(&mut self, from: &Snapshot) {
+        self.restore_flash(&from.flash);
+        self.clock.restore(&from.clock);
+        self.outside = from.outside.clone();
+        self.drive_pins();
+        let soc = &self.soc;
+        soc.supply.restore(from.supply);
+        soc.encoder.restore(&from.encoder);
+        load(soc.devices(), &from.devices);
+        self.memories.ram.write_at(0, &from.ram).expect(WIRED);
+        self.memories.backup.write_at(0, &from.backup).expect(WIRED);
+        for (lazy, stood) in soc.timers().zip(&from.stood) {
+            lazy.stood.store(*stood, Relaxed);
+        }
+        for (block, words) in [&soc.dbgmcu, &soc.dac].into_iter().zip(&from.stored) {
+            block.restore(words);
+        }
+        for (flag, value) in soc.flags().into_iter().zip(from.flags) {
+            flag.store(value, Relaxed);
+        }
+        soc.commanded_at.store(from.written_at, Relaxed);
+        self.registers = from.registers;
+        self.stands = from.stands;
+        [
+            self.now,
+            self.next,
+            self.asleep,
+            self.instructions,
+            self.resets,
+            self.events,
+            self.commanded_at,
+        ] = from.times;
+        self.event = from.event;
+        self.hard_faults.clone_from(&from.hard_faults);
+        self.watch.clone_from(&from.watch);
+        self.clock.restore(&from.clock);
+    }
+
+    /// Flash with its registers, saved anew only if somebody has touched those.
+    fn saved_flash(&mut self) -> Arc<Vec<u8>> {
+        let touched = self.soc.flash_touched.load(Relaxed);
+        if let Some((saved, at)) = &self.flash_saved
+            && *at == touched
+        {
+            return Arc::clone(saved);
+        }
+        let saved = Arc::new(save(std::iter::once(&*self.soc.flash as &dyn Device)));
+        // While it is busy it changes by itself.
+        let idle = self.soc.flash.next_event_tick().is_none();
+        self.flash_saved = idle.then(|| (Arc::clone(&saved), touched));
+        saved
+    }
+
+    fn restore_flash(&mut self, from: &Arc<Vec<u8>>) {
+        let touched = self.soc.flash_touched.load(Relaxed);
+        let same = self.flash_saved.as_ref();
+        if same.is_some_and(|(saved, at)| Arc::ptr_eq(saved, from) && *at == touched) {
+            return;
+        }
+        load(std::iter::once(&*self.soc.flash as &dyn Device), from);
+        let idle = self.soc.flash.next_event_tick().is_none();
+        self.flash_saved = idle.then(|| (Arc::clone(from), touched));
+    }
+}
