@@ -65,6 +65,7 @@ mod estimators;
 mod faults;
 mod filter_cost;
 mod firmware;
+mod fuzz;
 mod identify_telemetry;
 mod mailbox;
 mod panics;

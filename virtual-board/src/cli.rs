@@ -1,4 +1,4 @@
-//! The command line: `cargo board run|hit|walk SCENE`.
+//! The command line: `cargo board run|hit|walk SCENE`, `cargo board fuzz`.
 
 use std::{
     io::{BufRead as _, IsTerminal as _, Read as _},
@@ -24,6 +24,7 @@ use serde::Serialize;
 use crate::{
     board::{BOARDS, Board},
     elf::Elf,
+    fuzz::report::{self, Fuzz},
     image, log,
     mcu::{LINK, RENDER, SAMPLE},
     session::{Failed, Session},
@@ -69,6 +70,8 @@ enum Command {
         #[arg(long)]
         damping: f64,
     },
+    /// Random sessions of console, hand, switches and resets, held against a model of the pages.
+    Fuzz(Fuzz),
     /// A boundary walk over the scene's grid, run by the firmware itself.
     Walk {
         #[command(flatten)]
@@ -118,6 +121,7 @@ fn execute(command: Command) -> Result<(), Error> {
             let (scene, _) = common.open(false)?;
             hit(&common.session(scene)?, [cutoff, stiffness, damping], json)
         }
+        Command::Fuzz(options) => report::execute(&options),
         Command::Walk { common, cutoff, csv, force, json } => {
             let (scene, mut outputs) = common.open(force)?;
             let csv = outputs.option(csv.as_ref())?;
@@ -135,29 +139,47 @@ impl Common {
     }
 
     fn session(&self, scene: NamedScene) -> Result<Session, Error> {
-        let board = Board::named(&self.board).ok_or_else(|| {
-            Error::Input(format!("--board is {}, allowed {}", self.board, Board::names(", ")))
-        })?;
-        check_device(&scene, board)?;
-        let path = match &self.elf {
-            Some(path) => path.clone(),
-            None => image::build(board.name).map_err(Error::Internal)?,
-        };
-        let elf = Elf::load(&path)?;
-        let is_for = |board: &Board| elf.contains(board.name);
-        if let Some(other) = BOARDS.iter().find(|other| is_for(other) && !is_for(&board)) {
-            return Err(Error::Input(format!(
-                "{} is an image of {}, --board is {}",
-                path.display(),
-                other.name,
-                board.name
-            )));
-        }
-        let table = log::table(&elf.bytes).map_err(|error| {
-            Error::Input(format!("{} is no firmware of ours: {error}", path.display()))
-        })?;
-        Ok(Session { board, scene, elf, table })
+        session(board(&self.board)?, self.elf.as_ref(), scene)
     }
+}
+
+/// The board of that name.
+///
+/// # Errors
+/// There is none.
+pub(crate) fn board(name: &str) -> Result<Board, Error> {
+    Board::named(name)
+        .ok_or_else(|| Error::Input(format!("--board is {name}, allowed {}", Board::names(", "))))
+}
+
+/// A board with that image, or the one that is built for it, on the device of a scene.
+///
+/// # Errors
+/// The image cannot be read or built, or is none of ours.
+pub(crate) fn session(
+    board: Board,
+    elf: Option<&PathBuf>,
+    scene: NamedScene,
+) -> Result<Session, Error> {
+    check_device(&scene, board)?;
+    let path = match elf {
+        Some(path) => path.clone(),
+        None => image::build(board.name).map_err(Error::Internal)?,
+    };
+    let elf = Elf::load(&path)?;
+    let is_for = |board: &Board| elf.contains(board.name);
+    if let Some(other) = BOARDS.iter().find(|other| is_for(other) && !is_for(&board)) {
+        return Err(Error::Input(format!(
+            "{} is an image of {}, --board is {}",
+            path.display(),
+            other.name,
+            board.name
+        )));
+    }
+    let table = log::table(&elf.bytes).map_err(|error| {
+        Error::Input(format!("{} is no firmware of ours: {error}", path.display()))
+    })?;
+    Ok(Session { board, scene, elf, table })
 }
 
 /// The firmware takes counts, samples and full command for those of the device that its image is built for.

@@ -6,6 +6,7 @@ pub mod amplifier;
 pub mod board;
 pub mod cli;
 pub mod elf;
+pub mod fuzz;
 pub mod image;
 pub mod log;
 pub mod mcu;

@@ -1,9 +1,14 @@
 //! What can go wrong inside the chip, done to it from outside: bits that flip, an interrupt that stays
 //! away, a program counter that is somewhere else. The program itself is left as it is.
 
+use std::sync::atomic::Ordering::Relaxed;
+
 use rsemu::cpu::arm::v7m::sys::Exception;
 
-use super::{Mcu, RAM, Stopped, exception_of};
+use super::{
+    AfterHalt, Mcu, RAM, Stopped, exception_of,
+    soc::{BDTR, MAIN_OUTPUT_ENABLE},
+};
 
 /// ITSTATE and the Thumb bit in xPSR.
 const IT_BITS: u32 = super::IT_BITS;
@@ -80,5 +85,29 @@ impl Mcu {
     /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), and the DAC's code.
     pub fn force_registers(&self) -> [u32; 3] {
         [self.soc.pwm.peek(0x34), self.soc.pwm.peek(0x38), self.soc.dac.get(0x08)]
+    }
+
+    /// A debugger halts the core for `cycles`. What the program has set DBGMCU's bits for stands still; TIM1's
+    /// outputs are off meanwhile if it does. `moe`: what the manuals leave open.
+    pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
+        self.settle();
+        let bdtr = self.soc.pwm.peek(BDTR);
+        let masked = self.soc.stand_still(cycles);
+        if masked {
+            self.soc.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
+        }
+        self.now += cycles;
+        self.settle();
+        let resets = self.resets;
+        self.service(); // the watchdog's reset comes before the core runs on
+        let running = resets == self.resets && !self.soc.stop.load(Relaxed);
+        if masked && running && moe == AfterHalt::Kept {
+            self.soc.pwm.poke(BDTR, bdtr);
+        }
+    }
+
+    /// A debugger sets DBGMCU's bits of APB1: what else stands still in a halt.
+    pub fn stop_in_halts(&mut self, apb1_bits: u32) {
+        self.soc.dbgmcu.set(0x08, self.soc.dbgmcu.get(0x08) | apb1_bits);
     }
 }

@@ -26,7 +26,7 @@ use rsemu::{
 
 use self::{
     bus::Clock,
-    soc::{BDTR, MAIN_OUTPUT_ENABLE, Memories, Soc, WIRED},
+    soc::{Memories, Soc, WIRED},
     watch::Step,
 };
 pub use encoder::EdgeNotes;
@@ -361,6 +361,11 @@ impl Mcu {
         self.instructions
     }
 
+    /// The core sleeps until an interrupt.
+    pub fn is_asleep(&self) -> bool {
+        self.soc.cpu.is_asleep()
+    }
+
     /// Cycles asleep so far.
     pub fn asleep(&self) -> u64 {
         self.asleep
@@ -444,30 +449,6 @@ impl Mcu {
         self.clock.set(self.now);
         self.soc.pwm.catch_up_by_edges();
         self.soc.encoder.deliver(self.now);
-    }
-
-    /// A debugger halts the core for `cycles`. What the program has set DBGMCU's bits for stands still; TIM1's
-    /// outputs are off meanwhile if it does. `moe`: what the manuals leave open.
-    pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
-        self.settle();
-        let bdtr = self.soc.pwm.peek(BDTR);
-        let masked = self.soc.stand_still(cycles);
-        if masked {
-            self.soc.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
-        }
-        self.now += cycles;
-        self.settle();
-        let resets = self.resets;
-        self.service(); // the watchdog's reset comes before the core runs on
-        let running = resets == self.resets && !self.soc.stop.load(Relaxed);
-        if masked && running && moe == AfterHalt::Kept {
-            self.soc.pwm.poke(BDTR, bdtr);
-        }
-    }
-
-    /// A debugger sets DBGMCU's bits of APB1: what else stands still in a halt.
-    pub fn stop_in_halts(&mut self, apb1_bits: u32) {
-        self.soc.dbgmcu.set(0x08, self.soc.dbgmcu.get(0x08) | apb1_bits);
     }
 
     /// Reads RAM.

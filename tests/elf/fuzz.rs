@@ -1,0 +1,58 @@
+//! Random sessions against the model of the pages, and stop, supply and reset at the instants of an output period.
+//! `cargo board fuzz` runs as many as one likes.
+
+use host_sim::scene::NamedScene;
+use virtual_board::{
+    board::{BOARDS, Board},
+    elf::Elf,
+    fuzz, image, log,
+    session::Session,
+};
+
+/// A board on its own device.
+fn session(board: Board) -> Session {
+    let elf = Elf::load(&image::build(board.name).unwrap()).unwrap();
+    let table = log::table(&elf.bytes).unwrap();
+    let scene = NamedScene::load(board.name).unwrap();
+    Session { board, scene, elf, table }
+}
+
+fn sessions(board: Board, seed: u64, commands: u64) {
+    let outcome = fuzz::sessions(&session(board), seed, commands, 2).unwrap();
+    if let Some(failure) = &outcome.failure {
+        let script: Vec<String> = failure.actions.iter().map(ToString::to_string).collect();
+        panic!("{}: {}\n{}", board.name, failure.what, script.join("\n"));
+    }
+    let counts = outcome.counts;
+    println!("{}: {counts:?}", board.name);
+    assert!(counts.commands >= commands && counts.obeyed > commands / 3);
+    assert!(
+        counts.refused > commands / 20 && counts.frames > commands && counts.forces > commands / 5
+    );
+}
+
+#[test]
+fn random_sessions_go_as_the_pages_say() {
+    sessions(BOARDS[0], 1, 400);
+}
+
+#[test]
+#[ignore = "some 60 s on each board"]
+fn more_random_sessions_go_as_the_pages_say() {
+    for board in BOARDS {
+        sessions(board, 2, 4_000);
+    }
+}
+
+/// Every 25th instruction; `cargo board fuzz --instants` tries each.
+#[test]
+#[ignore = "some 10 s on each board"]
+fn stop_supply_and_reset_end_in_their_own_fault_whenever_they_come() {
+    for board in BOARDS {
+        let fuzz::Sweep { instants, cycles, wrong, wall_s, .. } =
+            fuzz::sweep(&session(board), 25, 2).unwrap();
+        println!("{}: {instants} instants, {cycles} cycles of code, {wall_s:.0} s", board.name);
+        assert!(wrong.is_empty(), "{}: {wrong:?}", board.name);
+        assert!(instants > 400 && cycles > 4_000);
+    }
+}

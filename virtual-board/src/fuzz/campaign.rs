@@ -1,0 +1,178 @@
+//! Many sessions, one after another on each core, and what they showed.
+
+use std::{
+    path::Path,
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+    },
+    thread,
+    time::Instant,
+};
+
+use host_sim::{error::Error, input, interrupt};
+
+use super::{
+    action::{Action, FORMS},
+    generate::{Random, next},
+    run::{Counts, End, Run},
+    shrink::shrink,
+};
+use crate::session::Session;
+
+/// Commands of one session, about.
+const SESSION: u64 = 150;
+
+/// A session that went otherwise than the model.
+#[derive(Clone, Debug)]
+pub struct Failure {
+    /// What was different.
+    pub what: String,
+    /// The shortest session found that shows it.
+    pub actions: Vec<Action>,
+    /// Its number.
+    pub session: u64,
+    /// Commands that all sessions together had come to when it was found, and after how long, s.
+    pub found: (u64, f64),
+}
+
+/// All sessions of a campaign.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// What was done and seen.
+    pub counts: Counts,
+    /// Sessions.
+    pub sessions: u64,
+    /// The first that failed.
+    pub failure: Option<Failure>,
+    /// Ended by Ctrl-C.
+    pub interrupted: bool,
+    /// Time that it took, s.
+    pub wall_s: f64,
+}
+
+/// `commands` commands or a few more, in sessions that follow from `seed`, until one fails.
+///
+/// # Errors
+/// The board does not start.
+pub fn sessions(
+    session: &Session,
+    seed: u64,
+    commands: u64,
+    threads: usize,
+) -> Result<Outcome, Error> {
+    let begun = Instant::now();
+    let (number, done, ended) = (AtomicU64::new(0), AtomicU64::new(0), AtomicBool::new(false));
+    let outcome = Mutex::new(Outcome::default());
+    let work = || -> Result<(), Error> {
+        let mut run = boot(session)?;
+        let start = run.snapshot();
+        while done.load(Relaxed) < commands && !ended.load(Relaxed) {
+            let number = number.fetch_add(1, Relaxed);
+            run.restore(&start);
+            let random = Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number));
+            let (actions, end) = one(&mut run, random, commands.min(SESSION));
+            done.fetch_add(run.mind.counts.commands, Relaxed);
+            let failure = match end {
+                Ok(()) => None,
+                Err(End::Interrupted) => {
+                    ended.store(true, Relaxed);
+                    None
+                }
+                Err(End::Difference(what)) => {
+                    ended.store(true, Relaxed);
+                    let found = (done.load(Relaxed), begun.elapsed().as_secs_f64());
+                    let counts = run.mind.counts;
+                    let (actions, what) = shrink(&mut run, &start, actions, what);
+                    run.mind.counts = counts;
+                    Some(Failure { what, actions, session: number, found })
+                }
+            };
+            let mut outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner);
+            outcome.counts += run.mind.counts;
+            outcome.sessions += 1;
+            if let Some(failure) = failure
+                && outcome.failure.as_ref().is_none_or(|other| failure.session < other.session)
+            {
+                outcome.failure = Some(failure);
+            }
+        }
+        Ok(())
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().try_for_each(|worker| {
+            worker.join().unwrap_or_else(|_| Err(Error::Internal("a session panicked".into())))
+        })
+    })?;
+    let mut outcome = outcome.into_inner().unwrap_or_else(PoisonError::into_inner);
+    outcome.interrupted = interrupt::is_requested();
+    outcome.wall_s = begun.elapsed().as_secs_f64();
+    Ok(outcome)
+}
+
+/// One session of some commands: what was done, and how it ended.
+fn one(run: &mut Run<'_>, mut random: Random, commands: u64) -> (Vec<Action>, Result<(), End>) {
+    let mut actions = Vec::new();
+    while run.mind.counts.commands < commands {
+        for action in next(&mut random, &run.mind) {
+            actions.push(action);
+            if let Err(end) = run.act(&actions[actions.len() - 1]) {
+                return (actions, Err(end));
+            }
+        }
+    }
+    let end = run.finish();
+    (actions, end)
+}
+
+fn boot(session: &Session) -> Result<Run<'_>, Error> {
+    Run::boot(session).map_err(|end| match end {
+        End::Interrupted => Error::Interrupted,
+        End::Difference(what) => Error::Internal(format!("the board does not start: {what}")),
+    })
+}
+
+/// A session that was written down.
+///
+/// # Errors
+/// The board does not start, or Ctrl-C.
+pub fn replay(session: &Session, actions: &[Action]) -> Result<Outcome, Error> {
+    let begun = Instant::now();
+    let mut run = boot(session)?;
+    run.mind.counts = Counts::default();
+    let ended = actions.iter().try_for_each(|action| run.act(action)).and_then(|()| run.finish());
+    let failure = match ended {
+        Ok(()) => None,
+        Err(End::Interrupted) => return Err(Error::Interrupted),
+        Err(End::Difference(what)) => {
+            let found = (run.mind.counts.commands, begun.elapsed().as_secs_f64());
+            Some(Failure { what, actions: actions.to_vec(), session: 0, found })
+        }
+    };
+    let wall_s = begun.elapsed().as_secs_f64();
+    Ok(Outcome { counts: run.mind.counts, sessions: 1, failure, interrupted: false, wall_s })
+}
+
+/// Reads a script: one action a line; what begins with `#` is for people.
+///
+/// # Errors
+/// It cannot be read, or a line is no action.
+pub fn script(path: &Path) -> Result<Vec<Action>, Error> {
+    let text = input::read(path, input::SCENE)?;
+    let text = String::from_utf8(text)
+        .map_err(|_| Error::Input(format!("{}: not UTF-8 text", path.display())))?;
+    let lines =
+        text.lines().enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    lines
+        .map(|(n, line)| {
+            line.parse().map_err(|()| {
+                Error::Input(format!(
+                    "{}:{}: {line:?} is no action, allowed {FORMS}",
+                    path.display(),
+                    n + 1
+                ))
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,371 @@
+//! Telemetry, read by its page, and each frame worked out once more: position and velocity by the core from the
+//! counts that the program read, the force by the core's wall, the rest by rules.
+
+use std::collections::VecDeque;
+
+use zwidth::{CounterWidth, LoopParameters, Motion, Sampler, units::Force, velocity::Senses};
+
+/// Full scale of the force.
+pub const FULL: i64 = 1 << 30;
+/// 5 % of it: the largest step of a change, and of the sign test.
+const SLEW: i64 = FULL / 20;
+/// Sample by which the program has proposed its first settings to itself.
+const STARTED: u64 = 100;
+/// Samples that the calculation is behind the board, so that every answer is in.
+const BEHIND: u64 = 40;
+
+/// A frame as it came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    pub sequence: u32,
+    pub sample: u64,
+    pub position: i32,
+    pub velocity: i32,
+    pub force: i32,
+    pub code: i32,
+    pub flags: u16,
+    pub settings: u16,
+    pub fault: u8,
+    /// An experiment pushes, or did so a moment ago.
+    pub busy: bool,
+}
+
+/// Bits of the flags.
+pub mod flag {
+    pub const CONTACT: u16 = 1;
+    pub const RENDERED: u16 = 2;
+    pub const SATURATED: u16 = 4;
+    pub const ON: u16 = 8;
+    pub const ARMED: u16 = 16;
+    pub const CHANGING: u16 = 32;
+    pub const FAULT: u16 = 64;
+    pub const ZEROED: u16 = 128;
+    pub const STOP_CLOSED: u16 = 256;
+    pub const UNLOCKED: u16 = 512;
+    pub const REPLAY: u16 = 1024;
+}
+
+impl Frame {
+    pub const BYTES: usize = 40;
+
+    /// Reads one frame.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn read(bytes: &[u8; Self::BYTES]) -> Result<Self, String> {
+        let word = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|n| bytes[at + n]));
+        let half = |at: usize| u16::from_le_bytes([0, 1].map(|n| bytes[at + n]));
+        if bytes[..3] != *b"ZW\x01" {
+            return Err(format!("a frame begins with {:02x?}", &bytes[..3]));
+        }
+        if crc(&bytes[..36]) != word(36) {
+            return Err("a frame's CRC is wrong".into());
+        }
+        Ok(Self {
+            sequence: word(4),
+            sample: u64::from(word(8)) | u64::from(word(12)) << 32,
+            position: word(16).cast_signed(),
+            velocity: word(20).cast_signed(),
+            force: word(24).cast_signed(),
+            code: word(28).cast_signed(),
+            flags: half(32),
+            settings: half(34),
+            fault: bytes[3],
+            busy: false,
+        })
+    }
+
+    pub fn is(&self, flag: u16) -> bool {
+        self.flags & flag != 0
+    }
+}
+
+/// CRC-32 as in zlib, bit by bit.
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0u32, |mut crc, byte| {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = crc >> 1 ^ if crc & 1 != 0 { 0xEDB8_8320 } else { 0 };
+        }
+        crc
+    })
+}
+
+/// What was asked for and holds from the sample after an output on.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a few of them wait at a time")]
+pub enum Change {
+    Parameters(LoopParameters),
+    Zero,
+}
+
+/// The force of the last frame that was looked at.
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    sample: u64,
+    force: i64,
+    correction: i64,
+    settings: u16,
+    /// A push is fading out.
+    pushed: bool,
+}
+
+/// The core beside the board.
+#[derive(Clone, Debug)]
+pub struct Twin {
+    sampler: Option<Sampler>,
+    parameters: LoopParameters,
+    /// Codes from no force to full scale, and the code of no force.
+    codes: (i64, i64),
+    /// Number of the next sample, and the counts from it on.
+    sample: u64,
+    counts: VecDeque<u32>,
+    /// Count at which the position is 0, by subtraction alone.
+    zero: u32,
+    changes: VecDeque<(u64, Change)>,
+    /// Since the last frame: the settings before, how often they changed, and whether the count was zeroed.
+    before: Option<LoopParameters>,
+    changed: u16,
+    zeroed: bool,
+    frames: VecDeque<Frame>,
+    last: Option<Last>,
+    /// Outputs with force since it came on.
+    on_for: i64,
+    /// Frames compared, and those whose force was worked out.
+    pub compared: [u64; 2],
+}
+
+impl Twin {
+    /// Beside a board that has just started with these settings.
+    pub fn new(parameters: LoopParameters, codes: (i64, i64)) -> Self {
+        Self {
+            sampler: None,
+            parameters,
+            codes,
+            sample: 0,
+            counts: VecDeque::new(),
+            zero: 0,
+            changes: VecDeque::new(),
+            before: None,
+            changed: 0,
+            zeroed: false,
+            frames: VecDeque::new(),
+            last: None,
+            on_for: 0,
+            compared: [0; 2],
+        }
+    }
+
+    /// Sample that the board has come to.
+    pub fn newest(&self) -> u64 {
+        (self.sample + self.counts.len() as u64).saturating_sub(1)
+    }
+
+    /// The output that answered last, as far as samples tell.
+    pub fn output(&self) -> u64 {
+        self.newest() / 10 * 10
+    }
+
+    /// Takes counts that the program has read: the first since its start, then one a sample.
+    pub fn read(&mut self, counts: Vec<u32>) {
+        let mut counts = counts.into_iter();
+        if self.sampler.is_none()
+            && let Some(first) = counts.next()
+        {
+            self.sampler = Some(Sampler::new(first, CounterWidth::Bits32));
+        }
+        self.counts.extend(counts);
+    }
+
+    /// Something holds from the sample after this output on.
+    pub fn change(&mut self, output: u64, change: Change) {
+        self.changes.push_back((output, change));
+    }
+
+    pub fn expect(&mut self, frame: Frame) {
+        self.frames.push_back(frame);
+    }
+
+    /// Works out what the board has done, up to a little before the present, and before `framed` if frames come.
+    ///
+    /// # Errors
+    /// A frame says something else.
+    pub fn follow(&mut self, framed: Option<u64>) -> Result<(), String> {
+        let end = framed.unwrap_or(u64::MAX);
+        while self.counts.len() as u64 > BEHIND && self.sample < end {
+            let Some(count) = self.counts.pop_front() else { break };
+            self.step(count)?;
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, count: u32) -> Result<(), String> {
+        let Some(sampler) = &mut self.sampler else { return Ok(()) };
+        let mut zero = false;
+        while let Some((at, change)) = self.changes.front().copied()
+            && at < self.sample
+        {
+            self.changes.pop_front();
+            match change {
+                Change::Parameters(new) => {
+                    let new = new.after(&self.parameters);
+                    self.before.get_or_insert(self.parameters);
+                    self.changed += 1;
+                    self.parameters = new;
+                }
+                Change::Zero => zero = true,
+            }
+        }
+        let mut sampled = sampler.sense(&self.parameters, count, &Senses::NONE);
+        if zero {
+            sampler.zero();
+            sampled.motion.position = sampler.position();
+            self.zero = count;
+            self.zeroed = true;
+        }
+        let number = self.sample;
+        self.sample += 1;
+        if !sampled.due || self.frames.front().is_none_or(|frame| frame.sample > number) {
+            return Ok(());
+        }
+        let Some(frame) = self.frames.pop_front() else { return Ok(()) };
+        if frame.sample < number {
+            return Err(format!("a frame of sample {}, which is no output's", frame.sample));
+        }
+        self.compare(&frame, sampled.motion, count)?;
+        self.before = None;
+        self.zeroed = false;
+        self.changed = 0;
+        Ok(())
+    }
+
+    fn compare(&mut self, frame: &Frame, motion: Motion, count: u32) -> Result<(), String> {
+        self.compared[0] += 1;
+        let wrong = |what: &str, said: i64, true_value: i64| {
+            Err(format!(
+                "{what} in the frame of sample {}: {said}, should be {true_value}",
+                frame.sample
+            ))
+        };
+        let place = count.wrapping_sub(self.zero).cast_signed();
+        if frame.position != motion.position.counts() || frame.position != place {
+            return wrong("position", frame.position.into(), place.into());
+        }
+        if frame.velocity != motion.velocity.bits() {
+            return wrong("velocity", frame.velocity.into(), motion.velocity.bits().into());
+        }
+        let drive = self.parameters.render(motion, Force::ZERO);
+        let surface = self.parameters.wall.surface().counts();
+        let contact = place > surface;
+        if frame.is(flag::CONTACT) != contact && !frame.busy {
+            return wrong("contact", frame.is(flag::CONTACT).into(), contact.into());
+        }
+        let force = i64::from(frame.force);
+        let (per_full_scale, zero) = self.codes;
+        let codes = (force.abs() * per_full_scale + FULL / 2) >> 30;
+        let code = zero + if force < 0 { -codes } else { codes };
+        if i64::from(frame.code) != code {
+            return wrong("code", frame.code.into(), code);
+        }
+        let last = self.last.filter(|last| last.sample + 10 == frame.sample);
+        if let Some(last) = last
+            && !frame.busy
+            && frame.sample > STARTED
+            && last.settings.wrapping_add(self.changed) != frame.settings
+        {
+            let expected = last.settings.wrapping_add(self.changed);
+            return wrong("number of settings", frame.settings.into(), expected.into());
+        }
+        self.on_for = match (frame.is(flag::ON), last) {
+            (true, Some(_)) => self.on_for + 1,
+            (true, None) => self.on_for + 1000, // nobody saw how it came on
+            (false, _) => 0,
+        };
+        let mut now = Last {
+            sample: frame.sample,
+            force,
+            correction: 0,
+            settings: frame.settings,
+            pushed: frame.busy,
+        };
+        let wanted = i64::from(drive.force.bits());
+        let (ramp, changing) = (!frame.is(flag::ARMED), frame.is(flag::CHANGING));
+        if !frame.is(flag::ON) {
+            if force != 0 {
+                return wrong("force while off", force, 0);
+            }
+        } else if ramp {
+            // The sign test takes 100 outputs, the ramp 200.
+            let most = SLEW.max((self.on_for - 99) * (FULL / 200) + 1);
+            if force.abs() > most {
+                return wrong("force before it is armed", force, most);
+            }
+        } else if force.abs() > FULL {
+            return wrong("force", force, FULL);
+        } else if frame.busy {
+            // An experiment pushes as it likes.
+        } else if !changing {
+            self.compared[1] += 1;
+            if force != wanted {
+                return wrong("force", force, wanted);
+            }
+            if frame.is(flag::SATURATED) != drive.saturated {
+                return wrong(
+                    "saturated",
+                    frame.is(flag::SATURATED).into(),
+                    drive.saturated.into(),
+                );
+            }
+        } else {
+            now.pushed = last.is_none_or(|last| last.pushed);
+            now.correction = force - wanted;
+            if force > 0 && !now.pushed {
+                return wrong("a push-only wall pulls: force", force, 0);
+            }
+            if let Some(last) = last.filter(|last| !last.pushed) {
+                let old = self.before.map_or(drive, |old| old.render(motion, Force::ZERO));
+                let kept = (i64::from(old.force.bits()) + last.correction).clamp(-FULL, FULL);
+                let base = if self.zeroed { last.force } else { kept };
+                // Never against the wall: what would pull is no force at all.
+                let least = base.min(0);
+                let step = (force - least).abs();
+                if step > SLEW + 2 {
+                    return wrong("step of a change", step, SLEW);
+                }
+                if force.abs() == FULL {
+                    let fading = last.correction.abs() - SLEW;
+                    now.correction = last.correction.signum() * fading.max(0);
+                }
+            }
+        }
+        self.last = Some(now);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example of the telemetry's page.
+    #[test]
+    fn a_frame_is_read_as_the_page_has_it() {
+        let bytes = [
+            0x5A, 0x57, 1, 0, 7, 0, 0, 0, 0x10, 0x27, 0, 0, 0, 0, 0, 0, 0x70, 0x11, 1, 0, 0, 0x80,
+            0, 0, 0, 0, 0, 0xE0, 0, 4, 0, 0, 0x9B, 1, 3, 0, 0x65, 0xAB, 0x1F, 0x5C,
+        ];
+        let frame = Frame::read(&bytes).unwrap();
+        assert_eq!((frame.sequence, frame.sample, frame.position), (7, 10_000, 70_000));
+        assert_eq!((frame.velocity, frame.force, frame.code), (32_768, -(1 << 29), 1024));
+        let on = flag::CONTACT
+            | flag::RENDERED
+            | flag::ON
+            | flag::ARMED
+            | flag::ZEROED
+            | flag::STOP_CLOSED;
+        assert_eq!((frame.flags, frame.settings, frame.fault), (on, 3, 0));
+        let mut damaged = bytes;
+        damaged[20] ^= 1;
+        assert!(Frame::read(&damaged).is_err());
+    }
+}

@@ -1,0 +1,221 @@
+//! Stop, supply and reset at each instant of an output period: between every two instructions of an armed board in its
+//! wall, and while it sleeps now and then. Each must end in its own fault, with enable inactive in time.
+
+use std::{
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering::Relaxed},
+    },
+    thread,
+    time::Instant,
+};
+
+use host_sim::{error::Error, interrupt};
+
+use super::frames::Frame;
+use crate::{
+    session::{Session, ask},
+    world::{Ended, World},
+};
+
+/// What is done to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The emergency stop opens.
+    Stop,
+    /// The supply falls.
+    Supply,
+    /// The reset pin.
+    Reset,
+}
+
+/// All of them, with their names.
+pub const EVENTS: [(Event, &str); 3] =
+    [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
+
+/// Cycles of sleep between two instants that are tried.
+const SLEEP: u64 = 500;
+/// The supply's detector has so long, s (docs/faults.md).
+const SUPPLY_S: f64 = 60e-6;
+/// Samples within which the fault is told, and those that a start takes at most.
+const TOLD: u64 = 25;
+const STARTED: u64 = 600;
+/// A supply that is too low, mV.
+const LOW_MV: u32 = 2_000;
+/// Pieces that the period is cut into, for the cores to share.
+const PIECES: u64 = 64;
+
+/// One instant that went wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Wrong {
+    /// What was done.
+    pub event: &'static str,
+    /// Cycles from the start of the period.
+    pub cycle: u64,
+    /// What was wrong.
+    pub what: String,
+}
+
+/// A board's sweep.
+#[derive(Clone, Debug, Default)]
+pub struct Sweep {
+    /// Instants tried, each with every event.
+    pub instants: u64,
+    /// Cycles of the period in which code runs; all of them are covered.
+    pub cycles: u64,
+    /// Cycles of the whole period.
+    pub period: u64,
+    /// What went wrong, in the order of the cycles.
+    pub wrong: Vec<Wrong>,
+    /// Time that it took, s.
+    pub wall_s: f64,
+}
+
+/// The sweep of a board; `part`: only one instant of so many.
+///
+/// # Errors
+/// The board does not come to the state in which the events are to be tried, or Ctrl-C.
+pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Error> {
+    let begun = Instant::now();
+    let start = pressed(session)?.snapshot();
+    let period = 10 * session.board.cycles_per_sample();
+    let next = AtomicUsize::new(0);
+    let found = Mutex::new(Sweep { period, ..Sweep::default() });
+    let work = || -> Result<(), Error> {
+        let mut world = session.boot()?;
+        loop {
+            let piece = next.fetch_add(1, Relaxed) as u64;
+            if piece >= PIECES {
+                return Ok(());
+            }
+            world.restore(&start);
+            let begin = world.powered.mcu.now();
+            let ends = [piece, piece + 1].map(|piece| begin + piece * period / PIECES);
+            let done = stretch(&mut world, begin, ends, part)?;
+            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+            found.instants += done.instants;
+            found.cycles += done.cycles;
+            found.wrong.extend(done.wrong);
+        }
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().try_for_each(|worker| {
+            worker.join().unwrap_or_else(|_| Err(Error::Internal("a sweep panicked".into())))
+        })
+    })?;
+    let mut sweep = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    sweep.wrong.sort_by_key(|wrong| wrong.cycle);
+    sweep.wall_s = begun.elapsed().as_secs_f64();
+    Ok(sweep)
+}
+
+/// An armed board, its handle held 0.3 mm inside a wall.
+fn pressed(session: &Session) -> Result<World<'_>, Error> {
+    let mut world = session.boot()?;
+    for line in ["zero", "unlock envelope", "wall 0.005", "k 4000", "b 20", "arm"] {
+        ask(&mut world, line)?;
+    }
+    let failed = |ended: Ended| Error::Internal(format!("the firmware: {ended:?}"));
+    world.run(4_000).map_err(failed)?;
+    world.lead(0.1);
+    world.run(530).map_err(failed)?;
+    world.lead(0.0);
+    world.run(100).map_err(failed)?;
+    let status = ask(&mut world, "status")?;
+    let ready = status.starts_with("ok status armed, fault none") && status.contains("in contact");
+    if ready {
+        Ok(world)
+    } else {
+        Err(Error::Internal(format!("not pressed into its wall: {status}")))
+    }
+}
+
+/// The instants from the first to the second of `ends`; the period began at `begin`.
+fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Result<Sweep, Error> {
+    let [from, to] = ends;
+    let failed = |ended: Ended| Error::Internal(format!("the firmware: {ended:?}"));
+    let mut sweep = Sweep::default();
+    let (mut last, mut number) = (from, 0);
+    world.run_to(from).map_err(failed)?;
+    loop {
+        let now = world.powered.mcu.now();
+        if now >= to {
+            return Ok(sweep);
+        }
+        interrupt::check()?;
+        let asleep = world.powered.mcu.is_asleep();
+        number += 1;
+        if if asleep { now >= last + SLEEP } else { number % part == 0 } {
+            last = now;
+            sweep.instants += 1;
+            let here = world.snapshot();
+            for (event, name) in EVENTS {
+                if let Err(what) = try_event(world, event) {
+                    sweep.wrong.push(Wrong { event: name, cycle: now - begin, what });
+                }
+                world.restore(&here);
+            }
+        }
+        world.run_to(now + 1).map_err(failed)?;
+        if !asleep {
+            sweep.cycles += world.powered.mcu.now() - now;
+        }
+    }
+}
+
+/// Does it, and looks for its fault.
+fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
+    let ended = |ended: Ended| format!("the program ended: {ended:?}");
+    world.probe().map_err(ended)?;
+    world.telemetry.clear();
+    let mcu = &mut world.powered.mcu;
+    let (code, samples, within) = match event {
+        Event::Stop => {
+            world.emergency_stop(true);
+            (30, TOLD, 0)
+        }
+        Event::Supply => {
+            mcu.set_supply_mv(LOW_MV);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                clippy::cast_precision_loss,
+                reason = "some ten thousand"
+            )]
+            let within = (SUPPLY_S * mcu.core_hz() as f64) as u64;
+            (31, TOLD, within)
+        }
+        Event::Reset => {
+            world.reset();
+            (23, STARTED, 0)
+        }
+    };
+    let off_by = world.powered.mcu.now() + within;
+    world.run_to(off_by).map_err(ended)?;
+    if world.powered.amplifier.is_enabled() {
+        return Err("enable is still active".into());
+    }
+    for _ in 0..samples {
+        world.sample().map_err(ended)?;
+        world.probe().map_err(ended)?;
+        if world.powered.amplifier.is_enabled() {
+            return Err("enable is active again".into());
+        }
+        let frames = world.telemetry.as_chunks::<{ Frame::BYTES }>().0;
+        for bytes in frames {
+            let fault = Frame::read(bytes)?.fault;
+            if fault != 0 {
+                return if fault == code {
+                    Ok(())
+                } else {
+                    Err(format!("fault {fault}, should be {code}"))
+                };
+            }
+        }
+        if event == Event::Reset && !frames.is_empty() {
+            return Err("no fault after the reset".into());
+        }
+    }
+    Err(format!("fault {code} does not come"))
+}

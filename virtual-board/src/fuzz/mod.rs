@@ -1,0 +1,34 @@
+//! Random sessions on the firmware's image, held against a model of its pages.
+//!
+//! | file | holds |
+//! |------|-------|
+//! | `action` | what is done to a board, and scripts of it |
+//! | `command`, `settings`, `envelope`, `model` | what each line has to be answered with |
+//! | `frames` | telemetry, worked out once more |
+//! | `run`, `check`, `mind`, `compare` | a session, and what it says against all that |
+//! | `generate` | sessions at random |
+//! | `shrink` | the shortest session that still fails |
+//! | `campaign` | many of them |
+//! | `instants` | stop, supply and reset at each instant of an output period |
+//! | `report` | options, and what is printed |
+
+mod action;
+mod campaign;
+mod check;
+mod command;
+mod compare;
+mod envelope;
+mod frames;
+mod generate;
+mod instants;
+mod mind;
+mod model;
+pub mod report;
+mod run;
+mod settings;
+mod shrink;
+
+pub use action::Action;
+pub use campaign::{Failure, Outcome, replay, script, sessions};
+pub use instants::{Sweep, Wrong, sweep};
+pub use run::Counts;
