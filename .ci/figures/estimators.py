@@ -13,8 +13,9 @@ FUSION = "compare-paper-1um-accelerometer.csv"
 def compared(scene):
     """The rows of `compare`; for the finer encoder with those of the scene with an accelerometer."""
     found = [dict(r) for r in rows(f"compare-{scene}.csv")]
-    have = {r["estimator"] for r in found}
-    found += [dict(r) for r in rows(f"compare-{scene}-added.csv") if r["estimator"] not in have]
+    if scene == "paper-2um":
+        later = {r["estimator"]: dict(r) for r in rows("compare-paper-2um-added.csv")}
+        found = [later.pop(r["estimator"], r) for r in found] + list(later.values())
     if scene == "paper-1um":
         found += [{**r, "estimator": "fusion (accelerometer scene)"} for r in rows(FUSION) if r["estimator"] == "fusion"]
     return found
@@ -133,7 +134,7 @@ def comparison_winners(scene):
 
 @block
 def comparison_walls():
-    told = said("paper-1um-added")
+    told = said("paper-1um")
     walls = [f"{number(w['stiffness_n_per_m'])} N/m with {w['damping_n_s_per_m']:g} N s/m" for w in told["walls"]]
     return table(["what", "walls"], [["force above 100 Hz", f"K {walls[1]}"], ["impedance", ", ".join(f"K {w}" for w in walls)],
                                      ["hold and latency alone, with the true velocity",
