@@ -139,12 +139,13 @@ impl Axes {
 
     /// The tuning nearest to `far` that is accepted, `near` being accepted.
     fn last_accepted(&self, near: f64, far: f64) -> f64 {
+        let nearest = |tuning: f64| if self.whole { tuning.round() } else { tuning };
         let (mut good, mut bad) = (near, far);
         for _ in 0..HALVINGS {
             let middle = (good * bad).sqrt();
-            if self.accepts_tuning(middle) { good = middle } else { bad = middle }
+            if self.accepts_tuning(nearest(middle)) { good = middle } else { bad = middle }
         }
-        if self.whole { good.round() } else { good }
+        nearest(good)
     }
 
     /// The tuning of that bandwidth, within the ends.
