@@ -158,7 +158,6 @@ impl Settings {
         let longest = f64::from(1 << 24) / 1e4;
         within("settle_s", self.settle_s, [1e-4, longest])?;
         within("window_s", self.window_s, [1e-4, longest])?;
-        within("start_m", self.start_m, [-1073.741824, 1073.741824])?;
         within("start_m", self.start_m, TRAVEL_M)?;
         let both = self.settle_s + self.window_s;
         within("settle_s and window_s together", both, [0.0, longest_hit_s(full)])
