@@ -22,8 +22,6 @@ PROGRAM = re.compile(r"(?:[A-Z_]+=\S+ )?(?:cargo|mdbook|\.ci/\w+|probe-rs|valgri
 FORM = re.compile(r"(?<![\w./-])(?:[A-Z][A-Z_]*|[A-Z]+\.[a-z]+)(?![\w-])|(?<!\w)\.\.(?!/)|\.\.?$")
 # The name of a command or of an option, in a sentence or table.
 NAME = re.compile(r"cargo (?:sim|board)(?: (?:--)?\w+)?$")
-# Of minutes, and .ci/run has a sample of it: options only.
-SAMPLED = re.compile(r"cargo board fuzz ")
 # Needs a board, or what the reader has of his own.
 HARDWARE = re.compile(r"cargo (?:flash|embed)|probe-rs|STM32_Programmer|openocd|nc |cargo-flash|\(printf")
 # Done by .ci/run, .ci/book or nobody: tools of the reader's.
@@ -175,7 +173,7 @@ def run(name):
             why = test_exists(command)
         elif command.startswith("cargo invariants"):
             why = invariants(command)
-        elif FORM.search(command) or SAMPLED.match(command) or kind == "run" and NAME.match(command):
+        elif FORM.search(command) or kind == "run" and NAME.match(command):
             why = form(command)
         else:
             try:

@@ -14,6 +14,8 @@ pub struct Kind {
 
 /// A scene.
 pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
+/// A curve of what a hand feels.
+pub const CURVE: Kind = Kind { name: "a curve", limit_mib: 1 };
 /// A log or a capture of telemetry: two hours of frames.
 pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
 /// A board's program.

@@ -13,6 +13,7 @@
 mod figure;
 
 mod closed_loop;
+mod criteria;
 mod elements;
 mod entrances;
 mod estimator_bench;

@@ -9,7 +9,7 @@
 
 use host_sim::{
     plant::{AnyPlant, AnyState, Plant as _, Sensing},
-    scene::Scene,
+    scene::{PushBy, Scene},
     simulation::quantiser::{self, Quantiser},
 };
 
@@ -113,7 +113,7 @@ impl<'a> World<'a> {
     /// its count starts from 0.
     ///
     /// # Errors
-    /// The ELF is not this firmware, or the scene has `[jitter]`.
+    /// The ELF is not this firmware, or the scene has `[jitter]` or a hand that pushes.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -149,6 +149,11 @@ impl<'a> World<'a> {
     ) -> Result<Self, String> {
         if scene.jitter.is_some() {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
+        }
+        if scene.wall_hit.push_by == PushBy::Hand {
+            return Err(
+                "wall_hit.push_by = \"hand\": on a board the motor pushes; leave it out".to_owned()
+            );
         }
         let mut powered = Powered::on(board, elf)?;
         let sample_s = 1.0 / scene.control.rate_hz;

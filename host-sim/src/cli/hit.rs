@@ -49,6 +49,12 @@ struct Json<'a> {
     saturated_fraction: f64,
     contact_fraction: f64,
     velocity_clipped_fraction: f64,
+    criterion: &'static str,
+    rms_of: &'static str,
+    rms_motion_m: f64,
+    window_at_limit_fraction: f64,
+    /// `null` if the window has none.
+    sensation_db: Option<f64>,
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
@@ -56,7 +62,7 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.trace.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
-    let prepared = prepare(&scene)?;
+    let prepared = prepare(&scene)?.with_felt();
     let numeric = common.numeric;
     let report = if csv.is_none() && plot.is_none() {
         prepared.hit(numeric, &hit, |_| ())?
@@ -94,16 +100,37 @@ fn print(
         saturated_fraction: report.saturated_fraction,
         contact_fraction: report.contact_fraction,
         velocity_clipped_fraction: report.velocity_clipped_fraction,
+        criterion: scene.scene.wall_hit.criterion.name(),
+        rms_of: scene.scene.wall_hit.rms_of.name(),
+        rms_motion_m: report.rms_motion_m,
+        window_at_limit_fraction: report.at_limit_fraction,
+        sensation_db: report.sensation_db,
     };
     let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
     let clipped = json.velocity_clipped_fraction * 100.0;
     let note = (clipped > 0.0)
         .then(|| format!("\nvelocity at the end of its range in {clipped:.2} % of the samples"));
+    let mut window = format!(
+        "RMS of the motion {:.3} um, outputs of the window at the limit {:.2} %",
+        json.rms_motion_m * 1e6,
+        json.window_at_limit_fraction * 100.0
+    );
+    if let Some(level_db) = json.sensation_db {
+        let curve = match scene.scene.wall_hit.felt.text() {
+            None => "the built-in model of what a hand feels",
+            Some(_) => "wall_hit.felt_curve",
+        };
+        window += &format!(", {level_db:.1} dB over {curve}");
+    }
+    if json.criterion != "rms" || json.rms_of != "counts" {
+        window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
+    }
     print_result(common.json, &json, || {
         format!(
             "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
              {}, K = {} N/m, B = {} N s/m\n\
-             mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %{}",
+             mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %\n\
+             {window}{}",
             scene.name,
             json.verdict,
             json.rms_m * 1e6,

@@ -4,6 +4,7 @@ mod compare;
 mod grid;
 mod hit;
 mod identify;
+mod limits;
 mod linear;
 mod list;
 mod progress;

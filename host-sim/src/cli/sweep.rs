@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common,
+    limits::LimitArgs,
     list::{self, List},
     progress,
     shared::{self, check_cutoffs},
@@ -17,6 +18,7 @@ use crate::{
     interrupt,
     output::{
         files::{FolderPlace, Outputs},
+        limits::LimitStudy,
         sweep::{self as sweep_files, Study, Summary, VariantResult},
         terminal::print_result,
     },
@@ -24,6 +26,7 @@ use crate::{
     simulation::prepared::PreparedScene,
     study::{
         envelope::envelopes,
+        limits::{Question, limits},
         sensitivity::{Variant, variants},
         sweep::{Plan, SweepResult, ascending, sweep},
     },
@@ -43,6 +46,11 @@ pub struct SweepArgs {
     /// Show how the ideal cutoff moves with RMS limit, push-only, latency, output rate and impact speed.
     #[arg(long)]
     sensitivity: bool,
+    #[command(flatten)]
+    limits: LimitArgs,
+    /// Nothing but the scene's own criterion, limit and push; else a limit of 1 um, by motor and by hand, stands beside it.
+    #[arg(long, conflicts_with = "limits")]
+    plain: bool,
 }
 
 #[derive(Serialize)]
@@ -56,6 +64,7 @@ struct Job {
     prepared: PreparedScene,
     cutoffs_hz: Vec<f64>,
     variants: Vec<Variant>,
+    question: Option<Question>,
     to: FolderPlace,
     folder: PathBuf,
 }
@@ -78,7 +87,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let mut results = results.into_iter();
     let (mut summaries, mut tables) = (vec![], vec![]);
     for job in jobs {
-        let Job { scene, prepared, cutoffs_hz, variants, to, folder } = job;
+        let Job { scene, prepared, cutoffs_hz, variants, question, to, folder } = job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -89,8 +98,21 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             result,
         });
         let envelopes = envelopes(engine, &prepared, numeric, &result, interrupt::flag())?;
+        let limits = question.map(|question| {
+            let bar = progress::bar(question.walks() as u64);
+            let (scene, stop) = (&scene.scene, interrupt::flag());
+            let results = limits(engine, scene, &question, numeric, stop, || bar.inc(1));
+            bar.finish_and_clear();
+            results.map(|results| LimitStudy { question, results })
+        });
+        let limits = match limits.transpose() {
+            // a scene whose hand does not reach the wall still has its own sweep
+            Err(Error::Input(_)) if !args.limits.are_asked() => None,
+            limits => limits.map_err(|error| error.of(&scene.name))?,
+        };
         let study = Study {
             envelopes,
+            limits,
             numeric,
             repeats: args.repeat,
             variants: variants.collect(),
@@ -137,11 +159,17 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
         let prepared = shared::prepare(&scene)?;
+        let question =
+            args.limits.or_default(&scene.scene, &cutoffs_hz, args.repeat, args.plain)?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
-        jobs.push(Job { scene, prepared, cutoffs_hz, variants, to, folder });
+        jobs.push(Job { scene, prepared, cutoffs_hz, variants, question, to, folder });
     }
-    let walks_of = |job: &Job| job.cutoffs_hz.len() * (1 + job.variants.len());
-    let walks = jobs.iter().map(walks_of).sum::<usize>() * args.repeat as usize;
+    let walks_of = |job: &Job| {
+        let own = job.cutoffs_hz.len() * (1 + job.variants.len()) * args.repeat as usize;
+        let asked = job.question.as_ref().filter(|_| args.limits.are_asked());
+        own + asked.map_or(0, Question::walks)
+    };
+    let walks = jobs.iter().map(walks_of).sum::<usize>();
     if walks > WALKS_MAX {
         return Err(Error::Input(format!(
             "cutoffs and --repeat make {walks} walks, allowed {WALKS_MAX}"
@@ -158,8 +186,10 @@ fn command_line(
 ) -> String {
     let list: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
     let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
+    let plain = if args.plain { " --plain" } else { "" };
+    let limits = args.limits.as_typed();
     format!(
-        "sweep {} --cutoffs {} --repeat {}{sensitivity} --numeric {} --engine {}",
+        "sweep {} --cutoffs {} --repeat {}{sensitivity}{plain}{limits} --numeric {} --engine {}",
         scene.name,
         list.join(","),
         args.repeat,
@@ -208,6 +238,9 @@ fn table(study: &Study, folder: &str) -> String {
     }
     for variant in &study.variants {
         let _ = writeln!(text, "  {}", variant.sentence());
+    }
+    if let Some(limits) = &study.limits {
+        let _ = writeln!(text, "  {}", limits.text());
     }
     for note in study.result.notes() {
         let _ = writeln!(text, "  note: {note}");

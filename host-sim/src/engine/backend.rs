@@ -144,6 +144,7 @@ pub fn run(
     depth: Depth,
     work: &mut dyn Work,
 ) -> Tally {
+    let numeric = if prepared.is_told() { Numeric::Fixed } else { numeric };
     let task = Task { prepared, numeric, depth };
     let Engine::Lanes(backend) = engine else { return one_by_one(task, work) };
     if !lanes_for(prepared) {

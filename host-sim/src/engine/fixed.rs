@@ -149,12 +149,20 @@ impl<S: SimdOps> Lanes<S> for FixedState<S> {
         simd: S,
         gains: &Self::Gains,
         depth: S::f64s,
+        speed: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::f64s {
         let zero = simd.splat_u64s(0);
         let inside = simd.greater_than_f64s(depth, simd.splat_f64s(0.0));
         let spring = gains.stiffness.apply(simd, simd.to_low(depth));
-        let damper = gains.damping.apply(simd, self.y[0]);
+        let velocity = match stage.told {
+            None => self.y[0],
+            Some(scale) => {
+                let exact = simd.add_f64s(simd.mul_f64s(speed, scale), simd.splat_f64s(0.5));
+                simd.to_low(simd.floor(exact))
+            }
+        };
+        let damper = gains.damping.apply(simd, velocity);
         let total = simd.larger(simd.add_u64s(spring, damper), stage.least);
         let wall = simd.select_u64s(inside, total, zero);
         let full = simd.splat_u64s(Force::FULL_SCALE.bits().unsigned_abs().into());

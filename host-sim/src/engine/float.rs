@@ -84,6 +84,7 @@ impl<S: SimdOps> Lanes<S> for TwinState<S> {
         simd: S,
         gains: &Self::Gains,
         depth: S::f64s,
+        _: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::f64s {
         let zero = simd.splat_f64s(0.0);

@@ -13,6 +13,12 @@ use pulp::WithSimd;
 
 use super::simd_ops::SimdOps;
 
+mod actuation;
+mod watch;
+
+pub use actuation::Actuation;
+pub use watch::{Motion, Watched};
+
 /// Samples that are taken stage by stage: the plant runs ahead, because it does not wait for the filter. Sample
 /// by sample all of a step would wait for its own start, and take twice the time.
 const BLOCK: usize = 16;
@@ -47,12 +53,14 @@ pub trait Lanes<S: SimdOps>: Copy {
     fn output(&self, simd: S) -> S::f64s {
         simd.splat_f64s(0.0)
     }
-    /// The output that answers the last sample, fraction of full scale; `depth` in counts behind the surface.
+    /// The output that answers the last sample, fraction of full scale; `depth` in counts behind the surface, `speed`
+    /// the true one, m/s.
     fn render(
         &self,
         simd: S,
         gains: &Self::Gains,
         depth: S::f64s,
+        speed: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::f64s;
     /// The hit came where these lanes do not do what the controller does.
@@ -73,6 +81,8 @@ pub struct OutputStage<S: SimdOps> {
     pub per_code: S::f64s,
     /// Rounds the twin's velocity, if it is to be rounded.
     pub velocity_lsb: Option<S::f64s>,
+    /// LSB of the core's velocity per m/s, if the wall is told the true one.
+    pub told: Option<S::f64s>,
     pub full_scale_n: S::f64s,
 }
 
@@ -84,10 +94,13 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub gamma: [S::f64s; P],
     pub before: [S::f64s; P],
     pub after: [S::f64s; P],
+    pub hand: [S::f64s; P],
     pub rest_m: S::f64s,
     pub resolution_m: S::f64s,
     /// Counts that are added before the encoder floors: 1/2 where it rounds, else 0, which changes nothing.
     pub bias: S::f64s,
+    /// More than counts is looked at.
+    pub watches: bool,
     pub stage: OutputStage<S>,
 }
 
@@ -96,11 +109,12 @@ pub struct Shared<S: SimdOps, const P: usize> {
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, C, const P: usize> {
     pub state: [S::f64s; P],
-    /// What the acting force adds to the state in a sample.
+    /// What the acting force and a hand's add to the state in a sample.
     pub pushed: [S::f64s; P],
     /// Force that acts, N.
     pub acting_n: S::f64s,
     pub counted: Counted<S>,
+    pub watched: Watched<S>,
     pub controller: C,
 }
 
@@ -127,24 +141,15 @@ pub struct Kept<S: SimdOps, G> {
     pub origin: S::f64s,
     /// All ones within the window.
     pub within: S::u64s,
+    /// First position of the window, m, and all ones from there on.
+    pub origin_m: S::f64s,
+    pub watching: S::u64s,
 }
 
 /// A vector that never straddles two cache lines.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Aligned<V>(pub V);
-
-/// Where all lanes are between two outputs, and the commands on their way.
-pub struct Actuation<S: SimdOps, const R: usize> {
-    pub period: u32,
-    /// Samples after an output at which a command takes effect.
-    pub arrival: u32,
-    /// Samples since the last output was due; `period` is 0 again.
-    pub phase: u32,
-    /// A ring of commands on their way, N.
-    pub commands_n: Vec<Row<S, R>>,
-    pub newest: usize,
-}
 
 /// The step without a force, in the order of the scalar plants.
 #[inline(always)]
@@ -176,9 +181,24 @@ fn plus<S: SimdOps, const P: usize>(
     state
 }
 
+/// What a force and the hand's add to a state.
+#[inline(always)]
+fn pushed<S: SimdOps, const P: usize>(
+    simd: S,
+    effect: &[S::f64s; P],
+    force_n: S::f64s,
+    hand: &[S::f64s; P],
+) -> [S::f64s; P] {
+    let mut pushed = *hand;
+    for (pushed, effect) in pushed.iter_mut().zip(effect) {
+        *pushed = simd.add_f64s(simd.mul_f64s(*effect, force_n), *pushed);
+    }
+    pushed
+}
+
 /// One field of each of the R vectors. Nothing generic is called: there are many kinds of lanes, and all that they
 /// call is compiled for each of them.
-macro_rules! each {
+macro_rules! each_field {
     ($vectors:expr, $field:ident) => {{
         let mut values = [$vectors[0].$field; R];
         for r in 1..R {
@@ -187,6 +207,7 @@ macro_rules! each {
         values
     }};
 }
+use each_field;
 
 /// Some samples of all lanes.
 pub struct Chunk<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
@@ -194,11 +215,13 @@ pub struct Chunk<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     pub kept: &'a [Kept<S, C::Gains>; R],
     pub moving: &'a mut [Moving<S, C, P>; R],
     pub actuation: &'a mut Actuation<S, R>,
+    /// Where all positions go, if somebody listens.
+    pub motion: Option<&'a mut Motion<S, R>>,
     pub samples: u32,
 }
 
 /// A value of all lanes.
-type Row<S, const R: usize> = Aligned<[<S as pulp::Simd>::f64s; R]>;
+pub type Row<S, const R: usize> = Aligned<[<S as pulp::Simd>::f64s; R]>;
 
 impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
     /// A handle that does not move, before sample 0.
@@ -207,19 +230,19 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
         let counted = Counted { count: zero, jump: zero, sum: zero, squares: zero, deepest: zero };
         let controller = C::at_rest(simd);
         let (state, pushed) = ([zero; P], [zero; P]);
-        Self { state, pushed, acting_n: zero, counted, controller }
+        let watched = Watched { sum_m: zero, squares: zero, at_limit: zero };
+        Self { state, pushed, acting_n: zero, counted, watched, controller }
     }
 
-    /// The force that the wall and the push ask for, N.
+    /// The output that the wall and the push ask for, fraction of full scale.
     #[inline(always)]
     fn render(&self, simd: S, shared: &Shared<S, P>, kept: &Kept<S, C::Gains>) -> S::f64s {
         let depth = simd.sub_f64s(self.counted.count, kept.surface);
-        let output = self.controller.render(simd, &kept.gains, depth, &shared.stage);
-        simd.mul_f64s(output, shared.stage.full_scale_n)
+        self.controller.render(simd, &kept.gains, depth, self.state[1], &shared.stage)
     }
 
     #[inline(always)]
-    fn position_m(&self, simd: S, shared: &Shared<S, P>) -> S::f64s {
+    pub fn position_m(&self, simd: S, shared: &Shared<S, P>) -> S::f64s {
         simd.add_f64s(self.state[0], shared.rest_m)
     }
 
@@ -232,15 +255,13 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
     #[inline(always)]
     fn advance_split(&mut self, simd: S, shared: &Shared<S, P>, force_n: S::f64s) {
         self.state = free(simd, shared, &self.state);
-        for (effect, force_n) in [(&shared.before, self.acting_n), (&shared.after, force_n)] {
-            for (state, effect) in self.state.iter_mut().zip(effect) {
-                *state = simd.add_f64s(*state, simd.mul_f64s(*effect, force_n));
-            }
+        for (state, effect) in self.state.iter_mut().zip(&shared.before) {
+            *state = simd.add_f64s(*state, simd.mul_f64s(*effect, self.acting_n));
         }
+        let after = pushed(simd, &shared.after, force_n, &shared.hand);
+        self.state = plus(simd, self.state, after);
         self.acting_n = force_n;
-        for (pushed, gamma) in self.pushed.iter_mut().zip(shared.gamma) {
-            *pushed = simd.mul_f64s(gamma, force_n);
-        }
+        self.pushed = pushed(simd, &shared.gamma, force_n, &shared.hand);
     }
 }
 
@@ -277,6 +298,9 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
             self.move_on(simd, block);
             let end = samples as usize + usize::from(event);
             let Some(block) = buffer.get_mut(..end) else { return };
+            if self.shared.watches {
+                self.watch(simd, block);
+            }
             self.count(simd, block);
             self.filter(simd, block);
             if event {
@@ -290,8 +314,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     #[inline(always)]
     fn move_on(&mut self, simd: S, block: &mut [Row<S, R>]) {
         let Some((last, block)) = block.split_last_mut() else { return };
-        let mut state = each!(self.moving, state);
-        let pushed = each!(self.moving, pushed);
+        let mut state = each_field!(self.moving, state);
+        let pushed = each_field!(self.moving, pushed);
         let shared = *self.shared;
         for row in block {
             for r in 0..R {
@@ -309,8 +333,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     #[inline(always)]
     fn count(&mut self, simd: S, block: &mut [Row<S, R>]) {
         let (resolution_m, bias) = (self.shared.resolution_m, self.shared.bias);
-        let mut counted = each!(self.moving, counted);
-        let (origin, within) = (each!(self.kept, origin), each!(self.kept, within));
+        let mut counted = each_field!(self.moving, counted);
+        let (origin, within) = (each_field!(self.kept, origin), each_field!(self.kept, within));
         for row in block {
             for r in 0..R {
                 let Counted { count: last, jump, sum, squares, deepest } = counted[r];
@@ -337,8 +361,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     /// The velocities of a block of counts moved.
     #[inline(always)]
     fn filter(&mut self, simd: S, block: &[Row<S, R>]) {
-        let mut controller = each!(self.moving, controller);
-        let gains = each!(self.kept, gains);
+        let mut controller = each_field!(self.moving, controller);
+        let gains = each_field!(self.kept, gains);
         let quick = C::QUICK_ABOVE.is_some_and(|least| self.quick(simd, block, least));
         if quick {
             return;
@@ -357,8 +381,8 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     /// be right in all lanes.
     #[inline(always)]
     fn quick(&mut self, simd: S, block: &[Row<S, R>], least: f64) -> bool {
-        let mut controller = each!(self.moving, controller);
-        let gains = each!(self.kept, gains);
+        let mut controller = each_field!(self.moving, controller);
+        let gains = each_field!(self.kept, gains);
         let mut smallest = [simd.splat_f64s(f64::INFINITY); R];
         for r in 0..R {
             smallest[r] = controller[r].output(simd);
@@ -389,7 +413,11 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
             let mut forces_n = [simd.splat_f64s(0.0); R];
             // no closure: one that is not inlined would not be compiled for the machine
             for r in 0..R {
-                forces_n[r] = self.moving[r].render(simd, shared, &self.kept[r]);
+                let output = self.moving[r].render(simd, shared, &self.kept[r]);
+                if shared.watches {
+                    self.moving[r].watched.output(simd, output, self.kept[r].watching);
+                }
+                forces_n[r] = simd.mul_f64s(output, shared.stage.full_scale_n);
             }
             self.actuation.send(forces_n);
         }
@@ -402,54 +430,6 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
             }
         }
         self.actuation.phase += 1;
-    }
-}
-
-impl<S: SimdOps, const R: usize> Actuation<S, R> {
-    /// Before the first sample.
-    pub fn new(simd: S, period: u32, latency: u32) -> Self {
-        let room = (latency / period + 1) as usize;
-        let commands_n = vec![Aligned([simd.splat_f64s(0.0); R]); room];
-        Self { period, arrival: latency % period, phase: 0, commands_n, newest: 0 }
-    }
-
-    /// An output is due with the next sample.
-    pub fn is_due(&self) -> bool {
-        self.phase == 0 || self.phase == self.period
-    }
-
-    /// Samples before the next one in which an output is due or a command arrives.
-    #[inline(always)]
-    fn samples_to_event(&self) -> u32 {
-        match self.phase {
-            0 => 0,
-            phase if phase <= self.arrival => self.arrival - phase,
-            phase => self.period - phase,
-        }
-    }
-
-    /// Samples before the next one in which an output is due.
-    pub fn samples_to_output(&self) -> u32 {
-        if self.is_due() { 0 } else { self.period - self.phase }
-    }
-
-    #[inline(always)]
-    fn send(&mut self, forces_n: [S::f64s; R]) {
-        self.newest = self.following();
-        if let Some(slot) = self.commands_n.get_mut(self.newest) {
-            slot.0 = forces_n;
-        }
-    }
-
-    #[inline(always)]
-    fn following(&self) -> usize {
-        if self.newest + 1 < self.commands_n.len() { self.newest + 1 } else { 0 }
-    }
-
-    /// The command that arrives when one does.
-    #[inline(always)]
-    fn oldest(&self) -> [S::f64s; R] {
-        self.commands_n[self.following()].0
     }
 }
 

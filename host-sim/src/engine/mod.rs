@@ -31,9 +31,9 @@
 //! lanes are exact wherever their outcome is used.
 //!
 //! # When a hit ends
-//! As in the scalar loop: `unstable` is certain once the sum of squares about the mean exceeds what the limit
+//! As in the scalar loop, for the RMS of counts: `unstable` is certain once the sum of squares about the mean exceeds what the limit
 //! allows ([`Hit::certain_verdict`](zwidth::experiment::Hit::certain_verdict)), and is looked for every 512
-//! samples; only [`Depth::Whole`] runs on for the RMS.
+//! samples; only [`Depth::Whole`] runs on for the RMS. Other criteria: [`crate::simulation::window`].
 
 mod backend;
 mod fixed;

@@ -3,12 +3,12 @@
 use zwidth::{
     Output,
     actuator::Actuator,
-    experiment::{Hit, HitPlan, RunningVariance},
+    experiment::{Hit, HitPlan, RunningVariance, Verdict},
     units::{Force, Position},
 };
 
 use super::{
-    lanes::{Actuation, Chunk, Kept, Lanes, Moving, OutputStage, Shared, mask},
+    lanes::{Actuation, Chunk, Kept, Lanes, Motion, Moving, OutputStage, Shared, Watched, mask},
     simd_ops::{SimdOps, lanes, lanes_mut},
     work::{Depth, Outcome, Tally, Task, Work, scalar},
 };
@@ -16,8 +16,10 @@ use crate::{
     plant::LinearStep,
     scene::Rounding,
     simulation::{
+        controller::lsb_per_m_per_s,
         prepared::{HitError, Numeric, PreparedScene, WallHit},
         twin,
+        window::Watch,
     },
 };
 
@@ -71,6 +73,7 @@ struct Scheduler<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     kept: [Kept<S, C::Gains>; R],
     moving: [Moving<S, C, P>; R],
     actuation: Actuation<S, R>,
+    motion: Option<Motion<S, R>>,
     running: Vec<Option<Running>>,
 }
 
@@ -86,8 +89,9 @@ pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
         scheduler.begin(lane, work);
     }
     while let Some(samples) = scheduler.until_next_event() {
-        let Scheduler { shared, kept, moving, actuation, .. } = &mut scheduler;
-        Chunk { shared, kept, moving, actuation, samples }.go(simd);
+        let Scheduler { shared, kept, moving, actuation, motion, .. } = &mut scheduler;
+        let motion = motion.as_mut();
+        Chunk { shared, kept, moving, actuation, motion, samples }.go(simd);
         for lane in 0..scheduler.running.len() {
             if let Some(outcome) = scheduler.look(lane, samples) {
                 scheduler.waiting = true;
@@ -129,9 +133,11 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             gamma: each(simd, &step.gamma),
             before: each(simd, &step.before),
             after: each(simd, &step.after),
+            hand: each(simd, &step.hand),
             rest_m: splat(step.rest_m[0]),
             resolution_m: splat(parts.encoder.resolution_m),
             bias: splat(if parts.encoder.rounding == Rounding::Round { 0.5 } else { 0.0 }),
+            watches: !task.prepared.judge().is_plain(),
             stage: stage(simd, task),
         };
         let kept = Kept {
@@ -139,7 +145,11 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             surface: zero,
             origin: zero,
             within: simd.splat_u64s(0),
+            origin_m: zero,
+            watching: simd.splat_u64s(0),
         };
+        let listens = task.prepared.judge().listens();
+        let motion = listens.then(|| Motion::new(simd, task.prepared.plan().window));
         let actuation = Actuation::new(simd, parts.period, parts.latency);
         Self {
             simd,
@@ -151,6 +161,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             kept: [kept; R],
             moving: [Moving::new(simd); R],
             actuation,
+            motion,
             running: vec![None; R * S::F64_LANES],
         }
     }
@@ -194,14 +205,16 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
         for (vector, value) in moving.state.iter_mut().zip(state) {
             set(vector, value);
         }
-        for vector in
-            moving.pushed.iter_mut().chain([&mut moving.acting_n, &mut moving.counted.jump])
-        {
+        for (vector, hand) in moving.pushed.iter_mut().zip(self.step.hand) {
+            set(vector, 0.0 + hand);
+        }
+        for vector in [&mut moving.acting_n, &mut moving.counted.jump] {
             set(vector, 0.0);
         }
         set(&mut moving.counted.count, prepared.first_count(&hit).into());
         set(&mut kept.surface, surface.into());
         lanes_mut(&mut kept.within)[place] = mask(false);
+        lanes_mut(&mut kept.watching)[place] = mask(false);
         for commands_n in &mut self.actuation.commands_n {
             set(&mut commands_n.0[vector], 0.0);
         }
@@ -233,7 +246,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
     /// Samples until a lane has to be looked at; `None` if none is running.
     fn until_next_event(&self) -> Option<u32> {
         let to_output = self.waiting.then(|| self.actuation.samples_to_output());
-        let soonest = soonest(&self.running, self.task.prepared.plan());
+        let soonest = soonest(&self.running, self.task.prepared.plan(), self.shared.watches);
         let samples = [soonest, to_output].into_iter().flatten().min()?;
         Some(samples.min(CHUNK_SAMPLES))
     }
@@ -255,6 +268,15 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             return Some(None);
         }
         let settle = self.task.prepared.plan().settle;
+        if running.samples == settle && self.shared.watches {
+            let at_m = get(&moving.position_m(self.simd, &self.shared));
+            lanes_mut(&mut kept.origin_m)[place] = at_m;
+            lanes_mut(&mut kept.watching)[place] = mask(true);
+            let Watched { sum_m, squares, at_limit } = &mut moving.watched;
+            for sum in [sum_m, squares, at_limit] {
+                lanes_mut(sum)[place] = 0.0;
+            }
+        }
         if running.samples <= settle {
             return None;
         }
@@ -271,14 +293,18 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
         }
         lanes_mut(&mut moving.counted.sum)[place] = 0.0;
         lanes_mut(&mut moving.counted.squares)[place] = 0.0;
-        running.judge(self.task).map(Some)
+        let watch = moving.watched.lane(place, get(&kept.origin_m));
+        let motion = self.motion.as_ref();
+        let motion = || motion.map_or(vec![], |motion| motion.lane(vector, place));
+        running.judge(self.task, &watch, motion).map(Some)
     }
 }
 
-/// Samples until one of these hits has to be looked at: after the first sample of its window, which gives the
-/// origin, and at its end.
-fn soonest(running: &[Option<Running>], plan: &HitPlan) -> Option<u32> {
+/// Samples until one of these hits has to be looked at: before the first sample of its window, if it is watched, after
+/// it, which gives the origin, and at its end.
+fn soonest(running: &[Option<Running>], plan: &HitPlan, watches: bool) -> Option<u32> {
     let next = |running: &Running| match running.samples {
+        n if watches && n < plan.settle => plan.settle - n,
         n if n <= plan.settle => plan.settle + 1 - n,
         n => plan.settle + plan.window - n,
     };
@@ -309,15 +335,35 @@ impl Running {
     }
 
     /// The hit's outcome, if it is over or certain.
-    fn judge(&self, task: Task<'_>) -> Option<Outcome> {
-        let hit = Hit::in_window(*task.prepared.plan(), u32::from(self.contact), self.variance);
-        if hit.is_over() {
-            let rms_m = self.variance.rms_counts() * task.prepared.design().resolution_m;
-            let whole = task.depth == Depth::Whole;
-            return Some(Outcome { verdict: hit.verdict(), rms_m: whole.then_some(rms_m) });
+    fn judge(
+        &self,
+        task: Task<'_>,
+        watch: &Watch,
+        motion: impl FnOnce() -> Vec<f64>,
+    ) -> Option<Outcome> {
+        let Task { prepared, depth, .. } = task;
+        let hit = Hit::in_window(*prepared.plan(), u32::from(self.contact), self.variance);
+        if !hit.is_over() {
+            let early = depth != Depth::Whole;
+            let certain = || prepared.judge().certain_verdict(&hit, watch, prepared.plan().window);
+            return early.then(certain).flatten().map(Outcome::of);
         }
-        let certain = (task.depth == Depth::Verdict).then(|| hit.certain_verdict()).flatten()?;
-        Some(Outcome { verdict: certain, rms_m: None })
+        let plain = prepared.judge().is_plain();
+        if plain && depth != Depth::Whole {
+            return Some(Outcome::of(hit.verdict()));
+        }
+        let measures = prepared.judge().measures(&hit, watch, motion);
+        let verdict = prepared.judge().verdict(&hit, &measures);
+        let shown = match depth {
+            Depth::Verdict => false,
+            Depth::Bounded => verdict != Verdict::Unstable,
+            Depth::Whole => true,
+        };
+        Some(Outcome {
+            verdict,
+            rms_m: (depth == Depth::Whole).then_some(measures.rms_m),
+            measures: (shown && !plain).then_some(measures),
+        })
     }
 }
 
@@ -351,6 +397,7 @@ fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
         codes: codes.map(|codes| simd.splat_u64s(codes.into())),
         codes_f64: codes.map(|codes| splat(codes.into())),
         per_code: splat(1.0 / f64::from(per_full_scale)),
+        told: prepared.is_told().then(|| splat(lsb_per_m_per_s(prepared.design()))),
         velocity_lsb: (numeric == Numeric::F64Rounded).then(|| splat(twin::ROUND_TO_LSB)),
         full_scale_n: splat(task.prepared.parts().full_scale_n),
     }

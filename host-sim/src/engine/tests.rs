@@ -6,10 +6,13 @@ use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
 use super::*;
 use crate::{
     scene::{
-        NamedScene, Quantisation, Rounding, Scene,
+        Criterion, NamedScene, PushBy, Quantisation, RmsOf, Rounding, Scene,
         element::{Amplifier, Arm, Friction, Mode},
     },
-    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+    simulation::{
+        prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
+        window::Measures,
+    },
 };
 
 const NUMERICS: [Numeric; 3] = [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded];
@@ -57,28 +60,46 @@ fn outcomes(
     (work.outcomes.into_iter().map(Option::unwrap).collect(), tally)
 }
 
-/// To the bit: RMS as its bits.
-fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Option<u64>), HitError> {
-    outcome.clone().map(|outcome| (outcome.verdict, outcome.rms_m.map(f64::to_bits)))
+/// To the bit: what was measured as its bits.
+fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Vec<Option<u64>>), HitError> {
+    outcome.clone().map(|Outcome { verdict, rms_m, measures }| {
+        let of = |value: fn(&Measures) -> Option<f64>| measures.as_ref().and_then(value);
+        let motion = of(|m| Some(m.rms_motion_m));
+        let level = of(|m| m.sensation_db);
+        let all = [rms_m, of(|m| Some(m.rms_m)), motion, of(|m| Some(m.at_limit_fraction)), level];
+        (verdict, all.map(|value| value.map(f64::to_bits)).to_vec())
+    })
 }
 
 /// Every engine and backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of them.
 fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
-        for depth in [Depth::Whole, Depth::Verdict] {
+        for depth in [Depth::Whole, Depth::Bounded, Depth::Verdict] {
+            let measures =
+                |report: &HitReport| (!prepared.judge().is_plain()).then(|| report.measures());
             let scalar: Vec<_> = hits
                 .iter()
                 .map(|hit| match depth {
                     Depth::Whole => prepared.hit(numeric, hit, |_| {}).map(|report| Outcome {
                         verdict: report.verdict,
                         rms_m: Some(report.rms_m),
+                        measures: measures(&report),
                     }),
+                    // by a hit that runs to its end
+                    Depth::Bounded => match prepared.hit(numeric, hit, |_| {}) {
+                        Err(HitError::OutOfRange(_)) => Ok(Outcome::of(Verdict::Unstable)),
+                        whole => whole.map(|report| Outcome {
+                            measures: measures(&report)
+                                .filter(|_| report.verdict != Verdict::Unstable),
+                            ..Outcome::of(report.verdict)
+                        }),
+                    },
                     Depth::Verdict => match prepared.verdict(numeric, hit) {
                         Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
                         verdict => verdict,
                     }
-                    .map(|verdict| Outcome { verdict, rms_m: None }),
+                    .map(Outcome::of),
                 })
                 .collect();
             for engine in engines() {
@@ -254,10 +275,11 @@ fn scenes() -> impl Strategy<Value = Scene> {
         1 => select(&[EstimatorName::FirstOrder, EstimatorName::FirstOrderPrewarped][..]),
         1 => Just(EstimatorName::Difference),
     ];
-    let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, 0.05..1.2f64);
+    let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, (0.05..1.2f64, any::<bool>()));
     let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64);
     (loops, outputs, estimators, bodies, elements).prop_map(
-        |(loops, output, velocity, (mass, damping, stiffness, push), (pole, hand, hz))| {
+        |(loops, output, velocity, (mass, damping, stiffness, push), (pole, arm, hz))| {
+            let (push, by_hand) = push;
             let (period, latency, rate_hz, push_only, round, resolution) = loops;
             let mut scene = paper();
             scene.actuator.period = period;
@@ -273,13 +295,14 @@ fn scenes() -> impl Strategy<Value = Scene> {
             scene.device.stiffness_n_per_m = stiffness;
             scene.wall_hit.push_n = push * 5.9; // beyond 1 it saturates
             scene.wall_hit.push_n = scene.wall_hit.push_n.min(5.9);
+            scene.wall_hit.push_by = if by_hand { PushBy::Hand } else { PushBy::Motor };
             scene.device.rest_position_m = 0.069;
             scene.device.start_position_m = 0.0695;
             scene.wall_hit.settle_s = 0.05;
             scene.wall_hit.window_s = 0.07;
             scene.wall_hit.rms_limit_m = 15.0 * scene.encoder.resolution_m;
             scene.amplifier = pole.then_some(Amplifier { bandwidth_hz: hz });
-            scene.arm = hand.then_some(Arm {
+            scene.arm = arm.then_some(Arm {
                 mass_kg: 1.0,
                 damping_n_s_per_m: 10.0,
                 stiffness_n_per_m: 200.0,
@@ -316,6 +339,30 @@ proptest! {
             hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
         }
         let prepared = PreparedScene::new(&scene).unwrap();
+        prop_assert!(lanes_for(&prepared));
+        hold(&prepared, &hits);
+    }
+
+    #[test]
+    fn every_criterion_is_the_same_bit_for_bit(
+        mut scene in scenes(),
+        mut hits in walls(),
+        criterion in select(&[Criterion::Rms, Criterion::Unsaturated, Criterion::Felt][..]),
+        (motion, told, limit) in (any::<bool>(), any::<bool>(), -2.0..2.0f64),
+    ) {
+        let hit = &mut scene.wall_hit;
+        (hit.criterion, hit.rms_of) = (criterion, if motion { RmsOf::Motion } else { RmsOf::Counts });
+        hit.rms_limit_m = scene.encoder.resolution_m * 10f64.powf(limit);
+        hit.felt_limit_db = 20.0 * limit;
+        hit.settle_s = 0.02;
+        hit.window_s = if criterion == Criterion::Felt { 0.5 } else { 0.07 };
+        prop_assume!(scene.check().is_ok());
+        for hit in &mut hits {
+            hit.cutoff_hz = scene.control.rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
+        }
+        hits.truncate(6);
+        let told = told.then(|| PreparedScene::told(&scene)).transpose().unwrap();
+        let prepared = told.unwrap_or_else(|| PreparedScene::new(&scene).unwrap());
         prop_assert!(lanes_for(&prepared));
         hold(&prepared, &hits);
     }

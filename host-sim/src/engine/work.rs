@@ -2,13 +2,19 @@
 
 use zwidth::experiment::Verdict;
 
-use crate::simulation::prepared::{HitError, Numeric, PreparedScene, WallHit};
+use crate::simulation::{
+    prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
+    window::Measures,
+};
 
 /// How much of a hit is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// Until the verdict is certain. A hit that leaves the core's range is unstable.
     Verdict,
+    /// Until it is certain to be unstable; all others to their end, for what they show. A hit that leaves the core's
+    /// range is unstable.
+    Bounded,
     /// To its end, for the RMS. A hit that leaves the core's range is an error.
     Whole,
 }
@@ -20,6 +26,16 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// Population RMS over the window, m; only with [`Depth::Whole`].
     pub rms_m: Option<f64>,
+    /// What the window showed, if the scene looks at more than counts: with [`Depth::Whole`], and with
+    /// [`Depth::Bounded`] of hits that are not unstable.
+    pub measures: Option<Measures>,
+}
+
+impl Outcome {
+    /// A verdict and no more.
+    pub fn of(verdict: Verdict) -> Self {
+        Self { verdict, rms_m: None, measures: None }
+    }
 }
 
 /// Where hits were run.
@@ -67,9 +83,25 @@ pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
             Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
             verdict => verdict,
         }
-        .map(|verdict| Outcome { verdict, rms_m: None }),
-        Depth::Whole => prepared
-            .report(numeric, hit)
-            .map(|report| Outcome { verdict: report.verdict, rms_m: Some(report.rms_m) }),
+        .map(Outcome::of),
+        Depth::Bounded => match prepared.bounded(numeric, hit) {
+            Err(HitError::OutOfRange(_)) => Ok(None),
+            bounded => bounded,
+        }
+        .map(|report| match report {
+            None => Outcome::of(Verdict::Unstable),
+            Some(report) => {
+                Outcome { measures: measures(prepared, &report), ..Outcome::of(report.verdict) }
+            }
+        }),
+        Depth::Whole => prepared.report(numeric, hit).map(|report| Outcome {
+            verdict: report.verdict,
+            rms_m: Some(report.rms_m),
+            measures: measures(prepared, &report),
+        }),
     }
+}
+
+fn measures(prepared: &PreparedScene, report: &HitReport) -> Option<Measures> {
+    (!prepared.judge().is_plain()).then(|| report.measures())
 }

@@ -4,4 +4,5 @@ pub mod exact;
 pub mod fft;
 pub mod integrator;
 pub mod random;
+pub mod spectrum;
 pub mod statistics;

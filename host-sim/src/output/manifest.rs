@@ -24,6 +24,9 @@ pub struct Manifest {
     pub scene: String,
     /// The scene file, to the letter.
     pub scene_text: String,
+    /// The file that its `felt_curve` names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub felt_curve_text: Option<String>,
 }
 
 impl Manifest {
@@ -39,6 +42,7 @@ impl Manifest {
             command,
             scene: scene.name.clone(),
             scene_text: scene.text.clone(),
+            felt_curve_text: scene.scene.wall_hit.felt.text().map(str::to_owned),
         }
     }
 

@@ -3,6 +3,7 @@
 mod draft;
 pub mod figure;
 pub mod files;
+pub mod limits;
 pub mod manifest;
 pub mod report;
 pub mod sweep;

@@ -46,6 +46,8 @@ pub struct Report {
     pub figures: Vec<ReportFigure>,
     /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
+    /// Areas by limit, as lines of text; empty if nobody asked for them.
+    pub limits: String,
     /// Remarks, one sentence each.
     pub notes: Vec<String>,
     /// The scene file as it was read.
@@ -72,6 +74,7 @@ pub fn html(report: &Report) -> String {
         &report.figures,
         &[
             ("Areas", areas(report)),
+            ("Limits", scene(&report.limits)),
             ("Notes", notes(&report.notes)),
             ("Scene", scene(&report.scene)),
             ("Provenance", provenance(&report.provenance)),
@@ -270,6 +273,7 @@ mod tests {
                 .map(|figure| ReportFigure { figure, caption: "K & B".to_owned() })
                 .collect(),
             areas: vec![row(500.0, 2.65e7), row(1200.0, 4.17e7), row(1700.0, 4.55e7)],
+            limits: "1 um".to_owned(),
             notes: vec!["a < b".to_owned()],
             scene: "[device]\nname = \"<script>\"\n".to_owned(),
             provenance: vec![("version".to_owned(), "0.1.0 & more".to_owned())],

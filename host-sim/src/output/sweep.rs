@@ -12,6 +12,7 @@ use crate::{
         SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
+        limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
         report::{self, Report, ReportFigure},
     },
@@ -24,7 +25,7 @@ use crate::{
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 13] = [
+pub const FILES: [&str; 16] = [
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -37,10 +38,14 @@ pub const FILES: [&str; 13] = [
     "hit.png",
     "report.html",
     SENSITIVITY,
+    LIMITS,
+    "limits.svg",
+    "limits.png",
     MANIFEST,
 ];
 
 const SENSITIVITY: &str = "sensitivity.csv";
+const LIMITS: &str = "limits.csv";
 
 /// The result of one variant of a scene.
 #[derive(Clone, Debug)]
@@ -70,6 +75,8 @@ pub struct Study {
     pub envelopes: Vec<Envelope>,
     /// The sensitivity study; empty if none was asked for.
     pub variants: Vec<VariantResult>,
+    /// Other limits; `None` if nobody asked for them.
+    pub limits: Option<LimitStudy>,
     /// The command that made it.
     pub command: String,
 }
@@ -89,6 +96,8 @@ pub struct Summary {
     notes: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     sensitivity: Vec<VariantSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    limits: Vec<LimitSummary>,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -163,6 +172,7 @@ impl Study {
             cutoffs: self.result.cutoffs.iter().map(cutoff_summary).collect(),
             notes: self.result.notes(),
             sensitivity: self.variants.iter().map(variant_summary).collect(),
+            limits: self.limits.as_ref().map(LimitStudy::summary).unwrap_or_default(),
         }
     }
 
@@ -174,11 +184,18 @@ impl Study {
         for (stem, shown) in ["zwidth", "area", "hit"].into_iter().zip(&figures) {
             outputs.add_figure(to, stem, &shown.figure)?;
         }
+        if let Some(shown) = self.limits_figure()? {
+            outputs.add_figure(to, "limits", &shown.figure)?;
+            figures.push(shown);
+        }
         outputs.add(to, "boundary.csv", self.boundary_csv().as_bytes())?;
         outputs.add(to, "areas.csv", self.areas_csv().as_bytes())?;
         outputs.add(to, "envelope.csv", self.envelope_csv().as_bytes())?;
         if !self.variants.is_empty() {
             outputs.add(to, SENSITIVITY, self.sensitivity_csv().as_bytes())?;
+        }
+        if let Some(limits) = &self.limits {
+            outputs.add(to, LIMITS, limits.csv().as_bytes())?;
         }
         outputs.add(to, "summary.json", &json(&self.summary())?)?;
         outputs.add(to, "report.html", self.report(figures, &manifest).as_bytes())?;
@@ -251,6 +268,15 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
+    fn limits_figure(&self) -> Result<Option<ReportFigure>, Error> {
+        let Some(limits) = &self.limits else { return Ok(None) };
+        let figure = limits.figure(&self.scene.name)?;
+        let caption = "The smallest cutoff whose mean area is at least 98 % of the largest, for each limit of the \
+                       RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
+                       a curve).";
+        Ok(figure.map(|figure| ReportFigure { figure, caption: caption.into() }))
+    }
+
     fn boundary_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
@@ -305,6 +331,7 @@ impl Study {
             ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
             figures,
             areas: areas(&self.result).collect(),
+            limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
             notes,
             scene: self.scene.text.clone(),
             provenance: manifest.facts(),

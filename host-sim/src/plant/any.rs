@@ -169,7 +169,10 @@ impl AnyPlant {
     /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of it.
     pub fn exact(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         match chain.states() {
-            2 => Self::Plain(PlantStep::new(&chain.device, sample_s, fraction)),
+            2 => {
+                let step = PlantStep::new(&chain.device, sample_s, fraction);
+                Self::Plain(step.with_hand(chain.hand_moves(sample_s)))
+            }
             3 => Self::Three(AugmentedStep::new(chain, sample_s, fraction)),
             4 => Self::Four(AugmentedStep::new(chain, sample_s, fraction)),
             5 => Self::Five(AugmentedStep::new(chain, sample_s, fraction)),

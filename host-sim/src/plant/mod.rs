@@ -3,7 +3,8 @@
 //!
 //! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. Where the
 //! force steps from F1 to F2 at `fraction` of the sample it is `s' = phi s + before F1 + after F2`,
-//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. Nothing is
+//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. A hand's constant force adds
+//! the same to the state in every sample. Nothing is
 //! approximated but by rounding. Forces or lengths scaled by a power of two give a run that is
 //! bit-identical up to that scale.
 
@@ -20,7 +21,10 @@ pub use sensed::{Sensed, SensedState, Sensing};
 
 use crate::{
     numerics::exact::oscillator_step,
-    scene::{Device, element::STATES_MAX},
+    scene::{
+        Device,
+        element::{NOTHING, STATES_MAX},
+    },
 };
 
 /// A sample that the encoder is read for.
@@ -97,6 +101,8 @@ pub struct PlantStep {
     before: [f64; 2],
     /// Effect of the force that acts from the split on.
     after: [f64; 2],
+    /// What a hand's constant force adds in a sample.
+    hand: [f64; 2],
     rest_position_m: f64,
 }
 
@@ -108,6 +114,8 @@ pub(crate) struct LinearStep<const N: usize> {
     pub gamma: [f64; N],
     pub before: [f64; N],
     pub after: [f64; N],
+    /// What a hand's constant force adds in a sample.
+    pub hand: [f64; N],
     /// Where the bodies rest, m; the handle is the first of them.
     pub rest_m: [f64; 3],
 }
@@ -123,12 +131,13 @@ impl<const N: usize> LinearStep<N> {
         fn longer<T: Copy, const N: usize, const M: usize>(short: [T; N], rest: T) -> [T; M] {
             core::array::from_fn(|place| short.get(place).copied().unwrap_or(rest))
         }
-        let Self { phi, gamma, before, after, rest_m } = *self;
+        let Self { phi, gamma, before, after, hand, rest_m } = *self;
         LinearStep {
             phi: longer(phi.map(|row| longer(row, 0.0)), [0.0; M]),
             gamma: longer(gamma, 0.0),
             before: longer(before, 0.0),
             after: longer(after, 0.0),
+            hand: longer(hand, 0.0),
             rest_m,
         }
     }
@@ -158,13 +167,19 @@ impl PlantStep {
             gamma: per_force(whole),
             before: per_force(times(&late_phi, &early)),
             after: per_force(late),
+            hand: [NOTHING; 2],
             rest_position_m: device.rest_position_m,
         }
     }
 
+    /// The same with what a hand adds in a sample ([`Chain::hand_moves`](crate::scene::element::Chain::hand_moves)).
+    pub fn with_hand(self, [x, v, ..]: [f64; STATES_MAX]) -> Self {
+        Self { hand: [x, v], ..self }
+    }
+
     pub(crate) fn linear(&self) -> LinearStep<2> {
-        let Self { phi, gamma, before, after, rest_position_m } = *self;
-        LinearStep { phi, gamma, before, after, rest_m: [rest_position_m; 3] }
+        let Self { phi, gamma, before, after, hand, rest_position_m } = *self;
+        LinearStep { phi, gamma, before, after, hand, rest_m: [rest_position_m; 3] }
     }
 
     #[inline]
@@ -189,12 +204,13 @@ impl Plant for PlantStep {
 
     #[inline]
     fn advance(&self, state: &PlantState, force_n: f64) -> PlantState {
-        self.free(state).plus(&self.gamma, force_n)
+        self.free(state).plus(&self.gamma, force_n, &self.hand)
     }
 
     #[inline]
     fn advance_split(&self, state: &PlantState, before_n: f64, after_n: f64) -> PlantState {
-        self.free(state).plus(&self.before, before_n).plus(&self.after, after_n)
+        let early = self.free(state).plus(&self.before, before_n, &[NOTHING; 2]);
+        early.plus(&self.after, after_n, &self.hand)
     }
 
     #[inline]
@@ -215,10 +231,10 @@ impl Plant for PlantStep {
 
 impl PlantState {
     #[inline]
-    fn plus(self, effect: &[f64; 2], force_n: f64) -> Self {
+    fn plus(self, effect: &[f64; 2], force_n: f64, hand: &[f64; 2]) -> Self {
         Self {
-            offset_m: self.offset_m + effect[0] * force_n,
-            speed_m_per_s: self.speed_m_per_s + effect[1] * force_n,
+            offset_m: self.offset_m + (effect[0] * force_n + hand[0]),
+            speed_m_per_s: self.speed_m_per_s + (effect[1] * force_n + hand[1]),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use zwidth::SettingsError;
 
-use super::{LATENCY_KNOWN_MAX, Scene};
+use super::{Criterion, LATENCY_KNOWN_MAX, PushBy, Scene};
 use crate::range::{refused, within};
 
 /// Accepted ranges of what only the simulator knows.
@@ -23,11 +23,24 @@ pub mod ranges {
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Most values of a list.
     pub const VALUES_MAX: usize = 10_000;
+    /// Limit of the sensation level, dB.
+    pub const FELT_DB: RangeInclusive<f64> = -60.0..=120.0;
+    /// Push of a hand, N.
+    pub const HAND_N: RangeInclusive<f64> = -1e5..=1e5;
     /// Delay from encoder reading to force, in samples.
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
 }
 
+/// Below it, half a second, a window has no bins at 2 Hz; beyond, a lane's motion takes a lot of memory.
+const FELT_WINDOW_S: f64 = 0.5;
+const FELT_SAMPLES_MAX: u32 = 1 << 17;
+
 impl Scene {
+    /// Shortest and longest window that has a sensation level, s.
+    pub fn felt_window_s(&self) -> [f64; 2] {
+        [FELT_WINDOW_S, f64::from(FELT_SAMPLES_MAX) / self.control.rate_hz]
+    }
+
     /// Checks that a hit of this scene starts before the wall.
     pub(super) fn check_start(&self) -> Result<(), String> {
         let before_wall = *ranges::POSITION_M.start()..=self.wall.position_m;
@@ -56,6 +69,16 @@ impl Scene {
         let keyed = |error: SettingsError| in_scene(&error);
         self.design().check().map_err(keyed)?;
         self.hit_settings().build(&self.design()).map_err(keyed)?;
+        within(
+            "wall_hit.push_n with push_by = \"hand\"",
+            self.push_n(PushBy::Hand),
+            ranges::HAND_N,
+        )?;
+        within("wall_hit.felt_limit_db", self.wall_hit.felt_limit_db, ranges::FELT_DB)?;
+        if self.wall_hit.criterion == Criterion::Felt {
+            let (window_s, [least_s, most_s]) = (self.wall_hit.window_s, self.felt_window_s());
+            within("wall_hit.window_s with criterion = \"felt\"", window_s, least_s..=most_s)?;
+        }
         self.check_elements()?;
         self.check_accelerometer()?;
         self.check_senses()?;

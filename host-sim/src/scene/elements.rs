@@ -30,7 +30,8 @@ impl Scene {
         let sample_s = 1.0 / self.control.rate_hz;
         self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
         self.mode.map_or(Ok(()), |mode| mode.check())?;
-        self.arm.map_or(Ok(()), |arm| arm.check())?;
+        self.arm.map_or(Ok(()), |arm| arm.check("arm"))?;
+        self.arms.iter().try_for_each(|(name, arm)| arm.check(&format!("arms.{name}")))?;
         self.friction.map_or(Ok(()), |friction| friction.check())?;
         self.cogging.map_or(Ok(()), |cogging| cogging.check())?;
         self.travel.map_or(Ok(()), |travel| travel.check(&self.device))?;

@@ -5,7 +5,10 @@
 //! at its handle through the capstan radius r: mass = J / r^2, damping = c / r^2,
 //! resolution = r * angle per count, gain = k_t k_amp / r.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use serde::{Deserialize, Serialize};
 use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkSettings};
@@ -26,13 +29,16 @@ mod check;
 pub mod element;
 mod elements;
 pub mod estimator;
+mod felt;
 mod tables;
 
 pub use accelerometer::Accelerometer;
 pub use check::ranges;
 pub use elements::Quantisation;
+pub use felt::FeltCurve;
 pub use tables::{
-    Actuator, Device, Encoder, LATENCY_KNOWN_MAX, Rounding, Sampling, Sweep, Walk, Wall, WallHit,
+    Actuator, Criterion, Device, Encoder, LATENCY_KNOWN_MAX, PushBy, RmsOf, Rounding, Sampling,
+    Sweep, Walk, Wall, WallHit,
 };
 
 /// The built-in scenes: name and text.
@@ -93,6 +99,9 @@ pub struct Scene {
     /// Optional element: a person's arm on the handle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub arm: Option<Arm>,
+    /// Arms of several people, by name, for studies over them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub arms: BTreeMap<String, Arm>,
     /// Optional element: dry friction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
@@ -137,8 +146,10 @@ impl NamedScene {
             other => other,
         })?;
         let stem = path.file_stem().unwrap_or(path.as_os_str());
-        let scene = Self::parse(stem.to_string_lossy().into_owned(), text, name_or_path)?;
-        Ok(Self { files: vec![path.into()], ..scene })
+        let stem = stem.to_string_lossy().into_owned();
+        let mut scene = Self::parsed(stem, text, name_or_path, path.parent())?;
+        scene.files.insert(0, path.into());
+        Ok(scene)
     }
 
     /// Reads `text`; `origin` is what errors call it.
@@ -146,7 +157,17 @@ impl NamedScene {
     /// # Errors
     /// [`Error::Input`], see [`load`](Self::load).
     pub fn parse(name: String, text: String, origin: &str) -> Result<Self, Error> {
-        let scene: Scene = toml::from_str(&text).map_err(|error| {
+        Self::parsed(name, text, origin, None)
+    }
+
+    /// As [`parse`](Self::parse); `folder` is where the files that it names are.
+    fn parsed(
+        name: String,
+        text: String,
+        origin: &str,
+        folder: Option<&Path>,
+    ) -> Result<Self, Error> {
+        let mut scene: Scene = toml::from_str(&text).map_err(|error| {
             let start = error.span().map_or(0, |span| span.start);
             let line = text[..start.min(text.len())].matches('\n').count() + 1;
             let message = error.message().replace('\n', " ");
@@ -154,7 +175,13 @@ impl NamedScene {
         })?;
         let checked = scene.check().and_then(|()| scene.check_start());
         checked.map_err(|error| Error::Input(format!("{origin}: {error}")))?;
-        Ok(Self { name, text, files: vec![], scene })
+        let curve = scene.wall_hit.felt_curve.as_ref();
+        let curve = curve.map(|path| folder.unwrap_or(Path::new("")).join(path));
+        if let Some(path) = &curve {
+            scene.wall_hit.felt = FeltCurve::load(path)
+                .map_err(|error| Error::Input(format!("{origin}: wall_hit.felt_curve: {error}")))?;
+        }
+        Ok(Self { name, text, files: curve.into_iter().collect(), scene })
     }
 }
 
@@ -167,7 +194,13 @@ fn line_of(text: &str, line: usize) -> String {
 impl Scene {
     /// The linear part of its plant.
     pub fn chain(&self) -> Chain {
-        Chain { device: self.device, mode: self.mode, arm: self.arm, amplifier: self.amplifier }
+        let Self { device, mode, arm, amplifier, .. } = *self;
+        Chain { device, mode, arm, amplifier, hand_n: self.push_n(PushBy::Hand) }
+    }
+
+    /// What `by` pushes with in a hit, N.
+    pub fn push_n(&self, by: PushBy) -> f64 {
+        if self.wall_hit.push_by == by { self.wall_hit.push_n } else { 0.0 }
     }
 
     /// The elements of its plant that are not linear.
@@ -213,11 +246,33 @@ impl Scene {
         }
     }
 
-    /// The core's wall-hit experiment.
+    /// Names of the arms of `[arms]` and of the built-in ones.
+    pub fn arm_names(&self) -> Vec<String> {
+        let built_in = Arm::BUILT_IN.iter().map(|(name, _)| (*name).to_owned());
+        let mut names: Vec<String> = self.arms.keys().cloned().chain(built_in).collect();
+        names.sort();
+        names.dedup();
+        names
+    }
+
+    /// An arm of `[arms]`, or a built-in one.
+    ///
+    /// # Errors
+    /// There is none of that name.
+    pub fn named_arm(&self, name: &str) -> Result<Arm, String> {
+        let built_in = || Arm::BUILT_IN.iter().find(|(known, _)| *known == name);
+        let own = self.arms.get(name).copied();
+        own.or_else(|| {
+            built_in().map(|(_, arm)| Arm { rest_position_m: self.device.start_position_m, ..*arm })
+        })
+        .ok_or_else(|| format!("there is no arm `{name}`, allowed {}", self.arm_names().join(", ")))
+    }
+
+    /// The core's wall-hit experiment; its push is the motor's.
     pub fn hit_settings(&self) -> HitSettings {
         let hit = &self.wall_hit;
         HitSettings {
-            push_n: hit.push_n,
+            push_n: self.push_n(PushBy::Motor),
             settle_s: hit.settle_s,
             window_s: hit.window_s,
             rms_limit_m: hit.rms_limit_m,

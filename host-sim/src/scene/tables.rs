@@ -1,6 +1,10 @@
 //! The tables that every scene has.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
+
+use super::FeltCurve;
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -91,17 +95,121 @@ pub struct Wall {
 }
 
 /// The wall-hit experiment.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
     /// Constant push, N.
     pub push_n: f64,
+    /// Who pushes.
+    #[serde(default, skip_serializing_if = "PushBy::is_motor")]
+    pub push_by: PushBy,
     /// Time before the window, s.
     pub settle_s: f64,
     /// Window, s.
     pub window_s: f64,
     /// `stable` is an RMS below this, m.
     pub rms_limit_m: f64,
+    /// What the RMS is taken of.
+    #[serde(default, skip_serializing_if = "RmsOf::is_counts")]
+    pub rms_of: RmsOf,
+    /// What counts as stable.
+    #[serde(default, skip_serializing_if = "Criterion::is_rms")]
+    pub criterion: Criterion,
+    /// File of the least motion that is felt, relative to the scene's; the built-in model without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub felt_curve: Option<PathBuf>,
+    /// With the criterion `felt`, `stable` is a sensation level below this, dB.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub felt_limit_db: f64,
+    /// What `felt_curve` holds.
+    #[serde(skip)]
+    pub felt: FeltCurve,
+}
+
+/// What the RMS of a window is taken of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RmsOf {
+    /// The encoder's counts, as in the paper.
+    #[default]
+    Counts,
+    /// The true positions at the samples.
+    Motion,
+}
+
+impl RmsOf {
+    /// As in scenes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Counts => "counts",
+            Self::Motion => "motion",
+        }
+    }
+
+    fn is_counts(&self) -> bool {
+        *self == Self::Counts
+    }
+}
+
+/// When a wall that was touched counts as stable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Criterion {
+    /// The RMS is below its limit.
+    #[default]
+    Rms,
+    /// That, and no output of the window is at the actuator's limit.
+    Unsaturated,
+    /// The motion's sensation level is below its limit.
+    Felt,
+}
+
+impl Criterion {
+    /// As in scenes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rms => "rms",
+            Self::Unsaturated => "unsaturated",
+            Self::Felt => "felt",
+        }
+    }
+
+    fn is_rms(&self) -> bool {
+        *self == Self::Rms
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's form")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+/// Who pushes the handle into the wall.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PushBy {
+    /// The motor: push and wall share its range.
+    #[default]
+    Motor,
+    /// A hand: a constant force on the last body of the row, which is the handle, or the arm if there is one.
+    Hand,
+}
+
+impl PushBy {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Motor, Self::Hand];
+
+    /// As in scenes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Motor => "motor",
+            Self::Hand => "hand",
+        }
+    }
+
+    fn is_motor(&self) -> bool {
+        *self == Self::Motor
+    }
 }
 
 /// The boundary walk's grid and caps.

@@ -6,6 +6,8 @@ use zwidth::{
     velocity::Senses,
 };
 
+use super::quantiser::floor;
+
 /// What a controller did at an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControllerOutput {
@@ -27,6 +29,54 @@ pub trait Controller {
     fn velocity(&self) -> f64;
     /// The wall's surface, counts; contact is beyond it.
     fn surface(&self) -> i32;
+    /// Whether it is told the true speed.
+    const IS_TOLD: bool = false;
+    /// The true speed at the last sample, m/s.
+    fn told(&mut self, _speed_m_per_s: f64) {}
+}
+
+/// The core with the true velocity in place of its estimate: what no estimator can be better than.
+#[derive(Clone, Copy, Debug)]
+pub struct Told {
+    core: Fixed,
+    lsb_per_m_per_s: f64,
+}
+
+impl Told {
+    /// Around a core of that design.
+    pub fn new(core: Fixed, design: &Design) -> Self {
+        Self { core, lsb_per_m_per_s: lsb_per_m_per_s(design) }
+    }
+}
+
+/// LSB of [`Velocity`] in a speed of 1 m/s.
+pub fn lsb_per_m_per_s(design: &Design) -> f64 {
+    f64::from(1u32 << Velocity::FRACTION_BITS) / (design.resolution_m * design.rate_hz)
+}
+
+impl Controller for Told {
+    const IS_TOLD: bool = true;
+
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool {
+        self.core.sample(count, senses)
+    }
+
+    fn told(&mut self, speed_m_per_s: f64) {
+        let lsb = floor(speed_m_per_s * self.lsb_per_m_per_s + 0.5);
+        self.core.set_velocity(Velocity::saturating_from_bits(lsb));
+    }
+
+    fn render(&mut self) -> ControllerOutput {
+        self.core.render()
+    }
+
+    fn velocity(&self) -> f64 {
+        self.core.velocity()
+    }
+
+    fn surface(&self) -> i32 {
+        self.core.surface()
+    }
 }
 
 /// The fixed-point core: the code that the firmware runs.

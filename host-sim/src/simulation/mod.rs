@@ -1,10 +1,12 @@
 //! The sampled loop: plant, encoder, controller, latency, in the order that the design fixes.
 
 pub mod controller;
+mod hit;
 pub mod prepared;
 pub mod quantiser;
 pub mod senses;
 pub mod twin;
+pub mod window;
 
 use std::ops::ControlFlow;
 
@@ -139,6 +141,9 @@ impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
         let count = parts.encoder.count(parts.plant.reading_m(&self.state, &moment));
         // 2. the velocity
         let due = self.controller.sample(count, self.sensing.senses());
+        if C::IS_TOLD {
+            self.controller.told(parts.plant.speed_m_per_s(&self.state));
+        }
         // 3. the wall, with this very sample
         let rendered = due.then(|| self.controller.render());
         if let Some(rendered) = rendered {

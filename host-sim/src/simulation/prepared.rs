@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use zwidth::{
-    Design, SettingsError,
+    Design, SettingsError, VelocitySettings,
     experiment::{Hit, HitPlan, Verdict},
     units::{Force, Position, Velocity},
 };
@@ -14,119 +14,15 @@ use crate::{
     scene::Scene,
     simulation::{
         Parts, Sample, Simulation,
-        controller::{Controller, Fixed},
+        controller::{Controller, Fixed, Told},
         quantiser::Quantiser,
         senses::{AnySensing, Blind, Sensing},
         twin::{self, Twin},
+        window::{Judge, Watch},
     },
 };
 
-/// Which arithmetic the controller uses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Numeric {
-    /// Fixed point: the core's arithmetic, as on the board.
-    #[default]
-    Fixed,
-    /// Its twin in 64-bit floats.
-    F64,
-    /// The twin with its velocity rounded to the fixed-point LSB.
-    F64Rounded,
-}
-
-impl Numeric {
-    /// Name in files and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Fixed => "fixed",
-            Self::F64 => "f64",
-            Self::F64Rounded => "f64-rounded",
-        }
-    }
-
-    /// How the twin rounds; `None` for the core.
-    fn twin(self) -> Option<twin::Rounding> {
-        match self {
-            Self::Fixed => None,
-            Self::F64 => Some(twin::Rounding::Exact),
-            Self::F64Rounded => Some(twin::Rounding::VelocityLsb),
-        }
-    }
-}
-
-/// One wall, hit from one place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WallHit {
-    /// Nominal cutoff, Hz.
-    pub cutoff_hz: f64,
-    /// K, N/m.
-    pub stiffness_n_per_m: f64,
-    /// B, N s/m.
-    pub damping_n_s_per_m: f64,
-    /// Start, counts beyond the scene's start position.
-    pub start_offset_counts: f64,
-}
-
-/// What a hit showed, in SI units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HitReport {
-    /// The verdict.
-    pub verdict: Verdict,
-    /// Population RMS of the measured position about its mean over the window, m.
-    pub rms_m: f64,
-    /// Mean of the measured position over the window, m.
-    pub mean_m: f64,
-    /// Deepest position behind the surface during the whole hit, m; 0 if it was never reached.
-    pub peak_penetration_m: f64,
-    /// Outputs that saturated, as a fraction of all outputs of the whole hit.
-    pub saturated_fraction: f64,
-    /// Samples in contact, as a fraction of the window.
-    pub contact_fraction: f64,
-    /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
-    pub velocity_clipped_fraction: f64,
-}
-
-impl HitReport {
-    /// In contact, and the RMS stayed below the limit.
-    pub fn is_stable(&self) -> bool {
-        self.verdict == Verdict::Stable
-    }
-}
-
-/// Why a hit has no verdict.
-#[derive(Clone, Debug, PartialEq)]
-pub enum HitError {
-    /// A setting is out of range.
-    Settings(SettingsError),
-    /// The handle left the +-2^30 counts that the core accepts, at this sample.
-    OutOfRange(u64),
-}
-
-impl From<SettingsError> for HitError {
-    fn from(error: SettingsError) -> Self {
-        Self::Settings(error)
-    }
-}
-
-impl std::fmt::Display for HitError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Settings(error) => error.fmt(f),
-            Self::OutOfRange(sample) => write!(
-                f,
-                "out of range: the handle left +-{} counts at sample {sample}",
-                Position::LIMIT
-            ),
-        }
-    }
-}
-
-impl std::error::Error for HitError {}
-
-impl From<HitError> for Error {
-    fn from(error: HitError) -> Self {
-        Self::input(error)
-    }
-}
+pub use super::hit::{HitError, HitReport, Numeric, WallHit};
 
 /// Sees every sample of a hit.
 type Observer<'a> = dyn FnMut(&Sample) + 'a;
@@ -138,6 +34,9 @@ pub struct PreparedScene {
     design: Design,
     plan: HitPlan,
     parts: Parts<AnyPlant>,
+    judge: Judge,
+    /// The wall is told the true velocity.
+    is_told: bool,
 }
 
 /// No handle comes to its wall faster, m/s.
@@ -169,7 +68,41 @@ impl PreparedScene {
             latency: whole,
             period: design.period,
         };
-        Ok(Self { scene: scene.clone(), design, plan, parts })
+        let (scene, judge, is_told) = (scene.clone(), Judge::of(scene), false);
+        Ok(Self { scene, design, plan, parts, judge, is_told })
+    }
+
+    /// The same with the sensation level of every whole hit, where the window allows one.
+    pub fn with_felt(mut self) -> Self {
+        self.judge = self.judge.with_felt(&self.scene);
+        self
+    }
+
+    /// The same with the measures of the window, whatever the verdict is by.
+    pub fn with_measures(mut self) -> Self {
+        self.judge = self.judge.with_measures();
+        self
+    }
+
+    /// The scene with the true velocity in place of an estimate, always by the core itself: a sensor without noise,
+    /// quantisation or delay beside the same counts.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn told(scene: &Scene) -> Result<Self, Error> {
+        let velocity = VelocitySettings::Difference {}.into();
+        let prepared = Self::new(&Scene { velocity, ..scene.clone() })?;
+        Ok(Self { is_told: true, ..prepared })
+    }
+
+    /// Whether the wall is told the true velocity.
+    pub fn is_told(&self) -> bool {
+        self.is_told
+    }
+
+    /// How windows are judged.
+    pub(crate) fn judge(&self) -> &Judge {
+        &self.judge
     }
 
     /// Refuses a handle that comes to the wall faster than the core's velocity can say.
@@ -306,9 +239,29 @@ impl PreparedScene {
         hit: &WallHit,
         observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
+        let whole = match numeric.twin() {
+            _ if self.is_told => {
+                self.any_hit(hit, Told::new(self.core(hit)?, &self.design), observe, false)
+            }
+            None => self.whole_hit(hit, self.core(hit)?, observe, false),
+            Some(rounding) => {
+                self.whole_hit(hit, self.twin_of_core(hit, rounding)?, observe, false)
+            }
+        }?;
+        whole.ok_or(HitError::OutOfRange(0)) // never: it was run to its end
+    }
+
+    /// What a hit showed; `None` as soon as it is certain to be unstable.
+    ///
+    /// # Errors
+    /// As [`verdict`](Self::verdict).
+    pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
         match numeric.twin() {
-            None => self.whole_hit(hit, self.core(hit)?, observe),
-            Some(rounding) => self.whole_hit(hit, self.twin_of_core(hit, rounding)?, observe),
+            _ if self.is_told => {
+                self.any_hit(hit, Told::new(self.core(hit)?, &self.design), None, true)
+            }
+            None => self.whole_hit(hit, self.core(hit)?, None, true),
+            Some(rounding) => self.whole_hit(hit, self.twin_of_core(hit, rounding)?, None, true),
         }
     }
 
@@ -318,6 +271,7 @@ impl PreparedScene {
     /// A setting is out of range, or the handle leaves the core's range.
     pub fn verdict(&self, numeric: Numeric, hit: &WallHit) -> Result<Verdict, HitError> {
         match numeric.twin() {
+            _ if !self.judge.is_plain() || self.is_told => self.bounded(numeric, hit).map(judged),
             None => self.early_verdict(hit, self.core(hit)?),
             Some(rounding) => self.early_verdict(hit, self.twin_of_core(hit, rounding)?),
         }
@@ -330,17 +284,32 @@ impl PreparedScene {
         hit: &WallHit,
         controller: C,
         observe: Option<&mut Observer<'_>>,
-    ) -> Result<HitReport, HitError> {
+        bounded: bool,
+    ) -> Result<Option<HitReport>, HitError> {
         let start_m = self.start_m(hit);
         if let AnySensing::Full(full) = self.sensing() {
             let parts = self.parts.clone();
             let simulation = Simulation::new(parts, controller, full, start_m);
-            return self.run_whole(hit, simulation, observe);
+            return self.run_whole(hit, simulation, observe, bounded);
         }
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            self.run_whole(hit, Simulation::new(parts, controller, Blind, start_m), observe)
+            let simulation = Simulation::new(parts, controller, Blind, start_m);
+            self.run_whole(hit, simulation, observe, bounded)
         })
+    }
+
+    /// The same compiled once for all plants and senses: for what is asked rarely.
+    fn any_hit<C: Controller + Copy>(
+        &self,
+        hit: &WallHit,
+        controller: C,
+        observe: Option<&mut Observer<'_>>,
+        bounded: bool,
+    ) -> Result<Option<HitReport>, HitError> {
+        let parts = self.parts.clone();
+        let simulation = Simulation::new(parts, controller, self.sensing(), self.start_m(hit));
+        self.run_whole(hit, simulation, observe, bounded)
     }
 
     /// The verdict with any controller that is at rest where the hit starts.
@@ -349,6 +318,9 @@ impl PreparedScene {
         hit: &WallHit,
         controller: C,
     ) -> Result<Verdict, HitError> {
+        if !self.judge.is_plain() {
+            return self.any_hit(hit, controller, None, true).map(judged);
+        }
         let start_m = self.start_m(hit);
         match (self.sensing(), &self.parts.plant) {
             (AnySensing::Blind, _) => {}
@@ -372,36 +344,62 @@ impl PreparedScene {
         of: &WallHit,
         mut simulation: Simulation<C, S, P>,
         mut observe: Option<&mut Observer<'_>>,
-    ) -> Result<HitReport, HitError> {
+        bounded: bool,
+    ) -> Result<Option<HitReport>, HitError> {
         let surface = simulation.controller().surface();
         let surface_m = f64::from(surface) * self.design.resolution_m;
-        let mut hit = Hit::new(self.plan);
+        let (mut hit, settle) = (Hit::new(self.plan), u64::from(self.plan.settle));
+        let (mut watch, mut motion, listens) = (Watch::default(), vec![], self.judge.listens());
         let (mut outputs, mut saturated) = (0u32, 0u32);
         let (mut peak_penetration_m, mut clipped, mut last) = (0f64, 0u32, self.first_count(of));
-        let ended = simulation.run(self.samples(), |sample| {
-            if let Some(observe) = &mut observe {
-                observe(sample);
+        let (mut ended, mut left) = (ControlFlow::Continue(()), self.samples());
+        while left > 0 && ended.is_continue() {
+            let samples = left.min(if bounded { EARLY_CHECK_SAMPLES } else { left });
+            left -= samples;
+            ended = simulation.run(samples, |sample| {
+                if let Some(observe) = &mut observe {
+                    observe(sample);
+                }
+                if let Some(rendered) = sample.rendered {
+                    outputs += 1;
+                    saturated += u32::from(rendered.saturated);
+                }
+                peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
+                clipped += u32::from(sample.count.abs_diff(last) > Velocity::LIMIT.unsigned_abs());
+                last = sample.count;
+                if sample.index >= settle {
+                    if sample.index == settle {
+                        watch.origin_m = sample.position_m;
+                    }
+                    watch.sample(sample.position_m, sample.rendered.map(|r| r.output));
+                    if listens {
+                        motion.push(sample.position_m);
+                    }
+                }
+                judge(&mut hit, sample, surface)
+            });
+            let early = bounded && ended.is_continue();
+            if early && self.judge.certain_verdict(&hit, &watch, self.plan.window).is_some() {
+                return Ok(None);
             }
-            if let Some(rendered) = sample.rendered {
-                outputs += 1;
-                saturated += u32::from(rendered.saturated);
-            }
-            peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
-            clipped += u32::from(sample.count.abs_diff(last) > Velocity::LIMIT.unsigned_abs());
-            last = sample.count;
-            judge(&mut hit, sample, surface)
-        });
-        let verdict = verdict(ended, &hit)?;
+        }
+        verdict(ended, &hit)?;
         let scatter = hit.scatter();
-        Ok(HitReport {
+        let measures = self.judge.measures(&hit, &watch, || motion);
+        let verdict = self.judge.verdict(&hit, &measures);
+        let report = HitReport {
             verdict,
-            rms_m: scatter.rms_counts() * self.design.resolution_m,
+            rms_m: measures.rms_m,
             mean_m: scatter.mean_counts() * self.design.resolution_m,
             peak_penetration_m,
             saturated_fraction: f64::from(saturated) / f64::from(outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
+            rms_motion_m: measures.rms_motion_m,
+            at_limit_fraction: measures.at_limit_fraction,
+            sensation_db: measures.sensation_db,
             velocity_clipped_fraction: f64::from(clipped) / f64::from(self.samples()),
-        })
+        };
+        Ok((!bounded || verdict != Verdict::Unstable).then_some(report))
     }
 
     fn run_to_verdict<C: Controller + Copy, S: Sensing, P: Plant>(
@@ -439,6 +437,11 @@ impl PreparedScene {
     fn settings(&self, hit: &WallHit) -> zwidth::Settings {
         self.scene.settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
     }
+}
+
+/// The verdict of a hit that was run until it was certain.
+fn judged(bounded: Option<HitReport>) -> Verdict {
+    bounded.map_or(Verdict::Unstable, |report| report.verdict)
 }
 
 /// Feeds one sample to the hit; breaks with its verdict.

@@ -191,8 +191,7 @@ pub fn sweep(
             };
             cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries, settles_in_s });
         }
-        let ideal = ideal(&cutoffs);
-        results.push(SweepResult { cutoffs, ideal });
+        results.push(SweepResult::of(cutoffs));
     }
     Ok(results)
 }
@@ -237,6 +236,12 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
 }
 
 impl SweepResult {
+    /// The result of those cutoffs, ascending.
+    pub fn of(cutoffs: Vec<CutoffResult>) -> Self {
+        let ideal = ideal(&cutoffs);
+        Self { cutoffs, ideal }
+    }
+
     /// The ideal range touches the first or the last cutoff, so it may go on beyond.
     pub fn ends_at_edge(&self) -> bool {
         let (Some(ideal), Some(first), Some(last)) =

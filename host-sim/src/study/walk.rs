@@ -69,6 +69,11 @@ impl Progress {
         self.hit_at(self.walk.cell())
     }
 
+    /// The cell of the next hit: steps of K and of B.
+    pub fn place(&self) -> (i32, i32) {
+        place(self.walk.cell())
+    }
+
     fn hit_at(&self, cell: Cell) -> WallHit {
         WallHit {
             cutoff_hz: self.cutoff_hz,

@@ -17,5 +17,6 @@ mod grid;
 #[cfg(unix)]
 mod hostile;
 mod identify_command;
+mod limits;
 mod telemetry;
 mod trade;

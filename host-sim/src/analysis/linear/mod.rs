@@ -161,7 +161,7 @@ impl Loop {
             rest_position_m,
             start_position_m,
         };
-        Chain { device, mode, arm, amplifier }
+        Chain { mode, arm, amplifier, ..Chain::alone(device) }
     }
 
     /// One sample, in seconds.

@@ -1,7 +1,10 @@
 //! The exact step of a device with linear elements: as [`super::PlantStep`], with N states.
 
 use super::{AnyState, LinearStep, Plant};
-use crate::{numerics::exact::discretise, scene::element::Chain};
+use crate::{
+    numerics::exact::discretise,
+    scene::element::{Chain, NOTHING},
+};
 
 /// The exact step of a [`Chain`] of N states over one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +16,8 @@ pub struct AugmentedStep<const N: usize> {
     before: [f64; N],
     /// Effect of the force that acts from the split on.
     after: [f64; N],
+    /// What a hand's constant force adds in a sample.
+    hand: [f64; N],
     /// Where the bodies rest, m.
     rest_m: [f64; 3],
 }
@@ -40,6 +45,7 @@ impl<const N: usize> AugmentedStep<N> {
         let (phi, whole) = discretise(&a, &b, sample_s);
         let (_, early) = discretise(&a, &b, fraction * sample_s);
         let (late_phi, late) = discretise(&a, &b, (1.0 - fraction) * sample_s);
+        let hand = chain.hand_moves(sample_s);
         let array = |row: usize| core::array::from_fn(|column| phi[(row, column)]);
         Self {
             phi: core::array::from_fn(array),
@@ -48,13 +54,14 @@ impl<const N: usize> AugmentedStep<N> {
                 (0..N).map(|column| late_phi[(row, column)] * early[column]).sum()
             }),
             after: late.into(),
+            hand: core::array::from_fn(|row| hand[row]),
             rest_m: chain.rest_m(),
         }
     }
 
     pub(crate) fn linear(&self) -> LinearStep<N> {
-        let Self { phi, gamma, before, after, rest_m } = *self;
-        LinearStep { phi, gamma, before, after, rest_m }
+        let Self { phi, gamma, before, after, hand, rest_m } = *self;
+        LinearStep { phi, gamma, before, after, hand, rest_m }
     }
 
     #[inline]
@@ -70,9 +77,14 @@ impl<const N: usize> AugmentedStep<N> {
 }
 
 #[inline]
-fn plus<const N: usize>(mut state: [f64; N], effect: &[f64; N], force_n: f64) -> [f64; N] {
-    for (value, effect) in state.iter_mut().zip(effect) {
-        *value += effect * force_n;
+fn plus<const N: usize>(
+    mut state: [f64; N],
+    effect: &[f64; N],
+    force_n: f64,
+    hand: &[f64; N],
+) -> [f64; N] {
+    for ((value, effect), hand) in state.iter_mut().zip(effect).zip(hand) {
+        *value += effect * force_n + hand;
     }
     state
 }
@@ -101,12 +113,13 @@ impl<const N: usize> Plant for AugmentedStep<N> {
 
     #[inline]
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State {
-        plus(self.free(state), &self.gamma, force_n)
+        plus(self.free(state), &self.gamma, force_n, &self.hand)
     }
 
     #[inline]
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State {
-        plus(plus(self.free(state), &self.before, before_n), &self.after, after_n)
+        let early = plus(self.free(state), &self.before, before_n, &[NOTHING; N]);
+        plus(early, &self.after, after_n, &self.hand)
     }
 
     fn pack(state: &Self::State) -> AnyState {

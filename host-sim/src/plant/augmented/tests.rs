@@ -46,6 +46,7 @@ fn parse(line: &str) -> (Chain, f64, Vec<Vec<f64>>) {
             grip_stiffness_n_per_m: value(10),
         }),
         amplifier: given(11).then(|| Amplifier { bandwidth_hz: value(11) }),
+        hand_n: 0.0,
     };
     let lists =
         cells[13..].iter().map(|cell| cell.split(' ').map(|v| v.parse().unwrap()).collect());

@@ -34,6 +34,8 @@ const NO_TIME: f64 = 1e-13;
 pub struct IntegratedStep<const N: usize> {
     a: [[f64; N]; N],
     b: [f64; N],
+    /// Acceleration that the hand's constant force gives.
+    hand: [f64; N],
     mass_kg: f64,
     rest_m: [f64; 3],
     friction: Option<Friction>,
@@ -107,6 +109,7 @@ impl<const N: usize> IntegratedStep<N> {
         Self {
             a: core::array::from_fn(|row| core::array::from_fn(|column| a[(row, column)])),
             b: b.into(),
+            hand: core::array::from_fn(|row| chain.hand()[row]),
             mass_kg,
             rest_m: chain.rest_m(),
             friction,
@@ -130,7 +133,7 @@ impl<const N: usize> IntegratedStep<N> {
     #[inline]
     fn linear(&self, z: &[f64; N], force_n: f64) -> [f64; N] {
         core::array::from_fn(|row| {
-            let mut rate = self.b[row] * force_n;
+            let mut rate = self.b[row] * force_n + self.hand[row];
             for (entry, value) in self.a[row].iter().zip(z) {
                 rate += entry * value;
             }

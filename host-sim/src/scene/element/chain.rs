@@ -23,6 +23,9 @@ use crate::{
 /// Most states that a chain has: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
 
+/// Added to any number it changes no bit of it; 0 would change -0.
+pub const NOTHING: f64 = -0.0;
+
 /// A device and the linear elements on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
@@ -34,6 +37,8 @@ pub struct Chain {
     pub arm: Option<Arm>,
     /// The actuator's lag.
     pub amplifier: Option<Amplifier>,
+    /// Constant force of a hand on the last body of the row, N.
+    pub hand_n: f64,
 }
 
 /// One body: its mass, what holds it to the ground, what holds it to the body before it.
@@ -47,7 +52,7 @@ struct Body {
 impl Chain {
     /// A device alone.
     pub fn alone(device: Device) -> Self {
-        Self { device, mode: None, arm: None, amplifier: None }
+        Self { device, mode: None, arm: None, amplifier: None, hand_n: 0.0 }
     }
 
     /// Number of states.
@@ -117,6 +122,41 @@ impl Chain {
             }
         }
         (a, b)
+    }
+
+    /// Acceleration of the last body under the hand's force, by state, -0 elsewhere and without a hand: what is added
+    /// to a sum then leaves all of its bits alone.
+    pub fn hand(&self) -> [f64; STATES_MAX] {
+        let mut rates = [NOTHING; STATES_MAX];
+        if self.hand_n != 0.0 {
+            let (bodies, count) = self.bodies();
+            rates[2 * count - 1] = self.hand_n / bodies[count - 1].mass_kg;
+        }
+        rates
+    }
+
+    /// What the hand's force adds to the state over `dt`, by state; -0 without a hand.
+    pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
+        fn general<const N: usize>(chain: &Chain, dt: f64) -> [f64; STATES_MAX] {
+            let (a, _) = chain.system::<N>();
+            let rates = chain.hand();
+            let (_, moved) = discretise_increment(&a, &SVector::from_fn(|row, _| rates[row]), dt);
+            core::array::from_fn(|row| moved.get(row).copied().unwrap_or(NOTHING))
+        }
+        if self.hand_n == 0.0 {
+            return [NOTHING; STATES_MAX];
+        }
+        match self.states() {
+            2 => {
+                let gamma = self.increment(dt).1;
+                core::array::from_fn(|row| gamma.get(row).map_or(NOTHING, |g| g * self.hand_n))
+            }
+            3 => general::<3>(self, dt),
+            4 => general::<4>(self, dt),
+            5 => general::<5>(self, dt),
+            6 => general::<6>(self, dt),
+            _ => general::<7>(self, dt),
+        }
     }
 
     /// Where each body rests without a force, m; unused places repeat the device's.
@@ -319,7 +359,7 @@ mod tests {
         check::<6>(&Chain { mode, arm, ..paper() });
         check::<7>(&Chain { mode, arm, amplifier, ..paper() });
         let free = Device { stiffness_n_per_m: 0.0, ..paper().device };
-        check::<6>(&Chain { device: free, mode, arm, amplifier: None });
+        check::<6>(&Chain { mode, arm, ..Chain::alone(free) });
     }
 
     #[test]

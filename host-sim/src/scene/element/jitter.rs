@@ -34,6 +34,8 @@ pub struct Glimpse {
     state: [f64; STATES_MAX],
     before: f64,
     after: f64,
+    /// What the hand's constant force moves it, m.
+    hand_m: f64,
 }
 
 impl Glimpse {
@@ -44,14 +46,15 @@ impl Glimpse {
             *weight = less[(0, column)] + if column == 0 { 1.0 } else { 0.0 };
         }
         let after = if delay_s > split_s { chain.increment(delay_s - split_s).1[0] } else { 0.0 };
-        Self { state, before: gamma[0] - after, after }
+        let hand_m = chain.hand_moves(delay_s)[0];
+        Self { state, before: gamma[0] - after, after, hand_m }
     }
 
     /// Distance from where the device rests, m.
     #[inline]
     pub fn offset_m(&self, z: &[f64; STATES_MAX], before_n: f64, after_n: f64) -> f64 {
         let free: f64 = self.state.iter().zip(z).map(|(weight, value)| weight * value).sum();
-        free + self.before * before_n + self.after * after_n
+        free + self.before * before_n + self.after * after_n + self.hand_m
     }
 }
 

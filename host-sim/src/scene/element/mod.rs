@@ -32,7 +32,7 @@ mod travel;
 
 pub use amplifier::Amplifier;
 pub use arm::Arm;
-pub use chain::{Chain, STATES_MAX};
+pub use chain::{Chain, NOTHING, STATES_MAX};
 pub use cogging::Cogging;
 pub use encoder_error::EncoderError;
 pub use encoder_noise::EncoderNoise;

@@ -1,0 +1,91 @@
+//! What lanes look at beside the counts: motion, outputs at the actuator's limit. The order of operations is that of
+//! [`Watch`](crate::simulation::window::Watch).
+
+use super::{Aligned, Chunk, Lanes, Row, each_field};
+use crate::{
+    engine::simd_ops::{SimdOps, lanes},
+    simulation::window::Watch,
+};
+
+/// Sums over the window.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub struct Watched<S: SimdOps> {
+    pub sum_m: S::f64s,
+    pub squares: S::f64s,
+    pub at_limit: S::f64s,
+}
+
+impl<S: SimdOps> Watched<S> {
+    /// Counts an output at the actuator's limit, where the lane watches.
+    #[inline(always)]
+    pub fn output(&mut self, simd: S, output: S::f64s, watching: S::u64s) {
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        let inside = simd.less_than_f64s(simd.magnitude(output), one);
+        let counts = simd.masked(simd.choose(inside, zero, one), watching);
+        self.at_limit = simd.add_f64s(self.at_limit, counts);
+    }
+
+    /// One lane.
+    pub fn lane(&self, place: usize, origin_m: f64) -> Watch {
+        let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
+        let Self { sum_m, squares, at_limit } = self;
+        Watch { origin_m, sum_m: get(sum_m), squares: get(squares), at_limit: get(at_limit) }
+    }
+}
+
+/// The last positions of all lanes, as many as a window has, m.
+pub struct Motion<S: SimdOps, const R: usize> {
+    rows: Vec<Row<S, R>>,
+    /// Where the next one goes: the oldest.
+    next: usize,
+}
+
+impl<S: SimdOps, const R: usize> Motion<S, R> {
+    /// Before the first sample.
+    pub fn new(simd: S, window: u32) -> Self {
+        let row = Aligned([simd.splat_f64s(0.0); R]);
+        Self { rows: vec![row; window as usize], next: 0 }
+    }
+
+    /// The last window of a lane, from the oldest position on.
+    pub fn lane(&self, vector: usize, place: usize) -> Vec<f64> {
+        let (late, early) = self.rows.split_at(self.next);
+        let get = |row: &Row<S, R>| lanes::<_, f64>(&row.0[vector])[place];
+        early.iter().chain(late).map(get).collect()
+    }
+
+    #[inline(always)]
+    fn push(&mut self, row: &Row<S, R>) {
+        if let Some(place) = self.rows.get_mut(self.next) {
+            *place = *row;
+        }
+        self.next = if self.next + 1 < self.rows.len() { self.next + 1 } else { 0 };
+    }
+}
+
+impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P, R> {
+    /// Takes the positions of a block.
+    #[inline(always)]
+    pub(super) fn watch(&mut self, simd: S, block: &[Row<S, R>]) {
+        let mut watched = each_field!(self.moving, watched);
+        let (origin_m, watching) =
+            (each_field!(self.kept, origin_m), each_field!(self.kept, watching));
+        for row in block {
+            for r in 0..R {
+                let away_m = simd.masked(simd.sub_f64s(row.0[r], origin_m[r]), watching[r]);
+                watched[r].sum_m = simd.add_f64s(watched[r].sum_m, away_m);
+                let square = simd.mul_f64s(away_m, away_m);
+                watched[r].squares = simd.add_f64s(watched[r].squares, square);
+            }
+        }
+        for r in 0..R {
+            self.moving[r].watched = watched[r];
+        }
+        if let Some(motion) = &mut self.motion {
+            for row in block {
+                motion.push(row);
+            }
+        }
+    }
+}

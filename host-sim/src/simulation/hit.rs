@@ -1,0 +1,125 @@
+//! One wall hit: what is hit, in which arithmetic, and what it showed.
+
+use zwidth::{SettingsError, experiment::Verdict, units::Position};
+
+use super::{twin, window::Measures};
+use crate::error::Error;
+
+/// Which arithmetic the controller uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Numeric {
+    /// Fixed point: the core's arithmetic, as on the board.
+    #[default]
+    Fixed,
+    /// Its twin in 64-bit floats.
+    F64,
+    /// The twin with its velocity rounded to the fixed-point LSB.
+    F64Rounded,
+}
+
+impl Numeric {
+    /// Name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fixed => "fixed",
+            Self::F64 => "f64",
+            Self::F64Rounded => "f64-rounded",
+        }
+    }
+
+    /// How the twin rounds; `None` for the core.
+    pub(crate) fn twin(self) -> Option<twin::Rounding> {
+        match self {
+            Self::Fixed => None,
+            Self::F64 => Some(twin::Rounding::Exact),
+            Self::F64Rounded => Some(twin::Rounding::VelocityLsb),
+        }
+    }
+}
+
+/// One wall, hit from one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallHit {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// B, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Start, counts beyond the scene's start position.
+    pub start_offset_counts: f64,
+}
+
+/// What a hit showed, in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitReport {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Population RMS of the measured position about its mean over the window, m.
+    pub rms_m: f64,
+    /// Mean of the measured position over the window, m.
+    pub mean_m: f64,
+    /// Deepest position behind the surface during the whole hit, m; 0 if it was never reached.
+    pub peak_penetration_m: f64,
+    /// Outputs that saturated, as a fraction of all outputs of the whole hit.
+    pub saturated_fraction: f64,
+    /// Samples in contact, as a fraction of the window.
+    pub contact_fraction: f64,
+    /// Population RMS of the true position about its mean over the window, m.
+    pub rms_motion_m: f64,
+    /// Outputs of the window at the actuator's limit, as a fraction of them.
+    pub at_limit_fraction: f64,
+    /// Sensation level of the window's motion, dB, if it was asked for.
+    pub sensation_db: Option<f64>,
+    /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
+    pub velocity_clipped_fraction: f64,
+}
+
+impl HitReport {
+    /// What its window showed.
+    pub fn measures(&self) -> Measures {
+        let Self { rms_m, rms_motion_m, at_limit_fraction, sensation_db, .. } = *self;
+        Measures { rms_m, rms_motion_m, at_limit_fraction, sensation_db }
+    }
+
+    /// In contact, and the RMS stayed below the limit.
+    pub fn is_stable(&self) -> bool {
+        self.verdict == Verdict::Stable
+    }
+}
+
+/// Why a hit has no verdict.
+#[derive(Clone, Debug, PartialEq)]
+pub enum HitError {
+    /// A setting is out of range.
+    Settings(SettingsError),
+    /// The handle left the +-2^30 counts that the core accepts, at this sample.
+    OutOfRange(u64),
+}
+
+impl From<SettingsError> for HitError {
+    fn from(error: SettingsError) -> Self {
+        Self::Settings(error)
+    }
+}
+
+impl std::fmt::Display for HitError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Settings(error) => error.fmt(f),
+            Self::OutOfRange(sample) => write!(
+                f,
+                "out of range: the handle left +-{} counts at sample {sample}",
+                Position::LIMIT
+            ),
+        }
+    }
+}
+
+impl std::error::Error for HitError {}
+
+impl From<HitError> for Error {
+    fn from(error: HitError) -> Self {
+        Self::input(error)
+    }
+}

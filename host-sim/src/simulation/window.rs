@@ -1,0 +1,272 @@
+//! What a hit's window shows beside the RMS of its counts, and whether the wall counts as stable by it.
+//!
+//! | quantity | of the samples of the window |
+//! |----------|------------------------------|
+//! | RMS of the motion | true positions about their mean |
+//! | at the limit | outputs at the actuator's limit, as a share |
+//! | sensation level | energy of the motion over what a hand just feels, dB |
+
+use std::sync::Arc;
+
+use zwidth::experiment::{Hit, Verdict};
+
+use crate::{
+    numerics::spectrum::RealSpectrum,
+    scene::{Criterion, FeltCurve, RmsOf, Scene},
+};
+
+/// Frequencies that are felt, Hz.
+const FELT_HZ: [f64; 2] = [2.0, 1000.0];
+/// The level of no motion at all, dB.
+const NO_MOTION_DB: f64 = -200.0;
+/// Rounding that a sum may have before it says that a limit will be reached.
+const SURE: f64 = 1.0 + 1e-9;
+
+/// Sums over the window's samples so far. The order of operations is the lanes' too.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Watch {
+    /// First position of the window, m.
+    pub origin_m: f64,
+    /// Sum of the positions from there, m.
+    pub sum_m: f64,
+    /// Sum of the squares of those.
+    pub squares: f64,
+    /// Outputs at the actuator's limit.
+    pub at_limit: f64,
+}
+
+impl Watch {
+    /// Takes one sample: its position, and the output that was computed with it, fraction of full scale.
+    #[inline]
+    pub fn sample(&mut self, position_m: f64, output: Option<f64>) {
+        let away_m = position_m - self.origin_m;
+        self.sum_m += away_m;
+        self.squares += away_m * away_m;
+        if output.is_some_and(|output| output.abs() >= 1.0) {
+            self.at_limit += 1.0;
+        }
+    }
+
+    /// Sum of the squares about the mean of `samples` positions, m^2.
+    fn scatter(&self, samples: u32) -> f64 {
+        (self.squares - self.sum_m * self.sum_m / f64::from(samples.max(1))).max(0.0)
+    }
+}
+
+/// What the window showed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measures {
+    /// Population RMS of the counts about their mean, m.
+    pub rms_m: f64,
+    /// Of the true positions, m.
+    pub rms_motion_m: f64,
+    /// Outputs at the actuator's limit, as a share of the window's.
+    pub at_limit_fraction: f64,
+    /// Sensation level of the motion, dB; `None` where nobody asked for it.
+    pub sensation_db: Option<f64>,
+}
+
+/// How a scene's windows are judged.
+#[derive(Clone, Debug)]
+pub struct Judge {
+    criterion: Criterion,
+    rms_of: RmsOf,
+    limit_m: f64,
+    felt_limit_db: f64,
+    resolution_m: f64,
+    period: u32,
+    felt: Option<Arc<Felt>>,
+    /// Somebody asked for the measures.
+    measures: bool,
+}
+
+impl Judge {
+    /// That of a scene; the level is worked out where it decides.
+    pub fn of(scene: &Scene) -> Self {
+        let hit = &scene.wall_hit;
+        let judge = Self {
+            criterion: hit.criterion,
+            rms_of: hit.rms_of,
+            limit_m: hit.rms_limit_m,
+            felt_limit_db: hit.felt_limit_db,
+            resolution_m: scene.encoder.resolution_m,
+            period: scene.actuator.period,
+            felt: None,
+            measures: false,
+        };
+        if hit.criterion == Criterion::Felt { judge.with_felt(scene) } else { judge }
+    }
+
+    /// With the level of every whole hit, if the window allows one.
+    pub fn with_felt(mut self, scene: &Scene) -> Self {
+        self.felt = Felt::of(scene).map(Arc::new);
+        self
+    }
+
+    /// With the measures of hits whose verdict needs none.
+    pub fn with_measures(self) -> Self {
+        Self { measures: true, ..self }
+    }
+
+    /// The counts alone decide, and nothing else is asked for.
+    pub fn is_plain(&self) -> bool {
+        let by_counts = self.criterion == Criterion::Rms && self.rms_of == RmsOf::Counts;
+        by_counts && self.felt.is_none() && !self.measures
+    }
+
+    /// The positions of the window are needed one by one.
+    pub fn listens(&self) -> bool {
+        self.felt.is_some()
+    }
+
+    /// What a window of the hit showed; `motion` are its positions, if they are needed.
+    pub fn measures(
+        &self,
+        hit: &Hit,
+        watch: &Watch,
+        motion: impl FnOnce() -> Vec<f64>,
+    ) -> Measures {
+        let samples = hit.scatter().samples();
+        let outputs = f64::from(samples) / f64::from(self.period);
+        Measures {
+            rms_m: hit.scatter().rms_counts() * self.resolution_m,
+            rms_motion_m: libm::sqrt(watch.scatter(samples) / f64::from(samples.max(1))),
+            at_limit_fraction: (watch.at_limit / outputs).min(1.0),
+            sensation_db: self.felt.as_ref().map(|felt| felt.level_db(motion())),
+        }
+    }
+
+    /// The verdict of a whole window.
+    pub fn verdict(&self, hit: &Hit, measures: &Measures) -> Verdict {
+        let counts = hit.verdict();
+        if counts == Verdict::NoContact {
+            return counts;
+        }
+        let quiet = match self.rms_of {
+            RmsOf::Counts => counts == Verdict::Stable,
+            RmsOf::Motion => measures.rms_motion_m < self.limit_m,
+        };
+        let stable = match self.criterion {
+            Criterion::Rms => quiet,
+            Criterion::Unsaturated => quiet && measures.at_limit_fraction == 0.0,
+            Criterion::Felt => measures.sensation_db.is_some_and(|db| db < self.felt_limit_db),
+        };
+        if stable { Verdict::Stable } else { Verdict::Unstable }
+    }
+
+    /// A verdict before the end, if it is certain to equal the one at the end. A level is never certain: what comes may
+    /// be weighted more.
+    pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
+        let by_counts = || hit.certain_verdict();
+        let by_motion = || {
+            let needed = self.limit_m * self.limit_m * f64::from(window) * SURE;
+            let certain = watch.scatter(hit.scatter().samples()) > needed;
+            (hit.contact_samples() > 0 && certain).then_some(Verdict::Unstable)
+        };
+        let by_rms = || match self.rms_of {
+            RmsOf::Counts => by_counts(),
+            RmsOf::Motion => by_motion(),
+        };
+        match self.criterion {
+            Criterion::Rms => by_rms(),
+            Criterion::Unsaturated if hit.contact_samples() > 0 && watch.at_limit > 0.0 => {
+                Some(Verdict::Unstable)
+            }
+            Criterion::Unsaturated => by_rms(),
+            Criterion::Felt => None,
+        }
+    }
+}
+
+/// A threshold curve made ready for windows of one length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Felt {
+    spectrum: RealSpectrum,
+    /// Hann's window.
+    window: Vec<f64>,
+    /// First bin that is felt.
+    first: usize,
+    /// What a bin's power adds to the energy over threshold.
+    weights: Vec<f64>,
+}
+
+impl Felt {
+    /// For a scene's windows; `None` if they are too short or too long.
+    pub fn of(scene: &Scene) -> Option<Self> {
+        let (hit, [least_s, most_s]) = (&scene.wall_hit, scene.felt_window_s());
+        let plan = scene.hit_settings().build(&scene.design()).ok()?;
+        (least_s..=most_s)
+            .contains(&hit.window_s)
+            .then(|| Self::new(&hit.felt, plan.window, scene.control.rate_hz))
+    }
+
+    /// For windows of so many samples.
+    pub fn new(curve: &FeltCurve, samples: u32, rate_hz: f64) -> Self {
+        let turn = core::f64::consts::TAU / f64::from(samples.max(1));
+        let window: Vec<f64> =
+            (0..samples).map(|n| 0.5 - 0.5 * libm::cos(turn * f64::from(n))).collect();
+        let spectrum = RealSpectrum::new(window.len());
+        let length = spectrum.length() as f64;
+        let hz = |bin: usize| bin as f64 * rate_hz / length;
+        let felt = |bin: &usize| (FELT_HZ[0]..=FELT_HZ[1]).contains(&hz(*bin));
+        let bins: Vec<usize> = (1..spectrum.length() / 2).filter(felt).collect();
+        // both halves of the spectrum, over what the window takes away
+        let energy: f64 = window.iter().map(|w| w * w).sum();
+        let per_power = 2.0 / (length * energy);
+        let weight = |bin: &usize| per_power / curve.threshold_m(hz(*bin)).powi(2);
+        let weights = bins.iter().map(weight).collect();
+        Self { spectrum, window, first: bins.first().copied().unwrap_or(0), weights }
+    }
+
+    /// Sensation level of the motion, dB over threshold.
+    pub fn level_db(&self, mut positions_m: Vec<f64>) -> f64 {
+        let samples = positions_m.len().max(1) as f64;
+        let mean_m = positions_m.iter().sum::<f64>() / samples;
+        for (position_m, window) in positions_m.iter_mut().zip(&self.window) {
+            *position_m = (*position_m - mean_m) * window;
+        }
+        let bins = self.first..self.first + self.weights.len();
+        let powers = self.spectrum.powers(&positions_m, bins);
+        let energy: f64 = powers.iter().zip(&self.weights).map(|(power, w)| power * w).sum();
+        (10.0 * libm::log10(energy)).max(NO_MOTION_DB)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::{SQRT_2, TAU};
+
+    fn tone(hz: f64, rms_m: f64, phase: f64) -> Vec<f64> {
+        let at = |n: u32| SQRT_2 * rms_m * libm::sin(TAU * hz * f64::from(n) / 1e4 + phase);
+        (0..20_000).map(at).collect()
+    }
+
+    #[test]
+    fn a_tone_at_the_threshold_is_at_0_db_at_any_phase() {
+        let curve = FeltCurve::default();
+        let felt = Felt::new(&curve, 20_000, 1e4);
+        for hz in
+            [5.0, 7.3, 12.0, 18.7, 19.0, 20.3, 21.1, 33.3, 50.0, 100.1, 179.9, 180.2, 250.0, 499.9]
+        {
+            for phase in [0.0, 0.7, 1.6, 2.5] {
+                let level_db = felt.level_db(tone(hz, curve.threshold_m(hz), phase));
+                assert!(level_db.abs() < 0.1, "{hz} Hz, {phase}: {level_db}");
+            }
+        }
+    }
+
+    #[test]
+    fn two_tones_add_as_energy_and_a_rest_does_not_count() {
+        let curve = FeltCurve::default();
+        let felt = Felt::new(&curve, 20_000, 1e4);
+        let (a, b) = (tone(60.0, 3e-6, 0.3), tone(210.0, 0.4e-6, 1.1));
+        let both: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a + b + 0.07).collect();
+        let energy = |db: f64| 10f64.powf(db / 10.0);
+        let [a, b, both] = [a, b, both].map(|motion| energy(felt.level_db(motion)));
+        assert!((both / (a + b) - 1.0).abs() < 1e-4, "{a} {b} {both}");
+        assert_eq!(felt.level_db(vec![0.07; 20_000]), NO_MOTION_DB);
+        // what is not felt: below 2 Hz and above 1000 Hz
+        assert!(felt.level_db(tone(1500.0, 1e-6, 0.0)) < -60.0);
+    }
+}

@@ -1,0 +1,428 @@
+//! The limit as an axis: areas and ideal cutoffs for several limits of RMS and of sensation level, by who pushes and in
+//! whose hand, and what the true velocity would reach.
+//!
+//! All walks of a scene at one cutoff and start share their hits: what a hit showed serves every limit. Hits that are
+//! certain to be beyond the largest limit end there.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+};
+
+use rayon::prelude::*;
+use zwidth::experiment::Verdict;
+
+use super::{
+    sweep::{CutoffResult, SweepResult, ascending, start_offset_counts},
+    walk::{Boundary, Progress},
+};
+use crate::{
+    engine::{Depth, Engine, Outcome, Work, run},
+    error::Error,
+    scene::{Criterion, PushBy, RmsOf, Scene, Walk},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+};
+
+/// A limit below which a wall counts as stable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Limit {
+    /// Of the RMS, m.
+    Rms(f64),
+    /// Of the sensation level, dB.
+    Felt(f64),
+}
+
+impl Limit {
+    fn is_felt(self) -> bool {
+        matches!(self, Self::Felt(_))
+    }
+
+    fn value(self) -> f64 {
+        match self {
+            Self::Rms(value) | Self::Felt(value) => value,
+        }
+    }
+}
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct Question {
+    /// The limits, in any order.
+    pub limits: Vec<Limit>,
+    /// What the RMS is taken of.
+    pub rms_of: RmsOf,
+    /// Nominal cutoffs, Hz.
+    pub cutoffs_hz: Vec<f64>,
+    /// Walks per cutoff.
+    pub repeats: u32,
+    /// Grid and caps of the walks.
+    pub walk: Walk,
+    /// Who pushes, and in whose hand (`None`: as the scene says).
+    pub situations: Vec<Situation>,
+    /// The true velocity as well.
+    pub told: bool,
+}
+
+impl Question {
+    /// Walks that it takes.
+    pub fn walks(&self) -> usize {
+        let rows = self.cutoffs_hz.len() + usize::from(self.told);
+        self.situations.len() * self.limits.len() * rows * self.repeats as usize
+    }
+}
+
+/// Who pushes, and in whose hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Situation {
+    /// Who pushes.
+    pub push: PushBy,
+    /// A name of [`Scene::arms`], or the scene as it is.
+    pub arm: Option<String>,
+}
+
+/// The answer for one limit.
+#[derive(Clone, Debug)]
+pub struct LimitResult {
+    /// Who pushes, in whose hand; `None`: the worst of all.
+    pub situation: Option<Situation>,
+    /// The limit.
+    pub limit: Limit,
+    /// Areas by cutoff, the ideal one and its range.
+    pub result: SweepResult,
+    /// Boundaries with the true velocity; empty if it was not asked for.
+    pub told: Vec<Boundary>,
+}
+
+impl LimitResult {
+    /// Mean area with the true velocity, N^2 s/m^2.
+    pub fn told_area(&self) -> Option<f64> {
+        let areas: Vec<f64> = self.told.iter().map(|boundary| boundary.area).collect();
+        (!areas.is_empty()).then(|| areas.iter().sum::<f64>() / areas.len() as f64)
+    }
+
+    /// Area at the ideal cutoff, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
+        let mut cutoffs = self.result.cutoffs.iter();
+        cutoffs.find(|result| Some(result.cutoff_hz) == ideal).map_or(0.0, CutoffResult::area)
+    }
+}
+
+/// What is known of a hit; `INFINITY`: beyond the largest limit.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    no_contact: bool,
+    rms_m: Option<f64>,
+    level_db: Option<f64>,
+}
+
+impl Known {
+    fn verdict(&self, limit: Limit) -> Option<Verdict> {
+        let value = if limit.is_felt() { self.level_db } else { self.rms_m };
+        let stable = value? < limit.value();
+        Some(match (self.no_contact, stable) {
+            (true, _) => Verdict::NoContact,
+            (false, true) => Verdict::Stable,
+            (false, false) => Verdict::Unstable,
+        })
+    }
+}
+
+/// Hits of one scene at one cutoff from one start, by their cell.
+type Shared = Mutex<HashMap<(i32, i32), Known>>;
+
+/// Walks that one prepared scene serves: all its limits of one kind.
+struct Field {
+    prepared: PreparedScene,
+    limits: Vec<Limit>,
+    cutoffs_hz: Vec<f64>,
+    /// Which shared hits are its first cutoff's and start's.
+    shared: usize,
+    begun: AtomicUsize,
+}
+
+impl Field {
+    fn jobs(&self, repeats: usize) -> usize {
+        self.limits.len() * self.cutoffs_hz.len() * repeats
+    }
+}
+
+/// A walk: its number, its limit, and which hits it shares.
+#[derive(Clone, Copy)]
+struct Job {
+    number: usize,
+    limit: Limit,
+    shared: usize,
+}
+
+/// Answers the question on all threads of the current pool. The answer depends neither on their number nor on `engine`;
+/// `done` is called after each walk.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn limits(
+    engine: Engine,
+    scene: &Scene,
+    question: &Question,
+    numeric: Numeric,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Vec<LimitResult>, Error> {
+    let question = &Question { cutoffs_hz: ascending(&question.cutoffs_hz), ..question.clone() };
+    let (fields, hits) = fields(scene, question)?;
+    let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
+    let threads = rayon::current_num_threads();
+    let made: Vec<_> = (0..threads)
+        .into_par_iter()
+        .with_max_len(1)
+        .flat_map_iter(|thread| {
+            let mut made = vec![];
+            for n in 0..fields.len() {
+                // threads begin with different fields; within a scene the levels come first, whose hits know all
+                let place = (n + thread * fields.len() / threads) % fields.len();
+                let field = &fields[place];
+                let mut work = Walks {
+                    field,
+                    numeric,
+                    repeats: question.repeats,
+                    shared: &shared,
+                    stop,
+                    lanes: vec![],
+                    done: |job: &Job, boundary| {
+                        done();
+                        made.push(((place, job.number), boundary));
+                    },
+                };
+                let levels = field.limits.iter().any(|limit| limit.is_felt());
+                let depth = if levels { Depth::Whole } else { Depth::Bounded };
+                run(engine, &field.prepared, numeric, depth, &mut work);
+            }
+            made
+        })
+        .collect();
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    let mut made: BTreeMap<(usize, usize), Result<Boundary, Error>> = made.into_iter().collect();
+    let mut of = |place: usize| -> Result<Vec<Vec<Vec<Boundary>>>, Error> {
+        // by limit, cutoff, repeat
+        let field = &fields[place];
+        let mut boundaries = (0..field.jobs(question.repeats as usize)).map(|number| {
+            let none = || Err(Error::Internal("a walk has no result".into()));
+            made.remove(&(place, number)).unwrap_or_else(none)
+        });
+        let mut by_cutoff = || -> Result<Vec<Boundary>, Error> {
+            boundaries.by_ref().take(question.repeats as usize).collect()
+        };
+        let mut by_limit = || field.cutoffs_hz.iter().map(|_| by_cutoff()).collect();
+        field.limits.iter().map(|_| by_limit()).collect()
+    };
+    let kinds = kinds(question);
+    let per_situation = kinds.len() * if question.told { 2 } else { 1 };
+    let mut results = vec![];
+    for (number, situation) in question.situations.iter().enumerate() {
+        for (kind, limits) in kinds.iter().enumerate() {
+            let place = number * per_situation + kind;
+            let estimated = of(place)?;
+            let told = if question.told { of(place + kinds.len())? } else { vec![] };
+            let mut told = told.into_iter();
+            for (&limit, boundaries) in limits.iter().zip(estimated) {
+                let cutoffs = question.cutoffs_hz.iter().zip(boundaries);
+                let cutoffs = cutoffs.map(|(&cutoff_hz, boundaries)| CutoffResult {
+                    cutoff_hz,
+                    true_cutoff_hz: scene.true_cutoff_hz(cutoff_hz),
+                    boundaries,
+                    settles_in_s: None,
+                });
+                results.push(LimitResult {
+                    situation: Some(situation.clone()),
+                    limit,
+                    result: SweepResult::of(cutoffs.collect()),
+                    told: told.next().into_iter().flatten().flatten().collect(),
+                });
+            }
+        }
+    }
+    if question.situations.len() > 1 {
+        let worst: Vec<LimitResult> =
+            kinds.iter().flatten().filter_map(|limit| worst(&results, *limit)).collect();
+        results.extend(worst);
+    }
+    Ok(results)
+}
+
+/// At each cutoff the situation with the smallest mean area.
+fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
+    let of_limit = || results.iter().filter(move |result| result.limit == limit);
+    let mut result = of_limit().next()?.clone();
+    result.situation = None;
+    for (place, cutoff) in result.result.cutoffs.iter_mut().enumerate() {
+        let all = of_limit().filter_map(|other| other.result.cutoffs.get(place));
+        if let Some(least) = all.min_by(|a, b| a.area().total_cmp(&b.area())) {
+            *cutoff = least.clone();
+        }
+    }
+    result.result = SweepResult::of(result.result.cutoffs);
+    let told = of_limit().map(|other| &other.told);
+    let area = |walks: &Vec<Boundary>| walks.iter().map(|walk| walk.area).sum::<f64>();
+    result.told = told.min_by(|a, b| area(a).total_cmp(&area(b))).cloned().unwrap_or_default();
+    Some(result)
+}
+
+/// The limits by kind, levels first, each from the largest on: the later walks find hits of the earlier ones.
+fn kinds(question: &Question) -> Vec<Vec<Limit>> {
+    let of = |felt: bool| {
+        let mut limits: Vec<Limit> = question.limits.clone();
+        limits.retain(|limit| limit.is_felt() == felt);
+        limits.sort_by(|a, b| b.value().total_cmp(&a.value()));
+        limits.dedup();
+        limits
+    };
+    [true, false].map(of).into_iter().filter(|limits| !limits.is_empty()).collect()
+}
+
+/// By situation, then with an estimate and with the true velocity, then by kind of limit; and how many hits they share.
+fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Error> {
+    let (mut fields, mut shared) = (vec![], 0);
+    for situation in &question.situations {
+        let scene = situation.of(scene, question)?;
+        for told in [false, true] {
+            if told && !question.told {
+                continue;
+            }
+            let cutoffs_hz = if told { vec![0.0] } else { question.cutoffs_hz.clone() };
+            let groups = cutoffs_hz.len() * question.repeats as usize;
+            for limits in kinds(question) {
+                let mut scene = scene.clone();
+                match limits[0] {
+                    Limit::Rms(limit_m) => scene.wall_hit.rms_limit_m = limit_m,
+                    Limit::Felt(limit_db) => {
+                        scene.wall_hit.criterion = Criterion::Felt;
+                        scene.wall_hit.felt_limit_db = limit_db;
+                    }
+                }
+                let prepared =
+                    if told { PreparedScene::told(&scene)? } else { PreparedScene::new(&scene)? };
+                let prepared = prepared.with_measures();
+                let cutoffs_hz = cutoffs_hz.clone();
+                let begun = AtomicUsize::new(0);
+                fields.push(Field { prepared, limits, cutoffs_hz, shared, begun });
+            }
+            shared += groups;
+        }
+    }
+    Ok((fields, shared))
+}
+
+impl Situation {
+    /// The scene in it, with the question's grid.
+    fn of(&self, scene: &Scene, question: &Question) -> Result<Scene, Error> {
+        let mut scene = scene.clone();
+        scene.wall_hit.push_by = self.push;
+        scene.wall_hit.criterion = Criterion::Rms;
+        scene.wall_hit.rms_of = question.rms_of;
+        scene.walk = question.walk;
+        if let Some(name) = &self.arm {
+            scene.arm = Some(scene.named_arm(name).map_err(Error::Input)?);
+        }
+        Ok(scene)
+    }
+}
+
+struct Walks<'a, D> {
+    field: &'a Field,
+    numeric: Numeric,
+    repeats: u32,
+    shared: &'a [Shared],
+    stop: &'a AtomicBool,
+    lanes: Vec<Option<(Job, Progress)>>,
+    done: D,
+}
+
+impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
+    fn begin(&self) -> Option<(Job, Progress)> {
+        let Self { field, repeats, .. } = self;
+        let number = field.begun.fetch_add(1, Ordering::Relaxed);
+        if number >= field.jobs(*repeats as usize) {
+            return None;
+        }
+        let groups = field.cutoffs_hz.len() * *repeats as usize;
+        let (limit, group) = (field.limits[number / groups], number % groups);
+        let cutoff_hz = field.cutoffs_hz[group / *repeats as usize];
+        #[expect(clippy::cast_possible_truncation, reason = "below `repeats`")]
+        let repeat = (group % *repeats as usize) as u32;
+        let start = start_offset_counts(repeat, *repeats);
+        let job = Job { number, limit, shared: field.shared + group };
+        Some((job, Progress::new(&field.prepared, cutoff_hz, start)))
+    }
+
+    fn known(&self, job: &Job, place: (i32, i32)) -> Option<Known> {
+        let shared = self.shared.get(job.shared)?;
+        shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
+    }
+
+    /// Takes what a hit came to. A level is always known; a hit without measures is beyond the largest RMS.
+    fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
+        let beyond =
+            Known { no_contact: false, rms_m: Some(f64::INFINITY), level_db: Some(f64::INFINITY) };
+        let known = match outcome {
+            Err(_) => beyond,
+            Ok(Outcome { measures: None, .. }) => Known { level_db: None, ..beyond },
+            Ok(Outcome { verdict, measures: Some(measures), .. }) => Known {
+                no_contact: *verdict == Verdict::NoContact,
+                rms_m: Some(match self.field.prepared.scene().wall_hit.rms_of {
+                    RmsOf::Counts => measures.rms_m,
+                    RmsOf::Motion => measures.rms_motion_m,
+                }),
+                level_db: measures.sensation_db,
+            },
+        };
+        if let Some(shared) = self.shared.get(job.shared) {
+            let mut shared = shared.lock().unwrap_or_else(PoisonError::into_inner);
+            let entry = shared.entry(place).or_default();
+            entry.no_contact = known.no_contact;
+            entry.rms_m = entry.rms_m.or(known.rms_m);
+            entry.level_db = entry.level_db.or(known.level_db);
+        }
+    }
+}
+
+impl<D: FnMut(&Job, Result<Boundary, Error>)> Work for Walks<'_, D> {
+    fn next(&mut self, lane: usize) -> Option<WallHit> {
+        if self.lanes.len() <= lane {
+            self.lanes.resize_with(lane + 1, || None);
+        }
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            if self.lanes[lane].is_none() {
+                self.lanes[lane] = Some(self.begin()?);
+            }
+            let (job, place) = self.lanes[lane].as_ref().map(|(job, p)| (*job, p.place()))?;
+            let verdict = self.known(&job, place).and_then(|known| known.verdict(job.limit));
+            let (_, progress) = self.lanes[lane].as_mut()?;
+            let Some(verdict) = verdict else { return Some(progress.hit()) };
+            let (field, numeric) = (self.field, self.numeric);
+            let touches = |hit: &WallHit| field.prepared.touches(numeric, hit);
+            if let Some(ended) = progress.report(Ok(verdict), touches) {
+                self.lanes[lane] = None;
+                (self.done)(&job, ended);
+            }
+        }
+    }
+
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        let Some(Some((job, progress))) = self.lanes.get(lane) else { return };
+        let (job, place) = (*job, progress.place());
+        if let Err(error @ HitError::Settings(_)) = outcome {
+            self.lanes[lane] = None;
+            (self.done)(&job, Err(error.into()));
+            return;
+        }
+        self.learn(&job, place, &outcome);
+    }
+}
