@@ -63,7 +63,7 @@ impl GainFade {
             return drive.force;
         }
         let before = self.push.bits();
-        let step = push.bits().saturating_sub(before).clamp(-slew, slew);
+        let step = push.bits().saturating_sub(before).max(-slew).min(slew); // clamp could panic
         let pushed = Force::saturating_from_bits(before + step);
         let rest = i64::from(slew - step.abs());
         // what push and wall ask for, as far as the actuator can give it
@@ -79,7 +79,7 @@ impl GainFade {
             }
         };
         let difference = base - wanted;
-        let force = wanted + difference - difference.clamp(-rest, rest);
+        let force = wanted + difference - difference.max(-rest).min(rest);
         let force = within(drive.contact, wall, pushed, force);
         (self.wall, self.push, self.pushing) = (*wall, pushed, pushed != push);
         self.correction = force - wanted;
