@@ -35,7 +35,7 @@ impl Form for CentralDifference {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "estimators"))]
 mod tests {
     use super::*;
     use crate::{
