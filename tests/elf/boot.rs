@@ -2,7 +2,10 @@
 
 use std::ops::Range;
 
-use host_sim::scene::element::{EncoderError, EncoderNoise, Jitter};
+use host_sim::scene::{
+    Criterion, PushBy, RmsOf, Scene,
+    element::{EncoderError, EncoderNoise, Jitter},
+};
 use virtual_board::{
     board::{BOARDS, Board, Force},
     elf::Elf,
@@ -102,7 +105,7 @@ fn an_unknown_board_has_no_name() {
 
 /// The wires carry what the scene's encoder gets wrong.
 #[test]
-fn the_encoders_error_and_noise_reach_the_board_and_jitter_is_refused() {
+fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused() {
     let mut firmware = Firmware::of(BOARDS[0]);
     let at_m = firmware.scene.device.rest_position_m;
     let counts = |firmware: &Firmware, moved_m: f64| {
@@ -136,8 +139,15 @@ fn the_encoders_error_and_noise_reach_the_board_and_jitter_is_refused() {
     let rms = (noisy.iter().map(square).sum::<f64>() / noisy.len() as f64).sqrt();
     assert!((1.0..6.0).contains(&rms), "{rms}"); // the zero has an error of its own
 
-    firmware.scene.jitter = Some(Jitter { peak_s: 1e-6, seed: 1 });
     let Firmware { board, elf, table, scene } = &firmware;
-    let refused = World::new(*board, elf, table, scene, 0.0).err().unwrap();
-    assert!(refused.contains("[jitter]"), "{refused}");
+    let refused = |edit: fn(&mut Scene), what: &str| {
+        let mut scene = scene.clone();
+        edit(&mut scene);
+        let refused = World::new(*board, elf, table, &scene, 0.0).err().unwrap();
+        assert!(refused.contains(what), "{refused}");
+    };
+    refused(|scene| scene.jitter = Some(Jitter { peak_s: 1e-6, seed: 1 }), "[jitter]");
+    refused(|scene| scene.wall_hit.push_by = PushBy::Hand, "wall_hit");
+    refused(|scene| scene.wall_hit.rms_of = RmsOf::Motion, "wall_hit");
+    refused(|scene| scene.wall_hit.criterion = Criterion::Felt, "wall_hit");
 }

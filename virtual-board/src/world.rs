@@ -9,7 +9,7 @@
 
 use host_sim::{
     plant::{AnyPlant, AnyState, Plant as _, Sensing},
-    scene::{PushBy, Scene},
+    scene::{Criterion, PushBy, RmsOf, Scene},
     simulation::quantiser::{self, Quantiser},
 };
 
@@ -113,7 +113,7 @@ impl<'a> World<'a> {
     /// its count starts from 0.
     ///
     /// # Errors
-    /// The ELF is not this firmware, or the scene has `[jitter]` or a hand that pushes.
+    /// The ELF is not this firmware, or the scene has `[jitter]`, a hand that pushes or another criterion.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -150,10 +150,12 @@ impl<'a> World<'a> {
         if scene.jitter.is_some() {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
-        if scene.wall_hit.push_by == PushBy::Hand {
-            return Err(
-                "wall_hit.push_by = \"hand\": on a board the motor pushes; leave it out".to_owned()
-            );
+        let hit = &scene.wall_hit;
+        let by_counts = hit.criterion == Criterion::Rms && hit.rms_of == RmsOf::Counts;
+        if hit.push_by == PushBy::Hand || !by_counts {
+            return Err("wall_hit: on a board the motor pushes and the RMS of counts decides; leave out push_by, \
+                        criterion and rms_of"
+                .to_owned());
         }
         let mut powered = Powered::on(board, elf)?;
         let sample_s = 1.0 / scene.control.rate_hz;
