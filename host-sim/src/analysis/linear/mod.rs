@@ -27,8 +27,8 @@ use crate::{
     scene::element::{Amplifier, Arm, Chain, Mode},
 };
 
+mod acting;
 mod boundary;
-mod felt;
 mod monodromy;
 pub mod passivity;
 mod response;

@@ -1,6 +1,6 @@
 //! The closed loop stepped over one output period, as a matrix: its eigenvalues decide stability.
 
-use super::{LinearError, Loop, SCHUR_ITERATIONS, felt::Felt};
+use super::{LinearError, Loop, SCHUR_ITERATIONS, acting::Acting};
 use crate::scene::element::{Chain, STATES_MAX};
 use nalgebra::{Complex, DMatrix, Schur, linalg::balancing};
 
@@ -100,7 +100,7 @@ struct Step {
 
 impl Step {
     fn new(chain: &Chain, dt: f64) -> Self {
-        let (less, effect) = Felt::of(chain).reduce(chain.increment(dt));
+        let (less, effect) = Acting::of(chain).reduce(chain.increment(dt));
         let mut gamma = [0.0; STATES_MAX];
         gamma[..effect.len()].copy_from_slice(effect.as_slice());
         let phi = (0..effect.len()).map(|row| {
@@ -151,7 +151,7 @@ impl Stepper {
             change,
             whole: step(1.0),
             parts: [step(fraction), step(1.0 - fraction)],
-            plant: Felt::of(&chain).states(),
+            plant: Acting::of(&chain).states(),
         }
     }
 

@@ -17,7 +17,7 @@
 //! The estimator sees the samples `x_i z^n`, a sum of the aliases `exp(j (w + 2 pi l) / period)`, and answers
 //! each with its own transfer function.
 
-use super::{LinearError, Loop, felt::Felt, transfer::TransferFunction};
+use super::{LinearError, Loop, acting::Acting, transfer::TransferFunction};
 use crate::{
     numerics::exact::{Increment, oscillator_increment},
     scene::element::Chain,
@@ -147,7 +147,7 @@ impl Alone {
 impl Augmented {
     fn new(of: &Loop, rest: f64) -> Self {
         let chain = of.chain();
-        let (states, felt) = (chain.states(), Felt::of(&chain));
+        let (states, acting) = (chain.states(), Acting::of(&chain));
         let period = f64::from(of.period);
         let period_s = period * of.sample_s();
         let scale = DVector::from_fn(states, |row, _| {
@@ -162,11 +162,11 @@ impl Augmented {
         let step = |samples: f64| {
             let (less, gamma) = chain.increment(samples * of.sample_s());
             let less = DMatrix::from_fn(states, states, |r, c| less[(r, c)] * scale[r] / scale[c]);
-            felt.reduce((less, gamma.component_mul(&scale)))
+            acting.reduce((less, gamma.component_mul(&scale)))
         };
         let forces = |at: f64| {
             if at <= rest {
-                (DVector::zeros(felt.states()), step(at).1)
+                (DVector::zeros(acting.states()), step(at).1)
             } else {
                 let (less, now) = step(at - rest);
                 let start = step(rest).1;

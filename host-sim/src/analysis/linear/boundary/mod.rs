@@ -11,7 +11,7 @@
 
 use super::{
     LinearError, Loop,
-    felt::Felt,
+    acting::Acting,
     monodromy::Monodromy,
     response::{Point, Response},
 };
@@ -104,7 +104,7 @@ impl Boundary {
     /// As [`Loop::check`].
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         let response = Response::new(of)?;
-        let states = 1 + Felt::of(&of.chain()).states() + of.estimator.order() + response.late;
+        let states = 1 + Acting::of(&of.chain()).states() + of.estimator.order() + response.late;
         let monodromy = if states <= EIGENVALUE_STATES { Some(Monodromy::new(of)?) } else { None };
         let output_hz = of.rate_hz / f64::from(of.period);
         let device = of.device;

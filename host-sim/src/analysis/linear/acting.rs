@@ -11,7 +11,7 @@ use crate::scene::element::Chain;
 
 /// Which states of a chain are kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Felt {
+pub(super) struct Acting {
     /// States of the chain.
     states: usize,
     /// Those kept, by their place; the handle's position and speed are the first two.
@@ -20,7 +20,7 @@ pub(super) struct Felt {
     relative: Option<[usize; 2]>,
 }
 
-impl Felt {
+impl Acting {
     /// Those of that chain.
     pub(super) fn of(chain: &Chain) -> Self {
         let states = chain.states();
