@@ -230,9 +230,12 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     }
     let lines = lines_after(&mut world, 60_000);
     assert!(lines.iter().any(|l| l.contains("the first point is unstable")), "{lines:?}");
-    // a start in the wall is refused at once
-    let refused = world.ask("start 0.02").unwrap();
-    assert!(refused.contains("start_m is 0.02, allowed"), "{refused}");
+    // a start in the wall may be set, as the wall may be moved after it; nothing begins there
+    ok(&mut world, "start 0.02");
+    for command in ["hit", "walk"] {
+        let refused = world.ask(command).unwrap();
+        assert!(refused.contains("start_m is 0.02, allowed"), "{command}: {refused}");
+    }
     // a walk needs the key
     let mut world = session.boot().unwrap();
     for line in ["zero", "arm"] {
