@@ -177,13 +177,38 @@ impl Twin {
         self.counts.extend(counts);
     }
 
-    /// Something holds from the sample after this output on.
+    /// Something holds from the sample after this output on, or, for new settings, from the output beside it whose
+    /// frame has a new number of settings: the reply comes before that frame, or after it.
     pub fn change(&mut self, output: u64, change: Change) {
         self.changes.push_back((output, change));
+        self.place();
     }
 
+    /// A frame has come.
     pub fn expect(&mut self, frame: Frame) {
         self.frames.push_back(frame);
+        self.place();
+    }
+
+    /// The newest change of settings that no frame has told apart is moved to the output that a frame tells.
+    fn place(&mut self) {
+        let last = self.last.map(|last| (last.sample, last.settings));
+        let frames = self.frames.iter().map(|frame| (frame.sample, frame.settings));
+        let seen: Vec<_> = last.into_iter().chain(frames).collect();
+        let outputs = seen.windows(2).filter_map(|pair| {
+            let [(sample, before), (next, after)] = [pair[0], pair[1]];
+            (sample + 10 == next && before.wrapping_add(1) == after).then_some(sample)
+        });
+        for output in outputs {
+            let of_settings =
+                |change: &&mut (u64, Change)| matches!(change.1, Change::Parameters(_));
+            let mut changes: Vec<_> = self.changes.iter_mut().filter(of_settings).collect();
+            if changes.iter().all(|(at, _)| *at != output)
+                && let Some((at, _)) = changes.iter_mut().find(|(at, _)| at.abs_diff(output) <= 10)
+            {
+                *at = output;
+            }
+        }
     }
 
     /// Works out what the board has done, up to a little before the present, and before `framed` if frames come.
