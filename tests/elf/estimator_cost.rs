@@ -164,7 +164,7 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
             bytes = size;
         }
         println!("{}: at most {most} cycles, mean {usual} at the default; {bytes} B", name.text());
-        for (key, value) in [("most", most), ("mean", usual), ("bytes", bytes)] {
+        for (key, value) in [("most", most), ("mean", usual)] {
             figure(&format!("elf/estimator_cost/{}/{key}", name.text()), value);
         }
         assert!(most > 0 && most <= CYCLES_MAX, "{name:?}: {most} cycles");
