@@ -35,7 +35,8 @@ impl Form for CentralDifference {
     }
 }
 
-#[cfg(all(test, feature = "estimators"))]
+#[cfg(test)]
+#[cfg(feature = "estimators")]
 mod tests {
     use super::*;
     use crate::{
