@@ -129,10 +129,15 @@ fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Re
     let mut digits = libm::round(scaled) as u64;
     // of the magnitude, which is the larger the lower a number below zero is
     let up = (inwards > 0) == (value > 0.0);
-    match decimal(digits, exponent).filter(|_| inwards != 0) {
-        Some(shown) if up && shown < value.abs() => digits += 1,
-        Some(shown) if !up && shown > value.abs() => digits -= 1,
-        _ => {}
+    if inwards != 0 {
+        match decimal(digits, exponent) {
+            Some(shown) if up && shown < value.abs() => digits += 1,
+            Some(shown) if !up && shown > value.abs() => digits -= 1,
+            Some(_) => {}
+            // beyond the exact powers of ten `scaled` itself has been rounded: a digit more than is needed
+            None if up => digits += 1,
+            None => digits -= 1,
+        }
     }
     while digits.is_multiple_of(10) && digits > 0 {
         digits /= 10;

@@ -1,8 +1,8 @@
 //! What must always hold of the library, each as a property that random cases try.
 //!
-//! A property is a line of text, a strategy that makes cases, and a check, by area in the modules below. What a check compares
-//! with is written a second time here, from the pages and not from the code. `cargo test` tries each property with a
-//! fixed seed, `cargo invariants` for as long as wanted with any ([`campaign`]).
+//! A property is a line of text, a strategy that makes cases, and a check, by area in the modules below. What a check
+//! compares with is written a second time here, from the pages and not from the code. `cargo test` tries each property
+//! with a fixed seed, `cargo invariants` for as long as wanted with any ([`campaign`]).
 
 #![forbid(unsafe_code)]
 #![allow(
