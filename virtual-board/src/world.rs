@@ -294,7 +294,7 @@ impl<'a> World<'a> {
         let from = self.moved_to;
         let to = from + self.powered.board.cycles_per_sample() / self.steps;
         self.powered.mcu.run_until(to)?;
-        self.powered.mcu.settle();
+        self.powered.mcu.settle_to(to);
         let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
         let force_n = if self.motor_reversed { -force_n } else { force_n };
         match &mut self.held {

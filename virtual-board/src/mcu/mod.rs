@@ -446,9 +446,15 @@ impl Mcu {
 
     /// Delivers the pins' changes up to now; the timers that make them are advanced when looked at.
     pub fn settle(&mut self) {
+        self.settle_to(self.now);
+    }
+
+    /// The same, but the encoder's edges up to `cycle`, which lies within the last instruction: those after it
+    /// may still be given, and a timer that were advanced beyond them would capture them late.
+    pub fn settle_to(&mut self, cycle: u64) {
         self.clock.set(self.now);
         self.soc.pwm.catch_up_by_edges();
-        self.soc.encoder.deliver(self.now);
+        self.soc.encoder.deliver(cycle);
     }
 
     /// Reads RAM.
