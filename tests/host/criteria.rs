@@ -226,8 +226,8 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
     }
     for worst in &results[8..] {
         let of_limit = results[..8].iter().filter(|other| other.limit == worst.limit);
-        let areas = of_limit.map(|other| other.result.cutoffs[0].area());
-        assert_eq!(worst.result.cutoffs[0].area(), areas.fold(f64::INFINITY, f64::min));
+        let areas = of_limit.map(|other| other.result.cutoffs[0].boundaries.area());
+        assert_eq!(worst.result.cutoffs[0].boundaries.area(), areas.fold(f64::INFINITY, f64::min));
     }
     assert!(results[0].area() > 1e5, "{}", results[0].area());
 }
@@ -308,7 +308,7 @@ fn hold_row(name: &str, results: &[LimitResult], limit: Limit, expected: &[f64])
     let result = results.iter().find(|result| result.limit == limit).unwrap();
     let mut beyond = 0;
     for (cutoff, &expected) in result.result.cutoffs.iter().zip(expected) {
-        let (low, high) = (cutoff.area_low() / 1e6, cutoff.area_high() / 1e6);
+        let [low, high] = cutoff.boundaries.area_range().map(|area| area / 1e6);
         let is_beyond = expected > 1.0 && !(0.97 * low..=1.03 * high).contains(&expected);
         beyond += usize::from(is_beyond);
         println!(

@@ -44,7 +44,7 @@ fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
 }
 
 fn area(result: &SweepResult, cutoff_hz: f64) -> f64 {
-    result.cutoffs.iter().find(|cutoff| cutoff.cutoff_hz == cutoff_hz).unwrap().area()
+    result.cutoffs.iter().find(|cutoff| cutoff.cutoff_hz == cutoff_hz).unwrap().boundaries.area()
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn at_1_um_the_area_grows_to_2000_hz_and_hardly_beyond() {
         .cutoffs
         .iter()
         .filter(|cutoff| cutoff.cutoff_hz <= 2000.0)
-        .map(host_sim::study::sweep::CutoffResult::area)
+        .map(|cutoff| cutoff.boundaries.area())
         .collect();
     assert!(up_to_2000.is_sorted(), "{up_to_2000:?}");
     let at_2000 = area(result, 2000.0);
@@ -68,10 +68,9 @@ fn at_1_um_the_area_grows_to_2000_hz_and_hardly_beyond() {
 #[test]
 fn at_2_um_there_is_a_broad_top_between_1200_and_1700_hz() {
     let result = &default_sweep(Numeric::Fixed)[1];
-    let top =
-        result.cutoffs.iter().map(host_sim::study::sweep::CutoffResult::area).fold(0.0, f64::max);
+    let top = result.cutoffs.iter().map(|cutoff| cutoff.boundaries.area()).fold(0.0, f64::max);
     for cutoff in &result.cutoffs {
-        let (cutoff_hz, below) = (cutoff.cutoff_hz, 1.0 - cutoff.area() / top);
+        let (cutoff_hz, below) = (cutoff.cutoff_hz, 1.0 - cutoff.boundaries.area() / top);
         println!("2 um, {cutoff_hz} Hz: {:.1} % below the top", below * 100.0);
         match cutoff_hz {
             1200.0..=1700.0 => assert!(below < 0.05, "{cutoff_hz}"),
@@ -88,8 +87,8 @@ fn at_2_um_there_is_a_broad_top_between_1200_and_1700_hz() {
 fn a_coarser_encoder_never_enlarges_the_area() {
     let [fine, coarse] = default_sweep(Numeric::Fixed) else { panic!("two scenes") };
     for (fine, coarse) in fine.cutoffs.iter().zip(&coarse.cutoffs) {
-        let allowed = (0.02 * fine.area()).max(2.0 * CELL);
-        let excess = coarse.area() - fine.area();
+        let allowed = (0.02 * fine.boundaries.area()).max(2.0 * CELL);
+        let excess = coarse.boundaries.area() - fine.boundaries.area();
         assert!(excess <= allowed, "{} Hz: {excess}", fine.cutoff_hz);
     }
 }
@@ -99,10 +98,10 @@ fn fixed_point_areas_are_the_twins() {
     let (mut errors, mut count) = (0.0, 0.0);
     for (fixed, exact) in default_sweep(Numeric::Fixed).iter().zip(default_sweep(Numeric::F64)) {
         for (fixed, exact) in fixed.cutoffs.iter().zip(&exact.cutoffs) {
-            let difference = (fixed.area() - exact.area()).abs();
-            let allowed = (0.05 * exact.area()).max(2.0 * CELL);
+            let difference = (fixed.boundaries.area() - exact.boundaries.area()).abs();
+            let allowed = (0.05 * exact.boundaries.area()).max(2.0 * CELL);
             assert!(difference <= allowed, "{} Hz: {difference}", exact.cutoff_hz);
-            errors += difference / exact.area();
+            errors += difference / exact.boundaries.area();
             count += 1.0;
         }
     }
@@ -153,7 +152,8 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
         let low =
             |numeric| default_sweep(numeric)[n].cutoffs.iter().filter(|c| c.cutoff_hz <= 200.0);
         for (fixed, exact) in low(Numeric::Fixed).zip(low(Numeric::F64)) {
-            for (repeat, (a, b)) in fixed.boundaries.iter().zip(&exact.boundaries).enumerate() {
+            for (repeat, (a, b)) in fixed.boundaries.iter().zip(exact.boundaries.iter()).enumerate()
+            {
                 walks += 1;
                 let start = repeat as f64 / f64::from(REPEATS);
                 for (a, b) in differing(a, b) {
@@ -178,7 +178,7 @@ fn share_off(numeric: Numeric) -> f64 {
     let (mut off, mut all) = (0.0, 0.0);
     for (other, exact) in default_sweep(numeric).iter().zip(default_sweep(Numeric::F64)) {
         for (other, exact) in other.cutoffs.iter().zip(&exact.cutoffs) {
-            for (a, b) in other.boundaries.iter().zip(&exact.boundaries) {
+            for (a, b) in other.boundaries.iter().zip(exact.boundaries.iter()) {
                 all += a.points.len().max(b.points.len()) as f64;
                 let far = |(a, b): &(BoundaryPoint, BoundaryPoint)| {
                     (a.stiffness_n_per_m - b.stiffness_n_per_m).abs() > 1.5 * 2000.0

@@ -247,7 +247,8 @@ fn tuning(c: &Compared) -> String {
 /// The largest mean area of a class.
 fn best_of(compared: &[Compared], class: Class) -> Option<Entry> {
     let like = compared.iter().filter(|c| c.class() == class);
-    like.max_by(|a, b| a.tuned.area().total_cmp(&b.tuned.area())).map(|c| c.entry)
+    like.max_by(|a, b| a.tuned.boundaries.area().total_cmp(&b.tuned.boundaries.area()))
+        .map(|c| c.entry)
 }
 
 fn zwidth(scene: &NamedScene, compared: &[Compared], class: Class) -> Result<Figure, Error> {

@@ -117,7 +117,7 @@ impl LimitArgs {
     }
 
     /// What a sweep asks beside its own walks: as `--limits`, else one limit by motor and by hand, one walk each, with
-    /// the scene's steps; `None` with `plain`, or where the scene cannot have that limit.
+    /// the scene's steps; `None` with `plain`.
     pub fn or_default(
         &self,
         scene: &Scene,
@@ -128,8 +128,7 @@ impl LimitArgs {
         if self.limits.is_some() {
             return self.question(scene, cutoffs_hz, repeats);
         }
-        let is_possible = self.check(scene, &[DEFAULT], scene.walk).is_ok();
-        Ok((!plain && is_possible).then(|| Question {
+        Ok((!plain).then(|| Question {
             limits: vec![DEFAULT],
             rms_of: RmsOf::Motion,
             cutoffs_hz: cutoffs_hz.to_vec(),

@@ -28,7 +28,7 @@ use crate::{
         envelope::envelopes,
         limits::{Question, limits},
         sensitivity::{Variant, variants},
-        sweep::{Plan, SweepResult, ascending, sweep},
+        sweep::{Plan, ascending, sweep},
     },
 };
 
@@ -105,14 +105,15 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             bar.finish_and_clear();
             results.map(|results| LimitStudy { question, results })
         });
-        let limits = match limits.transpose() {
+        let (limits, limits_left_out) = match limits.transpose() {
             // a scene whose hand does not reach the wall still has its own sweep
-            Err(Error::Input(_)) if !args.limits.are_asked() => None,
-            limits => limits.map_err(|error| error.of(&scene.name))?,
+            Err(Error::Input(why)) if !args.limits.are_asked() => (None, Some(why)),
+            limits => (limits.map_err(|error| error.of(&scene.name))?, None),
         };
         let study = Study {
             envelopes,
             limits,
+            limits_left_out,
             numeric,
             repeats: args.repeat,
             variants: variants.collect(),
@@ -205,7 +206,7 @@ const HEAD: &str = concat!(
 
 /// The range first, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
-    let SweepResult { cutoffs, ideal } = &study.result;
+    let ideal = &study.result.ideal;
     let mut text = String::new();
     let name = &study.scene.name;
     match ideal {
@@ -223,17 +224,17 @@ fn table(study: &Study, folder: &str) -> String {
         }
     }
     text.push_str(HEAD);
-    for result in cutoffs {
+    for row in sweep_files::areas(&study.result) {
         let _ = writeln!(
             text,
             "  {:>9} {:>9.1} {:>11.4e} {:>11.4e} {:>11.4e} {:>9} {:>9}",
-            result.cutoff_hz,
-            result.true_cutoff_hz,
-            result.area(),
-            result.area_low(),
-            result.area_high(),
-            result.stiffness_peak_n_per_m(),
-            result.damping_max_n_s_per_m()
+            row.cutoff_hz,
+            row.true_cutoff_hz,
+            row.area,
+            row.area_low,
+            row.area_high,
+            row.stiffness_peak_n_per_m,
+            row.damping_max_n_s_per_m
         );
     }
     for variant in &study.variants {
@@ -242,7 +243,7 @@ fn table(study: &Study, folder: &str) -> String {
     if let Some(limits) = &study.limits {
         let _ = writeln!(text, "  {}", limits.text());
     }
-    for note in study.result.notes() {
+    for note in study.notes() {
         let _ = writeln!(text, "  note: {note}");
     }
     let _ = write!(text, "  report: {folder}/report.html");

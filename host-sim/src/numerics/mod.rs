@@ -4,5 +4,4 @@ pub mod exact;
 pub mod fft;
 pub mod integrator;
 pub mod random;
-pub mod spectrum;
 pub mod statistics;

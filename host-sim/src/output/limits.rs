@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use zwidth::experiment::Ended;
 
 use super::{
     SCHEMA_VERSION,
@@ -11,12 +10,8 @@ use super::{
 };
 use crate::{
     notation::number,
-    scene::PushBy,
-    study::{
-        limits::{Limit, LimitResult, Question, Situation},
-        sweep::CutoffResult,
-        walk::Boundary,
-    },
+    scene::{PushBy, Walk},
+    study::limits::{Limit, LimitResult, Question, Situation},
 };
 
 /// Areas of the tables are in this unit, N^2 s/m^2.
@@ -79,10 +74,16 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
     result.told_area().filter(|told| *told > 0.0).map(|told| area / told)
 }
 
-/// Walks that ended at a cap, or passed one.
-fn capped(boundaries: &[Boundary]) -> usize {
-    let is_capped = |boundary: &&Boundary| !matches!(boundary.ended, None | Some(Ended::Closed));
-    boundaries.iter().filter(is_capped).count()
+/// First, step and cap of K, then of B.
+fn grid(walk: &Walk) -> [f64; 6] {
+    [
+        walk.stiffness_start_n_per_m,
+        walk.stiffness_step_n_per_m,
+        walk.stiffness_max_n_per_m,
+        walk.damping_start_n_s_per_m,
+        walk.damping_step_n_s_per_m,
+        walk.damping_max_n_s_per_m,
+    ]
 }
 
 /// Who pushes, for people.
@@ -99,45 +100,32 @@ impl LimitStudy {
     /// `limits.csv`.
     pub fn csv(&self) -> String {
         let mut text = format!("{HEADER}\n");
-        let walk = &self.question.walk;
-        let tail = format!(
-            "{},{},{},{},{},{},{},{},{SCHEMA_VERSION}",
-            self.question.rms_of.name(),
-            self.question.repeats,
-            walk.stiffness_start_n_per_m,
-            walk.stiffness_step_n_per_m,
-            walk.stiffness_max_n_per_m,
-            walk.damping_start_n_s_per_m,
-            walk.damping_step_n_s_per_m,
-            walk.damping_max_n_s_per_m
-        );
+        let Question { rms_of, repeats, .. } = self.question;
+        let grid = grid(&self.question.walk).map(|value| value.to_string()).join(",");
+        let tail = format!("{},{repeats},{grid},{SCHEMA_VERSION}", rms_of.name());
         let cell = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
         for result in &self.results {
             let ideal = result.result.ideal;
             let (limit, unit) = value(result.limit);
-            let told = CutoffResult {
-                cutoff_hz: 0.0,
-                true_cutoff_hz: 0.0,
-                boundaries: result.told.clone(),
-                settles_in_s: None,
-            };
-            let estimated = result.result.cutoffs.iter().map(|cutoff| (true, cutoff));
-            let told = (!result.told.is_empty()).then_some((false, &told));
-            for (estimates, cutoff) in estimated.chain(told) {
+            let estimated = result.result.cutoffs.iter();
+            let estimated = estimated.map(|cutoff| (Some(cutoff.cutoff_hz), &cutoff.boundaries));
+            let told = (!result.told.is_empty()).then_some((None, &result.told));
+            for (cutoff_hz, boundaries) in estimated.chain(told) {
+                let [low, high] = boundaries.area_range();
                 let _ = writeln!(
                     text,
                     "{},{},{limit},{unit},{},{},{},{},{},{},{},{},{},{},{},{},{tail}",
                     push(result),
                     arm(result).unwrap_or_default(),
-                    if estimates { "scene" } else { "true-velocity" },
-                    cell(estimates.then_some(cutoff.cutoff_hz)),
-                    cutoff.area(),
-                    cutoff.area_low(),
-                    cutoff.area_high(),
-                    cell(share(cutoff.area(), result)),
-                    cutoff.stiffness_peak_n_per_m(),
-                    cutoff.damping_max_n_s_per_m(),
-                    capped(&cutoff.boundaries),
+                    if cutoff_hz.is_some() { "scene" } else { "true-velocity" },
+                    cell(cutoff_hz),
+                    boundaries.area(),
+                    low,
+                    high,
+                    cell(share(boundaries.area(), result)),
+                    boundaries.stiffness_peak_n_per_m(),
+                    boundaries.damping_max_n_s_per_m(),
+                    boundaries.capped(),
                     cell(ideal.map(|ideal| ideal.cutoff_hz)),
                     cell(ideal.map(|ideal| ideal.range_hz[0])),
                     cell(ideal.map(|ideal| ideal.range_hz[1])),
@@ -169,16 +157,11 @@ impl LimitStudy {
     /// The table for people.
     pub fn text(&self) -> String {
         let Question { walk, rms_of, repeats, .. } = &self.question;
+        let [k, dk, k_max, b, db, b_max] = grid(walk);
         let mut text = format!(
             "area by limit and cutoff, 10^6 N^2 s/m^2; * ideal cutoff, > cut at a cap; RMS of {}; {repeats} walks \
-             each\n  K from {} by {} to {} N/m, B from {} by {} to {} N s/m",
-            rms_of.name(),
-            walk.stiffness_start_n_per_m,
-            walk.stiffness_step_n_per_m,
-            walk.stiffness_max_n_per_m,
-            walk.damping_start_n_s_per_m,
-            walk.damping_step_n_s_per_m,
-            walk.damping_max_n_s_per_m
+             each\n  K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m",
+            rms_of.name()
         );
         let mut last = None;
         for result in &self.results {
@@ -194,13 +177,13 @@ impl LimitStudy {
             let _ = write!(text, "\n  {:>12}", name(result.limit));
             let ideal = result.result.ideal;
             for cutoff in &result.result.cutoffs {
-                let cut = if capped(&cutoff.boundaries) > 0 { ">" } else { "" };
+                let cut = if cutoff.boundaries.capped() > 0 { ">" } else { "" };
                 let star = if ideal.is_some_and(|ideal| ideal.cutoff_hz == cutoff.cutoff_hz) {
                     "*"
                 } else {
                     ""
                 };
-                let area = format!("{cut}{}{star}", millions(cutoff.area()));
+                let area = format!("{cut}{}{star}", millions(cutoff.boundaries.area()));
                 let _ = write!(text, " {area:>7}");
             }
             let range = ideal.map_or("none".into(), |ideal| match ideal.range_hz {
@@ -209,7 +192,7 @@ impl LimitStudy {
             });
             let _ = write!(text, "  {range:>12}");
             if let Some(told) = result.told_area() {
-                let cut = if capped(&result.told) > 0 { ">" } else { "" };
+                let cut = if result.told.capped() > 0 { ">" } else { "" };
                 let share = share(result.area(), result).unwrap_or_default() * 100.0;
                 let _ = write!(text, "   {:>8}, {share:.0} %", format!("{cut}{}", millions(told)));
             }

@@ -77,6 +77,8 @@ pub struct Study {
     pub variants: Vec<VariantResult>,
     /// Other limits; `None` if nobody asked for them.
     pub limits: Option<LimitStudy>,
+    /// Why the limit that stands beside a plain question is left out.
+    pub limits_left_out: Option<String>,
     /// The command that made it.
     pub command: String,
 }
@@ -170,7 +172,7 @@ impl Study {
             ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
             ideal_cutoff_range_basis: ideal.map(|ideal| ideal.basis.name()),
             cutoffs: self.result.cutoffs.iter().map(cutoff_summary).collect(),
-            notes: self.result.notes(),
+            notes: self.notes(),
             sensitivity: self.variants.iter().map(variant_summary).collect(),
             limits: self.limits.as_ref().map(LimitStudy::summary).unwrap_or_default(),
         }
@@ -268,6 +270,13 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
+    /// What a reader must know beside the numbers.
+    pub fn notes(&self) -> Vec<String> {
+        let left_out = self.limits_left_out.iter();
+        let left_out = left_out.map(|why| format!("the limit of 1 um is left out: {why}"));
+        self.result.notes().into_iter().chain(left_out).collect()
+    }
+
     fn limits_figure(&self) -> Result<Option<ReportFigure>, Error> {
         let Some(limits) = &self.limits else { return Ok(None) };
         let figure = limits.figure(&self.scene.name)?;
@@ -282,7 +291,7 @@ impl Study {
             "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
         );
         for result in &self.result.cutoffs {
-            for (repeat, boundary) in (0u32..).zip(&result.boundaries) {
+            for (repeat, boundary) in (0u32..).zip(result.boundaries.iter()) {
                 let offset = start_offset_counts(repeat, self.repeats);
                 for point in &boundary.points {
                     let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
@@ -323,7 +332,7 @@ impl Study {
     }
 
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
-        let mut notes = self.result.notes();
+        let mut notes = self.notes();
         notes.extend(self.variants.iter().map(VariantResult::sentence));
         report::html(&Report {
             title: format!("{}: {}", self.scene.name, subtitle(self)),
@@ -370,7 +379,7 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
 }
 
 /// Each cutoff in numbers, for every table and figure that has a row of it.
-fn areas(result: &SweepResult) -> impl Iterator<Item = AreaPoint> {
+pub fn areas(result: &SweepResult) -> impl Iterator<Item = AreaPoint> {
     result.cutoffs.iter().map(area_row)
 }
 
@@ -381,14 +390,15 @@ fn area_cells(row: &AreaPoint) -> String {
 }
 
 fn area_row(result: &CutoffResult) -> AreaPoint {
+    let [area_low, area_high] = result.boundaries.area_range();
     AreaPoint {
         cutoff_hz: result.cutoff_hz,
         true_cutoff_hz: result.true_cutoff_hz,
-        area: result.area(),
-        area_low: result.area_low(),
-        area_high: result.area_high(),
-        stiffness_peak_n_per_m: result.stiffness_peak_n_per_m(),
-        damping_max_n_s_per_m: result.damping_max_n_s_per_m(),
+        area: result.boundaries.area(),
+        area_low,
+        area_high,
+        stiffness_peak_n_per_m: result.boundaries.stiffness_peak_n_per_m(),
+        damping_max_n_s_per_m: result.boundaries.damping_max_n_s_per_m(),
     }
 }
 
@@ -402,6 +412,6 @@ fn variant_summary(variant: &VariantResult) -> VariantSummary {
         change: variant.change.clone(),
         ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
         ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
-        area_at_ideal_n2_s_per_m2: at_ideal.map(CutoffResult::area),
+        area_at_ideal_n2_s_per_m2: at_ideal.map(|result| result.boundaries.area()),
     }
 }

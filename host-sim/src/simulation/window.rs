@@ -11,7 +11,7 @@ use std::sync::Arc;
 use zwidth::experiment::{Hit, Verdict};
 
 use crate::{
-    numerics::spectrum::RealSpectrum,
+    numerics::fft::RealSpectrum,
     scene::{Criterion, FeltCurve, RmsOf, Scene},
 };
 

@@ -5,19 +5,18 @@
 //! certain to be beyond the largest limit end there.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::HashMap,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering},
     },
 };
 
-use rayon::prelude::*;
 use zwidth::experiment::Verdict;
 
 use super::{
-    sweep::{CutoffResult, SweepResult, ascending, start_offset_counts},
-    walk::{Boundary, Progress},
+    sweep::{CutoffResult, SweepResult, ascending, on_all_threads, start_offset_counts},
+    walk::{Boundaries, Boundary, Progress},
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
@@ -93,21 +92,21 @@ pub struct LimitResult {
     /// Areas by cutoff, the ideal one and its range.
     pub result: SweepResult,
     /// Boundaries with the true velocity; empty if it was not asked for.
-    pub told: Vec<Boundary>,
+    pub told: Boundaries,
 }
 
 impl LimitResult {
     /// Mean area with the true velocity, N^2 s/m^2.
     pub fn told_area(&self) -> Option<f64> {
-        let areas: Vec<f64> = self.told.iter().map(|boundary| boundary.area).collect();
-        (!areas.is_empty()).then(|| areas.iter().sum::<f64>() / areas.len() as f64)
+        (!self.told.is_empty()).then(|| self.told.area())
     }
 
     /// Area at the ideal cutoff, N^2 s/m^2.
     pub fn area(&self) -> f64 {
         let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
         let mut cutoffs = self.result.cutoffs.iter();
-        cutoffs.find(|result| Some(result.cutoff_hz) == ideal).map_or(0.0, CutoffResult::area)
+        let ideal = cutoffs.find(|result| Some(result.cutoff_hz) == ideal);
+        ideal.map_or(0.0, |result| result.boundaries.area())
     }
 }
 
@@ -174,47 +173,36 @@ pub fn limits(
     let question = &Question { cutoffs_hz: ascending(&question.cutoffs_hz), ..question.clone() };
     let (fields, hits) = fields(scene, question)?;
     let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
-    let threads = rayon::current_num_threads();
-    let made: Vec<_> = (0..threads)
-        .into_par_iter()
-        .with_max_len(1)
-        .flat_map_iter(|thread| {
-            let mut made = vec![];
-            for n in 0..fields.len() {
-                // threads begin with different fields; within a scene the levels come first, whose hits know all
-                let place = (n + thread * fields.len() / threads) % fields.len();
-                let field = &fields[place];
-                let mut work = Walks {
-                    field,
-                    numeric,
-                    repeats: question.repeats,
-                    shared: &shared,
-                    stop,
-                    lanes: vec![],
-                    done: |job: &Job, boundary| {
-                        done();
-                        made.push(((place, job.number), boundary));
-                    },
-                };
-                let levels = field.limits.iter().any(|limit| limit.is_felt());
-                let depth = if levels { Depth::Whole } else { Depth::Bounded };
-                run(engine, &field.prepared, numeric, depth, &mut work);
-            }
-            made
-        })
-        .collect();
+    // within a scene the levels come first, whose hits know all
+    let mut made = on_all_threads(fields.len(), |place, made| {
+        let field = &fields[place];
+        let mut work = Walks {
+            field,
+            numeric,
+            repeats: question.repeats,
+            shared: &shared,
+            stop,
+            lanes: vec![],
+            done: |job: &Job, boundary| {
+                done();
+                made.push(((place, job.number), boundary));
+            },
+        };
+        let levels = field.limits.iter().any(|limit| limit.is_felt());
+        let depth = if levels { Depth::Whole } else { Depth::Bounded };
+        run(engine, &field.prepared, numeric, depth, &mut work);
+    });
     if stop.load(Ordering::Relaxed) {
         return Err(Error::Interrupted);
     }
-    let mut made: BTreeMap<(usize, usize), Result<Boundary, Error>> = made.into_iter().collect();
-    let mut of = |place: usize| -> Result<Vec<Vec<Vec<Boundary>>>, Error> {
+    let mut of = |place: usize| -> Result<Vec<Vec<Boundaries>>, Error> {
         // by limit, cutoff, repeat
         let field = &fields[place];
         let mut boundaries = (0..field.jobs(question.repeats as usize)).map(|number| {
             let none = || Err(Error::Internal("a walk has no result".into()));
             made.remove(&(place, number)).unwrap_or_else(none)
         });
-        let mut by_cutoff = || -> Result<Vec<Boundary>, Error> {
+        let mut by_cutoff = || -> Result<Boundaries, Error> {
             boundaries.by_ref().take(question.repeats as usize).collect()
         };
         let mut by_limit = || field.cutoffs_hz.iter().map(|_| by_cutoff()).collect();
@@ -241,7 +229,10 @@ pub fn limits(
                     situation: Some(situation.clone()),
                     limit,
                     result: SweepResult::of(cutoffs.collect()),
-                    told: told.next().into_iter().flatten().flatten().collect(),
+                    told: told
+                        .next()
+                        .and_then(|of_limit| of_limit.into_iter().next())
+                        .unwrap_or_default(),
                 });
             }
         }
@@ -261,14 +252,15 @@ fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     result.situation = None;
     for (place, cutoff) in result.result.cutoffs.iter_mut().enumerate() {
         let all = of_limit().filter_map(|other| other.result.cutoffs.get(place));
-        if let Some(least) = all.min_by(|a, b| a.area().total_cmp(&b.area())) {
+        if let Some(least) = all.min_by(|a, b| a.boundaries.area().total_cmp(&b.boundaries.area()))
+        {
             *cutoff = least.clone();
         }
     }
     result.result = SweepResult::of(result.result.cutoffs);
     let told = of_limit().map(|other| &other.told);
-    let area = |walks: &Vec<Boundary>| walks.iter().map(|walk| walk.area).sum::<f64>();
-    result.told = told.min_by(|a, b| area(a).total_cmp(&area(b))).cloned().unwrap_or_default();
+    let least = told.min_by(|a, b| a.area().total_cmp(&b.area()));
+    result.told = least.cloned().unwrap_or_default();
     Some(result)
 }
 

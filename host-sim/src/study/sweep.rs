@@ -17,9 +17,8 @@ pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
     engine::Engine,
     error::Error,
-    numerics::statistics::Repeats,
     simulation::prepared::{Numeric, PreparedScene},
-    study::walk::{Boundary, first_hit, settles_in_s},
+    study::walk::{Boundaries, Boundary, first_hit, settles_in_s},
     study::walk_lanes::{Queue, Start, walks},
 };
 
@@ -31,7 +30,7 @@ pub struct CutoffResult {
     /// -3 dB frequency of the digital filter, Hz.
     pub true_cutoff_hz: f64,
     /// One boundary per repeat, the first from the scene's own start.
-    pub boundaries: Vec<Boundary>,
+    pub boundaries: Boundaries,
     /// Where no walk has a stable first point: the settle time with which it is stable, s, if there is one.
     pub settles_in_s: Option<f64>,
 }
@@ -76,46 +75,6 @@ impl RangeBasis {
     }
 }
 
-impl CutoffResult {
-    fn areas(&self) -> impl Iterator<Item = f64> {
-        self.boundaries.iter().map(|boundary| boundary.area)
-    }
-
-    fn repeats(&self) -> Repeats {
-        Repeats::of(self.boundaries.iter().map(|boundary| boundary.area))
-    }
-
-    /// Mean area over the repeats, N^2 s/m^2.
-    pub fn area(&self) -> f64 {
-        self.repeats().mean
-    }
-
-    /// Smallest area of the repeats, N^2 s/m^2.
-    pub fn area_low(&self) -> f64 {
-        self.areas().reduce(f64::min).unwrap_or(0.0)
-    }
-
-    /// Largest area of the repeats, N^2 s/m^2.
-    pub fn area_high(&self) -> f64 {
-        self.areas().reduce(f64::max).unwrap_or(0.0)
-    }
-
-    /// Largest K of any repeat, N/m.
-    pub fn stiffness_peak_n_per_m(&self) -> f64 {
-        self.boundaries.iter().map(Boundary::stiffness_peak_n_per_m).fold(0.0, f64::max)
-    }
-
-    /// Largest B of any repeat, N s/m.
-    pub fn damping_max_n_s_per_m(&self) -> f64 {
-        self.boundaries.iter().map(Boundary::damping_max_n_s_per_m).fold(0.0, f64::max)
-    }
-
-    /// Hits over all repeats.
-    pub fn hits(&self) -> u64 {
-        self.boundaries.iter().map(|boundary| boundary.hits).sum()
-    }
-}
-
 /// Neighbouring cutoffs whose ratio is above this one are far apart.
 const COARSE: f64 = 1.3;
 
@@ -148,28 +107,14 @@ pub fn sweep(
     let starts: Vec<Vec<Start>> = sorted.iter().map(|cutoffs| starts(cutoffs, repeats)).collect();
     let queues: Vec<Queue<'_>> =
         plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.prepared, starts)).collect();
-    // Every walk runs to its end or to the interruption, so that the error that is reported is the
-    // first in this order, not the first in time.
-    let threads = rayon::current_num_threads();
-    let made: Vec<_> = (0..threads)
-        .into_par_iter()
-        .with_max_len(1)
-        .flat_map_iter(|thread| {
-            let mut made = vec![];
-            for n in 0..queues.len() {
-                // threads begin with different scenes: fewer of them share the end of a queue
-                let plan = (n + thread) % queues.len();
-                walks(engine, numeric, &queues[plan], stop, |walk, boundary| {
-                    if let Ok(boundary) = &boundary {
-                        done(boundary);
-                    }
-                    made.push(((plan, walk), boundary));
-                });
+    let mut made = on_all_threads(queues.len(), |plan, made| {
+        walks(engine, numeric, &queues[plan], stop, |walk, boundary| {
+            if let Ok(boundary) = &boundary {
+                done(boundary);
             }
-            made
-        })
-        .collect();
-    let mut made: BTreeMap<(usize, usize), Result<Boundary, Error>> = made.into_iter().collect();
+            made.push(((plan, walk), boundary));
+        });
+    });
     if stop.load(Ordering::Relaxed) {
         return Err(Error::Interrupted);
     }
@@ -183,7 +128,7 @@ pub fn sweep(
                 None => Err(Error::Internal("a walk has no result".into())),
             };
             let walks = walks.by_ref().take(repeats as usize);
-            let boundaries = walks.map(&mut boundary).collect::<Result<Vec<_>, _>>()?;
+            let boundaries = walks.map(&mut boundary).collect::<Result<Boundaries, _>>()?;
             let true_cutoff_hz = plan.prepared.scene().true_cutoff_hz(cutoff_hz);
             let settles_in_s = match boundaries.iter().all(|boundary| boundary.ended.is_none()) {
                 true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, cutoff_hz)),
@@ -194,6 +139,28 @@ pub fn sweep(
         results.push(SweepResult::of(cutoffs));
     }
     Ok(results)
+}
+
+/// Results by queue and number.
+pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
+
+/// `work` through all queues on each thread of the current pool; each thread begins with another queue, so that fewer
+/// of them share the end of one. Every walk runs to its end or to the interruption, so that the error that is reported
+/// is the first in this order, not the first in time.
+pub(super) fn on_all_threads(
+    queues: usize,
+    work: impl Fn(usize, &mut Made) + Sync,
+) -> BTreeMap<(usize, usize), Result<Boundary, Error>> {
+    let threads = rayon::current_num_threads();
+    let on_one = |thread: usize| {
+        let mut made = vec![];
+        for n in 0..queues {
+            work((n + thread * queues / threads) % queues, &mut made);
+        }
+        made
+    };
+    let made: Made = (0..threads).into_par_iter().with_max_len(1).flat_map_iter(on_one).collect();
+    made.into_iter().collect()
 }
 
 /// All walks of a scene, in the order of the result.
@@ -221,13 +188,17 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
 }
 
 fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
-    let best = cutoffs.iter().max_by(|a, b| a.area().total_cmp(&b.area()))?;
-    let enough = AS_GOOD_AS_BEST * best.area();
-    let ideal = cutoffs.iter().find(|result| result.area() >= enough).filter(|_| enough > 0.0)?;
+    let best = cutoffs.iter().max_by(|a, b| a.boundaries.area().total_cmp(&b.boundaries.area()))?;
+    let enough = AS_GOOD_AS_BEST * best.boundaries.area();
+    let ideal = cutoffs
+        .iter()
+        .find(|result| result.boundaries.area() >= enough)
+        .filter(|_| enough > 0.0)?;
     let basis =
         if ideal.boundaries.len() > 1 { RangeBasis::Repeats } else { RangeBasis::WithinTwoPercent };
+    let best = best.boundaries.repeats();
     let is_worse =
-        |result: &CutoffResult| result.repeats().is_below(AS_GOOD_AS_BEST, &best.repeats());
+        |result: &CutoffResult| result.boundaries.repeats().is_below(AS_GOOD_AS_BEST, &best);
     let alike = cutoffs.iter().filter(|result| !is_worse(result));
     let range_hz = alike.fold([ideal.cutoff_hz; 2], |[low, high], result| {
         [low.min(result.cutoff_hz), high.max(result.cutoff_hz)]
@@ -367,7 +338,8 @@ mod tests {
         let of = |cutoffs: &[(f64, f64, Option<Ended>)]| {
             let results = cutoffs.iter().map(|&(hz, area, ended)| {
                 let mut result = cutoff(hz, &[area]);
-                result.boundaries[0].ended = ended;
+                result.boundaries =
+                    [Boundary { ended, ..result.boundaries[0].clone() }].into_iter().collect();
                 result
             });
             let cutoffs: Vec<CutoffResult> = results.collect();

@@ -10,6 +10,7 @@ use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
+    numerics::statistics::Repeats,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
@@ -44,6 +45,84 @@ impl Boundary {
     /// Largest B with a stable K, N s/m; 0 for an empty boundary.
     pub fn damping_max_n_s_per_m(&self) -> f64 {
         self.points.iter().map(|point| point.damping_n_s_per_m).fold(0.0, f64::max)
+    }
+}
+
+/// Boundaries of one estimator from several starts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Boundaries(Vec<Boundary>);
+
+impl FromIterator<Boundary> for Boundaries {
+    fn from_iter<T: IntoIterator<Item = Boundary>>(boundaries: T) -> Self {
+        Self(boundaries.into_iter().collect())
+    }
+}
+
+impl std::ops::Deref for Boundaries {
+    type Target = Vec<Boundary>;
+
+    fn deref(&self) -> &Vec<Boundary> {
+        &self.0
+    }
+}
+
+impl Boundaries {
+    /// Area of each, N^2 s/m^2.
+    pub fn areas(&self) -> Vec<f64> {
+        self.iter().map(|boundary| boundary.area).collect()
+    }
+
+    /// Mean and spread of the areas.
+    pub fn repeats(&self) -> Repeats {
+        Repeats::of(self.iter().map(|boundary| boundary.area))
+    }
+
+    /// Mean area, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        self.repeats().mean
+    }
+
+    /// Smallest and largest area, N^2 s/m^2.
+    pub fn area_range(&self) -> [f64; 2] {
+        [f64::min, f64::max].map(|of| self.areas().into_iter().reduce(of).unwrap_or(0.0))
+    }
+
+    /// Largest K of any, N/m.
+    pub fn stiffness_peak_n_per_m(&self) -> f64 {
+        self.stiffness_peaks_n_per_m().into_iter().fold(0.0, f64::max)
+    }
+
+    /// Largest B of any, N s/m.
+    pub fn damping_max_n_s_per_m(&self) -> f64 {
+        self.dampings_max_n_s_per_m().into_iter().fold(0.0, f64::max)
+    }
+
+    /// Largest K of each, N/m.
+    pub fn stiffness_peaks_n_per_m(&self) -> Vec<f64> {
+        self.iter().map(Boundary::stiffness_peak_n_per_m).collect()
+    }
+
+    /// Largest B of each, N s/m.
+    pub fn dampings_max_n_s_per_m(&self) -> Vec<f64> {
+        self.iter().map(Boundary::damping_max_n_s_per_m).collect()
+    }
+
+    /// K of each at the grid's B nearest to this one, N/m; 0 where a boundary ends before.
+    pub fn stiffnesses_at(&self, damping_n_s_per_m: f64) -> Vec<f64> {
+        let of = |boundary: &Boundary| {
+            let distance = |b: f64| (b - damping_n_s_per_m).abs();
+            let reaches = boundary.damping_max_n_s_per_m() >= damping_n_s_per_m;
+            let nearest = boundary.points.iter().min_by(|p, q| {
+                distance(p.damping_n_s_per_m).total_cmp(&distance(q.damping_n_s_per_m))
+            });
+            nearest.filter(|_| reaches).map_or(0.0, |point| point.stiffness_n_per_m)
+        };
+        self.iter().map(of).collect()
+    }
+
+    /// How many ended at a cap, or passed one.
+    pub fn capped(&self) -> usize {
+        self.iter().filter(|boundary| !matches!(boundary.ended, None | Some(Ended::Closed))).count()
     }
 }
 
@@ -272,6 +351,35 @@ impl Work for Ahead<'_> {
 mod tests {
     use super::*;
     use crate::scene::NamedScene;
+
+    #[test]
+    fn every_figure_of_a_boundary_is_that_of_each_repeat() {
+        let boundary = |points: &[(f64, f64)]| Boundary {
+            points: points
+                .iter()
+                .map(|&(damping_n_s_per_m, stiffness_n_per_m)| BoundaryPoint {
+                    damping_n_s_per_m,
+                    stiffness_n_per_m,
+                })
+                .collect(),
+            area: points.iter().map(|(_, k)| 10.0 * k).sum(),
+            hits: 1,
+            ended: None,
+        };
+        let boundaries: Boundaries = [
+            boundary(&[(10.0, 2000.0), (20.0, 6000.0), (30.0, 4000.0)]),
+            boundary(&[(10.0, 2000.0), (20.0, 4000.0)]),
+        ]
+        .into_iter()
+        .collect();
+        assert_eq!(boundaries.areas(), [120_000.0, 60_000.0]);
+        assert_eq!((boundaries.area(), boundaries.area_range()), (90_000.0, [60_000.0, 120_000.0]));
+        assert_eq!(boundaries.stiffness_peaks_n_per_m(), [6000.0, 4000.0]);
+        assert_eq!(boundaries.dampings_max_n_s_per_m(), [30.0, 20.0]);
+        assert_eq!(boundaries.stiffness_peak_n_per_m(), 6000.0);
+        assert_eq!(boundaries.stiffnesses_at(19.0), [6000.0, 4000.0]);
+        assert_eq!(boundaries.stiffnesses_at(29.0), [4000.0, 0.0], "the second ends before");
+    }
 
     #[test]
     fn a_walk_that_looks_ahead_is_the_walk_hit_by_hit() {

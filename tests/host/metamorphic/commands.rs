@@ -188,11 +188,11 @@ fn a_sweep_of_one_cutoff_is_its_walks() {
             walk(Engine::Core, &prepared, Numeric::Fixed, cutoff_hz, start, &STOP).unwrap()
         });
         let walks: Vec<Boundary> = walks.collect();
-        assert_eq!(result.boundaries, walks, "{}: {scene:?}", dice.name);
+        assert_eq!(*result.boundaries, walks, "{}: {scene:?}", dice.name);
         let areas = walks.iter().map(|walk| walk.area);
         let mean = areas.clone().sum::<f64>() / f64::from(repeats);
-        assert!((result.area() - mean).abs() <= 1e-12 * mean);
+        assert!((result.boundaries.area() - mean).abs() <= 1e-12 * mean);
         let (low, high) = (areas.clone().fold(f64::INFINITY, f64::min), areas.fold(0.0, f64::max));
-        assert_eq!((result.area_low(), result.area_high()), (low, high));
+        assert_eq!(result.boundaries.area_range(), [low, high]);
     });
 }

@@ -249,7 +249,7 @@ pub fn compare(
     let plan = scene.walk_plan();
     let damping_n_s_per_m = damping_n_s_per_m.unwrap_or_else(|| {
         let reached = reference.map_or(0.0, |(_, (_, tuned))| {
-            tuned.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
+            tuned.boundaries.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
         });
         // a B of the grid
         let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
@@ -260,7 +260,7 @@ pub fn compare(
         let damping_n_s_per_m = (times * damping_n_s_per_m)
             .clamp(plan.damping_start_n_s_per_m, plan.damping_max_n_s_per_m);
         let reached = reference.map_or(0.0, |(_, (_, tuned))| {
-            Repeats::of(tuned.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+            Repeats::of(tuned.boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
         });
         let stiffness_n_per_m = (reached / 2.0).max(plan.stiffness_start_n_per_m);
         Wall { stiffness_n_per_m, damping_n_s_per_m }

@@ -26,12 +26,11 @@ use super::{
 use crate::{
     engine::Engine,
     error::Error,
-    numerics::statistics::Repeats,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
         sweep::start_offset_counts,
-        walk::{Boundary, walk},
+        walk::{Boundaries, Boundary, walk},
     },
 };
 
@@ -87,13 +86,13 @@ pub fn tune(
     stop: &AtomicBool,
     done: &(impl Fn(u64) + Sync),
 ) -> Result<(VelocitySettings, Tuned), Error> {
-    let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Vec<Boundary>, Error> {
+    let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Boundaries, Error> {
         let (scene, cutoff_hz) = with_estimator(scene, settings);
         let prepared = PreparedScene::new(&scene)?;
         let each = |&start: &f64| walk(engine, &prepared, Numeric::Fixed, cutoff_hz, start, stop);
-        let boundaries = starts.par_iter().map(each).collect();
+        let boundaries: Result<Vec<Boundary>, Error> = starts.par_iter().map(each).collect();
         done(starts.len() as u64);
-        boundaries
+        Ok(boundaries?.into_iter().collect())
     };
     let starts: Vec<f64> =
         (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
@@ -102,7 +101,7 @@ pub fn tune(
     let mut tuned = Tuned {
         tried: vec![],
         settled: true,
-        boundaries: vec![],
+        boundaries: Boundaries::default(),
         bandwidth_hz: 0.0,
         left_when_mistuned: [None; 2],
         left_when_mass_is_wrong: [None; 2],
@@ -110,9 +109,7 @@ pub fn tune(
     };
     let mut best = *start;
     if let Some(axes) = &axes {
-        let area = |settings: &VelocitySettings| {
-            Ok(Repeats::of(walks(settings, &STARTS)?.iter().map(|boundary| boundary.area)).mean)
-        };
+        let area = |settings: &VelocitySettings| Ok(walks(settings, &STARTS)?.area());
         let look = |settings: &[VelocitySettings]| settings.par_iter().map(area).collect();
         let search = Search::over(axes, budget.tunings, look)?;
         best = search.best().map_or(best, |tried| tried.settings);
@@ -122,9 +119,9 @@ pub fn tune(
     }
     tuned.bandwidth_hz = bandwidth_hz(&best, &design).map_err(Error::input)?;
     tuned.boundaries = walks(&best, &starts)?;
-    let area = tuned.area();
+    let area = tuned.boundaries.area();
     let left = |wrong: &VelocitySettings| -> Result<f64, Error> {
-        Ok(Repeats::of(walks(wrong, &starts)?.iter().map(|b| b.area)).mean / area)
+        Ok(walks(wrong, &starts)?.area() / area)
     };
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));

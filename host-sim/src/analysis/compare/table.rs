@@ -107,18 +107,18 @@ const NEARER: Option<Better> = Some(Better::NearerToZero);
 /// All columns.
 pub const CRITERIA: [Criterion; 25] = criteria! {
     Boundary MORE, "area_n2_s_per_m2":
-        "area", AREA, 1e-6, 2, |c, _| c.tuned.areas();
+        "area", AREA, 1e-6, 2, |c, _| c.tuned.boundaries.areas();
     Boundary None, "area_low_n2_s_per_m2":
-        "lowest", AREA, 1e-6, 2, |c, _| vec![c.tuned.area_range()[0]];
+        "lowest", AREA, 1e-6, 2, |c, _| vec![c.tuned.boundaries.area_range()[0]];
     Boundary None, "area_high_n2_s_per_m2":
-        "highest", AREA, 1e-6, 2, |c, _| vec![c.tuned.area_range()[1]];
+        "highest", AREA, 1e-6, 2, |c, _| vec![c.tuned.boundaries.area_range()[1]];
     Boundary MORE, "stiffness_peak_mean_n_per_m":
-        "peak K", "kN/m", 1e-3, 1, |c, _| c.tuned.stiffness_peaks_n_per_m();
+        "peak K", "kN/m", 1e-3, 1, |c, _| c.tuned.boundaries.stiffness_peaks_n_per_m();
     Boundary MORE, "stiffness_at_damping_mean_n_per_m":
         "K at B", "kN/m", 1e-3, 1,
-        |c, place| c.tuned.stiffnesses_at(place.middle().damping_n_s_per_m);
+        |c, place| c.tuned.boundaries.stiffnesses_at(place.middle().damping_n_s_per_m);
     Boundary MORE, "damping_max_mean_n_s_per_m":
-        "largest B", "N s/m", 1.0, 0, |c, _| c.tuned.dampings_max_n_s_per_m();
+        "largest B", "N s/m", 1.0, 0, |c, _| c.tuned.boundaries.dampings_max_n_s_per_m();
     Signal None, "bandwidth_hz":
         "-3 dB", "Hz", 1.0, 0, |c, _| vec![c.tuned.bandwidth_hz];
     Signal NEARER, "delay_hand_s":
