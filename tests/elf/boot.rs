@@ -7,7 +7,7 @@ use host_sim::scene::{
     element::{EncoderError, EncoderNoise, Jitter},
 };
 use virtual_board::{
-    board::{BOARDS, Board, Force},
+    board::{Board, Force, NUCLEO_F446RE},
     elf::Elf,
     world::World,
 };
@@ -99,14 +99,14 @@ fn force_reaches_the_plant_and_disarm_takes_it_away(board: Board) {
 
 #[test]
 fn an_unknown_board_has_no_name() {
-    assert_eq!(Board::named("nucleo-f446re"), Some(BOARDS[0]));
+    assert_eq!(Board::named("nucleo-f446re"), Some(NUCLEO_F446RE));
     assert_eq!(Board::named("nucleo"), None);
 }
 
 /// The wires carry what the scene's encoder gets wrong.
 #[test]
 fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused() {
-    let mut firmware = Firmware::of(BOARDS[0]);
+    let mut firmware = Firmware::of(NUCLEO_F446RE);
     let at_m = firmware.scene.device.rest_position_m;
     let counts = |firmware: &Firmware, moved_m: f64| {
         let mut world = firmware.boot();

@@ -6,7 +6,7 @@ use host_sim::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 use virtual_board::{
-    board::{BOARDS, Board},
+    board::{Board, DISCOVERY_F407, NUCLEO_F446RE},
     mcu::SAMPLE,
     session::Session,
     world::World,
@@ -27,7 +27,7 @@ use crate::{
 each_board!(an_image_without_the_estimator_does_not_know_it);
 
 /// The board that captures.
-const NUCLEO: Board = BOARDS[0];
+const NUCLEO: Board = NUCLEO_F446RE;
 /// Counts per metre and samples per second of the scene.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
@@ -234,7 +234,7 @@ fn an_image_without_the_estimator_does_not_know_it(board: Board) {
 #[test]
 #[ignore = "an image of its own; CI runs it"]
 fn a_board_without_edge_times_says_so() {
-    let firmware = Firmware::variant(BOARDS[1], &["time-stamps"]);
+    let firmware = Firmware::variant(DISCOVERY_F407, &["time-stamps"]);
     let sense = firmware.boot().ask("estimator time-stamps").unwrap();
     println!("{sense}");
     assert!(sense.starts_with("error") && sense.contains("needs edge times"), "{sense}");

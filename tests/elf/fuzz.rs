@@ -3,7 +3,7 @@
 
 use host_sim::scene::NamedScene;
 use virtual_board::{
-    board::{BOARDS, Board},
+    board::{BOARDS, Board, NUCLEO_F446RE},
     elf::Elf,
     fuzz, image, log,
     session::Session,
@@ -33,7 +33,7 @@ fn sessions(board: Board, seed: u64, commands: u64) {
 
 #[test]
 fn random_sessions_go_as_the_pages_say() {
-    sessions(BOARDS[0], 1, 400);
+    sessions(NUCLEO_F446RE, 1, 400);
 }
 
 #[test]

@@ -18,34 +18,30 @@
 macro_rules! each_board {
     ($($test:ident),+) => {$(
         mod $test {
-            use virtual_board::board::BOARDS;
-
             #[test]
             fn nucleo_f446re() {
-                super::$test(BOARDS[0]);
+                super::$test(virtual_board::board::NUCLEO_F446RE);
             }
 
             #[test]
             #[ignore = "an image more; CI runs it"]
             fn discovery_f407() {
-                super::$test(BOARDS[1]);
+                super::$test(virtual_board::board::DISCOVERY_F407);
             }
         }
     )+};
     ($test:ident, ignored: $reason:literal) => {
         mod $test {
-            use virtual_board::board::BOARDS;
-
             #[test]
             #[ignore = $reason]
             fn nucleo_f446re() {
-                super::$test(BOARDS[0]);
+                super::$test(virtual_board::board::NUCLEO_F446RE);
             }
 
             #[test]
             #[ignore = $reason]
             fn discovery_f407() {
-                super::$test(BOARDS[1]);
+                super::$test(virtual_board::board::DISCOVERY_F407);
             }
         }
     };

@@ -8,7 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use virtual_board::board::{BOARDS, Board};
+use virtual_board::board::{Board, NUCLEO_F446RE};
 
 use crate::{code::Code, firmware::Firmware};
 
@@ -47,7 +47,7 @@ fn no_panic_is_reachable_after_init(board: Board) {
 #[test]
 #[ignore = "an image of its own; CI runs it"]
 fn no_panic_is_reachable_with_edge_times() {
-    no_panic(BOARDS[0], &["time-stamps"]);
+    no_panic(NUCLEO_F446RE, &["time-stamps"]);
 }
 
 fn no_panic(board: Board, features: &[&str]) {
@@ -78,7 +78,7 @@ fn no_panic(board: Board, features: &[&str]) {
 /// The same look from the reset on does find the panics of the set-up.
 #[test]
 fn the_look_finds_panics_where_there_are_some() {
-    let firmware = Firmware::of(BOARDS[0]);
+    let firmware = Firmware::of(NUCLEO_F446RE);
     let code = Code::of(&firmware.elf);
     let found = reachable(&code, &BTreeSet::from([firmware.elf.address_of("Reset").unwrap()]));
     assert!(found.keys().any(|&function| code.name(function).contains("rust_begin_unwind")));

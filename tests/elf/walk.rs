@@ -10,7 +10,7 @@ use host_sim::{
     study::{sweep::start_offset_counts, walk},
 };
 use virtual_board::{
-    board::{BOARDS, Board},
+    board::{BOARDS, Board, NUCLEO_F446RE},
     session::{Session, WalkReport},
     world::World,
 };
@@ -99,7 +99,7 @@ fn grid(
 
 #[test]
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
-    let (walked, _) = both(BOARDS[0], |scene| {
+    let (walked, _) = both(NUCLEO_F446RE, |scene| {
         grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.2]);
         scene.device.start_position_m = 0.066; // a short way back
     });
@@ -166,7 +166,7 @@ fn largest_force(world: &mut World<'_>, samples: u64) -> f64 {
 
 #[test]
 fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
-    let session = session(BOARDS[0], |_| {});
+    let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
     ok(&mut world, "start -0.01");
     for (command, samples, activity) in [
@@ -207,7 +207,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
 
 #[test]
 fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
-    let session = session(BOARDS[0], |_| {});
+    let session = session(NUCLEO_F446RE, |_| {});
     // the force goes off in the middle of a walk
     let mut world = armed(&session);
     ok(&mut world, "walk");
@@ -248,7 +248,7 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
 
 #[test]
 fn a_handle_that_is_held_back_ends_the_way_back() {
-    let session = session(BOARDS[0], |_| {});
+    let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
     ok(&mut world, "start -0.01");
     ok(&mut world, "hit");
@@ -265,7 +265,7 @@ fn a_handle_that_is_held_back_ends_the_way_back() {
 #[test]
 #[ignore = "a return gives up after 10 s; the library's tests have that as well"]
 fn a_hand_that_gives_way_a_little_lets_the_way_back_give_up_by_itself() {
-    let session = session(BOARDS[0], |_| {});
+    let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
     ok(&mut world, "start -0.01");
     ok(&mut world, "hit");
@@ -282,7 +282,7 @@ fn a_hand_that_gives_way_a_little_lets_the_way_back_give_up_by_itself() {
 
 #[test]
 fn calibrate_rises_holds_and_stops_on_motion() {
-    let session = session(BOARDS[0], |_| {});
+    let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
     world.run(10_000).unwrap();
     let at_m = world.position_m();

@@ -58,33 +58,36 @@ const fn pin(port: char, number: u8) -> Pin {
     Pin { port, number }
 }
 
-/// All boards; the first is the default.
-pub const BOARDS: [Board; 2] = [
-    Board {
-        name: "nucleo-f446re",
-        chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true },
-        wiring: Wiring {
-            encoder: [pin('A', 0), pin('A', 1)],
-            captured: Some([pin('A', 6), pin('A', 7)]),
-            force: Force::Dac { pin: pin('A', 4) },
-            enable: pin('A', 10),
-            stop: pin('B', 12),
-        },
-        supply_mv: 3200, // regulator of 3.3 V
+/// The NUCLEO-F446RE, force by the DAC; the default.
+pub const NUCLEO_F446RE: Board = Board {
+    name: "nucleo-f446re",
+    chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true },
+    wiring: Wiring {
+        encoder: [pin('A', 0), pin('A', 1)],
+        captured: Some([pin('A', 6), pin('A', 7)]),
+        force: Force::Dac { pin: pin('A', 4) },
+        enable: pin('A', 10),
+        stop: pin('B', 12),
     },
-    Board {
-        name: "discovery-f407",
-        chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, over_drive: false },
-        wiring: Wiring {
-            encoder: [pin('A', 15), pin('A', 1)],
-            captured: None,
-            force: Force::Pwm { magnitude: pin('E', 9), sign: pin('E', 11) },
-            enable: pin('E', 13),
-            stop: pin('E', 15),
-        },
-        supply_mv: 2900, // regulator of 3.3 V and a diode: 3.0 V
+    supply_mv: 3200, // regulator of 3.3 V
+};
+
+/// The STM32F407G-DISC1, force by PWM.
+pub const DISCOVERY_F407: Board = Board {
+    name: "discovery-f407",
+    chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, over_drive: false },
+    wiring: Wiring {
+        encoder: [pin('A', 15), pin('A', 1)],
+        captured: None,
+        force: Force::Pwm { magnitude: pin('E', 9), sign: pin('E', 11) },
+        enable: pin('E', 13),
+        stop: pin('E', 15),
     },
-];
+    supply_mv: 2900, // regulator of 3.3 V and a diode: 3.0 V
+};
+
+/// All boards.
+pub const BOARDS: [Board; 2] = [NUCLEO_F446RE, DISCOVERY_F407];
 
 impl Board {
     /// The board of that name.

@@ -22,7 +22,7 @@ use host_sim::{
 use serde::Serialize;
 
 use crate::{
-    board::{BOARDS, Board},
+    board::{BOARDS, Board, NUCLEO_F446RE},
     elf::Elf,
     fuzz::report::{self, Fuzz},
     image, log,
@@ -95,7 +95,7 @@ enum Command {
 struct Common {
     /// A built-in scene or a file.
     scene: String,
-    #[arg(long, default_value = BOARDS[0].name, help = Board::names(" or "))]
+    #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
     /// The firmware; built if not given.
     #[arg(long)]

@@ -1,7 +1,7 @@
 //! Nobody reads.
 
 use virtual_board::{
-    board::{BOARDS, Board},
+    board::{Board, NUCLEO_F446RE},
     world::World,
 };
 
@@ -83,7 +83,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
 /// lost. Who reads again is told so.
 #[test]
 fn a_walk_ends_when_nobody_reads() {
-    let firmware = Firmware::of(BOARDS[0]);
+    let firmware = Firmware::of(NUCLEO_F446RE);
     let mut world = firmware.boot();
     arm(&mut world);
     for line in ["settle 0.7", "window 0.1", "start 0", "kstart 2000", "kstep 1000", "bstart 20"] {

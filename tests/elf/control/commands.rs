@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use virtual_board::{board::BOARDS, world::World};
+use virtual_board::{board::NUCLEO_F446RE, world::World};
 use zwidth::{
     console::usages,
     telemetry::{Decoder, Flags},
@@ -100,7 +100,7 @@ fn reply(world: &mut World<'_>, line: &str) -> String {
 
 #[test]
 fn every_command_works_in_any_order_with_garbage_between() {
-    let firmware = Firmware::of(BOARDS[0]);
+    let firmware = Firmware::of(NUCLEO_F446RE);
     let mut world = firmware.boot();
     arm(&mut world);
     let mut random = Random(1);

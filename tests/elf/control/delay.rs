@@ -1,7 +1,7 @@
 //! Nothing delays the samples.
 
 use virtual_board::{
-    board::{BOARDS, Board},
+    board::{Board, NUCLEO_F446RE},
     elf::Elf,
     mcu::Watch,
 };
@@ -84,7 +84,7 @@ fn with_critical_sections(firmware: &Firmware) -> Elf {
 #[test]
 fn a_logger_with_a_critical_section_would_be_noticed() {
     let mut spreads = Vec::new();
-    let mut firmware = Firmware::of(BOARDS[0]);
+    let mut firmware = Firmware::of(NUCLEO_F446RE);
     for sections in [false, true] {
         if sections {
             firmware.elf = with_critical_sections(&firmware);

@@ -13,7 +13,7 @@ use self::{
     run_case::{Depth, run_case},
 };
 use rayon::prelude::*;
-use virtual_board::board::{BOARDS, Board, Powered};
+use virtual_board::board::{BOARDS, Board, NUCLEO_F446RE, Powered};
 
 use crate::{
     figure::figure,
@@ -159,7 +159,7 @@ fn campaign() {
 /// The fault cases that take no watchdog, on the default board.
 #[test]
 fn faults_take_the_force_away_in_time_and_say_why() {
-    let firmware = Firmware::of(BOARDS[0]);
+    let firmware = Firmware::of(NUCLEO_F446RE);
     let short: Vec<_> = FAULT_CASES.iter().filter(|case| case.short).collect();
     header();
     rows(&[firmware], &short, Depth::Short).iter().for_each(Row::print);

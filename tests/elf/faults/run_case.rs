@@ -131,7 +131,7 @@ pub fn run_case(firmware: &Firmware, case: &FaultCase, depth: Depth) -> CaseResu
         assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
     }
     // The fault outlives a reset. On the other board the way back goes without one.
-    if firmware.board == virtual_board::board::BOARDS[0] && !case.stays {
+    if firmware.board == virtual_board::board::NUCLEO_F446RE && !case.stays {
         world.reset();
         world.run(300).unwrap();
         let status = ok(world, "status");

@@ -18,7 +18,7 @@ use super::{
     instants::{self, EVENTS, Sweep, Wrong},
 };
 use crate::{
-    board::{BOARDS, Board},
+    board::{Board, NUCLEO_F446RE},
     cli,
     session::Session,
 };
@@ -26,7 +26,7 @@ use crate::{
 /// Options.
 #[derive(Args)]
 pub struct Fuzz {
-    #[arg(long, default_value = BOARDS[0].name, help = Board::names(" or "))]
+    #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
     /// The firmware; built if not given.
     #[arg(long)]
