@@ -28,7 +28,7 @@ fn limits_are_rows_by_who_pushes_and_in_whose_hand() {
     let folder = TempDir::new().unwrap();
     let args =
         ["sweep", "paper-2um", "--cutoffs", "200,500", "--repeat", "1", "--out", "out", "--limits"];
-    let more = ["5e-6,felt", "--arms", "light", "--steps", "4000,40", "--engine", "core"];
+    let more = ["5e-6,felt", "--arms", "light", "--steps", "16000,160", "--engine", "core"];
     for (out, more) in [("out", &more[..5]), ("core", &more)] {
         let args: Vec<&str> =
             args.iter().map(|arg| if *arg == "out" { out } else { *arg }).collect();
