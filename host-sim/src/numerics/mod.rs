@@ -1,5 +1,6 @@
 //! Mathematics that knows no device: the exact step of a linear system, integrators, Fourier transform, random numbers, statistics.
 
+pub mod double;
 pub mod exact;
 pub mod fft;
 pub mod integrator;

@@ -3,41 +3,62 @@
 
 use host_sim::{
     analysis::linear::{Boundary, Device, Elements, Loop, TransferFunction},
+    numerics::double::Double,
     scene::element::{Amplifier, Arm, Mode},
 };
 
 use crate::dice::{Dice, cases};
 
-type Matrix = Vec<Vec<f64>>;
+/// In 32 digits: where little damps, motion grows by a part in 10^15 of itself in a period, or dies.
+type Matrix = Vec<Vec<Double>>;
 
-fn identity(n: usize) -> Matrix {
-    (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect()
+fn number(x: f64) -> Double {
+    x.into()
 }
 
-fn product(a: &Matrix, b: &Matrix) -> Matrix {
-    let n = b[0].len();
-    let mut out = vec![vec![0.0; n]; a.len()];
+fn zeros(n: usize) -> Matrix {
+    vec![vec![number(0.0); n]; n]
+}
+
+fn identity(n: usize) -> Matrix {
+    let mut one = zeros(n);
+    (0..n).for_each(|i| one[i][i] = number(1.0));
+    one
+}
+
+/// Adds so many times a row.
+fn add(sum: &mut [Double], times: Double, row: &[Double]) {
+    if times != number(0.0) {
+        sum.iter_mut().zip(row).for_each(|(sum, x)| *sum = *sum + times * *x);
+    }
+}
+
+fn product(a: &Matrix, b: &[Vec<Double>]) -> Matrix {
+    let mut out = vec![vec![number(0.0); b[0].len()]; a.len()];
     for (row, out) in a.iter().zip(&mut out) {
-        for (value, b) in row.iter().zip(b) {
-            if *value != 0.0 {
-                out.iter_mut().zip(b).for_each(|(sum, b)| *sum += value * b);
-            }
-        }
+        row.iter().zip(b).for_each(|(times, b)| add(out, *times, b));
     }
     out
+}
+
+/// Magnitudes of its entries.
+fn entries(of: &Matrix) -> impl Iterator<Item = f64> {
+    of.iter().flatten().map(|x| f64::from(*x).abs())
 }
 
 /// exp(A t) by its series, of a 2^-squarings part, squared.
 fn exponential(a: &Matrix, t: f64) -> Matrix {
     let n = a.len();
-    let norm = a.iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>()).fold(0.0, f64::max) * t;
-    let squarings = (norm.max(1e-300).log2().ceil().max(-4.0) + 4.0) as i32;
-    let part = t / 2f64.powi(squarings);
+    let norm = entries(a).fold(0.0, f64::max) * n as f64 * t;
+    let squarings = norm.max(1e-300).log2().ceil().max(-4.0) as i32 + 4;
+    let part = number(t) * number(0.5f64.powi(squarings));
     let (mut sum, mut term) = (identity(n), identity(n));
     for power in 1..20 {
         term = product(&term, a);
-        term.iter_mut().flatten().for_each(|x| *x *= part / f64::from(power));
-        sum.iter_mut().flatten().zip(term.iter().flatten()).for_each(|(s, t)| *s += t);
+        let y = number(1.0 / f64::from(power));
+        let of_power = y * (number(2.0) - number(f64::from(power)) * y);
+        term.iter_mut().flatten().for_each(|x| *x = *x * part * of_power);
+        sum.iter_mut().zip(&term).for_each(|(sum, term)| add(sum, number(1.0), term));
     }
     for _ in 0..squarings {
         sum = product(&sum, &sum);
@@ -45,47 +66,75 @@ fn exponential(a: &Matrix, t: f64) -> Matrix {
     sum
 }
 
-/// The plant with the commanded force as one more state: positions and speeds of the bodies, the amplifier, the
-/// command.
+/// The plant with the commanded force as one more state, the last: the handle's place, the speeds of the bodies, by how
+/// much the other springs are stretched, the amplifier, the command. Where no spring holds a body its place is no state.
+/// What does not act on the handle is left out.
 fn plant(of: &Loop) -> Matrix {
     let Elements { amplifier, mode, arm } = of.elements;
     let device = of.device;
     let mut masses = vec![device.mass_kg];
-    // springs and dampers: from body to body, or to the ground
-    let mut links = vec![(0, None, device.stiffness_n_per_m, device.damping_n_s_per_m)];
+    // springs and dampers: to a body, from the one before it or from the ground
+    let mut links = vec![(0, true, device.stiffness_n_per_m, device.damping_n_s_per_m)];
     if let Some(mode) = mode {
         masses.push(mode.mass_kg);
-        links.push((0, Some(1), mode.stiffness_n_per_m, mode.damping_n_s_per_m));
+        links.push((1, false, mode.stiffness_n_per_m, mode.damping_n_s_per_m));
     }
     if let Some(arm) = arm {
-        let held = masses.len() - 1;
+        let hand = masses.len();
         masses.push(arm.mass_kg);
-        links.push((held, Some(held + 1), arm.grip_stiffness_n_per_m, arm.grip_damping_n_s_per_m));
-        links.push((held + 1, None, arm.stiffness_n_per_m, arm.damping_n_s_per_m));
+        links.push((hand, false, arm.grip_stiffness_n_per_m, arm.grip_damping_n_s_per_m));
+        links.push((hand, true, arm.stiffness_n_per_m, arm.damping_n_s_per_m));
     }
-    let bodies = masses.len();
-    let force = 2 * bodies;
-    let command = force + usize::from(amplifier.is_some());
-    let mut a = vec![vec![0.0; command + 1]; command + 1];
-    for body in 0..bodies {
-        a[body][bodies + body] = 1.0;
-    }
-    for (one, other, k, b) in links {
-        for (body, sign) in [(Some(one), 1.0), (other, -1.0)] {
-            let Some(body) = body else { continue };
-            for (at, towards) in [(Some(one), 1.0), (other, -1.0)] {
-                let Some(at) = at else { continue };
-                a[bodies + body][at] -= sign * towards * k / masses[body];
-                a[bodies + body][bodies + at] -= sign * towards * b / masses[body];
+    let speed = |body: usize| 1 + body;
+    let states = 1 + masses.len() + links.iter().filter(|(_, _, k, _)| *k > 0.0).count();
+    let mut a = vec![vec![0.0; states + 2]; states + 2];
+    a[0][speed(0)] = 1.0;
+    let (mut stretches, mut next) = (vec![0], speed(masses.len()));
+    for (body, to_ground, k, b) in links {
+        let before = (!to_ground).then(|| body - 1);
+        // over springs all the way from the handle to the body: the sum of their stretches is its place
+        let stretch = if to_ground && stretches.len() == body + 1 {
+            stretches.clone()
+        } else if k > 0.0 {
+            a[next][speed(body)] = 1.0;
+            if let Some(before) = before {
+                a[next][speed(before)] = -1.0;
+                stretches.push(next);
+            }
+            next += 1;
+            vec![next - 1]
+        } else {
+            vec![]
+        };
+        for (pushed, sign) in [(Some(body), -1.0), (before, 1.0)] {
+            let Some(pushed) = pushed else { continue };
+            let (row, per_kg) = (&mut a[speed(pushed)], sign / masses[pushed]);
+            stretch.iter().for_each(|state| row[*state] += per_kg * k);
+            row[speed(body)] += per_kg * b;
+            if let Some(before) = before {
+                row[speed(before)] -= per_kg * b;
             }
         }
     }
-    a[bodies][force] = 1.0 / device.mass_kg;
+    let (force, command) = (states, states + 1);
     if let Some(amplifier) = amplifier {
         let pole = std::f64::consts::TAU * amplifier.bandwidth_hz;
+        a[speed(0)][force] = 1.0 / device.mass_kg;
         (a[force][force], a[force][command]) = (-pole, pole);
+    } else {
+        a[speed(0)][command] = 1.0 / device.mass_kg;
     }
-    a
+    let (mut acting, mut at) = (vec![0], 0);
+    while let Some(state) = acting.get(at) {
+        let more = (0..a.len()).filter(|n| a[*state][*n] != 0.0 && !acting.contains(n));
+        acting.extend(more.collect::<Vec<_>>());
+        at += 1;
+    }
+    acting.sort_unstable();
+    acting
+        .iter()
+        .map(|row| acting.iter().map(|column| number(a[*row][*column])).collect())
+        .collect()
 }
 
 /// The loop over one output period. State: the plant with the command that acts, the estimator's past positions and
@@ -96,7 +145,7 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let command = plant_states - 1;
     let sample_s = of.sample_s();
     let order = of.estimator.num.len().max(of.estimator.den.len()) - 1;
-    let lead = of.estimator.den[0];
+    assert_eq!(of.estimator.den[0], 1.0);
     let latency = of.latency_samples;
     let every = f64::from(of.period);
     let waiting = (latency / every).floor() as usize;
@@ -106,75 +155,72 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let mut all = identity(states);
     // so many samples after a start of a period the command of that start takes effect, or that of an earlier one
     let turn = latency - every * (latency / every).floor();
-    let advance = |all: &mut Matrix, dt: f64| {
-        let step = exponential(&a, dt);
-        let moved = product(&step, &all[..plant_states].to_vec());
+    let whole = exponential(&a, sample_s);
+    let parts = [turn.fract(), 1.0 - turn.fract()].map(|part| exponential(&a, part * sample_s));
+    let advance = |all: &mut Matrix, step: &Matrix| {
+        let moved = product(step, &all[..plant_states]);
         all[..plant_states].clone_from_slice(&moved);
     };
-    let mut next = vec![0.0; states];
+    let mut next = vec![];
     for sample in 0..of.period {
         let position = all[0].clone();
-        let coefficient = |of: &[f64], n: usize| of.get(n).copied().unwrap_or(0.0) / lead;
-        let mut velocity: Vec<f64> =
-            position.iter().map(|x| x * coefficient(&of.estimator.num, 0)).collect();
+        let coefficient = |of: &[f64], n: usize| number(of.get(n).copied().unwrap_or(0.0));
+        let none = number(0.0);
+        let mut velocity = vec![none; states];
+        add(&mut velocity, coefficient(&of.estimator.num, 0), &position);
         for n in 1..=order {
-            let (x, v) = (&all[past + n - 1], &all[past + order + n - 1]);
-            let (num, den) = (coefficient(&of.estimator.num, n), coefficient(&of.estimator.den, n));
-            velocity
-                .iter_mut()
-                .zip(x.iter().zip(v))
-                .for_each(|(sum, (x, v))| *sum += num * x - den * v);
+            add(&mut velocity, coefficient(&of.estimator.num, n), &all[past + n - 1]);
+            let v = none - coefficient(&of.estimator.den, n);
+            add(&mut velocity, v, &all[past + order + n - 1]);
         }
         if sample == 0 {
-            next = position.iter().zip(&velocity).map(|(x, v)| -(k * x + b * v)).collect();
+            next = vec![none; states];
+            add(&mut next, number(-k), &position);
+            add(&mut next, number(-b), &velocity);
         }
         if order > 0 {
             all[past..past + order].rotate_right(1);
             all[past + order..past + 2 * order].rotate_right(1);
             (all[past], all[past + order]) = (position, velocity);
         }
-        let at = f64::from(sample);
-        if (at..at + 1.0).contains(&turn) {
-            advance(&mut all, (turn - at) * sample_s);
-            if waiting == 0 {
-                all[command] = next.clone();
-            } else {
-                all[queue..].rotate_left(1);
-                all[command] = std::mem::replace(&mut all[queue + waiting - 1], next.clone());
-            }
-            advance(&mut all, (at + 1.0 - turn) * sample_s);
+        if f64::from(sample) == turn.floor() {
+            advance(&mut all, &parts[0]);
+            all.push(next.clone());
+            all[command] = all.remove(queue);
+            advance(&mut all, &parts[1]);
         } else {
-            advance(&mut all, sample_s);
+            advance(&mut all, &whole);
         }
     }
     all
 }
 
-/// By how much the handle's motion grows per period in the long run, whatever it starts from.
+/// The binary logarithm of the factor by which motion grows per period in the long run: over 2^80 periods, so that
+/// where it started from counts for less than the last digit.
 fn growth(of: &Loop, k: f64, b: f64) -> f64 {
     let mut power = period(of, k, b);
-    let (mut logarithm, mut periods) = (0.0, 1.0);
-    for _ in 0..36 {
+    let (mut exponent, mut periods) = (0.0, 1.0);
+    for _ in 0..80 {
         power = product(&power, &power);
-        (logarithm, periods) = (2.0 * logarithm, 2.0 * periods);
-        let largest = power.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
+        let largest = entries(&power).fold(0.0, f64::max);
         if largest == 0.0 {
-            return 0.0;
+            return f64::NEG_INFINITY;
         }
-        power.iter_mut().flatten().for_each(|x| *x /= largest);
-        logarithm += largest.ln();
+        let taken = largest.log2().round();
+        power.iter_mut().flatten().for_each(|x| *x = *x * number((-taken).exp2()));
+        // whole numbers: nothing is rounded where motion neither grows nor dies
+        (exponent, periods) = (2.0 * exponent + taken, 2.0 * periods);
     }
-    // what reaches the handle, not what stays in a body that it does not feel
-    let reaches = power[0].iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-    ((logarithm + reaches.max(1e-300).ln()) / periods).exp()
+    exponent / periods
 }
 
 fn any(dice: &mut Dice) -> Loop {
     let rate_hz = dice.one_of(&[1e3, 1e4, 5e4]);
+    let some = |dice: &mut Dice, low, high| if dice.coin() { 0.0 } else { dice.decades(low, high) };
     let device = Device {
         mass_kg: dice.decades(0.05, 5.0),
-        damping_n_s_per_m: dice.one_of(&[0.0, 1.0, 30.0]),
-        stiffness_n_per_m: dice.one_of(&[0.0, 20.0, 3000.0]),
+        damping_n_s_per_m: some(dice, 0.1, 100.0),
+        stiffness_n_per_m: some(dice, 10.0, 1e4),
     };
     let plain = TransferFunction::finite_difference(rate_hz);
     let estimator = match dice.below(3) {
@@ -187,16 +233,16 @@ fn any(dice: &mut Dice) -> Loop {
             .then(|| Amplifier { bandwidth_hz: rate_hz * dice.decades(0.02, 2.0) }),
         mode: dice.coin().then(|| Mode {
             mass_kg: dice.decades(0.02, 1.0),
-            stiffness_n_per_m: dice.one_of(&[0.0, 3e4]),
-            damping_n_s_per_m: dice.one_of(&[0.0, 4.0]),
+            stiffness_n_per_m: some(dice, 100.0, 1e5),
+            damping_n_s_per_m: some(dice, 1.0, 100.0),
         }),
         arm: dice.coin().then(|| Arm {
             mass_kg: dice.decades(0.1, 2.0),
-            damping_n_s_per_m: dice.one_of(&[0.0, 10.0]),
-            stiffness_n_per_m: dice.one_of(&[0.0, 300.0]),
+            damping_n_s_per_m: some(dice, 1.0, 30.0),
+            stiffness_n_per_m: some(dice, 100.0, 1e4),
             rest_position_m: 0.0,
-            grip_damping_n_s_per_m: dice.one_of(&[0.0, 25.0]),
-            grip_stiffness_n_per_m: dice.one_of(&[0.0, 1200.0]),
+            grip_damping_n_s_per_m: some(dice, 1.0, 100.0),
+            grip_stiffness_n_per_m: some(dice, 100.0, 1e4),
         }),
     };
     let period = dice.one_of(&[1, 2, 5, 10]);
@@ -208,37 +254,43 @@ fn any(dice: &mut Dice) -> Loop {
     Loop { device, elements, rate_hz, period, latency_samples, estimator }
 }
 
-/// How far beside the boundary the motion is looked at.
-const ASIDE: f64 = 0.03;
+/// How far beside the boundary the motion is looked at, of the boundary and of the loop's own stiffnesses: K is what
+/// remains of these.
+const ASIDE: [f64; 2] = [1e-4, 1e-14];
 
 #[test]
 fn the_boundary_is_where_the_motion_of_a_second_text_begins_to_grow() {
     let (mut stable, mut unstable, mut free) = (0, 0, 0);
-    cases(40, |dice| {
+    cases(200, |dice| {
         let of = any(dice);
         let period_s = f64::from(of.period) * of.sample_s();
         let b = dice.one_of(&[0.0, 1.0]) * of.device.mass_kg / period_s * dice.decades(1e-3, 0.5);
         let limit = Boundary::new(&of).unwrap().at(b).unwrap();
         let name = format!("{}: {of:?} B {b} {limit:?}", dice.name);
+        let device = of.device;
+        let own = device.stiffness_n_per_m
+            + (device.damping_n_s_per_m + device.mass_kg / period_s) / period_s;
         let k = limit.stiffness_max;
         if k > 0.0 && k.is_finite() {
-            let inside = growth(&of, k * (1.0 - ASIDE), b);
-            assert!(inside < 1.0 + 1e-9, "{inside} {name}");
-            let outside = growth(&of, k * (1.0 + ASIDE), b);
-            let again = limit.further_stable.iter().any(|(low, _)| k * (1.0 + ASIDE) > *low);
-            assert!(outside > 1.0 || again, "{outside} {name}");
+            let aside = ASIDE[0] * k + ASIDE[1] * own;
+            let inside = growth(&of, k - aside, b);
+            assert!(inside < 0.0, "{inside:e} {name}");
+            let outside = growth(&of, k + aside, b);
+            let again = limit.further_stable.iter().any(|(low, _)| k + aside > *low);
+            assert!(outside > 0.0 || again, "{outside:e} {name}");
             stable += 1;
         } else if k == 0.0 {
-            let first = limit.phase_crossings.first().map_or(1.0, |c| c.stiffness_n_per_m);
-            assert!(growth(&of, 0.5 * first, b) > 1.0 - 1e-9, "{name}");
+            let first = limit.phase_crossings.first().map_or(own, |c| c.stiffness_n_per_m);
+            let inside = growth(&of, 0.5 * first, b);
+            assert!(inside > 0.0, "{inside:e} {name}");
             unstable += 1;
         }
         for (low, high) in &limit.further_stable {
             let middle = if high.is_finite() { (low * high).sqrt() } else { 2.0 * low };
-            assert!(growth(&of, middle, b) < 1.0 + 1e-9, "{name}");
+            let growth = growth(&of, middle, b);
+            assert!(growth < 0.0, "{growth:e} {name}");
         }
-        let loose = |stiffness: f64| stiffness == 0.0;
-        free += u32::from(of.elements.mode.is_some_and(|mode| loose(mode.stiffness_n_per_m)));
+        free += u32::from(of.elements.mode.is_some_and(|mode| mode.stiffness_n_per_m == 0.0));
     });
-    assert!(stable > 15 && unstable > 0 && free > 3, "{stable} {unstable} {free}");
+    assert!(stable > 100 && unstable > 20 && free > 20, "{stable} {unstable} {free}");
 }

@@ -258,7 +258,9 @@ impl Response {
 
     /// At z = (1 + outside) exp(j omega).
     pub(super) fn at_radius(&self, omega: f64, outside: f64) -> Point {
-        let (sin, half) = (libm::sin(omega), libm::sin(0.5 * omega));
+        // z = -1 is real: PI's rounding would be a response where the sampling zero lies there
+        let sin = if omega == PI { 0.0 } else { libm::sin(omega) };
+        let half = libm::sin(0.5 * omega);
         let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation
         let delta = delta + (delta + 1.0) * outside;
         let z_inverse = (delta + 1.0).inv();

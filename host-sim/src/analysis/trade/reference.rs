@@ -1,89 +1,8 @@
 //! The exact filter's output: the state-variable form in double-double arithmetic, 32 digits.
 
-use std::ops::{Add, Mul, Sub};
-
 use filter_forms::Prototype;
 
-/// A number as an unevaluated sum of two, the second below half an LSB of the first. (A crate for it, `twofloat`,
-/// would bring a second `syn` into every build.)
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Double {
-    high: f64,
-    low: f64,
-}
-
-impl From<f64> for Double {
-    fn from(value: f64) -> Self {
-        Self { high: value, low: 0.0 }
-    }
-}
-
-impl From<Double> for f64 {
-    fn from(value: Double) -> Self {
-        value.high + value.low
-    }
-}
-
-/// Sum and its rounding error (Knuth, "The Art of Computer Programming", vol. 2, 4.2.2, theorem B).
-#[inline]
-fn two_sum(a: f64, b: f64) -> Double {
-    let high = a + b;
-    let rounded = high - a;
-    Double { high, low: (a - (high - rounded)) + (b - rounded) }
-}
-
-/// The same for `abs(a) >= abs(b)`.
-#[inline]
-fn quick_sum(a: f64, b: f64) -> Double {
-    let high = a + b;
-    Double { high, low: b - (high - a) }
-}
-
-/// Product and its rounding error, by halves of 26 bits (Dekker, Numer. Math. 18, 1971).
-#[inline]
-fn two_product(a: f64, b: f64) -> Double {
-    const HALVES: f64 = 134_217_729.0; // 2^27 + 1
-    let split = |value: f64| {
-        let shifted = HALVES * value;
-        let high = shifted - (shifted - value);
-        [high, value - high]
-    };
-    let high = a * b;
-    let ([ah, al], [bh, bl]) = (split(a), split(b));
-    Double { high, low: ((ah * bh - high) + ah * bl + al * bh) + al * bl }
-}
-
-impl Add for Double {
-    type Output = Self;
-
-    #[inline]
-    fn add(self, other: Self) -> Self {
-        let sum = two_sum(self.high, other.high);
-        let low = two_sum(self.low, other.low);
-        let sum = quick_sum(sum.high, sum.low + low.high);
-        quick_sum(sum.high, sum.low + low.low)
-    }
-}
-
-impl Sub for Double {
-    type Output = Self;
-
-    #[inline]
-    fn sub(self, other: Self) -> Self {
-        self + Self { high: -other.high, low: -other.low }
-    }
-}
-
-impl Mul for Double {
-    type Output = Self;
-
-    #[inline]
-    fn mul(self, other: Self) -> Self {
-        let product = two_product(self.high, other.high);
-        let low = product.low + (self.high * other.low + self.low * other.high);
-        quick_sum(product.high, low)
-    }
-}
+use crate::numerics::double::Double;
 
 /// A value near `start` at which `error` is 0, by Newton's method: `next` makes one step.
 fn improved(start: f64, next: impl Fn(Double) -> Double) -> Double {
@@ -125,15 +44,6 @@ impl Reference {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_product_and_a_sum_keep_32_digits() {
-        let third = improved(1.0 / 3.0, |y| y * (Double::from(2.0) - Double::from(3.0) * y));
-        let one = third * Double::from(3.0) - Double::from(1.0);
-        assert!(f64::from(one).abs() < 1e-31, "{one:?}");
-        let tiny = Double::from(1e-20);
-        assert_eq!(f64::from(Double::from(1.0) + tiny - Double::from(1.0)), 1e-20);
-    }
 
     /// b0 = w^2 / a0 comes first; the sum of the impulse response is 1.
     #[test]

@@ -31,6 +31,9 @@ const MARK_MIN: f64 = 1e-10;
 const REFINEMENTS: u32 = 2;
 /// A crossing below this share of the terms that K is the difference of is the rounding of K = 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
+/// So is one below this share of the loop's own stiffnesses: where nothing damps every wall is unstable, and the first
+/// crossings are of rounding.
+const ROUNDING: f64 = 1e-12;
 /// Crossings above this many times the loop's own stiffnesses (k, b/T, m/T^2, B/T) lie where roots have left for
 /// good: a root passing near z = -1 on its way to the sampling zero there.
 const FAR_STIFFNESS: f64 = 1e3;
@@ -293,7 +296,8 @@ impl Boundary {
         let half = libm::sin(0.5 * omega);
         let terms =
             (point.velocity * damping).norm_sqr().sqrt() + self.own_stiffness * 4.0 * half * half;
-        if stiffness > ZERO_STIFFNESS * terms && stiffness < self.far(damping) {
+        let zero = (ZERO_STIFFNESS * terms).max(ROUNDING * self.own_stiffness);
+        if stiffness > zero && stiffness < self.far(damping) {
             let frequency_hz = omega / (2.0 * PI) * self.output_hz;
             found.push(Crossing { frequency_hz, stiffness_n_per_m: stiffness, outward, roots });
         }

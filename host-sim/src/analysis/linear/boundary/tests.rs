@@ -206,6 +206,50 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 }
 
 #[test]
+fn what_nothing_damps_holds_no_wall() {
+    // Two bodies joined by a spring or a damper, nothing to the ground: by its rounding 1e-12 N/m would be held.
+    let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
+    let joined = |stiffness_n_per_m, damping_n_s_per_m| {
+        Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
+    };
+    for (mode, rate_hz, period) in [
+        (joined(0.0, 400.0), 1e4, 10),
+        (joined(3e4, 0.0), 1e3, 10),
+        (joined(3e4, 4.0), 1e3, 1),
+        (None, 1e4, 10),
+    ] {
+        let estimator = TransferFunction::finite_difference(rate_hz);
+        let elements = Elements { mode, ..Elements::default() };
+        let of = Loop { elements, period, ..Loop::single_rate(device, rate_hz, estimator) };
+        let limit = Boundary::new(&of).unwrap().at(0.0).unwrap();
+        assert!(limit.unstable_at_zero, "{mode:?} {limit:?}");
+        let ends = limit.phase_crossings.iter().map(|c| c.stiffness_n_per_m);
+        assert!(ends.clone().all(|k| k > 1.0), "{mode:?} {limit:?}");
+    }
+}
+
+#[test]
+fn half_the_rate_is_no_crossing_where_the_sampling_zero_lies() {
+    // An undamped device answers nothing at z = -1; by the rounding of pi a root went in there, at 4 m/T^2.
+    let device = Device { mass_kg: 1.5725, damping_n_s_per_m: 0.0, stiffness_n_per_m: 177.4748 };
+    let (mass_kg, damping_n_s_per_m) = (0.88, 0.0);
+    let mode = Some(Mode { mass_kg, stiffness_n_per_m: 110.4708, damping_n_s_per_m });
+    let arm = Some(Arm {
+        mass_kg: 0.1844,
+        damping_n_s_per_m,
+        stiffness_n_per_m: 0.0,
+        rest_position_m: 0.0,
+        grip_damping_n_s_per_m: 22.4,
+        grip_stiffness_n_per_m: 333.28,
+    });
+    let elements = Elements { amplifier: None, mode, arm };
+    let of =
+        Loop { elements, ..Loop::single_rate(device, 5e4, TransferFunction::paper(5e4, 1500.0)) };
+    let limit = Boundary::new(&of).unwrap().at(1624.8).unwrap();
+    assert!(limit.stiffness_max > 1e7 && limit.phase_crossings.len() == 1, "{limit:?}");
+}
+
+#[test]
 fn narrow_resonances_are_not_stepped_over() {
     let mut dice = Dice(5);
     let mut stable = 0;
