@@ -110,7 +110,7 @@ fn main() {
                 Engine::Core => engine.name(),
                 Engine::Lanes(backend) => backend.name(),
             },
-            engine.hits_at_once(&prepared),
+            engine.hits_at_once(&prepared, Numeric::Fixed),
             best(&speeds),
             best(&speeds) / best(&yardstick)
         );

@@ -1,21 +1,19 @@
 //! Which text of the core runs the hits, on which vector machine, and which scenes have lanes at all.
 
-use zwidth::{SettingsError, VelocitySettings};
-
 use super::{
-    fixed::FixedState,
-    float::TwinState,
-    scheduler::{self, Prepare},
+    estimator::Form,
+    float::FloatLoop,
+    lanes::LaneController,
+    scheduler,
     simd_ops::SimdOps,
     work::{Depth, Tally, Task, Work, one_by_one},
 };
 use crate::{
     plant::AnyPlant,
     simulation::{
-        controller::Controller as _,
-        prepared::{Numeric, PreparedScene, WallHit},
+        prepared::{Numeric, PreparedScene},
         senses::AnySensing,
-        twin::{self, Twin},
+        twin::Rounding,
     },
 };
 
@@ -43,9 +41,9 @@ impl Engine {
     }
 
     /// Hits of that scene that run side by side in one thread.
-    pub fn hits_at_once(self, prepared: &PreparedScene) -> usize {
+    pub fn hits_at_once(self, prepared: &PreparedScene, numeric: Numeric) -> usize {
         match self {
-            Self::Lanes(backend) if lanes_for(prepared) => backend.lanes(),
+            Self::Lanes(backend) if lanes_for(prepared, numeric) => backend.lanes(),
             _ => 1,
         }
     }
@@ -114,8 +112,12 @@ impl Backend {
 const VECTORS: usize = 2;
 
 /// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
-/// estimator that looks at nothing but the count and is a low-pass or none.
-pub fn lanes_for(prepared: &PreparedScene) -> bool {
+/// estimator that looks at nothing but the count and has lanes in that arithmetic.
+pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
+    form_for(prepared, numeric).is_some()
+}
+
+fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     let linear = matches!(
         prepared.parts().plant,
         AnyPlant::Plain(_)
@@ -125,15 +127,9 @@ pub fn lanes_for(prepared: &PreparedScene) -> bool {
             | AnyPlant::Six(_)
             | AnyPlant::Seven(_)
     );
-    let low_pass = matches!(
-        prepared.scene().velocity.settings(0.0),
-        VelocitySettings::Butterworth { .. }
-            | VelocitySettings::ButterworthPrewarped { .. }
-            | VelocitySettings::FirstOrder { .. }
-            | VelocitySettings::FirstOrderPrewarped { .. }
-            | VelocitySettings::Difference {}
-    );
-    linear && low_pass && prepared.sensing() == AnySensing::Blind
+    let form = Form::of(&prepared.scene().velocity.settings(0.0))?;
+    let stated = numeric == Numeric::Fixed || form == Form::LowPass;
+    (linear && stated && prepared.sensing() == AnySensing::Blind).then_some(form)
 }
 
 /// Runs all hits of `work` in this thread.
@@ -147,84 +143,59 @@ pub fn run(
     let numeric = if prepared.is_told() { Numeric::Fixed } else { numeric };
     let task = Task { prepared, numeric, depth };
     let Engine::Lanes(backend) = engine else { return one_by_one(task, work) };
-    if !lanes_for(prepared) {
-        return one_by_one(task, work);
-    }
+    let Some(form) = form_for(prepared, numeric) else { return one_by_one(task, work) };
     match backend {
         #[cfg(target_arch = "x86_64")]
         Backend::Avx512 => match pulp::x86::V4::try_new() {
-            Some(simd) => each_numeric::<_, VECTORS>(simd, task, work),
+            Some(simd) => each_numeric::<_, VECTORS>(simd, task, form, work),
             None => one_by_one(task, work),
         },
         #[cfg(target_arch = "x86_64")]
         Backend::Avx2 => match pulp::x86::V3::try_new() {
-            Some(simd) => each_numeric::<_, VECTORS>(simd, task, work),
+            Some(simd) => each_numeric::<_, VECTORS>(simd, task, form, work),
             None => one_by_one(task, work),
         },
         #[cfg(target_arch = "aarch64")]
         Backend::Neon => match pulp::aarch64::Neon::try_new() {
-            Some(simd) => each_numeric::<_, VECTORS>(simd, task, work),
+            Some(simd) => each_numeric::<_, VECTORS>(simd, task, form, work),
             None => one_by_one(task, work),
         },
-        Backend::Plain => each_numeric::<_, VECTORS>(pulp::Scalar, task, work),
+        Backend::Plain => each_numeric::<_, VECTORS>(pulp::Scalar, task, form, work),
         _ => one_by_one(task, work),
     }
 }
 
-fn each_numeric<S: SimdOps, const R: usize>(simd: S, task: Task<'_>, work: &mut dyn Work) -> Tally {
-    match task.numeric {
-        Numeric::Fixed => each_plant::<S, FixedState<S>, R>(simd, task, work),
-        Numeric::F64 | Numeric::F64Rounded => each_plant::<S, TwinState<S>, R>(simd, task, work),
-    }
+fn each_numeric<S: SimdOps, const R: usize>(
+    simd: S,
+    task: Task<'_>,
+    form: Form,
+    work: &mut dyn Work,
+) -> Tally {
+    let float = |rounding| Box::new(FloatLoop::<S, R>::new(simd, rounding));
+    let mut controller: Box<dyn LaneController<S, R>> = match task.numeric {
+        Numeric::Fixed => form.lanes(simd),
+        Numeric::F64 => float(Rounding::Exact),
+        Numeric::F64Rounded => float(Rounding::VelocityLsb),
+    };
+    each_plant(simd, task, &mut *controller, work)
 }
 
 /// Plants of four and six states run as those of five and seven: half as many kinds of lanes to compile for little more
 /// work of each.
-fn each_plant<S: SimdOps, C: Prepare<S>, const R: usize>(
+fn each_plant<S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'_>,
+    controller: &mut dyn LaneController<S, R>,
     work: &mut dyn Work,
 ) -> Tally {
     use scheduler::run;
     match &task.prepared.parts().plant {
-        AnyPlant::Plain(step) => run::<S, C, 2, R>(simd, task, &step.linear(), work),
-        AnyPlant::Three(step) => run::<S, C, 3, R>(simd, task, &step.linear(), work),
-        AnyPlant::Four(step) => run::<S, C, 5, R>(simd, task, &step.linear().padded(), work),
-        AnyPlant::Five(step) => run::<S, C, 5, R>(simd, task, &step.linear(), work),
-        AnyPlant::Six(step) => run::<S, C, 7, R>(simd, task, &step.linear().padded(), work),
-        AnyPlant::Seven(step) => run::<S, C, 7, R>(simd, task, &step.linear(), work),
+        AnyPlant::Plain(step) => run(simd, task, &step.linear(), controller, work),
+        AnyPlant::Three(step) => run(simd, task, &step.linear(), controller, work),
+        AnyPlant::Four(step) => run(simd, task, &step.linear().padded::<5>(), controller, work),
+        AnyPlant::Five(step) => run(simd, task, &step.linear(), controller, work),
+        AnyPlant::Six(step) => run(simd, task, &step.linear().padded::<7>(), controller, work),
+        AnyPlant::Seven(step) => run(simd, task, &step.linear(), controller, work),
         _ => one_by_one(task, work),
-    }
-}
-
-impl<S: SimdOps> Prepare<S> for FixedState<S> {
-    fn prepare(
-        prepared: &PreparedScene,
-        _: Numeric,
-        hit: &WallHit,
-    ) -> Result<Self::Controller, SettingsError> {
-        Ok(*prepared.core(hit)?.control())
-    }
-
-    fn surface(control: &Self::Controller) -> i32 {
-        control.wall.surface().counts()
-    }
-}
-
-impl<S: SimdOps> Prepare<S> for TwinState<S> {
-    fn prepare(
-        prepared: &PreparedScene,
-        numeric: Numeric,
-        hit: &WallHit,
-    ) -> Result<Twin, SettingsError> {
-        let rounding = match numeric {
-            Numeric::F64Rounded => twin::Rounding::VelocityLsb,
-            _ => twin::Rounding::Exact,
-        };
-        prepared.twin_of_core(hit, rounding)
-    }
-
-    fn surface(twin: &Twin) -> i32 {
-        twin.surface()
     }
 }

@@ -1,47 +1,37 @@
-//! The fixed-point core in lanes: [`Biquad::update`](zwidth::velocity::Biquad::update),
-//! [`Wall::demand`](zwidth::Wall::demand), [`Demand::saturate`](zwidth::units::Demand::saturate) and
-//! [`Actuator::command`](zwidth::Actuator::command), for hits that stay far inside every range that they
-//! saturate at but the force's. A hit that does not is noticed ([`Lanes::is_lost`]) and run by the core itself.
+//! The fixed-point core in lanes: its estimators ([`super::estimator`]), [`Wall::demand`](zwidth::Wall::demand),
+//! [`Demand::saturate`](zwidth::units::Demand::saturate) and [`Actuator::command`](zwidth::Actuator::command), for
+//! hits that stay far inside every range that they saturate at but the force's. A hit that does not is noticed
+//! ([`LaneController::is_lost`]) and run by the core itself.
 
-use zwidth::{
-    Gain, LoopParameters,
-    units::Force,
-    velocity::{Estimator, Shaping},
-};
+use pulp::WithSimd;
+use zwidth::{Gain, SettingsError, units::Force};
 
 use super::{
-    lanes::{Lanes, OutputStage},
+    estimator::VectorForm,
+    lanes::{Aligned, Due, LaneController, OutputStage, Row, place},
     simd_ops::{SIGN, SimdOps, lanes, lanes_mut},
 };
+use crate::simulation::prepared::{PreparedScene, WallHit};
 
-/// Fractional bits of a coefficient, and of the accumulator beyond the velocity's.
-const RESIDUE: u64 = (1 << 30) - 1;
-/// Half an LSB of the output.
+/// Half an LSB of a product with 30 fractional bits.
 const HALF: u64 = 1 << 29;
-/// Sums of the filter beyond it are left to the core: half of the largest velocity.
-const SUM_LIMIT: u64 = 1 << 60;
 
-/// Coefficients and gains, a lane each.
-#[derive(Clone, Copy)]
-pub struct FixedGains<S: SimdOps> {
-    b: [S::u64s; 3],
-    a: [S::u64s; 2],
-    second: S::u64s,
-    stiffness: GainLanes<S>,
-    damping: GainLanes<S>,
+/// The core's loop in lanes.
+#[repr(align(64))]
+pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
+    simd: S,
+    forms: [F; R],
+    gains: [F::Gains; R],
+    /// LSB, in the lower 32 bits.
+    velocity: [S::u64s; R],
+    walls: [Wall<S>; R],
 }
 
-/// What the samples left behind, a lane each. Numbers of 32 bits have rubbish above them.
+/// Stiffness and damping, a lane each.
 #[derive(Clone, Copy)]
-pub struct FixedState<S: SimdOps> {
-    /// Past differences, counts, 32 bits.
-    x: [S::u64s; 2],
-    /// Past velocities, 32 bits; the newest is what the wall sees.
-    y: [S::u64s; 2],
-    /// Past residues, plus [`HALF`]: the lower bits of the sums as they are.
-    residue: [S::u64s; 2],
-    /// All sums so far, one over the other: beyond 2 [`SUM_LIMIT`] if one was out of bounds.
-    sums: S::u64s,
+struct Wall<S: SimdOps> {
+    stiffness: GainLanes<S>,
+    damping: GainLanes<S>,
 }
 
 /// [`Gain`] in lanes.
@@ -86,83 +76,100 @@ impl<S: SimdOps> GainLanes<S> {
     }
 }
 
-impl<S: SimdOps> Lanes<S> for FixedState<S> {
-    type Gains = FixedGains<S>;
-    type Controller = LoopParameters;
-
-    const QUICK_ABOVE: Option<f64> = None;
-
-    fn at_rest(simd: S) -> Self {
-        let zero = simd.splat_u64s(0);
-        let half = simd.splat_u64s(HALF);
-        Self { x: [zero; 2], y: [zero; 2], residue: [half; 2], sums: zero }
-    }
-
-    fn no_gains(simd: S) -> Self::Gains {
-        let zero = simd.splat_u64s(0);
+impl<S: SimdOps, F: VectorForm<S>, const R: usize> FixedLoop<S, F, R> {
+    /// Nothing runs.
+    pub fn new(simd: S) -> Self {
+        let (rest, gains) = F::at_rest(simd);
         let gain = GainLanes::zero(simd);
-        FixedGains { b: [zero; 3], a: [zero; 2], second: zero, stiffness: gain, damping: gain }
-    }
-
-    fn start(&mut self, gains: &mut Self::Gains, lane: usize, control: &LoopParameters) {
-        // A difference alone is a low-pass that lets everything through.
-        const PASS: ([i32; 5], bool) = ([1 << 30, 0, 0, 0, 0], false);
-        let (coefficients, second) = match &*control.estimator {
-            Estimator::LowPass(filter) => (filter.bits(), filter.shaping() == Shaping::Second),
-            _ => PASS,
-        };
-        let wide = |value: i32| i64::from(value).cast_unsigned();
-        for (place, value) in gains.b.iter_mut().chain(&mut gains.a).zip(coefficients) {
-            lanes_mut(place)[lane] = wide(value);
-        }
-        lanes_mut(&mut gains.second)[lane] = if second { u64::MAX } else { 0 };
-        gains.stiffness.set(lane, control.wall.stiffness());
-        gains.damping.set(lane, control.wall.damping());
-        for zero in self.x.iter_mut().chain(&mut self.y).chain([&mut self.sums]) {
-            lanes_mut::<_, u64>(zero)[lane] = 0;
-        }
-        for residue in &mut self.residue {
-            lanes_mut(residue)[lane] = HALF;
+        Self {
+            simd,
+            forms: [rest; R],
+            gains: [gains; R],
+            velocity: [simd.splat_u64s(0); R],
+            walls: [Wall { stiffness: gain, damping: gain }; R],
         }
     }
+}
 
+impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for FixedLoop<S, F, R> {
+    fn start(
+        &mut self,
+        lane: usize,
+        prepared: &PreparedScene,
+        hit: &WallHit,
+    ) -> Result<i32, SettingsError> {
+        let core = prepared.core(hit)?;
+        let control = core.control();
+        let (vector, place) = place::<S>(lane);
+        F::tune(&mut self.gains[vector], place, &control.estimator);
+        let (mut rest, _) = F::at_rest(self.simd);
+        for (word, rest) in self.forms[vector].words().zip(rest.words()) {
+            lanes_mut::<_, u64>(word)[place] = lanes(rest)[place];
+        }
+        lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
+        self.walls[vector].stiffness.set(place, control.wall.stiffness());
+        self.walls[vector].damping.set(place, control.wall.damping());
+        Ok(control.wall.surface().counts())
+    }
+
+    fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R> {
+        struct Take<'a, S: SimdOps, F: VectorForm<S>, const R: usize>(
+            &'a mut FixedLoop<S, F, R>,
+            &'a [Row<S, R>],
+            Option<&'a Due<'a, S, R>>,
+        );
+        impl<S: SimdOps, F: VectorForm<S>, const R: usize> WithSimd for Take<'_, S, F, R> {
+            type Output = Row<S, R>;
+
+            #[inline(always)]
+            fn with_simd<T: pulp::Simd>(self, _: T) -> Row<S, R> {
+                let Take(FixedLoop { simd, forms, gains, velocity, walls }, moved, due) = self;
+                let (mut now, mut last) = (*forms, *velocity);
+                for row in moved {
+                    for r in 0..R {
+                        last[r] = now[r].step(*simd, &gains[r], row.0[r]);
+                    }
+                }
+                (*forms, *velocity) = (now, last);
+                let mut outputs = Aligned([simd.splat_f64s(0.0); R]);
+                if let Some(Due { depth, speed, stage }) = due {
+                    for r in 0..R {
+                        outputs.0[r] = walls[r].output(*simd, depth[r], last[r], speed[r], stage);
+                    }
+                }
+                outputs
+            }
+        }
+        self.simd.vectorize(Take(self, moved, due))
+    }
+
+    fn is_lost(&self, lane: usize) -> bool {
+        let (vector, place) = place::<S>(lane);
+        self.forms[vector].is_lost(&self.gains[vector], place)
+    }
+}
+
+impl<S: SimdOps> Wall<S> {
     #[inline(always)]
-    fn filter(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s) {
-        let x0 = simd.to_low(difference);
-        let FixedGains { b: [b0, b1, b2], a: [a1, a2], second, .. } = *gains;
-        let ([x1, x2], [y1, y2], [r1, r2]) = (self.x, self.y, self.residue);
-        let recent = simd.add_u64s(simd.product(b0, x0), simd.product(b1, x1));
-        let input = simd.shift_left_16(simd.add_u64s(recent, simd.product(b2, x2)));
-        let output = simd.add_u64s(simd.product(a1, y1), simd.product(a2, y2));
-        let carried = simd.add_u64s(r1, simd.and_u64s(second, simd.sub_u64s(r1, r2)));
-        let total = simd.add_u64s(simd.sub_u64s(input, output), carried);
-        self.x = [x0, x1];
-        self.y = [simd.shift_right_30(total), y1];
-        self.residue = [simd.and_u64s(total, simd.splat_u64s(RESIDUE)), r1];
-        let shifted = simd.add_u64s(total, simd.splat_u64s(SUM_LIMIT));
-        self.sums = simd.or_u64s(self.sums, shifted);
-    }
-
-    #[inline(always)]
-    fn render(
+    fn output(
         &self,
         simd: S,
-        gains: &Self::Gains,
         depth: S::f64s,
+        velocity: S::u64s,
         speed: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::f64s {
         let zero = simd.splat_u64s(0);
         let inside = simd.greater_than_f64s(depth, simd.splat_f64s(0.0));
-        let spring = gains.stiffness.apply(simd, simd.to_low(depth));
+        let spring = self.stiffness.apply(simd, simd.to_low(depth));
         let velocity = match stage.told {
-            None => self.y[0],
+            None => velocity,
             Some(scale) => {
                 let exact = simd.add_f64s(simd.mul_f64s(speed, scale), simd.splat_f64s(0.5));
                 simd.to_low(simd.floor(exact))
             }
         };
-        let damper = gains.damping.apply(simd, velocity);
+        let damper = self.damping.apply(simd, velocity);
         let total = simd.larger(simd.add_u64s(spring, damper), stage.least);
         let wall = simd.select_u64s(inside, total, zero);
         let full = simd.splat_u64s(Force::FULL_SCALE.bits().unsigned_abs().into());
@@ -179,10 +186,6 @@ impl<S: SimdOps> Lanes<S> for FixedState<S> {
             }
         };
         simd.mul_f64s(simd.to_float(given), stage.per_code)
-    }
-
-    fn is_lost(&self, lane: usize) -> bool {
-        lanes::<_, u64>(&self.sums)[lane] >= 2 * SUM_LIMIT
     }
 }
 

@@ -1,15 +1,30 @@
 //! The `f64` twin in lanes: [`Twin`] with one of the usual estimators, operation for operation.
 
-use crate::simulation::twin::{FLUSH_BELOW, LowPass, Twin};
+use pulp::WithSimd;
+use zwidth::SettingsError;
 
 use super::{
-    lanes::{Lanes, OutputStage},
+    lanes::{Aligned, Due, LaneController, OutputStage, Row, place},
     simd_ops::{SIGN, SimdOps, lanes_mut},
 };
+use crate::simulation::{
+    controller::Controller as _,
+    prepared::{PreparedScene, WallHit},
+    twin::{FLUSH_BELOW, LowPass, Rounding},
+};
+
+/// The twin's loop in lanes.
+#[repr(align(64))]
+pub struct FloatLoop<S: SimdOps, const R: usize> {
+    simd: S,
+    rounding: Rounding,
+    states: [TwinState<S>; R],
+    gains: [TwinGains<S>; R],
+}
 
 /// Coefficients and gains, a lane each.
 #[derive(Clone, Copy)]
-pub struct TwinGains<S: SimdOps> {
+struct TwinGains<S: SimdOps> {
     /// Weights of the last inputs in the numerator: 2 and 1, 1 and 0, or none.
     past: [S::f64s; 2],
     b0: S::f64s,
@@ -20,71 +35,143 @@ pub struct TwinGains<S: SimdOps> {
 
 /// What the samples left behind, a lane each.
 #[derive(Clone, Copy)]
-pub struct TwinState<S: SimdOps> {
+struct TwinState<S: SimdOps> {
     x: [S::f64s; 2],
     y: [S::f64s; 2],
 }
 
-impl<S: SimdOps> Lanes<S> for TwinState<S> {
-    type Gains = TwinGains<S>;
-    type Controller = Twin;
-
-    fn at_rest(simd: S) -> Self {
+impl<S: SimdOps, const R: usize> FloatLoop<S, R> {
+    /// Nothing runs.
+    pub fn new(simd: S, rounding: Rounding) -> Self {
         let zero = simd.splat_f64s(0.0);
-        Self { x: [zero; 2], y: [zero; 2] }
+        let state = TwinState { x: [zero; 2], y: [zero; 2] };
+        let gains =
+            TwinGains { past: [zero; 2], b0: zero, a: [zero; 2], stiffness: zero, damping: zero };
+        Self { simd, rounding, states: [state; R], gains: [gains; R] }
     }
+}
 
-    fn no_gains(simd: S) -> Self::Gains {
-        let zero = simd.splat_f64s(0.0);
-        TwinGains { past: [zero; 2], b0: zero, a: [zero; 2], stiffness: zero, damping: zero }
-    }
-
-    fn start(&mut self, gains: &mut Self::Gains, lane: usize, twin: &Twin) {
-        let Some(LowPass { past, b0, a }) = twin.low_pass() else { return };
-        let [stiffness, damping] = twin.wall_gains();
-        let [p1, p2] = &mut gains.past;
-        let [a1, a2] = &mut gains.a;
-        let places = [p1, p2, &mut gains.b0, a1, a2, &mut gains.stiffness, &mut gains.damping];
-        let values = [past[0], past[1], b0, a[0], a[1], stiffness, damping];
-        for (place, value) in places.into_iter().zip(values) {
-            lanes_mut(place)[lane] = value;
+impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
+    fn start(
+        &mut self,
+        lane: usize,
+        prepared: &PreparedScene,
+        hit: &WallHit,
+    ) -> Result<i32, SettingsError> {
+        let twin = prepared.twin_of_core(hit, self.rounding)?;
+        let (vector, place) = place::<S>(lane);
+        let (state, gains) = (&mut self.states[vector], &mut self.gains[vector]);
+        if let Some(LowPass { past, b0, a }) = twin.low_pass() {
+            let [stiffness, damping] = twin.wall_gains();
+            let [p1, p2] = &mut gains.past;
+            let [a1, a2] = &mut gains.a;
+            let places = [p1, p2, &mut gains.b0, a1, a2, &mut gains.stiffness, &mut gains.damping];
+            let values = [past[0], past[1], b0, a[0], a[1], stiffness, damping];
+            for (vector, value) in places.into_iter().zip(values) {
+                lanes_mut(vector)[place] = value;
+            }
         }
-        for zero in self.x.iter_mut().chain(&mut self.y) {
-            lanes_mut(zero)[lane] = 0.0;
+        for zero in state.x.iter_mut().chain(&mut state.y) {
+            lanes_mut(zero)[place] = 0.0;
         }
+        Ok(twin.surface())
     }
 
+    fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R> {
+        struct Take<'a, S: SimdOps, const R: usize>(
+            &'a mut FloatLoop<S, R>,
+            &'a [Row<S, R>],
+            Option<&'a Due<'a, S, R>>,
+        );
+        impl<S: SimdOps, const R: usize> WithSimd for Take<'_, S, R> {
+            type Output = Row<S, R>;
+
+            #[inline(always)]
+            fn with_simd<T: pulp::Simd>(self, _: T) -> Row<S, R> {
+                let Take(FloatLoop { simd, states, gains, .. }, moved, due) = self;
+                let mut now = *states;
+                if !quick(*simd, &mut now, gains, moved) {
+                    now = *states;
+                    for row in moved {
+                        for r in 0..R {
+                            now[r].filter(*simd, &gains[r], row.0[r]);
+                        }
+                    }
+                }
+                *states = now;
+                let mut outputs = Aligned([simd.splat_f64s(0.0); R]);
+                if let Some(Due { depth, stage, .. }) = due {
+                    for r in 0..R {
+                        outputs.0[r] = now[r].output(*simd, &gains[r], depth[r], stage);
+                    }
+                }
+                outputs
+            }
+        }
+        self.simd.vectorize(Take(self, moved, due))
+    }
+
+    fn is_lost(&self, _: usize) -> bool {
+        false
+    }
+}
+
+/// The velocities of a block without a look at subnormal numbers, which an output waits for as long as for all the
+/// rest; `false` if that is not certain to be right in all lanes.
+#[inline(always)]
+fn quick<S: SimdOps, const R: usize>(
+    simd: S,
+    states: &mut [TwinState<S>; R],
+    gains: &[TwinGains<S>; R],
+    moved: &[Row<S, R>],
+) -> bool {
+    let mut smallest = [simd.splat_f64s(f64::INFINITY); R];
+    for r in 0..R {
+        smallest[r] = simd.magnitude(states[r].y[0]);
+    }
+    if !is_above(simd, &smallest, FLUSH_BELOW) {
+        return false;
+    }
+    for row in moved {
+        for r in 0..R {
+            let raw = states[r].raw(simd, &gains[r], row.0[r]);
+            smallest[r] = simd.min_of(smallest[r], simd.magnitude(raw));
+            states[r].push(row.0[r], raw);
+        }
+    }
+    is_above(simd, &smallest, FLUSH_BELOW)
+}
+
+/// Whether all lanes are at least `least`.
+#[inline(always)]
+fn is_above<S: SimdOps, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
+    let mut all = simd.splat_f64s(f64::INFINITY);
+    for &value in values {
+        all = simd.min_of(all, value);
+    }
+    simd.first_true_m64s(simd.less_than_f64s(all, simd.splat_f64s(least))) >= S::F64_LANES
+}
+
+impl<S: SimdOps> TwinState<S> {
     #[inline(always)]
-    fn filter(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s) {
+    fn filter(&mut self, simd: S, gains: &TwinGains<S>, difference: S::f64s) {
         let raw = self.raw(simd, gains, difference);
         let small = simd.less_than_f64s(simd.magnitude(raw), simd.splat_f64s(FLUSH_BELOW));
+        self.push(difference, simd.choose(small, simd.splat_f64s(0.0), raw));
+    }
+
+    #[inline(always)]
+    fn push(&mut self, difference: S::f64s, velocity: S::f64s) {
         self.x = [difference, self.x[0]];
-        self.y = [simd.choose(small, simd.splat_f64s(0.0), raw), self.y[0]];
-    }
-
-    /// Without a look at subnormal numbers, which an output waits for as long as for all the rest.
-    const QUICK_ABOVE: Option<f64> = Some(FLUSH_BELOW);
-
-    #[inline(always)]
-    fn quick(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s, smallest: &mut S::f64s) {
-        let raw = self.raw(simd, gains, difference);
-        *smallest = simd.min_of(*smallest, simd.magnitude(raw));
-        self.x = [difference, self.x[0]];
-        self.y = [raw, self.y[0]];
+        self.y = [velocity, self.y[0]];
     }
 
     #[inline(always)]
-    fn output(&self, simd: S) -> S::f64s {
-        simd.magnitude(self.y[0])
-    }
-
-    #[inline(always)]
-    fn render(
+    fn output(
         &self,
         simd: S,
-        gains: &Self::Gains,
+        gains: &TwinGains<S>,
         depth: S::f64s,
-        _: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::f64s {
         let zero = simd.splat_f64s(0.0);
@@ -113,12 +200,6 @@ impl<S: SimdOps> Lanes<S> for TwinState<S> {
         }
     }
 
-    fn is_lost(&self, _: usize) -> bool {
-        false
-    }
-}
-
-impl<S: SimdOps> TwinState<S> {
     #[inline(always)]
     fn raw(&self, simd: S, gains: &TwinGains<S>, difference: S::f64s) -> S::f64s {
         let ([x1, x2], [y1, y2]) = (self.x, self.y);

@@ -10,8 +10,10 @@
 )]
 
 use pulp::WithSimd;
+use zwidth::SettingsError;
 
 use super::simd_ops::SimdOps;
+use crate::simulation::prepared::{PreparedScene, WallHit};
 
 mod actuation;
 mod watch;
@@ -24,47 +26,38 @@ pub use watch::{Motion, Watched};
 const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
 
-/// A controller in lanes.
-pub trait Lanes<S: SimdOps>: Copy {
-    /// Coefficients and gains.
-    type Gains: Copy;
-    /// The scalar controller that a lane stands for.
-    type Controller;
-
-    /// Before the first sample.
-    fn at_rest(simd: S) -> Self;
-    /// Gains of lanes that are not in use.
-    fn no_gains(simd: S) -> Self::Gains;
-    /// Puts a controller at rest into a lane.
-    fn start(&mut self, gains: &mut Self::Gains, lane: usize, controller: &Self::Controller);
-    /// Takes a sample: counts moved since the last one.
-    fn filter(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s);
-    /// [`filter`](Self::filter) on the shortest way, right in lanes whose output's magnitude stays above
-    /// [`QUICK_ABOVE`](Self::QUICK_ABOVE); `smallest` takes note of it.
-    #[inline(always)]
-    fn quick(&mut self, simd: S, gains: &Self::Gains, difference: S::f64s, smallest: &mut S::f64s) {
-        let _ = smallest;
-        self.filter(simd, gains, difference);
-    }
-    /// `None` if there is no shorter way.
-    const QUICK_ABOVE: Option<f64>;
-    /// Magnitude of the last output.
-    #[inline(always)]
-    fn output(&self, simd: S) -> S::f64s {
-        simd.splat_f64s(0.0)
-    }
-    /// The output that answers the last sample, fraction of full scale; `depth` in counts behind the surface, `speed`
-    /// the true one, m/s.
-    fn render(
-        &self,
-        simd: S,
-        gains: &Self::Gains,
-        depth: S::f64s,
-        speed: S::f64s,
-        stage: &OutputStage<S>,
-    ) -> S::f64s;
+/// A controller in lanes. Its functions are not generic over the plant, and called once per block: so each is compiled
+/// once per machine.
+pub trait LaneController<S: SimdOps, const R: usize> {
+    /// Puts the controller of a hit, made as the scalar loop makes it, at rest into a lane. Returns its surface, counts.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    fn start(
+        &mut self,
+        lane: usize,
+        prepared: &PreparedScene,
+        hit: &WallHit,
+    ) -> Result<i32, SettingsError>;
+    /// Takes samples, counts moved since the last one. If an output is due with the last one, returns it, fraction of
+    /// full scale; else something.
+    fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
     /// The hit came where these lanes do not do what the controller does.
     fn is_lost(&self, lane: usize) -> bool;
+}
+
+/// What an output answers.
+pub struct Due<'a, S: SimdOps, const R: usize> {
+    /// Counts behind the surface.
+    pub depth: [S::f64s; R],
+    /// The true speed, m/s.
+    pub speed: [S::f64s; R],
+    pub stage: &'a OutputStage<S>,
+}
+
+/// Vector and place in it.
+pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
+    (lane / S::F64_LANES, lane % S::F64_LANES)
 }
 
 /// What all lanes share at an output.
@@ -107,7 +100,7 @@ pub struct Shared<S: SimdOps, const P: usize> {
 /// What a sample changes in a vector of hits.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Moving<S: SimdOps, C, const P: usize> {
+pub struct Moving<S: SimdOps, const P: usize> {
     pub state: [S::f64s; P],
     /// What the acting force and a hand's add to the state in a sample.
     pub pushed: [S::f64s; P],
@@ -115,7 +108,6 @@ pub struct Moving<S: SimdOps, C, const P: usize> {
     pub acting_n: S::f64s,
     pub counted: Counted<S>,
     pub watched: Watched<S>,
-    pub controller: C,
 }
 
 /// What the encoder read, and sums over the window since they were last read, in counts from its first
@@ -134,8 +126,7 @@ pub struct Counted<S: SimdOps> {
 /// What a hit keeps.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Kept<S: SimdOps, G> {
-    pub gains: G,
+pub struct Kept<S: SimdOps> {
     pub surface: S::f64s,
     /// First position of the window.
     pub origin: S::f64s,
@@ -210,10 +201,11 @@ macro_rules! each_field {
 use each_field;
 
 /// Some samples of all lanes.
-pub struct Chunk<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
+pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
     pub shared: &'a Shared<S, P>,
-    pub kept: &'a [Kept<S, C::Gains>; R],
-    pub moving: &'a mut [Moving<S, C, P>; R],
+    pub kept: &'a [Kept<S>; R],
+    pub moving: &'a mut [Moving<S, P>; R],
+    pub controller: &'a mut dyn LaneController<S, R>,
     pub actuation: &'a mut Actuation<S, R>,
     /// Where all positions go, if somebody listens.
     pub motion: Option<&'a mut Motion<S, R>>,
@@ -223,22 +215,14 @@ pub struct Chunk<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
 /// A value of all lanes.
 pub type Row<S, const R: usize> = Aligned<[<S as pulp::Simd>::f64s; R]>;
 
-impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
+impl<S: SimdOps, const P: usize> Moving<S, P> {
     /// A handle that does not move, before sample 0.
     pub fn new(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
         let counted = Counted { count: zero, jump: zero, sum: zero, squares: zero, deepest: zero };
-        let controller = C::at_rest(simd);
         let (state, pushed) = ([zero; P], [zero; P]);
         let watched = Watched { sum_m: zero, squares: zero, at_limit: zero };
-        Self { state, pushed, acting_n: zero, counted, watched, controller }
-    }
-
-    /// The output that the wall and the push ask for, fraction of full scale.
-    #[inline(always)]
-    fn render(&self, simd: S, shared: &Shared<S, P>, kept: &Kept<S, C::Gains>) -> S::f64s {
-        let depth = simd.sub_f64s(self.counted.count, kept.surface);
-        self.controller.render(simd, &kept.gains, depth, self.state[1], &shared.stage)
+        Self { state, pushed, acting_n: zero, counted, watched }
     }
 
     #[inline(always)]
@@ -265,14 +249,11 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize> Moving<S, C, P> {
     }
 }
 
-impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P, R> {
+impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
     /// Runs it with the machine's instructions.
     pub fn go(self, simd: S) {
-        struct Go<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize>(
-            Chunk<'a, S, C, P, R>,
-            S,
-        );
-        impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> WithSimd for Go<'_, S, C, P, R> {
+        struct Go<'a, S: SimdOps, const P: usize, const R: usize>(Chunk<'a, S, P, R>, S);
+        impl<S: SimdOps, const P: usize, const R: usize> WithSimd for Go<'_, S, P, R> {
             type Output = ();
 
             #[inline(always)]
@@ -302,7 +283,11 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
                 self.watch(simd, block);
             }
             self.count(simd, block);
-            self.filter(simd, block);
+            if event && self.actuation.is_due() {
+                self.output(simd, block);
+            } else {
+                self.controller.take(block, None);
+            }
             if event {
                 self.event(simd);
                 left -= 1;
@@ -332,7 +317,7 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
     /// Positions of a block to counts moved, and the window's sums.
     #[inline(always)]
     fn count(&mut self, simd: S, block: &mut [Row<S, R>]) {
-        let (resolution_m, bias) = (self.shared.resolution_m, self.shared.bias);
+        let Shared { resolution_m, bias, .. } = *self.shared;
         let mut counted = each_field!(self.moving, counted);
         let (origin, within) = (each_field!(self.kept, origin), each_field!(self.kept, within));
         for row in block {
@@ -358,69 +343,31 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
         }
     }
 
-    /// The velocities of a block of counts moved.
+    /// The controller takes a block, and its answer goes to the actuator.
     #[inline(always)]
-    fn filter(&mut self, simd: S, block: &[Row<S, R>]) {
-        let mut controller = each_field!(self.moving, controller);
-        let gains = each_field!(self.kept, gains);
-        let quick = C::QUICK_ABOVE.is_some_and(|least| self.quick(simd, block, least));
-        if quick {
-            return;
-        }
-        for row in block {
-            for r in 0..R {
-                controller[r].filter(simd, &gains[r], row.0[r]);
-            }
-        }
+    fn output(&mut self, simd: S, block: &[Row<S, R>]) {
+        let stage = &self.shared.stage;
+        let mut depth = each_field!(self.kept, surface);
+        let mut speed = depth;
+        // no closure: one that is not inlined would not be compiled for the machine
         for r in 0..R {
-            self.moving[r].controller = controller[r];
+            depth[r] = simd.sub_f64s(self.moving[r].counted.count, depth[r]);
+            speed[r] = self.moving[r].state[1];
         }
+        let mut forces_n = self.controller.take(block, Some(&Due { depth, speed, stage })).0;
+        for r in 0..R {
+            if self.shared.watches {
+                self.moving[r].watched.output(simd, forces_n[r], self.kept[r].watching);
+            }
+            forces_n[r] = simd.mul_f64s(forces_n[r], stage.full_scale_n);
+        }
+        self.actuation.phase = 0;
+        self.actuation.send(forces_n);
     }
 
-    /// The same on the shortest way; nothing is changed and the answer is `false` if that is not certain to
-    /// be right in all lanes.
-    #[inline(always)]
-    fn quick(&mut self, simd: S, block: &[Row<S, R>], least: f64) -> bool {
-        let mut controller = each_field!(self.moving, controller);
-        let gains = each_field!(self.kept, gains);
-        let mut smallest = [simd.splat_f64s(f64::INFINITY); R];
-        for r in 0..R {
-            smallest[r] = controller[r].output(simd);
-        }
-        if !is_above(simd, &smallest, least) {
-            return false;
-        }
-        for row in block {
-            for r in 0..R {
-                controller[r].quick(simd, &gains[r], row.0[r], &mut smallest[r]);
-            }
-        }
-        if !is_above(simd, &smallest, least) {
-            return false;
-        }
-        for r in 0..R {
-            self.moving[r].controller = controller[r];
-        }
-        true
-    }
-
-    /// An output, an arriving command, or both, and the motion to the next sample.
+    /// A command that arrives, and the motion to the next sample.
     #[inline(always)]
     fn event(&mut self, simd: S) {
-        if self.actuation.is_due() {
-            self.actuation.phase = 0;
-            let shared = self.shared;
-            let mut forces_n = [simd.splat_f64s(0.0); R];
-            // no closure: one that is not inlined would not be compiled for the machine
-            for r in 0..R {
-                let output = self.moving[r].render(simd, shared, &self.kept[r]);
-                if shared.watches {
-                    self.moving[r].watched.output(simd, output, self.kept[r].watching);
-                }
-                forces_n[r] = simd.mul_f64s(output, shared.stage.full_scale_n);
-            }
-            self.actuation.send(forces_n);
-        }
         let arriving =
             (self.actuation.phase == self.actuation.arrival).then(|| self.actuation.oldest());
         for r in 0..R {
@@ -431,16 +378,6 @@ impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P,
         }
         self.actuation.phase += 1;
     }
-}
-
-/// Whether all lanes are at least `least`.
-#[inline(always)]
-fn is_above<S: SimdOps, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
-    let mut all = simd.splat_f64s(f64::INFINITY);
-    for &value in values {
-        all = simd.min_of(all, value);
-    }
-    simd.first_true_m64s(simd.less_than_f64s(all, simd.splat_f64s(least))) >= S::F64_LANES
 }
 
 /// All ones or all zeros.

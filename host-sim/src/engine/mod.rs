@@ -8,24 +8,23 @@
 //! order (nothing is contracted), fixed-point lanes the same integers.
 //!
 //! # One arithmetic or two
-//! The controller's arithmetic stands twice: once in the core, as a person reads it and as the board runs it,
-//! and here for vectors. The core's own functions, called per lane in a loop over arrays, are not vectorised
-//! by the compiler (8.6 ns a sample with AVX-512 enabled, as slow as one lane at a time), and making the core
-//! generic over the machine would put a type parameter on every quantity in it. So only the hot stages are here:
-//! quantiser and difference, filter (`fixed.rs`, `twin.rs`), wall, saturation, output code, plant, sums. Everything
-//! else (settings, gains, coefficients, verdicts, walks) is the core's. Random scenes hold the two together
+//! The core's own functions, called per lane in a loop over arrays, are not vectorised by the compiler (8.6 ns a sample
+//! with AVX-512 enabled, as slow as one lane at a time). So the hot stages are here: quantiser and difference, low-pass
+//! (`estimator/low_pass.rs`, `float.rs`), wall, saturation, output code (`fixed.rs`), plant, sums.
+//! Everything else (settings, gains, coefficients, verdicts, walks) is the core's. Random scenes hold the two together
 //! (`tests.rs`), on every backend that the machine has.
 //!
 //! # Stages
 //! Between two events (an output, an arriving command) the plant needs nothing of the controller. So a block of
 //! up to 16 samples is taken stage by stage: the plant moves on, the positions become counts, the counts are
 //! filtered. A whole sample waits for its own results some forty cycles; a stage waits ten, and two vectors side
-//! by side fill them.
+//! by side fill them. Controllers are behind a trait object: one call for a block, and a machine has each of them
+//! compiled once, not once for each plant.
 //!
 //! # What is taken
 //! See [`lanes_for`]: linear plants (with amplifier, mode, arm), any latency, rounding, resolution and output
-//! quantisation, the estimators `difference`, `first-order` and `butterworth`. What is not taken runs in the
-//! scalar loop behind the same interface. A hit that comes near the ends of the core's number ranges (more than
+//! quantisation, the estimators of `estimator/mod.rs`. What is not taken runs in the scalar loop behind the same
+//! interface. A hit that comes near the ends of the core's number ranges (more than
 //! 2^14 counts in a sample, 2^29 counts from zero, half the filter's range, a window whose sum of squares reaches
 //! 2^53) leaves its lane and is run anew by the scalar loop, which saturates and refuses as the core does. So
 //! lanes are exact wherever their outcome is used.
@@ -36,6 +35,7 @@
 //! samples; only [`Depth::Whole`] runs on for the RMS. Other criteria: [`crate::simulation::window`].
 
 mod backend;
+mod estimator;
 mod fixed;
 mod float;
 mod lanes;

@@ -8,7 +8,10 @@ use zwidth::{
 };
 
 use super::{
-    lanes::{Actuation, Chunk, Kept, Lanes, Motion, Moving, OutputStage, Shared, Watched, mask},
+    lanes::{
+        Actuation, Chunk, Kept, LaneController, Motion, Moving, OutputStage, Shared, Watched, mask,
+        place,
+    },
     simd_ops::{SimdOps, lanes, lanes_mut},
     work::{Depth, Outcome, Tally, Task, Work, scalar},
 };
@@ -17,7 +20,7 @@ use crate::{
     scene::Rounding,
     simulation::{
         controller::lsb_per_m_per_s,
-        prepared::{HitError, Numeric, PreparedScene, WallHit},
+        prepared::{HitError, Numeric, WallHit},
         twin,
         window::Watch,
     },
@@ -33,21 +36,6 @@ const COUNT_MAX: f64 = (1 << 29) as f64;
 /// Sums of squares below it are exact.
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
-/// A controller that lanes stand for, made as the scalar loop makes it.
-pub trait Prepare<S: SimdOps>: Lanes<S> {
-    /// The controller of a hit.
-    ///
-    /// # Errors
-    /// A setting is out of range.
-    fn prepare(
-        prepared: &PreparedScene,
-        numeric: Numeric,
-        hit: &WallHit,
-    ) -> Result<Self::Controller, zwidth::SettingsError>;
-    /// Its surface, counts.
-    fn surface(controller: &Self::Controller) -> i32;
-}
-
 /// A hit in a lane.
 #[derive(Clone, Debug)]
 struct Running {
@@ -62,7 +50,7 @@ struct Running {
     contact: bool,
 }
 
-struct Scheduler<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
+struct Scheduler<'a, S: SimdOps, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: LinearStep<P>,
@@ -70,28 +58,30 @@ struct Scheduler<'a, S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> {
     waiting: bool,
     tally: Tally,
     shared: Shared<S, P>,
-    kept: [Kept<S, C::Gains>; R],
-    moving: [Moving<S, C, P>; R],
+    kept: [Kept<S>; R],
+    moving: [Moving<S, P>; R],
+    controller: &'a mut dyn LaneController<S, R>,
     actuation: Actuation<S, R>,
     motion: Option<Motion<S, R>>,
     running: Vec<Option<Running>>,
 }
 
 /// Runs the hits of `work` in lanes, all in this thread.
-pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
+pub fn run<S: SimdOps, const P: usize, const R: usize>(
     simd: S,
     task: Task<'_>,
     step: &LinearStep<P>,
+    controller: &mut dyn LaneController<S, R>,
     work: &mut dyn Work,
 ) -> Tally {
-    let mut scheduler = Scheduler::<S, C, P, R>::new(simd, task, step);
+    let mut scheduler = Scheduler::<S, P, R>::new(simd, task, step, controller);
     for lane in 0..scheduler.running.len() {
         scheduler.begin(lane, work);
     }
     while let Some(samples) = scheduler.until_next_event() {
-        let Scheduler { shared, kept, moving, actuation, motion, .. } = &mut scheduler;
-        let motion = motion.as_mut();
-        Chunk { shared, kept, moving, actuation, motion, samples }.go(simd);
+        let Scheduler { shared, kept, moving, controller, actuation, motion, .. } = &mut scheduler;
+        let (controller, motion) = (&mut **controller, motion.as_mut());
+        Chunk { shared, kept, moving, controller, actuation, motion, samples }.go(simd);
         for lane in 0..scheduler.running.len() {
             if let Some(outcome) = scheduler.look(lane, samples) {
                 scheduler.waiting = true;
@@ -119,8 +109,13 @@ pub fn run<S: SimdOps, C: Prepare<S>, const P: usize, const R: usize>(
     scheduler.tally
 }
 
-impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a, S, C, P, R> {
-    fn new(simd: S, task: Task<'a>, step: &LinearStep<P>) -> Self {
+impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
+    fn new(
+        simd: S,
+        task: Task<'a>,
+        step: &LinearStep<P>,
+        controller: &'a mut dyn LaneController<S, R>,
+    ) -> Self {
         let parts = task.prepared.parts();
         let zero = simd.splat_f64s(0.0);
         let splat = |value: f64| simd.splat_f64s(value);
@@ -141,7 +136,6 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             stage: stage(simd, task),
         };
         let kept = Kept {
-            gains: C::no_gains(simd),
             surface: zero,
             origin: zero,
             within: simd.splat_u64s(0),
@@ -160,6 +154,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             shared,
             kept: [kept; R],
             moving: [Moving::new(simd); R],
+            controller,
             actuation,
             motion,
             running: vec![None; R * S::F64_LANES],
@@ -171,16 +166,11 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
         scalar(self.task, hit)
     }
 
-    /// Vector and place in it.
-    fn place(lane: usize) -> (usize, usize) {
-        (lane / S::F64_LANES, lane % S::F64_LANES)
-    }
-
     /// Takes the next hit into a free lane; those that no lane can run are run at once.
     fn begin(&mut self, lane: usize, work: &mut dyn Work) {
         while let Some(hit) = work.next(lane) {
-            let Task { prepared, numeric, .. } = self.task;
-            match C::prepare(prepared, numeric, &hit) {
+            let prepared = self.task.prepared;
+            match self.controller.start(lane, prepared, &hit) {
                 Err(error) => {
                     self.tally.scalar += 1;
                     work.done(lane, Err(error.into()));
@@ -188,18 +178,16 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
                 Ok(_) if f64::from(prepared.first_count(&hit)).abs() > COUNT_MAX => {
                     work.done(lane, self.scalar(&hit));
                 }
-                Ok(controller) => return self.start(lane, hit, &controller),
+                Ok(surface) => return self.start(lane, hit, surface),
             }
         }
         self.idle(lane);
     }
 
-    fn start(&mut self, lane: usize, hit: WallHit, controller: &C::Controller) {
+    fn start(&mut self, lane: usize, hit: WallHit, surface: i32) {
         let prepared = self.task.prepared;
-        let surface = C::surface(controller);
-        let (vector, place) = Self::place(lane);
+        let (vector, place) = place::<S>(lane);
         let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
-        moving.controller.start(&mut kept.gains, place, controller);
         let state = self.step.at_rest(prepared.start_m(&hit));
         let set = |vector: &mut S::f64s, value: f64| lanes_mut(vector)[place] = value;
         for (vector, value) in moving.state.iter_mut().zip(state) {
@@ -230,8 +218,8 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
 
     /// A lane without a hit stands still where the device rests.
     fn idle(&mut self, lane: usize) {
-        let still = Moving::<S, C, P>::new(self.simd);
-        let (vector, place) = Self::place(lane);
+        let still = Moving::<S, P>::new(self.simd);
+        let (vector, place) = place::<S>(lane);
         let moving = &mut self.moving[vector];
         for (vector, value) in moving.state.iter_mut().zip(still.state) {
             lanes_mut::<_, f64>(vector)[place] = lanes::<_, f64>(&value)[place];
@@ -255,7 +243,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
         let running = self.running[lane].as_mut()?;
         running.samples += samples;
-        let (vector, place) = Self::place(lane);
+        let (vector, place) = place::<S>(lane);
         let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
         let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
         let count = get(&moving.counted.count);
@@ -264,7 +252,7 @@ impl<'a, S: SimdOps, C: Prepare<S>, const P: usize, const R: usize> Scheduler<'a
             finite &= get(value).is_finite();
         }
         let near = get(&moving.counted.jump) <= JUMP_MAX && count.abs() <= COUNT_MAX;
-        if !finite || !near || moving.controller.is_lost(place) {
+        if !finite || !near || self.controller.is_lost(lane) {
             return Some(None);
         }
         let settle = self.task.prepared.plan().settle;

@@ -31,7 +31,7 @@ pub fn stream(
     mut sink: impl FnMut(u64, Result<Outcome, HitError>) -> Result<(), Error>,
 ) -> Result<(), Error> {
     let threads = rayon::current_num_threads();
-    let block = HITS_PER_LANE * (threads * engine.hits_at_once(prepared)) as u64;
+    let block = HITS_PER_LANE * (threads * engine.hits_at_once(prepared, numeric)) as u64;
     let mut begin = 0;
     while begin < total {
         let end = total.min(begin + block);

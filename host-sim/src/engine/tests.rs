@@ -193,7 +193,7 @@ fn linear_elements_run_in_lanes() {
     ] {
         let scene = Scene { amplifier, mode, arm, ..short(paper()) };
         let prepared = PreparedScene::new(&scene).unwrap();
-        assert!(lanes_for(&prepared));
+        assert!(lanes_for(&prepared, Numeric::Fixed));
         assert_eq!(hold(&prepared, &hits), hits.len() as u64, "all in lanes");
     }
 }
@@ -213,7 +213,7 @@ fn what_has_no_lanes_runs_all_the_same() {
     for mut scene in [friction, loops] {
         scene.sweep.cutoffs_hz = vec![800.0];
         let prepared = PreparedScene::new(&scene).unwrap();
-        assert!(!lanes_for(&prepared));
+        assert!(!lanes_for(&prepared, Numeric::Fixed));
         assert_eq!(hold(&prepared, &hits), 0);
     }
 }
@@ -339,7 +339,7 @@ proptest! {
             hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
         }
         let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared));
+        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
         hold(&prepared, &hits);
     }
 
@@ -363,7 +363,7 @@ proptest! {
         hits.truncate(6);
         let told = told.then(|| PreparedScene::told(&scene)).transpose().unwrap();
         let prepared = told.unwrap_or_else(|| PreparedScene::new(&scene).unwrap());
-        prop_assert!(lanes_for(&prepared));
+        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
         hold(&prepared, &hits);
     }
 }

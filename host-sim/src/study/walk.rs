@@ -234,7 +234,7 @@ pub fn walk(
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let cells = ahead(&progress.walk, &known, engine.hits_at_once(prepared));
+        let cells = ahead(&progress.walk, &known, engine.hits_at_once(prepared, numeric));
         let mut work =
             Ahead { progress: &progress, cells, begun: 0, lanes: vec![], known: &mut known };
         run(engine, prepared, numeric, Depth::Verdict, &mut work);

@@ -1,7 +1,7 @@
 //! What lanes look at beside the counts: motion, outputs at the actuator's limit. The order of operations is that of
 //! [`Watch`](crate::simulation::window::Watch).
 
-use super::{Aligned, Chunk, Lanes, Row, each_field};
+use super::{Aligned, Chunk, Row, each_field};
 use crate::{
     engine::simd_ops::{SimdOps, lanes},
     simulation::window::Watch,
@@ -64,7 +64,7 @@ impl<S: SimdOps, const R: usize> Motion<S, R> {
     }
 }
 
-impl<S: SimdOps, C: Lanes<S>, const P: usize, const R: usize> Chunk<'_, S, C, P, R> {
+impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
     /// Takes the positions of a block.
     #[inline(always)]
     pub(super) fn watch(&mut self, simd: S, block: &[Row<S, R>]) {

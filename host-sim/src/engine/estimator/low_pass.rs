@@ -1,0 +1,86 @@
+//! [`Biquad::update`](zwidth::velocity::Biquad::update) in lanes.
+
+use zwidth::velocity::{Estimator, Shaping};
+
+use super::VectorForm;
+use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
+
+/// Fractional bits of a coefficient, and of the accumulator beyond the velocity's.
+const RESIDUE: u64 = (1 << 30) - 1;
+/// Half an LSB of the output.
+const HALF: u64 = 1 << 29;
+/// Sums of the filter beyond it are left to the core: half of the largest velocity.
+const SUM_LIMIT: u64 = 1 << 60;
+
+/// Coefficients, a lane each.
+#[derive(Clone, Copy)]
+pub struct Coefficients<S: SimdOps> {
+    b: [S::u64s; 3],
+    a: [S::u64s; 2],
+    second: S::u64s,
+}
+
+/// What the samples left behind, a lane each. Numbers of 32 bits have rubbish above them.
+#[derive(Clone, Copy)]
+pub struct LowPass<S: SimdOps> {
+    /// Past differences, counts, 32 bits.
+    x: [S::u64s; 2],
+    /// Past velocities, 32 bits.
+    y: [S::u64s; 2],
+    /// Past residues, plus [`HALF`]: the lower bits of the sums as they are.
+    residue: [S::u64s; 2],
+    /// All sums so far, one over the other: beyond 2 [`SUM_LIMIT`] if one was out of bounds.
+    sums: S::u64s,
+}
+
+impl<S: SimdOps> VectorForm<S> for LowPass<S> {
+    type Gains = Coefficients<S>;
+
+    fn at_rest(simd: S) -> (Self, Self::Gains) {
+        let zero = simd.splat_u64s(0);
+        let half = simd.splat_u64s(HALF);
+        let rest = Self { x: [zero; 2], y: [zero; 2], residue: [half; 2], sums: zero };
+        (rest, Coefficients { b: [zero; 3], a: [zero; 2], second: zero })
+    }
+
+    fn words(&mut self) -> impl Iterator<Item = &mut S::u64s> {
+        let Self { x, y, residue, sums } = self;
+        x.iter_mut().chain(y).chain(residue).chain([sums])
+    }
+
+    fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator) {
+        // A difference alone is a low-pass that lets everything through.
+        const PASS: ([i32; 5], bool) = ([1 << 30, 0, 0, 0, 0], false);
+        let (coefficients, second) = match estimator {
+            Estimator::LowPass(filter) => (filter.bits(), filter.shaping() == Shaping::Second),
+            _ => PASS,
+        };
+        for (place, value) in gains.b.iter_mut().chain(&mut gains.a).zip(coefficients) {
+            lanes_mut(place)[lane] = i64::from(value).cast_unsigned();
+        }
+        lanes_mut(&mut gains.second)[lane] = if second { u64::MAX } else { 0 };
+    }
+
+    #[inline(always)]
+    fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s {
+        let x0 = simd.to_low(moved);
+        let Coefficients { b: [b0, b1, b2], a: [a1, a2], second } = *gains;
+        let ([x1, x2], [y1, y2], [r1, r2]) = (self.x, self.y, self.residue);
+        let recent = simd.add_u64s(simd.product(b0, x0), simd.product(b1, x1));
+        let input = simd.shift_left_16(simd.add_u64s(recent, simd.product(b2, x2)));
+        let output = simd.add_u64s(simd.product(a1, y1), simd.product(a2, y2));
+        let carried = simd.add_u64s(r1, simd.and_u64s(second, simd.sub_u64s(r1, r2)));
+        let total = simd.add_u64s(simd.sub_u64s(input, output), carried);
+        let y0 = simd.shift_right_30(total);
+        self.x = [x0, x1];
+        self.y = [y0, y1];
+        self.residue = [simd.and_u64s(total, simd.splat_u64s(RESIDUE)), r1];
+        let shifted = simd.add_u64s(total, simd.splat_u64s(SUM_LIMIT));
+        self.sums = simd.or_u64s(self.sums, shifted);
+        y0
+    }
+
+    fn is_lost(&self, _: &Self::Gains, lane: usize) -> bool {
+        lanes::<_, u64>(&self.sums)[lane] >= 2 * SUM_LIMIT
+    }
+}
