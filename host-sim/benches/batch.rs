@@ -23,7 +23,7 @@ use host_sim::{
     scene::NamedScene,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
-use plain::{SAMPLES, plain};
+use plain::{Butterworth, SAMPLES, plain};
 
 const ROUNDS: usize = 25;
 /// Hits of a round; a multiple of every number of lanes.
@@ -65,7 +65,11 @@ fn throughput(prepared: &PreparedScene, engine: Engine, numeric: Numeric) -> f64
 fn plain_throughput() -> f64 {
     let began = Instant::now();
     for n in 0..8 {
-        black_box(plain(black_box(60_000.0 + 50.0 * f64::from(n)), black_box(300.0)));
+        black_box(plain(
+            Butterworth::default(),
+            black_box(60_000.0 + 50.0 * f64::from(n)),
+            black_box(300.0),
+        ));
     }
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }

@@ -18,7 +18,7 @@ use host_sim::{
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
-use plain::{SAMPLES, plain};
+use plain::{Butterworth, SAMPLES, plain};
 
 const HIT: WallHit = WallHit {
     cutoff_hz: 1500.0,
@@ -33,7 +33,7 @@ fn step(c: &mut Criterion) {
     let mut group = c.benchmark_group("one wall hit");
     group.throughput(Throughput::Elements(SAMPLES as u64));
     group.bench_function("plain f64 loop", |bencher| {
-        bencher.iter(|| plain(black_box(60_000.0), black_box(300.0)));
+        bencher.iter(|| plain(Butterworth::default(), black_box(60_000.0), black_box(300.0)));
     });
     for (name, numeric) in [("fixed point", Numeric::Fixed), ("f64 twin", Numeric::F64)] {
         group.bench_function(name, |bencher| {

@@ -31,7 +31,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses};
+use super::{Form, Senses, Word};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
@@ -119,27 +119,56 @@ const ACCELERATION_MAX: i64 = 1 << (18 + FRACTION_BITS + ACCELERATION_BITS);
 
 /// Gains; made by [`KalmanDesign::quantise`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kalman {
-    alpha: Gain,
-    beta: Gain,
-    gamma: Gain,
+pub struct Kalman<G = Gain> {
+    /// Of the position.
+    pub alpha: G,
+    /// Of the velocity.
+    pub beta: G,
+    /// Of the acceleration.
+    pub gamma: G,
 }
 
 /// Estimates after the last sample.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct KalmanState {
+pub struct KalmanState<W: Word = i64> {
     /// Position less the count.
-    distance: i64,
-    velocity: i64,
-    acceleration: i64,
-    /// What rounding the last output dropped, 0 to 2^16 - 1.
-    residue: u16,
+    pub distance: W,
+    /// Velocity.
+    pub velocity: W,
+    /// Acceleration.
+    pub acceleration: W,
+    /// What rounding the last output dropped.
+    pub residue: W::Fraction,
+}
+
+impl Kalman {
+    /// Before the first sample.
+    pub const REST: KalmanState =
+        KalmanState { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
+}
+
+impl<G: Copy> Kalman<G> {
+    /// LSB of the velocity after a move by `moved` counts.
+    #[inline(always)] // into what is compiled for a machine's vectors
+    pub fn update<W: Word<Gain = G>>(&self, state: &mut KalmanState<W>, moved: W) -> W {
+        let speed_up = state.acceleration.rounded(ACCELERATION_BITS);
+        let ahead = state.velocity + (speed_up >> 1) - (moved << FRACTION_BITS);
+        let predicted = (state.distance + ahead).clamped(DISTANCE_MAX);
+        state.distance = predicted - predicted.times(self.alpha);
+        state.velocity =
+            (state.velocity + speed_up - predicted.times(self.beta)).clamped(VELOCITY_MAX);
+        state.acceleration =
+            (state.acceleration - predicted.times(self.gamma)).clamped(ACCELERATION_MAX);
+        // with what was dropped of it before
+        let (nearest, residue) = state.velocity.plus(state.residue).split();
+        state.residue = residue;
+        nearest.clamped(Velocity::LIMIT_BITS.into())
+    }
 }
 
 impl Form for Kalman {
     type State = KalmanState;
-    const REST: KalmanState =
-        KalmanState { distance: 0, velocity: 0, acceleration: 0, residue: 1 << (DROPPED_BITS - 1) };
+    const REST: KalmanState = Self::REST;
 
     fn at(&self, velocity: Velocity) -> KalmanState {
         KalmanState { velocity: i64::from(velocity.bits()) << DROPPED_BITS, ..Self::REST }
@@ -147,40 +176,10 @@ impl Form for Kalman {
 
     #[inline(never)] // so that the state of the usual estimator stays in registers
     fn step(&self, state: &mut KalmanState, difference: i32, _: &Senses) -> Velocity {
-        let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
-        let speed_up = rounded(state.acceleration, ACCELERATION_BITS);
-        let ahead = state.velocity + (speed_up >> 1) - (moved << FRACTION_BITS);
-        let predicted = (state.distance + ahead).clamp(-DISTANCE_MAX, DISTANCE_MAX);
-        state.distance = predicted - self.alpha.apply_wide(predicted);
-        state.velocity = (state.velocity + speed_up - self.beta.apply_wide(predicted))
-            .clamp(-VELOCITY_MAX, VELOCITY_MAX);
-        state.acceleration = (state.acceleration - self.gamma.apply_wide(predicted))
-            .clamp(-ACCELERATION_MAX, ACCELERATION_MAX);
-        state.output()
+        let moved = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);
+        #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
+        Velocity::saturating_from_bits(self.update(state, i64::from(moved)) as i32)
     }
-}
-
-impl KalmanState {
-    /// The velocity, with what was dropped of it before.
-    #[inline]
-    fn output(&mut self) -> Velocity {
-        let bits = self.velocity + i64::from(self.residue);
-        let limit = i64::from(Velocity::LIMIT_BITS);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "the last 16 bits are wanted; the others are clamped to 31"
-        )]
-        let (residue, nearest) = (bits as u16, (bits >> DROPPED_BITS).clamp(-limit, limit) as i32);
-        self.residue = residue;
-        Velocity::saturating_from_bits(nearest)
-    }
-}
-
-/// `value` without its last `bits` bits, rounded to nearest.
-#[inline]
-fn rounded(value: i64, bits: u32) -> i64 {
-    (value + (1 << (bits - 1))) >> bits
 }
 
 #[cfg(test)]

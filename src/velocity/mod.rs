@@ -25,6 +25,7 @@ mod senses;
 mod table;
 mod time_stamps;
 mod tracking;
+mod word;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{
@@ -36,7 +37,7 @@ pub use edge_timer::{Captures, EdgeTimer};
 pub use fir::Fir;
 pub use foaw::Foaw;
 pub use history::WINDOW_MAX;
-pub use kalman::{Kalman, KalmanDesign};
+pub use kalman::{Kalman, KalmanDesign, KalmanState};
 pub use levant::{Levant, LevantDesign};
 pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer};
@@ -47,6 +48,7 @@ pub use senses::{Edge, Sense, Senses};
 pub use table::{Estimator, EstimatorName, VelocitySettings};
 pub use time_stamps::{SPAN_MAX, TimeStamps};
 pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
+pub use word::Word;
 
 use crate::units::{Position, Velocity};
 use table::{Kind, Memory};

@@ -7,14 +7,53 @@ use std::f64::consts::PI;
 /// Samples of a hit.
 pub const SAMPLES: usize = 60_000;
 
-/// Mass, quantiser, difference, biquad, wall, saturation, latency: straight from the formulas.
+/// Counts moved since the last sample to a velocity, counts per sample: the maths of an estimator, and what it remembers.
+pub trait Filter {
+    /// Takes a sample.
+    fn update(&mut self, moved: f64) -> f64;
+}
+
+impl<F: FnMut(f64) -> f64> Filter for F {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        self(moved)
+    }
+}
+
+/// The paper's low-pass at 1500 Hz.
+pub struct Butterworth {
+    b0: f64,
+    a: [f64; 2],
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Default for Butterworth {
+    fn default() -> Self {
+        let w = 2.0 * PI * 1500.0 * T;
+        let a0 = 4.0 + 8f64.sqrt() * w + w * w;
+        let a = [(2.0 * w * w - 8.0) / a0, (4.0 - 8f64.sqrt() * w + w * w) / a0];
+        Self { b0: w * w / a0, a, x: [0.0; 2], y: [0.0; 2] }
+    }
+}
+
+impl Filter for Butterworth {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let (Self { b0, a: [a1, a2], .. }, [x1, x2], [y1, y2]) = (&*self, self.x, self.y);
+        let y = b0 * (moved + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
+        (self.x, self.y) = ([moved, x1], [y, y1]);
+        y
+    }
+}
+
+const T: f64 = 1e-4;
+
+/// Mass, quantiser, difference, estimator, wall, saturation, latency: straight from the formulas.
 #[inline(never)]
-pub fn plain(stiffness: f64, damping: f64) -> f64 {
+pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
     let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);
-    let (t, resolution, full_scale, push) = (1e-4, 1e-6, 5.906, 2.835);
-    let w = 2.0 * PI * 1500.0 * t;
-    let a0 = 4.0 + 8f64.sqrt() * w + w * w;
-    let (b0, a1, a2) = (w * w / a0, (2.0 * w * w - 8.0) / a0, (4.0 - 8f64.sqrt() * w + w * w) / a0);
+    let (t, resolution, full_scale, push) = (T, 1e-6, 5.906, 2.835);
     // four terms of the matrix exponential: enough for the same work per step
     let (kk, bb) = (k / mass, b / mass);
     let xx = 1.0 - kk * t * t / 2.0;
@@ -23,7 +62,6 @@ pub fn plain(stiffness: f64, damping: f64) -> f64 {
     let (vx, vv) = (-kk * xv, 1.0 - bb * t + (bb * bb - kk) * t * t / 2.0);
     let wall = (0.07f64 / resolution).round();
     let (mut x, mut v, mut last) = (-rest, 0.0, 0.0);
-    let (mut x1, mut x2, mut y1, mut y2) = (0.0, 0.0, 0.0, 0.0);
     let (mut force, mut next) = (0.0, 0.0);
     let (mut sum, mut squares) = (0.0, 0.0);
     for n in 0..SAMPLES {
@@ -32,8 +70,7 @@ pub fn plain(stiffness: f64, damping: f64) -> f64 {
         let count = towards_zero - f64::from(u8::from(towards_zero > exact));
         let difference = count - last;
         last = count;
-        let y = b0 * (difference + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
-        (x2, x1, y2, y1) = (x1, difference, y1, y);
+        let y = filter.update(difference);
         if n % 10 == 0 {
             force = next; // one output of latency
             let depth = (count - wall) * resolution;

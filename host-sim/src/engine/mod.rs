@@ -10,7 +10,8 @@
 //! # One arithmetic or two
 //! The core's own functions, called per lane in a loop over arrays, are not vectorised by the compiler (8.6 ns a sample
 //! with AVX-512 enabled, as slow as one lane at a time). So the hot stages are here: quantiser and difference, low-pass
-//! (`estimator/low_pass.rs`, `float.rs`), wall, saturation, output code (`fixed.rs`), plant, sums.
+//! (`estimator/low_pass.rs`, `float.rs`), wall, saturation, output code (`fixed.rs`), plant, sums. Where the core's text
+//! of an estimator is generic over the [`Word`](zwidth::velocity::Word), the lanes run that text: `estimator/kalman.rs`.
 //! Everything else (settings, gains, coefficients, verdicts, walks) is the core's. Random scenes hold the two together
 //! (`tests.rs`), on every backend that the machine has.
 //!

@@ -20,6 +20,12 @@ pub trait SimdOps: Simd {
         each::<Self>(a, b, |a, b| (low(a) * low(b)).cast_unsigned())
     }
 
+    /// Product of the lower halves, taken as unsigned.
+    #[inline(always)]
+    fn unsigned_product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+        each::<Self>(a, b, |a, b| (a & 0xFFFF_FFFF) * (b & 0xFFFF_FFFF))
+    }
+
     /// `a << 16`.
     #[inline(always)]
     fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
@@ -42,6 +48,14 @@ pub trait SimdOps: Simd {
     #[inline(always)]
     fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
         each::<Self>(a, by, |a, by| a >> (by & 63))
+    }
+
+    /// `a >> by` of signed numbers, `by` in 0 .. 63.
+    #[inline(always)]
+    fn signed_shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+        let sign = self.splat_u64s(SIGN);
+        let biased = self.shift_right(self.xor_u64s(a, sign), by);
+        self.sub_u64s(biased, self.shift_right(sign, by))
     }
 
     /// `a` where the mask is set, else `b`.
@@ -153,8 +167,8 @@ impl SimdOps for pulp::aarch64::Neon {}
 #[cfg(target_arch = "x86_64")]
 macro_rules! x86 {
     (
-        $machine:ty, $set:ident,
-        $product:ident, $left_by:ident, $right_by:ident, $left:ident, $right:ident
+        $machine:ty, $set:ident, [$($signed:ident)?],
+        $product:ident, $unsigned:ident, $left_by:ident, $right_by:ident, $left:ident, $right:ident
     ) => {
         impl SimdOps for $machine {
             #[inline(always)]
@@ -171,6 +185,18 @@ macro_rules! x86 {
             fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
                 cast(self.$set.$product(cast(a), cast(b)))
             }
+
+            #[inline(always)]
+            fn unsigned_product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
+                cast(self.$set.$unsigned(cast(a), cast(b)))
+            }
+
+            $(
+                #[inline(always)]
+                fn signed_shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
+                    cast(self.$set.$signed(cast(a), cast(by)))
+                }
+            )?
 
             #[inline(always)]
             fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
@@ -199,7 +225,9 @@ macro_rules! x86 {
 x86!(
     pulp::x86::V3,
     avx2,
+    [],
     _mm256_mul_epi32,
+    _mm256_mul_epu32,
     _mm256_slli_epi64,
     _mm256_srli_epi64,
     _mm256_sllv_epi64,
@@ -210,7 +238,9 @@ x86!(
 x86!(
     pulp::x86::V4,
     avx512f,
+    [_mm512_srav_epi64],
     _mm512_mul_epi32,
+    _mm512_mul_epu32,
     _mm512_slli_epi64,
     _mm512_srli_epi64,
     _mm512_sllv_epi64,

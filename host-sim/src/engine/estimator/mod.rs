@@ -4,13 +4,17 @@ use zwidth::{VelocitySettings, velocity::Estimator};
 
 use super::{fixed::FixedLoop, lanes::LaneController, simd_ops::SimdOps};
 
+mod kalman;
 mod low_pass;
+mod word;
 
 /// The estimators that have lanes, by their form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// Difference, first-order and second-order low-passes.
     LowPass,
+    /// Kalman filters.
+    Kalman,
 }
 
 impl Form {
@@ -22,6 +26,9 @@ impl Form {
             | VelocitySettings::FirstOrder { .. }
             | VelocitySettings::FirstOrderPrewarped { .. }
             | VelocitySettings::Difference {} => Some(Self::LowPass),
+            VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
+                Some(Self::Kalman)
+            }
             _ => None,
         }
     }
@@ -30,6 +37,7 @@ impl Form {
     pub fn lanes<S: SimdOps, const R: usize>(self, simd: S) -> Box<dyn LaneController<S, R>> {
         match self {
             Self::LowPass => Box::new(FixedLoop::<S, low_pass::LowPass<S>, R>::new(simd)),
+            Self::Kalman => Box::new(FixedLoop::<S, kalman::Kalman<S>, R>::new(simd)),
         }
     }
 }

@@ -1,0 +1,129 @@
+//! The core's [`Word`] as a vector: what runs the core's own text of an estimator in lanes.
+
+use std::ops::{Add, Shl, Shr, Sub};
+
+use zwidth::{Gain, velocity::Word};
+
+use crate::engine::simd_ops::{SimdOps, lanes_mut};
+
+/// A vector of signed 64-bit numbers. Clamps do nothing: whoever runs a text in lanes has to notice numbers that come
+/// near the text's limits, and numbers of 2^[`FACTOR_BITS`] and more before they are multiplied.
+#[derive(Clone, Copy)]
+pub struct Vector<S: SimdOps> {
+    pub simd: S,
+    pub bits: S::u64s,
+}
+
+/// [`Gain`]s of a vector.
+#[derive(Clone, Copy)]
+pub struct LaneGain<S: SimdOps> {
+    mantissa: S::u64s,
+    half: S::u64s,
+    shift: S::u64s,
+}
+
+impl<S: SimdOps> LaneGain<S> {
+    /// None.
+    pub fn zero(simd: S) -> Self {
+        let zero = simd.splat_u64s(0);
+        Self { mantissa: zero, half: zero, shift: zero }
+    }
+
+    /// Whether lanes can have that gain: it is below 2^13.
+    pub fn has(gain: Gain) -> bool {
+        gain.mantissa() == 0 || i32::from(gain.shift()) + LEFT.cast_signed() > 32
+    }
+
+    /// Puts a gain that they can have into a lane.
+    pub fn set(&mut self, place: usize, gain: Gain) {
+        let shift = (i32::from(gain.shift()) + LEFT.cast_signed() - 32).max(1).unsigned_abs();
+        lanes_mut(&mut self.mantissa)[place] = u64::from(gain.mantissa().unsigned_abs());
+        lanes_mut(&mut self.half)[place] = 1u64 << (shift - 1);
+        lanes_mut(&mut self.shift)[place] = u64::from(shift);
+    }
+}
+
+/// A product is taken of numbers so far to the left, so that of its 96 bits those below 2^32 only round.
+const LEFT: u32 = 15;
+/// Numbers below 2^48 in magnitude may be multiplied.
+pub const FACTOR_BITS: u32 = 63 - LEFT;
+
+impl<S: SimdOps> Vector<S> {
+    #[inline(always)]
+    fn with(self, bits: S::u64s) -> Self {
+        Self { bits, ..self }
+    }
+}
+
+impl<S: SimdOps> Add for Vector<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.with(self.simd.add_u64s(self.bits, other.bits))
+    }
+}
+
+impl<S: SimdOps> Sub for Vector<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.with(self.simd.sub_u64s(self.bits, other.bits))
+    }
+}
+
+impl<S: SimdOps> Shl<u32> for Vector<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn shl(self, by: u32) -> Self {
+        self.with(self.simd.shift_left(self.bits, self.simd.splat_u64s(by.into())))
+    }
+}
+
+impl<S: SimdOps> Shr<u32> for Vector<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn shr(self, by: u32) -> Self {
+        self.with(self.simd.signed_shift_right(self.bits, self.simd.splat_u64s(by.into())))
+    }
+}
+
+impl<S: SimdOps> Word for Vector<S> {
+    type Gain = LaneGain<S>;
+    type Fraction = Self;
+
+    #[inline(always)]
+    fn clamped(self, _: i64) -> Self {
+        self
+    }
+
+    #[inline(always)]
+    fn times(self, gain: LaneGain<S>) -> Self {
+        let simd = self.simd;
+        let low = (self << LEFT).bits;
+        let high = simd.product(gain.mantissa, simd.shift_right(low, simd.splat_u64s(32)));
+        let low = simd.unsigned_product(gain.mantissa, low);
+        let carried = simd.add_u64s(high, simd.shift_right(low, simd.splat_u64s(32)));
+        self.with(simd.signed_shift_right(simd.add_u64s(carried, gain.half), gain.shift))
+    }
+
+    #[inline(always)]
+    fn rounded(self, bits: u32) -> Self {
+        let half = self.simd.splat_u64s(1 << (bits - 1));
+        self.with(self.simd.add_u64s(self.bits, half)) >> bits
+    }
+
+    #[inline(always)]
+    fn plus(self, fraction: Self) -> Self {
+        self + fraction
+    }
+
+    #[inline(always)]
+    fn split(self) -> (Self, Self) {
+        let low = self.simd.splat_u64s(u16::MAX.into());
+        (self >> u16::BITS, self.with(self.simd.and_u64s(self.bits, low)))
+    }
+}

@@ -1,0 +1,74 @@
+//! A number of 64 bits, or a vector of them: what an estimator that the simulator also runs many times side by side is
+//! written for.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use core::ops::{Add, Shl, Shr, Sub};
+
+use crate::Gain;
+
+/// A signed number of 64 bits, or a vector of them.
+///
+/// A vector may leave the clamping out, if somebody else notices that one of its numbers came near a limit.
+pub trait Word:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Shl<u32, Output = Self> + Shr<u32, Output = Self>
+{
+    /// A factor, for each number of the vector its own.
+    type Gain: Copy;
+    /// 16 bits without sign, for each number of the vector its own.
+    type Fraction: Copy;
+
+    /// The nearest number within `-limit..=limit`.
+    #[must_use]
+    fn clamped(self, limit: i64) -> Self;
+
+    /// The product, rounded to nearest, saturating at +-[`Gain::PRODUCT_LIMIT`].
+    #[must_use]
+    fn times(self, gain: Self::Gain) -> Self;
+
+    /// Without the last `bits` bits, rounded to nearest.
+    #[must_use]
+    fn rounded(self, bits: u32) -> Self;
+
+    /// The sum.
+    #[must_use]
+    fn plus(self, fraction: Self::Fraction) -> Self;
+
+    /// Without the last 16 bits, rounded down, and those.
+    fn split(self) -> (Self, Self::Fraction);
+}
+
+impl Word for i64 {
+    type Gain = Gain;
+    type Fraction = u16;
+
+    #[inline]
+    fn clamped(self, limit: i64) -> i64 {
+        self.clamp(-limit, limit)
+    }
+
+    #[inline]
+    fn times(self, gain: Gain) -> i64 {
+        gain.apply_wide(self)
+    }
+
+    #[inline]
+    fn rounded(self, bits: u32) -> i64 {
+        (self + (1 << (bits - 1))) >> bits
+    }
+
+    #[inline]
+    fn plus(self, fraction: u16) -> i64 {
+        self + i64::from(fraction)
+    }
+
+    #[inline]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the last 16 bits are what is asked for"
+    )]
+    fn split(self) -> (i64, u16) {
+        (self >> u16::BITS, self as u16)
+    }
+}
