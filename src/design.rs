@@ -35,6 +35,22 @@ impl Design {
         Ok(())
     }
 
+    /// Time from output to output, s.
+    pub(crate) fn period_s(&self) -> f64 {
+        f64::from(self.period) / self.rate_hz
+    }
+
+    /// Samples in a millisecond or little more, 1 to 50.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 50")]
+    pub(crate) fn samples_per_ms(&self) -> u32 {
+        libm::ceil(self.rate_hz / 1000.0) as u32
+    }
+
+    /// Outputs in a millisecond, 1 where they are farther apart: the pace of what need not go faster than at 1 kHz.
+    pub(crate) fn outputs_per_ms(&self) -> u32 {
+        (self.samples_per_ms() / self.period.max(1)).max(1)
+    }
+
     /// `metres` in counts, rounded to the nearest, within the range of [`Position`].
     ///
     /// # Errors

@@ -6,12 +6,13 @@
 use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
     experiment::{
-        CalibrationPlan, CalibrationSettings, DutyPlan, DutySettings, Gains, HitSequencePlan,
-        Order, ReturnSettings, WalkSettings,
+        CalibrationPlan, CalibrationSettings, DutySettings, Gains, HitSequencePlan, Order,
+        PeriodPlan, ReturnSettings, WalkSettings,
     },
+    period::{PERIODS, TooSlow, leaves_time},
     range::within,
     safety::{
-        Fault, FaultRecord, SafetyPlan, SafetySettings,
+        BlackBox, Fault, FaultRecord, SafetyPlan, SafetySettings,
         envelope::{Envelope, Key, Outside},
     },
     store::{DeviceKey, Loaded, Signs, Source, Stored},
@@ -24,7 +25,7 @@ use crate::{
 pub struct Device {
     /// Name, as in the scene and in the envelope; of the board too.
     pub key: DeviceKey,
-    /// What is built. A calibration may find another force at full command.
+    /// What is built. A calibration may find another force at full command, and the output period may be set.
     pub design: Design,
     /// From the counter's reading to the force, samples.
     pub latency_samples: f64,
@@ -51,6 +52,20 @@ pub struct Device {
 /// The force at full command may differ from that of [`Device::design`] by this factor; more is a typing error.
 const FULL_SCALE_FACTOR: f64 = 3.0;
 
+/// Records of the black box: half a second at 1 kHz.
+pub const HISTORY: usize = 500;
+
+/// Why a board cannot take settings, whatever their ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unfit {
+    /// The estimator needs this sense, which the board has not.
+    Sense(EstimatorName, Sense),
+    /// The estimator leaves no time for the output period.
+    TooSlow(TooSlow),
+    /// There is no such output period, samples.
+    Period(f64),
+}
+
 /// What a board starts with.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
@@ -62,14 +77,14 @@ pub struct Start {
     pub control: LoopParameters,
     /// Limits of the supervisor.
     pub safety: SafetyPlan,
-    /// What the motor stands.
-    pub duty: DutyPlan,
+    /// What goes by the output period.
+    pub period: PeriodPlan,
     /// The fault of the last run, that of settings that cannot be used, or both.
     pub fault: Option<FaultRecord>,
 }
 
 impl Device {
-    /// [`design`](Self::design) with the force at full command that was calibrated.
+    /// The design with the force at full command that was calibrated.
     ///
     /// # Errors
     /// It is too far from that of the design.
@@ -78,6 +93,21 @@ impl Device {
         let range = nominal / FULL_SCALE_FACTOR..=nominal * FULL_SCALE_FACTOR;
         within("full_scale_n", full_scale_n, range)?;
         Ok(Design { full_scale_n, ..self.design })
+    }
+
+    /// The design with what of it is set.
+    fn design(&self, stored: &Stored) -> Result<Design, SettingsError> {
+        Ok(Design { period: stored.period, ..self.calibrated(stored.full_scale_n)? })
+    }
+
+    /// What goes by the output period of those settings.
+    ///
+    /// # Errors
+    /// Names what is out of range.
+    pub fn period(&self, stored: &Stored) -> Result<PeriodPlan, SettingsError> {
+        let design = Design { period: stored.period, ..self.design };
+        let keep = BlackBox::<HISTORY>::every(1000 * design.samples_per_ms(), stored.period);
+        Ok(PeriodPlan { duty: self.duty.build(&design, 0)?, keep })
     }
 
     /// What a board starts with that found `loaded` in its flash, and the fault `boot` of its last run.
@@ -93,12 +123,12 @@ impl Device {
         boot: Option<FaultRecord>,
     ) -> Result<Start, SettingsError> {
         let safety = self.safety.build(&self.design)?;
-        self.duty.build(&self.design, 0)?;
         let defaults = self.defaults();
-        let duty = self.hit_sequence(&defaults, false)?.duty;
+        self.period(&defaults)?;
+        self.hit_sequence(&defaults, false)?;
         let default = self.control(&defaults)?;
-        let sensed = self.missing(&loaded.stored).is_none();
-        let built = self.control(&loaded.stored).ok().filter(|_| sensed);
+        let fits = self.unfit(&loaded.stored).is_none();
+        let built = self.control(&loaded.stored).ok().filter(|_| fits);
         let stored = if built.is_some() { loaded.stored } else { defaults };
         let usable = loaded.stored == stored;
         let source = if usable { loaded.source } else { Source::Unusable };
@@ -109,7 +139,8 @@ impl Device {
             }
             (boot, refused) => boot.or(refused),
         };
-        Ok(Start { stored, source, control: built.unwrap_or(default), safety, duty, fault })
+        let (safety, period) = (safety.at(stored.period), self.period(&stored)?);
+        Ok(Start { stored, source, control: built.unwrap_or(default), safety, period, fault })
     }
 
     /// A hit with those settings and what comes before it; `early`: its verdict as soon as it is certain.
@@ -129,7 +160,8 @@ impl Device {
         within("position_m", wall_m, travel_low_m + resolution_m..=reach_m)?;
         let last_m = wall_m.min(travel_high_m) - resolution_m;
         within("start_m", stored.start_m, travel_low_m..=last_m)?;
-        Ok(HitSequencePlan { early, ..plan })
+        let look = if early { plan.look } else { HitSequencePlan::NEVER };
+        Ok(HitSequencePlan { look, ..plan })
     }
 
     /// The same as far as the settings of experiments say it, so that each of them can be set whatever the wall is: where
@@ -138,7 +170,7 @@ impl Device {
     /// # Errors
     /// Names what is out of range.
     pub fn experiment(&self, stored: &Stored) -> Result<HitSequencePlan, SettingsError> {
-        let design = self.calibrated(stored.full_scale_n)?;
+        let design = self.design(stored)?;
         let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
         let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
         let start_m = stored.start_m;
@@ -160,15 +192,20 @@ impl Device {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
         let longest = libm::round(longest_s * design.rate_hz) as u32;
         let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
-        Ok(HitSequencePlan { hit, back, duty, early: false })
+        let look = HitSequencePlan::LOOK_MS * design.outputs_per_ms();
+        Ok(HitSequencePlan { hit, back, duty, look })
     }
 
     /// A calibration at that part of full scale.
     ///
     /// # Errors
     /// It is too much.
-    pub fn calibration(&self, percent: f64) -> Result<CalibrationPlan, SettingsError> {
-        CalibrationSettings { percent, ..self.calibration }.build(&self.design)
+    pub fn calibration(
+        &self,
+        stored: &Stored,
+        percent: f64,
+    ) -> Result<CalibrationPlan, SettingsError> {
+        CalibrationSettings { percent, ..self.calibration }.build(&self.design(stored)?)
     }
 
     /// Settings of a board to which nothing was ever saved.
@@ -180,6 +217,7 @@ impl Device {
         Stored {
             device: self.key,
             settings: self.settings,
+            period: self.design.period,
             push_n,
             signs: Signs::default(),
             start_m: self.back.start_m,
@@ -191,10 +229,15 @@ impl Device {
         }
     }
 
-    /// The estimator of those settings and a sense that it needs, if the board has not got it.
-    pub fn missing(&self, stored: &Stored) -> Option<(EstimatorName, Sense)> {
-        let estimator = stored.settings.velocity.name();
-        estimator.missing(self.senses).map(|sense| (estimator, sense))
+    /// Why the board cannot take those settings, whatever their ranges, if so: a sense that the estimator needs, or the
+    /// output period.
+    pub fn unfit(&self, stored: &Stored) -> Option<Unfit> {
+        let (estimator, period) = (stored.settings.velocity.name(), stored.period);
+        if !PERIODS.contains(&period) {
+            return Some(Unfit::Period(period.into()));
+        }
+        let missing = estimator.missing(self.senses).map(|sense| Unfit::Sense(estimator, sense));
+        missing.or(leaves_time(estimator, period).err().map(Unfit::TooSlow))
     }
 
     /// The integers of those settings.
@@ -202,7 +245,7 @@ impl Device {
     /// # Errors
     /// Names what is out of range.
     pub fn control(&self, stored: &Stored) -> Result<LoopParameters, SettingsError> {
-        stored.settings.build(&self.calibrated(stored.full_scale_n)?)
+        stored.settings.build(&self.design(stored)?)
     }
 
     /// What of the envelope holds for those settings.
@@ -217,7 +260,7 @@ impl Device {
                 _ => velocity.tuning().map_or(0.0, |(_, value)| value),
             },
             latency_samples: self.latency_samples,
-            period_samples: f64::from(self.design.period),
+            period_samples: f64::from(stored.period),
         }
     }
 
@@ -335,7 +378,8 @@ pub(crate) mod tests {
         assert_eq!((stored.settle_s, stored.window_s, stored.start_m), (4.0, 2.0, 0.0));
         assert_eq!((stored.full_scale_n, stored.grid), (5.906, DEVICE.walk));
         let plan = DEVICE.hit_sequence(&stored, true).unwrap();
-        assert!(plan.early && !DEVICE.hit_sequence(&stored, false).unwrap().early);
+        let late = DEVICE.hit_sequence(&stored, false).unwrap();
+        assert_eq!((plan.look, late.look), (32, HitSequencePlan::NEVER));
         // a motor that stands less gets a shorter hit of the same proportions
         let weak = Device { duty: DutySettings { time_constant_s: 3.0, ..DEVICE.duty }, ..DEVICE };
         let short = weak.defaults();
@@ -447,6 +491,33 @@ pub(crate) mod tests {
         }
     }
 
+    #[test]
+    fn a_board_starts_with_the_period_that_was_saved_if_there_is_one_and_time_for_it() {
+        for period in [0, 1, 2, 3, 5, 10, 11, u32::MAX] {
+            let saved = Stored { period, ..DEVICE.defaults() };
+            let start = DEVICE.start(&loaded(saved), None).unwrap();
+            let known = PERIODS.contains(&period);
+            let in_force = if known { period } else { 10 };
+            assert_eq!((start.stored.period, start.control.period.get()), (in_force, in_force));
+            assert_eq!(start.fault.is_none(), known);
+            let plan = DEVICE.period(&Stored { period: in_force, ..saved }).unwrap();
+            assert_eq!((start.period, plan.keep), (plan, 10 / in_force));
+            let safety = DEVICE.safety.build(&Design { period: in_force, ..DEVICE.design });
+            assert_eq!(Ok(start.safety), safety);
+            assert_eq!(DEVICE.hit_sequence(&start.stored, true).unwrap().look, 320 / in_force);
+        }
+        // with an estimator that leaves no time for it
+        let slow = EstimatorName::ALL.iter().find(|name| leaves_time(**name, 1).is_err());
+        if let Some(&name) = slow {
+            let [first, second] = name.parameters().map(|p| p.map_or(0.0, |p| p.default));
+            let mut saved = Stored { period: 1, ..DEVICE.defaults() };
+            saved.settings.velocity = name.settings([first, second]);
+            assert_eq!(DEVICE.start(&loaded(saved), None).unwrap().source, Source::Unusable);
+            saved.period = 2;
+            assert_eq!(DEVICE.start(&loaded(saved), None).unwrap().source, Source::Newest);
+        }
+    }
+
     /// An estimator that needs more than the board has, if this build knows one.
     pub(crate) fn blind_estimator() -> Option<EstimatorName> {
         let names = EstimatorName::ALL.iter().copied();
@@ -484,13 +555,14 @@ pub(crate) mod tests {
         assert_eq!(late.inside(&DEVICE.defaults()), Ok(())); // no wall is no question
         stored.settings.velocity = DEVICE.settings.velocity;
         assert_eq!(late.inside(&stored), Err(Outside::UnknownKey));
-        let fast = Device { design: Design { period: 1, ..DEVICE.design }, ..DEVICE };
-        assert_eq!(fast.inside(&stored), Err(Outside::UnknownKey));
+        let fast = Stored { period: 1, ..stored };
+        assert_eq!(DEVICE.inside(&stored), Ok(()));
+        assert_eq!(DEVICE.inside(&fast), Err(Outside::UnknownKey));
     }
 
     #[test]
     fn a_calibration_is_bounded() {
-        assert!(DEVICE.calibration(20.0).is_ok());
-        refused(DEVICE.calibration(31.0), "calibrate");
+        assert!(DEVICE.calibration(&DEVICE.defaults(), 20.0).is_ok());
+        refused(DEVICE.calibration(&DEVICE.defaults(), 31.0), "calibrate");
     }
 }

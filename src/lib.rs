@@ -58,6 +58,7 @@ pub mod device;
 pub mod encoder;
 pub mod experiment;
 mod gain;
+pub mod period;
 mod range;
 pub mod safety;
 mod settings;

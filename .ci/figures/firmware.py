@@ -27,12 +27,32 @@ def firmware_measured():
 
 @block
 def firmware_variants():
-    body = [["`time-stamps`, with that estimator", "nucleo-f446re", span("sample", "edge_times"), "-", span("delay", "edge_times"), "-", "-"]]
+    body = [["`time-stamps`, with that estimator", "nucleo-f446re", span("sample", "edge_times"), span("delay", "edge_times")]]
+    return table(["feature", "board", "`sample`", "event to counter"], body)
+
+
+@block
+def firmware_periods():
+    body = []
     for board in BOARDS:
-        to_dac = span(f"{board}/dac", "period") if board == "nucleo-f446re" else "-"
-        body.append(["`period-1`", board, *[span(f"{board}/{task}", "period") for task in ("sample", "render", "delay")],
-                     f"{100 * value(f'elf/period/{board}/load'):.0f} %", to_dac])
-    return table(["feature", "board", "`sample`", "`render`", "event to counter", "both together, of the time at most", "event to the DAC"], body)
+        for period in (1, 2, 5, 10):
+            room = f"{board}/{period}"
+            body.append([board, str(period), *[span(f"{room}/{task}", "period") for task in ("sample", "render", "delay", "register")],
+                         f"{100 * value(f'elf/period/{room}/load'):.1f} %"])
+    return table(["board", "period, samples", "`sample`", "`render`", "event to counter", "event to the force's register",
+                  "`sample` and `render`, of the time at most"], body)
+
+
+@block
+def firmware_refused():
+    body = []
+    for period in (1, 2, 5, 10):
+        room = f"elf/period/nucleo-f446re/{period}"
+        names = measured(f"{room}/refused").split()
+        body.append([str(period), str(round((period * 16800 // 5 * 4 - 8600 - 3400) // period - 160)),
+                     ", ".join(f"`{name}`" for name in names) or "none",
+                     f"`{measured(f'{room}/slowest')}`", m(f"{room}/slowest_sample")])
+    return table(["period, samples", "cycles allowed", "refused", "the longest that is allowed", "`sample` with it, at most"], body)
 
 
 @block
@@ -281,7 +301,7 @@ slots(
      soft("damping_n_s_per_m"), soft("force_n"), soft("speed_m_per_s")),
     ("within {} um of the start for {} ms; after {} s the experiment", soft("tolerance_m", 1e6),
      lambda: number(1e3 * lit("src/experiment/return_move.rs", r"REST_S: f64 = ([\d.]+)")), soft("timeout_s")),
-    ("as it is certain: every {} outputs the sum", const("src/experiment/hit_sequence.rs", "LOOK_OUTPUTS")),
+    ("as it is certain: every {} ms the sum", const("src/experiment/hit_sequence.rs", "LOOK_MS")),
     ("counts, but is not limited. {} N and {} s are our guess for the paper's motor", device("continuous_force_n"), device("time_constant_s")),
     ("that rises by {} % of full scale per second, is held for {} s,", device("rise_percent_per_s"), device("hold_s")),
 )
@@ -303,4 +323,4 @@ slots(
     ("for at most {} ms did not move the count the right way", lambda: number(1e3 * lit("src/safety/plan.rs", r"SIGN_TEST_S: f64 = ([\d.]+)"))),
 )
 slots("docs/telemetry.md", ("## Frame, layout version 1 {} bytes, no padding", const("src/telemetry.rs", "LEN")))
-slots("docs/settings.md", ("layout version 2 {} words of 32 bits, least", const("src/store/record.rs", "RECORD_WORDS")))
+slots("docs/settings.md", ("layout version 3 {} words of 32 bits, least", const("src/store/record.rs", "RECORD_WORDS")))

@@ -36,6 +36,8 @@ pub enum Command {
     Second(f64),
     /// Velocity estimator.
     Estimator(EstimatorName),
+    /// Output period, samples.
+    Period(f64),
     /// Push of the experiments, N; does nothing by itself.
     Push(f64),
     /// Run a wall hit.
@@ -176,7 +178,7 @@ enum Form {
 /// Name, use, form.
 type Entry = (&'static str, &'static str, Form);
 
-static TABLE: [Entry; 38] = {
+static TABLE: [Entry; 39] = {
     use Command as C;
     use Form::{Number, Plain, Word};
     use GridValue as G;
@@ -195,6 +197,7 @@ static TABLE: [Entry; 38] = {
         ("tuning", "tuning VALUE", Number(C::Tuning)),
         ("tuning2", "tuning2 VALUE", Number(C::Second)),
         ("estimator", "estimator NAME", Form::Estimator),
+        ("period", "period SAMPLES", Number(C::Period)),
         ("push", "push NEWTONS", Number(C::Push)),
         ("hit", "hit", Plain(C::Hit)),
         ("walk", "walk", Plain(C::Walk)),
@@ -296,6 +299,7 @@ mod tests {
             ("tuning2 0.4", C::Second(0.4)),
             ("estimator butterworth", C::Estimator(EstimatorName::Butterworth)),
             ("estimator butterworth-prewarped", C::Estimator(EstimatorName::ButterworthPrewarped)),
+            ("period 5", C::Period(5.0)),
             ("push 2.835", C::Push(2.835)),
             ("hit", C::Hit),
             ("walk", C::Walk),
@@ -321,7 +325,7 @@ mod tests {
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), 38);
+        assert_eq!(usages().count(), 39);
     }
 
     #[test]

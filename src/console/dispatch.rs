@@ -1,13 +1,14 @@
 //! What each command does.
 
 use super::{
-    Command, Port, Reply, Situation, allowed,
+    Command, Port, Reply, Situation, allowed, is_off,
     session::{Awaited, ChangedSetting, Console},
-    signs_allowed,
 };
 use crate::{
     Settings,
+    device::Unfit,
     experiment::Order,
+    period::PERIODS,
     safety::{Request, State},
     store::{Loaded, Stored},
     velocity::Parameter,
@@ -59,6 +60,15 @@ impl<P: Port> Console<P> {
                 stored.settings.velocity = name.following(&stored.settings.velocity);
                 self.propose(stored, ChangedSetting::Estimator(name));
             }
+            Command::Period(samples) => {
+                match PERIODS.iter().find(|&&period| f64::from(period) == samples) {
+                    Some(&period) => {
+                        stored.period = period;
+                        self.adapt(stored, ("period", samples, "samples"));
+                    }
+                    None => self.reply(Reply::Unfit(Unfit::Period(samples))),
+                }
+            }
             Command::Push(push_n) => {
                 stored.push_n = push_n;
                 self.keep(stored, ("push", push_n, "N"));
@@ -85,13 +95,7 @@ impl<P: Port> Console<P> {
             }
             Command::FullScale(full_scale_n) => {
                 stored.full_scale_n = full_scale_n;
-                match self.device.experiment(&stored) {
-                    Ok(_) => {
-                        let changed = ChangedSetting::Value("fullscale", full_scale_n, "N");
-                        self.propose(stored, changed);
-                    }
-                    Err(error) => self.reply(Reply::Range(&error)),
-                }
+                self.adapt(stored, ("fullscale", full_scale_n, "N"));
             }
             // In force at once, and the zero is lost.
             Command::MotorReversed(reversed) => {
@@ -109,7 +113,7 @@ impl<P: Port> Console<P> {
                 Err(error) => self.reply(Reply::Range(&error)),
             },
             Command::Walk => self.begin_walk(),
-            Command::Calibrate(percent) => match self.device.calibration(percent) {
+            Command::Calibrate(percent) => match self.device.calibration(&stored, percent) {
                 Ok(plan) => self.order(Order::Calibrate(plan), Awaited::Done("calibrate")),
                 Err(error) => self.reply(Reply::Range(&error)),
             },
@@ -123,14 +127,16 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Settings out of flash. Signs and full scale are taken over only with the force off.
+    /// Settings out of flash. Signs, full scale and period are taken over only with the force off.
     #[inline(never)] // two records and what reads them do not belong on the stack of every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
         let old = &self.stored;
-        let turned = stored.signs != old.signs || stored.full_scale_n != old.full_scale_n;
-        match signs_allowed(situation) {
-            Err(refusal) if turned => self.reply(Reply::Refused(refusal)),
+        let needs_off = stored.signs != old.signs
+            || stored.full_scale_n != old.full_scale_n
+            || stored.period != old.period;
+        match is_off(situation) {
+            Err(refusal) if needs_off => self.reply(Reply::Refused(refusal)),
             _ => self.propose(stored, ChangedSetting::Loaded(source)),
         }
     }
@@ -153,6 +159,14 @@ impl<P: Port> Console<P> {
             }
             Some(_) => self.write(&"error: this estimator has no cutoff: set its tuning, see get"),
             None => self.write(&"error: this estimator has nothing to tune"),
+        }
+    }
+
+    /// Changes a setting of loop and experiments alike: name, value, unit.
+    fn adapt(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
+        match self.device.experiment(&stored) {
+            Ok(_) => self.propose(stored, ChangedSetting::Value(name, value, unit)),
+            Err(error) => self.reply(Reply::Range(&error)),
         }
     }
 
@@ -182,15 +196,27 @@ impl<P: Port> Console<P> {
     /// Builds settings and proposes them; they are kept once the output task has taken them.
     pub(super) fn propose(&mut self, stored: Stored, changed: ChangedSetting) {
         let device = self.device;
-        if let Some((estimator, sense)) = device.missing(&stored) {
-            return self.reply(Reply::NoSense(estimator, sense));
+        if let Some(unfit) = device.unfit(&stored) {
+            return self.reply(Reply::Unfit(unfit));
         }
         match (device.order(&stored), device.inside(&stored)) {
             (Ok(_), Err(outside)) if self.is_locked() => {
                 self.reply(Reply::Outside(outside, device.envelope, device.key(&stored)));
             }
+            (Ok(_), _) if stored.period != self.stored.period => match device.period(&stored) {
+                Ok(plan) => self.order(Order::Period(plan), Awaited::Period(stored, changed)),
+                Err(error) => self.reply(Reply::Range(&error)),
+            },
             (Ok(order), _) => self.order(order, Awaited::Settings(stored, changed)),
             (Err(error), _) => self.reply(Reply::Range(&error)),
+        }
+    }
+
+    /// What goes before the parameters of another output period is in force: now these.
+    #[inline(never)] // it is not needed below `answer`
+    pub(super) fn propose_next(&mut self, stored: Stored, changed: ChangedSetting) {
+        if let Ok(order) = self.device.order(&stored) {
+            self.order(order, Awaited::Settings(stored, changed));
         }
     }
 

@@ -26,7 +26,7 @@ pub use line::{Line, LineReader, Text};
 pub use number::{Decimal, Limit};
 pub use port::Port;
 pub use reply::Reply;
-pub use rules::{Situation, allowed, signs_allowed};
+pub use rules::{Situation, allowed, is_off};
 pub use session::Console;
 
 #[cfg(test)]

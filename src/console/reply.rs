@@ -5,13 +5,15 @@ use core::fmt;
 use super::{Decimal, Limit, ParseError, Situation, usages};
 use crate::{
     SettingsError,
+    device::Unfit,
+    period::PERIODS,
     safety::{
         Fault, Refusal,
         envelope::{Envelope, Key, Outside},
     },
     store::{Source, Stored},
     telemetry::Record,
-    velocity::{EstimatorName, Parameter, Sense},
+    velocity::{EstimatorName, Parameter},
 };
 
 /// What the board answers. Write it with [`Text::of`](super::Text::of); the line end is not in it.
@@ -41,8 +43,8 @@ pub enum Reply<'a> {
     Refused(Refusal),
     /// Not this value.
     Range(&'a SettingsError),
-    /// Not this estimator: the board has not what it needs.
-    NoSense(EstimatorName, Sense),
+    /// Not these settings: the board cannot run them.
+    Unfit(Unfit),
     /// Not this wall, says this table of this key.
     Outside(Outside, &'a Envelope<'a>, Key<'a>),
     /// The hardware failed at this.
@@ -80,12 +82,20 @@ impl fmt::Display for Reply<'_> {
                     Limit::High(*error.range.end())
                 )
             }
-            Self::NoSense(name, sense) => write!(
-                f,
-                "error: estimator {} needs {}, which this board has not",
-                name.text(),
-                sense.text()
-            ),
+            Self::Unfit(unfit) => {
+                f.write_str("error: ")?;
+                match unfit {
+                    Unfit::Sense(name, sense) => {
+                        let (name, sense) = (name.text(), sense.text());
+                        write!(f, "estimator {name} needs {sense}, which this board has not")
+                    }
+                    Unfit::TooSlow(slow) => slow.fmt(f),
+                    Unfit::Period(period) => {
+                        write!(f, "period is {}, allowed", Decimal(*period))?;
+                        PERIODS.into_iter().try_for_each(|period| write!(f, " {period}"))
+                    }
+                }
+            }
             Self::Outside(outside, envelope, key) => {
                 write!(f, "error: {}", outside.text())?;
                 if *outside == Outside::UnknownKey {
@@ -170,7 +180,8 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
     let grid = &stored.grid;
     write!(
         f,
-        ", full scale {} N, start {} m, settle {} s, window {} s, rms {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m",
+        ", full scale {} N, start {} m, settle {} s, window {} s, rms {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m, \
+         period {} samples",
         Decimal(stored.full_scale_n),
         Decimal(stored.start_m),
         Decimal(stored.settle_s),
@@ -182,6 +193,7 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
         Decimal(grid.damping_start_n_s_per_m),
         Decimal(grid.damping_step_n_s_per_m),
         Decimal(grid.damping_max_n_s_per_m),
+        stored.period,
     )
 }
 
@@ -351,6 +363,7 @@ mod tests {
                     push_only: false,
                 },
             },
+            period: u32::MAX,
             push_n: -1.234_567_890_12e-5,
             signs: Signs { motor_reversed: true, encoder_reversed: false },
             start_m: -1.234_567_890_12e-5,

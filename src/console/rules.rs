@@ -68,10 +68,12 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::Start(_) | Command::Settle(_) | Command::Window(_) | Command::RmsLimit(_) => {
             &[N::Idle]
         }
-        // A turned sign makes every wall pull, another full scale moves every force.
-        Command::MotorReversed(_) | Command::EncoderReversed(_) | Command::FullScale(_) => {
-            &[N::Off]
-        }
+        // A turned sign makes every wall pull, another full scale moves every force; what is counted in outputs begins
+        // anew with another period.
+        Command::MotorReversed(_)
+        | Command::EncoderReversed(_)
+        | Command::FullScale(_)
+        | Command::Period(_) => &[N::Off],
         Command::Wall(_)
         | Command::Cutoff(_)
         | Command::Tuning(_)
@@ -137,12 +139,12 @@ pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
     }
 }
 
-/// Whether [`Command::Load`] may change the directions of motor or encoder or the full scale now:
-/// as their own commands may, only with the force off.
+/// Whether [`Command::Load`] may now change what takes the force off: the directions of motor or encoder, the full scale,
+/// the output period.
 ///
 /// # Errors
 /// The force is on.
-pub fn signs_allowed(now: &Situation) -> Result<(), Refusal> {
+pub fn is_off(now: &Situation) -> Result<(), Refusal> {
     Need::Off.refusal(now).map_or(Ok(()), Err)
 }
 
@@ -156,7 +158,7 @@ mod tests {
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 33] = [
+    const COMMANDS: [Command; 34] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -190,6 +192,7 @@ mod tests {
         Command::MotorReversed(true),
         Command::EncoderReversed(true),
         Command::Second(1.0),
+        Command::Period(1.0),
     ];
 
     /// Every situation: 5 states x 4 activities x 2^7 facts.
@@ -315,15 +318,18 @@ mod tests {
     }
 
     #[test]
-    fn flash_is_written_and_signs_and_full_scale_change_only_with_the_force_off() {
-        for command in
-            [Command::MotorReversed(true), Command::EncoderReversed(false), Command::FullScale(5.0)]
-        {
+    fn flash_is_written_and_signs_full_scale_and_period_change_only_with_the_force_off() {
+        for command in [
+            Command::MotorReversed(true),
+            Command::EncoderReversed(false),
+            Command::FullScale(5.0),
+            Command::Period(1.0),
+        ] {
             met(command, |now| !now.status.state.is_on());
         }
         met(Command::Save, |now| !now.status.state.is_on() && now.status.inputs.supply_good);
         for now in situations() {
-            assert_eq!(signs_allowed(&now).is_ok(), !now.status.state.is_on());
+            assert_eq!(is_off(&now).is_ok(), !now.status.state.is_on());
         }
     }
 

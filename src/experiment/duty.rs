@@ -62,7 +62,7 @@ impl DutySettings {
     /// Longest hit at full force that a cold motor stands, s: 0 if none, infinite if it stands full scale for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
-        let period_s = f64::from(design.period) / design.rate_hz;
+        let period_s = design.period_s();
         let part = self.continuous_force_n / design.full_scale_n;
         if part >= 1.0 {
             return f64::INFINITY;
@@ -70,7 +70,7 @@ impl DutySettings {
         // What `build` asks for, the other way round.
         let kept = (1.0 - part * part) / (1.0 - RESERVE);
         let outputs = -libm::log(kept) * self.time_constant_s / period_s;
-        f64::max(0.0, libm::floor(outputs - SPARE_OUTPUTS) * period_s)
+        f64::max(0.0, libm::floor(outputs - spare_outputs(design)) * period_s)
     }
 
     /// Checks, and converts; a hit lasts `samples`.
@@ -87,8 +87,9 @@ impl DutySettings {
     pub fn build(&self, design: &Design, samples: u32) -> Result<DutyPlan, SettingsError> {
         design.check()?;
         let tau = within("duty_time_constant_s", self.time_constant_s, 1.0..=3600.0)?;
-        let part = f64::from(design.period) / design.rate_hz / tau;
-        let outputs = libm::ceil(f64::from(samples) / f64::from(design.period)) + SPARE_OUTPUTS;
+        let part = design.period_s() / tau;
+        let outputs = libm::ceil(f64::from(samples) / f64::from(design.period));
+        let outputs = outputs + spare_outputs(design);
         let kept = libm::exp(-outputs * part);
         let least = libm::sqrt(1.0 - kept + RESERVE * kept) * design.full_scale_n;
         let force = self.continuous_force_n;
@@ -114,8 +115,10 @@ impl DutySettings {
 /// Heat for rounding, and for a return before the hit that warms a cold motor.
 const RESERVE: f64 = 1e-3;
 
-/// Outputs beyond a hit's own in which its force comes and goes.
-const SPARE_OUTPUTS: f64 = 50.0;
+/// Outputs beyond a hit's own in which its force comes and goes: those of 50 ms, at least 50.
+fn spare_outputs(design: &Design) -> f64 {
+    f64::from(50 * design.samples_per_ms().div_ceil(design.period.max(1)))
+}
 
 /// Time constants after which nothing of the heat is left: exp(-9.3) is 1e-4, the smallest `ready`.
 const PATIENCE: f64 = 9.3;

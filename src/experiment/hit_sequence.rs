@@ -17,8 +17,16 @@ pub struct HitSequencePlan {
     pub back: ReturnPlan,
     /// What the motor stands.
     pub duty: DutyPlan,
-    /// Give the verdict as soon as it is certain to equal the one at the end of the window.
-    pub early: bool,
+    /// Outputs between two looks whether the verdict is certain to equal the one at the end of the window, so that it
+    /// is given at once; [`NEVER`](Self::NEVER): no such look.
+    pub look: u32,
+}
+
+impl HitSequencePlan {
+    /// The verdict comes at the end of the window.
+    pub const NEVER: u32 = u32::MAX;
+    /// Milliseconds between two looks.
+    pub(crate) const LOOK_MS: u32 = 32;
 }
 
 /// Why a hit sequence ended without a verdict.
@@ -42,9 +50,6 @@ impl AbortReason {
         }
     }
 }
-
-/// Outputs between two looks for an early verdict.
-const LOOK_OUTPUTS: u32 = 32;
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
@@ -127,7 +132,7 @@ impl HitSequence {
     /// The verdict before the end of the window, if the plan allows it and it is certain.
     pub fn early_verdict(&mut self) -> Option<Verdict> {
         let Phase::Hit(hit) = &self.phase else { return None };
-        if !self.plan.early || self.looked < LOOK_OUTPUTS {
+        if self.looked < self.plan.look {
             return None;
         }
         self.looked = 0;
@@ -161,7 +166,8 @@ mod tests {
         let hit = HIT.build(&DESIGN).unwrap();
         let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
         let duty = duty.build(&DESIGN, hit.settle + hit.window).unwrap();
-        HitSequencePlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, early }
+        let look = if early { 32 } else { HitSequencePlan::NEVER };
+        HitSequencePlan { hit, back: BACK.build(&DESIGN).unwrap(), duty, look }
     }
 
     /// A soft stop at 0.07 m that trembles by `chatter_m`: the verdict, and outputs of each phase.

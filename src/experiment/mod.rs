@@ -16,7 +16,7 @@ pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationS
 pub use duty::{Duty, DutyPlan, DutySettings};
 pub use hit::{Hit, HitPlan, HitSettings, Verdict};
 pub use hit_sequence::{AbortReason, HitSequence, HitSequencePlan};
-pub use orders::{Activity, Event, Gains, Order, Report};
+pub use orders::{Activity, Event, Gains, Order, PeriodPlan, Report};
 pub use return_move::{Return, ReturnPlan, ReturnSettings, ReturnStep};
 pub use rms::{RmsLimit, RunningVariance};
 pub use scheduler::{Sampling, Scheduler};

@@ -1,7 +1,8 @@
 //! What the console asks of the output task, and what that one reports.
 
 use super::{
-    AbortReason, CalibrationEnd, CalibrationPlan, HitSequencePlan, RunningVariance, Verdict,
+    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, RunningVariance,
+    Verdict,
 };
 use crate::{
     LoopParameters,
@@ -36,6 +37,15 @@ impl Activity {
     }
 }
 
+/// What goes by the output period beside the loop's parameters, which come after it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PeriodPlan {
+    /// What the motor stands.
+    pub duty: DutyPlan,
+    /// Every so many outputs one goes into the black box.
+    pub keep: u32,
+}
+
 #[allow(
     clippy::large_enum_variant,
     reason = "there is no allocator; large with some estimators only"
@@ -47,6 +57,8 @@ pub enum Order {
     Request(Request),
     /// New settings, and whether their gains are inside the envelope or need it unlocked.
     LoopParameters(LoopParameters, Gains),
+    /// Force off: what goes with the output period of the parameters that come next.
+    Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),
     /// Hold a constant force, or go on with another one.

@@ -16,7 +16,7 @@
 //! **A return that is taken starts**: a step of r fits the lead, or the spring would have to be stronger than `limit` for
 //! the first one.
 //!
-//! The speed comes from the last eight outputs, not from the estimator: a return works with whatever
+//! The speed comes from the last eight milliseconds, not from the estimator: a return works with whatever
 //! cutoff is tried. The integral finds the force that holds the handle at the start, against a spring
 //! or its weight; a hand that holds the handle on the way does not wind it up.
 //! In contact the force only ever points out of the wall.
@@ -29,7 +29,7 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Outputs over which the speed is measured.
+/// Milliseconds over which the speed is measured; outputs where those are farther apart.
 const SPAN: usize = 8;
 /// Outputs for which the handle has to stand at the start, s.
 const REST_S: f64 = 0.02;
@@ -68,8 +68,10 @@ pub struct ReturnPlan {
     limit: i64,
     /// Force LSB per count.
     stiffness: Gain,
-    /// Force LSB per count by which the error changes in [`SPAN`] outputs.
+    /// Force LSB per count by which the error changes in [`SPAN`] times `pace` outputs.
     damping: Gain,
+    /// Outputs from one look at the speed to the next.
+    pace: u32,
     /// Force LSB per count and output.
     integral: Gain,
     tolerance: u32,
@@ -103,6 +105,7 @@ impl ReturnSettings {
     pub fn build(&self, design: &Design) -> Result<ReturnPlan, SettingsError> {
         design.check()?;
         let outputs_per_s = design.rate_hz / f64::from(design.period);
+        let pace = design.outputs_per_ms();
         within("return_speed_m_per_s", self.speed_m_per_s, 1e-3..=1.0)?;
         let half = design.full_scale_n / 2.0;
         within("return_force_n", self.force_n, 1e-3 * design.full_scale_n..=half)?;
@@ -123,7 +126,7 @@ impl ReturnSettings {
             Gain::from_f64(value * lsb).ok_or(SettingsError { parameter: name, value, range })
         };
         #[expect(clippy::cast_precision_loss, reason = "8")]
-        let span_s = SPAN as f64 / outputs_per_s;
+        let span_s = SPAN as f64 * f64::from(pace) / outputs_per_s;
         let step = counts(self.speed_m_per_s) / outputs_per_s * f64::from(1u32 << FRACTION);
         Ok(ReturnPlan {
             start: design.position("start_m", self.start_m)?,
@@ -136,6 +139,7 @@ impl ReturnSettings {
                 self.damping_n_s_per_m,
                 lsb_per_count / span_s,
             )?,
+            pace,
             integral: gain(
                 "return_integral_n_per_m_s",
                 self.integral_n_per_m_s,
@@ -180,8 +184,11 @@ pub struct Return {
     integral: i64,
     /// How far r has moved by its own steps, 16 fractional bits.
     planned: i64,
-    /// The last distances of that from the handle, newest first, counts.
+    /// The last distances of that from the handle, newest first, counts: one each millisecond.
     past: [i64; SPAN],
+    /// By how much they have grown, and outputs until the next look.
+    widened: i64,
+    left: u32,
     /// Where the handle has stood, within the tolerance, for that many outputs.
     rest: (Position, u32),
     outputs: u32,
@@ -196,6 +203,8 @@ impl Return {
             integral: 0,
             planned: 0,
             past: [0; SPAN],
+            widened: 0,
+            left: 0,
             rest: (Position::default(), 0),
             outputs: 0,
         }
@@ -223,12 +232,16 @@ impl Return {
         if first {
             (self.rest, self.past) = ((position, 0), [ahead; SPAN]);
         }
-        let widened = ahead - self.past.last().copied().unwrap_or(ahead);
-        self.past.copy_within(..SPAN - 1, 1);
-        if let Some(newest) = self.past.first_mut() {
-            *newest = ahead;
+        if self.left == 0 {
+            self.left = plan.pace;
+            self.widened = ahead - self.past.last().copied().unwrap_or(ahead);
+            self.past.copy_within(..SPAN - 1, 1);
+            if let Some(newest) = self.past.first_mut() {
+                *newest = ahead;
+            }
         }
-        let [error, widened] = [(reference >> FRACTION) - x, widened].map(|counts| {
+        self.left -= 1;
+        let [error, widened] = [(reference >> FRACTION) - x, self.widened].map(|counts| {
             i32::try_from(counts).unwrap_or(if counts < 0 { i32::MIN } else { i32::MAX })
         });
         let limit = plan.limit;

@@ -36,6 +36,11 @@ impl<const N: usize> BlackBox<N> {
         if every == 0 { 1 } else { every }
     }
 
+    /// Keeps every `every`-th record from now on.
+    pub const fn keep(&mut self, every: u32) {
+        self.every = every;
+    }
+
     /// Takes one record per output; `fault` stops the ring with this record in it. Until
     /// [`release`](Self::release) nothing more is taken.
     #[inline]

@@ -8,8 +8,9 @@ use crate::{
     units::{Force, Position, Velocity},
 };
 
-/// Largest step of the force per output that is not asked for by position or velocity: 5 % of full
-/// scale, in LSB of [`Force`]. At 1 kHz a change over the whole range takes 20 ms.
+/// Largest change of the force in a millisecond that is not asked for by position or velocity: 5 % of full
+/// scale, in LSB of [`Force`], so that one over the whole range takes 20 ms. Outputs that are farther apart than
+/// that have it as their largest step.
 pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 
 /// A force above this without motion is suspicious: 10 % of full scale, in LSB of [`Force`]. Twice
@@ -21,8 +22,8 @@ pub(super) const PUSH_S: f64 = 0.05;
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Longest duration of the sign test, s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
-/// Outputs that are missing one after another when `render` counts as stuck.
-pub(super) const STUCK_RENDERS: u32 = 10;
+/// Without an output for longer than this `render` counts as stuck, s.
+const STUCK_S: f64 = 0.01;
 
 /// Longest output period, s: the sign test needs several outputs.
 const RENDER_PERIOD_MAX_S: f64 = 0.0125;
@@ -66,7 +67,7 @@ impl SafetySettings {
     )]
     pub fn build(&self, design: &Design) -> Result<SafetyPlan, SettingsError> {
         design.check()?;
-        let period_s = f64::from(design.period) / design.rate_hz;
+        let period_s = design.period_s();
         within("period", period_s, 0.0..=RENDER_PERIOD_MAX_S).map_err(|_| SettingsError {
             parameter: "period",
             value: f64::from(design.period),
@@ -89,29 +90,73 @@ impl SafetySettings {
         within("sign_test_counts", counts, Self::SIGN_TEST_COUNTS)?;
         let full = f64::from(Force::FULL_SCALE.bits());
         let velocity_lsb = f64::from(1u32 << Velocity::FRACTION_BITS);
-        let least = Force::FULL_SCALE.bits().unsigned_abs() / SLEW.unsigned_abs() + 1;
-        let ramp_renders = (libm::ceil(self.ramp_in_s / period_s) as u32).max(least);
-        Ok(SafetyPlan {
+        let samples = |seconds: f64| seconds * design.rate_hz;
+        let plan = SafetyPlan {
             period: design.period,
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
-            moved: libm::round(speed * period_s / design.resolution_m) as u32 + 1,
             travel: [self.travel_low_m, self.travel_high_m]
                 .map(|end_m| libm::trunc(end_m / design.resolution_m) as i32),
-            ramp_renders,
-            ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders,
-            sign_quarter: (SIGN_TEST_S / period_s / 4.0) as u32,
             sign_force: Force::saturating_from_bits(
                 ((self.sign_test_force * full) as i32).min(SLEW),
             ),
             sign_counts: self.sign_test_counts.cast_signed(),
-            push_renders: libm::ceil(PUSH_S / period_s) as u32,
-        })
+            samples: Samples {
+                ms: design.samples_per_ms(),
+                ramp: libm::ceil(samples(self.ramp_in_s)) as u32,
+                sign_quarter: (samples(SIGN_TEST_S) / 4.0) as u32,
+                push: libm::ceil(samples(PUSH_S)) as u32,
+                stuck: libm::round(samples(STUCK_S)) as u32,
+            },
+            ..SafetyPlan::default()
+        };
+        Ok(plan.at(design.period))
+    }
+}
+
+/// Times, in samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Samples {
+    ms: u32,
+    ramp: u32,
+    sign_quarter: u32,
+    push: u32,
+    stuck: u32,
+}
+
+impl SafetyPlan {
+    /// The same limits with an output each `period` samples.
+    pub(crate) fn at(self, period: u32) -> Self {
+        let period = period.max(1);
+        let Samples { ms, ramp, sign_quarter, push, stuck } = self.samples;
+        let per_ms = (ms / period).max(1);
+        // a part of 5 % that is at most 50 of them, so within 32 bits
+        let slew =
+            if period < ms { SLEW.unsigned_abs() * period / ms } else { SLEW.unsigned_abs() };
+        let ramp_renders =
+            ramp.div_ceil(period).max(Force::FULL_SCALE.bits().unsigned_abs() / slew.max(1) + 1);
+        let moved = (u64::from(self.speed) * u64::from(per_ms * period)) >> Velocity::FRACTION_BITS;
+        Self {
+            period,
+            stuck: stuck.max(2 * period),
+            slew: slew.cast_signed(),
+            per_ms,
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "2^15 counts times 1000 samples at most"
+            )]
+            moved: moved as u32 + 1,
+            ramp_renders,
+            ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders.max(1),
+            sign_quarter: sign_quarter / period,
+            push_renders: push.div_ceil(period),
+            ..self
+        }
     }
 }
 
 /// The limits in integers; made by [`SafetySettings::build`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SafetyPlan {
     /// Samples from one output to the next.
     pub(super) period: u32,
@@ -119,7 +164,13 @@ pub struct SafetyPlan {
     pub(super) jump: u32,
     /// Largest allowed speed, LSB of [`Velocity`].
     pub(super) speed: u32,
-    /// Largest allowed move from one output to the next, counts; one is for quantisation.
+    /// Samples without an output after which `render` is stuck.
+    pub(super) stuck: u32,
+    /// Largest step of the force from one output to the next, where nothing asks for more.
+    pub(super) slew: i32,
+    /// Outputs in a millisecond, at least one.
+    pub(super) per_ms: u32,
+    /// Largest allowed move in so many outputs, counts; one is for quantisation.
     pub(super) moved: u32,
     /// Lowest and highest place with force, counts.
     pub(super) travel: [i32; 2],
@@ -135,6 +186,8 @@ pub struct SafetyPlan {
     pub(super) sign_counts: i32,
     /// Outputs that a push without motion may last.
     pub(super) push_renders: u32,
+    /// What those in outputs are made of.
+    samples: Samples,
 }
 
 #[cfg(test)]
@@ -170,6 +223,31 @@ pub(super) mod tests {
         assert_eq!(plan.sign_quarter, 25);
         assert_eq!(plan.push_renders, 50);
         assert!(plan.sign_force.bits() <= SLEW);
+        assert_eq!((plan.slew, plan.per_ms, plan.stuck), (SLEW, 1, 100));
+    }
+
+    /// The same times at every period; of a slow output its step stays 5 %.
+    #[test]
+    fn outputs_that_are_closer_share_the_step_and_the_time() {
+        for (period, per_ms) in [(1, 10), (2, 5), (5, 2), (10, 1), (20, 1), (125, 1)] {
+            let plan = SETTINGS.build(&Design { period, ..DESIGN }).unwrap();
+            assert_eq!(plan.per_ms, per_ms, "{period}");
+            let steps = per_ms.cast_signed();
+            assert!(plan.slew * steps <= SLEW && (plan.slew + 1) * steps > SLEW, "{period}");
+            let times = [
+                (plan.ramp_renders, 2000),
+                (4 * plan.sign_quarter, 1000),
+                (plan.push_renders, 500),
+            ];
+            for (outputs, samples) in times.into_iter().take(if period > 20 { 0 } else { 3 }) {
+                let far = (outputs * period).abs_diff(samples);
+                assert!(far < 4 * period, "{period}: {outputs} {samples}");
+            }
+            assert_eq!(plan.stuck, if period > 50 { 250 } else { 100 });
+        }
+        let quick = SafetySettings { ramp_in_s: 0.02, ..SETTINGS };
+        let plan = quick.build(&Design { period: 1, ..DESIGN }).unwrap();
+        assert!(plan.ramp_step <= plan.slew.unsigned_abs());
     }
 
     #[test]

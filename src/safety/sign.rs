@@ -53,10 +53,11 @@ impl SignTest {
         {
             *mark = position;
         }
+        let between = self.outputs - quarter * plan.sign_quarter.max(1) < plan.per_ms;
         self.outputs = self.outputs.saturating_add(1);
         match quarter {
-            // From -f to +f and back in two steps, each of at most 5 % of full scale.
-            1 | 3 if start => SignStep::Push(Force::ZERO),
+            // From -f to +f and back in two steps a millisecond apart, each of at most 5 % of full scale.
+            1 | 3 if between => SignStep::Push(Force::ZERO),
             0 | 3 => SignStep::Push(Force::saturating_from_bits(-plan.sign_force.bits())),
             1 | 2 => SignStep::Push(plan.sign_force),
             _ if self.answer() >= i64::from(plan.sign_counts) => SignStep::Passed,

@@ -1,38 +1,82 @@
-//! Speed from the counts themselves, output by output: the estimate that the sampling task watches lags
-//! behind by its delay, half a second at a cutoff of 0.4 Hz.
+//! Speed from the counts themselves, each millisecond: the estimate that the sampling task watches lags
+//! behind by its delay, half a second at a cutoff of 0.4 Hz. Between outputs that are closer, a count would be
+//! too large a part of the limit.
 
 #![deny(clippy::float_arithmetic)]
 
+use core::hint::cold_path;
+
+use super::SafetyPlan;
 use crate::units::Position;
 
-/// Where the handle was at the last output.
+/// Where the handle was when this last looked.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SpeedWatch {
-    last: Option<Position>,
+    last: Position,
+    /// Outputs until it looks again; 0: it has not looked yet.
+    left: u32,
 }
 
 impl SpeedWatch {
-    /// Takes the position at an output; true if it is more than `limit` counts away from that at the output
-    /// before. `renamed`: the count was zeroed in between.
+    /// Takes the position at an output; true if it is farther than the plan allows from where it was a millisecond
+    /// ago. `renamed`: the count was zeroed since the last output.
     #[inline]
-    pub fn too_fast(&mut self, position: Position, renamed: bool, limit: u32) -> bool {
-        let moved = self.last.map_or(0, |last| position.wrapping_since(last).unsigned_abs());
-        self.last = Some(position);
-        moved > limit && !renamed
+    pub fn too_fast(&mut self, plan: &SafetyPlan, position: Position, renamed: bool) -> bool {
+        if self.left > 1 && !renamed {
+            cold_path(); // at 1 kHz it never comes here
+            self.left -= 1;
+            return false;
+        }
+        let moved = position.wrapping_since(self.last).unsigned_abs();
+        let fast = moved > plan.moved && self.left > 0 && !renamed;
+        (self.last, self.left) = (position, plan.per_ms);
+        fast
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        Design,
+        safety::plan::tests::{DESIGN, SETTINGS},
+    };
+
+    fn look(watch: &mut SpeedWatch, plan: &SafetyPlan, counts: i32, renamed: bool) -> bool {
+        watch.too_fast(plan, Position::from_counts(counts), renamed)
+    }
 
     #[test]
-    fn it_looks_from_output_to_output_and_past_a_zero() {
+    fn it_looks_from_millisecond_to_millisecond_and_past_a_zero() {
+        let plan = SETTINGS.build(&DESIGN).unwrap();
+        assert_eq!(plan.moved, 1001);
         let mut watch = SpeedWatch::default();
-        let mut at = |counts, renamed| watch.too_fast(Position::from_counts(counts), renamed, 1000);
+        let mut at = |counts, renamed| look(&mut watch, &plan, counts, renamed);
         assert!(!at(500_000, false)); // the first
-        assert!(!at(501_000, false) && at(502_001, false) && at(501_000, false));
-        assert!(!at(0, true) && !at(-1000, false) && at(1, false));
+        assert!(!at(501_001, false) && at(502_003, false) && at(501_000, false));
+        assert!(!at(0, true) && !at(-1000, false) && at(2, false));
         assert!(!at(i32::MAX, true) && !at(i32::MIN, false)); // one count, across the wrap
+    }
+
+    #[test]
+    fn closer_outputs_have_the_same_limit_and_a_zero_starts_anew() {
+        for period in [1, 2, 5] {
+            let plan = SETTINGS.build(&Design { period, ..DESIGN }).unwrap();
+            let outputs = 10 / period.cast_signed();
+            assert_eq!((plan.moved, plan.per_ms), (1001, outputs.unsigned_abs()));
+            let run = |counts: i32, zero: Option<i32>| {
+                let mut watch = SpeedWatch::default();
+                (0..=3 * outputs)
+                    .map(|n| look(&mut watch, &plan, counts * n / outputs, zero == Some(n)))
+                    .collect::<std::vec::Vec<_>>()
+            };
+            assert!(run(1001, None).iter().all(|fast| !fast));
+            let fast = run(1002, None);
+            let at = |n: &i32| fast[n.unsigned_abs() as usize];
+            assert!((0..=3 * outputs).all(|n| at(&n) == (n > 0 && n % outputs == 0)));
+            let zeroed = run(1002, Some(1));
+            let found = (0i32..).zip(zeroed).filter(|(_, fast)| *fast).map(|(n, _)| n);
+            assert_eq!(found.collect::<std::vec::Vec<_>>(), [1 + outputs, 1 + 2 * outputs]);
+        }
     }
 }

@@ -2,13 +2,12 @@
 
 #![deny(clippy::float_arithmetic)]
 
-use core::hint::cold_path;
+use core::{hint::cold_path, num::NonZeroU32};
 
 use super::{
     Fault, FaultRecord, FaultSet, GrantedForce, Guard, GuardCommand, Inputs, MemoryUpdate,
-    OutputCommand, Refusal, Request, SLEW, SafetyPlan, SampleReport, State, Status,
+    OutputCommand, Refusal, Request, SafetyPlan, SampleReport, State, Status,
     gain_fade::GainFade,
-    plan::STUCK_RENDERS,
     sign::{SignStep, SignTest},
     speed::SpeedWatch,
     stuck_encoder::StuckEncoder,
@@ -217,6 +216,16 @@ impl Supervisor {
         }
     }
 
+    /// Another output period goes down with the next parameters, which is for [`may_change`](Self::may_change) to
+    /// allow. The next output is still due by the old one, and the guard, which knows the new one by then, is not to
+    /// find it late.
+    #[inline(never)] // once in a while, and not to be in the way of what comes with every output
+    pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
+        self.plan = self.plan.at(new.get());
+        self.speed = SpeedWatch::default();
+        self.down.rendered = self.down.rendered.wrapping_add(old.get()).wrapping_sub(new.get());
+    }
+
     /// Whether settings may be exchanged between this output and the next sample. Gains always may,
     /// their change is faded in; where the wall is, and how velocity is estimated, not in contact:
     /// the link asked for it with an older output in view. Nor may a wall be put where the handle is:
@@ -227,10 +236,12 @@ impl Supervisor {
     /// on.
     pub fn may_change(&self, from: &LoopParameters, to: &LoopParameters) -> Result<(), Refusal> {
         let moved = from.wall.surface() != to.wall.surface();
-        let same = from.estimator == to.estimator && !moved;
+        let same = from.estimator == to.estimator && from.period == to.period && !moved;
         let inside = moved && to.wall.penetration(self.record.position) > 0;
         if same || !self.state.is_on() {
             Ok(())
+        } else if from.period != to.period {
+            Err(Refusal::On)
         } else if self.contact || inside {
             Err(Refusal::Contact)
         } else if moved && self.zero_pending() {
@@ -337,7 +348,7 @@ impl Supervisor {
     #[inline]
     fn look(&mut self, up: &SampleReport, guard: &Guard, inputs: Inputs, renamed: bool) {
         let on = self.state.is_on();
-        let fast = self.speed.too_fast(up.motion.position, renamed, self.plan.moved);
+        let fast = self.speed.too_fast(&self.plan, up.motion.position, renamed);
         let outside = FaultSet::EMPTY
             .with_if(Fault::EmergencyStop, !inputs.stop_closed)
             .with_if(Fault::BrownOut, !inputs.supply_good)
@@ -380,8 +391,8 @@ impl Supervisor {
     #[inline]
     fn stuck(&self, motion: Motion) -> FaultSet {
         let behind = motion.number().wrapping_sub(self.down.rendered);
-        let many = self.plan.period.saturating_mul(STUCK_RENDERS);
-        FaultSet::EMPTY.with_if(Fault::StuckRender, behind > many && !self.down.stall)
+        let stuck = behind > self.plan.stuck && !self.down.stall;
+        FaultSet::EMPTY.with_if(Fault::StuckRender, stuck)
     }
 
     /// A record of `causes` with the circumstances of this moment, named after the first of them.
@@ -426,17 +437,20 @@ impl Supervisor {
         }
         // Ramp and fade share what a step may be.
         let ramping = self.state == State::RampIn;
-        let slew = if ramping { SLEW.saturating_sub_unsigned(self.plan.ramp_step) } else { SLEW };
+        let SafetyPlan { slew, ramp_step, .. } = self.plan;
+        let slew = if ramping { slew.saturating_sub_unsigned(ramp_step) } else { slew };
         let fade = self.fade.get_or_insert(GainFade::new(control.wall, push));
         let full = fade.force((&control.wall, push), up.motion, drive, held, slew);
         if !ramping {
             return Some(full);
         }
-        if self.ramp >= self.plan.ramp_renders {
+        // The step from the sign test's force to none is a millisecond's.
+        let ramped = self.ramp.saturating_sub(self.plan.per_ms - 1);
+        if ramped >= self.plan.ramp_renders {
             self.state = State::Armed;
             return Some(full);
         }
-        let part = i64::from(self.ramp) * i64::from(self.plan.ramp_step); // below 2^30
+        let part = i64::from(ramped) * i64::from(self.plan.ramp_step); // below 2^30
         let force = (i64::from(full.bits()) * part) >> Force::FRACTION_BITS;
         self.ramp = self.ramp.saturating_add(1);
         Some(Demand::from_bits(force).saturate().0)

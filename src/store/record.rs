@@ -9,6 +9,8 @@ pub struct Stored {
     pub device: DeviceKey,
     /// Estimator and wall.
     pub settings: Settings,
+    /// Samples per output.
+    pub period: u32,
     /// Push of the experiments, N.
     pub push_n: f64,
     /// Directions of motor and encoder.
@@ -79,7 +81,10 @@ pub const RECORD_WORDS: usize = 44;
 const NUMBERS: usize = 17;
 
 /// First word of a record: "ZWS" and the version of the layout.
-const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x02");
+const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x03");
+/// The same of layout 2, which had 0 where the output period is, and this period.
+const HEAD_2: u32 = u32::from_le_bytes(*b"ZWS\x02");
+const PERIOD_2: u32 = 10;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
@@ -128,7 +133,8 @@ impl Stored {
             .into_iter()
             .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
             .chain([estimator.id(), flags])
-            .chain(numbers.into_iter().flat_map(halves));
+            .chain(numbers.into_iter().flat_map(halves))
+            .chain([self.period]);
         for (place, word) in words.iter_mut().zip(body) {
             *place = word;
         }
@@ -137,22 +143,24 @@ impl Stored {
         words
     }
 
-    /// Sequence number and content of those words, if they are a record of this version.
+    /// Sequence number and content of those words, if they are a record of this version or of layout 2.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
             return None;
         }
         let [head, sequence, n0, n1, n2, n3, estimator, flags, numbers @ ..] = *body;
-        if head != HEAD {
-            return None;
-        }
         let mut device = DeviceKey::default();
         let name = [n0, n1, n2, n3].map(u32::to_le_bytes);
         for (place, byte) in device.0.iter_mut().zip(name.as_flattened()) {
             *place = *byte;
         }
-        let (pairs, _) = numbers.as_chunks::<2>();
+        let (pairs, rest) = numbers.as_chunks::<2>();
+        let period = match (head, rest) {
+            (HEAD, &[period]) => period,
+            (HEAD_2, _) => PERIOD_2,
+            _ => return None,
+        };
         let numbers: [f64; NUMBERS] =
             core::array::from_fn(|n| pairs.get(n).map_or(0.0, |&[low, high]| whole(low, high)));
         let [
@@ -185,6 +193,7 @@ impl Stored {
                     push_only: flags & PUSH_ONLY != 0,
                 },
             },
+            period,
             push_n,
             signs: Signs {
                 motor_reversed: flags & MOTOR_REVERSED != 0,
@@ -226,6 +235,7 @@ pub(super) mod tests {
                     push_only: true,
                 },
             },
+            period: 10,
             push_n: 2.835,
             signs: Signs { motor_reversed: true, encoder_reversed: false },
             start_m: 0.0,
@@ -269,11 +279,23 @@ pub(super) mod tests {
         }
     }
 
+    /// What was saved before there was an output period has that of 1 kHz.
+    #[test]
+    fn a_record_of_layout_2_is_read() {
+        let saved = Stored { period: 1, ..stored(1.0) };
+        let mut words = saved.to_words(7);
+        assert_eq!(Stored::from_words(&words), Some((7, saved)));
+        (words[0], words[RECORD_WORDS - 2]) = (HEAD_2, 0);
+        let (body, check) = words.split_at_mut(RECORD_WORDS - 1);
+        check[0] = crc::of_words(body);
+        assert_eq!(Stored::from_words(&words), Some((7, stored(1.0))));
+    }
+
     proptest! {
         #[test]
         fn a_record_comes_back_bit_for_bit(
             numbers in any::<[f64; 10]>(), walk in any::<[f64; 6]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
-            name in "[a-z0-9-]{0,16}",
+            name in "[a-z0-9-]{0,16}", period in any::<u32>(),
         ) {
             let record = Stored {
                 device: DeviceKey::new(&name).unwrap(),
@@ -286,6 +308,7 @@ pub(super) mod tests {
                         push_only: flags[1],
                     },
                 },
+                period,
                 push_n: numbers[4],
                 signs: Signs { motor_reversed: flags[2], encoder_reversed: flags[3] },
                 start_m: numbers[5],
@@ -298,7 +321,7 @@ pub(super) mod tests {
             let words = record.to_words(sequence);
             let (number, back) = Stored::from_words(&words).unwrap();
             prop_assert_eq!((number, back.to_words(number)), (sequence, words));
-            prop_assert_eq!(back.device.name(), name);
+            prop_assert_eq!((back.device.name(), back.period), (name.as_str(), period));
             prop_assert_eq!(back.rms_limit_m.to_bits(), numbers[9].to_bits());
             prop_assert_eq!(back.full_scale_n.to_bits(), numbers[6].to_bits());
             prop_assert_eq!(back.grid.damping_max_n_s_per_m.to_bits(), walk[5].to_bits());

@@ -19,9 +19,6 @@ use crate::board;
 
 include!(concat!(env!("OUT_DIR"), "/envelope.rs"));
 
-/// Samples per output.
-pub const PERIOD: u32 = if cfg!(feature = "period-1") { 1 } else { 10 };
-
 /// The device.
 pub static DEVICE: Device = Device {
     key: DeviceKey::of(board::NAME),
@@ -29,7 +26,7 @@ pub static DEVICE: Device = Device {
         rate_hz: board::RATE_HZ as f64,
         resolution_m: 1e-6,
         full_scale_n: 5.906, // 0.5906 N/V times 10 V
-        period: PERIOD,
+        period: 10,          // until another one is set
         output: board::OUTPUT,
     },
     // Computing, and on a board with PWM the way to the next PWM period and half of that period

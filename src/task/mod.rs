@@ -31,6 +31,7 @@ use zwidth::{
     contract::{Encoder as _, FaultMemory as _},
     device::Start,
     experiment::{Order, Report},
+    period::PERIODS,
     safety::{Guard, GuardCommand, GuardedSampler, SampleReport, Supervisor, boot_fault},
 };
 
@@ -43,7 +44,13 @@ const REPORTS: usize = 16;
 const ORDERS: usize = 2;
 
 // `render` follows the positions of a whole output period.
-const _: () = assert!((device::PERIOD as usize) < position_ring::LENGTH / 2);
+const _: () = {
+    let mut periods: &[u32] = &PERIODS;
+    while let [period, rest @ ..] = periods {
+        assert!((*period as usize) < position_ring::LENGTH / 2);
+        periods = rest;
+    }
+};
 
 /// Memory of what goes between the tasks.
 pub struct Queues {
@@ -90,7 +97,8 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
 
     let loaded = zwidth::store::load(&mut board.settings, DEVICE.defaults());
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
-    let Start { stored, source, control, safety, duty, fault } = match DEVICE.start(&loaded, boot) {
+    let Start { stored, source, control, safety, period, fault } = match DEVICE.start(&loaded, boot)
+    {
         Ok(start) => start,
         Err(error) => link::refuse(board.link, board.watchdog, &error),
     };
@@ -113,7 +121,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     };
     (
         Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in),
-        Render::new(outputs, ends, Supervisor::new(safety, fault), control, stored.signs, duty),
+        Render::new(outputs, ends, Supervisor::new(safety, fault), control, stored.signs, period),
         Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
         Idle::new(board.watchdog),
     )

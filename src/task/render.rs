@@ -7,7 +7,9 @@ use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
     contract::{self, FaultMemory as _},
-    experiment::{DutyPlan, Order, Report, Sampling, Scheduler},
+    device::HISTORY,
+    experiment::{Order, PeriodPlan, Report, Sampling, Scheduler},
+    period,
     safety::{
         BlackBox, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand, SampleReport,
         Supervisor,
@@ -15,12 +17,12 @@ use zwidth::{
     store::Signs,
 };
 
-use super::{FLAGS, ORDERS, REPORTS, device::PERIOD};
+use super::{FLAGS, ORDERS, REPORTS};
 use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Supply};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
-/// Records of the black box: half a second at 1 kHz.
-const HISTORY: usize = 500;
+/// The longest output period.
+const LONGEST: u32 = period::PERIODS[period::PERIODS.len() - 1];
 
 /// The hardware that this task owns.
 pub struct Outputs {
@@ -93,9 +95,9 @@ impl Render {
         supervisor: Supervisor,
         control: LoopParameters,
         signs: Signs,
-        duty: DutyPlan,
+        PeriodPlan { duty, keep }: PeriodPlan,
     ) -> Self {
-        let history = BlackBox::new(BlackBox::<HISTORY>::every(board::RATE_HZ, PERIOD));
+        let history = BlackBox::new(keep);
         Self {
             outputs,
             ends,
@@ -113,8 +115,9 @@ impl Render {
     pub fn run(&mut self) {
         let Some(up) = self.ends.due.read() else { return };
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
+        // A halt is found by the longest period whatever the period is: a time, and known to the compiler.
         let sensed =
-            contract::sense(self.was_on, (up.motion.sample, PERIOD), drive, stop, supply, halts);
+            contract::sense(self.was_on, (up.motion.sample, LONGEST), drive, stop, supply, halts);
         // After that: what the sampling task cut has a reason here.
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
             self.guard.take(guard, number);

@@ -67,4 +67,5 @@ mod mailbox;
 mod panics;
 mod period;
 mod snapshots;
+mod twin;
 mod walk;

@@ -1,172 +1,263 @@
-//! Period 1: the release ELF built for an output with every sample, 10 kHz. It closes the loop, gives
-//! bit for bit what the core gives, and has the time for it.
+//! The output period, set on the console of one image: at each of them a hit whose every frame is that of the core's
+//! own tasks, the time that they leave, and the estimators that there is time for.
 
 use virtual_board::{
-    board::Board,
-    mcu::{RENDER, SAMPLE},
+    board::{BOARDS, Board, Force},
+    mcu::{LINK, RENDER, SAMPLE, Watch},
+    world::World,
 };
 use zwidth::{
-    CounterWidth, Design, Sampled, Sampler, Settings, VelocitySettings, WallSettings,
+    experiment::Order,
+    period::{PERIODS, leaves_time},
+    safety::Request,
+    store::Stored,
     telemetry::{Decoder, Flags, Record},
-    units::Force,
+    velocity::EstimatorName,
 };
 
 use crate::{
     figure::figure,
     firmware::{Firmware, arm, ok},
+    twin::{Twin, device},
 };
 
-each_board!(an_output_with_every_sample_works_and_has_the_time, ignored: "images of their own; CI runs it");
+each_board!(
+    every_period_has_the_time_and_its_hit_is_the_cores,
+    ignored: "a hit at every period; that at period 1 runs by default"
+);
+each_board!(
+    every_estimator_has_the_time_or_is_refused,
+    ignored: "an image of its own; CI runs it"
+);
 
-/// `sample` and `render` together, as a part of the time between two samples.
+/// `sample` and `render` together, as a part of the time between two outputs.
 const LOAD: f64 = 0.25;
 
-fn records(telemetry: Vec<u8>) -> (Vec<Record>, u64) {
+#[test]
+fn an_output_with_every_sample_is_set_on_the_console() {
+    hit_at(&Firmware::of(BOARDS[0]), 1);
+}
+
+fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
+    let firmware = Firmware::of(board);
+    for period in PERIODS {
+        let (watch, sent) = hit_at(&firmware, period);
+        let [sample, render, link] = [SAMPLE, RENDER, LINK].map(|task| watch.tasks[&task]);
+        let outputs = u64::from(period);
+        let between = (outputs * board.cycles_per_sample()) as f64;
+        let load = (outputs * sample.most + render.most) as f64 / between;
+        println!(
+            "{} period {period}: sample {}..{}, render {}..{}, link at most {}, {:.1} % of the time, delays {:?}, \
+             event to register {}..{}, {:.1} % of the frames",
+            board.name,
+            sample.least,
+            sample.most,
+            render.least,
+            render.most,
+            link.most,
+            100.0 * load,
+            watch.delays,
+            watch.commands.least,
+            watch.commands.most,
+            100.0 * sent,
+        );
+        for (key, value) in [
+            ("sample_least", sample.least),
+            ("sample_most", sample.most),
+            ("render_least", render.least),
+            ("render_most", render.most),
+            ("delay_least", *watch.delays.keys().next().unwrap()),
+            ("delay_most", *watch.delays.keys().last().unwrap()),
+            ("register_least", watch.commands.least),
+            ("register_most", watch.commands.most),
+        ] {
+            figure(&format!("elf/period/{}/{period}/{key}", board.name), value);
+        }
+        figure(&format!("elf/period/{}/{period}/load", board.name), load);
+        figure(&format!("elf/period/{}/{period}/sent", board.name), sent);
+        assert!(load <= LOAD, "{load}");
+        assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
+        assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
+    }
+}
+
+/// An order, and how a frame tells that the output before it has met it.
+struct Step {
+    order: Order,
+    told: fn(&Record, &Record) -> bool,
+}
+
+fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
+    after.flags.contains(flag) && !before.flags.contains(flag)
+}
+
+/// A hit at that period: its tasks, and the part of the frames that came.
+fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
+    let device = device(firmware.board);
+    let mut now = device.defaults();
+    let settings = |stored: &Stored| Step {
+        order: device.order(stored).unwrap(),
+        told: |before, after| after.settings != before.settings,
+    };
+    let request = |request, told| Step { order: Order::Request(request), told };
+    let mut world = firmware.boot();
+    // what the firmware proposes to itself is the first
+    let mut steps = vec![settings(&now)];
+    ok(&mut world, "zero");
+    steps.push(request(Request::Zero, |before, after| flagged(before, after, Flags::ZEROED)));
+    ok(&mut world, "unlock envelope");
+    steps.push(request(Request::Unlock, |before, after| flagged(before, after, Flags::UNLOCKED)));
+    ok(&mut world, &format!("period {period}"));
+    let plan = (period != now.period)
+        .then(|| Order::Period(device.period(&Stored { period, ..now }).unwrap()));
+    let plan_before = steps.len();
+    now.period = period;
+    steps.push(settings(&now));
+    for line in ["wall 0.005", "k 8000", "b 30", "push 2.835", "settle 0.1", "window 0.1"] {
+        ok(&mut world, line);
+    }
+    let wall = &mut now.settings.wall;
+    wall.position_m = 0.005;
+    steps.push(settings(&now));
+    now.settings.wall.stiffness_n_per_m = 8000.0;
+    steps.push(settings(&now));
+    now.settings.wall.damping_n_s_per_m = 30.0;
+    steps.push(settings(&now));
+    (now.push_n, now.settle_s, now.window_s) = (2.835, 0.1, 0.1);
+    ok(&mut world, "arm");
+    steps.push(request(Request::Arm, |before, after| flagged(before, after, Flags::ON)));
+    world.run(4_000).unwrap();
+    let refused = world.ask(&format!("period {period}")).unwrap();
+    assert_eq!(refused, "error: the force is on: disarm first");
+    world.powered.mcu.watch_mut().clear();
+    let asked = world.powered.mcu.counter_readings().len() as u64;
+    ok(&mut world, "hit");
+    let answered = world.powered.mcu.counter_readings().len() as u64;
+    let over = world.reply(60_000).unwrap();
+    assert!(over.starts_with("ok hit "), "{over}");
+    let watch = world.powered.mcu.watch().clone();
+    world.run(500).unwrap();
+    let status = ok(&mut world, "status");
+    assert!(status.contains("armed, fault none"), "{status}");
+    let (records, dropped) = records(&mut world);
+    let sent = records.len() as f64 / (records.len() as u64 + dropped) as f64;
+    assert!(sent > 0.99, "{sent}");
+
+    // Where each order was met; the plan of another period goes before its parameters.
+    let mut met: Vec<(u64, Order)> = vec![];
+    let mut pairs = records.windows(2);
+    for (n, Step { order, told }) in steps.into_iter().enumerate() {
+        let pair =
+            pairs.find(|pair| told(&pair[0], &pair[1])).unwrap_or_else(|| panic!("{n}: {order:?}"));
+        if n == plan_before {
+            met.extend(plan.map(|plan| (pair[0].sample - 10, plan)));
+        }
+        met.push((pair[0].sample, order));
+    }
+    let hit = Order::Hit(device.hit_sequence(&now, false).unwrap());
+    let readings = world.powered.mcu.counter_readings();
+    let differs = |hit_at: u64| {
+        let orders = met.iter().copied().chain([(hit_at, hit)]).collect();
+        first_difference(&device, &readings, &records, orders)
+    };
+    let found: Vec<_> = (asked..answered).map(differs).collect();
+    let same = found.iter().flatten().count() < found.len();
+    assert!(
+        same,
+        "period {period}: it differs at best from {:?} on",
+        found.iter().flatten().max_by_key(|(sample, ..)| sample)
+    );
+    let contacts = records.iter().filter(|record| record.flags.contains(Flags::CONTACT)).count();
+    println!("period {period}: {} frames equal, {contacts} in contact", records.len());
+    assert!(contacts as u32 * period > 500, "{contacts}");
+    (watch, sent)
+}
+
+/// The first frame that is not the core's: its sample, what the core says, and the frame.
+fn first_difference(
+    device: &zwidth::device::Device,
+    readings: &[u32],
+    records: &[Record],
+    orders: Vec<(u64, Order)>,
+) -> Option<(u64, Record, Record)> {
+    let [first, readings @ ..] = readings else { panic!("no counts") };
+    let mut twin = Twin::new(device, device.defaults(), *first);
+    let mut orders = orders.into_iter().peekable();
+    let mut records = records.iter().peekable();
+    for (n, &count) in (0u64..).zip(readings) {
+        let order = |_: &Record| orders.next_if(|(sample, _)| *sample <= n).map(|(_, order)| order);
+        let output = twin.sample(count, order);
+        if let Some(frame) = records.next_if(|record| record.sample == n)
+            && output != Some(*frame)
+        {
+            return Some((n, output.unwrap_or(Record::EMPTY), *frame));
+        }
+    }
+    None
+}
+
+fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     let mut decoder = Decoder::new();
+    let telemetry = std::mem::take(&mut world.telemetry);
     let frames = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
     (frames.map(|frame| frame.record).collect(), decoder.dropped)
 }
 
-fn an_output_with_every_sample_works_and_has_the_time(board: Board) {
-    println!("board           sample     render     load   event to DAC  delay  telemetry");
-    let firmware = Firmware::variant(board, &["period-1"]);
-    let mut world = firmware.boot();
-    arm(&mut world);
-    world.telemetry.clear();
-    world.powered.mcu.watch_mut().clear();
-
-    // In closed loop: the push drives the handle against the wall, where it comes to rest.
-    ok(&mut world, "hit");
-    let (mut latest, mut least) = (0, u64::MAX);
-    for n in 0..5_000 {
-        let before = world.powered.amplifier.changes().commands;
-        world.sample().unwrap();
-        let changes = world.powered.amplifier.changes();
-        let event = world.powered.mcu.last_event().unwrap();
-        if changes.commands != before && changes.command_at >= event {
-            latest = latest.max(changes.command_at - event);
-            least = least.min(changes.command_at - event);
+/// At each period every estimator in turn, in and out of the wall, with commands and lines of the log all the time: none
+/// makes an output late; which are refused is what the library says.
+fn every_estimator_has_the_time_or_is_refused(board: Board) {
+    let firmware = Firmware::variant(board, &["estimators"]);
+    let dac = matches!(board.wiring.force, Force::Dac { .. });
+    for period in PERIODS {
+        let mut world = firmware.boot();
+        ok(&mut world, &format!("period {period}"));
+        arm(&mut world);
+        let middle_m = world.position_m();
+        world.hold(middle_m, true);
+        world.run(300).unwrap();
+        let (mut refused, mut worst) = (vec![], ("", 0, 0));
+        for &name in EstimatorName::ALL {
+            world.powered.mcu.watch_mut().clear();
+            let reply = world.ask(&format!("estimator {}", name.text())).unwrap();
+            if let Err(slow) = leaves_time(name, period)
+                && !reply.contains("which this board has not")
+            {
+                assert_eq!(reply, format!("error: {slow}"));
+                refused.push(name.text());
+                continue;
+            }
+            if reply.contains("which this board has not") {
+                continue;
+            }
+            assert!(reply.starts_with("ok estimator"), "{reply}");
+            for n in 0..1_000u32 {
+                let phase = f64::from(n) / 500.0 * std::f64::consts::TAU;
+                world.hold(middle_m + 0.0053 * 0.5 * (1.0 - phase.cos()), true);
+                world.sample().unwrap();
+                if n % 50 == 49 {
+                    world.probe().unwrap();
+                    world
+                        .send(["status\n", "get\n", "rubbish\n", "k 7000\n"][(n / 50 % 4) as usize])
+                        .unwrap();
+                }
+            }
+            world.run(100).unwrap();
+            let status = ok(&mut world, "status");
+            assert!(status.contains("armed, fault none"), "{} at {period}: {status}", name.text());
+            let tasks = &world.powered.mcu.watch().tasks;
+            if tasks[&SAMPLE].most > worst.1 {
+                worst = (name.text(), tasks[&SAMPLE].most, tasks[&RENDER].most);
+            }
         }
-        if n % 50 == 49 {
-            world.probe().unwrap();
-        }
-    }
-    let (found, dropped) = records(std::mem::take(&mut world.telemetry));
-    let status = ok(&mut world, "status");
-    assert!(status.contains("armed, fault none") && status.contains("in contact"), "{status}");
-    let surface_m = firmware.scene.device.rest_position_m + 0.005;
-    let depth_m = world.position_m() - surface_m;
-    assert!((1e-4..1e-3).contains(&depth_m), "2.8 N on 8000 N/m: {depth_m}");
-    for pair in found.windows(2) {
-        assert!(pair[1].sample > pair[0].sample);
-    }
-    let sent = found.len() as f64 / (found.len() as u64 + dropped) as f64;
-    let consecutive = found.windows(2).filter(|p| p[1].sample == p[0].sample + 1).count();
-    assert!(consecutive > 4_000, "{consecutive}");
-
-    let watch = world.powered.mcu.watch().clone();
-    let [sample, render] = [SAMPLE, RENDER].map(|task| watch.tasks[&task]);
-    assert!(render.runs + 1 >= sample.runs, "{render:?} {sample:?}");
-    let load = (sample.most + render.most) as f64 / board.cycles_per_sample() as f64;
-    // Of a PWM the pin's edges tell nothing about when a command was written.
-    let to_dac = match board.wiring.force {
-        virtual_board::board::Force::Dac { .. } => format!("{least}..{latest}"),
-        virtual_board::board::Force::Pwm { .. } => "-".to_owned(),
-    };
-    println!(
-        "{:15} {}..{}   {}..{} {:5.1} % {to_dac:12}  {:?} {:5.1} %",
-        board.name,
-        sample.least,
-        sample.most,
-        render.least,
-        render.most,
-        100.0 * load,
-        watch.delays,
-        100.0 * sent,
-    );
-    let delays = &watch.delays;
-    for (key, value) in [
-        ("sample_least", sample.least),
-        ("sample_most", sample.most),
-        ("render_least", render.least),
-        ("render_most", render.most),
-        ("delay_least", *delays.keys().next().unwrap()),
-        ("delay_most", *delays.keys().last().unwrap()),
-        ("dac_least", least),
-        ("dac_most", latest),
-    ] {
-        figure(&format!("elf/period/{}/{key}", board.name), value);
-    }
-    figure(&format!("elf/period/{}/load", board.name), load);
-    figure(&format!("elf/period/{}/sent", board.name), sent);
-    assert!(load <= LOAD, "{load}");
-    assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
-    assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
-
-    same_as_the_core(&firmware, &mut world);
-}
-
-/// The forces of a handle that is led in and out of the wall, against the core's.
-fn same_as_the_core(firmware: &Firmware, world: &mut virtual_board::world::World<'_>) {
-    ok(world, "stop");
-    let middle_m = world.position_m();
-    world.hold(middle_m, true);
-    world.run(300).unwrap();
-    world.telemetry.clear();
-    let begun = world.powered.mcu.counter_readings().len();
-    for n in 0..2_000 {
-        let phase = f64::from(n) / 1_000.0 * std::f64::consts::TAU;
-        world.hold(middle_m - 0.001 * phase.sin(), true);
-        world.sample().unwrap();
-        if n % 50 == 49 {
-            world.probe().unwrap();
-        }
-    }
-    world.run(10).unwrap();
-    let (found, _) = records(std::mem::take(&mut world.telemetry));
-    let design = Design { period: 1, output: output(firmware), ..firmware.scene.design() };
-    let settings = Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
-        wall: WallSettings {
-            position_m: 0.005,
-            stiffness_n_per_m: 8000.0,
-            damping_n_s_per_m: 30.0,
-            push_only: true,
-        },
-    };
-    let control = settings.build(&design).unwrap();
-    let readings = world.powered.mcu.counter_readings();
-    // The counter's reading at position 0: what it reads now less what the firmware makes of it.
-    let last = found.last().unwrap();
-    let zero = readings[usize::try_from(last.sample).unwrap() + 1]
-        .wrapping_add_signed(-last.position.counts());
-    let mut sampler = Sampler::new(0, CounterWidth::Bits32);
-    let (mut compared, mut contacts) = (0, 0);
-    let mut found = found.iter().peekable();
-    for (n, reading) in (0u64..).zip(&readings[1..]) {
-        let Sampled { motion, due } = sampler.sample(&control, reading.wrapping_sub(zero));
-        assert!(due);
-        let Some(record) = found.next_if(|record| record.sample == n) else { continue };
-        if n < begun as u64 {
-            continue; // the filter has another past: it was not zeroed on the way
-        }
-        let drive = control.render(motion, Force::ZERO);
-        assert_eq!((record.position, record.velocity), (motion.position, motion.velocity), "{n}");
-        assert!(record.flags.contains(Flags::ARMED) && !record.flags.contains(Flags::CHANGING));
-        assert_eq!(
-            (record.force, record.command),
-            (drive.force, control.actuator.command(drive.force)),
-            "{n}"
+        let (name, sample, render) = worst;
+        println!(
+            "{} period {period}: refused {refused:?}; the longest {name}, sample {sample}, render {render}",
+            board.name
         );
-        compared += 1;
-        contacts += u32::from(drive.contact);
-    }
-    assert!(compared > 1_000 && contacts > 300, "{compared} {contacts}");
-}
-
-fn output(firmware: &Firmware) -> zwidth::Output {
-    match firmware.board.wiring.force {
-        virtual_board::board::Force::Dac { .. } => zwidth::Output::Dac { bits: 12 },
-        virtual_board::board::Force::Pwm { .. } => zwidth::Output::Pwm { steps: 4200 },
+        let key = format!("elf/period/{}/{period}", board.name);
+        figure(&format!("{key}/refused"), refused.join(" "));
+        figure(&format!("{key}/slowest"), name);
+        figure(&format!("{key}/slowest_sample"), sample);
+        assert!(!dac || !refused.is_empty() || period > 1);
     }
 }

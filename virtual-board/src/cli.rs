@@ -20,6 +20,7 @@ use host_sim::{
     scene::NamedScene,
 };
 use serde::Serialize;
+use zwidth::period::PERIODS;
 
 use crate::{
     board::{BOARDS, Board, NUCLEO_F446RE},
@@ -27,7 +28,7 @@ use crate::{
     fuzz::report::{self, Fuzz},
     image, log,
     mcu::{LINK, RENDER, SAMPLE},
-    session::{Failed, Session},
+    session::{Failed, Session, ask},
     world::World,
 };
 
@@ -100,6 +101,9 @@ struct Common {
     /// The firmware; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
+    /// Samples per output in place of the scene's: 1, 2, 5 or 10. `run` begins with it.
+    #[arg(long, value_name = "SAMPLES")]
+    period: Option<u32>,
 }
 
 /// Runs the command line; exit codes as of the simulator.
@@ -113,7 +117,7 @@ fn execute(command: Command) -> Result<(), Error> {
             let (scene, mut outputs) = common.open(force)?;
             let capture = outputs.option(telemetry.as_ref())?;
             let session = common.session(scene)?;
-            let ended = run(&session, &mut outputs, capture);
+            let ended = run(&session, common.period, &mut outputs, capture);
             // A capture is whole wherever it ends, and wanted most where the program stopped.
             outputs.commit().and(ended)
         }
@@ -133,14 +137,28 @@ fn execute(command: Command) -> Result<(), Error> {
 impl Common {
     /// The scene, and no output yet.
     fn open(&self, force: bool) -> Result<(NamedScene, Outputs), Error> {
-        let scene = NamedScene::load(&self.scene)?;
+        let mut scene = NamedScene::load(&self.scene)?;
+        if let Some(period) = self.period {
+            check_period("--period", period)?;
+            scene.scene.actuator.period = period;
+        }
         let inputs: Vec<PathBuf> = scene.files.iter().chain(&self.elf).cloned().collect();
         Ok((scene, Outputs::new(force, &inputs)))
     }
 
     fn session(&self, scene: NamedScene) -> Result<Session, Error> {
+        check_period("actuator.period", scene.scene.actuator.period)?;
         session(board(&self.board)?, self.elf.as_ref(), scene)
     }
+}
+
+/// Samples per output that a board has.
+fn check_period(name: &str, period: u32) -> Result<(), Error> {
+    if PERIODS.contains(&period) {
+        return Ok(());
+    }
+    let known = PERIODS.map(|period| period.to_string()).join(", ");
+    Err(Error::Input(format!("{name} is {period}, allowed on a board {known}")))
 }
 
 /// The board of that name.
@@ -227,8 +245,16 @@ const LINE_MAX: u64 = 1000;
 const LOOK: Duration = Duration::from_millis(50);
 
 /// As fast as it goes, at most as fast as real time; out of a file or pipe as fast as it goes.
-fn run(session: &Session, outputs: &mut Outputs, capture: Option<Place>) -> Result<(), Error> {
+fn run(
+    session: &Session,
+    period: Option<u32>,
+    outputs: &mut Outputs,
+    capture: Option<Place>,
+) -> Result<(), Error> {
     let mut world = session.boot()?;
+    if let Some(period) = period {
+        ask(&mut world, &format!("period {period}"))?;
+    }
     if let Some(capture) = capture {
         outputs.write(capture, &[])?; // a board that says nothing gives an empty file
     }

@@ -125,6 +125,7 @@ impl Session {
         world.run(REST_SAMPLES)?;
         for line in [
             "unlock envelope".to_owned(),
+            format!("period {}", scene.actuator.period),
             format!("estimator {}", estimator.text()),
             tuning,
             second,

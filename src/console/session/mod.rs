@@ -35,6 +35,8 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
+    /// What comes before settings of another output period: these.
+    Period(Stored, ChangedSetting),
     /// New settings: what to keep and how to reply.
     Settings(Stored, ChangedSetting),
     /// The end of what was going on.
@@ -220,6 +222,7 @@ impl<P: Port> Console<P> {
             }
             (_, Err(refusal)) => self.refuse(refusal),
             (Awaited::Done(name), Ok(())) => self.reply(Reply::Done(name)),
+            (Awaited::Period(stored, changed), Ok(())) => self.propose_next(stored, changed),
             (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
             (Awaited::Save, Ok(())) => {
                 let saved = self.port.save(&self.stored);

@@ -250,7 +250,7 @@ fn experiments_are_started_and_stopped() {
     let hit = DEVICE.hit_sequence(&bench.stored(), false).unwrap();
     assert_eq!(bench.orders("hit"), Order::Hit(hit));
     assert_eq!(bench.answer(Ok(())), ["ok hit"]);
-    let calibration = DEVICE.calibration(-20.0).unwrap();
+    let calibration = DEVICE.calibration(&DEVICE.defaults(), -20.0).unwrap();
     assert_eq!(bench.orders("calibrate -20"), Order::Calibrate(calibration));
     assert_eq!(bench.answer(Ok(())), ["ok calibrate"]);
     for answer in [Ok(()), Err(Refusal::Busy)] {
@@ -293,8 +293,61 @@ fn saving_stalls_writes_and_goes_on() {
     }
 }
 
+/// What is counted in outputs goes before the parameters; nothing is kept before both are taken.
 #[test]
-fn loading_takes_signs_and_full_scale_only_without_force() {
+fn another_period_sends_its_plan_first_and_is_refused_while_force_acts() {
+    let on = "error: the force is on: disarm first";
+    assert_eq!(Bench::new(ARMED).says("period 1"), on);
+    assert_eq!(Bench::new(Status { state: State::RampIn, ..OFF }).says("period 1"), on);
+    let mut bench = Bench::new(OFF);
+    for samples in ["0", "3", "-1", "20", "1.5", "4e9", "1e22"] {
+        let refused = bench.says(&format!("period {samples}"));
+        assert!(
+            refused.starts_with("error: period is ") && refused.ends_with(", allowed 1 2 5 10")
+        );
+    }
+    for (period, from) in [(1, 10), (2, 1), (5, 2), (10, 5)] {
+        let before = bench.stored();
+        let after = Stored { period, ..before };
+        assert_eq!(before.period, from);
+        let line = format!("period {period}");
+        let first = Order::Period(DEVICE.period(&after).unwrap());
+        assert_eq!(bench.orders(&line), first);
+        assert_eq!(bench.answer(Err(Refusal::On)), [on]);
+        assert_eq!(bench.stored(), before);
+        assert_eq!(bench.orders(&line), first);
+        bench.report(Event::Answer(Ok(())));
+        assert_eq!(bench.take(), (Vec::new(), std::vec![DEVICE.order(&after).unwrap()]));
+        assert_eq!(bench.stored(), before);
+        assert_eq!(bench.answer(Ok(())), [format!("ok period {period} samples")]);
+        assert_eq!(bench.stored(), after);
+        // the same once more is a change like any other
+        assert_eq!(bench.orders(&line), DEVICE.order(&after).unwrap());
+        assert_eq!(bench.answer(Ok(())), [format!("ok period {period} samples")]);
+        assert!(bench.says("get").ends_with(&format!(", period {period} samples")));
+    }
+}
+
+#[test]
+fn an_estimator_that_leaves_no_time_for_the_period_is_refused_either_way() {
+    let slow = |name: &&EstimatorName| {
+        let time = crate::period::leaves_time(**name, 1);
+        time.is_err() && name.missing(DEVICE.senses).is_none()
+    };
+    let Some(name) = EstimatorName::ALL.iter().find(slow) else { return };
+    let no_time = crate::period::leaves_time(*name, 1).unwrap_err();
+    let mut bench = Bench::new(OFF);
+    bench.console.stored.period = 1;
+    let refused = format!("error: {no_time}");
+    assert_eq!(bench.says(&format!("estimator {}", name.text())), refused);
+    let [first, second] = name.parameters().map(|p| p.map_or(0.0, |p| p.default));
+    bench.console.stored.period = 2;
+    bench.console.stored.settings.velocity = name.settings([first, second]);
+    assert_eq!(bench.says("period 1"), refused);
+}
+
+#[test]
+fn loading_takes_signs_full_scale_and_period_only_without_force() {
     let mut saved = DEVICE.defaults();
     saved.settings.wall.stiffness_n_per_m = 1000.0;
     let mut bench = Bench::new(ARMED);
@@ -302,13 +355,23 @@ fn loading_takes_signs_and_full_scale_only_without_force() {
     assert_eq!(bench.orders("load"), DEVICE.order(&saved).unwrap());
     assert_eq!(bench.answer(Ok(())), ["ok load: newest settings"]);
     let turned = crate::store::Signs { motor_reversed: true, encoder_reversed: false };
-    for other in [Stored { signs: turned, ..saved }, Stored { full_scale_n: 5.0, ..saved }] {
+    for other in [
+        Stored { signs: turned, ..saved },
+        Stored { full_scale_n: 5.0, ..saved },
+        Stored { period: 1, ..saved },
+    ] {
         let mut bench = Bench::new(ARMED);
         bench.console.port.flash = Some(other);
         assert_eq!(bench.says("load"), "error: the force is on: disarm first");
         bench.status = OFF;
         bench.report(Event::None);
-        assert_eq!(bench.orders("load"), DEVICE.order(&other).unwrap());
+        let mut order = bench.orders("load");
+        if other.period != saved.period {
+            assert_eq!(order, Order::Period(DEVICE.period(&other).unwrap()));
+            bench.report(Event::Answer(Ok(())));
+            order = bench.take().1[0];
+        }
+        assert_eq!(order, DEVICE.order(&other).unwrap());
         bench.report(Event::Answer(Ok(())));
         let (lines, orders) = bench.take();
         assert_eq!(lines, ["ok load: newest settings"]);

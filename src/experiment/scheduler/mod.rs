@@ -3,9 +3,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use super::{
     AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains, HitSequence,
-    Order, Report,
+    Order, PeriodPlan, Report,
 };
 use crate::{
     LoopParameters,
@@ -245,10 +247,23 @@ impl<const N: usize> Scheduler<N> {
             Order::LoopParameters(parameters, gains) => {
                 let parameters = parameters.after(&self.parameters);
                 self.supervisor.may_change(&self.parameters, &parameters)?;
+                let (old, new) = (self.parameters.period, parameters.period);
+                if old != new {
+                    cold_path();
+                    self.supervisor.set_period(old, new);
+                    sampling.command(self.supervisor.down());
+                }
                 sampling.set_parameters(parameters);
                 self.parameters = parameters;
                 self.gains = gains;
                 self.settings = self.settings.wrapping_add(1);
+                Ok(())
+            }
+            Order::Period(_) if !self.is_off() => Err(Refusal::On),
+            Order::Period(PeriodPlan { duty, keep }) => {
+                cold_path();
+                self.duty_plan = duty;
+                self.history.keep(keep);
                 Ok(())
             }
             Order::Hit(_) | Order::Calibrate(_)

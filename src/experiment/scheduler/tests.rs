@@ -21,6 +21,8 @@ const GOOD: Sensed = Sensed {
     enabled: true,
 };
 
+mod period;
+
 /// What reached the sampling task.
 #[derive(Default)]
 struct Sampler {
@@ -187,7 +189,7 @@ impl Bench {
     }
 
     fn calibrate(percent: f64) -> Order {
-        Order::Calibrate(DEVICE.calibration(percent).unwrap())
+        Order::Calibrate(DEVICE.calibration(&DEVICE.defaults(), percent).unwrap())
     }
 }
 

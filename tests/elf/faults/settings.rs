@@ -28,6 +28,7 @@ fn record(firmware: &Firmware, sequence: u32, stiffness_n_per_m: f64) -> [u32; R
                 push_only: true,
             },
         },
+        period: 10,
         push_n: 1.5,
         signs: Signs::default(),
         start_m: 0.0,

@@ -121,6 +121,7 @@ fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
                 push_only: flags[0],
             },
         },
+        period: 1 + number.to_bits() as u32 % 10,
         push_n: number,
         signs: Signs { motor_reversed: flags[1], encoder_reversed: flags[2] },
         start_m: number,

@@ -18,7 +18,7 @@ pub enum Form {
 }
 
 /// Every command in the order of `help`: its use.
-pub const COMMANDS: [(&str, Form); 38] = {
+pub const COMMANDS: [(&str, Form); 39] = {
     use Form::{Estimator, Nothing, Number, Words};
     [
         ("help", Nothing),
@@ -35,6 +35,7 @@ pub const COMMANDS: [(&str, Form); 38] = {
         ("tuning VALUE", Number),
         ("tuning2 VALUE", Number),
         ("estimator NAME", Estimator),
+        ("period SAMPLES", Number),
         ("push NEWTONS", Number),
         ("hit", Nothing),
         ("walk", Nothing),

@@ -229,7 +229,7 @@ impl Model {
             "k" | "b" | "push" => walk,
             name if GRID.iter().any(|(known, _)| *known == name) => walk,
             "start" | "settle" | "window" | "rms" => busy,
-            "motor" | "encoder" | "fullscale" => on,
+            "motor" | "encoder" | "fullscale" | "period" => on,
             "wall" | "cutoff" | "tuning" | "tuning2" | "estimator" | "load" => {
                 arming.or(walk).or(contact)
             }
@@ -339,6 +339,16 @@ impl Model {
                     return Answer::of_range(&error);
                 }
                 return self.change(new, format!("fullscale {number} N"), seen, newest);
+            }
+            // Another one than that is not asked for: the calculation beside the board has outputs at 1 kHz.
+            "period" if number == 10.0 => {
+                if let Err(error) = new.experiment_range() {
+                    return Answer::of_range(&error);
+                }
+                return self.change(new, "period 10 samples".into(), seen, newest);
+            }
+            "period" => {
+                return Answer::refused(&format!("period is {number}, allowed 1 2 5 10"));
             }
             "k" => {
                 new.k = number;

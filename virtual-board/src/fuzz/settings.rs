@@ -227,7 +227,7 @@ impl Settings {
         format!(
             "ok get k {} N/m, b {} N s/m, wall {} m, {cutoff}estimator {}, push {} N, push only, device {device}, \
              motor {}, encoder {}, full scale {} N, start {} m, settle {} s, window {} s, rms {} m, \
-             walk k {k} step {k_step} to {k_max} N/m, b {b} step {b_step} to {b_max} N s/m",
+             walk k {k} step {k_step} to {k_max} N/m, b {b} step {b_step} to {b_max} N s/m, period 10 samples",
             self.k,
             self.b,
             self.wall_m,

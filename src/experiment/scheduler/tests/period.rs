@@ -1,0 +1,188 @@
+//! Another output period, with the sampling task beside the scheduler.
+
+use super::*;
+use crate::{
+    CounterWidth, Design,
+    experiment::PeriodPlan,
+    period::PERIODS,
+    safety::{GuardView, GuardedSampler, SLEW},
+    velocity::Senses,
+};
+
+/// What the sampling task has.
+struct ToSample {
+    parameters: LoopParameters,
+    down: GuardCommand,
+}
+
+impl Sampling for ToSample {
+    fn set_parameters(&mut self, parameters: LoopParameters) {
+        self.parameters = parameters;
+    }
+
+    fn command(&mut self, command: GuardCommand) {
+        self.down = command;
+    }
+
+    fn turn_encoder(&mut self, _: bool) {}
+}
+
+/// Both tasks on a handle of 0.4 kg that nothing else moves.
+struct Tasks {
+    scheduler: Scheduler<4>,
+    sampler: GuardedSampler,
+    guard: Guard,
+    view: GuardView,
+    to_sample: ToSample,
+    orders: Vec<Order>,
+    answers: Vec<Result<(), Refusal>>,
+    force: Force,
+    place: f64,
+    speed: f64,
+    /// Outputs: number of the sample, force.
+    outputs: Vec<(u64, i32)>,
+}
+
+impl Tasks {
+    fn new(stored: &Stored) -> Self {
+        let PeriodPlan { duty, keep } = DEVICE.period(stored).unwrap();
+        let design = Design { period: stored.period, ..DEVICE.design };
+        let safety = DEVICE.safety.build(&design).unwrap();
+        let parameters = DEVICE.control(stored).unwrap();
+        let supervisor = Supervisor::new(safety, None);
+        let history = BlackBox::new(keep);
+        Self {
+            scheduler: Scheduler::new(supervisor, parameters, stored.signs, duty, history),
+            sampler: GuardedSampler::new(0, CounterWidth::Bits32),
+            guard: Guard::NOTHING,
+            view: GuardView::NOTHING,
+            to_sample: ToSample { parameters, down: GuardCommand::start(&safety) },
+            orders: Vec::new(),
+            answers: Vec::new(),
+            force: Force::ZERO,
+            place: 0.0,
+            speed: 0.0,
+            outputs: Vec::new(),
+        }
+    }
+
+    fn sample(&mut self) {
+        self.speed += f64::from(self.force.bits()) / 2f64.powi(30) * 5.906 / 0.4 * 1e-4;
+        self.place += self.speed * 1e-4;
+        #[expect(clippy::cast_possible_truncation, reason = "a few metres")]
+        let count = (self.place * 1e6).floor() as i32;
+        let ToSample { parameters, down } = &self.to_sample;
+        let counter = count.cast_unsigned();
+        let step = self.sampler.step(parameters, counter, &Senses::NONE, down, &mut self.guard);
+        let motion = step.report.motion;
+        if step.told {
+            self.view.take(self.guard, motion.number());
+        }
+        assert!(!step.cut, "{:?}", self.guard);
+        if !step.due {
+            return;
+        }
+        let guard = self.view.at(motion.number());
+        let on = self.force != Force::ZERO;
+        let sensed = Sensed { switched_on: on, ..GOOD };
+        let rendered = self.scheduler.output(&step.report, &guard, sensed);
+        self.force = rendered.grant.force().unwrap_or_default();
+        self.outputs.push((motion.sample, self.force.bits()));
+        self.to_sample.command(self.scheduler.command());
+        let positions = core::iter::once(motion.position);
+        let record = self.scheduler.follow(&rendered, motion.position, positions);
+        if self.scheduler.is_ready() && !self.orders.is_empty() {
+            let order = self.orders.remove(0);
+            self.scheduler.meet(order, &mut self.to_sample);
+        }
+        match self.scheduler.report(record).event {
+            Event::Answer(answer) => self.answers.push(answer),
+            Event::None => {}
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn run(&mut self, samples: u32) {
+        for _ in 0..samples {
+            self.sample();
+        }
+    }
+
+    /// As the console sends them.
+    fn set_period(&mut self, stored: &Stored) {
+        self.orders.push(Order::Period(DEVICE.period(stored).unwrap()));
+        self.orders.push(DEVICE.order(stored).unwrap());
+    }
+
+    fn status(&self) -> crate::safety::Status {
+        self.scheduler.supervisor.status()
+    }
+}
+
+#[test]
+fn a_change_of_period_is_no_late_output_and_sets_the_distance_of_the_outputs() {
+    for from in PERIODS {
+        for to in PERIODS {
+            for wait in 0..from {
+                let stored = Stored { period: from, ..DEVICE.defaults() };
+                let mut tasks = Tasks::new(&stored);
+                tasks.run(20 + wait);
+                tasks.outputs.clear();
+                tasks.set_period(&Stored { period: to, ..stored });
+                tasks.run(100);
+                assert_eq!(tasks.answers, [Ok(()), Ok(())]);
+                assert_eq!(tasks.status().fault, None, "{from} {to}");
+                let far = tasks.outputs.windows(2).map(|pair| pair[1].0 - pair[0].0);
+                let far: Vec<_> = far.collect();
+                let changed = far.iter().position(|&far| far == u64::from(to)).unwrap();
+                assert!(changed <= 3, "{from} {to}: {far:?}");
+                assert!(far[..changed].iter().all(|&far| far == u64::from(from)));
+                assert!(far[changed..].iter().all(|&far| far == u64::from(to)));
+            }
+        }
+    }
+}
+
+/// Sign test, ramp, step of a push and its end take the same time at every period, and a millisecond moves the force
+/// by at most 5 %.
+#[test]
+#[cfg_attr(miri, ignore = "arms four times")]
+fn arming_and_fading_take_their_time_at_every_period() {
+    for period in PERIODS {
+        let mut tasks = Tasks::new(&DEVICE.defaults());
+        let stored = Stored { period, ..DEVICE.defaults() };
+        tasks.set_period(&stored);
+        tasks.orders.push(Order::Request(Request::Zero));
+        tasks.run(100);
+        tasks.outputs.clear();
+        tasks.orders.push(Order::Request(Request::Arm));
+        let state_after = |tasks: &mut Tasks, samples| {
+            tasks.run(samples);
+            tasks.status().state
+        };
+        assert_eq!(state_after(&mut tasks, 980), State::SignTest, "{period}");
+        assert_eq!(state_after(&mut tasks, 50), State::RampIn, "{period}");
+        assert_eq!(state_after(&mut tasks, 1_950), State::RampIn, "{period}");
+        assert_eq!(state_after(&mut tasks, 50), State::Armed, "{period}");
+        // refused with force on, whole
+        tasks.answers.clear();
+        tasks.set_period(&Stored { period: if period == 1 { 10 } else { 1 }, ..stored });
+        tasks.run(30);
+        assert_eq!(tasks.answers, [Err(Refusal::On), Err(Refusal::On)]);
+        assert_eq!(tasks.scheduler.parameters.period.get(), period);
+        tasks.scheduler.push = Force::FULL_SCALE;
+        tasks.run(180);
+        assert_ne!(tasks.force, Force::FULL_SCALE);
+        tasks.run(30);
+        assert_eq!(tasks.force, Force::FULL_SCALE, "{period}");
+        tasks.orders.push(Order::Stop);
+        tasks.run(240);
+        assert_eq!((tasks.force, tasks.status().fault), (Force::ZERO, None), "{period}");
+        let outputs = &tasks.outputs;
+        let ms = 10 / period as usize;
+        for pair in outputs.windows(ms + 1) {
+            let ((_, first), (_, last)) = (pair[0], pair[ms]);
+            assert!((last - first).abs() <= SLEW + 1, "{period}: {pair:?}");
+        }
+    }
+}

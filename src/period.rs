@@ -1,0 +1,92 @@
+//! Output periods: which there are, and which estimators leave the time for them.
+
+use core::fmt;
+
+use crate::velocity::EstimatorName;
+
+/// Samples per output that a board can be set to.
+pub const PERIODS: [u32; 4] = [1, 2, 5, 10];
+
+/// Core cycles from one sample to the next of the slowest board, 168 MHz.
+const SAMPLE: u32 = 16_800;
+/// Of a sample, but for the estimator: handler, guard, hand-over.
+const GUARD: u32 = 160;
+/// Of a `render` without an order, and of those of small ones: large ones are not given while the logger writes.
+const RENDER: u32 = 3_400;
+/// For which the logger keeps `render` waiting at most, but for the sample within it.
+const MASK: u32 = 8_600;
+
+/// Cycles that the longest update of an estimator may take: all that there is between two outputs, less a fifth of it
+/// for wait states, less a `render` that the logger has kept waiting.
+pub const fn cycles_allowed(period: u32) -> u32 {
+    let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
+    match between.checked_div(period) {
+        Some(each) => each.saturating_sub(GUARD),
+        None => 0,
+    }
+}
+
+/// Estimators whose longest update takes more than is allowed at some of the periods, and its cycles, as measured
+/// (docs/estimators.md). All others take less.
+pub const SLOW: [(&str, u32); 5] = [
+    ("least-squares-1", 1700),
+    ("least-squares-2", 1700),
+    ("foaw-end", 2390),
+    ("foaw-best", 3434),
+    ("time-stamps", 1570),
+];
+
+/// An estimator that leaves no time for an output period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooSlow {
+    /// The estimator.
+    pub estimator: EstimatorName,
+    /// Cycles of its longest update.
+    pub cycles: u32,
+    /// The period, samples.
+    pub period: u32,
+}
+
+/// Whether that estimator leaves the time for an output each `period` samples.
+///
+/// # Errors
+/// Says why not.
+pub fn leaves_time(estimator: EstimatorName, period: u32) -> Result<(), TooSlow> {
+    match SLOW.iter().find(|(name, _)| *name == estimator.text()) {
+        Some(&(_, cycles)) if cycles > cycles_allowed(period) => {
+            Err(TooSlow { estimator, cycles, period })
+        }
+        _ => Ok(()),
+    }
+}
+
+impl fmt::Display for TooSlow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { estimator, cycles, period } = *self;
+        let (name, most) = (estimator.text(), cycles_allowed(period));
+        write!(f, "estimator {name} takes {cycles} cycles, at period {period} allowed {most}")?;
+        let longer = PERIODS.into_iter().filter(|&period| leaves_time(estimator, period).is_ok());
+        write!(f, ": use another, or period")?;
+        longer.into_iter().try_for_each(|period| write!(f, " {period}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn slow_estimators_are_refused_where_there_is_no_time_and_told_where_there_is() {
+        assert_eq!(PERIODS.map(cycles_allowed), [1280, 7280, 10_880, 12_080]);
+        for &estimator in EstimatorName::ALL {
+            let slow = SLOW.iter().any(|(name, _)| *name == estimator.text());
+            let refused = PERIODS.map(|period| leaves_time(estimator, period).is_err());
+            assert_eq!(refused, [slow, false, false, false], "{estimator:?}");
+        }
+        let slow = TooSlow { estimator: EstimatorName::Difference, cycles: 3434, period: 1 };
+        let text = "estimator difference takes 3434 cycles, at period 1 allowed 1280: \
+                    use another, or period 1 2 5 10";
+        assert_eq!(slow.to_string(), text);
+    }
+}
