@@ -24,14 +24,16 @@ fn built_from() -> [String; 2] {
         println!("cargo::rerun-if-changed={path}");
     }
     if let Some(git_dir) = git(&["rev-parse", "--absolute-git-dir"]) {
-        for file in ["HEAD", "index", "logs/HEAD"] {
+        for file in ["HEAD", "logs/HEAD"] {
             if std::path::Path::new(&git_dir).join(file).exists() {
                 println!("cargo::rerun-if-changed={git_dir}/{file}");
             }
         }
     }
     let commit = git(&["rev-parse", "HEAD"]).unwrap_or_else(|| "unknown".into());
-    let dirty = match git(&["status", "--porcelain", "--untracked-files=no"]) {
+    // Without optional locks: else a fresh clone's index is written, which nobody asked for.
+    let dirty = match git(&["--no-optional-locks", "status", "--porcelain", "--untracked-files=no"])
+    {
         Some(changes) => (!changes.is_empty()).to_string(),
         None => "unknown".into(),
     };
