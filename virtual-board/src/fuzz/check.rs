@@ -50,7 +50,9 @@ impl Run<'_> {
             zeroed: frame.is(flag::ZEROED),
             stop_closed: frame.is(flag::STOP_CLOSED),
             supply_good,
-            valid: old.unlocked || mind.model.settings.inside(&mind.model.envelope).is_ok(),
+            // the first output after a reset is made before the link has judged the settings
+            valid: mind.boots.is_none()
+                && (old.unlocked || mind.model.settings.inside(&mind.model.envelope).is_ok()),
             unlocked: frame.is(flag::UNLOCKED),
             fault: frame.fault,
         };
@@ -70,27 +72,29 @@ impl Run<'_> {
         mind.before = old;
         mind.view = new;
         mind.counts.armed += u64::from(new.armed);
-        self.outputs(&frame)
+        Ok(())
     }
 
-    /// What the hardware gives is what the frame says.
-    fn outputs(&self, frame: &Frame) -> Result<(), End> {
-        let on = frame.is(flag::ON);
-        let amplifier = &self.world.powered.amplifier;
-        if !on && amplifier.is_enabled() {
+    /// What the hardware gives is what the newest frame says, with the motor's sign; or it is off since.
+    pub(super) fn outputs(&self) -> Result<(), End> {
+        let View { sample, on, code, .. } = self.mind.view;
+        let enabled = self.world.powered.amplifier.is_enabled();
+        if !on && enabled {
             return differs(format!(
-                "enable is active while the frame of sample {} says off",
-                frame.sample
+                "enable is active while the frame of sample {sample} says off"
             ));
         }
-        let Force::Dac { .. } = self.world.powered.board.wiring.force else { return Ok(()) };
-        let [.., code] = self.world.powered.mcu.force_registers();
-        let reversed = self.mind.model.settings.motor_reversed && on;
-        let told = if reversed { 4096 - frame.code } else { frame.code };
-        if i64::from(code) != i64::from(told) && self.mind.asked.is_empty() {
+        let [magnitude, sign, dac] = self.world.powered.mcu.force_registers().map(i64::from);
+        let (zero, given) = match self.world.powered.board.wiring.force {
+            Force::Dac { .. } => (2048, dac - 2048),
+            Force::Pwm { .. } => (0, if sign == 0 { magnitude } else { -magnitude }),
+        };
+        let told = i64::from(code) - zero;
+        let told = if self.mind.model.settings.motor_reversed && on { -told } else { told };
+        let off_since = given == 0 && !enabled;
+        if given != told && !off_since && self.mind.asked.is_empty() {
             return differs(format!(
-                "the DAC has {code} and the frame of sample {} {told}",
-                frame.sample
+                "the output's code is {given} from zero, and {told} in the frame of sample {sample}"
             ));
         }
         Ok(())

@@ -160,8 +160,10 @@ fn off(random: &mut Random, mind: &Mind) -> Vec<Action> {
             ]);
             say(line)
         }
-        _ if mind.model.settings.motor_reversed => say("motor +"),
-        _ if mind.model.settings.encoder_reversed => say("encoder +"),
+        // with both of them round the board arms and pushes the other way
+        _ if mind.model.settings.motor_reversed != mind.model.settings.encoder_reversed => {
+            say(random.of(&["motor +", "motor -", "encoder +", "encoder -"]))
+        }
         _ if *stop_open => vec![Action::Stop(false), Action::Wait(30)],
         _ if mind.supply_mv < 2_900 => {
             vec![Action::Supply(mind.model.board.supply_mv), Action::Wait(30)]

@@ -111,6 +111,8 @@ pub struct Mind {
     pub(super) boots: Option<Vec<u8>>,
     pub(super) calm_at: u64,
     pub(super) zero_lost_until: u64,
+    /// The next frame has to say that the zero is lost.
+    pub(super) loses_zero: bool,
     pub(super) allowed: Allowed,
     /// For fault 13 and 11: outputs with force without motion; the fastest of late.
     pub(super) still: (u64, i32),
@@ -177,6 +179,7 @@ impl<'a> Run<'a> {
             boots: Some(vec![0]),
             calm_at: 0,
             zero_lost_until: 0,
+            loses_zero: false,
             allowed: Allowed::default(),
             still: (0, 0),
             fastest: 0,
@@ -295,7 +298,11 @@ impl<'a> Run<'a> {
             self.world.sample()?;
             self.mind.now += 1;
             self.mind.waited += 1;
+            let before = self.mind.view.sample;
             self.probe()?;
+            if self.mind.view.sample != before {
+                self.outputs()?;
+            }
             if self.mind.now.is_multiple_of(16) && interrupt::is_requested() {
                 return Err(End::Interrupted);
             }
