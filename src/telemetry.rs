@@ -1,9 +1,16 @@
 //! What the board tells: one record per output, and its form on the wire.
 //!
-//! A frame is 40 bytes, least significant byte first; `docs/telemetry.md` has the table. The sample
-//! index is sent whole: its low 32 bits would wrap within a day at 50 kHz and leave every reader to
+//! At 1 kHz a frame is one output, layout 1, 40 bytes; where outputs are closer, layout 2 has all of a millisecond, so
+//! that the link has no more frames than at 1 kHz. Least significant byte first; `docs/telemetry.md` has the tables. The
+//! sample index is sent whole: its low 32 bits would wrap within a day at 50 kHz and leave every reader to
 //! guess, for 4 bytes less. The CRC covers everything before it, magic included, so that a false
 //! frame in garbage passes once in 2^32 times where the magic happens to stand.
+
+mod decoder;
+#[cfg(test)]
+mod tests;
+
+pub use decoder::Decoder;
 
 use crate::{
     crc,
@@ -94,10 +101,21 @@ pub struct Frame {
 impl Frame {
     /// First two bytes of every frame.
     pub const MAGIC: [u8; 2] = *b"ZW";
-    /// Version of the layout, the third byte.
+    /// Version of the layout of one output, the third byte.
     pub const VERSION: u8 = 1;
-    /// Length on the wire, bytes.
+    /// Length of that on the wire, bytes.
     pub const LEN: usize = 40;
+    /// Version of the layout of several.
+    pub const VERSION_2: u8 = 2;
+    /// Longest frame on the wire, bytes.
+    pub const LEN_MAX: usize = 256;
+    /// Most outputs of a frame.
+    pub const OUTPUTS: usize = 10;
+    /// Bytes in front of the newest output's length, and of each output before it.
+    const HEAD: usize = 36;
+    const EARLIER: usize = 18;
+    /// Part of a frame of layout 2: the outputs before the newest.
+    const PART_EARLIER: u8 = 1;
 }
 
 impl Record {
@@ -115,22 +133,12 @@ impl Record {
 }
 
 impl Frame {
-    /// The frame's bytes.
+    /// The frame's bytes, layout 1.
     #[inline]
     pub fn encode(&self) -> [u8; Self::LEN] {
-        let record = &self.record;
         let mut bytes = [0; Self::LEN];
         let mut rest: &mut [u8] = &mut bytes;
-        put(&mut rest, &Self::MAGIC);
-        put(&mut rest, &[Self::VERSION, record.fault]);
-        put(&mut rest, &self.sequence.to_le_bytes());
-        put(&mut rest, &record.sample.to_le_bytes());
-        put(&mut rest, &record.position.counts().to_le_bytes());
-        put(&mut rest, &record.velocity.bits().to_le_bytes());
-        put(&mut rest, &record.force.bits().to_le_bytes());
-        put(&mut rest, &record.command.code().to_le_bytes());
-        put(&mut rest, &record.flags.bits().to_le_bytes());
-        put(&mut rest, &record.settings.to_le_bytes());
+        self.put_head(&mut rest, Self::VERSION);
         let check = bytes.split_last_chunk::<4>().map_or(0, |(body, _)| crc::of_bytes(body));
         if let Some((_, place)) = bytes.split_last_chunk_mut::<4>() {
             *place = check.to_le_bytes();
@@ -138,32 +146,88 @@ impl Frame {
         bytes
     }
 
-    /// The frame in those bytes, if they are one of this version.
+    /// What both layouts begin with.
+    #[inline]
+    fn put_head(&self, rest: &mut &mut [u8], version: u8) {
+        let record = &self.record;
+        put(rest, &Self::MAGIC);
+        put(rest, &[version, record.fault]);
+        put(rest, &self.sequence.to_le_bytes());
+        put(rest, &record.sample.to_le_bytes());
+        put(rest, &record.position.counts().to_le_bytes());
+        put(rest, &record.velocity.bits().to_le_bytes());
+        put(rest, &record.force.bits().to_le_bytes());
+        put(rest, &record.command.code().to_le_bytes());
+        put(rest, &record.flags.bits().to_le_bytes());
+        put(rest, &record.settings.to_le_bytes());
+    }
+
+    /// The bytes of outputs that follow each other by `period` samples, layout 2: `earlier`, oldest first, at most
+    /// [`OUTPUTS`](Self::OUTPUTS) less one, then this one. Settings and fault are this one's.
+    pub fn encode_after<'a>(
+        &self,
+        earlier: &[Record],
+        period: u8,
+        bytes: &'a mut [u8; Self::LEN_MAX],
+    ) -> &'a [u8] {
+        let earlier = earlier.get(..Self::OUTPUTS - 1).unwrap_or(earlier);
+        let part = earlier.len() * Self::EARLIER;
+        let length = Self::HEAD + 4 + 2 + part;
+        let mut rest: &mut [u8] = bytes;
+        self.put_head(&mut rest, Self::VERSION_2);
+        #[expect(clippy::cast_possible_truncation, reason = "at most 9 outputs of 18 bytes")]
+        let (whole, part) = ((length + 4) as u16, part as u8);
+        put(&mut rest, &whole.to_le_bytes());
+        put(&mut rest, &[period, 0]);
+        put(&mut rest, &[Self::PART_EARLIER, part]);
+        for record in earlier {
+            put(&mut rest, &record.position.counts().to_le_bytes());
+            put(&mut rest, &record.velocity.bits().to_le_bytes());
+            put(&mut rest, &record.force.bits().to_le_bytes());
+            put(&mut rest, &record.command.code().to_le_bytes());
+            put(&mut rest, &record.flags.bits().to_le_bytes());
+        }
+        let check = crc::of_bytes(bytes.get(..length).unwrap_or_default());
+        if let Some(place) = bytes.get_mut(length..).and_then(<[u8]>::first_chunk_mut::<4>) {
+            *place = check.to_le_bytes();
+        }
+        bytes.get(..length + 4).unwrap_or_default()
+    }
+
+    /// The frame in those bytes, if they are one of layout 1.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Option<Self> {
-        let mut rest: &[u8] = bytes;
+        Self::read(bytes).filter(|_| bytes.get(2) == Some(&Self::VERSION))
+    }
+
+    /// The newest output of a frame, whose bytes these are as a whole.
+    fn read(bytes: &[u8]) -> Option<Self> {
+        let mut rest = bytes;
         if take(&mut rest)? != Self::MAGIC {
             return None;
         }
-        let [version, fault] = take(&mut rest)?;
-        if version != Self::VERSION {
-            return None;
-        }
+        let [_, fault] = take(&mut rest)?;
         let (body, check) = bytes.split_last_chunk::<4>()?;
         if crc::of_bytes(body) != u32::from_le_bytes(*check) {
             return None;
         }
+        let sequence = u32::from_le_bytes(take(&mut rest)?);
+        let sample = u64::from_le_bytes(take(&mut rest)?);
+        let record = Record { sample, fault, ..Record::of(&mut rest)? };
+        let settings = u16::from_le_bytes(take(&mut rest)?);
+        Some(Self { sequence, record: Record { settings, ..record } })
+    }
+}
+
+impl Record {
+    /// What there is of every output.
+    fn of(rest: &mut &[u8]) -> Option<Self> {
         Some(Self {
-            sequence: u32::from_le_bytes(take(&mut rest)?),
-            record: Record {
-                sample: u64::from_le_bytes(take(&mut rest)?),
-                position: Position::from_counts(i32::from_le_bytes(take(&mut rest)?)),
-                velocity: Velocity::saturating_from_bits(i32::from_le_bytes(take(&mut rest)?)),
-                force: Force::saturating_from_bits(i32::from_le_bytes(take(&mut rest)?)),
-                command: OutputCode(i32::from_le_bytes(take(&mut rest)?)),
-                flags: Flags::from_bits(u16::from_le_bytes(take(&mut rest)?)),
-                settings: u16::from_le_bytes(take(&mut rest)?),
-                fault,
-            },
+            position: Position::from_counts(i32::from_le_bytes(take(rest)?)),
+            velocity: Velocity::saturating_from_bits(i32::from_le_bytes(take(rest)?)),
+            force: Force::saturating_from_bits(i32::from_le_bytes(take(rest)?)),
+            command: OutputCode(i32::from_le_bytes(take(rest)?)),
+            flags: Flags::from_bits(u16::from_le_bytes(take(rest)?)),
+            ..Self::EMPTY
         })
     }
 }
@@ -181,201 +245,4 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     let (bytes, behind) = rest.split_first_chunk::<N>()?;
     *rest = behind;
     Some(*bytes)
-}
-
-/// Finds the frames in a stream that may begin anywhere and hold anything.
-///
-/// After garbage it looks for the next frame at every byte, so a damaged frame costs itself only.
-#[derive(Clone, Copy, Debug)]
-pub struct Decoder {
-    window: [u8; Frame::LEN],
-    filled: usize,
-    next: Option<u32>,
-    /// Frames that were found.
-    pub frames: u64,
-    /// Frames that are missing between those that were found, as their sequence tells.
-    pub dropped: u64,
-    /// Bytes that belong to no frame.
-    pub garbage: u64,
-}
-
-impl Default for Decoder {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Decoder {
-    /// A decoder that has seen nothing.
-    pub const fn new() -> Self {
-        Self { window: [0; Frame::LEN], filled: 0, next: None, frames: 0, dropped: 0, garbage: 0 }
-    }
-
-    /// Takes one byte; answers with the frame that it completes.
-    pub fn push(&mut self, byte: u8) -> Option<Frame> {
-        if let Some(place) = self.window.get_mut(self.filled) {
-            *place = byte;
-            self.filled += 1;
-        }
-        if self.filled < Frame::LEN {
-            return None;
-        }
-        let Some(frame) = Frame::decode(&self.window) else {
-            self.skip();
-            return None;
-        };
-        self.filled = 0;
-        self.frames += 1;
-        let gap = self.next.map_or(0, |next| frame.sequence.wrapping_sub(next));
-        // A sequence that seems to go back is a board that began anew, not four billion drops.
-        if gap < u32::MAX / 2 {
-            self.dropped += u64::from(gap);
-        }
-        self.next = Some(frame.sequence.wrapping_add(1));
-        Some(frame)
-    }
-
-    /// The end of the stream: bytes of an unfinished frame are garbage too.
-    pub fn finish(&mut self) {
-        self.garbage += self.filled as u64;
-        self.filled = 0;
-    }
-
-    /// Drops bytes up to the next one that could begin a frame.
-    fn skip(&mut self) {
-        let [first, second] = Frame::MAGIC;
-        let may_start = |place: usize| {
-            self.window.get(place) == Some(&first)
-                && self.window.get(place + 1).is_none_or(|&byte| byte == second)
-        };
-        let start = (1..Frame::LEN).find(|&place| may_start(place)).unwrap_or(Frame::LEN);
-        self.garbage += start as u64;
-        self.window.rotate_left(start % Frame::LEN);
-        self.filled = Frame::LEN - start;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-    use std::vec::Vec;
-
-    prop_compose! {
-        fn frames()(
-            sequence in any::<u32>(), sample in any::<u64>(), position in any::<i32>(),
-            velocity in -(32_767i32 << 16)..=32_767 << 16, force in -(1i32 << 30)..=1 << 30,
-            command in any::<i32>(), flags in any::<u16>(), settings in any::<u16>(),
-            fault in any::<u8>(),
-        ) -> Frame {
-            Frame {
-                sequence,
-                record: Record {
-                    sample,
-                    position: Position::from_counts(position),
-                    velocity: Velocity::saturating_from_bits(velocity),
-                    force: Force::saturating_from_bits(force),
-                    command: OutputCode(command),
-                    flags: Flags::from_bits(flags),
-                    settings,
-                    fault,
-                },
-            }
-        }
-    }
-
-    fn frame(sequence: u32) -> Frame {
-        Frame { sequence, ..Frame::default() }
-    }
-
-    /// The bytes that `docs/telemetry.md` shows.
-    const EXAMPLE: [u8; Frame::LEN] = [
-        0x5A, 0x57, 1, 0, 7, 0, 0, 0, 0x10, 0x27, 0, 0, 0, 0, 0, 0, 0x70, 0x11, 1, 0, 0, 0x80, 0,
-        0, 0, 0, 0, 0xE0, 0, 4, 0, 0, 0x9B, 1, 3, 0, 0, 0, 0, 0,
-    ];
-
-    #[test]
-    fn the_layout_is_the_documented_one() {
-        let bytes = Frame {
-            sequence: 7,
-            record: Record {
-                sample: 10_000,
-                position: Position::from_counts(70_000),
-                velocity: Velocity::saturating_from_bits(1 << 15),
-                force: Force::saturating_from_bits(-(1 << 29)),
-                command: OutputCode(1024),
-                flags: Flags::from_bits(0x019B),
-                settings: 3,
-                fault: 0,
-            },
-        }
-        .encode();
-        assert_eq!(bytes[..36], EXAMPLE[..36]);
-        assert_eq!(bytes[36..], crc::of_bytes(&EXAMPLE[..36]).to_le_bytes());
-        let document = include_str!("../docs/telemetry.md");
-        let dump: Vec<_> = bytes.iter().map(|b| std::format!("{b:02X}")).collect();
-        let shown = document.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(shown.contains(&dump.join(" ")), "{}", dump.join(" "));
-    }
-
-    #[test]
-    fn drops_are_counted_across_the_wrap_and_a_restart_is_none() {
-        let mut decoder = Decoder::new();
-        for sequence in [u32::MAX - 1, u32::MAX, 0, 3, 4, 0, 1] {
-            let found: Vec<_> = frame(sequence)
-                .encode()
-                .into_iter()
-                .filter_map(|byte| decoder.push(byte))
-                .collect();
-            assert_eq!(found, [frame(sequence)]);
-        }
-        assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (7, 2, 0));
-    }
-
-    /// Frames in a stream, and bytes of garbage before each.
-    const PARTS: usize = if cfg!(miri) { 3 } else { 20 };
-    const NOISE: usize = if cfg!(miri) { 8 } else { 90 };
-
-    proptest! {
-        #[test]
-        fn any_frame_comes_back_and_no_flipped_byte_passes(
-            frame in frames(), place in 0..Frame::LEN, flip in 1u8..
-        ) {
-            let mut bytes = frame.encode();
-            prop_assert_eq!(Frame::decode(&bytes), Some(frame));
-            bytes[place] ^= flip;
-            prop_assert_eq!(Frame::decode(&bytes), None);
-        }
-
-        #[test]
-        fn every_whole_frame_is_found_between_garbage(
-            parts in prop::collection::vec(
-                (frames(), prop::collection::vec(prop_oneof![Just(b'Z'), Just(b'W'), any::<u8>()], 0..NOISE)),
-                0..PARTS,
-            )
-        ) {
-            let mut decoder = Decoder::new();
-            let (mut found, mut sent, mut garbage) = (Vec::new(), Vec::new(), 0);
-            for (frame, noise) in &parts {
-                sent.push(*frame);
-                garbage += noise.len() as u64;
-                for byte in noise.iter().copied().chain(frame.encode()) {
-                    found.extend(decoder.push(byte));
-                }
-            }
-            decoder.finish();
-            prop_assert_eq!(found, sent);
-            prop_assert_eq!(decoder.garbage, garbage);
-        }
-
-        #[test]
-        fn a_cut_frame_costs_itself_only(cut in 1..Frame::LEN) {
-            let mut decoder = Decoder::new();
-            let stream = [&frame(0).encode()[..], &frame(1).encode()[cut..], &frame(2).encode()]
-                .concat();
-            let found: Vec<_> = stream.into_iter().filter_map(|b| decoder.push(b)).collect();
-            prop_assert_eq!(found, [frame(0), frame(2)]);
-            prop_assert_eq!(decoder.dropped, 1);
-        }
-    }
 }

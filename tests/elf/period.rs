@@ -199,8 +199,13 @@ fn first_difference(
 fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     let mut decoder = Decoder::new();
     let telemetry = std::mem::take(&mut world.telemetry);
-    let frames = telemetry.into_iter().filter_map(|byte| decoder.push(byte));
-    (frames.map(|frame| frame.record).collect(), decoder.dropped)
+    let mut found = vec![];
+    for byte in telemetry {
+        if let Some(frame) = decoder.push(byte) {
+            found.extend(decoder.outputs(frame).map(|frame| frame.record));
+        }
+    }
+    (found, decoder.dropped)
 }
 
 /// At each period every estimator in turn, in and out of the wall, with commands and lines of the log all the time: none

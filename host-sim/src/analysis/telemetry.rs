@@ -7,7 +7,7 @@ use zwidth::telemetry::{Decoder, Flags, Frame, Record};
 /// All frames of a capture, and what was between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
-    /// The frames, in the order in which they came.
+    /// The frames, in the order in which they came; one for each output of a frame that has several.
     pub frames: Vec<Frame>,
     /// Frames that are missing between them, as their sequence tells.
     pub dropped: u64,
@@ -19,8 +19,15 @@ impl Capture {
     /// Decodes a capture that may begin and end anywhere and hold anything.
     pub fn decode(bytes: &[u8]) -> Self {
         let mut decoder = Decoder::new();
-        let frames = bytes.iter().filter_map(|byte| decoder.push(*byte)).collect();
-        decoder.finish();
+        let mut frames = Vec::new();
+        for byte in bytes {
+            if let Some(frame) = decoder.push(*byte) {
+                frames.extend(decoder.outputs(frame));
+            }
+        }
+        while let Some(frame) = decoder.finish() {
+            frames.extend(decoder.outputs(frame));
+        }
         Self { frames, dropped: decoder.dropped, garbage_bytes: decoder.garbage }
     }
 

@@ -53,7 +53,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     let (Some(first), Some(last)) = (capture.frames.first(), capture.frames.last()) else {
         let length = bytes.len();
         return Err(Error::Input(format!(
-            "{name}: no telemetry frame of layout 1 in {length} bytes; docs/telemetry.md has the layout"
+            "{name}: no telemetry frame of layout 1 or 2 in {length} bytes; docs/telemetry.md has the layout"
         )));
     };
     if let Some(csv) = csv {

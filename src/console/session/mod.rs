@@ -14,6 +14,7 @@ use super::{
     reply_channel::ReplyChannel,
 };
 use crate::{
+    contract::RATE_HZ,
     device::Device,
     experiment::{Activity, Event, Order, Report, WalkTotals},
     safety::{Refusal, Request},
@@ -74,6 +75,14 @@ pub struct Console<P> {
     restore_wall: bool,
     pub(super) streaming: bool,
     sequence: u32,
+    /// Outputs of the frame that is being filled, where one has several.
+    batch: Batch,
+}
+
+/// Outputs that follow each other, with the same settings and fault.
+struct Batch {
+    outputs: [Record; Frame::OUTPUTS],
+    count: usize,
 }
 
 impl<P: Port> Console<P> {
@@ -92,6 +101,7 @@ impl<P: Port> Console<P> {
             restore_wall: false,
             streaming: true,
             sequence: 0,
+            batch: Batch { outputs: [Record::EMPTY; Frame::OUTPUTS], count: 0 },
         };
         console.version();
         console.reply(Reply::Loaded(source));
@@ -154,14 +164,52 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A frame of telemetry, if it is on; a full channel drops it, and its number with it.
+    /// Telemetry, if it is on: a frame for each output, or, where outputs are closer than a millisecond, one each
+    /// millisecond. A full channel drops it, and its number with it.
     fn stream(&mut self, record: Record) {
         if !self.streaming {
+            self.batch.count = 0;
             return;
         }
-        let frame = Frame { sequence: self.sequence, record };
-        self.sequence = self.sequence.wrapping_add(1);
-        self.port.write_frame(&frame.encode());
+        let most = (RATE_HZ / 1000).checked_div(self.stored.period).unwrap_or_default() as usize;
+        if most <= 1 && self.batch.count == 0 {
+            let frame = self.number(record);
+            return self.port.write_frame(&frame.encode());
+        }
+        let period = u64::from(self.stored.period);
+        let Batch { outputs, count } = &self.batch;
+        if let Some(last) = count.checked_sub(1).and_then(|last| outputs.get(last))
+            && (last.sample.wrapping_add(period), last.settings, last.fault)
+                != (record.sample, record.settings, record.fault)
+        {
+            self.flush();
+        }
+        let Batch { outputs, count } = &mut self.batch;
+        if let Some(place) = outputs.get_mut(*count) {
+            *place = record;
+            *count += 1;
+        }
+        if self.batch.count >= most {
+            self.flush();
+        }
+    }
+
+    /// Sends what is gathered.
+    fn flush(&mut self) {
+        let Batch { outputs, count } = self.batch;
+        self.batch.count = 0;
+        if let Some((newest, earlier)) = outputs.get(..count).and_then(<[Record]>::split_last) {
+            let period = u8::try_from(self.stored.period).unwrap_or(u8::MAX);
+            let mut bytes = [0; Frame::LEN_MAX];
+            let frame = self.number(*newest);
+            self.port.write_frame(frame.encode_after(earlier, period, &mut bytes));
+        }
+    }
+
+    fn number(&mut self, record: Record) -> Frame {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        Frame { sequence, record }
     }
 
     /// A line waits that nobody has taken.

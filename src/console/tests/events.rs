@@ -52,3 +52,54 @@ fn a_calibration_says_its_force_when_it_holds_and_when_it_is_over() {
         assert_eq!(bench.take().0, [said]);
     }
 }
+
+/// Outputs that are closer than a millisecond share a frame; what does not follow, has other settings or another fault
+/// begins a new one, and nothing waits when the period is long again.
+#[test]
+fn outputs_of_a_millisecond_share_a_frame() {
+    use crate::telemetry::Decoder;
+    let mut bench = Bench::new(OFF);
+    bench.console.port.frames.clear();
+    let send = |bench: &mut Bench, samples: &[u64], settings: u16, fault: u8| {
+        for &sample in samples {
+            let record = Record { sample, settings, fault, ..Record::EMPTY };
+            let Bench { status, activity, .. } = *bench;
+            let event = Event::None;
+            bench.console.report(&Report { record, streamed: record, status, activity, event });
+        }
+    };
+    let frames = |bench: &mut Bench| {
+        let mut decoder = Decoder::new();
+        let mut found: Vec<(u8, Vec<u64>)> = Vec::new();
+        for frame in std::mem::take(&mut bench.console.port.frames) {
+            let version = frame[2];
+            for byte in frame {
+                if let Some(frame) = decoder.push(byte) {
+                    let samples = decoder.outputs(frame).map(|frame| frame.record.sample);
+                    found.push((version, samples.collect()));
+                }
+            }
+        }
+        assert_eq!((decoder.dropped, decoder.garbage), (0, 0));
+        found
+    };
+    send(&mut bench, &[0, 10, 20], 1, 0);
+    assert_eq!(frames(&mut bench), [0, 10, 20].map(|n| (1, std::vec![n])));
+    bench.console.stored.period = 2;
+    send(&mut bench, &[30, 32, 34, 36, 38, 40], 1, 0);
+    assert_eq!(frames(&mut bench), [(2, std::vec![30, 32, 34, 36, 38])]);
+    send(&mut bench, &[42], 2, 0);
+    send(&mut bench, &[44, 46], 2, 20);
+    send(&mut bench, &[50, 70], 2, 20); // some are missing
+    bench.console.stored.period = 10;
+    send(&mut bench, &[80, 90], 2, 20);
+    let expected: [(u8, &[u64]); 6] =
+        [(2, &[40]), (2, &[42]), (2, &[44, 46]), (2, &[50]), (2, &[70, 80]), (1, &[90])];
+    let expected = expected.map(|(version, samples)| (version, samples.to_vec()));
+    assert_eq!(frames(&mut bench), expected);
+    bench.console.stored.period = 1;
+    let all: Vec<u64> = (100..120).collect();
+    send(&mut bench, &all, 2, 20);
+    let halves = [(2, all[..10].to_vec()), (2, all[10..].to_vec())];
+    assert_eq!(frames(&mut bench), halves);
+}

@@ -77,7 +77,7 @@ pub fn from_capture(
     let capture = Capture::decode(bytes);
     if capture.frames.is_empty() {
         return Err(format!(
-            "neither a log with the columns time_s,voltage_v,position_m nor telemetry: no frame of layout 1 in {} bytes",
+            "neither a log with the columns time_s,voltage_v,position_m nor telemetry: no frame of layout 1 or 2 in {} bytes",
             bytes.len()
         ));
     }
@@ -238,6 +238,6 @@ mod tests {
         let error = read(&reset, Span::default()).unwrap_err();
         assert!(error.contains("frame 121: time goes from"), "{error}");
         let error = read(&[0xff, 0x5a, 0x57], Span::default()).unwrap_err();
-        assert!(error.contains("no frame of layout 1 in 3 bytes"), "{error}");
+        assert!(error.contains("no frame of layout 1 or 2 in 3 bytes"), "{error}");
     }
 }

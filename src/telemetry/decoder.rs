@@ -1,0 +1,177 @@
+//! Frames out of a stream.
+
+use super::{Frame, Record};
+
+/// Finds the frames in a stream that may begin anywhere and hold anything, of both layouts.
+///
+/// After garbage it looks for the next frame at every byte, so a damaged frame costs itself only.
+#[derive(Clone, Copy, Debug)]
+pub struct Decoder {
+    window: [u8; Frame::LEN_MAX],
+    filled: usize,
+    next: Option<u32>,
+    earlier: [Record; Frame::OUTPUTS - 1],
+    /// Outputs of the last frame before its newest.
+    before: usize,
+    /// Frames that were found.
+    pub frames: u64,
+    /// Frames that are missing between those that were found, as their sequence tells.
+    pub dropped: u64,
+    /// Bytes that belong to no frame.
+    pub garbage: u64,
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Decoder {
+    /// A decoder that has seen nothing.
+    pub const fn new() -> Self {
+        Self {
+            window: [0; Frame::LEN_MAX],
+            filled: 0,
+            next: None,
+            earlier: [Record::EMPTY; Frame::OUTPUTS - 1],
+            before: 0,
+            frames: 0,
+            dropped: 0,
+            garbage: 0,
+        }
+    }
+
+    /// Takes one byte; answers with a frame that is complete: its newest output. What is before that is
+    /// [`earlier`](Self::earlier).
+    pub fn push(&mut self, byte: u8) -> Option<Frame> {
+        if let Some(place) = self.window.get_mut(self.filled) {
+            *place = byte;
+            self.filled += 1;
+        }
+        self.pull()
+    }
+
+    /// A frame that is complete in what was taken: behind what only looked like a long one there may be several.
+    fn pull(&mut self) -> Option<Frame> {
+        while let Some(length) = self.length() {
+            if self.filled < length {
+                return None;
+            }
+            let frame = self.window.get(..length).and_then(Frame::read);
+            if let Some(frame) = frame
+                && self.take_earlier(&frame, length)
+            {
+                self.window.copy_within(length.., 0);
+                self.filled -= length;
+                self.count(&frame);
+                return Some(frame);
+            }
+            self.skip();
+        }
+        None
+    }
+
+    /// The outputs of the last frame before its newest, oldest first.
+    pub fn earlier(&self) -> &[Record] {
+        self.earlier.get(..self.before).unwrap_or_default()
+    }
+
+    /// All outputs of the last frame, oldest first, as frames of their own with its sequence.
+    pub fn outputs(&self, newest: Frame) -> impl Iterator<Item = Frame> {
+        let frame = move |&record| Frame { record, ..newest };
+        self.earlier().iter().map(frame).chain([newest])
+    }
+
+    /// Bytes of the frame that begins the window, as far as it says so; none if there is nothing.
+    fn length(&mut self) -> Option<usize> {
+        loop {
+            let taken = self.window.get(..self.filled).unwrap_or_default();
+            match *taken {
+                [] => return None,
+                [first] if first == Frame::MAGIC[0] => return Some(3),
+                [first, second] if [first, second] == Frame::MAGIC => return Some(3),
+                [first, second, ..] if [first, second] != Frame::MAGIC => {}
+                [_, _, Frame::VERSION, ..] => return Some(Frame::LEN),
+                [_, _, Frame::VERSION_2, ..] => {
+                    let behind = taken.get(Frame::HEAD..).and_then(<[u8]>::first_chunk::<2>);
+                    let Some(length) = behind else { return Some(Frame::HEAD + 2) };
+                    let length = usize::from(u16::from_le_bytes(*length));
+                    if (Frame::LEN + 2..=Frame::LEN_MAX).contains(&length) {
+                        return Some(length);
+                    }
+                }
+                _ => {}
+            }
+            self.skip();
+        }
+    }
+
+    /// Keeps the outputs before the newest; false if there is something that no frame has.
+    fn take_earlier(&mut self, frame: &Frame, length: usize) -> bool {
+        self.before = 0;
+        if self.window.get(2) != Some(&Frame::VERSION_2) {
+            return true;
+        }
+        let body = self.window.get(Frame::HEAD + 2..length - 4).unwrap_or_default();
+        let Some((&[period, _], mut parts)) = body.split_first_chunk::<2>() else { return false };
+        // A part that a later image has is passed by.
+        while let Some((&[kind, bytes], behind)) = parts.split_first_chunk::<2>() {
+            let Some((part, behind)) = behind.split_at_checked(bytes.into()) else { return false };
+            parts = behind;
+            if kind != Frame::PART_EARLIER {
+                continue;
+            }
+            let (outputs, rest) = part.as_chunks::<{ Frame::EARLIER }>();
+            if !rest.is_empty() || outputs.len() > self.earlier.len() {
+                return false;
+            }
+            let Record { sample, settings, fault, .. } = frame.record;
+            let samples = (1..=outputs.len() as u64).rev();
+            for ((place, output), back) in self.earlier.iter_mut().zip(outputs).zip(samples) {
+                let sample = sample.wrapping_sub(back * u64::from(period));
+                let Some(record) = Record::of(&mut &output[..]) else { return false };
+                *place = Record { sample, settings, fault, ..record };
+            }
+            self.before = outputs.len();
+        }
+        parts.is_empty()
+    }
+
+    fn count(&mut self, frame: &Frame) {
+        self.frames += 1;
+        let gap = self.next.map_or(0, |next| frame.sequence.wrapping_sub(next));
+        // A sequence that seems to go back is a board that began anew, not four billion drops.
+        if gap < u32::MAX / 2 {
+            self.dropped += u64::from(gap);
+        }
+        self.next = Some(frame.sequence.wrapping_add(1));
+    }
+
+    /// The end of the stream, to be called until there is nothing more: bytes of an unfinished frame are garbage too,
+    /// and a frame may stand behind what looked like the beginning of a longer one.
+    pub fn finish(&mut self) -> Option<Frame> {
+        while self.filled > 0 {
+            if let Some(frame) = self.pull() {
+                return Some(frame);
+            }
+            if self.filled > 0 {
+                self.skip();
+            }
+        }
+        None
+    }
+
+    /// Drops bytes up to the next one that could begin a frame.
+    fn skip(&mut self) {
+        let [first, second] = Frame::MAGIC;
+        let may_start = |place: usize| {
+            self.window.get(place) == Some(&first)
+                && (place + 1 >= self.filled || self.window.get(place + 1) == Some(&second))
+        };
+        let start = (1..self.filled).find(|&place| may_start(place)).unwrap_or(self.filled);
+        self.garbage += start as u64;
+        self.window.copy_within(start.., 0);
+        self.filled -= start;
+    }
+}
