@@ -1,10 +1,10 @@
-//! Design of the second-order Butterworth low-pass: the paper's equation (2), with the exact
+//! Design of the second-order low-pass, Butterworth's above all: the paper's equation (2), with the exact
 //! `2 sqrt(2)` where it prints 2.8, and its quantisation.
 //!
 //! ```text
 //! H(s) = wc^2 / (s^2 + sqrt(2) wc s + wc^2),   s = (2/T) (z - 1)/(z + 1)      bilinear
 //! w  = wc T (not pre-warped)  or  2 tan(wc T / 2) (pre-warped)
-//! a0 = 4 + 2 sqrt(2) w + w^2
+//! a0 = 4 + 2 sqrt(2) w + w^2          sqrt(2) is 1/Q; other Q are other dampings
 //! b0 = b2 = w^2 / a0,  b1 = 2 b0,  a1 = (2 w^2 - 8) / a0,  a2 = (4 - 2 sqrt(2) w + w^2) / a0
 //! ```
 //!
@@ -23,6 +23,8 @@
 //! half the rate only in the limit of coefficients that add up to 8, where the accumulator would
 //! overflow; pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
 
+use core::{f64::consts::SQRT_2, ops::RangeInclusive};
+
 use super::biquad::{Biquad, Coefficient};
 use crate::range::{SettingsError, within};
 
@@ -32,6 +34,8 @@ pub const CUTOFF_MIN: f64 = 3.5e-5;
 pub const CUTOFF_MAX: f64 = 0.499;
 /// Highest accepted cutoff with pre-warping, as a fraction of the sample rate.
 pub const PREWARPED_MAX: f64 = 0.38;
+/// Accepted quality factors: up to the highest one the coefficients' magnitudes add up to less than 4 at every cutoff.
+pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
 /// Above this fraction of the sample rate the first order of error feedback is the quieter one.
 /// There both leave 0.37 LSB RMS; found by summing the squared impulse responses of
 /// `(1 - z^-1)^k / A(z)`.
@@ -82,11 +86,21 @@ impl ButterworthDesign {
     /// # Errors
     /// `cutoff_hz` outside [`CUTOFF_MIN`] .. [`CUTOFF_MAX`] ([`PREWARPED_MAX`]) of the rate.
     pub fn new(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<Self, SettingsError> {
-        Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, cutoff_hz / rate_hz))
+        Ok(Self::of(digital_frequency(cutoff_hz, rate_hz, prewarp)?, SQRT_2, cutoff_hz / rate_hz))
     }
 
-    fn of(w: f64, cutoff_per_rate: f64) -> Self {
-        let damping = 2.0 * core::f64::consts::SQRT_2 * w;
+    /// The same with any quality factor, not pre-warped.
+    ///
+    /// # Errors
+    /// `cutoff_hz` as above, or `quality` outside [`QUALITY`].
+    pub fn damped(cutoff_hz: f64, quality: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        within("quality", quality, QUALITY)?;
+        let w = digital_frequency(cutoff_hz, rate_hz, false)?;
+        Ok(Self::of(w, 1.0 / quality, cutoff_hz / rate_hz))
+    }
+
+    fn of(w: f64, inverse_quality: f64, cutoff_per_rate: f64) -> Self {
+        let damping = 2.0 * inverse_quality * w;
         let a0 = 4.0 + damping + w * w;
         Self {
             b0: w * w / a0,
@@ -173,8 +187,18 @@ impl Biquad {
         let w = digital_frequency(cutoff_hz, rate_hz, prewarp)?;
         Ok(match order {
             1 => FirstOrder::of(w).quantise(),
-            _ => ButterworthDesign::of(w, cutoff_hz / rate_hz).quantise(),
+            _ => ButterworthDesign::of(w, SQRT_2, cutoff_hz / rate_hz).quantise(),
         })
+    }
+
+    /// The low-pass of second order with a quality factor in integers.
+    #[cfg(feature = "estimators")]
+    pub(super) fn second_order(
+        cutoff_hz: f64,
+        quality: f64,
+        rate_hz: f64,
+    ) -> Result<Self, SettingsError> {
+        Ok(ButterworthDesign::damped(cutoff_hz, quality, rate_hz)?.quantise())
     }
 
     /// Frequency at which the filter, with the coefficients as quantised, is at -3 dB, in Hz.

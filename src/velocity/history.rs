@@ -9,15 +9,19 @@ pub const WINDOW_MAX: u32 = 64;
 
 pub(super) const LENGTH: usize = WINDOW_MAX as usize;
 
-/// The last differences, in counts per sample, saturated to the range of [`Velocity`].
+/// That of most estimators.
+pub(super) type History = Ring<LENGTH>;
+
+/// The last differences, in counts per sample, saturated to the range of [`Velocity`]; `LENGTH` of them, a power of two
+/// up to 256.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct History {
+pub(super) struct Ring<const LENGTH: usize> {
     differences: [i16; LENGTH],
     /// Place of the newest one.
     newest: u8,
 }
 
-impl History {
+impl<const LENGTH: usize> Ring<LENGTH> {
     pub(super) const REST: Self = Self { differences: [0; LENGTH], newest: 0 };
 
     pub(super) fn push(&mut self, difference: i32) {
@@ -50,8 +54,8 @@ impl History {
             rest &= FRACTION;
             *place = difference;
         }
-        #[expect(clippy::cast_possible_truncation, reason = "63")]
-        let newest = WINDOW_MAX as u8 - 1;
+        #[expect(clippy::cast_possible_truncation, reason = "at most 255")]
+        let newest = (LENGTH - 1) as u8;
         state.newest = newest;
         state
     }

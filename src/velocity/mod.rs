@@ -25,11 +25,12 @@ mod senses;
 mod table;
 mod time_stamps;
 mod tracking;
+mod window_difference;
 mod word;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
 pub use butterworth::{
-    ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, true_cutoff_hz,
+    ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, QUALITY, true_cutoff_hz,
 };
 pub use central_difference::CentralDifference;
 pub use difference::Difference;
@@ -47,7 +48,8 @@ pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use table::{Estimator, EstimatorName, VelocitySettings};
 pub use time_stamps::{SPAN_MAX, TimeStamps};
-pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, TrackingLoop};
+pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, RATIO, TrackingLoop};
+pub use window_difference::{DIFFERENCE_WINDOW_MAX, WindowDifference};
 pub use word::Word;
 
 use crate::units::{Position, Velocity};

@@ -98,7 +98,7 @@ mod tests {
             .zip(name.keys())
             .map(|((place, Parameter { unit, default, .. }), key)| {
                 let mut refused = defaults;
-                refused[place] = -1.0;
+                refused[place] = -2.0;
                 let error = name.settings(refused).build(&DESIGN).unwrap_err();
                 assert_eq!(error.parameter, *key);
                 let line = error.to_string();

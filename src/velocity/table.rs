@@ -295,6 +295,8 @@ estimators! {
             Kalman(Kalman) keeps kalman;
             /// Half the counts of the last two samples.
             CentralDifference(CentralDifference) keeps central_difference;
+            /// The counts of a window over its length.
+            WindowDifference(WindowDifference) keeps window;
         }
         names {
             /// Position and acceleration.
@@ -352,6 +354,34 @@ estimators! {
             /// Half the counts of the last two samples.
             CentralDifference = 16, "central-difference" {} => |_| CentralDifference(CentralDifference),
                 weights FirDesign::of(&[0.5, 0.5]);
+            /// Finite difference followed by a low-pass of second order of any damping.
+            SecondOrder = 17, "second-order" {
+                /// Cutoff in Hz, where an undamped one would resonate, not pre-warped: 3.5e-5 to 0.499 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
+                /// Quality factor Q, 0.3 to 2: 0.707 is Butterworth's, 0.5 has two equal poles.
+                quality: f64 = ("quality", "1", 0.5),
+            } => |design| LowPass(Biquad::second_order(cutoff_hz, quality, design.rate_hz)?);
+            /// Finite difference and exponential smoothing, `y += (1 - p) (x - y)`, once or twice.
+            Smoothing = 19, "smoothing" {
+                /// Frequency of the slower pole p, Hz: 3.5e-5 to 0.25 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 500.0),
+                /// That of the other over it: 1 to 1e6, where it is none.
+                ratio: f64 = ("ratio", "1", 1.0),
+            } => |design| LowPass(
+                TrackingLoop::smoothing(cutoff_hz, ratio, design.rate_hz)?.quantise()
+            );
+            /// Tracking loop whose output is led, or late.
+            TrackingLead = 20, "tracking-lead" {
+                /// Frequency of both its poles, Hz: 3.5e-5 to 0.25 of the rate.
+                bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
+                /// Samples by which the output is led by its last change, from -1, a sample late.
+                lead: f64 = ("lead", "1", 0.0),
+            } => |design| LowPass(TrackingLoop::led(bandwidth_hz, lead, design.rate_hz)?.quantise());
+            /// The counts of the last samples over their time.
+            WindowDifference = 18, "window-difference" {
+                /// Samples of the window, 1 to 255.
+                window_samples: u32 = ("window", "samples", 16.0),
+            } => |_| WindowDifference(WindowDifference::new(window_samples)?);
         }
     }
 }

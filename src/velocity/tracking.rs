@@ -33,6 +33,8 @@
 //! `1/2 + 2 p / (1 - p)` samples; -3 dB at 0.644 of the bandwidth (for w T << 1), falling off with
 //! 12 dB per octave. As any linear filter of the count it trades noise for delay as they do.
 
+use core::ops::RangeInclusive;
+
 use super::biquad::{Biquad, Coefficient};
 use crate::range::{SettingsError, within};
 
@@ -40,6 +42,8 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
+/// Accepted ratios of the second pole's frequency of smoothing to the first's. A second pole of 1e-8 and less is none.
+pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
 /// Above it the first order of error feedback is the quieter one: both leave 0.35 LSB RMS there,
 /// by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
 const SECOND_ORDER_BELOW: f64 = 0.05;
@@ -51,6 +55,8 @@ pub struct TrackingLoop {
     pub kp: f64,
     /// Gain from error to velocity, per sample.
     pub ki: f64,
+    /// Samples by which the velocity is led, by its last change: 0 but for [`TrackingLoop::led`].
+    pub lead: f64,
     bandwidth_per_rate: f64,
 }
 
@@ -64,13 +70,40 @@ impl TrackingLoop {
         within("bandwidth_hz", bandwidth_hz, range)?;
         let bandwidth_per_rate = bandwidth_hz / rate_hz;
         let less = -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_per_rate); // 1 - p
-        Ok(Self { kp: less * (2.0 - less), ki: less * less, bandwidth_per_rate })
+        Ok(Self { kp: less * (2.0 - less), ki: less * less, lead: 0.0, bandwidth_per_rate })
+    }
+
+    /// Exponential smoothing, twice: poles at `exp(-w T)` of that cutoff and of `ratio` times it. As a loop it is one
+    /// that need not be critically damped: `1 - kp` is the product of the poles, `ki` the product of what they lack to 1.
+    ///
+    /// # Errors
+    /// `cutoff_hz` outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate, `ratio` outside [`RATIO`].
+    pub fn smoothing(cutoff_hz: f64, ratio: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        within("cutoff_hz", cutoff_hz, BANDWIDTH_MIN * rate_hz..=BANDWIDTH_MAX * rate_hz)?;
+        within("ratio", ratio, RATIO)?;
+        let bandwidth_per_rate = cutoff_hz / rate_hz;
+        let less = [1.0, ratio]
+            .map(|times| -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_per_rate * times));
+        let ki = less[0] * less[1];
+        Ok(Self { kp: less[0] + less[1] - ki, ki, lead: 0.0, bandwidth_per_rate })
+    }
+
+    /// The loop of that bandwidth with the output `v^ + lead (v^[n] - v^[n-1])`: -1 is a sample late, `kp / ki` adds
+    /// the loop's proportional part, which leaves no delay at DC.
+    ///
+    /// # Errors
+    /// `bandwidth_hz` as above, `lead` outside -1 .. where the coefficients' magnitudes add up to 3.999.
+    pub fn led(bandwidth_hz: f64, lead: f64, rate_hz: f64) -> Result<Self, SettingsError> {
+        let own = Self::new(bandwidth_hz, rate_hz)?;
+        let denominator = 3.0 - 2.0 * own.kp - own.ki;
+        within("lead", lead, -1.0..=0.5 * ((3.999 - denominator) / own.ki - 1.0))?;
+        Ok(Self { lead, ..own })
     }
 
     /// Delay of a slow motion, in samples.
     pub fn delay_samples(&self) -> f64 {
-        let less = libm::sqrt(self.ki);
-        0.5 + 2.0 * (1.0 - less) / less
+        // 1/2 and p / (1 - p) of each pole
+        0.5 + (self.kp - self.ki) / self.ki - self.lead
     }
 
     /// The low-pass behind the finite difference, with a DC gain of exactly one: the coefficients
@@ -82,8 +115,10 @@ impl TrackingLoop {
             [1.0 - self.kp, self.ki].map(|value| libm::round(value * f64::from(one)) as i32);
         // a1 = ki - 1 - p^2 > -2, so within i32.
         let a1 = sum.wrapping_sub(one).wrapping_sub(square);
+        #[expect(clippy::cast_possible_truncation, reason = "below 1, so below 2^30")]
+        let back = libm::round(self.ki * self.lead * f64::from(one)) as i32;
         Biquad {
-            b: [sum, 0, 0].map(Coefficient::from_bits),
+            b: [sum.wrapping_add(back), back.wrapping_neg(), 0].map(Coefficient::from_bits),
             a: [a1, square].map(Coefficient::from_bits),
             second: -i32::from(self.bandwidth_per_rate < SECOND_ORDER_BELOW),
         }

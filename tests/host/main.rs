@@ -14,6 +14,7 @@ mod figure;
 
 mod closed_loop;
 mod criteria;
+mod defaults;
 mod elements;
 mod entrances;
 mod estimator_bench;

@@ -6,7 +6,11 @@ use clap::Args;
 use serde::Serialize;
 use zwidth::velocity::{EstimatorName, Sense};
 
-use super::{Common, progress, shared};
+use super::{
+    Common,
+    peers::{self, PeerArgs},
+    progress, shared,
+};
 use crate::{
     analysis::compare::{
         Class, Compared, Entry, Place, Wall, compare,
@@ -38,7 +42,8 @@ use crate::{
 pub struct CompareArgs {
     /// Built-in scene or scene file; its own estimator does not matter.
     scene: String,
-    /// Estimators by their names in the table, A,B,C [default: all].
+    /// Estimators by their names in the table, A,B,C [default: all but second-order, smoothing, tracking-lead and
+    /// window-difference].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
     /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m [default:
@@ -52,6 +57,8 @@ pub struct CompareArgs {
     /// Walks at the result of each search, their starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
+    #[command(flatten)]
+    peers: PeerArgs,
 }
 
 /// Every file of a result.
@@ -109,6 +116,9 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
             "--numeric: compare runs the fixed-point core only, allowed fixed",
         ));
     }
+    if args.peers.peers {
+        return peers::run(&args.peers, args.repeat, &scene, common);
+    }
     let entries = entries(&args.estimators, &scene)?;
     shared::prepare(&scene)?;
     let plan = scene.scene.walk_plan();
@@ -154,10 +164,10 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
 
 /// The estimators of the command line, in its order.
 fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
-    let all = Entry::all(&scene.scene);
     if asked.is_empty() {
-        return Ok(all);
+        return Ok(Entry::usual(&scene.scene));
     }
+    let all = Entry::all(&scene.scene);
     let mut entries = vec![];
     for name in asked {
         let found = all.iter().find(|entry| entry.name() == *name);

@@ -46,14 +46,23 @@ enum RmsOfArg {
     Counts,
 }
 
+/// Limits as typed; `felt` is `None`.
 #[derive(Clone, Debug)]
-struct Limits(Vec<Option<f64>>);
+pub(super) struct Limits(pub Vec<Option<f64>>);
 
+impl Limits {
+    /// As on the command line.
+    pub fn as_typed(&self) -> String {
+        let limit = |limit: &Option<f64>| limit.map_or("felt".into(), |limit| format!("{limit:e}"));
+        self.0.iter().map(limit).collect::<Vec<String>>().join(",")
+    }
+}
+
+/// K and B.
 #[derive(Clone, Copy, Debug)]
-struct Pair([f64; 2]);
+pub(super) struct Pair(pub [f64; 2]);
 
-/// `felt` is `None`.
-fn parse(text: &str) -> Result<Limits, String> {
+pub(super) fn parse(text: &str) -> Result<Limits, String> {
     let limit = |one: &str| match one.trim() {
         "felt" => Ok(None),
         number => match number.parse::<f64>() {
@@ -64,7 +73,7 @@ fn parse(text: &str) -> Result<Limits, String> {
     text.split(',').map(limit).collect::<Result<_, _>>().map(Limits)
 }
 
-fn pair(text: &str) -> Result<Pair, String> {
+pub(super) fn pair(text: &str) -> Result<Pair, String> {
     let values: Vec<f64> = text.split(',').map_while(|one| one.trim().parse().ok()).collect();
     match values[..] {
         [k, b] if text.split(',').count() == 2 => Ok(Pair([k, b])),
@@ -89,8 +98,8 @@ impl LimitArgs {
                 None => LEVELS_DB.iter().map(|db| Limit::Felt(felt_db + db)).collect(),
             })
             .collect();
-        let walk = self.walk(&scene.walk);
-        self.check(scene, &limits, walk)?;
+        let walk = finer(&scene.walk, self.steps, self.starts);
+        check(scene, &limits, walk)?;
         let arms: Vec<String> = match self.arms.as_deref() {
             None => scene.arms.keys().cloned().collect(),
             Some([all]) if all == "all" => scene.arm_names(),
@@ -146,10 +155,8 @@ impl LimitArgs {
 
     /// As on the command line.
     pub fn as_typed(&self) -> String {
-        let Some(Limits(limits)) = &self.limits else { return String::new() };
-        let limit = |limit: &Option<f64>| limit.map_or("felt".into(), |limit| format!("{limit:e}"));
-        let limits: Vec<String> = limits.iter().map(limit).collect();
-        let mut text = format!(" --limits {}", limits.join(","));
+        let Some(limits) = &self.limits else { return String::new() };
+        let mut text = format!(" --limits {}", limits.as_typed());
         if let Some(arms) = &self.arms {
             text += &format!(" --arms {}", arms.join(","));
         }
@@ -163,36 +170,36 @@ impl LimitArgs {
         }
         text
     }
+}
 
-    fn walk(&self, own: &Walk) -> Walk {
-        let default =
-            [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
-        let [k_step, b_step] = self.steps.map_or(default, |Pair(steps)| steps);
-        let [k_start, b_start] = self.starts.map_or([k_step, b_step], |Pair(starts)| starts);
-        Walk {
-            stiffness_start_n_per_m: k_start,
-            stiffness_step_n_per_m: k_step,
-            damping_start_n_s_per_m: b_start,
-            damping_step_n_s_per_m: b_step,
-            ..*own
-        }
+/// The walks' own grid: those steps, from those starts.
+pub(super) fn finer(own: &Walk, steps: Option<Pair>, starts: Option<Pair>) -> Walk {
+    let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
+    let [k_step, b_step] = steps.map_or(default, |Pair(steps)| steps);
+    let [k_start, b_start] = starts.map_or([k_step, b_step], |Pair(starts)| starts);
+    Walk {
+        stiffness_start_n_per_m: k_start,
+        stiffness_step_n_per_m: k_step,
+        damping_start_n_s_per_m: b_start,
+        damping_step_n_s_per_m: b_step,
+        ..*own
     }
+}
 
-    /// Every limit and the grid, before the first walk.
-    fn check(&self, scene: &Scene, limits: &[Limit], walk: Walk) -> Result<(), Error> {
-        let refused = |option: &str, error: String| Error::Input(format!("{option}: {error}"));
-        let mut changed = Scene { walk, ..scene.clone() };
-        changed.check().map_err(|error| refused("--steps, --starts", error))?;
-        for limit in limits {
-            match limit {
-                Limit::Rms(limit_m) => changed.wall_hit.rms_limit_m = *limit_m,
-                Limit::Felt(limit_db) => {
-                    changed.wall_hit.criterion = crate::scene::Criterion::Felt;
-                    changed.wall_hit.felt_limit_db = *limit_db;
-                }
+/// Every limit and the grid, before the first walk.
+pub(super) fn check(scene: &Scene, limits: &[Limit], walk: Walk) -> Result<(), Error> {
+    let refused = |option: &str, error: String| Error::Input(format!("{option}: {error}"));
+    let mut changed = Scene { walk, ..scene.clone() };
+    changed.check().map_err(|error| refused("--steps, --starts", error))?;
+    for limit in limits {
+        match limit {
+            Limit::Rms(limit_m) => changed.wall_hit.rms_limit_m = *limit_m,
+            Limit::Felt(limit_db) => {
+                changed.wall_hit.criterion = crate::scene::Criterion::Felt;
+                changed.wall_hit.felt_limit_db = *limit_db;
             }
-            changed.check().map_err(|error| refused("--limits", error))?;
         }
-        Ok(())
+        changed.check().map_err(|error| refused("--limits", error))?;
     }
+    Ok(())
 }

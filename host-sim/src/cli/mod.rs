@@ -7,6 +7,7 @@ mod identify;
 mod limits;
 mod linear;
 mod list;
+mod peers;
 mod progress;
 mod shared;
 mod sweep;

@@ -53,14 +53,14 @@ fn arm(result: &LimitResult) -> Option<&str> {
     result.situation.as_ref()?.arm.as_deref()
 }
 
-fn value(limit: Limit) -> (f64, &'static str) {
+pub(super) fn value(limit: Limit) -> (f64, &'static str) {
     match limit {
         Limit::Rms(metres) => (metres, "m"),
         Limit::Felt(db) => (db, "dB"),
     }
 }
 
-fn name(limit: Limit) -> String {
+pub(super) fn name(limit: Limit) -> String {
     match limit {
         Limit::Rms(metres) => {
             let um: f64 = format!("{:.6e}", metres * 1e6).parse().unwrap_or(metres);
@@ -75,7 +75,7 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
 }
 
 /// First, step and cap of K, then of B.
-fn grid(walk: &Walk) -> [f64; 6] {
+pub(super) fn grid(walk: &Walk) -> [f64; 6] {
     [
         walk.stiffness_start_n_per_m,
         walk.stiffness_step_n_per_m,
@@ -84,6 +84,12 @@ fn grid(walk: &Walk) -> [f64; 6] {
         walk.damping_step_n_s_per_m,
         walk.damping_max_n_s_per_m,
     ]
+}
+
+/// The same for people.
+pub(super) fn grid_text(walk: &Walk) -> String {
+    let [k, dk, k_max, b, db, b_max] = grid(walk);
+    format!("K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m")
 }
 
 /// Who pushes, for people.
@@ -157,11 +163,11 @@ impl LimitStudy {
     /// The table for people.
     pub fn text(&self) -> String {
         let Question { walk, rms_of, repeats, .. } = &self.question;
-        let [k, dk, k_max, b, db, b_max] = grid(walk);
         let mut text = format!(
             "area by limit and cutoff, 10^6 N^2 s/m^2; * ideal cutoff, > cut at a cap; RMS of {}; {repeats} walks \
-             each\n  K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m",
-            rms_of.name()
+             each\n  {}",
+            rms_of.name(),
+            grid_text(walk)
         );
         let mut last = None;
         for result in &self.results {
@@ -264,7 +270,7 @@ impl LimitStudy {
 }
 
 /// An area in 10^6 N^2 s/m^2, with three digits.
-fn millions(area: f64) -> String {
+pub(super) fn millions(area: f64) -> String {
     let millions = area / MILLION;
     let decimals = match millions {
         m if m >= 99.95 => 0,

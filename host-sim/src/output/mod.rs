@@ -5,6 +5,7 @@ pub mod figure;
 pub mod files;
 pub mod limits;
 pub mod manifest;
+pub mod peers;
 pub mod report;
 pub mod sweep;
 pub mod telemetry;

@@ -181,13 +181,17 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let angle = 2.0 * PI * cutoff_hz / design.rate_hz;
         if prewarp { 2.0 * (angle / 2.0).tan() } else { angle }
     };
-    let butterworth = |cutoff_hz: f64, prewarp: bool| {
+    let second_order = |cutoff_hz: f64, prewarp: bool, quality: f64| {
         let w = digital(cutoff_hz, prewarp);
-        let a0 = 4.0 + 2.0 * SQRT_2 * w + w * w;
+        let a0 = 4.0 + 2.0 * w / quality + w * w;
         let b = [w * w / a0, 2.0 * w * w / a0, w * w / a0];
-        let a = [(2.0 * w * w - 8.0) / a0, (4.0 - 2.0 * SQRT_2 * w + w * w) / a0];
-        low_pass(&b, &a, cutoff_hz / design.rate_hz)
+        let a = [(2.0 * w * w - 8.0) / a0, (4.0 - 2.0 * w / quality + w * w) / a0];
+        // the slower pole of two real ones, or how fast a ringing decays
+        let slowest = (quality * SQRT_2).min(1.0 / (quality * SQRT_2));
+        low_pass(&b, &a, slowest * cutoff_hz / design.rate_hz)
     };
+    let butterworth =
+        |cutoff_hz: f64, prewarp: bool| second_order(cutoff_hz, prewarp, 1.0 / SQRT_2);
     let first_order = |cutoff_hz: f64, prewarp: bool| {
         let w = digital(cutoff_hz, prewarp);
         low_pass(
@@ -224,11 +228,27 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
         V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
         V::FirstOrderPrewarped { cutoff_hz } => first_order(cutoff_hz, true),
+        V::SecondOrder { cutoff_hz, quality } => second_order(cutoff_hz, false, quality),
+        V::WindowDifference { window_samples } => {
+            let window = f64::from(window_samples);
+            exact(1.0 / window, 1.0, window + 1.0, First::Part(1.0 / window, 1.0 / window))
+        }
         V::Difference {} => exact(1.0, 0.0, 2.0, First::Part(1.0, 0.0)),
         V::TrackingLoop { bandwidth_hz } => {
             let part = bandwidth_hz / design.rate_hz;
             let p = (-2.0 * PI * part).exp();
             low_pass(&[(1.0 - p).powi(2)], &[-2.0 * p, p * p], part)
+        }
+        V::TrackingLead { bandwidth_hz, lead } => {
+            let part = bandwidth_hz / design.rate_hz;
+            let p = (-2.0 * PI * part).exp();
+            let ki = (1.0 - p).powi(2);
+            low_pass(&[ki * (1.0 + lead), -ki * lead], &[-2.0 * p, p * p], part)
+        }
+        V::Smoothing { cutoff_hz, ratio } => {
+            let part = cutoff_hz / design.rate_hz;
+            let [p, q] = [1.0, ratio].map(|times| (-2.0 * PI * part * times).exp());
+            low_pass(&[(1.0 - p) * (1.0 - q)], &[-p - q, p * q], part)
         }
         V::Observer { bandwidth_hz, mass_kg } => {
             let metres = design.full_scale_n / mass_kg / design.rate_hz / design.rate_hz;

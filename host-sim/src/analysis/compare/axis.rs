@@ -4,12 +4,13 @@
 //! half of the rate, as far as the core accepts the tuning. A window is the whole number nearest to it.
 //!
 //! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
-//! as the core accepts it; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
+//! as the core accepts it, as does the quality of a low-pass; the second pole of smoothing, up to 100 times
+//! the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
 //! to twice the device's.
 
 use zwidth::{
     Design, VelocitySettings,
-    velocity::{EstimatorName, Parameter},
+    velocity::{EstimatorName, Parameter, QUALITY, RATIO},
 };
 
 use super::bandwidth::bandwidth_hz;
@@ -195,6 +196,9 @@ fn second_range(parameter: &Parameter, mass_kg: f64) -> Option<[f64; 2]> {
     match parameter.name {
         "lambda_ratio" => Some([0.5, 3.0]),
         "noise" => Some([0.25, 8.0]),
+        "lead" => Some([0.1, 10.0]),
+        "ratio" => Some([*RATIO.start(), 100.0]),
+        "quality" => Some([*QUALITY.start(), *QUALITY.end()]),
         "mass" => Some([0.5 * mass_kg, 2.0 * mass_kg]),
         _ => None,
     }

@@ -7,6 +7,7 @@
 //! * [`roughness`](mod@roughness): how rough the force is in contact;
 //! * [`fidelity`]: how far the rendered impedance is from the commanded one;
 //! * [`cost`]: cycles and memory on the Cortex-M4;
+//! * [`peers`]: the defaults of other systems, untuned;
 //! * [`table`]: all of it as columns; [`winners`]: who is best by which.
 //!
 //! The core itself runs in all of them but in the walks of the usual low-passes, which by default run in the
@@ -16,6 +17,7 @@ pub mod axis;
 pub mod bandwidth;
 pub mod cost;
 pub mod fidelity;
+pub mod peers;
 pub mod roughness;
 pub mod search;
 pub mod signal;
@@ -62,6 +64,19 @@ pub enum Entry {
 const AD_HOC_HZ: f64 = 50.0;
 
 impl Entry {
+    /// What is compared where nobody names estimators: not what is there for other systems' defaults.
+    pub fn usual(scene: &Scene) -> Vec<Self> {
+        let mut all = Self::all(scene);
+        let rare = [
+            EstimatorName::SecondOrder,
+            EstimatorName::Smoothing,
+            EstimatorName::TrackingLead,
+            EstimatorName::WindowDifference,
+        ];
+        all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
+        all
+    }
+
     /// Every estimator that the scene can feed, each once (pre-warping moves a cutoff, nothing else),
     /// and the ad-hoc one last.
     pub fn all(scene: &Scene) -> Vec<Self> {

@@ -5,7 +5,7 @@ use core::f64::consts::{PI, SQRT_2};
 use nalgebra::{Complex, DMatrix, Schur};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{FirDesign, KalmanDesign, ObserverDesign, TrackingLoop},
+    velocity::{ButterworthDesign, FirDesign, KalmanDesign, ObserverDesign, TrackingLoop},
 };
 
 /// Order of a Butterworth low-pass.
@@ -141,6 +141,10 @@ pub fn transfer_function(
     let low_pass = |order, cutoff_hz, prewarp| {
         difference.then(&TransferFunction::butterworth(rate_hz, cutoff_hz, order, prewarp))
     };
+    let poles = |TrackingLoop { kp, ki, lead, .. }: &TrackingLoop| {
+        let den = vec![1.0, kp + ki - 2.0, 1.0 - kp];
+        difference.then(&TransferFunction { num: vec![ki * (1.0 + lead), -ki * lead], den })
+    };
     Ok(Some(match *settings {
         VelocitySettings::Butterworth { cutoff_hz } => low_pass(Order::Second, cutoff_hz, false),
         VelocitySettings::ButterworthPrewarped { cutoff_hz } => {
@@ -151,10 +155,21 @@ pub fn transfer_function(
             low_pass(Order::First, cutoff_hz, true)
         }
         VelocitySettings::Difference {} => difference,
+        VelocitySettings::SecondOrder { cutoff_hz, quality } => {
+            let filter = ButterworthDesign::damped(cutoff_hz, quality, rate_hz)?;
+            let ButterworthDesign { b0, a1, a2, .. } = filter;
+            let num = vec![b0, 2.0 * b0, b0];
+            difference.then(&TransferFunction { num, den: vec![1.0, a1, a2] })
+        }
+        VelocitySettings::WindowDifference { window_samples } => ends(window_samples, rate_hz),
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
-            let TrackingLoop { kp, ki, .. } = TrackingLoop::new(bandwidth_hz, rate_hz)?;
-            let double_pole = vec![1.0, kp + ki - 2.0, 1.0 - kp];
-            difference.then(&TransferFunction { num: vec![ki], den: double_pole })
+            poles(&TrackingLoop::new(bandwidth_hz, rate_hz)?)
+        }
+        VelocitySettings::TrackingLead { bandwidth_hz, lead } => {
+            poles(&TrackingLoop::led(bandwidth_hz, lead, rate_hz)?)
+        }
+        VelocitySettings::Smoothing { cutoff_hz, ratio } => {
+            poles(&TrackingLoop::smoothing(cutoff_hz, ratio, rate_hz)?)
         }
         VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
             kalman(&KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?, &difference)
@@ -186,19 +201,13 @@ pub fn position_response(
         let [alpha, beta, gamma] = design.gains;
         kalman(&KalmanDesign { alpha, beta, gamma }, &difference)
     };
-    let ends = |samples: u32| {
-        let mut num = vec![0.0; samples as usize + 1];
-        num[0] = rate_hz / f64::from(samples);
-        num[samples as usize] = -num[0];
-        TransferFunction { num, den: vec![1.0] }
-    };
     Ok(Some(match *settings {
         VelocitySettings::Observer { bandwidth_hz: hz, .. }
         | VelocitySettings::Fusion { crossover_hz: hz } => {
             observer(ObserverDesign::of_accelerometer(hz, rate_hz)?)
         }
-        VelocitySettings::TimeStamps { span_samples } => ends(span_samples),
-        VelocitySettings::FoawEnd { window_samples, .. } => ends(window_samples),
+        VelocitySettings::TimeStamps { span_samples } => ends(span_samples, rate_hz),
+        VelocitySettings::FoawEnd { window_samples, .. } => ends(window_samples, rate_hz),
         VelocitySettings::FoawBest { window_samples, .. } => {
             difference.then(&weights(&FirDesign::least_squares(1, window_samples)?))
         }
@@ -220,6 +229,14 @@ fn kalman(gains: &KalmanDesign, difference: &TransferFunction) -> TransferFuncti
         (vec![beta, gamma - beta], den)
     };
     difference.then(&TransferFunction { num, den })
+}
+
+/// What the handle moved in so many samples over their time.
+fn ends(samples: u32, rate_hz: f64) -> TransferFunction {
+    let mut num = vec![0.0; samples as usize + 1];
+    num[0] = rate_hz / f64::from(samples);
+    num[samples as usize] = -num[0];
+    TransferFunction { num, den: vec![1.0] }
 }
 
 fn weights(design: &FirDesign) -> TransferFunction {

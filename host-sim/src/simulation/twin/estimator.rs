@@ -4,8 +4,8 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        ButterworthDesign, FirstOrder, KalmanDesign, LevantDesign, ObserverDesign, Senses,
-        TrackingLoop,
+        ButterworthDesign, DIFFERENCE_WINDOW_MAX, FirstOrder, KalmanDesign, LevantDesign,
+        ObserverDesign, Senses, TrackingLoop,
     },
 };
 
@@ -36,6 +36,9 @@ struct Rest {
     kalman: KalmanState,
     loops: Loop,
     stamps: Stamps,
+    /// Counts at the last samples, and the place of the newest.
+    counts: [i32; 256],
+    newest: u8,
 }
 
 /// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
@@ -56,6 +59,8 @@ enum Kind {
     Foaw(Foaw),
     Levant(Levant),
     Kalman(KalmanDesign),
+    /// Samples.
+    Window(u8),
 }
 
 /// `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`, the form of all usual estimators.
@@ -101,6 +106,18 @@ impl TwinEstimator {
             VelocitySettings::FirstOrderPrewarped { cutoff_hz } => {
                 Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, true)?)
             }
+            VelocitySettings::SecondOrder { cutoff_hz, quality } => {
+                Kind::Butterworth(ButterworthDesign::damped(cutoff_hz, quality, rate_hz)?)
+            }
+            VelocitySettings::TrackingLead { bandwidth_hz, lead } => {
+                Kind::TrackingLoop(TrackingLoop::led(bandwidth_hz, lead, rate_hz)?)
+            }
+            VelocitySettings::Smoothing { cutoff_hz, ratio } => {
+                Kind::TrackingLoop(TrackingLoop::smoothing(cutoff_hz, ratio, rate_hz)?)
+            }
+            VelocitySettings::WindowDifference { window_samples } => {
+                Kind::Window(u8::try_from(window_samples).unwrap_or(DIFFERENCE_WINDOW_MAX))
+            }
             VelocitySettings::Difference {} => Kind::Difference,
             VelocitySettings::TrackingLoop { bandwidth_hz } => {
                 Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
@@ -140,6 +157,8 @@ impl TwinEstimator {
             kalman: KalmanState::default(),
             loops: Loop::default(),
             stamps: Stamps::REST,
+            counts: [0; 256],
+            newest: 0,
         };
         Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
     }
@@ -194,6 +213,13 @@ impl Rest {
             Kind::Foaw(foaw) => foaw.update(&mut self.past, input),
             Kind::Levant(levant) => levant.update(&mut self.levant, input),
             Kind::Kalman(gains) => self.kalman.update(gains, input),
+            Kind::Window(window) => {
+                let count = self.counts[usize::from(self.newest)].wrapping_add(difference);
+                self.newest = self.newest.wrapping_add(1);
+                self.counts[usize::from(self.newest)] = count;
+                let before = self.counts[usize::from(self.newest.wrapping_sub(*window))];
+                f64::from(count.wrapping_sub(before)) / f64::from(*window)
+            }
             Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Difference => input,
         }
     }

@@ -21,8 +21,9 @@ impl Loop {
     pub fn track(&mut self, gains: &TrackingLoop, difference: f64) -> f64 {
         let e = self.error + difference - self.velocity;
         self.error = flushed(e - gains.kp * e);
-        self.velocity = flushed(self.velocity + gains.ki * e);
-        self.velocity
+        let before = self.velocity;
+        self.velocity = flushed(before + gains.ki * e);
+        self.velocity + gains.lead * (self.velocity - before)
     }
 
     /// `known`: acceleration, counts per sample^2.

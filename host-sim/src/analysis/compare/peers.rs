@@ -1,0 +1,351 @@
+//! What other systems make of the position by default, untuned, in the core's arithmetic at the scene's rate.
+//!
+//! Poles and zeros are theirs in the sampled plane. Tracking loops stand twice: as a loop that is read before it is
+//! stepped, and as the source orders its steps, since a sample decides where little else is late. What is left out: what they do to a count before (ODrive floors its
+//! estimate and takes small speeds for none), and the rates at which they run, 1 to 30 kHz.
+
+use std::{f64::consts::PI, sync::atomic::AtomicBool};
+
+use rayon::prelude::*;
+use zwidth::{VelocitySettings, velocity::RATIO};
+
+use super::with_estimator;
+use crate::{
+    engine::Engine,
+    error::Error,
+    scene::{NamedScene, RmsOf, Scene, Walk},
+    simulation::prepared::Numeric,
+    study::{
+        limits::{Limit, LimitResult, Question, Situation, limits},
+        walk::Boundaries,
+    },
+};
+
+/// A default of another system.
+#[derive(Clone, Copy, Debug)]
+pub struct Peer {
+    /// Its row.
+    pub name: &'static str,
+    /// What it does.
+    pub does: &'static str,
+    /// Where that stands.
+    pub source: &'static str,
+    /// The same in the core, at that rate in Hz; `None` where it is unstable.
+    settings: fn(f64) -> Option<VelocitySettings>,
+}
+
+/// A low-pass with these poles, the slower one first.
+fn poles([slow, fast]: [f64; 2], rate_hz: f64) -> Option<VelocitySettings> {
+    let cutoff_hz = -slow.ln() * rate_hz / (2.0 * PI);
+    let ratio = (fast.ln() / slow.ln()).clamp(*RATIO.start(), *RATIO.end()); // none: infinite
+    Some(VelocitySettings::Smoothing { cutoff_hz, ratio })
+}
+
+/// A loop with `kp = 2 w` and `ki = w^2` in explicit steps, which has both poles at `1 - w T`; `lead` is in samples.
+fn tracking(w: f64, lead: f64, rate_hz: f64) -> Option<VelocitySettings> {
+    let bandwidth_hz = -(1.0 - w / rate_hz).ln() * rate_hz / (2.0 * PI);
+    (w < rate_hz).then_some(VelocitySettings::TrackingLead { bandwidth_hz, lead })
+}
+
+/// The same with the position predicted before it is compared: two poles apart.
+fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
+    let g = w / rate_hz;
+    let middle = 1.0 - g - g * g / 2.0;
+    let apart = (middle * middle - (1.0 - 2.0 * g)).sqrt();
+    let both = [middle + apart, middle - apart];
+    if both[1] > 0.0 { poles(both, rate_hz) } else { None }
+}
+
+/// A sample late.
+const LATE: f64 = -1.0;
+/// pll_filter_hz of 400, rad/s.
+const MOTEUS_W: f64 = 2.0 * PI * 400.0;
+
+fn window(seconds: f64, rate_hz: f64) -> Option<VelocitySettings> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let window_samples = (seconds * rate_hz).round() as u32;
+    Some(VelocitySettings::WindowDifference { window_samples })
+}
+
+/// OpenFFBoard's low-pass: Q 0.55, pre-warped.
+fn biquad(cutoff_hz: f64, rate_hz: f64) -> Option<VelocitySettings> {
+    let cutoff_hz = rate_hz / PI * (PI * cutoff_hz / rate_hz).tan();
+    Some(VelocitySettings::SecondOrder { cutoff_hz, quality: 0.55 })
+}
+
+const OPENFFBOARD: &str = "OpenFFBoard, Axis.h, filterSpeedCst";
+const ODRIVE: &str = "ODrive, Firmware/MotorControl/encoder.cpp, bandwidth";
+const MOTEUS: &str = "moteus, fw/motor_position.h, pll_filter_hz";
+
+/// All of them.
+pub const PEERS: [Peer; 13] = [
+    Peer {
+        name: "chai3d",
+        does: "difference over 15 ms",
+        source: "CHAI3D 3, CGenericHapticDevice.cpp, m_linearVelocityWindowSize",
+        settings: |rate_hz| window(0.015, rate_hz),
+    },
+    Peer {
+        name: "force-dimension",
+        does: "difference over 20 ms",
+        source: "Force Dimension SDK, dhdc.h, DHD_VELOCITY_WINDOW",
+        settings: |rate_hz| window(0.020, rate_hz),
+    },
+    Peer {
+        name: "simplefoc",
+        does: "difference, one pole of 5 ms",
+        source: "SimpleFOC, src/common/defaults.h, DEF_VEL_FILTER_Tf",
+        settings: |rate_hz| poles([0.005 / (0.005 + 1.0 / rate_hz), 0.0], rate_hz),
+    },
+    Peer {
+        name: "openffboard-40",
+        does: "difference, low-pass of 40 Hz, Q 0.55",
+        source: OPENFFBOARD,
+        settings: |rate_hz| biquad(40.0, rate_hz),
+    },
+    Peer {
+        name: "openffboard-70",
+        does: "difference, low-pass of 70 Hz, Q 0.55",
+        source: OPENFFBOARD,
+        settings: |rate_hz| biquad(70.0, rate_hz),
+    },
+    Peer {
+        name: "openffboard-120",
+        does: "difference, low-pass of 120 Hz, Q 0.55",
+        source: OPENFFBOARD,
+        settings: |rate_hz| biquad(120.0, rate_hz),
+    },
+    Peer {
+        name: "openffboard-180",
+        does: "difference, low-pass of 180 Hz, Q 0.55",
+        source: OPENFFBOARD,
+        settings: |rate_hz| biquad(180.0, rate_hz),
+    },
+    Peer {
+        name: "hapkit",
+        does: "difference, two poles at 0.95 a sample",
+        source: "Hapkit, template of the course's sketch, vh",
+        settings: |rate_hz| poles([0.95; 2], rate_hz),
+    },
+    Peer {
+        name: "odrive",
+        does: "tracking loop of 1000 rad/s, explicit, its velocity a sample late",
+        source: ODRIVE,
+        settings: |rate_hz| tracking(1000.0, LATE, rate_hz),
+    },
+    Peer {
+        name: "odrive-exact",
+        does: "the same in ODrive's order: predicted first, not late",
+        source: ODRIVE,
+        settings: |rate_hz| predicting(1000.0, rate_hz),
+    },
+    Peer {
+        name: "moteus",
+        does: "tracking loop of 400 Hz, explicit, its bare integral a sample late",
+        source: MOTEUS,
+        settings: |rate_hz| tracking(MOTEUS_W, LATE, rate_hz),
+    },
+    Peer {
+        name: "moteus-exact",
+        does: "the same with the proportional part, as it leaves the firmware; until June 2025",
+        source: MOTEUS,
+        settings: |rate_hz| tracking(MOTEUS_W, 2.0 * rate_hz / MOTEUS_W, rate_hz),
+    },
+    Peer {
+        name: "moteus-2025",
+        does: "the same since June 2025: 400 Hz where the position is down by 3 dB, poles at 161 Hz",
+        source: MOTEUS,
+        settings: |rate_hz| tracking(MOTEUS_W / 2.48, 2.48 * 2.0 * rate_hz / MOTEUS_W, rate_hz),
+    },
+];
+
+/// A loop in which all rows are walked: the scene's own, or with the output stage of a board.
+#[derive(Clone, Debug)]
+pub struct Loop {
+    /// Its name.
+    pub name: String,
+    /// The scene in it.
+    pub scene: Scene,
+}
+
+/// The scene's own loop, and those of the boards: their latency and output in place of the scene's.
+///
+/// # Errors
+/// The scene is out of range with a board's output.
+pub fn loops(scene: &NamedScene) -> Result<Vec<Loop>, Error> {
+    let mut loops = vec![Loop { name: scene.name.clone(), scene: scene.scene.clone() }];
+    for board in ["nucleo-f446re", "discovery-f407"] {
+        let board = NamedScene::load(board)?;
+        let mut own = scene.scene.clone();
+        let rates = own.control.rate_hz / board.scene.control.rate_hz;
+        own.actuator.latency = board.scene.actuator.latency * rates;
+        own.output = board.scene.output;
+        own.check().map_err(Error::Input)?;
+        let is_there = loops.iter().any(|other| other.scene == own);
+        if !is_there {
+            loops.push(Loop { name: board.name, scene: own });
+        }
+    }
+    Ok(loops)
+}
+
+/// One row in one loop.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Place of its loop.
+    pub of_loop: usize,
+    /// Its name.
+    pub name: String,
+    /// What it does.
+    pub does: String,
+    /// Where that stands; empty for the scene's own.
+    pub source: &'static str,
+    /// Boundaries by limit, in the order of the question.
+    pub boundaries: Vec<Boundaries>,
+}
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct PeerQuestion {
+    /// The loops.
+    pub loops: Vec<Loop>,
+    /// The limits: of the RMS of the motion, of what is felt.
+    pub limits: Vec<Limit>,
+    /// Cutoffs of the scene's own estimator, Hz.
+    pub own_hz: Vec<f64>,
+    /// Grid and caps of the walks.
+    pub walk: Walk,
+    /// Walks each.
+    pub repeats: u32,
+}
+
+impl PeerQuestion {
+    /// Walks that it takes.
+    pub fn walks(&self) -> u64 {
+        let rows = (PEERS.len() + self.own_hz.len() + 1) * self.loops.len();
+        (rows * self.limits.len()) as u64 * u64::from(self.repeats)
+    }
+}
+
+/// Question and answer.
+#[derive(Clone, Debug)]
+pub struct PeerStudy {
+    /// What was asked.
+    pub question: PeerQuestion,
+    /// By loop: the peers, the scene's own, the true velocity.
+    pub rows: Vec<Row>,
+    /// What a reader must know beside the numbers.
+    pub notes: Vec<String>,
+}
+
+impl PeerStudy {
+    /// Mean area of the true velocity in that loop at that limit, N^2 s/m^2.
+    pub fn told_area(&self, of_loop: usize, limit: usize) -> Option<f64> {
+        let told = self.rows.iter().find(|row| row.of_loop == of_loop && row.name == TOLD);
+        told?.boundaries.get(limit).map(Boundaries::area)
+    }
+}
+
+/// Name of the row of the true velocity.
+pub const TOLD: &str = "true-velocity";
+
+/// What is walked for a row: name, text, source, scene and cutoff.
+struct Job {
+    of_loop: usize,
+    name: String,
+    does: String,
+    source: &'static str,
+    scene: Scene,
+    cutoff_hz: f64,
+}
+
+/// Walks every default, the scene's own estimator and the true velocity in all loops. `done` is called after each walk.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn compare_peers(
+    engine: Engine,
+    question: PeerQuestion,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<PeerStudy, Error> {
+    let (mut jobs, mut notes) = (vec![], vec![]);
+    for (of_loop, Loop { scene, .. }) in question.loops.iter().enumerate() {
+        for peer in &PEERS {
+            let settings = (peer.settings)(scene.control.rate_hz);
+            let refused = match settings {
+                None => Some("it is unstable".to_owned()),
+                Some(settings) => {
+                    settings.build(&scene.design()).err().map(|error| error.to_string())
+                }
+            };
+            let (Some(settings), None) = (settings, &refused) else {
+                if let (0, Some(why)) = (of_loop, refused) {
+                    notes.push(format!("{}: not at this sample rate, {why}", peer.name));
+                }
+                continue;
+            };
+            let (scene, cutoff_hz) = with_estimator(scene, &settings);
+            let (name, does) = (peer.name.to_owned(), peer.does.to_owned());
+            jobs.push(Job { of_loop, name, does, source: peer.source, scene, cutoff_hz });
+        }
+        for &cutoff_hz in &question.own_hz {
+            let scene = scene.clone();
+            let does = scene.velocity.describe(cutoff_hz, scene.control.rate_hz);
+            let name = match scene.velocity.has_cutoff() {
+                true => format!("{}-{cutoff_hz}", scene.velocity.name()),
+                false => scene.velocity.name().into(),
+            };
+            jobs.push(Job { of_loop, name, does, source: "", scene, cutoff_hz });
+        }
+    }
+    let ask = |job: &Job, told: bool| -> Result<Vec<LimitResult>, Error> {
+        let push = job.scene.wall_hit.push_by;
+        let PeerQuestion { limits: asked, walk, repeats, .. } = &question;
+        let question = Question {
+            limits: asked.clone(),
+            rms_of: RmsOf::Motion,
+            cutoffs_hz: vec![job.cutoff_hz],
+            repeats: *repeats,
+            walk: *walk,
+            situations: vec![Situation { push, arm: None }],
+            told,
+        };
+        limits(engine, &job.scene, &question, Numeric::Fixed, stop, &done)
+    };
+    // the last row of each loop brings the true velocity
+    let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.of_loop != jobs[at].of_loop);
+    let asked: Vec<Result<Vec<LimitResult>, Error>> = (0..jobs.len())
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|at| ask(&jobs[at], last(at)))
+        .collect();
+    let mut rows = vec![];
+    for (at, (job, results)) in jobs.iter().zip(asked).enumerate() {
+        let results = results?;
+        let of = |limit: &Limit| results.iter().find(|result| result.limit == *limit);
+        let found: Vec<&LimitResult> = question.limits.iter().filter_map(of).collect();
+        let estimated = |result: &&LimitResult| {
+            let cutoff = result.result.cutoffs.first();
+            cutoff.map(|cutoff| cutoff.boundaries.clone()).unwrap_or_default()
+        };
+        let Job { of_loop, name, does, source, .. } = job;
+        rows.push(Row {
+            of_loop: *of_loop,
+            name: name.clone(),
+            does: does.clone(),
+            source,
+            boundaries: found.iter().map(estimated).collect(),
+        });
+        if last(at) {
+            rows.push(Row {
+                of_loop: *of_loop,
+                name: TOLD.into(),
+                does: "no noise, quantisation or delay in the velocity; counts as they are".into(),
+                source: "",
+                boundaries: found.iter().map(|result| result.told.clone()).collect(),
+            });
+        }
+    }
+    Ok(PeerStudy { question, rows, notes })
+}
