@@ -416,3 +416,121 @@ def extremes_verdicts():
     head = ["arithmetic", f"verdicts that differ from exact arithmetic, of {pairs[0]['walls']} walls, at most",
             f"pairs of resolution and cutoff without any, of {len(pairs)}"]
     return [*table(head, body), "", f"Pairs with fewer than six unstable walls: {few}."]
+
+
+# Defaults of other systems
+PEERS = "peers-paper-1um.csv"
+PEER_LIMITS = [("1.5e-05", "15 um"), ("5e-06", "5 um"), ("2e-06", "2 um"), ("1e-06", "1 um"), ("0.0", "felt, 0 dB")]
+
+
+def peer(loop, estimator, limit):
+    return next(r for r in rows(PEERS) if r["loop"] == loop and r["estimator"] == estimator and float(r["limit"]) == float(limit))
+
+
+def peer_names():
+    return list(dict.fromkeys(r["estimator"] for r in rows(PEERS)))
+
+
+def peer_area(r):
+    cut = "> " if int(r["capped_walks"]) else ""
+    return cut + number(float(f"{float(r['area_n2_s_per_m2']) * 1e-6:.3g}"))
+
+
+@block
+def peers(loop):
+    def cell(name, limit):
+        r = peer(loop, name, limit)
+        share = 100 * float(r["share_of_true_velocity"])
+        return f"{peer_area(r)} ({share:.{0 if share >= 9.95 else 1}f} %)"
+
+    return table(["estimator", *(text for _, text in PEER_LIMITS)],
+                 [[f"`{name}`", *(cell(name, limit) for limit, _ in PEER_LIMITS)] for name in peer_names()])
+
+
+@block
+def peers_sources():
+    of = {r["estimator"]: r for r in rows(PEERS)}
+    return table(["row", "what it does", "where that stands"],
+                 [[f"`{name}`", r["does"], r["source"]] for name, r in of.items() if r["source"]])
+
+
+@block
+def readme_peers():
+    columns = [(loop, text, limit, name) for loop, text in [("paper-1um", "paper's loop"), ("nucleo-f446re", "board")]
+               for limit, name in (PEER_LIMITS[0], PEER_LIMITS[3], PEER_LIMITS[4])]
+    return table(["velocity by default", *(f"{text}, {name}" for _, text, _, name in columns)],
+                 [[f"`{row_}`", *(peer_area(peer(loop, row_, limit)) for loop, _, limit, _ in columns)] for row_ in peer_names()])
+
+
+def times(loop, limit, a, b):
+    return number(float(f"{float(peer(loop, a, limit)['area_n2_s_per_m2']) / float(peer(loop, b, limit)['area_n2_s_per_m2']):.2g}"))
+
+
+def percent(loop, limit, a, b):
+    return f"{100 * float(peer(loop, a, limit)['area_n2_s_per_m2']) / float(peer(loop, b, limit)['area_n2_s_per_m2']):.0f}"
+
+
+DIAL_IN = (
+    "**Dial in 500 Hz** where nobody has swept the device: at a limit of 1 um it holds {} times the walls of 1500 Hz in the "
+    "paper's loop and {} times on the board, and still {} % and {} % of them at 15 um.",
+    *[lambda loop=loop: times(loop, "1e-06", "butterworth-500", "butterworth-1500") for loop in ("paper-1um", "nucleo-f446re")],
+    *[lambda loop=loop: percent(loop, "1.5e-05", "butterworth-500", "butterworth-1500") for loop in ("paper-1um", "nucleo-f446re")],
+)
+slots("README.md", DIAL_IN)
+slots("docs/comparison.md", DIAL_IN)
+
+
+# Who pushes, what counts
+def limit_rows(file, **wanted):
+    return [r for r in rows(file) if all(r[key] == value for key, value in wanted.items())]
+
+
+def limit_name(r):
+    return f"{float(r['limit']) * 1e6:g} um" if r["limit_unit"] == "m" else f"felt, {float(r['limit']):g} dB"
+
+
+def limit_area(r):
+    cut = "> " if int(r["capped_walks"]) else ""
+    star = "*" if r["cutoff_hz"] and r["cutoff_hz"] == r["ideal_cutoff_hz"] else ""
+    millions = float(r["area_n2_s_per_m2"]) * 1e-6
+    return f"{cut}{number(float(f'{millions:.3g}'))}{star}"
+
+
+@block
+def criteria_limits():
+    file = "limits-paper-1um.csv"
+    shown = ["50", "100", "200", "500", "1000", "1500", "2000", "3000", "4000"]
+    wanted = [("1.5e-05", "motor"), ("1.5e-05", "hand"), ("5e-06", "motor"), ("1e-06", "motor"), ("1e-06", "hand"),
+              ("20", "motor"), ("10", "motor"), ("0", "motor")]
+    body = []
+    for limit, push in wanted:
+        found = [r for r in limit_rows(file, push=push, estimator="scene") if float(r["limit"]) == float(limit)]
+        cells = [limit_area(next(r for r in found if float(r["cutoff_hz"]) == float(hz))) for hz in shown]
+        low, high = (f"{float(found[0][f'ideal_{end}_hz']):g}" for end in ("low", "high"))
+        body.append([f"{limit_name(found[0])}, {push}", *cells, low if low == high else f"{low} to {high}"])
+    return table(["limit, push", *shown, "ideal range, Hz"], body)
+
+
+@block
+def criteria_yardstick():
+    file = "limits-paper-1um.csv"
+    body = []
+    for told in limit_rows(file, push="motor", estimator="true-velocity"):
+        own = [r for r in limit_rows(file, push="motor", estimator="scene", limit=told["limit"], limit_unit=told["limit_unit"])
+               if r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+        share = 100 * float(own[0]["share_of_true_velocity"])
+        body.append([limit_name(told), limit_area(own[0]).rstrip("*"), limit_area(told), f"{share:.0f} %"])
+    return table(["limit, motor", "ideal cutoff", "true velocity", "share"], body)
+
+
+@block
+def criteria_arms():
+    file = "limits-paper-1um-arms.csv"
+    body = {}
+    for r in limit_rows(file, estimator="scene"):
+        if r["cutoff_hz"] == r["ideal_cutoff_hz"] and (r["limit_unit"] == "m" or float(r["limit"]) == 0):
+            who = "the worst of all" if r["push"] == "worst" else f"{r['arm'] or 'none'}, {r['push']}"
+            cell = f"{limit_area(r).rstrip('*')} at {float(r['cutoff_hz']):g}"
+            body.setdefault(who, {})[limit_name(r)] = cell
+    names = ["15 um", "1 um", "felt, 0 dB"]
+    return table(["arm, push", *names], [[who, *(cells[name] for name in names)] for who, cells in body.items()])
