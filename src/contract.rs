@@ -32,13 +32,14 @@ use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 
 use crate::{
     Output,
+    period::SAMPLES_PER_MS,
     safety::{FaultRecord, ResetCause, Sensed},
     units::OutputCode,
     velocity::{Sense, Senses},
 };
 
 /// Samples per second of every board, Hz.
-pub const RATE_HZ: u32 = 10_000;
+pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 
 /// A board: its constants and the types of its parts.
 pub trait Board: Sized {

@@ -7,6 +7,14 @@ use crate::velocity::EstimatorName;
 /// Samples per output that a board can be set to.
 pub const PERIODS: [u32; 4] = [1, 2, 5, 10];
 
+/// Samples in a millisecond of every board.
+pub const SAMPLES_PER_MS: u32 = 10;
+
+/// Outputs in a millisecond, 1 where they are farther apart.
+pub fn outputs_per_ms(period: u32) -> u32 {
+    SAMPLES_PER_MS.checked_div(period).unwrap_or_default().max(1)
+}
+
 /// Core cycles from one sample to the next of the slowest board, 168 MHz.
 const SAMPLE: u32 = 16_800;
 /// Of a sample, but for the estimator: handler, guard, hand-over.

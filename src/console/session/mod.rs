@@ -14,9 +14,9 @@ use super::{
     reply_channel::ReplyChannel,
 };
 use crate::{
-    contract::RATE_HZ,
     device::Device,
     experiment::{Activity, Event, Order, Report, WalkTotals},
+    period::outputs_per_ms,
     safety::{Refusal, Request},
     store::{Source, Stored},
     telemetry::{Frame, Record},
@@ -171,7 +171,7 @@ impl<P: Port> Console<P> {
             self.batch.count = 0;
             return;
         }
-        let most = (RATE_HZ / 1000).checked_div(self.stored.period).unwrap_or_default() as usize;
+        let most = outputs_per_ms(self.stored.period) as usize;
         if most <= 1 && self.batch.count == 0 {
             let frame = self.number(record);
             return self.port.write_frame(&frame.encode());

@@ -26,7 +26,7 @@ const CORE: &[&[&str]] = &[
     &["console"],
     &["device"],
     &["experiment", "safety", "store", "telemetry"],
-    &["control", "settings", "wall"],
+    &["control", "period", "settings", "wall"],
     &["velocity"],
     &["design"],
     &["actuator", "encoder"],
