@@ -9,7 +9,7 @@ use zwidth::{Gain, SettingsError, units::Force};
 use super::{
     estimator::VectorForm,
     lanes::{Aligned, Due, LaneController, OutputStage, Row, place},
-    simd_ops::{SIGN, SimdOps, lanes, lanes_mut},
+    simd_ops::{SIGN, SimdOps, lanes_mut},
 };
 use crate::simulation::prepared::{PreparedScene, WallHit};
 
@@ -79,11 +79,11 @@ impl<S: SimdOps> GainLanes<S> {
 impl<S: SimdOps, F: VectorForm<S>, const R: usize> FixedLoop<S, F, R> {
     /// Nothing runs.
     pub fn new(simd: S) -> Self {
-        let (rest, gains) = F::at_rest(simd);
+        let (_, gains) = F::at_rest(simd);
         let gain = GainLanes::zero(simd);
         Self {
             simd,
-            forms: [rest; R],
+            forms: std::array::from_fn(|_| F::at_rest(simd).0),
             gains: [gains; R],
             velocity: [simd.splat_u64s(0); R],
             walls: [Wall { stiffness: gain, damping: gain }; R],
@@ -101,11 +101,8 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         let core = prepared.core(hit)?;
         let control = core.control();
         let (vector, place) = place::<S>(lane);
-        F::tune(&mut self.gains[vector], place, &control.estimator);
-        let (mut rest, _) = F::at_rest(self.simd);
-        for (word, rest) in self.forms[vector].words().zip(rest.words()) {
-            lanes_mut::<_, u64>(word)[place] = lanes(rest)[place];
-        }
+        let gains = &mut self.gains[vector];
+        self.forms[vector].start(self.simd, gains, place, &control.estimator);
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());
@@ -124,17 +121,12 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
             #[inline(always)]
             fn with_simd<T: pulp::Simd>(self, _: T) -> Row<S, R> {
                 let Take(FixedLoop { simd, forms, gains, velocity, walls }, moved, due) = self;
-                let (mut now, mut last) = (*forms, *velocity);
-                for row in moved {
-                    for r in 0..R {
-                        last[r] = now[r].step(*simd, &gains[r], row.0[r]);
-                    }
-                }
-                (*forms, *velocity) = (now, last);
+                F::take(forms, *simd, gains, moved, due.is_some(), velocity);
                 let mut outputs = Aligned([simd.splat_f64s(0.0); R]);
                 if let Some(Due { depth, speed, stage }) = due {
                     for r in 0..R {
-                        outputs.0[r] = walls[r].output(*simd, depth[r], last[r], speed[r], stage);
+                        outputs.0[r] =
+                            walls[r].output(*simd, depth[r], velocity[r], speed[r], stage);
                     }
                 }
                 outputs

@@ -209,11 +209,9 @@ fn what_has_no_lanes_runs_all_the_same() {
         Some(Friction { coulomb_n: 0.05, static_n: 0.05, stribeck_speed_m_per_s: 1e-3 });
     friction.integrator =
         Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
-    let loops = Scene {
-        velocity: VelocitySettings::TrackingLoop { bandwidth_hz: 0.0 }.into(),
-        ..short(paper())
-    };
-    for mut scene in [friction, loops] {
+    let levant =
+        Scene { velocity: EstimatorName::LevantImplicit.defaults().into(), ..short(paper()) };
+    for mut scene in [friction, levant] {
         scene.sweep.cutoffs_hz = vec![800.0];
         let prepared = PreparedScene::new(&scene).unwrap();
         assert!(!lanes_for(&prepared, Numeric::Fixed));
@@ -249,14 +247,16 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 7] = [
+const IN_LANES: [&str; 9] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
     "first-order-prewarped",
     "difference",
+    "tracking-loop",
     "kalman-2",
     "kalman-3",
+    "central-difference",
 ];
 
 #[test]
@@ -369,6 +369,13 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
         VelocitySettings::Kalman3 { .. } => {
             let ratio = 2.0 * u.powi(3) / ((1.0 - u) * (2.0 - u));
             settings.with_tuning(ratio * noise_m * rate_hz.powi(3))
+        }
+        VelocitySettings::LeastSquares1 { .. } | VelocitySettings::LeastSquares2 { .. } => {
+            settings.with_tuning((2.0 * 32f64.powf(tuning)).round())
+        }
+        VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
+            let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
+            settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)
         }
         _ => settings,
     }

@@ -3,7 +3,7 @@
 use zwidth::velocity::{self, Estimator, KalmanState};
 
 use super::{
-    VectorForm,
+    Recursive,
     word::{FACTOR_BITS, LaneGain, Vector},
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
@@ -29,7 +29,7 @@ const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
 /// Acceleration, which has 12 more fractional bits.
 const ACCELERATION_LIMIT: u64 = 1 << 58;
 
-impl<S: SimdOps> VectorForm<S> for Kalman<S> {
+impl<S: SimdOps> Recursive<S> for Kalman<S> {
     type Gains = Gains<S>;
 
     fn at_rest(simd: S) -> (Self, Gains<S>) {

@@ -2,7 +2,7 @@
 
 use zwidth::velocity::{Estimator, Shaping};
 
-use super::VectorForm;
+use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
 /// Fractional bits of a coefficient, and of the accumulator beyond the velocity's.
@@ -33,7 +33,7 @@ pub struct LowPass<S: SimdOps> {
     sums: S::u64s,
 }
 
-impl<S: SimdOps> VectorForm<S> for LowPass<S> {
+impl<S: SimdOps> Recursive<S> for LowPass<S> {
     type Gains = Coefficients<S>;
 
     fn at_rest(simd: S) -> (Self, Self::Gains) {
@@ -49,11 +49,11 @@ impl<S: SimdOps> VectorForm<S> for LowPass<S> {
     }
 
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator) {
-        // A difference alone is a low-pass that lets everything through.
-        const PASS: ([i32; 5], bool) = ([1 << 30, 0, 0, 0, 0], false);
         let (coefficients, second) = match estimator {
             Estimator::LowPass(filter) => (filter.bits(), filter.shaping() == Shaping::Second),
-            _ => PASS,
+            // What rounds nothing is a low-pass without feedback: half a count is a whole number of LSB.
+            Estimator::CentralDifference(_) => ([1 << 29, 1 << 29, 0, 0, 0], false),
+            _ => ([1 << 30, 0, 0, 0, 0], false),
         };
         for (place, value) in gains.b.iter_mut().chain(&mut gains.a).zip(coefficients) {
             lanes_mut(place)[lane] = i64::from(value).cast_unsigned();

@@ -2,7 +2,11 @@
 
 use zwidth::{VelocitySettings, velocity::Estimator};
 
-use super::{fixed::FixedLoop, lanes::LaneController, simd_ops::SimdOps};
+use super::{
+    fixed::FixedLoop,
+    lanes::{LaneController, Row},
+    simd_ops::{SimdOps, lanes, lanes_mut},
+};
 
 mod kalman;
 mod low_pass;
@@ -13,6 +17,8 @@ mod word;
 pub enum Form {
     /// Difference, first-order and second-order low-passes.
     LowPass,
+    /// What is a low-pass in fixed point, but not in `f64`.
+    LikeLowPass,
     /// Kalman filters.
     Kalman,
 }
@@ -29,25 +35,57 @@ impl Form {
             VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
                 Some(Self::Kalman)
             }
+            VelocitySettings::TrackingLoop { .. } | VelocitySettings::CentralDifference {} => {
+                Some(Self::LikeLowPass)
+            }
             _ => None,
         }
     }
 
     /// The core's loop with it in lanes.
     pub fn lanes<S: SimdOps, const R: usize>(self, simd: S) -> Box<dyn LaneController<S, R>> {
+        fn of<S: SimdOps, F, const R: usize>(simd: S) -> Box<dyn LaneController<S, R>>
+        where
+            F: VectorForm<S> + 'static,
+        {
+            Box::new(FixedLoop::<S, F, R>::new(simd))
+        }
         match self {
-            Self::LowPass => Box::new(FixedLoop::<S, low_pass::LowPass<S>, R>::new(simd)),
-            Self::Kalman => Box::new(FixedLoop::<S, kalman::Kalman<S>, R>::new(simd)),
+            Self::LowPass | Self::LikeLowPass => of::<S, Each<low_pass::LowPass<S>>, R>(simd),
+            Self::Kalman => of::<S, Each<kalman::Kalman<S>>, R>(simd),
         }
     }
 }
 
 /// An estimator in the lanes of one vector.
-pub trait VectorForm<S: SimdOps>: Copy {
+pub trait VectorForm<S: SimdOps>: Sized {
     /// Coefficients.
     type Gains: Copy;
 
     /// Before the first sample, and coefficients of lanes that are not in use.
+    fn at_rest(simd: S) -> (Self, Self::Gains);
+    /// Puts an estimator at rest into a lane.
+    fn start(&mut self, simd: S, gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
+    /// Vectors of it take samples, counts moved since the last one. If an output is `due`, `velocity` becomes that of the
+    /// last one, LSB in the lower 32 bits; else it is anything.
+    fn take<const R: usize>(
+        forms: &mut [Self; R],
+        simd: S,
+        gains: &[Self::Gains; R],
+        moved: &[Row<S, R>],
+        due: bool,
+        velocity: &mut [S::u64s; R],
+    );
+    /// The hit came where these lanes do not do what the estimator does.
+    fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
+}
+
+/// An estimator that lives on its own past, and so has to take every sample.
+pub trait Recursive<S: SimdOps>: Copy {
+    /// Coefficients.
+    type Gains: Copy;
+
+    /// See [`VectorForm::at_rest`].
     fn at_rest(simd: S) -> (Self, Self::Gains);
     /// All that it remembers.
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
@@ -55,6 +93,55 @@ pub trait VectorForm<S: SimdOps>: Copy {
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
     /// The velocity after a move by so many counts, LSB in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
-    /// The hit came where these lanes do not do what the estimator does.
+    /// See [`VectorForm::is_lost`].
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
+}
+
+/// A [`Recursive`] form.
+pub struct Each<F>(F);
+
+impl<S: SimdOps, F: Recursive<S>> VectorForm<S> for Each<F> {
+    type Gains = F::Gains;
+
+    fn at_rest(simd: S) -> (Self, F::Gains) {
+        let (rest, gains) = F::at_rest(simd);
+        (Self(rest), gains)
+    }
+
+    fn start(&mut self, simd: S, gains: &mut F::Gains, lane: usize, estimator: &Estimator) {
+        F::tune(gains, lane, estimator);
+        let (mut rest, _) = F::at_rest(simd);
+        for (word, rest) in self.0.words().zip(rest.words()) {
+            lanes_mut::<_, u64>(word)[lane] = lanes(rest)[lane];
+        }
+    }
+
+    #[inline(always)]
+    fn take<const R: usize>(
+        forms: &mut [Self; R],
+        simd: S,
+        gains: &[F::Gains; R],
+        moved: &[Row<S, R>],
+        _: bool,
+        velocity: &mut [S::u64s; R],
+    ) {
+        let mut now = [forms[0].0; R];
+        for r in 0..R {
+            now[r] = forms[r].0;
+        }
+        let mut last = *velocity;
+        for row in moved {
+            for r in 0..R {
+                last[r] = now[r].step(simd, &gains[r], row.0[r]);
+            }
+        }
+        for r in 0..R {
+            forms[r].0 = now[r];
+        }
+        *velocity = last;
+    }
+
+    fn is_lost(&self, gains: &F::Gains, lane: usize) -> bool {
+        self.0.is_lost(gains, lane)
+    }
 }
