@@ -22,7 +22,7 @@ use host_sim::{
 use plain::{Butterworth, Filter, SAMPLES, plain};
 use zwidth::{
     VelocitySettings,
-    velocity::{EstimatorName, FirstOrder, KalmanDesign},
+    velocity::{EstimatorName, FirstOrder, KalmanDesign, TrackingLoop},
 };
 
 const ROUNDS: usize = 15;
@@ -76,6 +76,77 @@ impl Filter for Kalman {
     }
 }
 
+/// A weighted sum of the last differences, newest first.
+struct Sum {
+    weights: Vec<f64>,
+    past: [f64; 64],
+    newest: usize,
+}
+
+impl Filter for Sum {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        self.newest = (self.newest + 1) % 64;
+        self.past[self.newest] = moved;
+        let at = |age: usize| self.past[(self.newest + 64 - age) % 64];
+        self.weights.iter().enumerate().map(|(age, weight)| weight * at(age)).sum()
+    }
+}
+
+/// The tracking loop with both its poles at 1500 Hz.
+struct Tracking {
+    gains: TrackingLoop,
+    error: f64,
+    velocity: f64,
+}
+
+impl Filter for Tracking {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let e = self.error + moved - self.velocity;
+        self.error = e - self.gains.kp * e;
+        self.velocity += self.gains.ki * e;
+        self.velocity
+    }
+}
+
+/// First-order adaptive windowing in one pass: the bounds of the slope as they narrow.
+struct Adaptive {
+    best: bool,
+    window: usize,
+    noise: f64,
+    past: [f64; 64],
+    newest: usize,
+}
+
+impl Filter for Adaptive {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        self.newest = (self.newest + 1) % 64;
+        self.past[self.newest] = moved;
+        let (mut low, mut high, mut velocity) = (f64::NEG_INFINITY, f64::INFINITY, 0.0);
+        let (mut s, mut sum, mut moment) = (0.0, 0.0, 0.0);
+        for age in 0..self.window {
+            let i = (age + 1) as f64;
+            s += self.past[(self.newest + 64 - age) % 64];
+            let slope = if self.best {
+                sum += s;
+                moment += i * s;
+                (2.0 * moment - i * sum) / (i * (i + 1.0) * (i + 2.0) / 6.0)
+            } else {
+                s / i
+            };
+            if slope < low || slope > high {
+                break;
+            }
+            velocity = slope;
+            low = low.max((s - self.noise) / i);
+            high = high.min((s + self.noise) / i);
+        }
+        velocity
+    }
+}
+
 /// Million samples per second of the plain loop.
 fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f64 {
     let began = Instant::now();
@@ -96,6 +167,16 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
             VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
                 plain(kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)), k, b)
             }
+            VelocitySettings::TrackingLoop { .. } => {
+                let gains = TrackingLoop::new(1500.0, design.rate_hz).unwrap();
+                plain(Tracking { gains, error: 0.0, velocity: 0.0 }, k, b)
+            }
+            VelocitySettings::FoawEnd { window_samples, noise_counts: noise }
+            | VelocitySettings::FoawBest { window_samples, noise_counts: noise } => {
+                let best = matches!(settings, VelocitySettings::FoawBest { .. });
+                let window = window_samples as usize;
+                plain(Adaptive { best, window, noise, past: [0.0; 64], newest: 0 }, k, b)
+            }
             VelocitySettings::Difference {} => plain(|moved: f64| moved, k, b),
             VelocitySettings::FirstOrder { .. } | VelocitySettings::FirstOrderPrewarped { .. } => {
                 let FirstOrder { b0, a1 } = FirstOrder::new(1500.0, 1e4, false).unwrap();
@@ -106,7 +187,13 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
                 };
                 plain(filter, k, b)
             }
-            _ => plain(Butterworth::default(), k, b),
+            _ => match settings.weights(design).unwrap() {
+                Some(fir) => {
+                    let weights = fir.weights().to_vec();
+                    plain(Sum { weights, past: [0.0; 64], newest: 0 }, k, b)
+                }
+                None => plain(Butterworth::default(), k, b),
+            },
         });
     }
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6

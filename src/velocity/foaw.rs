@@ -69,6 +69,21 @@ impl Foaw {
     /// Largest noise that is accepted, counts.
     pub const NOISE_MAX: f64 = 1000.0;
 
+    /// Steps of the noise in a count.
+    pub const NOISE_STEPS: i32 = NOISE_STEPS;
+    /// A bound beyond every slope, in steps of the noise.
+    pub const FREE: i32 = FREE;
+
+    /// The longest window.
+    pub const fn window_samples(&self) -> u8 {
+        self.window
+    }
+
+    /// The noise, in steps.
+    pub const fn noise_steps(&self) -> i32 {
+        self.noise
+    }
+
     /// The estimator with that longest window (1 to 32 samples) and noise (0 to 1000 counts, rounded
     /// to 1/16).
     ///

@@ -247,13 +247,19 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 9] = [
+const IN_LANES: [&str; 15] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
     "first-order-prewarped",
     "difference",
+    "taylor-2",
+    "taylor-3",
+    "least-squares-1",
+    "least-squares-2",
     "tracking-loop",
+    "foaw-end",
+    "foaw-best",
     "kalman-2",
     "kalman-3",
     "central-difference",

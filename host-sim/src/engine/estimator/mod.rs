@@ -10,7 +10,10 @@ use super::{
 
 mod kalman;
 mod low_pass;
+mod window;
 mod word;
+
+use window::Window;
 
 /// The estimators that have lanes, by their form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +24,12 @@ pub enum Form {
     LikeLowPass,
     /// Kalman filters.
     Kalman,
+    /// Weighted sums of the last differences.
+    Fir,
+    /// First-order adaptive windowing by the window's ends.
+    FoawEnd,
+    /// The same by its least-squares slope.
+    FoawBest,
 }
 
 impl Form {
@@ -38,6 +47,12 @@ impl Form {
             VelocitySettings::TrackingLoop { .. } | VelocitySettings::CentralDifference {} => {
                 Some(Self::LikeLowPass)
             }
+            VelocitySettings::Taylor2 {}
+            | VelocitySettings::Taylor3 {}
+            | VelocitySettings::LeastSquares1 { .. }
+            | VelocitySettings::LeastSquares2 { .. } => Some(Self::Fir),
+            VelocitySettings::FoawEnd { .. } => Some(Self::FoawEnd),
+            VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
             _ => None,
         }
     }
@@ -53,6 +68,9 @@ impl Form {
         match self {
             Self::LowPass | Self::LikeLowPass => of::<S, Each<low_pass::LowPass<S>>, R>(simd),
             Self::Kalman => of::<S, Each<kalman::Kalman<S>>, R>(simd),
+            Self::Fir => of::<S, Window<S, window::Sum>, R>(simd),
+            Self::FoawEnd => of::<S, Window<S, window::Adaptive<false>>, R>(simd),
+            Self::FoawBest => of::<S, Window<S, window::Adaptive<true>>, R>(simd),
         }
     }
 }

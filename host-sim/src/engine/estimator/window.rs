@@ -1,0 +1,169 @@
+//! Estimators that look at the last differences and remember nothing else: asked only when an output is due.
+//!
+//! Counts, weights and their products are whole numbers far below 2^53, so `f64` lanes have them exactly, fused or not.
+
+use zwidth::{
+    units::Velocity,
+    velocity::{Estimator, Fir, Foaw, WINDOW_MAX},
+};
+
+use super::VectorForm;
+use crate::engine::{
+    lanes::Row,
+    simd_ops::{SimdOps, lanes_mut},
+};
+
+/// The last differences of a vector, counts, and what is made of them. All its lanes have one tuning.
+pub struct Window<S: SimdOps, K> {
+    /// The newest one is before `end`; what it has after that is old.
+    past: Vec<S::f64s>,
+    end: usize,
+    kind: Option<K>,
+}
+
+const LENGTH: usize = WINDOW_MAX as usize;
+/// Differences that fit before the last ones are moved back to the beginning.
+const ROOM: usize = 4 * LENGTH;
+
+/// What is made of a window.
+pub trait Kind<S: SimdOps>: Sized {
+    /// Of an estimator, if it is of that kind.
+    fn of(estimator: &Estimator) -> Option<Self>;
+    /// The velocity, a whole number of LSB; `past` ends with the newest difference.
+    fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
+}
+
+impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
+    type Gains = ();
+
+    fn at_rest(simd: S) -> (Self, ()) {
+        (Self { past: vec![simd.splat_f64s(0.0); ROOM], end: LENGTH, kind: None }, ())
+    }
+
+    fn start(&mut self, _: S, (): &mut (), lane: usize, estimator: &Estimator) {
+        self.kind = K::of(estimator);
+        for difference in &mut self.past {
+            lanes_mut(difference)[lane] = 0.0;
+        }
+    }
+
+    #[inline(always)]
+    fn take<const R: usize>(
+        forms: &mut [Self; R],
+        simd: S,
+        _: &[(); R],
+        moved: &[Row<S, R>],
+        due: bool,
+        velocity: &mut [S::u64s; R],
+    ) {
+        for r in 0..R {
+            let Window { past, end, kind } = &mut forms[r];
+            if *end + moved.len() > ROOM {
+                past.copy_within(*end - LENGTH..*end, 0);
+                *end = LENGTH;
+            }
+            let Some(next) = past.get_mut(*end..*end + moved.len()) else { return };
+            for (place, row) in next.iter_mut().zip(moved) {
+                *place = row.0[r];
+            }
+            *end += moved.len();
+            if let (true, Some(kind), Some(past)) = (due, kind, past.get(*end - LENGTH..*end)) {
+                velocity[r] = simd.to_low(kind.velocity(simd, past));
+            }
+        }
+    }
+
+    fn is_lost(&self, (): &(), _: usize) -> bool {
+        false
+    }
+}
+
+/// [`Fir`].
+pub struct Sum(Fir);
+
+impl<S: SimdOps> Kind<S> for Sum {
+    fn of(estimator: &Estimator) -> Option<Self> {
+        if let Estimator::Fir(fir) = estimator { Some(Self(*fir)) } else { None }
+    }
+
+    #[inline(always)]
+    fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s {
+        const LSB: f64 = 1.0 / (1u32 << (30 - Velocity::FRACTION_BITS)) as f64;
+        let mut sum = simd.splat_f64s(0.5 / LSB);
+        for (weight, difference) in self.0.weights().iter().zip(past.iter().rev()) {
+            sum = simd.mul_add_e_f64s(simd.splat_f64s(f64::from(*weight)), *difference, sum);
+        }
+        let bits = simd.floor(simd.mul_f64s(sum, simd.splat_f64s(LSB)));
+        let limit = f64::from(Velocity::LIMIT << Velocity::FRACTION_BITS);
+        simd.min_of(simd.max_of(bits, simd.splat_f64s(-limit)), simd.splat_f64s(limit))
+    }
+}
+
+/// [`Foaw`]: all lanes go through the windows together, until the last of them has found its longest one.
+pub struct Adaptive<const BEST: bool>(Foaw);
+
+impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<BEST> {
+    fn of(estimator: &Estimator) -> Option<Self> {
+        if let Estimator::Foaw(foaw) = estimator { Some(Self(*foaw)) } else { None }
+    }
+
+    #[inline(always)]
+    fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s {
+        const STEPS: f64 = Foaw::NOISE_STEPS as f64;
+        let of = |value: f64| simd.splat_f64s(value);
+        let zero = of(0.0);
+        let noise = of(f64::from(self.0.noise_steps()));
+        // Bounds of the slope in steps of the noise, fractions as in the core
+        let free = f64::from(Foaw::FREE);
+        let ([mut low, mut low_over], [mut high, mut high_over]) =
+            ([of(-free), of(1.0)], [of(free), of(1.0)]);
+        let (mut number, mut over) = (zero, of(1.0));
+        let (mut s, mut sum, mut moment) = (zero, zero, zero);
+        let (mut i, mut triangle, mut pyramid) = (0.0, 0.0, 0.0);
+        let mut growing = simd.equal_f64s(zero, zero);
+        for difference in past.iter().rev().take(self.0.window_samples().into()) {
+            i += 1.0;
+            s = simd.add_f64s(s, *difference);
+            let centre = simd.mul_f64s(s, of(STEPS));
+            let [slope, slope_over] = if BEST {
+                sum = simd.add_f64s(sum, s);
+                moment = simd.mul_add_e_f64s(of(i), s, moment);
+                triangle += i;
+                pyramid += triangle;
+                let slope =
+                    simd.sub_f64s(simd.mul_f64s(of(2.0), moment), simd.mul_f64s(of(i), sum));
+                [slope, of(pyramid)]
+            } else {
+                [s, of(i)]
+            };
+            let scaled = simd.mul_f64s(slope, of(STEPS));
+            let least = simd.mul_f64s(low, slope_over);
+            let most = simd.mul_f64s(high, slope_over);
+            let above = simd.greater_than_or_equal_f64s(simd.mul_f64s(scaled, low_over), least);
+            let below = simd.less_than_or_equal_f64s(simd.mul_f64s(scaled, high_over), most);
+            growing = simd.and_m64s(growing, simd.and_m64s(above, below));
+            if simd.first_true_m64s(growing) >= S::F64_LANES {
+                break;
+            }
+            number = simd.choose(growing, slope, number);
+            over = simd.choose(growing, slope_over, over);
+            let lower = simd.sub_f64s(centre, noise);
+            let upper = simd.add_f64s(centre, noise);
+            let raised = simd.mul_f64s(lower, low_over);
+            let rises = simd.greater_than_f64s(raised, simd.mul_f64s(low, of(i)));
+            low = simd.choose(rises, lower, low);
+            low_over = simd.choose(rises, of(i), low_over);
+            let lowered = simd.mul_f64s(upper, high_over);
+            let falls = simd.less_than_f64s(lowered, simd.mul_f64s(high, of(i)));
+            high = simd.choose(falls, upper, high);
+            high_over = simd.choose(falls, of(i), high_over);
+        }
+        // to nearest, halves away from zero; a quotient is at least 2^-13 away from the next whole number, or is one
+        let scaled =
+            simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
+        let half = simd.floor(simd.mul_f64s(over, of(0.5)));
+        let bits = simd.floor(simd.div_f64s(simd.add_f64s(scaled, half), over));
+        let down = simd.less_than_f64s(number, zero);
+        simd.choose(down, simd.sub_f64s(zero, bits), bits)
+    }
+}
