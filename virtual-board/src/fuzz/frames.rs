@@ -197,7 +197,8 @@ impl Twin {
         let seen: Vec<_> = last.into_iter().chain(frames).collect();
         let outputs = seen.windows(2).filter_map(|pair| {
             let [(sample, before), (next, after)] = [pair[0], pair[1]];
-            (sample + 10 == next && before.wrapping_add(1) == after).then_some(sample)
+            let ahead = sample + 1 >= self.sample; // what the core has taken stays
+            (ahead && sample + 10 == next && before.wrapping_add(1) == after).then_some(sample)
         });
         for output in outputs {
             let of_settings =
