@@ -41,6 +41,11 @@ struct Tasks {
     speed: f64,
     /// Outputs: number of the sample, force.
     outputs: Vec<(u64, i32)>,
+    /// The output task does not run.
+    stuck: bool,
+    /// Samples since it does not, when the sampling task cut.
+    cut_after: Option<u32>,
+    since: u32,
 }
 
 impl Tasks {
@@ -63,6 +68,9 @@ impl Tasks {
             place: 0.0,
             speed: 0.0,
             outputs: Vec::new(),
+            stuck: false,
+            cut_after: None,
+            since: 0,
         }
     }
 
@@ -78,8 +86,12 @@ impl Tasks {
         if step.told {
             self.view.take(self.guard, motion.number());
         }
-        assert!(!step.cut, "{:?}", self.guard);
-        if !step.due {
+        self.since += u32::from(self.stuck);
+        if step.cut {
+            assert!(self.since > 0, "{:?}", self.guard);
+            self.cut_after.get_or_insert(self.since);
+        }
+        if !step.due || self.stuck {
             return;
         }
         let guard = self.view.at(motion.number());
@@ -183,6 +195,39 @@ fn arming_and_fading_take_their_time_at_every_period() {
         for pair in outputs.windows(ms + 1) {
             let ((_, first), (_, last)) = (pair[0], pair[ms]);
             assert!((last - first).abs() <= SLEW + 1, "{period}: {pair:?}");
+        }
+    }
+}
+
+/// An output that does not come is cut one period and a sample after it was due, at every period; 10 ms without any are
+/// a stuck task.
+#[test]
+#[cfg_attr(miri, ignore = "arms eight times")]
+fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_period() {
+    for period in PERIODS {
+        for (samples, is_stuck) in [(90, false), (130, true)] {
+            let stored = Stored { period, ..DEVICE.defaults() };
+            let mut tasks = Tasks::new(&stored);
+            tasks.orders.extend([DEVICE.order(&stored).unwrap(), Order::Request(Request::Zero)]);
+            tasks.run(100);
+            tasks.orders.push(Order::Request(Request::Arm));
+            tasks.run(3_200);
+            assert_eq!(tasks.status().state, State::Armed);
+            let last = tasks.outputs.last().unwrap().0;
+            while tasks.outputs.last().unwrap().0 == last {
+                tasks.sample(); // up to an output, which is the last
+            }
+            tasks.stuck = true;
+            tasks.run(samples);
+            // missed after a period, found after another, cut with that sample or the next
+            let cut = tasks.cut_after.unwrap();
+            assert!((2 * period..=2 * period + 1).contains(&cut), "{period}: {cut}");
+            tasks.stuck = false;
+            tasks.run(1); // what it does with the newest is late; a cut stands until it has said why
+            tasks.run(2 * period);
+            let causes = tasks.status().causes;
+            assert!(causes.contains(Fault::LateRender), "{period}: {causes:?}");
+            assert_eq!(causes.contains(Fault::StuckRender), is_stuck, "{period}: {causes:?}");
         }
     }
 }
