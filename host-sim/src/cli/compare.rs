@@ -8,6 +8,7 @@ use zwidth::velocity::{EstimatorName, Sense};
 
 use super::{
     Common,
+    conditions::Conditions,
     peers::{self, PeerArgs},
     progress, shared,
 };
@@ -58,6 +59,8 @@ pub struct CompareArgs {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
     #[command(flatten)]
+    conditions: Conditions,
+    #[command(flatten)]
     peers: PeerArgs,
 }
 
@@ -83,6 +86,8 @@ struct Json<'a> {
     stiffness_n_per_m: f64,
     /// Those at which the impedance is.
     walls: [Wall; 3],
+    /// Mean area of the true velocity.
+    true_velocity_area_n2_s_per_m2: f64,
     /// Impedance error of hold and latency alone, with the true velocity.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
@@ -110,7 +115,8 @@ struct JsonRow {
 }
 
 pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
-    let scene = NamedScene::load(&args.scene)?;
+    let mut scene = NamedScene::load(&args.scene)?;
+    args.conditions.apply(&mut scene.scene).map_err(|error| error.of(&scene.name))?;
     if common.numeric != Numeric::Fixed {
         return Err(Error::input(
             "--numeric: compare runs the fixed-point core only, allowed fixed",
@@ -151,6 +157,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         damping_n_s_per_m: place.middle().damping_n_s_per_m,
         stiffness_n_per_m: place.middle().stiffness_n_per_m,
         walls: place.walls,
+        true_velocity_area_n2_s_per_m2: place.told_area,
         impedance_error_of_loop: compared.first().map(|c| c.fidelity.of_loop),
         estimators: compared.iter().map(|c| json_row(c, &place)).collect(),
         winners: &winners,
@@ -203,8 +210,9 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: 
         false => format!(" --estimators {}", args.estimators.join(",")),
     };
     format!(
-        "compare {}{estimators} --damping {} --budget {} --repeat {} --engine {}",
+        "compare {}{estimators}{} --damping {} --budget {} --repeat {} --engine {}",
         scene.name,
+        args.conditions.as_typed(),
         place.middle().damping_n_s_per_m,
         args.budget,
         args.repeat,

@@ -38,12 +38,21 @@ pub struct LimitArgs {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-enum RmsOfArg {
+pub(super) enum RmsOfArg {
     /// The true position.
     #[default]
     Motion,
     /// The counts, which resolve no limit near one of them.
     Counts,
+}
+
+impl From<RmsOfArg> for RmsOf {
+    fn from(rms_of: RmsOfArg) -> Self {
+        match rms_of {
+            RmsOfArg::Motion => Self::Motion,
+            RmsOfArg::Counts => Self::Counts,
+        }
+    }
 }
 
 /// Limits as typed; `felt` is `None`.
@@ -113,10 +122,7 @@ impl LimitArgs {
             hands.flat_map(|arm| PushBy::ALL.map(|push| Situation { push, arm: arm.clone() }));
         Ok(Some(Question {
             limits,
-            rms_of: match self.rms_of {
-                RmsOfArg::Motion => RmsOf::Motion,
-                RmsOfArg::Counts => RmsOf::Counts,
-            },
+            rms_of: self.rms_of.into(),
             cutoffs_hz: cutoffs_hz.to_vec(),
             repeats,
             walk,

@@ -1,6 +1,7 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
 mod compare;
+mod conditions;
 mod grid;
 mod hit;
 mod identify;

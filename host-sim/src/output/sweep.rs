@@ -51,7 +51,7 @@ const LIMITS: &str = "limits.csv";
 #[derive(Clone, Debug)]
 pub struct VariantResult {
     /// Short name.
-    pub name: &'static str,
+    pub name: String,
     /// What is different.
     pub change: String,
     /// Its study.
@@ -118,7 +118,7 @@ struct WalkSummary {
 
 #[derive(Clone, Debug, Serialize)]
 struct VariantSummary {
-    name: &'static str,
+    name: String,
     change: String,
     ideal_cutoff_hz: Option<f64>,
     ideal_cutoff_range_hz: Option<[f64; 2]>,
@@ -408,7 +408,7 @@ fn variant_summary(variant: &VariantResult) -> VariantSummary {
         variant.result.cutoffs.iter().find(|result| result.cutoff_hz == ideal.cutoff_hz)
     });
     VariantSummary {
-        name: variant.name,
+        name: variant.name.clone(),
         change: variant.change.clone(),
         ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
         ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),

@@ -2,15 +2,19 @@
 //!
 //! The recommendation is not a property of the device alone: it moves with the RMS limit, with
 //! whether the wall may pull, with the latency, with the output rate and with the impact speed.
-//! Each variant changes one of them and leaves the rest of the scene as it is.
+//! Each variant changes one of them and leaves the rest of the scene as it is; each stands by motor and by hand.
 
-use crate::{error::Error, scene::Scene, simulation::prepared::PreparedScene};
+use crate::{
+    error::Error,
+    scene::{PushBy, Scene},
+    simulation::prepared::PreparedScene,
+};
 
 /// A scene with one assumption changed.
 #[derive(Clone, Debug)]
 pub struct Variant {
     /// Short name, for files.
-    pub name: &'static str,
+    pub name: String,
     /// What is different, for people.
     pub change: String,
     /// The changed scene, prepared.
@@ -24,15 +28,32 @@ pub struct Variant {
 /// A variant's value is out of range.
 pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
     let mut variants = vec![];
-    let mut add = |name, change: String, edit: &dyn Fn(&mut Scene)| {
+    let (push_by, other, who) = match scene.wall_hit.push_by {
+        PushBy::Motor => (PushBy::Hand, "by_hand", "a hand pushes"),
+        PushBy::Hand => (PushBy::Motor, "by_motor", "the motor pushes"),
+    };
+    let mut add = |name: &str, change: String, edit: &dyn Fn(&mut Scene)| {
         let mut changed = scene.clone();
         edit(&mut changed);
-        if changed == *scene || changed.check().is_err() {
+        if name != other && changed == *scene || changed.check().is_err() {
             return Ok(());
         }
-        variants.push(Variant { name, change, prepared: PreparedScene::new(&changed)? });
+        let prepared = PreparedScene::new(&changed)?;
+        if name != other {
+            variants.push(Variant { name: name.into(), change: change.clone(), prepared });
+        }
+        // the same force on a free handle: it reaches the wall as well
+        changed.wall_hit.push_by = push_by;
+        if scene.arm.is_none() && changed.check().is_ok() {
+            let (name, change) = match name == other {
+                true => (other.to_owned(), change),
+                false => (format!("{name}_{other}"), format!("{change}, {who}")),
+            };
+            variants.push(Variant { name, change, prepared: PreparedScene::new(&changed)? });
+        }
         Ok::<(), Error>(())
     };
+    add(other, who.into(), &|_| ())?;
     let limit_m = scene.wall_hit.rms_limit_m;
     for (name, factor) in [("rms_limit_third", 1.0 / 3.0), ("rms_limit_double", 2.0)] {
         let rms_limit_m = limit_m * factor;
@@ -67,9 +88,12 @@ mod tests {
     #[test]
     fn each_variant_changes_one_thing_and_impossible_ones_are_left_out() {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
-        let names =
-            |scene: &Scene| variants(scene).unwrap().iter().map(|v| v.name).collect::<Vec<_>>();
-        assert_eq!(names(&scene).len(), 7);
+        let names = |scene: &Scene| {
+            variants(scene).unwrap().into_iter().map(|v| v.name).collect::<Vec<_>>()
+        };
+        assert_eq!(names(&scene).len(), 15);
+        let by_hand = names(&scene).iter().filter(|name| name.ends_with("by_hand")).count();
+        assert_eq!(by_hand, 8);
         let all = variants(&scene).unwrap();
         let find = |name| all.iter().find(|v| v.name == name).unwrap().prepared.scene().clone();
         assert!((find("rms_limit_third").wall_hit.rms_limit_m - 5e-6).abs() < 1e-18);
@@ -78,9 +102,9 @@ mod tests {
         assert_eq!(find("slower_impact").device.start_position_m, 0.035);
         assert!(!find("push_only_flipped").wall.push_only);
         scene.actuator.period = 3; // twice the rate would be every 1.5 samples
-        assert!(!names(&scene).contains(&"output_rate_double"));
+        assert!(!names(&scene).iter().any(|name| name == "output_rate_double"));
         scene.actuator.latency = 600.0;
-        assert!(!names(&scene).contains(&"latency_double"));
+        assert!(!names(&scene).iter().any(|name| name == "latency_double"));
         scene.actuator.latency = 0.0;
         assert_eq!(names(&scene).iter().filter(|name| name.starts_with("latency")).count(), 0);
     }

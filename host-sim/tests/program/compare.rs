@@ -269,3 +269,87 @@ fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {
         assert!(ratio >= published, "{name}: {ratio}");
     }
 }
+
+#[test]
+fn conditions_of_the_command_line_are_those_of_a_scene() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    let file = folder.path().join("coarse.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let few = ["--json", "--estimators=butterworth", "--budget", "3", "--repeat", "1", "--force"];
+    let asked = [&few[..], &["--limit", "4e-6", "--rms-of", "motion", "--push", "hand"]].concat();
+    let (code, typed, error) = compare(folder.path(), &asked);
+    assert_eq!(code, 0, "{error}");
+    let manifest =
+        fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/manifest.json"));
+    let command = " --limit 4e-6 --rms-of motion --push hand --damping";
+    assert!(manifest.unwrap().contains(command));
+    let (_, own, _) = compare(folder.path(), &few);
+    assert_ne!(typed, own);
+    let keys = "[wall_hit]\nrms_of = \"motion\"\npush_by = \"hand\"";
+    let limited: String = text
+        .replace("[wall_hit]", keys)
+        .lines()
+        .map(|line| {
+            if line.starts_with("rms_limit_m") {
+                "rms_limit_m = 4e-6\n".into()
+            } else {
+                format!("{line}\n")
+            }
+        })
+        .collect();
+    fs::write(&file, limited).unwrap();
+    let (_, written, error) = compare(folder.path(), &few);
+    assert_eq!(typed, written, "{error}");
+    let json: Value = serde_json::from_str(&written).unwrap();
+    let row = &json["estimators"][0];
+    let of = |value: &Value| value.as_f64().unwrap();
+    let share = of(&row["area_n2_s_per_m2"]) / of(&json["true_velocity_area_n2_s_per_m2"]);
+    assert!(
+        (of(&row["share_of_true_velocity"]) - share).abs() < 1e-12 && share > 0.0 && share < 1.0
+    );
+    for (option, value, said) in [
+        ("--limit", "0", "allowed an RMS in m above 0, or felt"),
+        ("--limit", "1e-6,felt", "allowed one"),
+        ("--arm", "nobody", "--arm: "),
+        ("--push", "foot", "hand"),
+    ] {
+        let (code, _, error) = compare(folder.path(), &[option, value]);
+        assert!(code == 2 && error.contains(said), "{option}: {error}");
+    }
+}
+
+#[test]
+fn peers_are_a_table_for_programs_and_one_for_people() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    let asked = ["--peers", "--limits", "15e-6", "--steps", "8000,80", "--repeat", "1"];
+    let run = |extra: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
+            .current_dir(folder.path())
+            .args(["compare", "coarse.toml", "--force"])
+            .args(asked)
+            .args(extra)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let json: Value = serde_json::from_str(&run(&["--json", "--threads", "1"])).unwrap();
+    let areas = json["areas"].as_array().unwrap();
+    // 13 defaults, the scene's own at two cutoffs, the true velocity; the scene's loop and two boards
+    assert_eq!(areas.len(), 3 * 16);
+    let csv = fs::read_to_string(folder.path().join("zwidth-out/coarse/peers/peers.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + areas.len());
+    for (area, line) in areas.iter().zip(csv.lines().skip(1)) {
+        assert!(line.contains(area["estimator"].as_str().unwrap()), "{line}");
+        assert!(line.contains(&format!(",{},", area["area_n2_s_per_m2"].as_f64().unwrap())));
+        let share = area["share_of_true_velocity"].as_f64().unwrap();
+        assert!(share == 1.0 || area["estimator"] != "true-velocity", "{area}");
+    }
+    let text = run(&["--threads", "2"]);
+    assert!(
+        text.contains("latency 0.14 samples") && text.contains("DHD_VELOCITY_WINDOW"),
+        "{text}"
+    );
+}

@@ -47,6 +47,10 @@ use crate::{
     numerics::statistics::Repeats,
     scene::{LATENCY_KNOWN_MAX, Scene, estimator::EstimatorChoice},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
+    study::{
+        sweep::start_offset_counts,
+        walk::{Boundaries, Boundary, walk},
+    },
 };
 
 /// An estimator in the comparison.
@@ -159,6 +163,8 @@ impl Wall {
 pub struct Place {
     /// Softest damping first.
     pub walls: [Wall; 3],
+    /// Mean area of the true velocity in place of an estimate, N^2 s/m^2.
+    pub told_area: f64,
 }
 
 impl Place {
@@ -228,7 +234,7 @@ const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 /// Most walks that comparing `entries` takes.
 pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     let reference = u64::from(!entries.contains(&REFERENCE));
-    (entries.len() as u64 + reference) * budget.most()
+    (entries.len() as u64 + reference) * budget.most() + u64::from(budget.repeats)
 }
 
 /// Compares `entries`. Finite difference and Butterworth, tuned, gives the walls ([`Place`]) at which
@@ -280,7 +286,17 @@ pub fn compare(
         let stiffness_n_per_m = (reached / 2.0).max(plan.stiffness_start_n_per_m);
         Wall { stiffness_n_per_m, damping_n_s_per_m }
     });
-    let place = Place { walls };
+    let told = PreparedScene::told(scene)?;
+    let told: Vec<Result<Boundary, Error>> = (0..budget.repeats)
+        .into_par_iter()
+        .map(|repeat| {
+            let start = start_offset_counts(repeat, budget.repeats);
+            walk(engine, &told, Numeric::Fixed, 0.0, start, stop)
+        })
+        .collect();
+    done(budget.repeats.into());
+    let told = told.into_iter().collect::<Result<Boundaries, Error>>()?;
+    let place = Place { walls, told_area: told.area() };
     let compared: Vec<Result<Compared, Error>> = entries
         .par_iter()
         .zip(found)

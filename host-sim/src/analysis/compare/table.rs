@@ -105,13 +105,15 @@ const LESS: Option<Better> = Some(Better::Less);
 const NEARER: Option<Better> = Some(Better::NearerToZero);
 
 /// All columns.
-pub const CRITERIA: [Criterion; 25] = criteria! {
+pub const CRITERIA: [Criterion; 26] = criteria! {
     Boundary MORE, "area_n2_s_per_m2":
         "area", AREA, 1e-6, 2, |c, _| c.tuned.boundaries.areas();
     Boundary None, "area_low_n2_s_per_m2":
         "lowest", AREA, 1e-6, 2, |c, _| vec![c.tuned.boundaries.area_range()[0]];
     Boundary None, "area_high_n2_s_per_m2":
         "highest", AREA, 1e-6, 2, |c, _| vec![c.tuned.boundaries.area_range()[1]];
+    Boundary None, "share_of_true_velocity":
+        "of true v", "%", 1e2, 0, |c, place| Vec::from_iter(share(c, place));
     Boundary MORE, "stiffness_peak_mean_n_per_m":
         "peak K", "kN/m", 1e-3, 1, |c, _| c.tuned.boundaries.stiffness_peaks_n_per_m();
     Boundary MORE, "stiffness_at_damping_mean_n_per_m":
@@ -158,6 +160,11 @@ pub const CRITERIA: [Criterion; 25] = criteria! {
     Robustness LESS, "ram_bytes":
         "RAM", "bytes", 1.0, 0, |c, _| Vec::from_iter(c.cost.map(|cost| cost.ram_bytes));
 };
+
+/// Of what the true velocity reaches.
+fn share(c: &Compared, place: &Place) -> Option<f64> {
+    (place.told_area > 0.0).then(|| c.tuned.boundaries.area() / place.told_area)
+}
 
 /// Of each hit at the middle wall, if that is stable.
 fn roughness(c: &Compared) -> Vec<f64> {
@@ -273,6 +280,11 @@ pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
             100.0 * first.fidelity.of_loop
         ));
     }
+    notes.push(format!(
+        "The true velocity (no noise, quantisation or delay; the counts stay) reaches an area of {:.2} 10^6 N^2 s/m^2 \
+         here: `of true v` is the share of it.",
+        place.told_area * 1e-6
+    ));
     let unsettled = compared.iter().filter(|c| !c.tuned.settled).map(|c| c.entry.name());
     let unsettled: Vec<String> = unsettled.collect();
     if !unsettled.is_empty() {

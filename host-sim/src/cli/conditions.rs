@@ -1,0 +1,101 @@
+//! Options that put other conditions in the place of a scene's: limit, criterion, who pushes, in whose hand.
+
+use clap::{Args, ValueEnum};
+
+use super::limits::{Limits, RmsOfArg, parse};
+use crate::{
+    error::Error,
+    scene::{Criterion, PushBy, Scene},
+};
+
+/// In the place of what the scene says.
+#[derive(Clone, Debug, Args)]
+pub struct Conditions {
+    /// Limit in the place of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
+    #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "peers")]
+    limit: Option<Limits>,
+    /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
+    #[arg(long, value_enum, conflicts_with = "peers")]
+    rms_of: Option<RmsOfArg>,
+    /// When a wall counts as stable, in the place of the scene's.
+    #[arg(long, value_enum, conflicts_with_all = ["peers", "limit"])]
+    criterion: Option<CriterionArg>,
+    /// Who pushes, in the place of the scene's.
+    #[arg(long, value_enum, conflicts_with = "peers")]
+    push: Option<PushArg>,
+    /// The arm that holds the handle: a name of [arms.NAME] or of a built-in model (heavy, light).
+    #[arg(long, value_name = "NAME", conflicts_with = "peers")]
+    arm: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum CriterionArg {
+    Rms,
+    Unsaturated,
+    Felt,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum PushArg {
+    Motor,
+    Hand,
+}
+
+fn one(text: &str) -> Result<Limits, String> {
+    parse(text).and_then(|limits| match limits.0.len() {
+        1 => Ok(limits),
+        more => Err(format!("{more} limits, allowed one")),
+    })
+}
+
+impl Conditions {
+    /// Puts them into the scene.
+    ///
+    /// # Errors
+    /// There is no such arm, or the scene cannot have them.
+    pub fn apply(&self, scene: &mut Scene) -> Result<(), Error> {
+        let hit = &mut scene.wall_hit;
+        match self.limit.as_ref().and_then(|limits| limits.0.first()) {
+            None => {}
+            Some(None) => hit.criterion = Criterion::Felt,
+            Some(Some(limit_m)) => hit.rms_limit_m = *limit_m,
+        }
+        if let Some(rms_of) = self.rms_of {
+            hit.rms_of = rms_of.into();
+        }
+        if let Some(criterion) = self.criterion {
+            hit.criterion = match criterion {
+                CriterionArg::Rms => Criterion::Rms,
+                CriterionArg::Unsaturated => Criterion::Unsaturated,
+                CriterionArg::Felt => Criterion::Felt,
+            };
+        }
+        if let Some(push) = self.push {
+            hit.push_by = match push {
+                PushArg::Motor => PushBy::Motor,
+                PushArg::Hand => PushBy::Hand,
+            };
+        }
+        if let Some(name) = &self.arm {
+            let arm = scene.named_arm(name);
+            scene.arm = Some(arm.map_err(|error| Error::Input(format!("--arm: {error}")))?);
+        }
+        scene.check().map_err(Error::Input)
+    }
+
+    /// As on the command line.
+    pub fn as_typed(&self) -> String {
+        let name =
+            |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
+        let typed = [
+            ("limit", self.limit.as_ref().map(Limits::as_typed)),
+            ("rms-of", name(self.rms_of.and_then(|value| value.to_possible_value()))),
+            ("criterion", name(self.criterion.and_then(|value| value.to_possible_value()))),
+            ("push", name(self.push.and_then(|value| value.to_possible_value()))),
+            ("arm", self.arm.clone()),
+        ];
+        let option =
+            |(option, value): (&str, Option<String>)| value.map(|v| format!(" --{option} {v}"));
+        typed.into_iter().filter_map(option).collect()
+    }
+}
