@@ -31,6 +31,7 @@ ELSEWHERE = re.compile(
 # Of minutes, without a table of figures: what they make is stored beside.
 MINUTES = {
     "cargo run --release -p host-sim-bench --bin fixed_point_limits": "docs/figures/fixed-point-limits.csv",
+    "cargo board fuzz --instants": "docs/data/fuzz-instants.csv",
     "cargo sim trade identified.toml": "docs/data/trade-plant-paper-1um.csv",
     "cargo sim compare identified.toml": "docs/data/compare-paper-1um.csv",
     **{command: f"docs/data/{next(iter(files.values()))}" for command, files in LONG.values()},
