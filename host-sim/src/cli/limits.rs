@@ -150,7 +150,7 @@ impl LimitArgs {
             repeats: 1,
             walk: scene.walk,
             situations: PushBy::ALL.map(|push| Situation { push, arm: None }).to_vec(),
-            told: false,
+            told: true,
         }))
     }
 
