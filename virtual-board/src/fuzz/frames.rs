@@ -371,7 +371,8 @@ impl Twin {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::settings::Settings, *};
+    use crate::board::NUCLEO_F446RE;
 
     /// The example of the telemetry's page.
     #[test]
@@ -393,5 +394,31 @@ mod tests {
         let mut damaged = bytes;
         damaged[20] ^= 1;
         assert!(Frame::read(&damaged).is_err());
+    }
+
+    /// While the black box is read out a later change is placed by the frames before: those are met.
+    #[test]
+    fn a_change_stays_at_its_output_when_the_one_before_is_taken() {
+        let parameters = Settings::defaults().parameters(NUCLEO_F446RE).unwrap();
+        let last = Last { sample: 9930, force: 0, correction: 0, settings: 34, pushed: false };
+        let mut twin =
+            Twin { sample: 9932, last: Some(last), ..Twin::new(parameters, (2047, 2048)) };
+        let frames = [(9940, 35), (9950, 36)].map(|(sample, settings)| Frame {
+            sequence: 0,
+            sample,
+            position: 0,
+            velocity: 0,
+            force: 0,
+            code: 2048,
+            flags: 0,
+            settings,
+            fault: 0,
+            busy: false,
+        });
+        twin.frames.extend(frames);
+        for output in [9940, 9980] {
+            twin.change(output, Change::Parameters(parameters));
+        }
+        assert_eq!(twin.changes.iter().map(|change| change.0).collect::<Vec<_>>(), [9940, 9980]);
     }
 }
