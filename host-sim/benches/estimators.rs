@@ -22,7 +22,7 @@ use host_sim::{
 use plain::{Butterworth, Filter, SAMPLES, plain};
 use zwidth::{
     VelocitySettings,
-    velocity::{EstimatorName, FirstOrder, KalmanDesign, TrackingLoop},
+    velocity::{EstimatorName, FirstOrder, KalmanDesign, LevantDesign, TrackingLoop},
 };
 
 const ROUNDS: usize = 15;
@@ -110,6 +110,39 @@ impl Filter for Tracking {
     }
 }
 
+/// Levant's differentiator.
+struct Levant {
+    implicit: bool,
+    sizes: LevantDesign,
+    ahead: f64,
+    velocity: f64,
+}
+
+impl Filter for Levant {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let LevantDesign { alpha, lambda } = self.sizes;
+        let b = self.ahead - moved;
+        let sign = if b == 0.0 { 0.0 } else { b.signum() };
+        if !self.implicit {
+            let u = self.velocity - lambda * b.abs().sqrt() * sign;
+            self.velocity -= alpha * sign;
+            self.ahead = b + u;
+            return u;
+        }
+        let mut e = 0.0;
+        if b.abs() <= alpha {
+            self.velocity -= b;
+        } else {
+            let root = (lambda * lambda / 4.0 + b.abs() - alpha).sqrt() - lambda / 2.0;
+            e = root * root * sign;
+            self.velocity -= alpha * sign;
+        }
+        self.ahead = e + self.velocity;
+        self.velocity
+    }
+}
+
 /// First-order adaptive windowing in one pass: the bounds of the slope as they narrow.
 struct Adaptive {
     best: bool,
@@ -176,6 +209,12 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
                 let best = matches!(settings, VelocitySettings::FoawBest { .. });
                 let window = window_samples as usize;
                 plain(Adaptive { best, window, noise, past: [0.0; 64], newest: 0 }, k, b)
+            }
+            VelocitySettings::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio }
+            | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
+                let implicit = matches!(settings, VelocitySettings::LevantImplicit { .. });
+                let sizes = LevantDesign::new(c, lambda_ratio, design).unwrap();
+                plain(Levant { implicit, sizes, ahead: 0.0, velocity: 0.0 }, k, b)
             }
             VelocitySettings::Difference {} => plain(|moved: f64| moved, k, b),
             VelocitySettings::FirstOrder { .. } | VelocitySettings::FirstOrderPrewarped { .. } => {

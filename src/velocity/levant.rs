@@ -136,6 +136,16 @@ impl Form for Levant {
 }
 
 impl Levant {
+    /// Of the root, sqrt(counts) per sample.
+    pub const fn lambda(&self) -> Gain {
+        self.lambda
+    }
+
+    /// alpha, half of lambda, and its square, with 32 fractional bits.
+    pub const fn sizes(&self) -> [i64; 3] {
+        [self.alpha, self.half, self.square]
+    }
+
     fn explicit(&self, state: &mut LevantState, moved: i64) -> Velocity {
         let e = (state.ahead - moved).clamp(-DISTANCE_MAX, DISTANCE_MAX);
         let pull = self.lambda.apply_wide(root(e.unsigned_abs()));

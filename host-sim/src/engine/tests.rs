@@ -209,9 +209,8 @@ fn what_has_no_lanes_runs_all_the_same() {
         Some(Friction { coulomb_n: 0.05, static_n: 0.05, stribeck_speed_m_per_s: 1e-3 });
     friction.integrator =
         Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
-    let levant =
-        Scene { velocity: EstimatorName::LevantImplicit.defaults().into(), ..short(paper()) };
-    for mut scene in [friction, levant] {
+    let observer = Scene { velocity: EstimatorName::Observer.defaults().into(), ..short(paper()) };
+    for mut scene in [friction, observer] {
         scene.sweep.cutoffs_hz = vec![800.0];
         let prepared = PreparedScene::new(&scene).unwrap();
         assert!(!lanes_for(&prepared, Numeric::Fixed));
@@ -247,7 +246,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 15] = [
+const IN_LANES: [&str; 17] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
@@ -260,6 +259,8 @@ const IN_LANES: [&str; 15] = [
     "tracking-loop",
     "foaw-end",
     "foaw-best",
+    "levant-explicit",
+    "levant-implicit",
     "kalman-2",
     "kalman-3",
     "central-difference",
@@ -382,6 +383,11 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
             let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
             settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)
+        }
+        VelocitySettings::LevantExplicit { .. } | VelocitySettings::LevantImplicit { .. } => {
+            let unit = scene.encoder.resolution_m * rate_hz * rate_hz;
+            let lambda_ratio = 0.5 + 2.5 * (tuning * 37.0).fract();
+            settings.with_tuning(1.001e-6 * 9.9e9f64.powf(tuning) * unit).with_second(lambda_ratio)
         }
         _ => settings,
     }

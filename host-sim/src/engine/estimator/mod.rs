@@ -9,6 +9,7 @@ use super::{
 };
 
 mod kalman;
+mod levant;
 mod low_pass;
 mod window;
 mod word;
@@ -30,6 +31,10 @@ pub enum Form {
     FoawEnd,
     /// The same by its least-squares slope.
     FoawBest,
+    /// Levant's differentiator, explicit.
+    LevantExplicit,
+    /// The same, implicit.
+    LevantImplicit,
 }
 
 impl Form {
@@ -53,6 +58,8 @@ impl Form {
             | VelocitySettings::LeastSquares2 { .. } => Some(Self::Fir),
             VelocitySettings::FoawEnd { .. } => Some(Self::FoawEnd),
             VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
+            VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
+            VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
             _ => None,
         }
     }
@@ -71,6 +78,8 @@ impl Form {
             Self::Fir => of::<S, Window<S, window::Sum>, R>(simd),
             Self::FoawEnd => of::<S, Window<S, window::Adaptive<false>>, R>(simd),
             Self::FoawBest => of::<S, Window<S, window::Adaptive<true>>, R>(simd),
+            Self::LevantExplicit => of::<S, Each<levant::Levant<S, false>>, R>(simd),
+            Self::LevantImplicit => of::<S, Each<levant::Levant<S, true>>, R>(simd),
         }
     }
 }
