@@ -403,19 +403,18 @@ mod tests {
         let last = Last { sample: 9930, force: 0, correction: 0, settings: 34, pushed: false };
         let mut twin =
             Twin { sample: 9932, last: Some(last), ..Twin::new(parameters, (2047, 2048)) };
-        let frames = [(9940, 35), (9950, 36)].map(|(sample, settings)| Frame {
+        twin.frames.push_back(Frame {
             sequence: 0,
-            sample,
+            sample: 9940,
             position: 0,
             velocity: 0,
             force: 0,
             code: 2048,
             flags: 0,
-            settings,
+            settings: 35,
             fault: 0,
             busy: false,
         });
-        twin.frames.extend(frames);
         for output in [9940, 9980] {
             twin.change(output, Change::Parameters(parameters));
         }
