@@ -2,6 +2,7 @@
 
 use super::{
     estimator::Form,
+    fixed::fixed_loop,
     float::FloatLoop,
     lanes::LaneController,
     scheduler,
@@ -173,7 +174,7 @@ fn each_numeric<S: SimdOps, const R: usize>(
 ) -> Tally {
     let float = |rounding| Box::new(FloatLoop::<S, R>::new(simd, rounding));
     let mut controller: Box<dyn LaneController<S, R>> = match task.numeric {
-        Numeric::Fixed => form.lanes(simd),
+        Numeric::Fixed => fixed_loop(form, simd),
         Numeric::F64 => float(Rounding::Exact),
         Numeric::F64Rounded => float(Rounding::VelocityLsb),
     };

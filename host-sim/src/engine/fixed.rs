@@ -7,7 +7,13 @@ use pulp::WithSimd;
 use zwidth::{Gain, SettingsError, units::Force};
 
 use super::{
-    estimator::VectorForm,
+    estimator::{
+        Each, Form, VectorForm,
+        kalman::Kalman,
+        levant::Levant,
+        low_pass::LowPass,
+        window::{Adaptive, Sum, Window},
+    },
     lanes::{Aligned, Due, LaneController, OutputStage, Row, place},
     simd_ops::{SIGN, SimdOps, lanes_mut},
 };
@@ -25,6 +31,28 @@ pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     /// LSB, in the lower 32 bits.
     velocity: [S::u64s; R],
     walls: [Wall<S>; R],
+}
+
+/// The core's loop with an estimator of that form.
+pub fn fixed_loop<S: SimdOps, const R: usize>(
+    form: Form,
+    simd: S,
+) -> Box<dyn LaneController<S, R>> {
+    fn of<S: SimdOps, F, const R: usize>(simd: S) -> Box<dyn LaneController<S, R>>
+    where
+        F: VectorForm<S> + 'static,
+    {
+        Box::new(FixedLoop::<S, F, R>::new(simd))
+    }
+    match form {
+        Form::LowPass | Form::LikeLowPass => of::<S, Each<LowPass<S>>, R>(simd),
+        Form::Kalman => of::<S, Each<Kalman<S>>, R>(simd),
+        Form::Fir => of::<S, Window<S, Sum>, R>(simd),
+        Form::FoawEnd => of::<S, Window<S, Adaptive<false>>, R>(simd),
+        Form::FoawBest => of::<S, Window<S, Adaptive<true>>, R>(simd),
+        Form::LevantExplicit => of::<S, Each<Levant<S, false>>, R>(simd),
+        Form::LevantImplicit => of::<S, Each<Levant<S, true>>, R>(simd),
+    }
 }
 
 /// Stiffness and damping, a lane each.

@@ -3,18 +3,15 @@
 use zwidth::{VelocitySettings, velocity::Estimator};
 
 use super::{
-    fixed::FixedLoop,
-    lanes::{LaneController, Row},
+    lanes::Row,
     simd_ops::{SimdOps, lanes, lanes_mut},
 };
 
-mod kalman;
-mod levant;
-mod low_pass;
-mod window;
+pub(super) mod kalman;
+pub(super) mod levant;
+pub(super) mod low_pass;
+pub(super) mod window;
 mod word;
-
-use window::Window;
 
 /// The estimators that have lanes, by their form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,25 +58,6 @@ impl Form {
             VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
             VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
             _ => None,
-        }
-    }
-
-    /// The core's loop with it in lanes.
-    pub fn lanes<S: SimdOps, const R: usize>(self, simd: S) -> Box<dyn LaneController<S, R>> {
-        fn of<S: SimdOps, F, const R: usize>(simd: S) -> Box<dyn LaneController<S, R>>
-        where
-            F: VectorForm<S> + 'static,
-        {
-            Box::new(FixedLoop::<S, F, R>::new(simd))
-        }
-        match self {
-            Self::LowPass | Self::LikeLowPass => of::<S, Each<low_pass::LowPass<S>>, R>(simd),
-            Self::Kalman => of::<S, Each<kalman::Kalman<S>>, R>(simd),
-            Self::Fir => of::<S, Window<S, window::Sum>, R>(simd),
-            Self::FoawEnd => of::<S, Window<S, window::Adaptive<false>>, R>(simd),
-            Self::FoawBest => of::<S, Window<S, window::Adaptive<true>>, R>(simd),
-            Self::LevantExplicit => of::<S, Each<levant::Levant<S, false>>, R>(simd),
-            Self::LevantImplicit => of::<S, Each<levant::Levant<S, true>>, R>(simd),
         }
     }
 }
