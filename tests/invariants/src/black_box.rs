@@ -42,14 +42,17 @@ crate::properties! {
         }
     }
 
-    /// A fault's record comes back out of backup RAM as it was; with any bits flipped, or of a RAM that lost its supply,
-    /// there is none.
+    /// A fault's record comes back out of backup RAM as it was; with all a CRC-32 notices for certain, any change of a
+    /// word or of up to three bits, there is none, nor of a RAM that lost its supply.
     remembered(1000, (code, causes, sample, words, flips) in (
         any::<prop::sample::Index>(),
         any::<u32>(),
         any::<u64>(),
         any::<[i32; 3]>(),
-        prop::collection::vec((0..FaultRecord::WORDS, 1u32..), 1..4),
+        prop_oneof![
+            prop::collection::vec((0..FaultRecord::WORDS, 1u32..), 1),
+            prop::collection::vec((0..FaultRecord::WORDS, (0..32u32).prop_map(|bit| 1 << bit)), 1..4),
+        ],
     )) {
         let fault = Fault::ALL[code.index(Fault::ALL.len())];
         let causes = FaultSet::from_bits(causes);
