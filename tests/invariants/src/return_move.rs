@@ -38,6 +38,12 @@ impl Move {
         self.settings.tolerance_m / self.design.resolution_m
     }
 
+    /// Outputs from one look at the speed to the next: a millisecond, or one output.
+    fn pace(&self) -> u32 {
+        let samples = (self.design.rate_hz / 1000.0).ceil() as u32;
+        (samples / self.design.period).max(1)
+    }
+
     /// Outputs that it may take.
     fn outputs_max(&self) -> u32 {
         (self.settings.timeout_s / self.output_s()).ceil() as u32
@@ -168,16 +174,21 @@ crate::properties! {
         let side = if way.1 { 1 } else { -1 };
         let mut run = Return::new(back.plan);
         let mut distance = far as i64;
+        // its speed is measured over eight looks
+        let span = 9 * back.pace();
+        let mut stood = span;
         for (speed, moving, holding) in goes {
             let step = any::between(1e-3, 1.0, speed) * back.output_s() / back.design.resolution_m;
-            for n in 0..moving + holding {
+            let moving = u32::from(moving);
+            for n in 0..moving + u32::from(holding) * back.pace() {
+                stood += 1;
                 if n < moving {
                     distance = (distance - step.ceil() as i64).max(0);
+                    stood = 0;
                 }
                 let place = back.start() + side * distance;
                 let ReturnStep::Push(force) = run.output(at(place), false) else { return Ok(()) };
-                // it has stood for the eight outputs over which its speed is measured
-                if n >= moving + 9 || moving == 0 {
+                if stood >= span {
                     assert!(i64::from(force.bits()) * side <= 0, "{force:?} at {distance} counts from the start");
                 }
             }
