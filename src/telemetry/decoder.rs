@@ -62,8 +62,7 @@ impl Decoder {
             if let Some(frame) = frame
                 && self.take_earlier(&frame, length)
             {
-                self.window.copy_within(length.., 0);
-                self.filled -= length;
+                self.pass(length);
                 self.count(&frame);
                 return Some(frame);
             }
@@ -171,7 +170,13 @@ impl Decoder {
         };
         let start = (1..self.filled).find(|&place| may_start(place)).unwrap_or(self.filled);
         self.garbage += start as u64;
-        self.window.copy_within(start.., 0);
-        self.filled -= start;
+        self.pass(start);
+    }
+
+    /// Those bytes are done with; there are as many.
+    fn pass(&mut self, bytes: usize) {
+        // What the compiler cannot know: that they lie within the window.
+        self.window.copy_within(bytes.min(Frame::LEN_MAX).., 0);
+        self.filled = self.filled.saturating_sub(bytes);
     }
 }

@@ -92,11 +92,13 @@ impl TrackingLoop {
     /// the loop's proportional part, which leaves no delay at DC.
     ///
     /// # Errors
-    /// `bandwidth_hz` as above, `lead` outside -1 .. where the coefficients' magnitudes add up to 3.999.
+    /// `bandwidth_hz` as above, `lead` outside -1 .. `kp / ki + 1` (no delay, and the sample more that an explicit loop's
+    /// proportional part gives), or so large that a coefficient reaches 2 or their magnitudes add up to 4.
     pub fn led(bandwidth_hz: f64, lead: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let own = Self::new(bandwidth_hz, rate_hz)?;
-        let denominator = 3.0 - 2.0 * own.kp - own.ki;
-        within("lead", lead, -1.0..=0.5 * ((3.999 - denominator) / own.ki - 1.0))?;
+        let (kp, ki) = (own.kp, own.ki);
+        let sum = 0.5 * ((3.999 - (3.0 - 2.0 * kp - ki)) / ki - 1.0);
+        within("lead", lead, -1.0..=(kp / ki + 1.0).min(1.999 / ki - 1.0).min(sum))?;
         Ok(Self { lead, ..own })
     }
 

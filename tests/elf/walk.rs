@@ -70,8 +70,9 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     );
     let simulated = &simulated[0];
     assert!(difference.abs() <= AREA_TOLERANCE, "{difference}");
-    let of_one = walked.area / simulated.area - 1.0; // as `cargo sim walk` gives it
-    assert!(of_one.abs() <= AREA_TOLERANCE, "{of_one}");
+    // As `cargo sim walk` gives it: one walk, which scatters by the spread.
+    let of_one = walked.area / simulated.area - 1.0;
+    assert!(of_one.abs() <= AREA_TOLERANCE + 2.0 * spread, "{of_one}");
     assert_eq!(walked.ended_by, simulated.ended.map(Ended::name).unwrap());
     assert_eq!(walked.points.len(), simulated.points.len());
     let sum: f64 = walked.points.iter().map(|[_, k]| k).sum();
