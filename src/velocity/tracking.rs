@@ -98,7 +98,9 @@ impl TrackingLoop {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);
         let sum = 0.5 * ((3.999 - (3.0 - 2.0 * kp - ki)) / ki - 1.0);
-        within("lead", lead, -1.0..=(kp / ki + 1.0).min(1.999 / ki - 1.0).min(sum))?;
+        // A part in 10^12 is for who computes the same by another way.
+        let most = (kp / ki + 1.0) * (1.0 + 1e-12);
+        within("lead", lead, -1.0..=most.min(1.999 / ki - 1.0).min(sum))?;
         Ok(Self { lead, ..own })
     }
 
