@@ -223,7 +223,7 @@ impl Return {
             self.reference.unwrap_or(here).max(here.min(target)).min(here.max(target));
         let step = between(target - reference, plan.step);
         // It waits for a handle that is held.
-        if ((reference + step - here) >> FRACTION).abs() <= i64::from(plan.lead) {
+        if (reference + step - here).abs() >> FRACTION <= i64::from(plan.lead) {
             reference += step;
             self.planned += step;
         }
@@ -439,6 +439,28 @@ pub(super) mod tests {
                 });
                 assert!(moved, "{settings:?} {resolution_m}");
             }
+        }
+    }
+
+    /// A step that is a whole number of counts but for its rounding up fits a lead of as many, on either side.
+    #[test]
+    fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
+        let full_scale_n = 2.189_657_517_033_622;
+        let design =
+            Design { rate_hz: 5e4, resolution_m: 1e-8, full_scale_n, period: 42, ..DESIGN };
+        let settings = ReturnSettings {
+            speed_m_per_s: 1.0,
+            force_n: 1e-3 * full_scale_n,
+            stiffness_n_per_m: 2.606_735_139_325_740_7,
+            ..SETTINGS
+        };
+        for at in [-1_000_000, 1_000_000] {
+            let mut back = Return::new(settings.build(&design).unwrap());
+            let step = back.output(Position::from_counts(at), false);
+            assert!(
+                matches!(step, ReturnStep::Push(force) if force.bits() * at.signum() < 0),
+                "{step:?} at {at}"
+            );
         }
     }
 

@@ -14,14 +14,23 @@ use crate::Property;
 /// What is tried, and for how long.
 #[derive(Clone, Debug)]
 pub struct Campaign {
-    /// Time; every property gets one batch at least.
-    pub lasts: Duration,
+    /// For how long.
+    pub extent: Extent,
     /// Cases follow from it.
     pub seed: u64,
     /// What is tried.
     pub properties: Vec<&'static Property>,
-    /// Only this batch of each.
-    pub batch: Option<u64>,
+}
+
+/// How much of each property.
+#[derive(Clone, Copy, Debug)]
+pub enum Extent {
+    /// Until the time is over, at least one batch; the property that has had the least time is the next.
+    Time(Duration),
+    /// The first so many batches: the same cases on every machine.
+    Batches(u64),
+    /// This batch only.
+    Batch(u64),
 }
 
 /// What has become of one property.
@@ -111,10 +120,14 @@ impl Campaign {
     /// The property that has had the least time, and its next batch; none if there is nothing left to do.
     fn next(&self, begun: Instant) -> Option<(&'static Property, u64)> {
         let mut count = count();
-        let timely = begun.elapsed() < self.lasts;
         let mut open = self.properties.iter().filter_map(|property| {
             let progress = count.of.get(property.title())?;
-            let due = progress.batches == 0 || timely && self.batch.is_none();
+            let due = match self.extent {
+                Extent::Time(lasts) => begun.elapsed() < lasts,
+                Extent::Batches(most) => progress.batches < most,
+                Extent::Batch(_) => false,
+            };
+            let due = due || progress.batches == 0;
             (due && !progress.failed).then_some((property, progress.batches, progress.seconds))
         });
         let first = open.next()?;
@@ -125,7 +138,8 @@ impl Campaign {
             // until the time is known; so that other cores take other properties
             progress.seconds += 1.0;
         }
-        Some((property, self.batch.unwrap_or(number)))
+        let Extent::Batch(only) = self.extent else { return Some((property, number)) };
+        Some((property, only))
     }
 
     fn try_next(&self, begun: Instant) -> bool {

@@ -386,7 +386,7 @@ crate::properties! {
                 let known = zwidth::velocity::Senses { force: Force::ZERO, ..senses };
                 let says = stated(&next, &design).jump(velocity, (count - last) as f64, &known);
                 let jump = (now - velocity).abs();
-                assert!(jump <= says + 2.0 / LSB, "{next:?}: {jump} for {says}, from {velocity}");
+                assert!(jump <= says, "{next:?}: {jump} for {says}, from {velocity}");
             }
             (velocity, last) = (now, *count);
             wait = wait.map(|wait| wait - 1);

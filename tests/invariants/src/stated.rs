@@ -117,19 +117,22 @@ impl First {
 }
 
 impl Stated {
-    /// Largest jump of the velocity with the first sample after a restart at `velocity`.
+    /// Largest jump of the velocity with the first sample after a restart at `velocity`; 2 LSB of it and 2^-30 of the
+    /// difference are for rounding.
     pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
         let off = (counts - velocity).abs();
-        match self.first {
-            First::Part(part, beside) => part * off + beside,
-            First::Root(lambda) => lambda * off.sqrt(),
-            First::Bounded(most) => off.min(most),
-            First::Known(part, _) => {
-                let known = self.first.acceleration(senses).abs();
-                part * (off + known / 2.0) + known
+        let rounding = 2.0 / LSB + off * 2f64.powi(-30);
+        rounding
+            + match self.first {
+                First::Part(part, beside) => part * off + beside,
+                First::Root(lambda) => lambda * off.sqrt(),
+                First::Bounded(most) => off.min(most),
+                First::Known(part, _) => {
+                    let known = self.first.acceleration(senses).abs();
+                    part * (off + known / 2.0) + known
+                }
+                First::Mean(span) => off.max((off + 2.0) / (span - 0.5)),
             }
-            First::Mean(span) => off.max((off + 2.0) / (span - 0.5)),
-        }
     }
 }
 
