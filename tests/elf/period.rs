@@ -8,7 +8,7 @@ use virtual_board::{
 };
 use zwidth::{
     experiment::Order,
-    period::{PERIODS, leaves_time},
+    period::{PERIODS, cycles_allowed, leaves_time},
     safety::Request,
     store::Stored,
     telemetry::{Decoder, Flags, Record},
@@ -260,6 +260,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
             board.name
         );
         let key = format!("elf/period/{}/{period}", board.name);
+        figure(&format!("{key}/allowed"), cycles_allowed(period));
         figure(&format!("{key}/refused"), refused.join(" "));
         figure(&format!("{key}/slowest"), name);
         figure(&format!("{key}/slowest_sample"), sample);
