@@ -55,8 +55,11 @@ impl Mind {
         if !self.sees() {
             view.stop_closed = !self.stop_open;
             view.supply_good = self.supply_mv > LOW_MV;
+            // nobody has seen where the handle and the wall have gone since
             let other = View { valid: !view.valid, ..view };
-            all = vec![(view, view), (other, other)];
+            let [there, other_there] =
+                [view, other].map(|view| View { contact: !view.contact, ..view });
+            all = [view, other, there, other_there].map(|view| (view, view)).to_vec();
         }
         if of_late(self.supply_at) || of_late(self.stop_at) {
             for (seen, newest) in all.clone() {
