@@ -130,7 +130,7 @@ fn rounding_and_units_of_the_encoder_change_no_figure_in_counts() {
         scene.encoder.rounding = Rounding::Floor;
         // as fast as 100 counts a sample whatever moves it
         scene.wall_hit.push_n = 0.0;
-        scene.actuator.gain_n_per_v = 1e4;
+        (scene.actuator.gain_n_per_v, scene.device.mass_kg) = (1e4, 0.02);
         let settings = match dice.below(3) {
             0 => VelocitySettings::TimeStamps { span_samples: 1 + dice.below(20) },
             1 => VelocitySettings::Difference {},

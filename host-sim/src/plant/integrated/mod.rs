@@ -1,7 +1,7 @@
 //! A plant that is integrated step by step: the linear chain with friction, cogging and travel limits.
 //!
 //! Between the instants at which it changes its equation the plant is smooth. Its [`Regime`] says
-//! which equation holds; guards say how long it may. Where a step would violate one, the instant is
+//! which equation holds; guards say how long it may. Where a step would violate some, the instant of the first is
 //! located on the step itself (its length is shortened until the guard is zero to the last digits), the
 //! state is put exactly on the boundary, and the next step starts in the new regime. So each
 //! method keeps its order, a device that sticks has speed 0 and does not creep, and a rigid stop is
@@ -204,23 +204,47 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Shortens a step until its guard is zero: length, end, what happens there.
+    /// Shortens a step that violates guards to the first instant at which one of them is zero: length, end, what
+    /// happens there; `None` if it violates none.
+    fn first_event(
+        &self,
+        field: &Smooth<'_, N>,
+        state: &mut HybridState<N>,
+        (step_s, end): (f64, [f64; N]),
+    ) -> Option<(f64, [f64; N], Event)> {
+        let mut first = None::<(f64, [f64; N], Event)>;
+        for (which, (value, event)) in
+            self.guards(field.regime, &end, field.force_n).into_iter().enumerate()
+        {
+            if value >= 0.0 {
+                continue;
+            }
+            let (h, end) = self.locate(field, state, (step_s, end, value), which);
+            if first.is_none_or(|(earliest, ..)| h < earliest) {
+                first = Some((h, end, event));
+            }
+        }
+        first
+    }
+
+    /// Shortens a step until that guard is zero: length and end.
     fn locate(
         &self,
         field: &Smooth<'_, N>,
         state: &mut HybridState<N>,
-        step_s: f64,
-    ) -> (f64, [f64; N], Event) {
+        (step_s, end, value): (f64, [f64; N], f64),
+        which: usize,
+    ) -> (f64, [f64; N]) {
         let HybridState { z, steps, .. } = state;
+        let value_of = |z: &[f64; N]| self.guards(field.regime, z, field.force_n)[which].0;
         let mut guard = |h: f64| {
             *steps += 1;
             let end = self.integrator.step(field, z, h);
-            let (value, event) = self.guard(field.regime, &end, field.force_n);
-            (value, end, event)
+            (value_of(&end), end)
         };
-        let (mut high, mut at_high) = (step_s, guard(step_s));
+        let (mut high, mut at_high) = (step_s, (value, end));
         // A regime that has just begun may have its own guard at zero: look for where it holds.
-        let (mut low, mut value_low) = (0.0, self.guard(field.regime, z, field.force_n).0);
+        let (mut low, mut value_low) = (0.0, value_of(z));
         let mut inside = step_s;
         while value_low <= 0.0 && inside > step_s * 1e-6 {
             inside *= 0.5;
@@ -255,7 +279,7 @@ impl<const N: usize> IntegratedStep<N> {
                 }
             }
         }
-        (high, at_high.1, at_high.2)
+        (high, at_high.1)
     }
 
     /// Moves for `duration_s` under one force.
@@ -269,21 +293,24 @@ impl<const N: usize> IntegratedStep<N> {
             let regime = state.regime;
             let field = Smooth { plant: self, regime, force_n };
             let (step_s, end) = self.trial(&field, state, left_s);
-            if self.guard(regime, &end, force_n).0 >= 0.0 {
+            if events == EVENTS_MAX {
                 state.z = end;
                 left_s -= step_s;
-            } else if events < EVENTS_MAX {
-                let (step_s, end, event) = self.locate(&field, state, step_s);
+                let guards = self.guards(regime, &end, force_n);
+                if let Some((_, event)) = guards.into_iter().find(|(value, _)| *value < 0.0) {
+                    state.z[1] = if matches!(event, Event::Reaches(_)) { 0.0 } else { state.z[1] };
+                    self.transit(state, event, force_n);
+                }
+            } else if let Some((step_s, end, event)) =
+                self.first_event(&field, state, (step_s, end))
+            {
                 state.z = end;
                 left_s -= step_s;
                 events += 1;
                 self.transit(state, event, force_n);
             } else {
-                let (_, event) = self.guard(regime, &end, force_n);
                 state.z = end;
                 left_s -= step_s;
-                state.z[1] = if matches!(event, Event::Reaches(_)) { 0.0 } else { state.z[1] };
-                self.transit(state, event, force_n);
             }
         }
     }

@@ -45,6 +45,9 @@ pub(super) enum Event {
     MeetsAgain(End),
 }
 
+/// Most guards that a regime has.
+pub(super) const GUARDS: usize = 3;
+
 impl<const N: usize> IntegratedStep<N> {
     /// All forces on the device but friction and rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
@@ -89,43 +92,41 @@ impl<const N: usize> IntegratedStep<N> {
         };
     }
 
-    /// The guard that is nearest to being violated, negative if it is.
-    pub(super) fn guard(&self, regime: Regime, z: &[f64; N], force_n: f64) -> (f64, Event) {
-        let mut least = (f64::INFINITY, Event::Rest);
-        let mut guard = |value: f64, event: Event| {
-            if value < least.0 {
-                least = (value, event);
-            }
-        };
+    /// The guards of a regime, each negative where it is violated; those that it has not are infinite. Their units
+    /// differ, so they are never compared with one another.
+    pub(super) fn guards(
+        &self,
+        regime: Regime,
+        z: &[f64; N],
+        force_n: f64,
+    ) -> [(f64, Event); GUARDS] {
+        let mut guards = [(f64::INFINITY, Event::Rest); GUARDS];
         match regime.motion {
             Motion::Held => {
                 let state = HybridState { z: *z, regime, step_s: 0.0, steps: 0 };
                 let (up, down) = self.holds_n(&state, force_n);
-                guard(up.min(down), Event::Breakaway);
-                return least;
+                guards[0] = (up.min(down), Event::Breakaway);
+                return guards;
             }
-            Motion::Up if self.friction.is_some() => guard(z[1], Event::Rest),
-            Motion::Down if self.friction.is_some() => guard(-z[1], Event::Rest),
+            Motion::Up if self.friction.is_some() => guards[0] = (z[1], Event::Rest),
+            Motion::Down if self.friction.is_some() => guards[0] = (-z[1], Event::Rest),
             Motion::Up | Motion::Down => {}
         }
         if let Some(travel) = self.travel {
             let position_m = self.absolute_m(z);
-            match regime.stop {
-                Stop::Clear => {
-                    for end in [End::Low, End::High] {
-                        guard(-travel.depth_m(end, position_m), Event::Reaches(end));
-                    }
-                }
+            let inside = |end| (-travel.depth_m(end, position_m), Event::Reaches(end));
+            [guards[1], guards[2]] = match regime.stop {
+                Stop::Clear => [inside(End::Low), inside(End::High)],
                 Stop::Pushing(end) => {
-                    guard(travel.push_n(end, position_m, z[1]), Event::Parts(end));
+                    [(travel.push_n(end, position_m, z[1]), Event::Parts(end)), guards[2]]
                 }
-                Stop::Parting(end) => {
-                    guard(travel.depth_m(end, position_m), Event::Leaves(end));
-                    guard(-travel.push_n(end, position_m, z[1]), Event::MeetsAgain(end));
-                }
-            }
+                Stop::Parting(end) => [
+                    (travel.depth_m(end, position_m), Event::Leaves(end)),
+                    (-travel.push_n(end, position_m, z[1]), Event::MeetsAgain(end)),
+                ],
+            };
         }
-        least
+        guards
     }
 
     /// Changes the regime at its end.
