@@ -120,6 +120,9 @@ pub struct Twin {
     /// Number of the next sample, and the counts from it on.
     sample: u64,
     counts: VecDeque<u32>,
+    /// The newest count, and the longest step from count to count that nobody has asked for yet.
+    newest: Option<u32>,
+    longest_step: u32,
     /// Count at which the position is 0, by subtraction alone.
     zero: u32,
     changes: VecDeque<(u64, Change)>,
@@ -144,6 +147,8 @@ impl Twin {
             codes,
             sample: 0,
             counts: VecDeque::new(),
+            newest: None,
+            longest_step: 0,
             zero: 0,
             changes: VecDeque::new(),
             before: None,
@@ -168,6 +173,11 @@ impl Twin {
 
     /// Takes counts that the program has read: the first since its start, then one a sample.
     pub fn read(&mut self, counts: Vec<u32>) {
+        for &count in &counts {
+            let step = count.wrapping_sub(self.newest.unwrap_or(count)).cast_signed();
+            self.longest_step = self.longest_step.max(step.unsigned_abs());
+            self.newest = Some(count);
+        }
         let mut counts = counts.into_iter();
         if self.sampler.is_none()
             && let Some(first) = counts.next()
@@ -175,6 +185,11 @@ impl Twin {
             self.sampler = Some(Sampler::new(first, CounterWidth::Bits32));
         }
         self.counts.extend(counts);
+    }
+
+    /// The longest step from count to count since this was asked.
+    pub fn take_longest_step(&mut self) -> u32 {
+        std::mem::take(&mut self.longest_step)
     }
 
     /// Something holds from the sample after this output on, or, for new settings, from the output beside it whose

@@ -199,7 +199,9 @@ impl Mind {
             ));
         }
         self.blind = false;
-        self.fastest = new.velocity.unsigned_abs().max(self.fastest / 2);
+        // between two outputs it may have been faster than either frame says
+        let step = self.twin.take_longest_step().saturating_mul(1 << 16);
+        self.fastest = new.velocity.unsigned_abs().max(step).max(self.fastest / 2);
         let moved = new.position.abs_diff(old.position);
         if !gap && moved > FAR && !self.allowed.zero {
             self.fastest = u32::MAX;
