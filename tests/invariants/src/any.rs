@@ -223,3 +223,12 @@ impl Random {
         }
     }
 }
+
+/// Changes of some words that a CRC-32 behind them notices for certain: of one word, or of up to three bits. Of others it
+/// misses one in 2^32.
+pub fn noticed(words: usize) -> impl Strategy<Value = Vec<(usize, u32)>> + Clone {
+    prop_oneof![
+        prop::collection::vec((0..words, 1u32..), 1),
+        prop::collection::vec((0..words, (0..32u32).prop_map(|bit| 1 << bit)), 1..4),
+    ]
+}

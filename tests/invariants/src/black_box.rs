@@ -6,6 +6,8 @@ use zwidth::{
     telemetry::Record,
 };
 
+use crate::any::noticed;
+
 crate::properties! {
     /// The black box holds the newest records, every so manyth of them, oldest first, the one with the fault the last;
     /// from there on nothing is taken until it is released, and then it begins empty.
@@ -49,10 +51,7 @@ crate::properties! {
         any::<u32>(),
         any::<u64>(),
         any::<[i32; 3]>(),
-        prop_oneof![
-            prop::collection::vec((0..FaultRecord::WORDS, 1u32..), 1),
-            prop::collection::vec((0..FaultRecord::WORDS, (0..32u32).prop_map(|bit| 1 << bit)), 1..4),
-        ],
+        noticed(FaultRecord::WORDS),
     )) {
         let fault = Fault::ALL[code.index(Fault::ALL.len())];
         let causes = FaultSet::from_bits(causes);
