@@ -4,7 +4,7 @@ have stored."""
 import json
 import math
 
-from . import block, slots
+from . import block, slots, states
 from .source import DATA, MADE, commit, constant, m, measured, number, power, row, rows, significant, table  # noqa: F401
 
 FUSION = "compare-paper-1um-accelerometer.csv"
@@ -478,6 +478,58 @@ DIAL_IN = (
 )
 slots("README.md", DIAL_IN)
 slots("docs/comparison.md", DIAL_IN)
+
+
+# What is said in words
+def measure(estimator, key, scene="paper-1um"):
+    return float(of(scene, estimator)[key])
+
+
+def area_at(um, estimator):
+    return float(row(at_limit(um), estimator=estimator)["area_n2_s_per_m2"])
+
+
+def ranking(um):
+    return sorted(LIMITED, key=lambda name: -area_at(um, name))
+
+
+def peer_over(a, b, limit):
+    return float(peer("paper-1um", a, limit)["area_n2_s_per_m2"]) / float(peer("paper-1um", b, limit)["area_n2_s_per_m2"])
+
+
+def fusion_is_best():
+    share = "impedance_error_of_estimator"
+    others = ["butterworth", "kalman-3", "levant-explicit"]
+    return (measure("fusion", "area_n2_s_per_m2") > 0.98 * max(measure(name, "area_n2_s_per_m2") for name in others)
+            and measure("fusion", "noise_in_motion_m_per_s") < min(measure(name, "noise_in_motion_m_per_s") for name in others)
+            and measure("fusion", share) < min(float(r[share]) for r in rows("compare-paper-1um.csv") if r[share]))
+
+
+def far_below_a_count():
+    """Of the stiff plant: (error of the trajectory, change of the area)."""
+    of_integrators = [r for r in rows("trade-plant-paper-1um-stiff.csv") if r["method"] != "exact"]
+    pairs = [(float(r["trajectory_error_m"]), abs(float(r["area_change"]))) for r in of_integrators]
+    far_below = max(change for error, change in pairs if error < 1e-8)
+    some = [change for error, change in pairs if 1e-7 < error < 1e-5]
+    return far_below > 0.8 * min(some) and max(some) < 1.5 * far_below and max(c for _, c in pairs) > 2 * max(some)
+
+
+states(
+    "docs/comparison.md",
+    ("| an accelerometer | `fusion` | as much area, less noise, the smallest share of the impedance error |", fusion_is_best),
+    ("have one of the largest areas of all that a hand can use, no delay, little noise and roughness, and the smallest share "
+     "of the impedance error.", fusion_is_best),
+    ("Another limit turns the ranking over", lambda: all((peer_over("moteus-exact", "butterworth-500", limit) > 1) == (limit == "1.5e-05") for limit in ("1.5e-05", "1e-06"))),
+    ("Which of the two is first depends on the limit, and so does the order of the low-passes.",
+     lambda: all(len({tuple(name for name in ranking(um) if name in pair) for um in (5, 15, 30)}) > 1
+                 for pair in (("kalman-3", "levant-explicit"), ("butterworth", "first-order")))),
+    ("At each of these limits `kalman-3` and Levant's explicit form are ahead of both low-passes.",
+     lambda: all(set(ranking(um)[:2]) == {"kalman-3", "levant-explicit"} for um in (5, 15, 30))),
+    ("Their area is below Butterworth's, at the shortest span.",
+     lambda: area_at(15, "time-stamps") < area_at(15, "butterworth") and measure("time-stamps", "tuning") == 1),
+)
+states("docs/trade.md", ("errors of the trajectory far below a count move it as much as errors of some counts do, tens of counts more.",
+                         far_below_a_count))
 
 
 # Who pushes, what counts

@@ -259,6 +259,17 @@ slots(
 )
 
 
+EDGE = "hit paper-2um --cutoff 1500 --stiffness 24000 --damping 620"
+slots(
+    "docs/theory.md",
+    (f"`cargo sim {EDGE}` is {{}}, with `--start-offset 0.001`, a thousandth of a count, {{}}.", lambda: sim(EDGE)["verdict"],
+     lambda: sim(f"{EDGE} --start-offset 0.001")["verdict"]),
+)
+slots(
+    "docs/device.md",
+    *[(text, lambda: 1 + len(sim("sweep paper-2um --sensitivity")["scenes"][0]["sensitivity"]))
+      for text in ("what is uncertain; takes {} times as long |", "It makes {} studies instead of one.")],
+)
 slots(
     "docs/scenes.md",
     ("(half of it, {} times the area at 2 um)", lambda: significant(
