@@ -18,7 +18,10 @@ mod walk;
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{
+    Args, Parser, Subcommand, ValueEnum,
+    builder::{EnumValueParser, TypedValueParser as _},
+};
 
 use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared::Numeric};
 
@@ -57,7 +60,7 @@ struct Common {
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Arithmetic of the controller.
-    #[arg(long, global = true, value_enum, default_value_t)]
+    #[arg(long, global = true, value_parser = EnumValueParser::<NumericArg>::new().map(Numeric::from), default_value = "fixed")]
     numeric: Numeric,
     /// What runs the hits; the results do not depend on it.
     #[arg(long, global = true, value_enum, default_value_t)]
@@ -86,6 +89,27 @@ impl From<EngineArg> for Engine {
         match engine {
             EngineArg::Core => Self::Core,
             EngineArg::Lanes => Self::lanes(),
+        }
+    }
+}
+
+/// [`Numeric`] as the command line names it.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum NumericArg {
+    /// Fixed point: the core's arithmetic, as on the board.
+    Fixed,
+    /// Its twin in 64-bit floats.
+    F64,
+    /// The twin with its velocity rounded to the fixed-point LSB.
+    F64Rounded,
+}
+
+impl From<NumericArg> for Numeric {
+    fn from(numeric: NumericArg) -> Self {
+        match numeric {
+            NumericArg::Fixed => Self::Fixed,
+            NumericArg::F64 => Self::F64,
+            NumericArg::F64Rounded => Self::F64Rounded,
         }
     }
 }

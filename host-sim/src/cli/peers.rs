@@ -18,7 +18,7 @@ use crate::{
     output::{
         files::{MANIFEST, Outputs, json as json_bytes},
         manifest::Manifest,
-        peers::PeerArea,
+        peers::{PeerArea, Peers},
         terminal::print_result,
     },
     scene::NamedScene,
@@ -93,11 +93,12 @@ pub fn run(
     let bar = progress::bar(question.walks());
     let study = compare_peers(engine, question, interrupt::flag(), || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
+    let study = Peers(study);
     bar.finish_and_clear();
     outputs.add(to, "peers.csv", study.csv().as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
     outputs.commit()?;
-    let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.notes };
+    let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.0.notes };
     print_result(common.json, json, || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
     })

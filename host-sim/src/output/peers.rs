@@ -33,20 +33,24 @@ pub struct PeerArea {
     capped_walks: usize,
 }
 
-impl PeerStudy {
+/// A finished study of the defaults of other systems.
+#[derive(Clone, Debug)]
+pub struct Peers(pub PeerStudy);
+
+impl Peers {
     /// Every area.
     pub fn areas(&self) -> Vec<PeerArea> {
         let rows =
-            self.rows.iter().flat_map(|row| (0..row.boundaries.len()).map(move |n| (row, n)));
+            self.0.rows.iter().flat_map(|row| (0..row.boundaries.len()).map(move |n| (row, n)));
         rows.map(|(row, n)| self.area(row, n)).collect()
     }
 
     fn area(&self, row: &Row, limit: usize) -> PeerArea {
-        let of_loop = &self.question.loops[row.of_loop];
+        let of_loop = &self.0.question.loops[row.of_loop];
         let boundaries = &row.boundaries[limit];
         let [low, high] = boundaries.area_range();
-        let (limit_value, limit_unit) = value(self.question.limits[limit]);
-        let told = self.told_area(row.of_loop, limit).filter(|told| *told > 0.0);
+        let (limit_value, limit_unit) = value(self.0.question.limits[limit]);
+        let told = self.0.told_area(row.of_loop, limit).filter(|told| *told > 0.0);
         PeerArea {
             of_loop: of_loop.name.clone(),
             latency_samples: of_loop.scene.actuator.latency,
@@ -73,7 +77,7 @@ impl PeerStudy {
              capped_walks,walks,stiffness_start_n_per_m,stiffness_step_n_per_m,stiffness_max_n_per_m,\
              damping_start_n_s_per_m,damping_step_n_s_per_m,damping_max_tried_n_s_per_m,schema_version\n",
         );
-        let grid = grid(&self.question.walk).map(|value| value.to_string()).join(",");
+        let grid = grid(&self.0.question.walk).map(|value| value.to_string()).join(",");
         for a in self.areas() {
             let share = a.share_of_true_velocity.map(|share| share.to_string()).unwrap_or_default();
             let _ = writeln!(
@@ -92,7 +96,7 @@ impl PeerStudy {
                 a.area_high_n2_s_per_m2,
                 a.stiffness_peak_n_per_m,
                 a.capped_walks,
-                self.question.repeats
+                self.0.question.repeats
             );
         }
         text
@@ -103,11 +107,11 @@ impl PeerStudy {
         let mut text = format!(
             "area by limit of the motion, 10^6 N^2 s/m^2, and its share of what the true velocity reaches; > cut at a cap\n  \
              untuned defaults; {} walks each; {}",
-            self.question.repeats,
-            grid_text(&self.question.walk)
+            self.0.question.repeats,
+            grid_text(&self.0.question.walk)
         );
-        let width = self.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
-        for (place, of_loop) in self.question.loops.iter().enumerate() {
+        let width = self.0.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
+        for (place, of_loop) in self.0.question.loops.iter().enumerate() {
             let _ = write!(
                 text,
                 "\n  loop of {}, latency {} samples, the {} pushes\n  {:width$}",
@@ -116,10 +120,10 @@ impl PeerStudy {
                 of_loop.scene.wall_hit.push_by.name(),
                 ""
             );
-            for limit in &self.question.limits {
+            for limit in &self.0.question.limits {
                 let _ = write!(text, "  {:>14}", name(*limit));
             }
-            for row in self.rows.iter().filter(|row| row.of_loop == place) {
+            for row in self.0.rows.iter().filter(|row| row.of_loop == place) {
                 let _ = write!(text, "\n  {:width$}", row.name);
                 for n in 0..row.boundaries.len() {
                     let a = self.area(row, n);
@@ -132,11 +136,11 @@ impl PeerStudy {
             }
         }
         text.push_str("\n  where each stands");
-        for row in self.rows.iter().filter(|row| row.of_loop == 0) {
+        for row in self.0.rows.iter().filter(|row| row.of_loop == 0) {
             let source = if row.source.is_empty() { "" } else { "; " };
             let _ = write!(text, "\n  {:width$}  {}{source}{}", row.name, row.does, row.source);
         }
-        for note in &self.notes {
+        for note in &self.0.notes {
             let _ = write!(text, "\n  note: {note}");
         }
         text

@@ -6,7 +6,7 @@ use super::{twin, window::Measures};
 use crate::error::Error;
 
 /// Which arithmetic the controller uses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Numeric {
     /// Fixed point: the core's arithmetic, as on the board.
     #[default]
