@@ -20,7 +20,16 @@ fn main() {
 
 /// Commit, and whether tracked files differ from it.
 fn built_from() -> [String; 2] {
-    for path in ["../src", "../scenes", "../Cargo.lock", "src", "Cargo.toml"] {
+    for path in [
+        "../src",
+        "../filter-forms",
+        "../scenes",
+        "../Cargo.lock",
+        "src",
+        "studies",
+        "loop",
+        "Cargo.toml",
+    ] {
         println!("cargo::rerun-if-changed={path}");
     }
     if let Some(git_dir) = git(&["rev-parse", "--absolute-git-dir"]) {

@@ -291,9 +291,9 @@ slots("docs/scenes.md", ("nominal cutoffs of the study | {} to {} of the rate ({
                          const(WIDTH, "PREWARPED_MAX")))
 slots(
     "docs/batch.md",
-    ("This is checked every {} samples in lanes, every {} in the core.", const("host-sim/src/engine/scheduler.rs", "CHUNK_SAMPLES"),
-     const("host-sim/src/simulation/prepared.rs", "EARLY_CHECK_SAMPLES")),
-    ("| counts from one sample to the next | 2^{} |", lambda: constant("host-sim/src/engine/scheduler.rs", r"JUMP_MAX: f64 = \(1 << (\d+)\)")),
+    ("This is checked every {} samples in lanes, every {} in the core.", const("host-sim/loop/src/engine/scheduler.rs", "CHUNK_SAMPLES"),
+     const("host-sim/loop/src/simulation/prepared.rs", "EARLY_CHECK_SAMPLES")),
+    ("| counts from one sample to the next | 2^{} |", lambda: constant("host-sim/loop/src/engine/scheduler.rs", r"JUMP_MAX: f64 = \(1 << (\d+)\)")),
 )
 slots(
     "docs/firmware.md",

@@ -24,17 +24,10 @@
 //! text of the core's arithmetic for speed that tests hold to the same bits.
 #![forbid(unsafe_code)]
 
-pub mod analysis;
 pub mod cli;
-pub mod engine;
-pub mod error;
-pub mod input;
-pub mod interrupt;
-pub mod notation;
-pub mod numerics;
 pub mod output;
-pub mod plant;
-pub mod range;
-pub mod scene;
-pub mod simulation;
-pub mod study;
+
+pub use sim_loop::{
+    engine, error, input, interrupt, notation, numerics, plant, range, scene, simulation,
+};
+pub use sim_studies::{analysis, study};

@@ -41,31 +41,39 @@ pub struct Import {
 /// The files of a crate by module; the root's files are left out.
 #[derive(Debug)]
 pub struct Source {
-    own_name: &'static str,
+    own_names: &'static [&'static str],
     files: BTreeMap<Module, File>,
 }
 
 impl Source {
-    /// Reads `folder` of the workspace, whose crate calls itself `own_name`.
-    pub fn read(folder: &str, own_name: &'static str) -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
+    /// Reads `folders` of the workspace, whose crates call themselves `own_names`; several are taken as one, whose
+    /// modules have different names.
+    pub fn read(folders: &[&str], own_names: &'static [&'static str]) -> Self {
         let mut texts = vec![];
-        collect(&root, folder, &mut texts);
-        Self::of(texts, folder, own_name)
+        for folder in folders {
+            let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
+            collect(&root, folder, &mut texts);
+        }
+        Self::of(texts, folders, own_names)
     }
 
     /// The same of path and text of each file.
-    pub fn of(texts: Vec<(String, String)>, folder: &str, own_name: &'static str) -> Self {
-        let mut source = Self { own_name, files: BTreeMap::new() };
+    pub fn of(
+        texts: Vec<(String, String)>,
+        folders: &[&str],
+        own_names: &'static [&'static str],
+    ) -> Self {
+        let mut source = Self { own_names, files: BTreeMap::new() };
         let mut tests = BTreeSet::new();
         for (name, text) in texts {
-            let module = module_of(&name[folder.len() + 1..]);
+            let module =
+                module_of(folders.iter().find_map(|folder| name.strip_prefix(folder)).unwrap());
             let file = source.files.entry(module.clone()).or_default();
             file.name = name;
             Reader {
                 tokens: tokens(&text),
                 at: 0,
-                own_name,
+                own_names,
                 file,
                 inline: vec![],
                 tests: &mut tests,
@@ -98,7 +106,7 @@ impl Source {
         let mut rest = &named.path[..];
         match rest.first()?.as_str() {
             "crate" => at.clear(),
-            own if own == self.own_name => at.clear(),
+            own if self.own_names.contains(&own) => at.clear(),
             "self" => {}
             "super" => drop(at.pop()),
             first => {
@@ -157,7 +165,7 @@ fn collect(folder: &Path, name: &str, texts: &mut Vec<(String, String)>) {
 /// The module that a file below the crate's root holds.
 fn module_of(file: &str) -> Module {
     let parts = file.trim_end_matches(".rs").split('/');
-    parts.filter(|part| !["lib", "main", "mod"].contains(part)).map(str::to_owned).collect()
+    parts.filter(|part| !["", "lib", "main", "mod"].contains(part)).map(str::to_owned).collect()
 }
 
 /// Words and signs of a text with their lines; comments, strings and characters are left out.
@@ -233,7 +241,7 @@ fn character(text: &str) -> usize {
 struct Reader<'a> {
     tokens: Vec<(usize, String)>,
     at: usize,
-    own_name: &'static str,
+    own_names: &'static [&'static str],
     file: &'a mut File,
     /// Inline modules that are open: name, and the braces that are open around it.
     inline: Vec<(String, usize)>,
@@ -275,7 +283,7 @@ impl Reader<'_> {
                     self.path(&from);
                     continue;
                 }
-                own if own == self.own_name && self.text(1) == "::" => {
+                own if self.own_names.contains(&own) && self.text(1) == "::" => {
                     self.path(&from);
                     continue;
                 }

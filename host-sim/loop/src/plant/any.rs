@@ -34,6 +34,7 @@ pub enum AnyPlant {
 
 /// Runs an expression with the plant that an [`AnyPlant`] holds, compiled for each that has an exact step, and once
 /// for the others.
+#[macro_export]
 macro_rules! each_plant {
     ($any:expr, $plant:ident => $body:expr) => {
         match $any {
@@ -47,7 +48,7 @@ macro_rules! each_plant {
         }
     };
 }
-pub(crate) use each_plant;
+pub use each_plant;
 
 /// [`Plant`] with the state of any plant, for calls through a table.
 pub trait OtherPlant: Debug + Send + Sync {

@@ -43,10 +43,10 @@ pub use tables::{
 
 /// The built-in scenes: name and text.
 pub const BUILT_IN: &[(&str, &str)] = &[
-    ("paper-1um", include_str!("../../../scenes/paper-1um.toml")),
-    ("paper-2um", include_str!("../../../scenes/paper-2um.toml")),
-    ("nucleo-f446re", include_str!("../../../scenes/nucleo-f446re.toml")),
-    ("discovery-f407", include_str!("../../../scenes/discovery-f407.toml")),
+    ("paper-1um", include_str!("../../../../scenes/paper-1um.toml")),
+    ("paper-2um", include_str!("../../../../scenes/paper-2um.toml")),
+    ("nucleo-f446re", include_str!("../../../../scenes/nucleo-f446re.toml")),
+    ("discovery-f407", include_str!("../../../../scenes/discovery-f407.toml")),
 ];
 
 /// The built-in scenes of the paper's study.

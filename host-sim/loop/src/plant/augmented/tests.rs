@@ -11,8 +11,8 @@ use crate::{
     },
 };
 
-const STEPS: &str = include_str!("../../../../tests/golden/augmented_step.csv");
-const TRAJECTORIES: &str = include_str!("../../../../tests/golden/augmented_trajectory.csv");
+const STEPS: &str = include_str!("../../../../../tests/golden/augmented_step.csv");
+const TRAJECTORIES: &str = include_str!("../../../../../tests/golden/augmented_trajectory.csv");
 /// Of max(1, |A| T), in the energy norm: what the issue asks.
 const STEP_ERROR_MAX: f64 = 1e-12;
 /// After 6 s: what the issue asks.

@@ -128,7 +128,7 @@ impl Fixed {
 
     /// Another velocity for the last sample.
     #[inline]
-    pub(crate) fn set_velocity(&mut self, velocity: Velocity) {
+    pub fn set_velocity(&mut self, velocity: Velocity) {
         self.motion.velocity = velocity;
     }
 }

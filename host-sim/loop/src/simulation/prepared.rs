@@ -183,7 +183,7 @@ impl PreparedScene {
     }
 
     /// The core at rest where the hit starts.
-    pub(crate) fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
+    pub fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
         let count = self.first_count(hit);
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
     }
@@ -313,7 +313,7 @@ impl PreparedScene {
     }
 
     /// The verdict with any controller that is at rest where the hit starts.
-    pub(crate) fn early_verdict<C: Controller + Copy>(
+    pub fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,

@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn the_tables_of_the_boards_are_what_a_sweep_of_their_scenes_says() {
         let table = |name: &str| {
-            let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
+            let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes");
             fs::read_to_string(scenes.join(format!("{name}.envelope.csv"))).ok()
         };
         // The built-in scenes that have a table are the boards'.

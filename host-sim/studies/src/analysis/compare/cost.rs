@@ -22,5 +22,5 @@ impl Cost {
 
 /// The cost of that estimator, if it was measured; a test holds the table against the measurement.
 pub fn of(name: EstimatorName) -> Option<Cost> {
-    Cost::find(include_str!("../../../data/estimator_cost.csv"), name.text())
+    Cost::find(include_str!("../../../../data/estimator_cost.csv"), name.text())
 }

@@ -13,7 +13,7 @@ mod augmented;
 mod integrated;
 mod sensed;
 
-pub(crate) use any::each_plant;
+pub use any::each_plant;
 pub use any::{AnyPlant, OtherPlant};
 pub use augmented::{AugmentedStep, ChainState};
 pub use integrated::{HybridState, IntegratedStep, Regime};

@@ -465,38 +465,6 @@ proptest! {
     }
 }
 
-/// The files of a sweep are made of this: it must not depend on engine, backend or threads.
-#[test]
-fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
-    use crate::study::sweep::{Plan, sweep};
-    let mut scenes = [paper(), NamedScene::load("paper-2um").unwrap().scene];
-    for scene in &mut scenes {
-        scene.wall_hit.settle_s = 1.0;
-        scene.wall_hit.window_s = 0.5;
-        scene.walk.stiffness_step_n_per_m = 8000.0;
-        scene.walk.damping_step_n_s_per_m = 80.0;
-    }
-    let prepared = scenes.map(|scene| PreparedScene::new(&scene).unwrap());
-    let plans: Vec<Plan<'_>> = prepared
-        .iter()
-        .map(|prepared| Plan { name: "s", prepared, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
-        .collect();
-    let stop = std::sync::atomic::AtomicBool::new(false);
-    for numeric in [Numeric::Fixed, Numeric::F64] {
-        let mut all = vec![];
-        for engine in engines() {
-            for threads in [1, 2, 5] {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let swept = pool.install(|| sweep(engine, &plans, numeric, 3, &stop, |_| {}));
-                all.push(format!("{:?}", swept.unwrap()));
-            }
-        }
-        let points = all[0].matches("BoundaryPoint").count();
-        assert!(points > 20, "{points}");
-        assert!(all.iter().all(|swept| *swept == all[0]));
-    }
-}
-
 #[test]
 fn a_stream_is_in_order_and_ends_when_it_is_told_to() {
     use std::sync::atomic::{AtomicBool, Ordering};

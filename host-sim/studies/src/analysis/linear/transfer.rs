@@ -281,8 +281,8 @@ mod tests {
 
     #[test]
     fn second_order_matches_scipy_and_mpmath() {
-        let plain = include_str!("../../../../tests/golden/butterworth.csv");
-        let prewarped = include_str!("../../../../tests/golden/butterworth_prewarped.csv");
+        let plain = include_str!("../../../../../tests/golden/butterworth.csv");
+        let prewarped = include_str!("../../../../../tests/golden/butterworth_prewarped.csv");
         for (golden, prewarp) in [(plain, false), (prewarped, true)] {
             for row in rows(golden) {
                 let (rate, cutoff) = (row[0], row[1]);

@@ -3,7 +3,7 @@
 use super::*;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-const GOLDEN: &str = include_str!("../../../../tests/golden/plant_step.csv");
+const GOLDEN: &str = include_str!("../../../../../tests/golden/plant_step.csv");
 /// Rounding of the inputs b/m and k/m alone moves phi by about 1e-16 |A| T; the rest is margin.
 const GOLDEN_TOLERANCE: f64 = 1e-12;
 /// The closed forms do better: a few roundings.

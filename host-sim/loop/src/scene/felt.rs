@@ -8,7 +8,7 @@ use std::{path::Path, sync::Arc};
 use crate::{error::Error, input};
 
 /// What is felt unless a scene names a curve.
-const MODEL: &str = include_str!("../../data/felt-model.csv");
+const MODEL: &str = include_str!("../../../data/felt-model.csv");
 const HEADER: &str = "frequency_hz,threshold_rms_m";
 
 /// Frequencies and thresholds: straight lines between them in log-log, constant beyond its ends.

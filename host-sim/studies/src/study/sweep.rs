@@ -305,6 +305,7 @@ impl SweepResult {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{engine::Backend, scene::NamedScene};
 
     fn cutoff(cutoff_hz: f64, areas: &[f64]) -> CutoffResult {
         let boundary = |&area: &f64| Boundary { points: vec![], area, hits: 1, ended: None };
@@ -382,5 +383,41 @@ mod tests {
         let widths = [2, 3, 4, 8, 16, 64, 256].map(width);
         assert!(widths.is_sorted_by(|a, b| a >= b), "{widths:?}");
         assert_eq!((widths[0], widths[6]), (1000.0, 300.0));
+    }
+
+    /// The files of a sweep are made of this: it must not depend on engine, backend or threads.
+    #[test]
+    fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
+        let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());
+        let engines: Vec<Engine> =
+            std::iter::once(Engine::Core).chain(available.map(Engine::Lanes)).collect();
+        let mut scenes =
+            ["paper-1um", "paper-2um"].map(|name| NamedScene::load(name).unwrap().scene);
+        for scene in &mut scenes {
+            scene.wall_hit.settle_s = 1.0;
+            scene.wall_hit.window_s = 0.5;
+            scene.walk.stiffness_step_n_per_m = 8000.0;
+            scene.walk.damping_step_n_s_per_m = 80.0;
+        }
+        let prepared = scenes.map(|scene| PreparedScene::new(&scene).unwrap());
+        let plans: Vec<Plan<'_>> = prepared
+            .iter()
+            .map(|prepared| Plan { name: "s", prepared, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
+            .collect();
+        let stop = std::sync::atomic::AtomicBool::new(false);
+        for numeric in [Numeric::Fixed, Numeric::F64] {
+            let mut all = vec![];
+            for &engine in &engines {
+                for threads in [1, 2, 5] {
+                    let pool =
+                        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                    let swept = pool.install(|| sweep(engine, &plans, numeric, 3, &stop, |_| {}));
+                    all.push(format!("{:?}", swept.unwrap()));
+                }
+            }
+            let points = all[0].matches("BoundaryPoint").count();
+            assert!(points > 20, "{points}");
+            assert!(all.iter().all(|swept| *swept == all[0]));
+        }
     }
 }
