@@ -254,10 +254,10 @@ impl Device {
         Key {
             device: stored.device.name(),
             estimator: velocity.name().text(),
-            // A table holds for the default of the second parameter; of another one nothing is known.
-            cutoff_hz: match velocity.second() {
-                Some((parameter, value)) if value != parameter.default => f64::NAN,
-                _ => velocity.tuning().map_or(0.0, |(_, value)| value),
+            // A table holds for the defaults of the further parameters; of others nothing is known.
+            cutoff_hz: match velocity.differs_by_tuning_only() {
+                false => f64::NAN,
+                true => velocity.tuning().map_or(0.0, |(_, value)| value),
             },
             latency_samples: self.latency_samples,
             period_samples: f64::from(stored.period),

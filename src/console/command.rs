@@ -32,8 +32,8 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// The estimator's second parameter, in its own unit.
-    Second(f64),
+    /// A further parameter of the estimator by its place, 1 for the second one, in its own unit.
+    Further(usize, f64),
     /// Velocity estimator.
     Estimator(EstimatorName),
     /// Output period, samples.
@@ -178,11 +178,11 @@ enum Form {
 /// Name, use, form.
 type Entry = (&'static str, &'static str, Form);
 
-static TABLE: [Entry; 39] = {
+static TABLE: &[Entry] = {
     use Command as C;
     use Form::{Number, Plain, Word};
     use GridValue as G;
-    [
+    &[
         ("help", "help", Plain(C::Help)),
         ("version", "version", Plain(C::Version)),
         ("status", "status", Plain(C::Status)),
@@ -195,7 +195,11 @@ static TABLE: [Entry; 39] = {
         ("wall", "wall METRES", Number(C::Wall)),
         ("cutoff", "cutoff HZ", Number(C::Cutoff)),
         ("tuning", "tuning VALUE", Number(C::Tuning)),
-        ("tuning2", "tuning2 VALUE", Number(C::Second)),
+        ("tuning2", "tuning2 VALUE", Number(|value| C::Further(1, value))),
+        #[cfg(feature = "estimators")]
+        ("tuning3", "tuning3 VALUE", Number(|value| C::Further(2, value))),
+        #[cfg(feature = "estimators")]
+        ("tuning4", "tuning4 VALUE", Number(|value| C::Further(3, value))),
         ("estimator", "estimator NAME", Form::Estimator),
         ("period", "period SAMPLES", Number(C::Period)),
         ("push", "push NEWTONS", Number(C::Push)),
@@ -296,7 +300,9 @@ mod tests {
             ("wall 0.07", C::Wall(0.07)),
             ("cutoff 1500", C::Cutoff(1500.0)),
             ("tuning 16", C::Tuning(16.0)),
-            ("tuning2 0.4", C::Second(0.4)),
+            ("tuning2 0.4", C::Further(1, 0.4)),
+            #[cfg(feature = "estimators")]
+            ("tuning4 -0.1", C::Further(3, -0.1)),
             ("estimator butterworth", C::Estimator(EstimatorName::Butterworth)),
             ("estimator butterworth-prewarped", C::Estimator(EstimatorName::ButterworthPrewarped)),
             ("period 5", C::Period(5.0)),
@@ -325,7 +331,7 @@ mod tests {
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), 39);
+        assert_eq!(usages().count(), if cfg!(feature = "estimators") { 41 } else { 39 });
     }
 
     #[test]
@@ -439,7 +445,7 @@ mod tests {
                         | Command::Wall(value)
                         | Command::Cutoff(value)
                         | Command::Tuning(value)
-                        | Command::Second(value)
+                        | Command::Further(_, value)
                         | Command::Push(value)
                         | Command::Calibrate(value)
                         | Command::FullScale(value)

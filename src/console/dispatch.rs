@@ -48,13 +48,17 @@ impl<P: Port> Console<P> {
             }
             Command::Cutoff(cutoff_hz) => self.tune(cutoff_hz, Parameter::is_frequency),
             Command::Tuning(value) => self.tune(value, |_| true),
-            Command::Second(value) => match stored.settings.velocity.second() {
+            Command::Further(place, value) => match stored.settings.velocity.parameter(place) {
                 Some((parameter, _)) => {
                     self.change((parameter.name, value, parameter.unit), |settings| {
-                        settings.velocity = settings.velocity.with_second(value);
+                        settings.velocity = settings.velocity.with_parameter(place, value);
                     });
                 }
-                None => self.write(&"error: this estimator has no second parameter, see get"),
+                None => self.write(match place {
+                    1 => &"error: this estimator has no second parameter, see get",
+                    2 => &"error: this estimator has no third parameter, see get",
+                    _ => &"error: this estimator has no fourth parameter, see get",
+                }),
             },
             Command::Estimator(name) => {
                 stored.settings.velocity = name.following(&stored.settings.velocity);
@@ -121,6 +125,9 @@ impl<P: Port> Console<P> {
             Command::Stream(on) => {
                 self.streaming = on;
                 self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
+            }
+            Command::Save if !stored.has_room() => {
+                self.write(&"error: the record has no room for this estimator's parameters");
             }
             Command::Save => self.order(Order::Request(Request::Stall(true)), Awaited::Save),
             Command::Load => self.load(&situation),

@@ -355,7 +355,9 @@ mod tests {
         let stored = Stored {
             device: DeviceKey::new("0123456789abcdef").unwrap(),
             settings: Settings {
-                velocity: EstimatorName::ButterworthPrewarped.settings([1.234_567_890_12e-5, 0.0]),
+                velocity: EstimatorName::ButterworthPrewarped
+                    .defaults()
+                    .with_tuning(1.234_567_890_12e-5),
                 wall: WallSettings {
                     position_m: -1.234_567_890_12e-5,
                     stiffness_n_per_m: 1.234_567_890_12e-5,

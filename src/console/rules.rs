@@ -77,7 +77,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::Wall(_)
         | Command::Cutoff(_)
         | Command::Tuning(_)
-        | Command::Second(_)
+        | Command::Further(..)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
         // Flash is programmed 32 bits at a time, for which the chip wants 2.7 V: a detector may call somewhat less
@@ -191,7 +191,7 @@ mod tests {
         Command::Grid(GridValue::StiffnessStep, 1.0),
         Command::MotorReversed(true),
         Command::EncoderReversed(true),
-        Command::Second(1.0),
+        Command::Further(1, 1.0),
         Command::Period(1.0),
     ];
 

@@ -189,7 +189,7 @@ fn a_board_starts_with_what_was_saved_or_with_the_defaults_and_a_fault() {
     wrong.settings.wall.stiffness_n_per_m = 1e9;
     let blind = blind_estimator().map(|name| {
         let mut blind = saved;
-        blind.settings.velocity = name.settings([1000.0, 1.0]);
+        blind.settings.velocity = name.defaults();
         blind
     });
     for bad in [Some(wrong), blind].into_iter().flatten() {
@@ -223,9 +223,8 @@ fn a_board_starts_with_the_period_that_was_saved_if_there_is_one_and_time_for_it
     // with an estimator that leaves no time for it
     let slow = EstimatorName::ALL.iter().find(|name| leaves_time(**name, 1).is_err());
     if let Some(&name) = slow {
-        let [first, second] = name.parameters().map(|p| p.map_or(0.0, |p| p.default));
         let mut saved = Stored { period: 1, ..DEVICE.defaults() };
-        saved.settings.velocity = name.settings([first, second]);
+        saved.settings.velocity = name.defaults();
         assert_eq!(DEVICE.start(&loaded(saved), None).unwrap().source, Source::Unusable);
         saved.period = 2;
         assert_eq!(DEVICE.start(&loaded(saved), None).unwrap().source, Source::Newest);

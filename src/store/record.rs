@@ -99,7 +99,17 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
+/// Whether a record has room for that estimator's parameters.
+fn fits(estimator: EstimatorName) -> bool {
+    estimator.parameters()[2].is_none()
+}
+
 impl Stored {
+    /// Whether a record has room for them: it keeps two parameters of the estimator.
+    pub fn has_room(&self) -> bool {
+        fits(self.settings.velocity.name())
+    }
+
     /// As words, the last of them a CRC over the others.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
         let mut words = [0; RECORD_WORDS];
@@ -185,7 +195,9 @@ impl Stored {
         let stored = Self {
             device,
             settings: Settings {
-                velocity: EstimatorName::from_id(estimator)?.settings([p, q]),
+                velocity: EstimatorName::from_id(estimator)
+                    .filter(|name| fits(*name))?
+                    .settings([p, q, 0.0, 0.0]),
                 wall: WallSettings {
                     position_m: wall,
                     stiffness_n_per_m: k,
@@ -300,7 +312,7 @@ pub(super) mod tests {
             let record = Stored {
                 device: DeviceKey::new(&name).unwrap(),
                 settings: Settings {
-                    velocity: EstimatorName::ALL[usize::from(flags[0])].settings([numbers[0], 0.0]),
+                    velocity: EstimatorName::ALL[usize::from(flags[0])].settings([numbers[0], 0.0, 0.0, 0.0]),
                     wall: WallSettings {
                         position_m: numbers[1],
                         stiffness_n_per_m: numbers[2],

@@ -7,6 +7,8 @@
 //! that knows its tuning from the one before, so that it comes into force whole, with one sample.
 
 mod biquad;
+#[cfg(feature = "estimators")]
+mod biquad_design;
 mod butterworth;
 mod central_difference;
 mod difference;
@@ -29,6 +31,8 @@ mod window_difference;
 mod word;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
+#[cfg(feature = "estimators")]
+pub use biquad_design::BiquadDesign;
 pub use butterworth::{
     ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, QUALITY, true_cutoff_hz,
 };
@@ -43,7 +47,7 @@ pub use levant::{Levant, LevantDesign};
 pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
-pub use parameter::Parameter;
+pub use parameter::{Numbers, PARAMETERS, Parameter};
 pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use table::{Estimator, EstimatorName, VelocitySettings};

@@ -2,7 +2,7 @@
 
 use core::str::FromStr;
 
-use super::{EstimatorName, Parameter, Sense, VelocitySettings};
+use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings};
 
 /// No estimator of this build has that name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,28 +51,47 @@ impl VelocitySettings {
 
     /// The parameter that trades speed for accuracy, and its value.
     pub fn tuning(&self) -> Option<(Parameter, f64)> {
-        let (name, [value, _]) = EstimatorName::of(self);
-        name.parameters()[0].map(|parameter| (parameter, value))
+        self.parameter(0)
+    }
+
+    /// The parameter at that place, and its value.
+    pub fn parameter(&self, place: usize) -> Option<(Parameter, f64)> {
+        let (name, numbers) = EstimatorName::of(self);
+        let parameter = name.parameters().get(place).copied().flatten()?;
+        Some((parameter, *numbers.get(place)?))
+    }
+
+    /// The same estimator with that number at that place.
+    #[must_use]
+    pub fn with_parameter(&self, place: usize, number: f64) -> Self {
+        let (name, mut numbers) = EstimatorName::of(self);
+        if let Some(at) = numbers.get_mut(place) {
+            *at = number;
+        }
+        name.settings(numbers)
     }
 
     /// The second parameter, and its value.
     pub fn second(&self) -> Option<(Parameter, f64)> {
-        let (name, [_, value]) = EstimatorName::of(self);
-        name.parameters()[1].map(|parameter| (parameter, value))
+        self.parameter(1)
     }
 
     /// The same estimator with that second parameter.
     #[must_use]
     pub fn with_second(&self, second: f64) -> Self {
-        let (name, [tuning, _]) = EstimatorName::of(self);
-        name.settings([tuning, second])
+        self.with_parameter(1, second)
+    }
+
+    /// Whether every parameter but the tuning is at its default.
+    pub fn differs_by_tuning_only(&self) -> bool {
+        let mut further = (1..PARAMETERS).filter_map(|place| self.parameter(place));
+        further.all(|(parameter, value)| value == parameter.default)
     }
 
     /// The same estimator with that tuning.
     #[must_use]
     pub fn with_tuning(&self, tuning: f64) -> Self {
-        let (name, [_, second]) = EstimatorName::of(self);
-        name.settings([tuning, second])
+        self.with_parameter(0, tuning)
     }
 }
 

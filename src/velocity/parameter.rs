@@ -22,20 +22,22 @@ impl Parameter {
         self.unit == "samples"
     }
 
-    /// At most two, by their places.
-    pub(super) const fn two(parameters: &[Self]) -> [Option<Self>; 2] {
-        match *parameters {
-            [] => [None, None],
-            [tuning] => [Some(tuning), None],
-            [tuning, second, ..] => [Some(tuning), Some(second)],
-        }
+    /// By their places.
+    pub(super) fn all(parameters: &[Self]) -> [Option<Self>; PARAMETERS] {
+        core::array::from_fn(|place| parameters.get(place).copied())
     }
 }
 
-/// At most two numbers, 0 where there is none.
+/// Most parameters of an estimator.
+pub const PARAMETERS: usize = 4;
+
+/// Those of one estimator by their places, 0 where there is none.
+pub type Numbers = [f64; PARAMETERS];
+
+/// Those numbers by their places.
 #[inline]
-pub(super) fn two(numbers: &[f64]) -> [f64; 2] {
-    [0, 1].map(|place| numbers.get(place).copied().unwrap_or_default())
+pub(super) fn numbers(numbers: &[f64]) -> Numbers {
+    core::array::from_fn(|place| numbers.get(place).copied().unwrap_or_default())
 }
 
 /// A parameter's type.

@@ -82,10 +82,10 @@ macro_rules! estimators {
                 match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
             }
 
-            /// Its numbers: the tuning, which trades speed for accuracy, and for some a second one.
-            pub fn parameters(self) -> [Option<Parameter>; 2] {
+            /// Its numbers: the tuning, which trades speed for accuracy, and for some further ones.
+            pub fn parameters(self) -> [Option<Parameter>; PARAMETERS] {
                 match self {
-                    $($(#[cfg($on)] Self::$name => Parameter::two(&[$(
+                    $($(#[cfg($on)] Self::$name => Parameter::all(&[$(
                         Parameter { name: $parameter, unit: $unit, default: $default },
                     )*]),)*)*
                 }
@@ -97,17 +97,17 @@ macro_rules! estimators {
             }
 
             /// The name of those settings, and their parameters; 0 where there is none.
-            pub fn of(settings: &VelocitySettings) -> (Self, [f64; 2]) {
+            pub fn of(settings: &VelocitySettings) -> (Self, Numbers) {
                 match *settings {
                     $($(#[cfg($on)] VelocitySettings::$name { $($key),* } => {
-                        (Self::$name, super::parameter::two(&[$(Number::value($key)),*]))
+                        (Self::$name, super::parameter::numbers(&[$(Number::value($key)),*]))
                     })*)*
                 }
             }
 
             /// Its settings with those parameters; whether they are in range is for
             /// [`VelocitySettings::build`] to say.
-            pub fn settings(self, numbers: [f64; 2]) -> VelocitySettings {
+            pub fn settings(self, numbers: Numbers) -> VelocitySettings {
                 let mut numbers = numbers.into_iter();
                 match self {
                     $($(#[cfg($on)] Self::$name => VelocitySettings::$name {
@@ -377,6 +377,19 @@ estimators! {
                 /// Samples by which the output is led by its last change, from -1, a sample late.
                 lead: f64 = ("lead", "1", 0.0),
             } => |design| LowPass(TrackingLoop::led(bandwidth_hz, lead, design.rate_hz)?.quantise());
+            /// Finite difference and a biquad that is designed for a device: two poles, a lead, a second zero.
+            Biquad = 21, "biquad" {
+                /// Frequency of its poles, Hz: 3.5e-5 to 0.2 of the rate.
+                frequency_hz: f64 = ("frequency", "Hz", 700.0),
+                /// Their damping ratio, 0.02 to 4.
+                damping: f64 = ("damping", "1", 0.5),
+                /// By how much a slow motion is led, s; its range follows from the others.
+                lead_s: f64 = ("lead", "s", 0.0),
+                /// Place of the second zero, -1 to 0.98: -1 is half the rate, 0 is none.
+                zero: f64 = ("zero", "1", 0.0),
+            } => |design| LowPass(
+                BiquadDesign::new(frequency_hz, damping, lead_s, zero, design.rate_hz)?.quantise()
+            );
             /// The counts of the last samples over their time.
             WindowDifference = 18, "window-difference" {
                 /// Samples of the window, 1 to 255.

@@ -87,7 +87,7 @@ mod tests {
 
     /// Velocities at those positions, counts per sample; the handle rests at the first.
     fn velocities(window: u32, positions: &[i32]) -> std::vec::Vec<f64> {
-        let settings = EstimatorName::WindowDifference.settings([f64::from(window), 0.0]);
+        let settings = EstimatorName::WindowDifference.defaults().with_tuning(window.into());
         let estimator = settings.build(&DESIGN).unwrap();
         let mut state = State::at_rest(Position::from_counts(positions[0]));
         let each = positions.iter().map(|now| {

@@ -3,7 +3,7 @@
 //! states, compared with no silicon.
 
 use zwidth::{
-    Design, Output,
+    Design, Output, VelocitySettings,
     units::{Acceleration, Force, Position},
     velocity::{Edge, EstimatorName, Senses, State},
 };
@@ -107,22 +107,23 @@ fn inputs() -> Vec<i32> {
 }
 
 /// Least, usual and largest values of a tuning.
-fn tunings(name: EstimatorName) -> Vec<[f64; 2]> {
-    let [tuning, second] = name.parameters().map(|p| p.map_or(0.0, |parameter| parameter.default));
-    let mut all = vec![[tuning, second]];
+fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
+    let usual = name.defaults();
+    let tuning = usual.tuning().map_or(0.0, |(_, value)| value);
+    let mut all = vec![usual];
     for factor in [0.05, 0.2, 2.0, 30.0] {
-        let settings = name.settings([tuning * factor, second]);
+        let settings = usual.with_tuning(tuning * factor);
         if settings.build(&DESIGN).is_ok() && tuning != 0.0 {
-            all.push([tuning * factor, second]);
+            all.push(settings);
         }
     }
     if name.parameters()[0].is_some_and(|parameter| parameter.unit == "samples")
-        && name.settings([62.0, second]).build(&DESIGN).is_ok()
+        && usual.with_tuning(62.0).build(&DESIGN).is_ok()
     {
-        all.push([62.0, second]);
+        all.push(usual.with_tuning(62.0));
     }
     if name.text().starts_with("foaw") {
-        all.push([32.0, 1000.0]); // every window is tried
+        all.push(usual.with_tuning(32.0).with_second(1000.0)); // every window is tried
     }
     all
 }
@@ -139,14 +140,15 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
         let sensed = name.missing(&[]).is_some();
         let senses: Vec<Senses> =
             inputs.iter().map(|_| if sensed { random.senses() } else { Senses::NONE }).collect();
-        for parameters in tunings(name) {
+        for settings in tunings(name) {
             let words: Vec<u32> = senses.iter().flat_map(words_of).collect();
             target.set("SENSES", &words);
-            let [a, b] = parameters.map(f64::to_bits);
-            let [a, b] = [a, b].map(|bits| [bits as u32, (bits >> 32) as u32]);
-            let job = [name.id(), a[0], a[1], b[0], b[1], inputs.len() as u32];
+            let (_, parameters) = EstimatorName::of(&settings);
+            let halves = |value: f64| [value.to_bits() as u32, (value.to_bits() >> 32) as u32];
+            let parameters: Vec<u32> = parameters.into_iter().flat_map(halves).collect();
+            let job: Vec<u32> = [&[name.id()], &parameters[..], &[inputs.len() as u32]].concat();
             let (velocities, cycles, size) = target.run(name.text(), &job, &inputs);
-            let estimator = name.settings(parameters).build(&DESIGN).unwrap();
+            let estimator = settings.build(&DESIGN).unwrap();
             let mut state = State::at_rest(Position::default());
             let mut count = 0i32;
             for (n, ((input, velocity), senses)) in
@@ -155,7 +157,7 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
                 count = count.wrapping_add(*input);
                 let position = Position::from_counts(count);
                 let host = estimator.update(&mut state, position, senses);
-                assert_eq!(velocity, host.bits(), "{name:?} {parameters:?}, sample {n}");
+                assert_eq!(velocity, host.bits(), "{settings:?}, sample {n}");
             }
             most = most.max(*cycles.iter().max().unwrap());
             if usual == 0 {

@@ -9,7 +9,7 @@ use zwidth::{
     Design, LoopParameters, Sampled, Settings, VelocitySettings, WallSettings,
     telemetry::{Decoder, Record},
     units::Force,
-    velocity::{Edge, EstimatorName, Sense, Senses},
+    velocity::{Edge, EstimatorName, PARAMETERS, Sense, Senses},
 };
 
 use crate::{
@@ -76,10 +76,11 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
             assert!(reply.contains(parameter.name), "{reply}");
             settings.push(with(velocity));
         }
-        if let Some((_, value)) = velocity.second() {
-            velocity = velocity.with_second(value * 1.5);
-            let (parameter, value) = velocity.second().unwrap();
-            let reply = ok(&mut world, &format!("tuning2 {value}"));
+        for place in 1..PARAMETERS {
+            let Some((_, value)) = velocity.parameter(place) else { continue };
+            velocity = velocity.with_parameter(place, value * 1.5);
+            let (parameter, value) = velocity.parameter(place).unwrap();
+            let reply = ok(&mut world, &format!("tuning{} {value}", place + 1));
             assert!(reply.contains(parameter.name), "{reply}");
             settings.push(with(velocity));
         }

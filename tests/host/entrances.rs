@@ -185,15 +185,12 @@ fn every_number_of_the_core_is_refused() {
         ] {
             assert!(Settings { velocity, wall }.build(&DESIGN).is_err(), "{wall:?}");
         }
-        // Both parameters of every estimator.
+        // Every parameter of every estimator.
         for name in EstimatorName::ALL {
             let good = name.defaults();
             assert!(Settings { velocity: good, wall }.build(&DESIGN).is_ok(), "{good:?}");
-            let broken = [
-                good.tuning().map(|_| good.with_tuning(bad)),
-                good.second().map(|_| good.with_second(bad)),
-            ];
-            for velocity in broken.into_iter().flatten() {
+            let places = 0..name.keys().len();
+            for velocity in places.map(|place| good.with_parameter(place, bad)) {
                 assert!(Settings { velocity, wall }.build(&DESIGN).is_err(), "{velocity:?}");
             }
         }

@@ -129,14 +129,14 @@ fn the_stated_delay_is_that_over_a_chirp() {
     for name in [EstimatorName::FoawEnd, EstimatorName::FoawBest] {
         for window_samples in [4, 16, 32] {
             // so slow that the whole window stays within the noise of a line
-            let settings = name.settings([f64::from(window_samples), 4.0]);
+            let settings = name.defaults().with_tuning(window_samples.into()).with_second(4.0);
             let measured = delay_over_a_chirp(&settings, 1500.0, 0.5, 5.0);
             check(&format!("{settings:?}"), measured, f64::from(window_samples) / 2.0);
         }
     }
     for name in [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit] {
         for acceleration_max_m_per_s2 in [1.0, 5.0, 20.0, 100.0, 500.0] {
-            let settings = name.settings([acceleration_max_m_per_s2, 1.0]);
+            let settings = name.defaults().with_tuning(acceleration_max_m_per_s2).with_second(1.0);
             // up to 0.6 of the largest acceleration
             let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
             let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
@@ -170,7 +170,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
 fn adaptive_windows_shrink_with_the_acceleration() {
     for (acceleration, noise_counts) in [(0.05f64, 4.0), (0.2, 4.0), (0.5, 10.0), (1.0, 30.0)] {
         for name in [EstimatorName::FoawEnd, EstimatorName::FoawBest] {
-            let settings = name.settings([32.0, noise_counts]);
+            let settings = name.defaults().with_tuning(32.0).with_second(noise_counts);
             let mut run = Run::new(&settings, 0);
             let mut late = 0.0;
             for n in 0..1000 {

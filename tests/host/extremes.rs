@@ -11,7 +11,7 @@ use zwidth::{
     VelocitySettings, WallSettings,
     experiment::Verdict,
     units::{Force, Position, Velocity},
-    velocity::{CUTOFF_MAX, CUTOFF_MIN, EstimatorName},
+    velocity::{CUTOFF_MAX, CUTOFF_MIN, EstimatorName, Numbers, PARAMETERS},
 };
 
 fn paper() -> Scene {
@@ -202,22 +202,22 @@ fn a_handle_that_leaves_the_range_of_the_core_ends_the_hit_by_name() {
 }
 
 /// Every estimator of the core, and how far between the ends of its range each of its parameters is.
-fn any_estimator() -> impl Strategy<Value = (EstimatorName, [f64; 2])> {
+fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
     let part = prop_oneof![1 => Just(0.0), 4 => 0.0..=1.0f64];
-    (proptest::sample::select(EstimatorName::ALL), [part.clone(), part])
+    (proptest::sample::select(EstimatorName::ALL), [part.clone(), part.clone(), part.clone(), part])
 }
 
 /// Its parameters so far between the ends of what the core accepts on this device: the ranges are those that its
 /// refusals name, some of them one after the other.
-fn tuned(name: EstimatorName, parts: [f64; 2], design: &Design) -> VelocitySettings {
-    let mut numbers = [f64::NAN; 2];
-    for _ in 0..4 {
+fn tuned(name: EstimatorName, parts: Numbers, design: &Design) -> VelocitySettings {
+    let mut numbers = [f64::NAN; PARAMETERS];
+    for _ in 0..6 {
         let Err(error) = name.settings(numbers).build(design) else { break };
         let place = name.keys().iter().position(|key| *key == error.parameter).unwrap();
         let (low, high) = (*error.range.start(), *error.range.end());
         numbers[place] = match low > 0.0 {
             true => (low * (high / low).powf(parts[place])).clamp(low, high),
-            false => high * parts[place],
+            false => low + (high - low) * parts[place],
         };
         if name.parameters()[place].is_some_and(|parameter| parameter.is_whole()) {
             numbers[place] = numbers[place].round();

@@ -4,7 +4,7 @@ use defmt_decoder::Table;
 use host_sim::scene::{NamedScene, Scene};
 use zwidth::{
     experiment::Verdict,
-    velocity::{EstimatorName, Sense},
+    velocity::{EstimatorName, PARAMETERS, Sense},
 };
 
 use crate::{
@@ -114,7 +114,7 @@ impl Session {
     /// Zeroed at the scene's 0, with its wall, push and start, armed and free.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
-        let ([tuning, second], estimator) = tuning(self.board, scene, cutoff_hz)?;
+        let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
         let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
         let new = if of_edges { World::with_edge_times } else { World::new };
         let mut world = new(self.board, &self.elf, &self.table, scene, 0.0)?;
@@ -123,12 +123,15 @@ impl Session {
         ask(&mut world, "zero")?;
         world.hold(0.0, false);
         world.run(REST_SAMPLES)?;
+        let [first, second, third, fourth] = tunings;
         for line in [
             "unlock envelope".to_owned(),
             format!("period {}", scene.actuator.period),
             format!("estimator {}", estimator.text()),
-            tuning,
+            first,
             second,
+            third,
+            fourth,
             format!("wall {}", scene.wall.position_m),
             format!("start {}", scene.device.start_position_m),
             format!("push {}", scene.wall_hit.push_n),
@@ -243,7 +246,7 @@ fn tuning(
     board: Board,
     scene: &Scene,
     cutoff_hz: f64,
-) -> Result<([String; 2], EstimatorName), Failed> {
+) -> Result<([String; PARAMETERS], EstimatorName), Failed> {
     let settings = scene.velocity.settings(cutoff_hz);
     let estimator = settings.name();
     let edges = usize::from(board.wiring.captured.is_some());
@@ -255,6 +258,7 @@ fn tuning(
     let line = |name: &str, parameter: Option<(_, f64)>| {
         parameter.map_or_else(String::new, |(_, value)| format!("{name} {value}"))
     };
-    let lines = [line("tuning", settings.tuning()), line("tuning2", settings.second())];
+    let names = ["tuning", "tuning2", "tuning3", "tuning4"];
+    let lines = std::array::from_fn(|place| line(names[place], settings.parameter(place)));
     Ok((lines, estimator))
 }

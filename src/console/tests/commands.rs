@@ -1,7 +1,10 @@
 //! Every arm of the dispatch: which order it gives, what it keeps, what it says.
 
 use super::*;
-use crate::{device::tests::blind_estimator, velocity::EstimatorName};
+use crate::{
+    device::tests::blind_estimator,
+    velocity::{EstimatorName, Parameter},
+};
 
 #[test]
 fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
@@ -164,23 +167,23 @@ fn settings_of_experiments_are_kept_at_once_or_refused() {
 fn an_estimator_is_tuned_by_what_it_has() {
     let mut bench = Bench::new(OFF);
     assert_eq!(bench.says("tuning2 1"), "error: this estimator has no second parameter, see get");
-    bench.console.stored.settings.velocity = EstimatorName::Difference.settings([0.0, 0.0]);
+    bench.console.stored.settings.velocity = EstimatorName::Difference.defaults();
     for line in ["cutoff 1000", "tuning 1000"] {
         assert_eq!(bench.says(line), "error: this estimator has nothing to tune");
     }
     for &name in EstimatorName::ALL {
         let mut bench = Bench::new(OFF);
-        let [first, second] = name.parameters();
-        let defaults = [first, second].map(|p| p.map_or(0.0, |parameter| parameter.default));
+        let [first, further @ ..] = name.parameters();
         if name.missing(DEVICE.senses).is_some() {
             continue;
         }
-        bench.console.stored.settings.velocity = name.settings(defaults);
-        if let Some(second) = second {
-            let line = format!("tuning2 {}", Decimal(second.default));
+        bench.console.stored.settings.velocity = name.defaults();
+        for (parameter, number) in further.into_iter().flatten().zip(2..) {
+            let line = format!("tuning{number} {}", Decimal(parameter.default));
             let order = bench.orders(&line);
             assert_eq!(order, DEVICE.order(&bench.stored()).unwrap());
-            let reply = format!("ok {} {} {}", second.name, Decimal(second.default), second.unit);
+            let Parameter { name, default, unit } = parameter;
+            let reply = format!("ok {name} {} {unit}", Decimal(default));
             assert_eq!(bench.answer(Ok(())), [reply]);
         }
         if first.is_some_and(|parameter| !parameter.is_frequency()) {
@@ -188,6 +191,17 @@ fn an_estimator_is_tuned_by_what_it_has() {
             assert_eq!(bench.says("cutoff 1000"), why);
         }
     }
+}
+
+#[test]
+#[cfg(feature = "estimators")]
+fn parameters_that_a_record_has_no_room_for_are_not_saved() {
+    let mut bench = Bench::new(OFF);
+    bench.console.stored.settings.velocity = EstimatorName::Biquad.defaults();
+    let why = "error: the record has no room for this estimator's parameters";
+    assert_eq!(bench.says("save"), why);
+    bench.console.stored.settings.velocity = EstimatorName::FoawEnd.defaults();
+    assert_eq!(bench.orders("save"), Order::Request(Request::Stall(true)));
 }
 
 #[test]
@@ -340,9 +354,8 @@ fn an_estimator_that_leaves_no_time_for_the_period_is_refused_either_way() {
     bench.console.stored.period = 1;
     let refused = format!("error: {no_time}");
     assert_eq!(bench.says(&format!("estimator {}", name.text())), refused);
-    let [first, second] = name.parameters().map(|p| p.map_or(0.0, |p| p.default));
     bench.console.stored.period = 2;
-    bench.console.stored.settings.velocity = name.settings([first, second]);
+    bench.console.stored.settings.velocity = name.defaults();
     assert_eq!(bench.says("period 1"), refused);
 }
 

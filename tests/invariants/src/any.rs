@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use zwidth::{
     Design, Output, SettingsError, VelocitySettings, limits,
-    velocity::{Edge, EstimatorName, Senses},
+    velocity::{Edge, EstimatorName, PARAMETERS, Senses},
 };
 
 /// A place in a range: 0 and 1 are its ends, and come often.
@@ -68,16 +68,16 @@ pub fn estimator() -> impl Strategy<Value = EstimatorName> + Clone {
 }
 
 /// What [`tuned`] makes of a parameter: a place in its range.
-pub type Parts = [f64; 2];
+pub type Parts = [f64; PARAMETERS];
 
-/// Places for both parameters.
+/// Places for all parameters.
 pub fn parts() -> impl Strategy<Value = Parts> + Clone {
-    [part(), part()]
+    [part(), part(), part(), part()]
 }
 
 /// That estimator with parameters at those places of the ranges that it accepts; none if the design leaves no range.
 pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<VelocitySettings> {
-    let mut numbers = [f64::NAN; 2];
+    let mut numbers = [f64::NAN; PARAMETERS];
     for (place, parameter) in name.parameters().iter().enumerate() {
         if parameter.is_none() {
             numbers[place] = 0.0;

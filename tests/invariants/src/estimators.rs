@@ -133,15 +133,21 @@ crate::properties! {
         }
     }
 
-    /// The mirrored motion has the mirrored velocities: exactly, or within 2 LSB where something is rounded, 4 where
+    /// The mirrored motion has the mirrored velocities: exactly, or within 2 LSB where something is rounded, more where
     /// it may resonate.
     mirror(400, (tuned, pieces, seed) in (tuned(), any::motion(20_000.0), any::<u64>())) {
         let mut random = Random(seed);
         let (mut one, mut other) = (Run::at(&tuned, 0), Run::at(&tuned, 0));
+        let resonance = stated(&tuned.settings, &tuned.design).resonance;
+        let lsb = resonance.map_or(mirror_lsb(tuned.name()).into(), |both| 2.0 * both.rounding);
         for count in any::counts(&pieces) {
             let senses = random.senses();
             let (velocity, back) = (one.step(count, &senses), other.step(-count, &mirrored(&senses)));
-            assert!((velocity + back).abs() <= mirror_lsb(tuned.name()), "{velocity} and {back}");
+            // where a state saturates it is one LSB farther down than up, which a slow filter keeps
+            if resonance.is_some() && velocity.abs() >= Velocity::LIMIT << Velocity::FRACTION_BITS {
+                break;
+            }
+            assert!(f64::from((velocity + back).abs()) <= lsb, "{velocity} and {back}");
         }
     }
 
@@ -224,7 +230,7 @@ crate::properties! {
             return Ok(()); // it saturates
         }
         let mut run = Run::at(&tuned, 0);
-        let lsb = says.twin.lsb(fastest as f64 * LSB);
+        let lsb = says.lsb(fastest as f64 * LSB);
         for ((count, senses), twin) in counts.iter().zip(&senses).zip(full) {
             let off = f64::from(run.step(*count, senses)) - twin * LSB;
             assert!(off.abs() <= lsb, "{off} LSB of {lsb}");

@@ -137,7 +137,7 @@ crate::properties! {
             });
             if whole {
                 // a part of a sample is none
-                let Some(SettingsError { range, .. }) = name.settings([-1.0, numbers[1]]).build(&design).err() else {
+                let Some(SettingsError { range, .. }) = settings.with_tuning(-1.0).build(&design).err() else {
                     continue;
                 };
                 for value in [*range.start(), *range.end()] {

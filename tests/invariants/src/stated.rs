@@ -28,6 +28,36 @@ pub struct Stated {
     pub first: First,
     /// The same in `f64`, where it is linear.
     pub twin: Twin,
+    /// Of a filter that may resonate.
+    pub resonance: Option<Resonance>,
+}
+
+/// What a resonance raises: bounds by the magnitudes of responses.
+#[derive(Clone, Copy, Debug)]
+pub struct Resonance {
+    /// What rounding may leave in the velocity, LSB: half a LSB by the response `(1 - q)^k / A` of the error feedback.
+    pub rounding: f64,
+    /// What the coefficients' rounding may, as a part of the fastest difference.
+    pub coefficients: f64,
+}
+
+impl Resonance {
+    /// Of a biquad with those coefficients; `order` is that of its error feedback.
+    fn of(b: &[f64], a: &[f64], order: u32, samples: f64) -> Self {
+        let (mut past, mut poles, mut shaped) = ([0.0; 2], 0.0, 0.0);
+        let mut last = [0.0; 2];
+        for n in 0..samples.min(60_000.0) as usize {
+            let now = f64::from(n == 0) - a[0] * past[0] - a[1] * past[1];
+            let second = now - 2.0 * last[0] + last[1];
+            shaped += if order == 1 { (now - last[0]).abs() } else { second.abs() };
+            poles += f64::abs(now);
+            (last, past) = ([now, last[0]], [now, past[0]]);
+        }
+        // the velocity itself is at most the differences times the poles' response and the numerator's magnitudes
+        let gain: f64 = poles * b.iter().map(|b| b.abs()).sum::<f64>();
+        let coefficients = poles * (3.0 + 2.0 * gain) * 2f64.powi(-30);
+        Self { rounding: 0.5 * shaped + 1.0, coefficients }
+    }
 }
 
 /// A linear estimator in `f64`, by its equations.
@@ -117,6 +147,14 @@ impl First {
 }
 
 impl Stated {
+    /// LSB by which the integers may be off the equations at speeds up to that, LSB.
+    pub fn lsb(&self, fastest: f64) -> f64 {
+        match self.resonance {
+            Some(Resonance { rounding, coefficients }) => rounding + fastest * coefficients,
+            None => self.twin.lsb(fastest),
+        }
+    }
+
     /// Largest jump of the velocity with the first sample after a restart at `velocity`; 2 LSB of it and 2^-30 of the
     /// difference are for rounding.
     pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
@@ -164,6 +202,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         settles: [settles, 0.0],
         first,
         twin: Twin::None,
+        resonance: None,
     };
     let linear = |twin: Twin, lsb: f64, settles: f64, first: First| {
         let error = ripple(&twin, settles);
@@ -248,6 +287,31 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
             let ki = (1.0 - p).powi(2);
             low_pass(&[ki * (1.0 + lead), -ki * lead], &[-2.0 * p, p * p], part)
         }
+        V::Biquad { frequency_hz, damping, lead_s, zero } => {
+            let w = 2.0 * PI * frequency_hz / design.rate_hz;
+            let product = (-2.0 * damping * w).exp();
+            let apart = (damping * damping - 1.0).abs().sqrt() * w;
+            let sum = 2.0 * product.sqrt() * if damping < 1.0 { apart.cos() } else { apart.cosh() };
+            // (1 - p)(1 - p'), where nothing cancels
+            let lost = 1.0 - product.sqrt();
+            let s = match damping < 1.0 {
+                true => lost * lost + 4.0 * product.sqrt() * (apart / 2.0).sin().powi(2),
+                false => lost * lost - 4.0 * product.sqrt() * (apart / 2.0).sinh().powi(2),
+            };
+            // what the poles are late by, and the second zero leads by
+            let (late, h) = ((sum - 2.0 * product) / s, zero / (1.0 - zero));
+            let g = lead_s * design.rate_hz + 0.5 + late - h;
+            let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
+            let slowest = damping.min(1.0 / damping).min(1.0 / (2.0 * damping));
+            let part = slowest * frequency_hz / design.rate_hz;
+            let order = if frequency_hz / design.rate_hz < 0.064 { 2 } else { 1 };
+            let a = [-sum, product];
+            let says = low_pass(&b, &a, part);
+            let resonance = Resonance::of(&b, &a, order, says.settles[0]);
+            let more = (resonance.rounding / LSB - says.whole).max(0.0);
+            let (error, whole) = (says.error + more, says.whole + more);
+            Stated { error, whole, resonance: Some(resonance), ..says }
+        }
         V::Smoothing { cutoff_hz, ratio } => {
             let part = cutoff_hz / design.rate_hz;
             let [p, q] = [1.0, ratio].map(|times| (-2.0 * PI * part * times).exp());
@@ -267,6 +331,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
             settles: [2.0 * f64::from(span_samples) + 10.0, 0.0],
             first: First::Mean(span_samples.into()),
             twin: Twin::None,
+            resonance: None,
         },
         V::FoawEnd { window_samples, noise_counts } => windowed(1.0, window_samples, noise_counts),
         V::FoawBest { window_samples, noise_counts } => windowed(1.5, window_samples, noise_counts),
@@ -280,6 +345,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 settles: [200.0, 4.0 / c],
                 first: First::Root(lambda_ratio * c.sqrt()),
                 twin: Twin::None,
+                resonance: None,
             }
         }
         V::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
@@ -291,6 +357,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 settles: [200.0, 4.0 / c],
                 first: First::Bounded(1.1 * c),
                 twin: Twin::None,
+                resonance: None,
             }
         }
         ref other => panic!(

@@ -2,8 +2,8 @@
 //! cycles of each update. The other side of the mailbox is `tests/elf/estimator_cost.rs`.
 //!
 //! `SENSES`: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up) of each sample.
-//! The job: number of the estimator, its two parameters (each two words, low first), samples; given back:
-//! bytes of an [`Estimator`](zwidth::velocity::Estimator).
+//! The job: number of the estimator, its parameters (each two words, low first), samples; given back: bytes
+//! of an [`Estimator`](zwidth::velocity::Estimator).
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
@@ -58,14 +58,16 @@ mod target {
 
     pub fn run() -> bool {
         let Some(name) = EstimatorName::from_id(word(1)) else { return false };
-        let Ok(estimator) = name.settings([number(2), number(4)]).build(&DESIGN) else {
+        let Ok(estimator) =
+            name.settings([number(2), number(4), number(6), number(8)]).build(&DESIGN)
+        else {
             return false;
         };
         let estimator = black_box(estimator);
         let mut state = black_box(State::at_rest(Position::default()));
         let mut count = 0i32;
         let samples = SAMPLE.iter().zip(&CYCLES).zip(&SENSES);
-        for ((sample, cycles), sensed) in samples.take(word(6) as usize) {
+        for ((sample, cycles), sensed) in samples.take(word(10) as usize) {
             count = count.wrapping_add(sample.load(Relaxed).cast_signed());
             let position = Position::from_counts(count);
             let senses = black_box(senses(sensed));
@@ -75,7 +77,7 @@ mod target {
                 estimator.update(&mut state, black_box(position), &senses).bits()
             );
         }
-        answer(7, size_of_val(&estimator));
+        answer(11, size_of_val(&estimator));
         true
     }
 }

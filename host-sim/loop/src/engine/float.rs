@@ -204,9 +204,8 @@ impl<S: SimdOps> TwinState<S> {
     fn raw(&self, simd: S, gains: &TwinGains<S>, difference: S::f64s) -> S::f64s {
         let ([x1, x2], [y1, y2]) = (self.x, self.y);
         let TwinGains { past: [p1, p2], b0, a: [a1, a2], .. } = *gains;
-        // whole numbers: exact, fused or not
-        let recent = simd.mul_add_e_f64s(p1, x1, difference);
-        let input = simd.mul_f64s(b0, simd.mul_add_e_f64s(p2, x2, recent));
+        let recent = simd.add_f64s(difference, simd.mul_f64s(p1, x1));
+        let input = simd.mul_f64s(b0, simd.add_f64s(recent, simd.mul_f64s(p2, x2)));
         simd.sub_f64s(simd.sub_f64s(input, simd.mul_f64s(a1, y1)), simd.mul_f64s(a2, y2))
     }
 }

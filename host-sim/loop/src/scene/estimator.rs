@@ -13,7 +13,7 @@ use serde::{
 use toml::Value;
 use zwidth::{
     SettingsError, VelocitySettings,
-    velocity::{EstimatorName, Parameter, Sense, true_cutoff_hz},
+    velocity::{EstimatorName, PARAMETERS, Parameter, Sense, true_cutoff_hz},
 };
 
 /// What a key of a family tells its members by.
@@ -165,7 +165,7 @@ impl EstimatorChoice {
         let first =
             members(family).next().ok_or_else(|| unknown("variant", family, &families()))?;
         let selects = spelling(first).1;
-        let mut numbers = [None; 2];
+        let mut numbers = [None; PARAMETERS];
         let mut wanted = None;
         for (key, value) in given {
             let parameter = keys(first).find(|(known, ..)| *known == key);

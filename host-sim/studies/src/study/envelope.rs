@@ -50,9 +50,8 @@ pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
     let (latency, period) = (actuator.latency, actuator.period);
     let mut text = String::new();
     for Envelope { cutoff_hz, intervals } in envelopes {
-        // The firmware's key has no second parameter: it knows walls for the default only.
-        let second = scene.scene.velocity.settings(*cutoff_hz).second();
-        if second.is_some_and(|(parameter, value)| value != parameter.default) {
+        // The firmware's key has no further parameter: it knows walls for the defaults only.
+        if !scene.scene.velocity.settings(*cutoff_hz).differs_by_tuning_only() {
             continue;
         }
         for Interval { damping_n_s_per_m: b, low_n_per_m: low, high_n_per_m: high } in intervals {

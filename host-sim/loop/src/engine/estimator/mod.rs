@@ -42,7 +42,8 @@ impl Form {
             | VelocitySettings::ButterworthPrewarped { .. }
             | VelocitySettings::FirstOrder { .. }
             | VelocitySettings::FirstOrderPrewarped { .. }
-            | VelocitySettings::Difference {} => Some(Self::LowPass),
+            | VelocitySettings::Difference {}
+            | VelocitySettings::Biquad { .. } => Some(Self::LowPass),
             VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
                 Some(Self::Kalman)
             }

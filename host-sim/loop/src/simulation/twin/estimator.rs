@@ -4,8 +4,8 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        ButterworthDesign, DIFFERENCE_WINDOW_MAX, FirstOrder, KalmanDesign, LevantDesign,
-        ObserverDesign, Senses, TrackingLoop,
+        BiquadDesign, ButterworthDesign, DIFFERENCE_WINDOW_MAX, FirstOrder, KalmanDesign,
+        LevantDesign, ObserverDesign, Senses, TrackingLoop,
     },
 };
 
@@ -48,6 +48,7 @@ struct Rest {
 enum Kind {
     Butterworth(ButterworthDesign),
     FirstOrder(FirstOrder),
+    Biquad(BiquadDesign),
     Difference,
     /// Weights of the last differences, newest first.
     Fir([f64; LENGTH]),
@@ -82,6 +83,9 @@ impl TwinEstimator {
                 Some(LowPass { past: [1.0, 0.0], b0, a: [a1, 0.0] })
             }
             Kind::Difference => Some(LowPass { past: [0.0; 2], b0: 1.0, a: [0.0; 2] }),
+            Kind::Biquad(BiquadDesign { b: [b0, b1, b2], a, .. }) => {
+                Some(LowPass { past: [b1 / b0, b2 / b0], b0, a })
+            }
             _ => None,
         }
     }
@@ -119,6 +123,10 @@ impl TwinEstimator {
                 Kind::Window(u8::try_from(window_samples).unwrap_or(DIFFERENCE_WINDOW_MAX))
             }
             VelocitySettings::Difference {} => Kind::Difference,
+            VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero } => {
+                let design = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
+                Kind::Biquad(design)
+            }
             VelocitySettings::TrackingLoop { bandwidth_hz } => {
                 Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
             }
@@ -186,6 +194,15 @@ impl TwinEstimator {
                 self.outputs = [output, y1];
                 output
             }
+            Kind::Biquad(BiquadDesign { b: [b0, b1, b2], a: [a1, a2], .. }) => {
+                let [x1, x2] = self.inputs;
+                let [y1, y2] = self.outputs;
+                let raw = b0 * (input + b1 / b0 * x1 + b2 / b0 * x2) - a1 * y1 - a2 * y2;
+                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+                self.inputs = [input, x1];
+                self.outputs = [output, y1];
+                output
+            }
             Kind::Difference => input,
             other => self.rest.update(other, difference, senses),
         }
@@ -220,7 +237,9 @@ impl Rest {
                 let before = self.counts[usize::from(self.newest.wrapping_sub(*window))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
             }
-            Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Difference => input,
+            Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Biquad(_) | Kind::Difference => {
+                input
+            }
         }
     }
 }

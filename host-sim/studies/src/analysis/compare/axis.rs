@@ -4,7 +4,7 @@
 //! half of the rate, as far as the core accepts the tuning. A window is the whole number nearest to it.
 //!
 //! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
-//! as the core accepts it, as does the quality of a low-pass; the second pole of smoothing, up to 100 times
+//! as the core accepts it, as does the quality of a low-pass; the damping of a biquad, 0.05 to 2; the second pole of smoothing, up to 100 times
 //! the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
 //! to twice the device's.
 
@@ -57,9 +57,8 @@ impl Axes {
             second_refused_beyond: false,
         };
         axes.second_refused_beyond = second.is_some_and(|[low, high]| {
-            let (_, [tuning, _]) = EstimatorName::of(start);
             let beyond = [low / 1.001, high * 1.001];
-            beyond.iter().all(|&second| !axes.accepts(&start.name().settings([tuning, second])))
+            beyond.iter().all(|&second| !axes.accepts(&start.with_second(second)))
         });
         let mut ends = TUNINGS.map(|far| axes.last_accepted(default, far));
         let mut reached = [axes.bandwidth_at(ends[0])?, axes.bandwidth_at(ends[1])?];
@@ -85,14 +84,13 @@ impl Axes {
     pub fn at(&self, [along, second]: [f64; 2]) -> VelocitySettings {
         let [low, high] = self.bandwidth_hz;
         let hz = low * (high / low).powf(along);
-        let (_, [_, before]) = EstimatorName::of(&self.start);
-        let second = self.second.map_or(before, |[low, high]| low * (high / low).powf(second));
-        self.start.name().settings([self.tuning_of(hz), second])
+        let tuned = self.start.with_tuning(self.tuning_of(hz));
+        self.second.map_or(tuned, |[low, high]| tuned.with_second(low * (high / low).powf(second)))
     }
 
     /// The place of the estimator's second parameter as it started.
     pub fn start_second(&self) -> f64 {
-        let (_, [_, before]) = EstimatorName::of(&self.start);
+        let (_, [_, before, ..]) = EstimatorName::of(&self.start);
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
@@ -199,6 +197,7 @@ fn second_range(parameter: &Parameter, mass_kg: f64) -> Option<[f64; 2]> {
         "lead" => Some([0.1, 10.0]),
         "ratio" => Some([*RATIO.start(), 100.0]),
         "quality" => Some([*QUALITY.start(), *QUALITY.end()]),
+        "damping" => Some([0.05, 2.0]),
         "mass" => Some([0.5 * mass_kg, 2.0 * mass_kg]),
         _ => None,
     }

@@ -105,7 +105,7 @@ mod tests {
         near(of(VelocitySettings::Fusion { crossover_hz: 20.0 }), 1.6426 * 20.0, 0.01);
         near(of(VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.416 }), 32.9, 0.01);
         // sqrt(C), and the narrower for the integrator alone
-        let levant = |name: EstimatorName, c| of(name.settings([c, 1.0]));
+        let levant = |name: EstimatorName, c| of(name.defaults().with_tuning(c).with_second(1.0));
         let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
         near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);
         assert!(levant(implicit, 1.0) < levant(explicit, 1.0));

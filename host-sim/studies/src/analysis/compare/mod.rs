@@ -76,6 +76,7 @@ impl Entry {
             EstimatorName::Smoothing,
             EstimatorName::TrackingLead,
             EstimatorName::WindowDifference,
+            EstimatorName::Biquad,
         ];
         all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
         all

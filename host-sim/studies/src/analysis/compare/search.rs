@@ -144,7 +144,7 @@ pub fn tune(
 
 /// Which parameters of `best` are at an end of what was searched, to within the last step.
 fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
-    let (_, [tuning, second]) = EstimatorName::of(best);
+    let (_, [tuning, second, ..]) = EstimatorName::of(best);
     let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
     let of = |refused: bool| if refused { Edge::Core } else { Edge::Search };
     let mut edges = [None; 2];
@@ -271,6 +271,11 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
+    fn first_two(settings: &VelocitySettings) -> [f64; 2] {
+        let (_, [tuning, second, ..]) = EstimatorName::of(settings);
+        [tuning, second]
+    }
+
     /// Searches a made-up surface; what was tried, the best of it, and whether the search settled.
     fn search(
         name: EstimatorName,
@@ -280,11 +285,11 @@ mod tests {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let axes = Axes::new(&name.defaults(), &scene.design(), 0.416).unwrap();
         let look = |settings: &[VelocitySettings]| {
-            Ok(settings.iter().map(|settings| area(EstimatorName::of(settings).1)).collect())
+            Ok(settings.iter().map(|settings| area(first_two(settings))).collect())
         };
         let search = Search::over(&axes, tunings, look).unwrap();
-        let looked = search.tried.iter().map(|tried| EstimatorName::of(&tried.settings).1);
-        let best = EstimatorName::of(&search.best().unwrap().settings).1;
+        let looked = search.tried.iter().map(|tried| first_two(&tried.settings));
+        let best = first_two(&search.best().unwrap().settings);
         (looked.collect(), best, search.settled)
     }
 

@@ -204,7 +204,7 @@ pub struct Parameter {
 pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
     let (name, values) = EstimatorName::of(&c.settings);
     let mut found = [None; 2];
-    for (n, parameter) in name.parameters().into_iter().enumerate() {
+    for (n, parameter) in name.parameters().into_iter().take(found.len()).enumerate() {
         found[n] = parameter.map(|parameter| Parameter {
             name: parameter.name,
             unit: parameter.unit,

@@ -5,7 +5,9 @@ use core::f64::consts::{PI, SQRT_2};
 use nalgebra::{Complex, DMatrix, Schur};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    velocity::{ButterworthDesign, FirDesign, KalmanDesign, ObserverDesign, TrackingLoop},
+    velocity::{
+        BiquadDesign, ButterworthDesign, FirDesign, KalmanDesign, ObserverDesign, TrackingLoop,
+    },
 };
 
 /// Order of a Butterworth low-pass.
@@ -160,6 +162,12 @@ pub fn transfer_function(
             let ButterworthDesign { b0, a1, a2, .. } = filter;
             let num = vec![b0, 2.0 * b0, b0];
             difference.then(&TransferFunction { num, den: vec![1.0, a1, a2] })
+        }
+        VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero } => {
+            let filter = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
+            let [a1, a2] = filter.a;
+            let den = vec![1.0, a1, a2];
+            difference.then(&TransferFunction { num: filter.b.to_vec(), den })
         }
         VelocitySettings::WindowDifference { window_samples } => ends(window_samples, rate_hz),
         VelocitySettings::TrackingLoop { bandwidth_hz } => {

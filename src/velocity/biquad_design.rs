@@ -1,0 +1,251 @@
+//! Design of a biquad behind the finite difference by meaning: two poles, and two zeros of which the first follows from
+//! how far the velocity leads.
+//!
+//! ```text
+//! poles        p = exp(-w zeta +- w sqrt(zeta^2 - 1)),   w = 2 pi frequency / rate     matched: of s^2 + 2 zeta w s + w^2
+//! denominator  1 + a1 z^-1 + a2 z^-2,   S = 1 + a1 + a2 = (1 - p)(1 - p')
+//! numerator    S (1 + g (1 - z^-1)) (1 + h (1 - z^-1)),   h = zero / (1 - zero)
+//! lead         g + h - P - 1/2 samples,   P = p / (1 - p) + p' / (1 - p') = -(a1 + 2 a2) / S
+//! ```
+//!
+//! A slow motion is led by `g` and `h` samples and late by the poles' `P` and the difference's 1/2; with `lead = 0` the
+//! velocity is that of the sample itself. The second zero lies at `zero` in the plane of z: at -1 it takes half the rate
+//! away, as both zeros of a Butterworth low-pass do, at 0 there is none, above it leads as the first one does.
+//!
+//! **What is accepted.** The first zero may lie from -1 on. The magnitudes of the coefficients add up to less than 4, so
+//! that no sum overflows whatever the counts do, which bounds how far a low frequency can be led.
+
+use core::ops::RangeInclusive;
+
+use super::biquad::{Biquad, Coefficient};
+use crate::range::{SettingsError, within};
+
+/// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate; `S` has 51 LSB of 2^-30 at the
+/// lowest.
+pub const FREQUENCY: RangeInclusive<f64> = 3.5e-5..=0.2;
+/// Accepted damping ratios of the poles.
+pub const DAMPING: RangeInclusive<f64> = 0.02..=4.0;
+/// Place of the second zero, lowest, and highest where the coefficients have room for it.
+const ZERO: [f64; 2] = [-1.0, 0.98];
+/// Place of the first zero at its lowest, as `g`: -1.
+const LEAST: f64 = -0.5;
+/// What the magnitudes of the coefficients may add up to.
+const SUM: f64 = 3.999;
+/// A coefficient, at most.
+const COEFFICIENT: f64 = 1.999;
+/// Below this fraction of the sample rate the second order of error feedback is the quieter one, as for a Butterworth
+/// low-pass.
+const SECOND_ORDER_BELOW: f64 = 0.064;
+
+/// A biquad in floating point, normalised to `a0 = 1`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BiquadDesign {
+    /// Numerator.
+    pub b: [f64; 3],
+    /// Denominator `1 + a1 z^-1 + a2 z^-2`.
+    pub a: [f64; 2],
+    /// Sum of the numerator, `1 + a1 + a2`, without what cancels in that.
+    dc_sum: f64,
+    frequency_per_rate: f64,
+}
+
+impl BiquadDesign {
+    /// The biquad with poles of that frequency and damping, led by so much at low frequencies, and with that second zero.
+    ///
+    /// # Errors
+    /// Names the parameter that is out of range; the range of the zero follows from the poles, that of the lead from
+    /// all others.
+    pub fn new(
+        frequency_hz: f64,
+        damping: f64,
+        lead_s: f64,
+        zero: f64,
+        rate_hz: f64,
+    ) -> Result<Self, SettingsError> {
+        let range = FREQUENCY.start() * rate_hz..=FREQUENCY.end() * rate_hz;
+        within("frequency_hz", frequency_hz, range)?;
+        within("damping", damping, DAMPING)?;
+        let frequency_per_rate = frequency_hz / rate_hz;
+        let [less, product] = poles(2.0 * core::f64::consts::PI * frequency_per_rate, damping);
+        let a = [less - 1.0 - product, product];
+        let own = Self { b: [0.0; 3], a, dc_sum: less, frequency_per_rate };
+        // With the first zero at -1 the numerator's magnitudes add up to S / (1 - zero), or to S for a zero below 0.
+        let room = SUM - a[0].abs() - a[1].abs();
+        within("zero", zero, ZERO[0]..=ZERO[1].min(1.0 - less / room))?;
+        let h = zero / (1.0 - zero);
+        let delay = 0.5 - (a[0] + 2.0 * a[1]) / less;
+        let lead_of = |g: f64| (g + h - delay) / rate_hz;
+        let most = own.most(h);
+        within("lead_s", lead_s, lead_of(LEAST)..=lead_of(most))?;
+        Ok(own.with_zeros((lead_s * rate_hz + delay - h).max(LEAST).min(most), h))
+    }
+
+    fn with_zeros(self, g: f64, h: f64) -> Self {
+        let s = self.dc_sum;
+        let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
+        Self { b, ..self }
+    }
+
+    /// The largest `g` that the coefficients have room for.
+    fn most(&self, h: f64) -> f64 {
+        let fits = |g: f64| {
+            let Self { b: [b0, b1, b2], a: [a1, a2], .. } = self.with_zeros(g, h);
+            let largest = b0.abs().max(b1.abs()).max(b2.abs());
+            b0.abs() + b1.abs() + b2.abs() + a1.abs() + a2.abs() < SUM && largest < COEFFICIENT
+        };
+        let (mut good, mut bad) = (LEAST, 1e9);
+        for _ in 0..80 {
+            let middle = 0.5 * (good + bad);
+            if fits(middle) { good = middle } else { bad = middle }
+        }
+        good
+    }
+
+    /// Coefficients in LSB of 2^-30, with a DC gain of exactly one: all within one LSB but `b1`, which is within two.
+    pub fn quantise(&self) -> Biquad {
+        let one = 1i32 << Biquad::FRACTION_BITS;
+        #[expect(clippy::cast_possible_truncation, reason = "below 2 in magnitude, so below 2^31")]
+        let to_bits = |value: f64| libm::round(value * f64::from(one)) as i32;
+        let [b0, _, b2] = self.b.map(to_bits);
+        let (a2, dc_sum) = (to_bits(self.a[1]), to_bits(self.dc_sum));
+        // Both are within i32, as what they stand for is below 2; a sum on the way may not be.
+        let a1 = dc_sum.wrapping_sub(one).wrapping_sub(a2);
+        let b1 = dc_sum.wrapping_sub(b0).wrapping_sub(b2);
+        Biquad {
+            b: [b0, b1, b2].map(Coefficient::from_bits),
+            a: [a1, a2].map(Coefficient::from_bits),
+            second: -i32::from(self.frequency_per_rate < SECOND_ORDER_BELOW),
+        }
+    }
+}
+
+/// `(1 - p)(1 - p')` and `p p'`.
+fn poles(w: f64, damping: f64) -> [f64; 2] {
+    let decay = libm::exp(-damping * w);
+    let lost = -libm::expm1(-damping * w);
+    let square = damping * damping - 1.0;
+    let less = if square < 0.0 {
+        // |1 - r e^(j t)|^2 = (1 - r)^2 + 4 r sin^2(t / 2)
+        let sine = libm::sin(0.5 * w * libm::sqrt(-square));
+        lost * lost + 4.0 * decay * sine * sine
+    } else {
+        let apart = w * libm::sqrt(square);
+        libm::expm1(-damping * w + apart) * libm::expm1(-damping * w - apart)
+    };
+    [less, decay * decay]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::velocity::VelocitySettings;
+    use std::vec::Vec;
+
+    const RATE_HZ: f64 = 1e4;
+
+    /// The range that a refusal names.
+    fn range(result: Result<BiquadDesign, SettingsError>, key: &str) -> [f64; 2] {
+        let error = result.unwrap_err();
+        assert_eq!(error.parameter, key);
+        [*error.range.start(), *error.range.end()]
+    }
+
+    /// Designs from end to end of what is accepted.
+    fn designs() -> Vec<BiquadDesign> {
+        let mut all = Vec::new();
+        for frequency_hz in [0.35, 2.0, 30.0, 150.0, 430.0, 900.0, 2000.0] {
+            for damping in [0.02, 0.1, 0.5, 0.999_999, 1.0, 1.3, 4.0] {
+                let of =
+                    |lead_s, zero| BiquadDesign::new(frequency_hz, damping, lead_s, zero, RATE_HZ);
+                let [low, high] = range(of(0.0, -2.0), "zero");
+                for zero in [low, -0.3, 0.0, 0.5 * high, high] {
+                    let [low, high] = range(of(f64::NAN, zero), "lead_s");
+                    for part in [0.0, 0.01, 0.3, 1.0] {
+                        all.push(of((low + part * (high - low)).min(high), zero).unwrap());
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn every_accepted_one_is_stable_and_has_room_in_the_sum_and_a_gain_of_exactly_one() {
+        let mut widest = 0.0f64;
+        for design in designs() {
+            let biquad = design.quantise();
+            let [b0, b1, b2, a1, a2] = biquad.bits().map(i64::from);
+            let one = 1i64 << Biquad::FRACTION_BITS;
+            assert_eq!(b0 + b1 + b2, one + a1 + a2, "{design:?}");
+            // the triangle of stability
+            assert!(a2 < one && a1 < one + a2 && -a1 < one + a2, "{design:?}");
+            let all = [b0, b1, b2, a1, a2].map(i64::abs).into_iter().sum::<i64>();
+            assert!(all < 4 * one, "{design:?}");
+            widest = widest.max(all as f64 / one as f64);
+            let exact = design.b.into_iter().chain(design.a);
+            for (bits, exact) in biquad.bits().into_iter().zip(exact) {
+                let off = f64::from(bits) - exact * one as f64;
+                assert!(off.abs() <= 2.0, "{design:?}: {off} LSB");
+            }
+        }
+        assert!(widest > 3.99, "{widest}");
+    }
+
+    /// Against the roots themselves: the poles' place, the second zero, and the mean of the response weighted by time,
+    /// which is the delay.
+    #[test]
+    fn poles_zeros_and_lead_are_where_they_were_asked_for() {
+        for (f, damping, lead_s, zero) in [
+            (430.0, 0.04, 3e-4, -0.97),
+            (560.0, 1.0, 1e-4, -0.7),
+            (400.0, 1.5, -1e-4, 0.3),
+            (700.0, 0.25, 0.0, 0.0),
+        ] {
+            let BiquadDesign { b: [b0, b1, b2], a: [a1, a2], .. } =
+                BiquadDesign::new(f, damping, lead_s, zero, RATE_HZ).unwrap();
+            let w = 2.0 * core::f64::consts::PI * f / RATE_HZ;
+            assert!((a2 - (-2.0 * damping * w).exp()).abs() < 1e-12);
+            let sum = match damping < 1.0 {
+                true => 2.0 * (-damping * w).exp() * (w * (1.0 - damping * damping).sqrt()).cos(),
+                false => {
+                    let apart = w * (damping * damping - 1.0).sqrt();
+                    (-damping * w + apart).exp() + (-damping * w - apart).exp()
+                }
+            };
+            assert!((a1 + sum).abs() < 1e-12, "{a1} {sum}");
+            assert!((b0 * zero * zero + b1 * zero + b2).abs() < 1e-12);
+            // d/dq of ln N and ln A at q = z^-1 = 1, and half a sample of the difference
+            let s = b0 + b1 + b2;
+            let delay = 0.5 + ((b1 + 2.0 * b2) - (a1 + 2.0 * a2)) / s;
+            assert!((delay / RATE_HZ + lead_s).abs() < 1e-12, "{delay}");
+        }
+    }
+
+    #[test]
+    fn a_butterworth_low_pass_is_nearly_one_of_them() {
+        let design = crate::design::tests::DESIGN;
+        let low_pass = VelocitySettings::Butterworth { cutoff_hz: 100.0 }.build(&design).unwrap();
+        let crate::velocity::Estimator::LowPass(low_pass) = low_pass else { panic!() };
+        let delay = 0.5 + core::f64::consts::SQRT_2 * RATE_HZ / (200.0 * core::f64::consts::PI);
+        let same =
+            BiquadDesign::new(100.0, 0.5f64.sqrt(), -delay / RATE_HZ, -1.0, RATE_HZ).unwrap();
+        for (ours, theirs) in same.quantise().bits().into_iter().zip(low_pass.bits()) {
+            assert!((ours - theirs).abs() < 1 << 17, "{ours} {theirs}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_its_range() {
+        let of = |f, damping, lead_s, zero| BiquadDesign::new(f, damping, lead_s, zero, RATE_HZ);
+        assert_eq!(range(of(0.1, 0.5, 0.0, 0.0), "frequency_hz"), [0.35, 2000.0]);
+        assert_eq!(range(of(f64::NAN, 0.5, 0.0, 0.0), "frequency_hz"), [0.35, 2000.0]);
+        assert_eq!(range(of(500.0, 5.0, 0.0, 0.0), "damping"), [0.02, 4.0]);
+        let [low, high] = range(of(500.0, 0.5, 1.0, 0.0), "lead_s");
+        assert!(low < -1e-4 && high > 3e-4 && high < 1e-3, "{low} {high}");
+        // a lower frequency leaves more room for a lead
+        let [_, slower] = range(of(100.0, 0.5, 1.0, 0.0), "lead_s");
+        assert!(slower > high);
+        let [_, high] = range(of(2000.0, 0.02, 0.0, 1.0), "zero");
+        assert!((0.1..0.9).contains(&high), "{high}");
+    }
+}
