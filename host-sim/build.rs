@@ -28,6 +28,7 @@ fn built_from() -> [String; 2] {
         "src",
         "studies",
         "loop",
+        "bitmap",
         "Cargo.toml",
     ] {
         println!("cargo::rerun-if-changed={path}");

@@ -15,7 +15,7 @@
 //!
 //! Drawn by hand, because plotters has it not: legends outside the plot, the numbers at the cutoffs
 //! (two rows, two scales, one colour each), strips of phases, and the lines and texts of the PNG
-//! (see `render`).
+//! ([`sim_bitmap`]).
 
 mod area;
 mod axis;
@@ -33,9 +33,10 @@ mod zwidth;
 use std::{cell::RefCell, convert::Infallible, fmt, mem, rc::Rc};
 
 use plotters::drawing::DrawingAreaErrorKind;
+use sim_bitmap::{BitmapError, Shape};
 
 use crate::error::Error;
-use page::{Page, Recorder, Shape};
+use page::{Page, Recorder};
 
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, scaled_unit};
@@ -91,9 +92,9 @@ impl Figure {
     /// The same figure as PNG, three pixels per SVG unit.
     ///
     /// # Errors
-    /// [`FigureError::Font`] or [`FigureError::Encoding`], neither of which the data can cause.
+    /// [`FigureError::Bitmap`], which the data cannot cause.
     pub fn png(&self) -> Result<Vec<u8>, FigureError> {
-        render::png(&self.shapes, self.size)
+        sim_bitmap::png(&self.shapes, self.size).map_err(FigureError::Bitmap)
     }
 }
 
@@ -131,10 +132,8 @@ pub enum FigureError {
     },
     /// A trace has no samples.
     NoSamples,
-    /// The bundled font cannot be read.
-    Font,
-    /// The bitmap could not be made or compressed.
-    Encoding,
+    /// The bitmap could not be made.
+    Bitmap(BitmapError),
 }
 
 impl fmt::Display for FigureError {
@@ -146,8 +145,7 @@ impl fmt::Display for FigureError {
             Self::NotPositive { quantity } => write!(f, "{quantity} is not greater than 0"),
             Self::Negative { quantity } => write!(f, "{quantity} is less than 0"),
             Self::NoSamples => f.write_str("the trace has no samples"),
-            Self::Font => f.write_str("the bundled font cannot be read"),
-            Self::Encoding => f.write_str("the bitmap cannot be encoded"),
+            Self::Bitmap(error) => error.fmt(f),
         }
     }
 }
@@ -156,7 +154,7 @@ impl std::error::Error for FigureError {}
 
 impl From<DrawingAreaErrorKind<Infallible>> for FigureError {
     fn from(_: DrawingAreaErrorKind<Infallible>) -> Self {
-        Self::Encoding
+        Self::Bitmap(BitmapError::Encoding)
     }
 }
 

@@ -9,6 +9,9 @@ use plotters_backend::{
     BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind,
     text_anchor::{HPos, VPos},
 };
+use sim_bitmap::{Lettering, Shape};
+
+use super::text;
 
 /// What a figure is drawn on, in grid steps from its top left corner.
 pub(super) type Page = DrawingArea<Recorder, Shift>;
@@ -17,32 +20,6 @@ pub(super) type Page = DrawingArea<Recorder, Shift>;
 pub(super) struct Recorder {
     pub size: (u32, u32),
     pub shapes: Vec<Shape>,
-}
-
-/// A shape and what it is painted with.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Shape {
-    Line([BackendCoord; 2], ShapeStyle),
-    Path(Vec<BackendCoord>, ShapeStyle),
-    Rectangle([BackendCoord; 2], ShapeStyle),
-    Circle(BackendCoord, u32, ShapeStyle),
-    Polygon(Vec<BackendCoord>, ShapeStyle),
-    Text(Lettering, ShapeStyle),
-}
-
-/// A line of text.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Lettering {
-    pub text: String,
-    pub at: BackendCoord,
-    /// As plotters gives it.
-    pub size: f64,
-    /// What of it stands at its place: its name in SVG, and which part of the width is before it.
-    pub anchor: (&'static str, f64),
-    /// From its place down to the base line, em.
-    pub drop: f64,
-    /// It is read from below.
-    pub turned: bool,
 }
 
 type Drawn = Result<(), DrawingErrorKind<Infallible>>;
@@ -131,7 +108,7 @@ impl DrawingBackend for Recorder {
         let lettering = Lettering {
             text: text.to_owned(),
             at,
-            size: style.size(),
+            em: text::em(style.size()),
             anchor: match style.anchor().h_pos {
                 HPos::Left => ("start", 0.0),
                 HPos::Center => ("middle", 0.5),

@@ -1,21 +1,15 @@
-//! The shapes of a page as SVG text and as PNG bytes.
+//! The shapes of a page as SVG text.
 
-use std::{fmt::Write as _, mem};
+use std::fmt::Write as _;
 
-use ab_glyph::{Font as _, Glyph, point};
 use plotters::prelude::*;
-use plotters_backend::{BackendCoord, BackendStyle, DrawingErrorKind, rasterizer};
+use plotters_backend::BackendCoord;
+use sim_bitmap::{Lettering, Shape};
 
 use super::{
-    FigureError, GRID, grid,
-    page::{Lettering, Shape},
-    text::{self, FONT_FAMILIES, escape},
+    GRID,
+    text::{FONT_FAMILIES, escape},
 };
-
-/// Grid steps per pixel of a PNG, each way: what they average is the anti-aliasing.
-pub(super) const STEPS_PER_PIXEL: u8 = 2;
-
-type BitmapError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
 
 /// The opening tag of a page, with what is said once for all of it.
 pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
@@ -60,7 +54,7 @@ pub(super) fn svg(shapes: &[Shape]) -> String {
                 writeln!(out, "<polygon{} points=\"{}\"/>", ink("fill", style), points(corners))
             }
             Shape::Text(
-                Lettering { text, at: (x, y), size, anchor: (anchor, _), drop, turned },
+                Lettering { text, at: (x, y), em, anchor: (anchor, _), drop, turned },
                 style,
             ) => {
                 let turn = if *turned {
@@ -71,8 +65,7 @@ pub(super) fn svg(shapes: &[Shape]) -> String {
                 writeln!(
                     out,
                     "<text x=\"{x}\" y=\"{y}\" dy=\"{drop}em\" text-anchor=\"{anchor}\" \
-                     font-size=\"{}\"{}{turn}>\n{}\n</text>",
-                    text::em(*size),
+                     font-size=\"{em}\"{}{turn}>\n{}\n</text>",
                     ink("fill", style),
                     escape(text).replace("&#39;", "&apos;") // as plotters writes it
                 )
@@ -110,135 +103,9 @@ pub(super) fn name_line(shapes: &mut String, colour: RGBColor, width: u32, name:
     }
 }
 
-/// The shapes as PNG, [`GRID`] / [`STEPS_PER_PIXEL`] pixels per unit.
-pub(super) fn png(shapes: &[Shape], (width, height): (u32, u32)) -> Result<Vec<u8>, FigureError> {
-    // A row or column that fills no pixel would be lost: the page is padded.
-    let pixels = [width, height].map(|side| side.div_ceil(STEPS_PER_PIXEL.into()));
-    let [width, height] = pixels.map(|side| side * u32::from(STEPS_PER_PIXEL));
-    let mut fine = vec![u8::MAX; 3 * width as usize * height as usize];
-    let mut bitmap = BitMapBackend::with_buffer(&mut fine, (width, height));
-    for shape in shapes {
-        paint(&mut bitmap, shape)?;
-    }
-    drop(bitmap);
-    let coarse = average(&fine, pixels[0] as usize, STEPS_PER_PIXEL.into());
-    encode(&coarse, pixels).map_err(|_| FigureError::Encoding)
-}
-
-/// Means of `steps` times `steps` samples, rows of `columns` pixels.
-fn average(fine: &[u8], columns: usize, steps: usize) -> Vec<u8> {
-    let samples = u32::try_from(steps * steps).unwrap_or(1);
-    let row_bytes = 3 * columns * steps;
-    let mut coarse = Vec::with_capacity(fine.len() / (steps * steps));
-    for rows in fine.chunks_exact(row_bytes * steps) {
-        for column in 0..columns {
-            for channel in 0..3 {
-                let first = 3 * column * steps + channel;
-                let sum: u32 = (0..steps * steps)
-                    .map(|n| first + n / steps * row_bytes + 3 * (n % steps))
-                    .map(|index| u32::from(rows[index]))
-                    .sum();
-                coarse.push(u8::try_from((sum + samples / 2) / samples).unwrap_or(u8::MAX));
-            }
-        }
-    }
-    coarse
-}
-
-fn encode(rgb: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, png::EncodingError> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(rgb)?;
-    writer.finish()?;
-    Ok(bytes)
-}
-
-/// A shape on plotters' bitmap. Lines that join roundly and text that stands as it does in SVG are made here:
-/// plotters 0.3.7 turns a zigzag into one polygon that crosses itself, which leaves holes and spikes, and its
-/// `ab_glyph` text drops the bearing of each glyph and has another size and base line than its SVG text.
-fn paint(bitmap: &mut BitMapBackend<'_>, shape: &Shape) -> Result<(), FigureError> {
-    let painted = match shape {
-        Shape::Line([from, to], style) => rasterizer::draw_line(bitmap, *from, *to, style),
-        Shape::Path(path, style) => paint_path(bitmap, path, style),
-        Shape::Rectangle([from, to], style) => bitmap.draw_rect(*from, *to, style, true),
-        Shape::Circle(centre, radius, style) => bitmap.draw_circle(*centre, *radius, style, true),
-        Shape::Polygon(corners, style) => bitmap.fill_polygon(corners.iter().copied(), style),
-        Shape::Text(lettering, style) => return paint_text(bitmap, lettering, style),
-    };
-    painted.map_err(|_| FigureError::Encoding)
-}
-
-fn paint_path<'a>(
-    bitmap: &mut BitMapBackend<'a>,
-    path: &[BackendCoord],
-    style: &ShapeStyle,
-) -> Result<(), BitmapError<'a>> {
-    for (index, ends) in path.windows(2).enumerate() {
-        bitmap.draw_line(ends[0], ends[1], style)?;
-        if index > 0 {
-            bitmap.draw_circle(ends[0], style.stroke_width / 2, style, true)?;
-        }
-    }
-    Ok(())
-}
-
-fn paint_text(
-    bitmap: &mut BitMapBackend<'_>,
-    lettering: &Lettering,
-    style: &ShapeStyle,
-) -> Result<(), FigureError> {
-    let Lettering { text, at: (x, y), size, anchor: (_, before), drop, turned } = lettering;
-    let (font, size) = (text::font()?, text::em(*size));
-    let units_per_em = font.units_per_em().unwrap_or(1.0);
-    let scale = single(size) * font.height_unscaled() / units_per_em;
-    let mut pen = -before * text::width(text, size);
-    for c in text.chars() {
-        let origin = point(single(pen), single(drop * size));
-        let glyph: Glyph = font.glyph_id(c).with_scale_and_position(scale, origin);
-        pen += text::advance(font, c) * size;
-        let Some(outline) = font.outline_glyph(glyph) else {
-            continue;
-        };
-        let corner = outline.px_bounds().min;
-        let (left, top) = (grid_of(corner.x), grid_of(corner.y));
-        let mut painted = Ok(());
-        outline.draw(|column, row, cover| {
-            let (right, down) = (left + column.cast_signed(), top + row.cast_signed());
-            let place = if *turned { (x + down, y - right) } else { (x + right, y + down) };
-            let colour = style.color().mix(f64::from(cover.min(1.0)));
-            let pixel = bitmap.draw_pixel(place, colour);
-            painted = mem::replace(&mut painted, Ok(())).and(pixel);
-        });
-        painted.map_err(|_| FigureError::Encoding)?;
-    }
-    Ok(())
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "glyphs are painted in single precision, 1e-3 of a step at these sizes"
-)]
-fn single(value: f64) -> f32 {
-    value as f32
-}
-
-fn grid_of(step: f32) -> i32 {
-    grid(f64::from(step) / GRID)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn an_average_takes_every_sample_once() {
-        let mut fine = vec![0; 3 * 4 * 2];
-        fine[..6].fill(200); // upper half of the left pixel, of two
-        assert_eq!(average(&fine, 2, 2), [100, 100, 100, 0, 0, 0]);
-    }
 
     #[test]
     fn the_named_line_is_the_one_of_its_colour_and_width() {

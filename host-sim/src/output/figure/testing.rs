@@ -2,7 +2,7 @@
 
 use roxmltree::{Document, Node};
 
-use super::{Figure, FigureError, GRID, WIDTH, grid, render, text};
+use super::{Figure, FigureError, GRID, WIDTH, grid, text};
 
 const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 /// Text, grid and data cover at least this part of a figure, and most of the paper stays white.
@@ -25,7 +25,7 @@ impl Pixels {
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
         let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
         let frame = reader.next_frame(&mut rgb).unwrap();
-        let scale = GRID / f64::from(render::STEPS_PER_PIXEL);
+        let scale = GRID / f64::from(sim_bitmap::STEPS_PER_PIXEL);
         assert_eq!(f64::from(frame.width), WIDTH * scale);
         assert_eq!(f64::from(frame.height), (f64::from(figure.size.1) / GRID * scale).ceil());
         let width = frame.width as usize;
@@ -40,8 +40,9 @@ impl Pixels {
 
     /// The colour at a point in units.
     pub(super) fn at(&self, x: f64, y: f64) -> [u8; 3] {
-        let pixel =
-            |units| usize::try_from(grid(units)).unwrap() / usize::from(render::STEPS_PER_PIXEL);
+        let pixel = |units| {
+            usize::try_from(grid(units)).unwrap() / usize::from(sim_bitmap::STEPS_PER_PIXEL)
+        };
         let first = 3 * (pixel(y) * self.width + pixel(x));
         self.rgb[first..first + 3].try_into().unwrap()
     }

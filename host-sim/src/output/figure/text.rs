@@ -1,12 +1,10 @@
 //! Text on a page: style, width, cutting and wrapping, and what is safe in markup.
 
-use std::sync::LazyLock;
-
-use ab_glyph::{Font as _, FontRef};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
+pub(super) use sim_bitmap::width;
 
 use super::{FigureError, Page, at};
 
@@ -16,26 +14,6 @@ pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
 const NOMINAL_PER_EM: f64 = 1.24;
 /// A text may shrink to this part of its size before it is cut.
 const SMALLEST_SHARE: f64 = 0.8;
-
-/// DejaVu Sans; its licence stands beside it.
-static FONT: LazyLock<Option<FontRef<'static>>> =
-    LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../../fonts/DejaVuSans.ttf")).ok());
-
-/// The parsed font.
-pub(super) fn font() -> Result<&'static FontRef<'static>, FigureError> {
-    FONT.as_ref().ok_or(FigureError::Font)
-}
-
-/// Advance of one character in units of the font size.
-pub(super) fn advance(font: &FontRef<'_>, c: char) -> f64 {
-    let units_per_em = font.units_per_em().unwrap_or(1.0);
-    f64::from(font.h_advance_unscaled(font.glyph_id(c)) / units_per_em)
-}
-
-/// Width of a line of text, without kerning.
-pub(super) fn width(text: &str, size: f64) -> f64 {
-    font().map_or(0.0, |font| text.chars().map(|c| advance(font, c)).sum::<f64>() * size)
-}
 
 /// A style of `size` units.
 pub(super) fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
@@ -123,15 +101,6 @@ pub(crate) fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_bundled_font_has_what_the_figures_need() {
-        let font = font().unwrap();
-        for c in "0123456789 AZaz [](),.;:/=%×·µ²³⁰¹⁴⁵⁶⁷⁸⁹⁻−–±…\u{2009}".chars()
-        {
-            assert!(font.glyph_id(c).0 != 0, "no glyph for {c:?}");
-        }
-    }
 
     #[test]
     fn a_fitted_text_keeps_the_limit() {

@@ -1,0 +1,208 @@
+//! The shapes of a figure, painted as PNG. A crate of its own, because a bitmap has millions of pixels: it is optimised,
+//! and what draws the figures is not.
+#![forbid(unsafe_code)]
+
+mod font;
+
+use std::{fmt, mem};
+
+use ab_glyph::{Font as _, Glyph, point};
+use plotters::prelude::*;
+use plotters_backend::{BackendCoord, BackendStyle, DrawingErrorKind, rasterizer};
+
+pub use font::width;
+
+/// Grid steps per pixel, each way, as `halved` has it: what they average is the anti-aliasing.
+pub const STEPS_PER_PIXEL: u8 = 2;
+
+type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
+
+/// A shape in grid steps and what it is painted with.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// From one point to another.
+    Line([BackendCoord; 2], ShapeStyle),
+    /// Through several points.
+    Path(Vec<BackendCoord>, ShapeStyle),
+    /// Filled, between two corners.
+    Rectangle([BackendCoord; 2], ShapeStyle),
+    /// Filled: centre and radius.
+    Circle(BackendCoord, u32, ShapeStyle),
+    /// Filled.
+    Polygon(Vec<BackendCoord>, ShapeStyle),
+    /// A line of text.
+    Text(Lettering, ShapeStyle),
+}
+
+/// A line of text.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lettering {
+    /// What it says.
+    pub text: String,
+    /// Its place.
+    pub at: BackendCoord,
+    /// One em.
+    pub em: f64,
+    /// What of it stands at its place: its name in SVG, and which part of the width is before it.
+    pub anchor: (&'static str, f64),
+    /// From its place down to the base line, em.
+    pub drop: f64,
+    /// It is read from below.
+    pub turned: bool,
+}
+
+/// Why there is no bitmap; no shape can cause it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BitmapError {
+    /// The bundled font cannot be read.
+    Font,
+    /// The bitmap could not be made or compressed.
+    Encoding,
+}
+
+impl fmt::Display for BitmapError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Font => "the bundled font cannot be read",
+            Self::Encoding => "the bitmap cannot be encoded",
+        })
+    }
+}
+
+impl std::error::Error for BitmapError {}
+
+/// The shapes as PNG, on a page of that many grid steps.
+///
+/// # Errors
+/// [`BitmapError`], which the shapes cannot cause.
+pub fn png(shapes: &[Shape], (width, height): (u32, u32)) -> Result<Vec<u8>, BitmapError> {
+    // A row or column that fills no pixel would be lost: the page is padded.
+    let pixels = [width, height].map(|side| side.div_ceil(STEPS_PER_PIXEL.into()));
+    let [width, height] = pixels.map(|side| side * u32::from(STEPS_PER_PIXEL));
+    let mut fine = vec![u8::MAX; 3 * width as usize * height as usize];
+    let mut bitmap = BitMapBackend::with_buffer(&mut fine, (width, height));
+    for shape in shapes {
+        paint(&mut bitmap, shape)?;
+    }
+    drop(bitmap);
+    let coarse = halved(&fine, pixels[0] as usize);
+    encode(&coarse, pixels).map_err(|_| BitmapError::Encoding)
+}
+
+fn encode(rgb: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(rgb)?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
+/// A shape on plotters' bitmap. Lines that join roundly and text that stands as it does in SVG are made here:
+/// plotters 0.3.7 turns a zigzag into one polygon that crosses itself, which leaves holes and spikes, and its
+/// `ab_glyph` text drops the bearing of each glyph and has another size and base line than its SVG text.
+fn paint(bitmap: &mut BitMapBackend<'_>, shape: &Shape) -> Result<(), BitmapError> {
+    let painted = match shape {
+        Shape::Line([from, to], style) => rasterizer::draw_line(bitmap, *from, *to, style),
+        Shape::Path(path, style) => paint_path(bitmap, path, style),
+        Shape::Rectangle([from, to], style) => bitmap.draw_rect(*from, *to, style, true),
+        Shape::Circle(centre, radius, style) => bitmap.draw_circle(*centre, *radius, style, true),
+        Shape::Polygon(corners, style) => bitmap.fill_polygon(corners.iter().copied(), style),
+        Shape::Text(lettering, style) => return paint_text(bitmap, lettering, style),
+    };
+    painted.map_err(|_| BitmapError::Encoding)
+}
+
+fn paint_path<'a>(
+    bitmap: &mut BitMapBackend<'a>,
+    path: &[BackendCoord],
+    style: &ShapeStyle,
+) -> Result<(), PaintError<'a>> {
+    for (index, ends) in path.windows(2).enumerate() {
+        bitmap.draw_line(ends[0], ends[1], style)?;
+        if index > 0 {
+            bitmap.draw_circle(ends[0], style.stroke_width / 2, style, true)?;
+        }
+    }
+    Ok(())
+}
+
+fn paint_text(
+    bitmap: &mut BitMapBackend<'_>,
+    lettering: &Lettering,
+    style: &ShapeStyle,
+) -> Result<(), BitmapError> {
+    let Lettering { text, at: (x, y), em: size, anchor: (_, before), drop, turned } = lettering;
+    let font = font::font()?;
+    let units_per_em = font.units_per_em().unwrap_or(1.0);
+    let scale = single(*size) * font.height_unscaled() / units_per_em;
+    let mut pen = -before * width(text, *size);
+    for c in text.chars() {
+        let origin = point(single(pen), single(drop * size));
+        let glyph: Glyph = font.glyph_id(c).with_scale_and_position(scale, origin);
+        pen += font::advance(font, c) * size;
+        let Some(outline) = font.outline_glyph(glyph) else {
+            continue;
+        };
+        let corner = outline.px_bounds().min;
+        let (left, top) = (grid_of(corner.x), grid_of(corner.y));
+        let mut painted = Ok(());
+        outline.draw(|column, row, cover| {
+            let (right, down) = (left + column.cast_signed(), top + row.cast_signed());
+            let place = if *turned { (x + down, y - right) } else { (x + right, y + down) };
+            let colour = style.color().mix(f64::from(cover.min(1.0)));
+            let pixel = bitmap.draw_pixel(place, colour);
+            painted = mem::replace(&mut painted, Ok(())).and(pixel);
+        });
+        painted.map_err(|_| BitmapError::Encoding)?;
+    }
+    Ok(())
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "glyphs are painted in single precision, 1e-3 of a step at these sizes"
+)]
+fn single(value: f64) -> f32 {
+    value as f32
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "pages are a few thousand steps wide")]
+fn grid_of(step: f32) -> i32 {
+    step.round() as i32
+}
+
+/// Half as wide and high: the means of two times two pixels, rounded. A row has `columns` pixels afterwards.
+fn halved(fine: &[u8], columns: usize) -> Vec<u8> {
+    let mut coarse = Vec::with_capacity(fine.len() / 4);
+    for rows in fine.chunks_exact(12 * columns) {
+        let (upper, lower) = rows.split_at(6 * columns);
+        let pairs = upper.as_chunks::<6>().0.iter().zip(lower.as_chunks::<6>().0);
+        coarse.extend(pairs.flat_map(|([a, b, c, d, e, f], [g, h, i, j, k, l])| {
+            [mean([*a, *d, *g, *j]), mean([*b, *e, *h, *k]), mean([*c, *f, *i, *l])]
+        }));
+    }
+    coarse
+}
+
+fn mean(samples: [u8; 4]) -> u8 {
+    let sum: u16 = samples.map(u16::from).iter().sum();
+    u8::try_from((sum + 2) / 4).unwrap_or(u8::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_takes_every_sample_once() {
+        let mut fine = vec![0; 3 * 4 * 2];
+        fine[..6].fill(200); // upper half of the left pixel, of two
+        assert_eq!(halved(&fine, 2), [100, 100, 100, 0, 0, 0]);
+        // n squared: 0 9 36 81, 1 16 49 100 and 4 25 64 121
+        let fine: Vec<u8> = (0..12).map(|n| n * n).collect();
+        assert_eq!(halved(&fine, 1), [32, 42, 54]);
+    }
+}
