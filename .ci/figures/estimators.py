@@ -575,6 +575,70 @@ def criteria_yardstick():
     return table(["limit, motor", "ideal cutoff", "true velocity", "share"], body)
 
 
+def three(key):
+    return number(float(f"{float(measured(f'host/criteria/{key}')):.3g}"))
+
+
+def ends(key):
+    low, high = three(f"{key}/low"), three(f"{key}/high")
+    return low if low == high else f"{low} to {high}"
+
+
+@block
+def criteria_saturation():
+    rows_ = [("10", "motor"), ("20", "motor"), ("100", "motor"), ("5.2", "hand"), ("10", "hand"), ("100", "hand")]
+    return table(["limit of the command, who pushes", "four starts", "twin in `f64`", "independent program"],
+                 [[f"{limit} V, {who}", ends(f"saturation/{limit}/{who}"), three(f"saturation/{limit}/{who}/twin"),
+                   three(f"saturation/{limit}/{who}/independent")] for limit, who in rows_])
+
+
+@block
+def criteria_by_hand():
+    body = []
+    for name in ("butterworth", "kalman-3", "levant-explicit"):
+        motor = f(of("paper-1um", name), "area_n2_s_per_m2", 1e-6, 1)
+        body.append([f"`{name}`, {tuned(of('paper-1um', name))}", motor, ends(f"by_hand/{name}"), three(f"by_hand/{name}/twin"),
+                     three(f"by_hand/{name}/independent")])
+    return table(["estimator", "motor", "hand, four starts", "twin in `f64`", "independent program"], body)
+
+
+@block
+def criteria_held():
+    told = [("RMS 5, 2, 1, 0.5 um, both encoders, nine cutoffs", "table_of_limits", "limits"),
+            ("felt 0, 10, 20 dB, both encoders, eight cutoffs", "table_of_levels", "levels"),
+            ("true velocity", "yardstick", "yardstick")]
+    body = []
+    for text, test, key in told:
+        cells = m(f"host/criteria/{key}/cells")
+        # of the yardstick every cell has to be
+        within = cells if key == "yardstick" else m(f"host/criteria/{key}/within")
+        body.append([f"{text} (`criteria::tables::{test}`)", cells, within])
+    return table(["table", "cells above 10^6", "theirs within 3 % of the range of ours"], body)
+
+
+@block
+def criteria_beyond():
+    body = [[cell, *[three(f"limits/{key}/{which}") for which in ("independent", "fixed_low", "fixed_high", "twin_low", "twin_high")]]
+            for cell, key in [("2 um, 1500 Hz, below 5 um", "5um"), ("2 um, 500 Hz, below 1 um", "1um")]]
+    return table(["cell, 10^6", "independent program", "ours, lowest", "highest", "our twin in `f64`, lowest", "highest"], body)
+
+
+def kept(limit, unit):
+    found = limit_rows("limits-paper-1um.csv", push="motor", estimator="scene", limit_unit=unit)
+    found = [r for r in found if float(r["limit"]) == limit]
+    best = max(float(r["area_n2_s_per_m2"]) for r in found)
+    at = next(float(r["area_n2_s_per_m2"]) for r in found if float(r["cutoff_hz"]) == 1500)
+    return f"{100 * at / best:.0f}"
+
+
+slots(
+    "docs/criteria.md",
+    ("where 1500 Hz keeps {} %, or {} %, of the best area.", lambda: kept(1e-6, "m"), lambda: kept(0.0, "dB")),
+    ("At 15 um the area depends on the grid: {} with K from 1000 by 1000", lambda: three("yardstick/paper-1um")),
+    ("1 % in the cutoff is {} % in the area there.", lambda: m("host/criteria/limits/percent_per_percent", 0)),
+)
+
+
 @block
 def criteria_arms():
     file = "limits-paper-1um-arms.csv"
