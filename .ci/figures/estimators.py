@@ -305,8 +305,21 @@ def estimator_slow():
          for name, key in [("velocity off by at most", "off"), ("stated", "stated"), ("finite difference off by", "difference")]])
 
 
+def levant(after, n):
+    """A number that the invariants hold the page's errors to, for a lambda_ratio up to 1.5 or above."""
+    pair = constant("tests/invariants/src/stated.rs", after + r" \{ \[([\d., ]+)\] \}")
+    return f"{float(pair.split(', ')[n]):g}"
+
+
 slots(
     "docs/estimators.md",
+    ("| `levant-explicit` | -1/2 | {} max(c, sqrt(c)); {} c at whole counts per sample", *[
+        lambda n=n: levant(r"if lambda_ratio <= 1\.5", n) for n in (0, 1)]),
+    ("Above 1.5 those of `levant-explicit` are {} max(c, sqrt(c)) and {} c.", *[
+        lambda n=n: levant(r"\[2\.5, 2\.0\] \} else", n) for n in (0, 1)]),
+    ("finds each delay within {} + {} span samples of it", *[
+        lambda n=n: constant("tests/host/estimators_time_stamps.rs", r"let limit = ([\d.]+ \+ [\d.]+) \* f64::from\(span").split(" + ")[n]
+        for n in (0, 1)]),
     ("from c = 1e-4 to 0.05 at most {} of that.", lambda: m("host/estimators/levant-implicit/twin_of_stated_below_c_0.2", 2)),
     ("over 2 * 10^6 samples it drifts by {} counts.", lambda: m("host/estimators/kalman_drift_counts", 3)),
 )

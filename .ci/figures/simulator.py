@@ -256,6 +256,9 @@ slots(
      lambda: number(5.906 / 1e-2, 0), lambda: number(5.906 / 2e-2, 0)),
     ("nominal 2000 Hz at 10 kHz is -3 dB at {} Hz.", lambda: number(study("paper-1um")["ideal_true_cutoff_hz"], 1)),
     ("10 nm; cutoffs, B and latencies) | within {} % at {} points |", lambda: m("host/small_signal/worst", 3, 100), lambda: m("host/small_signal/points")),
+    ("linear envelope with amplifier, mode and arm | within {} % at {} points |",
+     lambda: number(lit("tests/host/linear_elements.rs", r"ASIDE: f64 = ([\d.]+);") * 100),
+     lambda: m("host/linear_elements/points")),
 )
 
 

@@ -2,7 +2,10 @@
 
 use std::f64::consts::PI;
 
-use host_sim::scene::NamedScene;
+use host_sim::{
+    scene::NamedScene,
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
+};
 use proptest::prelude::*;
 use zwidth::{
     Design, VelocitySettings,
@@ -323,4 +326,42 @@ fn scenes_with_senses_run_and_core_and_twin_agree() {
     let without = host_sim::scene::BUILT_IN[0].1.replace(usual, "estimator = \"fusion\"");
     let refused = NamedScene::parse("x".into(), without, "x").unwrap_err().to_string();
     assert!(refused.contains("accelerometer") || refused.contains("cutoffs_hz"), "{refused}");
+}
+
+/// With `[mode]` the accelerometer is on the body that has motor and encoder: fusion, which follows it above its
+/// crossover, follows that body and not the handle behind the transmission, which swings against it.
+#[test]
+fn the_accelerometer_is_on_the_body_with_the_encoder() {
+    let usual = "estimator = \"butterworth\"\nprewarp = false";
+    let text = host_sim::scene::BUILT_IN[0].1.replace(usual, "estimator = \"fusion\"")
+        + "\n[accelerometer]\nfull_scale_m_per_s2 = 100.0\n\
+           [mode]\nmass_kg = 0.3\nstiffness_n_per_m = 2e4\ndamping_n_s_per_m = 0.5\n";
+    let text = text.replace("200, 500, 1000, 1200, 1500, 1700, 2000, 2500, 3000, 4000]", "200]");
+    let scene = NamedScene::parse("x".into(), text, "x").unwrap().scene;
+    let hit = WallHit {
+        cutoff_hz: 10.0,
+        stiffness_n_per_m: 0.0,
+        damping_n_s_per_m: 0.0,
+        start_offset_counts: 0.3,
+    };
+    let mut samples = vec![];
+    let prepared = PreparedScene::new(&scene).unwrap();
+    prepared
+        .hit(Numeric::Fixed, &hit, |sample| samples.push((sample.position_m, sample.velocity)))
+        .unwrap();
+    let speeds: Vec<[f64; 2]> = samples[1000..2500]
+        .windows(3)
+        .map(|of| [(of[2].0 - of[0].0) / 2.0 / scene.encoder.resolution_m, of[1].1])
+        .collect();
+    // the swing: what is left of a mean over its 18 ms
+    let swing: Vec<[f64; 2]> = speeds
+        .windows(181)
+        .map(|of| [0, 1].map(|n| of[90][n] - of.iter().map(|speed| speed[n]).sum::<f64>() / 181.0))
+        .collect();
+    let rms = |value: &dyn Fn(&[f64; 2]) -> f64| {
+        (swing.iter().map(|both| value(both).powi(2)).sum::<f64>() / swing.len() as f64).sqrt()
+    };
+    let (true_speed, off) = (rms(&|both| both[0]), rms(&|both| both[1] - both[0]));
+    println!("swing {true_speed:.4} counts per sample, off by {off:.4}");
+    assert!(true_speed > 0.3 && off < 0.2 * true_speed, "{true_speed} {off}");
 }

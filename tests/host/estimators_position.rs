@@ -118,6 +118,38 @@ fn constant_speed_is_measured_within_the_stated_error() {
     }
 }
 
+/// Of Levant's explicit form docs/estimators.md states one error up to a `lambda_ratio` of 1.5 and a larger one up to 2.5:
+/// both hold, and the smaller one would not above 1.5.
+#[test]
+fn a_larger_lambda_makes_the_stated_error_larger() {
+    let mut needed = [0f64; 2];
+    for lambda_ratio in [1.0, 1.5, 1.7, 2.0, 2.2, 2.35, 2.5] {
+        let stated = if lambda_ratio <= 1.5 { [2.5, 2.0] } else { [3.5, 2.5] };
+        for acceleration_max_m_per_s2 in [1.0, 3.3, 11.0, 19.577, 37.0, 90.0, 300.0] {
+            let settings =
+                VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio };
+            let c = c(acceleration_max_m_per_s2);
+            for speed in [0.013, 0.26, 0.52, 0.77, 1.0, 1.38, 2.0, 3.0, 4.61, 5.0, 7.0, 11.0, 12.5]
+            {
+                let whole = usize::from(f64::fract(speed) == 0.0);
+                let unit = if whole == 1 { c } else { c.max(c.sqrt()) };
+                let mut run = Run::new(&settings, 0);
+                let wait = settling(&settings, speed);
+                for n in 1..wait + 3000 {
+                    let off = (run.at((speed * n as f64 + 0.3).floor() as i64) - speed).abs();
+                    if n > wait {
+                        let most = stated[whole] * unit + 1.0 / LSB;
+                        assert!(off <= most, "{settings:?} at {speed}: {off}, stated {most}");
+                        needed[whole] = needed[whole].max(off / unit);
+                    }
+                }
+            }
+        }
+    }
+    println!("needed: {needed:?}");
+    assert!(needed[0] > 2.5 && needed[1] > 2.0, "{needed:?}");
+}
+
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
     /// Of a sample: quantisation, and the frequencies of the chirp being above zero.

@@ -105,7 +105,7 @@ fn growth_and_decay_change_places_at_the_envelope() {
         Elements { mode, arm, ..none },
         Elements { amplifier, mode, arm },
     ];
-    let mut moved = 0;
+    let (mut points, mut moved) = (0, 0);
     for elements in sets {
         for (cutoff_hz, damping_n_s_per_m, period, latency) in [
             (500.0, 20.0, 10, 0.0),
@@ -122,8 +122,10 @@ fn growth_and_decay_change_places_at_the_envelope() {
                 "{elements:?} {cutoff_hz} Hz B {damping_n_s_per_m}: {limit:.0} N/m (plain {plain:.0}): {below:.3} {above:.3}"
             );
             assert!(limit > 0.0 && below < 1.0 && above > 1.0);
+            points += 1;
             moved += u32::from((limit / plain - 1.0).abs() > 0.02);
         }
     }
+    crate::figure::figure("host/linear_elements/points", points);
     assert!(moved > 20, "the elements hardly matter: {moved}");
 }

@@ -186,6 +186,10 @@ fn an_estimator_is_tuned_by_what_it_has() {
             let reply = format!("ok {name} {} {unit}", Decimal(default));
             assert_eq!(bench.answer(Ok(())), [reply]);
         }
+        if let Some(parameter) = first.filter(|parameter| parameter.is_whole()) {
+            let why = format!("error: {} is a whole number", parameter.name);
+            assert_eq!(bench.says("tuning 16.4"), why);
+        }
         if first.is_some_and(|parameter| !parameter.is_frequency()) {
             let why = "error: this estimator has no cutoff: set its tuning, see get";
             assert_eq!(bench.says("cutoff 1000"), why);
