@@ -11,7 +11,8 @@ use plotters_backend::{
 };
 use sim_bitmap::{Lettering, Shape};
 
-use super::text;
+/// plotters writes this part of a nominal size into SVG.
+pub(super) const NOMINAL_PER_EM: f64 = 1.24;
 
 /// What a figure is drawn on, in grid steps from its top left corner.
 pub(super) type Page = DrawingArea<Recorder, Shift>;
@@ -108,7 +109,7 @@ impl DrawingBackend for Recorder {
         let lettering = Lettering {
             text: text.to_owned(),
             at,
-            em: text::em(style.size()),
+            em: style.size() / NOMINAL_PER_EM,
             anchor: match style.anchor().h_pos {
                 HPos::Left => ("start", 0.0),
                 HPos::Center => ("middle", 0.5),

@@ -6,12 +6,10 @@ use plotters::{
 };
 pub(super) use sim_bitmap::width;
 
-use super::{FigureError, Page, at};
+use super::{FigureError, Page, at, page::NOMINAL_PER_EM};
 
 /// Families tried by a browser; the first is the bundled one, the second has nearly its widths.
 pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
-/// plotters writes this part of a nominal size into SVG.
-const NOMINAL_PER_EM: f64 = 1.24;
 /// A text may shrink to this part of its size before it is cut.
 const SMALLEST_SHARE: f64 = 0.8;
 
@@ -19,11 +17,6 @@ const SMALLEST_SHARE: f64 = 0.8;
 pub(super) fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
     let nominal = size * super::GRID * NOMINAL_PER_EM;
     (FONT_FAMILIES, nominal).into_font().color(&colour)
-}
-
-/// The size of one em on the grid.
-pub(super) fn em(nominal: f64) -> f64 {
-    nominal / NOMINAL_PER_EM
 }
 
 /// Writes a line of text; `x` is its start, middle or end, `y` the middle of its digits.
