@@ -10,6 +10,7 @@
 //! | [`DebugHalts`] | `render` | time that passed without samples |
 //! | [`FaultMemory`] | `render` | the first fault, over a reset |
 //! | [`NorFlash`], [`UpChannel`], [`CommandChannel`] | `link` | settings, telemetry and replies, commands |
+//! | [`OutputWatchdog`] | `render` | enable off, in hardware, when outputs stop |
 //! | [`Watchdog`] | `idle` | reset when the tasks stop |
 //!
 //! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0). What
@@ -41,6 +42,10 @@ use crate::{
 /// Samples per second of every board, Hz.
 pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 
+/// Longest time from output to output with force on, us: longer than two of the longest output periods, less than the
+/// 3 ms within which force has to be off.
+pub const OUTPUT_WATCHDOG_US: u32 = 2500;
+
 /// A board: its constants and the types of its parts.
 pub trait Board: Sized {
     /// Name, also the feature that selects it, its scene and `--board`.
@@ -70,6 +75,8 @@ pub trait Board: Sized {
     type Supply: Supply;
     /// Halts by a debugger.
     type DebugHalts: DebugHalts;
+    /// Enable off when outputs stop.
+    type OutputWatchdog: OutputWatchdog;
     /// Reset when the tasks stop.
     type Watchdog: Watchdog;
     /// What a reset must not wipe out.
@@ -146,6 +153,8 @@ pub struct Parts<B: Board> {
     pub supply: B::Supply,
     /// Halts by a debugger.
     pub halts: B::DebugHalts,
+    /// Enable off when outputs stop.
+    pub output_watchdog: B::OutputWatchdog,
     /// Reset when the tasks stop.
     pub watchdog: B::Watchdog,
     /// What a reset must not wipe out.
@@ -204,7 +213,7 @@ pub trait ForceOutput {
 }
 
 /// The amplifier's enable line. Inactive in reset, when the emergency stop opens (in hardware, without any code), while a
-/// debugger has the core halted, and when the core's clock fails.
+/// debugger has the core halted, when the core's clock fails, and when outputs stop ([`OutputWatchdog`]).
 pub trait Enable {
     /// Active, unless the emergency stop is open; forgets that it was.
     fn on(&mut self);
@@ -233,6 +242,14 @@ pub trait DebugHalts {
     /// Whether the core was halted since the last output; asked at each, with the number of its sample and the samples
     /// between two. By `render`.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
+}
+
+/// Enable goes inactive, by hardware alone, when no output has come for [`OUTPUT_WATCHDOG_US`]: the core may stand still,
+/// be locked up, mask its interrupts or do anything else.
+pub trait OutputWatchdog {
+    /// An output is out. By `render`, with each, whether force is on or off: so the hardware never acts while
+    /// [`Enable::on`] does.
+    fn renew(&mut self);
 }
 
 /// Reset, hence everything off, when it is not fed. It has an oscillator of its own, and nothing but a reset stops it.

@@ -118,6 +118,8 @@ def core(what):
 
 
 DEAD = ["dead channel A", "dead channel B"]
+STOPPED = ["TIM5 disabled in the NVIC", "TIM5 stands still", "TIM5 asks for no interrupt", "TIM5 asks all the time"]
+SHORT_HALT = "debugger halt, 1.5 ms"
 HALT = ["debugger halt, 30 ms", "debugger halt, 30 ms, MOE reset", "debugger halt, 200 ms", "debugger halt, 200 ms, watchdog stopped"]
 CASES = [
     (["count jump"], "count jump", "the handle is 0.7 mm farther at once", "10"),
@@ -136,8 +138,9 @@ CASES = [
     (["emergency stop, 0.2 ms"], "emergency stop of 0.2 ms", "the same, closed again before the next output", "30"),
     (["brown-out", "brown-out, 0.2 ms"], "brown-out, for good, and for 0.2 ms", "the voltage detector's output", "31"),
     (["brown-out while the logger masks"], "brown-out while a log line is written", "the same", "31"),
-    ([HALT[0]], "debugger halt, 30 ms", "the core stands still; what DBGMCU says stands still with it; TIM1's outputs are off"
+    ([SHORT_HALT], "debugger halt, 1.5 ms", "the core stands still; what DBGMCU says stands still with it; TIM1's outputs are off"
      " meanwhile, then on again, because MOE was only masked", "32"),
+    ([HALT[0]], "debugger halt, 30 ms", "the same; the output watchdog runs on, and clears MOE", "32"),
     ([HALT[1]], "the same, MOE reset", "by the other reading of the manuals", "32"),
     ([HALT[2]], "debugger halt, 200 ms", "a script has stopped the watchdog on connecting; the next output has undone that", "22"),
     ([HALT[3]], "the same, the watchdog stopped in the halt", "", "32"),
@@ -145,6 +148,12 @@ CASES = [
     (core("panic"), "panic in `idle`, `link`, `render`, `sample`", "the program counter jumps to the panic handler", "41"),
     ([*core("HardFault"), "undefined instruction"], "hard fault in each of them",
      "the program counter jumps to where no memory is, or into erased flash", "42"),
+    (STOPPED, "no samples, or nothing but samples", "TIM5's enable bit in the NVIC, its CEN or its UIE is 0; its period is 11 ticks", "22"),
+    (["interrupts masked"], "interrupts masked", "PRIMASK is 1", "22"),
+    (["lock-up"], "lock-up", "the stack pointer is 0x10: the hard fault that follows cannot be stacked", "22"),
+    (["vector table lost"], "vector table lost", "VTOR points into erased flash", "22"),
+    (["no sample is due"], "no sample is due", "bit 30 of the word by which `sample` counts to the next output", "22"),
+    (["PendSV", "an unused interrupt"], "PendSV, or an interrupt without a task", "it is pending, and enabled", "45"),
 ]
 
 
@@ -154,8 +163,8 @@ def fault_campaign():
     for names, case_name, how, code in CASES:
         off = case(*names)
         limit = allowed(*names)
-        if names[0] in (HALT[0], HALT[3]):  # the program stands still for the halt
-            halted = 30e3 if names[0] == HALT[0] else 200e3
+        if names[0] == SHORT_HALT:  # the program stands still for the halt
+            halted = 1.5e3
             off, limit = off - halted, f"{(value(f'elf/faults/{names[0]}/allowed') - halted) / 1e3:g} ms"
             shown = f"0, and {ms(off)} after it goes on"
             limit += " after it goes on"

@@ -84,6 +84,8 @@ impl Wiring for DiscoveryF407 {
             Peripherals {
                 tim5: device.TIM5,
                 tim6: device.TIM6,
+                tim8: device.TIM8,
+                dma2: device.DMA2,
                 pwr: device.PWR,
                 exti: device.EXTI,
                 flash: device.FLASH,

@@ -36,6 +36,7 @@ pub type Supply = <Selected as contract::Board>::Supply;
 pub type Halts = <Selected as contract::Board>::DebugHalts;
 pub type FaultMemory = <Selected as contract::Board>::FaultMemory;
 pub type Watchdog = <Selected as contract::Board>::Watchdog;
+pub type OutputWatchdog = <Selected as contract::Board>::OutputWatchdog;
 pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
 pub type Commands = <Selected as contract::Board>::Commands;

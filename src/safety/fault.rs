@@ -77,6 +77,8 @@ faults! {
     Panic = 41, "panic";
     /// The processor met an instruction or address that it cannot handle.
     HardFault = 42, "hard fault";
+    /// An interrupt came that no task is bound to.
+    Interrupt = 45, "unexpected interrupt";
 }
 
 impl Fault {
@@ -181,7 +183,7 @@ mod tests {
     #[test]
     fn codes_are_stable_and_come_back() {
         let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
-        assert_eq!(codes, [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 30, 31, 32, 33, 40, 41, 42]);
+        assert_eq!(codes, [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 30, 31, 32, 33, 40, 41, 42, 45]);
         for code in 0..=u8::MAX {
             let fault = Fault::from_code(code);
             assert_eq!(fault.is_some(), codes.contains(&code));

@@ -6,7 +6,7 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    contract::{self, FaultMemory as _},
+    contract::{self, FaultMemory as _, OutputWatchdog as _},
     device::HISTORY,
     experiment::{Order, PeriodPlan, Report, Sampling, Scheduler},
     period,
@@ -18,7 +18,7 @@ use zwidth::{
 };
 
 use super::{FLAGS, ORDERS, REPORTS};
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, Supply};
+use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, Supply};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
 /// The longest output period.
@@ -34,6 +34,8 @@ pub struct Outputs {
     pub supply: Supply,
     /// Halts by a debugger.
     pub halts: Halts,
+    /// Enable off when outputs stop.
+    pub output_watchdog: OutputWatchdog,
     /// Backup RAM.
     pub memory: FaultMemory,
 }
@@ -125,6 +127,7 @@ impl Render {
         let guard = self.guard.at(up.motion.number());
         let rendered = self.scheduler.output(&up, &guard, sensed);
         self.put_out(rendered.grant);
+        self.outputs.output_watchdog.renew();
         self.ends.sampling.command(self.scheduler.command());
         FLAGS.rendered.store(up.motion.number(), Relaxed);
 

@@ -3,11 +3,16 @@
 //! The line is the timer's main output enable (MOE), so that hardware alone can drop it:
 //! * the break input, which the emergency stop opens, clears MOE without any code;
 //! * with `DBG_TIM1_STOP` the outputs are off while a debugger has the core halted (debugger.rs);
+//! * the output watchdog clears it when no output has come for a while (output_watchdog.rs);
 //! * one store clears it, from any task, the panic and the fault handlers.
 //!
 //! With MOE clear TIM1 drives its outputs to their idle level, low: enable inactive and, on a board
 //! with PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier)
 //! on the wire.
+//!
+//! The first store to BDTR freezes TIM1's set-up but for MOE, counter, periods, compare values and the channels' enable
+//! bits (`LOCK` level 3, RM0090 17.4.18, RM0390 16.4.18): break input, idle levels, polarities and output modes. It
+//! comes when the board's file has set all of them up; until then the timer drives no pin.
 
 use stm32f4xx_hal::{
     pac,
@@ -15,9 +20,9 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
-/// Break input on, active high (a normally closed switch to ground: open is a stop), idle levels
+/// `LOCK` level 3; break input on, active high (a normally closed switch to ground: open is a stop), idle levels
 /// driven; MOE clear.
-const OFF: u32 = 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
+pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
 /// The same with MOE set. While the break input is active the hardware clears it again.
 const ON: u32 = OFF | 1 << 15;
 
@@ -35,11 +40,10 @@ pub(in crate::board) fn registers() -> &'static pac::tim1::RegisterBlock {
 pub struct Enable(());
 
 impl Enable {
-    /// TIM1 with a clock and in its reset state, its outputs off.
+    /// TIM1 with a clock and in its reset state, in which it drives no pin.
     pub fn new(rcc: &mut Rcc) -> Self {
         pac::TIM1::enable(rcc);
         pac::TIM1::reset(rcc);
-        <Self as contract::Enable>::off();
         let tim1 = registers();
         // OC3M = 101, forced active; SAFETY: a documented value of the register.
         tim1.ccmr2_output().write(|w| unsafe { w.bits(0b101 << 4) });

@@ -1,5 +1,5 @@
-//! The ends: a panic, a hard fault, a failed clock. All switch off, note the fault, and wait for the
-//! watchdog.
+//! The ends: a panic, a hard fault, a failed clock, an interrupt that no task is bound to. All switch off, note the
+//! fault, and wait for the watchdog.
 
 use core::panic::PanicInfo;
 
@@ -27,6 +27,14 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
 unsafe fn NonMaskableInt() -> ! {
     cortex_m::interrupt::disable();
     end(Fault::ClockFailure)
+}
+
+/// An exception that nothing is bound to: a flipped bit in the NVIC, or in the vector table's address.
+// SAFETY: as HardFault.
+#[exception]
+unsafe fn DefaultHandler(_: i16) -> ! {
+    cortex_m::interrupt::disable();
+    end(Fault::Interrupt)
 }
 
 fn end(fault: Fault) -> ! {

@@ -1,7 +1,8 @@
 //! Boards with an STM32F4: the peripherals, one file each, and all that such boards do alike.
 //!
 //! The force output (`dac.rs` or `pwm.rs`) and `edges.rs` are taken in by the boards that have them. Fixed by the
-//! peripherals: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by TIM6.
+//! peripherals: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by TIM6, the
+//! output watchdog on TIM8 and DMA2.
 
 pub mod debugger;
 pub mod enable;
@@ -9,6 +10,8 @@ pub mod encoder;
 mod fatal;
 pub mod fault_memory;
 pub mod flash;
+mod interrupts;
+pub mod output_watchdog;
 mod reset;
 pub mod sample_timer;
 pub mod supply;
@@ -74,6 +77,7 @@ impl<W: Wiring> Board for F4<W> {
     type Supply = supply::Supply;
     type DebugHalts = debugger::Halts;
     type Watchdog = watchdog::Watchdog;
+    type OutputWatchdog = output_watchdog::OutputWatchdog;
     type FaultMemory = fault_memory::FaultMemory;
     type Flash = flash::SettingsFlash;
     type Up = rtt::UpLink;
@@ -123,6 +127,10 @@ pub struct Peripherals {
     pub tim5: pac::TIM5,
     /// Halts.
     pub tim6: pac::TIM6,
+    /// Output watchdog.
+    pub tim8: pac::TIM8,
+    /// Its store.
+    pub dma2: pac::DMA2,
     /// Supply.
     pub pwr: pac::PWR,
     /// The supply's interrupt.
@@ -146,6 +154,7 @@ impl Chip {
         // If the HSE fails, TIM1's break drops enable and an NMI ends the program.
         rcc.cr().modify(|_, w| w.csson().set_bit());
         debugger::set_up(dbgmcu);
+        interrupts::set_up(&mut core);
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
         let enable = enable::Enable::new(&mut rcc);
@@ -155,7 +164,7 @@ impl Chip {
     /// The rest. The timers do not run yet; the watchdog does.
     pub fn finish<W: Wiring>(self, wires: Wires<W>, rest: Peripherals) -> Parts<F4<W>> {
         let Self { mut rcc, enable, reset_cause } = self;
-        let Peripherals { tim5, tim6, pwr, exti, flash, iwdg } = rest;
+        let Peripherals { tim5, tim6, tim8, dma2, pwr, exti, flash, iwdg } = rest;
         let Wires { force, encoder, stop } = wires;
         // What the clock tree gives, not what the board's file says of it; and whole ticks per sample.
         const {
@@ -165,6 +174,9 @@ impl Chip {
             )
         };
         let timer_hz = rcc.clocks.timclk1().raw();
+        // TIM1 is set up: from here on it is locked, and drives its pins low.
+        off();
+        let output_watchdog = output_watchdog::OutputWatchdog::new(tim8, &dma2, &mut rcc);
         let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);
         let memory = fault_memory::FaultMemory::new(&supply, &mut rcc);
         let rtt::Channels { telemetry, replies, commands } = rtt::init();
@@ -172,6 +184,7 @@ impl Chip {
             encoder,
             sample_timer: sample_timer::SampleTimer::new(tim5, timer_hz / RATE_HZ, &mut rcc),
             drive: Drive::new(force, enable),
+            output_watchdog,
             stop: EmergencyStop::new(stop),
             supply,
             halts: debugger::Halts::new(tim6, timer_hz, RATE_HZ, &mut rcc),

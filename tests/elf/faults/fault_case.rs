@@ -1,11 +1,11 @@
 //! What goes wrong, and how it is brought about without touching the program.
 
 use virtual_board::{
-    mcu::{AfterHalt, LINK, RENDER, SAMPLE},
+    mcu::{LINK, RENDER, SAMPLE},
     world::World,
 };
 
-use super::run_case::lead;
+use super::{no_processor::NO_PROCESSOR, run_case::lead};
 use crate::firmware::{Firmware, ok};
 
 /// Where the device is when it happens.
@@ -34,6 +34,8 @@ pub struct FaultCase {
     pub before: Before,
     /// Brings it about; returns the cycle at which it began.
     pub begin: fn(&Firmware, &mut World<'_>) -> u64,
+    /// Brings it about at once, in place of `begin`, between two outputs.
+    pub cause: Option<fn(&Firmware, &mut World<'_>)>,
     /// Takes the cause away.
     pub end: fn(&mut World<'_>),
     /// As long as the cause is there `clear` is refused.
@@ -53,18 +55,18 @@ const SAMPLE_US: f64 = 100.0 + GRID_US;
 /// One output and one sample.
 pub const RENDER_US: f64 = 1_100.0 + GRID_US;
 /// No code is needed for it.
-const AT_ONCE_US: f64 = 1.0;
+pub const AT_ONCE_US: f64 = 1.0;
 /// From the jump of the program counter to the handler's first store.
 const HANDLER_US: f64 = 2.0;
 /// By the detector's interrupt, after a `render` that is running, and what the logger masks.
-const BROWN_OUT_US: f64 = 60.0;
+pub const BROWN_OUT_US: f64 = 60.0;
 /// The watchdog, at its nominal clock, and one output since it was fed.
-const WATCHDOG_US: f64 = 51_000.0;
+pub const WATCHDOG_US: f64 = 51_000.0;
 
-/// DBGMCU's bit of the watchdog.
-const WATCHDOG_STOPS: u32 = 1 << 12;
+/// Without the processor: the output watchdog (contract.rs), and the world's grid.
+pub const OUTPUT_WATCHDOG_US: f64 = zwidth::contract::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
-const PLAIN: FaultCase = FaultCase {
+pub const PLAIN: FaultCase = FaultCase {
     name: "",
     code: 0,
     all: &[],
@@ -72,6 +74,7 @@ const PLAIN: FaultCase = FaultCase {
     halted_us: 0.0,
     before: Before::Pressed,
     begin: |_, world| world.powered.mcu.now(),
+    cause: None,
     end: nothing,
     stays: false,
     resets: false,
@@ -79,7 +82,11 @@ const PLAIN: FaultCase = FaultCase {
 };
 
 /// All of them.
-pub const FAULT_CASES: [FaultCase; 34] = [
+pub fn fault_cases() -> Vec<&'static FaultCase> {
+    FAULT_CASES.iter().chain(&NO_PROCESSOR).collect()
+}
+
+const FAULT_CASES: [FaultCase; 30] = [
     FaultCase {
         name: "count jump",
         code: 10,
@@ -282,49 +289,6 @@ pub const FAULT_CASES: [FaultCase; 34] = [
         sag(world)
     }),
     brown_out("brown-out", |_, world| sag(world)),
-    FaultCase {
-        name: "debugger halt, 30 ms",
-        code: 32,
-        halted_us: 30_000.0,
-        limit_us: 30_000.0 + RENDER_US,
-        begin: |_, world| halt(world, 300, AfterHalt::Kept),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 30 ms, MOE reset",
-        code: 32,
-        halted_us: 30_000.0,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| halt(world, 300, AfterHalt::Reset),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 200 ms",
-        code: 22,
-        halted_us: 200_000.0,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            // As a script does on connecting: what the program says of the watchdog holds again soon.
-            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
-            world.run(20).unwrap();
-            halt(world, 2_000, AfterHalt::Kept)
-        },
-        resets: true,
-        short: false,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 200 ms, watchdog stopped",
-        code: 32,
-        halted_us: 200_000.0,
-        limit_us: 200_000.0 + RENDER_US,
-        begin: |_, world| {
-            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
-            halt(world, 2_000, AfterHalt::Kept)
-        },
-        short: false,
-        ..PLAIN
-    },
     panic("panic in idle", |firmware, world| panic_in(firmware, world, 0), true),
     panic("panic in link", |firmware, world| panic_in(firmware, world, LINK), false),
     panic("panic in render", |firmware, world| panic_in(firmware, world, RENDER), false),
@@ -448,22 +412,6 @@ fn enabled_by_arm(world: &mut World<'_>) -> u64 {
         }
     }
     panic!("`arm` does not enable the amplifier");
-}
-
-/// A debugger halts the core for so many samples.
-fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> u64 {
-    let begun = world.powered.mcu.now();
-    let last = world.powered.mcu.last_event().unwrap();
-    let per_sample = world.powered.board.cycles_per_sample();
-    let halted = samples * per_sample + per_sample / 3;
-    world.halt(halted, moe);
-    world.sample().unwrap();
-    // Unless the watchdog came: the samples stood still, and go on where they were.
-    if let Some(next) = world.powered.mcu.last_event() {
-        let gap = next - last - halted;
-        assert!(gap <= 2 * per_sample && gap.is_multiple_of(per_sample), "{gap}");
-    }
-    begun
 }
 
 /// Keeps `render` from being taken for so many samples, from right before a due one.

@@ -3,7 +3,7 @@
 use virtual_board::world::World;
 use zwidth::telemetry::{Decoder, Flags, Record};
 
-use super::fault_case::{Before, FaultCase, RENDER_US};
+use super::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US};
 use crate::firmware::{Firmware, arm, ok};
 
 /// How much is looked at.
@@ -86,7 +86,12 @@ pub fn run_case(firmware: &Firmware, case: &FaultCase, depth: Depth) -> CaseResu
     prepare(firmware, case, world, depth);
     let settings = ok(world, "get");
     let outputs = world.powered.mcu.events() / 10;
-    let begun = (case.begin)(firmware, world);
+    let mut begun = (case.begin)(firmware, world);
+    if let Some(cause) = case.cause {
+        cause(firmware, world);
+        begun = world.powered.mcu.now();
+        world.run(if case.resets { 700 } else { 40 }).unwrap();
+    }
     let patience = if case.limit_us > 20_000.0 { 1_100 } else { 40 };
     for _ in 0..patience {
         world.sample().unwrap();
@@ -101,7 +106,11 @@ pub fn run_case(firmware: &Firmware, case: &FaultCase, depth: Depth) -> CaseResu
     let zero_us = us(changes.command_at.saturating_sub(begun));
     assert_eq!(world.powered.amplifier.command(), 0, "{name}");
     // A reset drops enable by itself; the code follows when the program begins anew, within an output.
-    let booting_us = if case.resets { RENDER_US } else { 0.0 };
+    let booting_us = match case.cause {
+        Some(_) if case.resets => WATCHDOG_US, // nothing runs until then
+        _ if case.resets => RENDER_US,
+        _ => 0.0,
+    };
     let allowed_us = case.limit_us.max(RENDER_US) + case.halted_us + booting_us;
     assert!(zero_us <= allowed_us, "{name}: zero force after {zero_us} us");
     if !case.resets {

@@ -96,7 +96,7 @@ impl Answer {
 }
 
 /// Names of the faults, as their page has them.
-pub const FAULTS: [(u8, &str); 17] = [
+pub const FAULTS: [(u8, &str); 18] = [
     (10, "count jump"),
     (11, "over-speed"),
     (12, "out of range"),
@@ -114,6 +114,7 @@ pub const FAULTS: [(u8, &str); 17] = [
     (40, "settings"),
     (41, "panic"),
     (42, "hard fault"),
+    (45, "unexpected interrupt"),
 ];
 
 /// A fault as it is printed.

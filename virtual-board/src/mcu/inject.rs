@@ -3,11 +3,14 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
-use rsemu::cpu::arm::v7m::sys::Exception;
+use rsemu::{
+    core::{space::MemAttrs, value::Width},
+    cpu::arm::v7m::sys::Exception,
+};
 
 use super::{
     AfterHalt, Mcu, RAM, Stopped, exception_of,
-    soc::{BDTR, MAIN_OUTPUT_ENABLE},
+    main_output::{BDTR, MAIN_OUTPUT_ENABLE},
 };
 
 /// ITSTATE and the Thumb bit in xPSR.
@@ -55,6 +58,46 @@ impl Mcu {
         Ok(())
     }
 
+    /// From now on a core that locks up is no end: everything else goes on, until the watchdog resets it.
+    pub fn outlive_lock_up(&mut self) {
+        self.outlives = true;
+    }
+
+    /// Writes a word as the core would, to a peripheral or to memory.
+    pub fn poke(&mut self, address: u32, value: u32) {
+        self.clock.set(self.now);
+        let _ = self.soc.space.write(
+            u64::from(address),
+            Width::U32,
+            u64::from(value),
+            MemAttrs::default(),
+        );
+        self.service();
+    }
+
+    /// Reads a word as the core would.
+    pub fn peek(&mut self, address: u32) -> u32 {
+        self.clock.set(self.now);
+        let word = self.soc.space.read(u64::from(address), Width::U32, MemAttrs::default());
+        word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
+    }
+
+    /// An exception becomes pending, an interrupt with its enable bit set.
+    pub fn pend(&mut self, exception: u16) {
+        self.soc.cpu.with_sys(|sys| {
+            sys.set_enable(Exception(exception), true);
+            sys.set_pending(Exception(exception), true);
+        });
+    }
+
+    /// Changes the core's registers.
+    pub fn set_registers(&mut self, change: impl FnOnce(&mut rsemu::cpu::arm::v7m::Regs)) {
+        let mut registers = self.soc.cpu.regs();
+        change(&mut registers);
+        self.soc.cpu.set_regs(registers);
+        self.registers = self.soc.cpu.regs();
+    }
+
     /// The program counter points to `address` all at once.
     pub fn jump(&mut self, address: u32) {
         let cpu = &self.soc.cpu;
@@ -91,7 +134,7 @@ impl Mcu {
     /// outputs are off meanwhile if it does. `moe`: what the manuals leave open.
     pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         self.settle();
-        let bdtr = self.soc.pwm.peek(BDTR);
+        let (bdtr, stored) = (self.soc.pwm.peek(BDTR), self.stored_by_dma);
         let masked = self.soc.stand_still(cycles);
         if masked {
             self.soc.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
@@ -100,7 +143,9 @@ impl Mcu {
         self.settle();
         let resets = self.resets;
         self.service(); // the watchdog's reset comes before the core runs on
-        let running = resets == self.resets && !self.soc.stop.load(Relaxed);
+        // What DMA2 stores meanwhile switches off for good.
+        let kept = stored == self.stored_by_dma;
+        let running = resets == self.resets && kept && !self.soc.stop.load(Relaxed);
         if masked && running && moe == AfterHalt::Kept {
             self.soc.pwm.poke(BDTR, bdtr);
         }

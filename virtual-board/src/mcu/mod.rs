@@ -7,8 +7,10 @@
 //! and automatic output enable, the voltage detector, ITSTATE in a stacked xPSR, time while asleep.
 
 mod bus;
+mod dma;
 mod encoder;
 mod inject;
+mod main_output;
 mod snapshot;
 mod soc;
 mod supply;
@@ -27,7 +29,7 @@ use rsemu::{
 use self::{
     bus::Clock,
     soc::{Memories, Soc, WIRED},
-    watch::Step,
+    watch::{Step, mend_itstate},
 };
 pub use encoder::EdgeNotes;
 pub use snapshot::Snapshot;
@@ -141,6 +143,10 @@ pub struct Mcu {
     commanded_at: u64,
     /// Program counters at which hard faults came.
     hard_faults: Vec<u32>,
+    /// Words that DMA2 has stored.
+    stored_by_dma: u64,
+    /// A core that locks up is waited out: the watchdog resets it.
+    outlives: bool,
     watch: Watch,
     outside: Outside,
     /// Flash as it was last saved, and how often its registers had been touched then.
@@ -182,6 +188,8 @@ impl Mcu {
             events: 0,
             commanded_at: 0,
             hard_faults: Vec::new(),
+            stored_by_dma: 0,
+            outlives: false,
             watch: Watch::new(),
             outside: Outside::new(),
             flash_saved: None,
@@ -199,14 +207,15 @@ impl Mcu {
                 self.service();
             }
             let called = self.soc.pace_line.get() || self.soc.supply_line.get();
-            if self.stands && self.soc.cpu.is_asleep() && !called {
+            let sleeps = self.stands && self.soc.cpu.is_asleep() && !called;
+            if sleeps || self.outlives && self.stands && self.soc.cpu.is_locked_up() {
                 let to = self.next.min(cycle);
                 self.asleep += to - self.now;
                 self.now = to;
                 continue;
             }
             self.step();
-            if self.stands && self.soc.cpu.is_locked_up() {
+            if self.stands && self.soc.cpu.is_locked_up() && !self.outlives {
                 return Err(Stopped::LockedUp(self.soc.cpu.pc()));
             }
         }
@@ -220,6 +229,9 @@ impl Mcu {
         self.soc.pace.advance_to(self.now);
         for device in &self.soc.others {
             device.advance_to(self.now);
+        }
+        if self.soc.dma.serve(&self.soc.space) {
+            self.stored_by_dma += 1;
         }
         if self.soc.flash_registers.next_event() <= self.now {
             self.soc.flash_registers.advance_to(self.now);
@@ -478,20 +490,4 @@ impl Mcu {
 
 fn exception_of(xpsr: u32) -> u16 {
     (xpsr & 0x1FF) as u16
-}
-
-/// The emulator drops ITSTATE from the xPSR that it stacks on exception entry, so that code
-/// preempted inside an IT block resumes wrongly: put it back.
-fn mend_itstate(ram: &RamStore, msp: u32, old_pc: u32, old_xpsr: u32, watch: &mut Watch) {
-    let at = u64::from(msp.wrapping_sub(RAM));
-    let word = |offset: u64| {
-        let mut bytes = [0; 4];
-        ram.read_at(at + offset, &mut bytes).map(|()| u32::from_le_bytes(bytes)).unwrap_or_default()
-    };
-    if word(24) == old_pc {
-        let mended = word(28) | old_xpsr & IT_BITS;
-        if ram.write_at(at + 28, &mended.to_le_bytes()).is_ok() {
-            watch.mended += 1;
-        }
-    }
 }

@@ -17,7 +17,7 @@ use rsemu::{
 
 use super::{
     Mcu, Outside, Watch,
-    bus::ClockState,
+    bus::{ClockState, Storage},
     encoder::EncoderState,
     soc::{Soc, WIRED},
 };
@@ -33,16 +33,17 @@ pub struct Snapshot {
     encoder: EncoderState,
     /// Cycles for which each timer has stood still.
     stood: Vec<u64>,
-    /// The blocks without a model: DBGMCU, DAC.
-    stored: [Vec<u32>; 2],
-    /// Interrupt lines, the watchdog's reset, the stop, the break flag.
-    flags: [bool; 5],
+    /// The blocks that the emulator has no model of: DBGMCU, DAC, DMA2; what waits in DMA2, its count, and whether it begins.
+    stored: [Vec<u32>; 3],
+    dma: ([u32; 2], bool),
+    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for.
+    flags: [bool; 8],
     supply: [u32; 3],
     written_at: u64,
     outside: Outside,
     registers: Regs,
     stands: bool,
-    times: [u64; 7],
+    times: [u64; 8],
     event: (u64, bool),
     hard_faults: Vec<u32>,
     watch: Watch,
@@ -86,6 +87,10 @@ fn copy(memory: &RamStore) -> Vec<u8> {
 }
 
 impl Soc {
+    fn blocks(&self) -> [&Storage; 3] {
+        [&self.dbgmcu, &self.dac, &self.dma.registers]
+    }
+
     /// All but flash: what gates a timer's clock before the timer, the core last.
     fn devices(&self) -> impl Iterator<Item = &dyn Device> {
         self.rcc_and_power()
@@ -108,7 +113,11 @@ impl Mcu {
             clock: self.clock.state(),
             encoder: soc.encoder.state(),
             stood: soc.timers().map(|lazy| lazy.stood.load(Relaxed)).collect(),
-            stored: [&soc.dbgmcu, &soc.dac].map(|block| block.words()),
+            stored: soc.blocks().map(|block| block.words()),
+            dma: (
+                [&soc.dma.fetched, &soc.dma.count].map(|word| word.load(Relaxed)),
+                soc.dma.begins.load(Relaxed),
+            ),
             flags: soc.flags().map(|flag| flag.load(Relaxed)),
             supply: soc.supply.state(),
             written_at: soc.commanded_at.load(Relaxed),
@@ -123,6 +132,7 @@ impl Mcu {
                 self.resets,
                 self.events,
                 self.commanded_at,
+                self.stored_by_dma,
             ],
             event: self.event,
             hard_faults: self.hard_faults.clone(),
@@ -145,9 +155,14 @@ impl Mcu {
         for (lazy, stood) in soc.timers().zip(&from.stood) {
             lazy.stood.store(*stood, Relaxed);
         }
-        for (block, words) in [&soc.dbgmcu, &soc.dac].into_iter().zip(&from.stored) {
+        for (block, words) in soc.blocks().into_iter().zip(&from.stored) {
             block.restore(words);
         }
+        let (words, begins) = &from.dma;
+        for (to, from) in [&soc.dma.fetched, &soc.dma.count].into_iter().zip(words) {
+            to.store(*from, Relaxed);
+        }
+        soc.dma.begins.store(*begins, Relaxed);
         for (flag, value) in soc.flags().into_iter().zip(from.flags) {
             flag.store(value, Relaxed);
         }
@@ -162,6 +177,7 @@ impl Mcu {
             self.resets,
             self.events,
             self.commanded_at,
+            self.stored_by_dma,
         ] = from.times;
         self.event = from.event;
         self.hard_faults.clone_from(&from.hard_faults);

@@ -18,8 +18,10 @@ use rsemu::{
 
 use super::{
     Chip, Listeners, Pin, PinListener, RAM, RAM_BYTES,
-    bus::{Clock, Counted, Dac, Lazy, Plain, Port, Registers, Storage},
+    bus::{Clock, Counted, Dac, Lazy, Plain, Registers, Storage},
+    dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
+    main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
     supply::{PowerPort, Supply},
 };
 
@@ -54,9 +56,15 @@ pub(super) struct Soc {
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag.
     broken: Arc<AtomicBool>,
+    /// BDTR was written since the reset: its lock level is frozen.
+    locked: Arc<AtomicBool>,
     pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
     halt_timer: Lazy,
+    /// TIM8, which asks DMA2 to switch off.
+    output_timer: Lazy,
+    pub(super) dma: Arc<Dma>,
+    pub(super) space: Arc<AddressSpace>,
     watchdog: Lazy,
     pub(super) dac: Arc<Storage>,
     /// Cycle at which a force was last written, to the DAC or to a compare register.
@@ -114,59 +122,10 @@ impl WireSink for ToListener {
     }
 }
 
-/// TIM1's port: BDTR, the break input and its flag, which the emulator's timer stores but does not act
-/// on, and when the duty was written.
-#[derive(Debug)]
-struct Break {
-    lazy: Lazy,
-    open: Arc<AtomicBool>,
-    /// The break flag.
-    broken: Arc<AtomicBool>,
-    clock: Arc<Clock>,
-    written_at: Arc<AtomicU64>,
-}
-
 const RCC_CSR: u64 = 0x74;
 const RMVF: u32 = 1 << 24;
 const DBGMCU_APB1_FZ: u64 = 0x08;
 const DBGMCU_APB2_FZ: u64 = 0x0C;
-const CCR1: u64 = 0x34;
-const CCR2: u64 = 0x38;
-const SR: u64 = 0x10;
-const BREAK_FLAG: u32 = 1 << 7;
-pub(super) const BDTR: u64 = 0x44;
-pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
-const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
-const BREAK_ENABLE: u32 = 1 << 12;
-
-impl Port for Break {
-    fn before(&self) {
-        self.lazy.catch_up_by_edges();
-    }
-
-    fn write(&self, offset: u64, value: u32) -> u32 {
-        if matches!(offset, CCR1 | CCR2) {
-            self.written_at.store(self.clock.now(), Relaxed);
-        }
-        if offset == SR && value & BREAK_FLAG == 0 {
-            self.broken.store(self.open.load(Relaxed), Relaxed);
-        }
-        if offset != BDTR {
-            value
-        } else if value & BREAK_ENABLE != 0 && self.open.load(Relaxed) {
-            value & !MAIN_OUTPUT_ENABLE
-        } else if value & AUTOMATIC_OUTPUT_ENABLE != 0 {
-            value | MAIN_OUTPUT_ENABLE
-        } else {
-            value
-        }
-    }
-
-    fn read(&self, offset: u64, value: u32) -> u32 {
-        let flag = if self.broken.load(Relaxed) { BREAK_FLAG } else { 0 };
-        if offset == SR { value & !BREAK_FLAG | flag } else { value }
-    }
-}
 
 impl Soc {
     #[expect(clippy::too_many_lines, reason = "one table of the chip, read from top to bottom")]
@@ -194,6 +153,7 @@ impl Soc {
         let pace_timer = timer("general", 32);
         let capture_timer = timer("general", 16);
         let halt_timer = timer("basic", 16);
+        let output_timer = timer("advanced", 16);
         let rcc = Arc::new(
             Rcc::new(&Props::new().with("variant", "f4").with("hse", 8_000_000u64)).expect(WIRED),
         );
@@ -223,6 +183,7 @@ impl Soc {
             ("apb1en3", &pace_timer),
             ("apb1en4", &halt_timer),
             ("apb2en0", &pwm_timer),
+            ("apb2en1", &output_timer),
         ] {
             let id = ids.alloc();
             let gate = timer.sink("enable", &[id]).expect(WIRED);
@@ -230,6 +191,14 @@ impl Soc {
             rcc.connect(bit, WireSource::new(wire, id)).expect(WIRED);
             rcc.announce(bit);
         }
+        let clocked = Arc::new(Flag::default());
+        let id = ids.alloc();
+        let sink = Arc::clone(&clocked) as Arc<dyn WireSink>;
+        let gate = WireBuilder::new().source(id).sink(sink, 0).build_shared();
+        rcc.connect("ahb1en22", WireSource::new(gate, id)).expect(WIRED);
+        rcc.announce("ahb1en22");
+        let dma = Dma::new(clocked);
+        wire(&*output_timer, "dma-up", Arc::new(Latch(Arc::clone(&dma.request))));
         let pace_line = Arc::new(Flag::default());
         wire(&*pace_timer, "irq", Arc::clone(&pace_line) as _);
         let watchdog_bites = Arc::new(Flag::default());
@@ -255,6 +224,7 @@ impl Soc {
         let pwm = lazy(pwm_timer, 1);
         let pace = lazy(pace_timer, 2);
         let halt_timer = lazy(halt_timer, 2);
+        let output_timer = lazy(output_timer, 1);
         // HSE cycles, for the delays of the ready bits only.
         let rcc = lazy(rcc, chip.core_hz / 8_000_000);
         let pwr = lazy(pwr, 8);
@@ -303,6 +273,8 @@ impl Soc {
         );
         map(Registers::region(&pace, Plain(pace.clone())), 0x4000_0C00);
         map(Registers::region(&halt_timer, Plain(halt_timer.clone())), 0x4000_1000);
+        map(Registers::region(&output_timer, Plain(output_timer.clone())), 0x4001_0400);
+        map(dma.region(), 0x4002_6400);
         map(Registers::region(&watchdog, Plain(watchdog.clone())), 0x4000_3000);
         map(
             Registers::region(
@@ -322,8 +294,15 @@ impl Soc {
         map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
         let (open, clock) = (Arc::clone(&stop), Arc::clone(clock));
         let broken = Arc::new(AtomicBool::new(false));
-        let port =
-            Break { lazy: pwm.clone(), open, broken: Arc::clone(&broken), clock, written_at };
+        let locked = Arc::new(AtomicBool::new(false));
+        let port = Break {
+            lazy: pwm.clone(),
+            open,
+            broken: Arc::clone(&broken),
+            locked: Arc::clone(&locked),
+            clock,
+            written_at,
+        };
         map(Registers::region(&pwm, port), 0x4001_0000);
         for (index, port) in gpio.iter().enumerate() {
             map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
@@ -338,7 +317,8 @@ impl Soc {
         let mut config = Config::CORTEX_M4F;
         config.reset_vtor = 0x0800_0000;
         let cpu = ArmV7m::new(config.with_priority_bits(4));
-        cpu.attach_space(Arc::new(space));
+        let space = Arc::new(space);
+        cpu.attach_space(Arc::clone(&space));
         Self {
             cpu,
             pace,
@@ -348,15 +328,19 @@ impl Soc {
             rcc: rcc.clone(),
             flash_registers,
             flash_touched,
-            others: vec![rcc, pwr, watchdog.clone()],
+            others: vec![rcc, pwr, watchdog.clone(), output_timer.clone()],
             exti,
             halt_timer,
+            output_timer,
+            dma,
+            space,
             watchdog,
             pace_line,
             supply_line,
             watchdog_bites,
             stop,
             broken,
+            locked,
             supply,
             dbgmcu,
             dac,
@@ -387,6 +371,7 @@ impl Soc {
             (apb1, 4, &self.halt_timer),
             (apb1, 12, &self.watchdog),
             (apb2, 0, &self.pwm),
+            (apb2, 1, &self.output_timer),
         ] {
             if register >> bit & 1 != 0 {
                 device.stand_still(cycles);
@@ -395,27 +380,33 @@ impl Soc {
         apb2 & 1 != 0
     }
 
-    /// What gates clocks, and the watchdog.
+    /// What gates clocks.
     pub(super) fn rcc_and_power(&self) -> impl Iterator<Item = &dyn Device> {
-        self.others.iter().chain([&self.exti]).map(|lazy| &*lazy.device)
+        self.others[..2].iter().chain([&self.exti]).map(|lazy| &*lazy.device)
     }
 
     pub(super) fn timers(&self) -> impl Iterator<Item = &Lazy> {
         let encoder = &self.encoder;
-        let last = &self.watchdog;
-        [&self.pwm, &self.pace, &encoder.counter, &encoder.capture, &self.halt_timer, last]
-            .into_iter()
+        let [tim1, tim5] = [&self.pwm, &self.pace];
+        let others = [&self.halt_timer, &self.output_timer, &self.watchdog];
+        [tim1, tim5, &encoder.counter, &encoder.capture].into_iter().chain(others)
     }
 
     pub(super) fn ports(&self) -> impl Iterator<Item = &dyn Device> {
         self.gpio.iter().map(|port| &**port as &dyn Device)
     }
 
-    /// Interrupt lines, the watchdog's reset, the stop, the break flag.
-    pub(super) fn flags(&self) -> [&AtomicBool; 5] {
-        let [pace, supply, bites] =
-            [&self.pace_line, &self.supply_line, &self.watchdog_bites].map(|flag| &flag.0);
-        [pace, supply, bites, &self.stop, &self.broken]
+    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for.
+    pub(super) fn flags(&self) -> [&AtomicBool; 8] {
+        let [pace, supply, bites, asks, clocked] = [
+            &self.pace_line,
+            &self.supply_line,
+            &self.watchdog_bites,
+            &self.dma.request,
+            &self.dma.clocked,
+        ]
+        .map(|flag| &flag.0);
+        [pace, supply, bites, asks, clocked, &self.stop, &self.broken, &self.locked]
     }
 
     pub(super) fn set_pin(&self, pin: Pin, high: bool) {

@@ -3,6 +3,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use rsemu::core::space::RamStore;
+
+use super::{IT_BITS, RAM};
+
 /// Exception number of the sampling task: TIM5 is interrupt 50.
 pub const SAMPLE: u16 = 16 + 50;
 /// Exception number of the output task: SPI3 is interrupt 51.
@@ -178,6 +182,28 @@ impl Watch {
             self.longest_mask = self.longest_mask.max(self.masked);
             self.primask += u64::from(step.primask);
             self.forbidden_basepri += u64::from((1..=SAMPLE_PRIORITY).contains(&step.basepri));
+        }
+    }
+}
+
+/// The emulator drops ITSTATE from the xPSR that it stacks on exception entry, so that code
+/// preempted inside an IT block resumes wrongly: put it back.
+pub(super) fn mend_itstate(
+    ram: &RamStore,
+    msp: u32,
+    old_pc: u32,
+    old_xpsr: u32,
+    watch: &mut Watch,
+) {
+    let at = u64::from(msp.wrapping_sub(RAM));
+    let word = |offset: u64| {
+        let mut bytes = [0; 4];
+        ram.read_at(at + offset, &mut bytes).map(|()| u32::from_le_bytes(bytes)).unwrap_or_default()
+    };
+    if word(24) == old_pc {
+        let mended = word(28) | old_xpsr & IT_BITS;
+        if ram.write_at(at + 28, &mended.to_le_bytes()).is_ok() {
+            watch.mended += 1;
         }
     }
 }

@@ -1,0 +1,30 @@
+//! Interrupts that no task is bound to: they cannot come; should one come all the same, it must not keep a task waiting.
+
+use cortex_m::peripheral::scb::SystemHandler;
+use stm32f4xx_hal::pac::Interrupt;
+
+/// Bound to a task in src/main.rs, which gives them their priorities.
+const TASKS: [Interrupt; 4] = [Interrupt::TIM5, Interrupt::SPI3, Interrupt::PVD, Interrupt::SPI2];
+
+/// The lowest of the 16 priorities.
+const LOWEST: u8 = 0xF0;
+
+/// Interrupts that the larger of these chips has.
+const COUNT: usize = 97;
+
+/// All others to the lowest priority, and the system handlers below the faults with them. What they end in is
+/// `DefaultHandler` (fatal.rs).
+pub fn set_up(core: &mut cortex_m::Peripherals) {
+    for number in 0..COUNT {
+        let bound = TASKS.iter().any(|task| *task as usize == number);
+        if !bound {
+            // SAFETY: a lower priority than that of all tasks but `link`, of interrupts that are not enabled.
+            unsafe { core.NVIC.ipr[number].write(LOWEST) };
+        }
+    }
+    use SystemHandler::{DebugMonitor, PendSV, SVCall, SysTick};
+    for handler in [SVCall, DebugMonitor, PendSV, SysTick] {
+        // SAFETY: as above; nothing raises them.
+        unsafe { core.SCB.set_priority(handler, LOWEST) };
+    }
+}

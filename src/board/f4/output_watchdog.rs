@@ -1,0 +1,81 @@
+//! The output watchdog: enable stays up only while outputs come.
+//!
+//! TIM8 counts microseconds from the last output. At its end, [`OUTPUT_WATCHDOG_US`], its update event is a request to
+//! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3), which stores one word into TIM1's BDTR: the
+//! one that `off` stores. MOE is clear then, and only `arm` sets it again. Neither needs the core, an interrupt or a
+//! pin:
+//!
+//! ```text
+//! outputs    | | | | |                                      (1 ms)
+//! TIM8 count /|/|/|/|/------| 2500: update event, DMA2 stores "off"
+//! enable     ¯¯¯¯¯¯¯¯¯¯¯¯¯¯¯¯|_________________________
+//! ```
+//!
+//! The stream is circular with one item, so each further update stores the same. In direct mode (FCR as reset) the word is fetched
+//! ahead of its request. DMA1 would not do: its peripheral port reaches APB1 only, TIM1 is on APB2 (RM0090 2.1,
+//! figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs), so one that is longer than this is off for good.
+
+use core::sync::atomic::AtomicU32;
+
+use stm32f4xx_hal::{
+    pac,
+    rcc::{Enable, Rcc, Reset},
+};
+use zwidth::contract::{self, OUTPUT_WATCHDOG_US};
+
+use super::enable;
+
+/// What is stored. In RAM, which DMA2 reaches on all these chips; never written.
+static OFF: AtomicU32 = AtomicU32::new(enable::OFF);
+
+/// The timer's clock after its prescaler, Hz.
+const TICK_HZ: u32 = 1_000_000;
+const _: () = assert!(OUTPUT_WATCHDOG_US < 1 << 16, "TIM8 has 16 bits");
+
+/// CR1: counts; only an overflow is an update request (`URS`), not the event that loads the prescaler.
+const RUNNING: u32 = 1 << 2 | 1;
+/// DIER: the update event requests a transfer (`UDE`), and no interrupt.
+const REQUESTS: u32 = 1 << 8;
+/// The stream: channel 7, very high priority, words on both sides, the same one each time, for ever, memory to
+/// peripheral.
+const STREAM: u32 = 7 << 25 | 0b11 << 16 | 0b10 << 13 | 0b10 << 11 | 1 << 8 | 0b01 << 6;
+/// Which stream.
+const NUMBER: usize = 1;
+
+/// TIM8, counting.
+pub struct OutputWatchdog(pac::TIM8);
+
+impl OutputWatchdog {
+    /// Runs from now on. BDTR of TIM1 has to be as `off` leaves it.
+    pub fn new(timer: pac::TIM8, dma: &pac::DMA2, rcc: &mut Rcc) -> Self {
+        pac::DMA2::enable(rcc);
+        pac::DMA2::reset(rcc);
+        pac::TIM8::enable(rcc);
+        pac::TIM8::reset(rcc);
+        let clock_hz = rcc.clocks.timclk2().raw();
+        let stream = dma.st(NUMBER);
+        // SAFETY: documented values; the two addresses are a register's and a word's that lives for ever.
+        unsafe {
+            stream.par().write(|w| w.bits(enable::registers().bdtr().as_ptr() as u32));
+            stream.m0ar().write(|w| w.bits(OFF.as_ptr() as u32));
+            stream.ndtr().write(|w| w.bits(1));
+            stream.cr().write(|w| w.bits(STREAM));
+            stream.cr().write(|w| w.bits(STREAM | 1));
+            timer.psc().write(|w| w.bits(clock_hz / TICK_HZ - 1));
+            timer.arr().write(|w| w.bits(OUTPUT_WATCHDOG_US - 1));
+            timer.cr1().write(|w| w.bits(RUNNING & !1));
+            timer.egr().write(|w| w.ug().set_bit());
+            timer.dier().write(|w| w.bits(REQUESTS));
+            timer.cr1().write(|w| w.bits(RUNNING));
+        }
+        Self(timer)
+    }
+}
+
+impl contract::OutputWatchdog for OutputWatchdog {
+    #[inline(always)]
+    fn renew(&mut self) {
+        // SAFETY: any 16-bit value is a count.
+        self.0.cnt().write(|w| unsafe { w.bits(0) });
+    }
+}

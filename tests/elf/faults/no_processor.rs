@@ -1,0 +1,179 @@
+//! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core: hardware
+//! alone has to switch off.
+
+use virtual_board::{
+    mcu::{AfterHalt, SAMPLE},
+    world::World,
+};
+
+use super::fault_case::{
+    AT_ONCE_US, BROWN_OUT_US, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US,
+};
+use crate::firmware::Firmware;
+
+/// TIM5's registers.
+const TIM5: u32 = 0x4000_0C00;
+const CR1: u32 = 0x00;
+const DIER: u32 = 0x0C;
+const ARR: u32 = 0x2C;
+/// The vector table's address.
+const VTOR: u32 = 0xE000_ED08;
+/// Erased flash: vectors of all ones.
+const ERASED: u32 = 0x0807_0000;
+/// PendSV, and the interrupt of TIM7, which no task is bound to.
+const PEND_SV: u16 = 14;
+const TIM7: u16 = 16 + 55;
+
+/// DBGMCU's bit of the watchdog.
+const WATCHDOG_STOPS: u32 = 1 << 12;
+
+pub const NO_PROCESSOR: [FaultCase; 15] = [
+    FaultCase {
+        name: "debugger halt, 1.5 ms",
+        code: 32,
+        halted_us: 1_500.0,
+        limit_us: 1_500.0 + RENDER_US,
+        begin: |_, world| halt(world, 15, AfterHalt::Kept),
+        ..PLAIN
+    },
+    FaultCase {
+        name: "debugger halt, 30 ms",
+        code: 32,
+        halted_us: 30_000.0,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| halt(world, 300, AfterHalt::Kept),
+        ..PLAIN
+    },
+    FaultCase {
+        name: "debugger halt, 30 ms, MOE reset",
+        code: 32,
+        halted_us: 30_000.0,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| halt(world, 300, AfterHalt::Reset),
+        ..PLAIN
+    },
+    FaultCase {
+        name: "debugger halt, 200 ms",
+        code: 22,
+        halted_us: 200_000.0,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            // As a script does on connecting: what the program says of the watchdog holds again soon.
+            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
+            world.run(20).unwrap();
+            halt(world, 2_000, AfterHalt::Kept)
+        },
+        resets: true,
+        short: false,
+        ..PLAIN
+    },
+    FaultCase {
+        name: "debugger halt, 200 ms, watchdog stopped",
+        code: 32,
+        halted_us: 200_000.0,
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
+            halt(world, 2_000, AfterHalt::Kept)
+        },
+        short: false,
+        ..PLAIN
+    },
+    stopped("TIM5 disabled in the NVIC", |_, world| {
+        world.powered.mcu.mask(SAMPLE, true);
+    }),
+    stopped("TIM5 stands still", |_, world| world.powered.mcu.poke(TIM5 + CR1, 0)),
+    FaultCase {
+        short: false,
+        ..stopped("TIM5 asks for no interrupt", |_, world| world.powered.mcu.poke(TIM5 + DIER, 0))
+    },
+    FaultCase {
+        short: false,
+        ..stopped("TIM5 asks all the time", |_, world| world.powered.mcu.poke(TIM5 + ARR, 10))
+    },
+    stopped("interrupts masked", |_, world| {
+        world.powered.mcu.run_into(0).unwrap();
+        world.powered.mcu.set_registers(|registers| registers.primask = true);
+    }),
+    stopped("lock-up", |_, world| {
+        world.powered.mcu.outlive_lock_up();
+        world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
+    }),
+    FaultCase {
+        short: false,
+        ..stopped("vector table lost", |_, world| {
+            world.powered.mcu.outlive_lock_up();
+            world.powered.mcu.poke(VTOR, ERASED);
+        })
+    },
+    FaultCase {
+        short: false,
+        ..stopped("no sample is due", |firmware, world| {
+            let address = until_due(firmware, world);
+            let mut word = [0; 4];
+            world.powered.mcu.read(address, &mut word);
+            word[3] ^= 1 << 6;
+            world.powered.mcu.write(address, &word);
+        })
+    },
+    unexpected("PendSV", |_, world| pend(world, PEND_SV)),
+    FaultCase { short: false, ..unexpected("an unused interrupt", |_, world| pend(world, TIM7)) },
+];
+
+/// A debugger halts the core for so many samples.
+fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> u64 {
+    let begun = world.powered.mcu.now();
+    let last = world.powered.mcu.last_event().unwrap();
+    let per_sample = world.powered.board.cycles_per_sample();
+    let halted = samples * per_sample + per_sample / 3;
+    world.halt(halted, moe);
+    world.sample().unwrap();
+    // Unless the watchdog came: the samples stood still, and go on where they were.
+    if let Some(next) = world.powered.mcu.last_event() {
+        let gap = next - last - halted;
+        assert!(gap <= 2 * per_sample && gap.is_multiple_of(per_sample), "{gap}");
+    }
+    begun
+}
+
+/// Nothing runs any more that could switch off; in the end the watchdog resets.
+const fn stopped(name: &'static str, cause: fn(&Firmware, &mut World<'_>)) -> FaultCase {
+    let limit_us = OUTPUT_WATCHDOG_US;
+    FaultCase { name, code: 22, limit_us, cause: Some(cause), resets: true, ..PLAIN }
+}
+
+/// `DefaultHandler` switches off, as soon as no task runs.
+const fn unexpected(name: &'static str, cause: fn(&Firmware, &mut World<'_>)) -> FaultCase {
+    FaultCase {
+        name,
+        code: 45,
+        all: &[23, 45],
+        limit_us: BROWN_OUT_US,
+        cause: Some(cause),
+        resets: true,
+        ..PLAIN
+    }
+}
+
+fn pend(world: &mut World<'_>, exception: u16) {
+    world.powered.mcu.run_into(0).unwrap();
+    world.powered.mcu.pend(exception);
+}
+
+/// The word of `sample` that counts the samples until the next output: 9 down to 0, over and over.
+fn until_due(firmware: &Firmware, world: &mut World<'_>) -> u32 {
+    let name = "local_resource_sample";
+    let mut symbols = firmware.elf.symbols.iter();
+    let (_, from, size) = symbols.find(|(symbol, ..)| symbol.contains(name)).unwrap();
+    let words = |world: &mut World<'_>| -> Vec<u32> {
+        world.sample().unwrap();
+        let mut bytes = vec![0; *size as usize];
+        world.powered.mcu.read(*from, &mut bytes);
+        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
+    };
+    let seen: Vec<_> = (0..21).map(|_| words(world)).collect();
+    let counts =
+        |place: &usize| seen.windows(2).all(|pair| pair[1][*place] == (pair[0][*place] + 9) % 10);
+    let place = (0..seen[0].len()).find(counts).expect("a word that counts down");
+    from + 4 * place as u32
+}

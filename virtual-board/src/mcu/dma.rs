@@ -1,0 +1,160 @@
+//! DMA2: a request copies words from memory to a peripheral's register, without the core.
+//!
+//! By RM0090 10.3 and 10.5 (RM0390 9.3 and 9.5), as far as memory to peripheral goes in direct mode: enabling a stream
+//! fetches its first word; a request of the selected channel, which stays until it is served, stores that word, and the
+//! next is fetched; at the end of the count a circular stream begins anew, any other is off. What protects a stream that is on from
+//! stores is modelled too. Not modelled: other directions, the FIFO, double buffers, interrupts, the time a transfer
+//! takes (some ten cycles).
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
+};
+
+use rsemu::core::{
+    space::{AccessConstraints, AddressSpace, MemAttrs, MemOps, MemResult, Region},
+    value::Width,
+};
+
+use super::{bus::Storage, soc::Flag};
+
+/// Offsets in a stream, and its distance from the next.
+const FIRST: u64 = 0x10;
+const STRIDE: u64 = 0x18;
+const CR: u64 = 0x00;
+const NDTR: u64 = 0x04;
+const PAR: u64 = 0x08;
+const M0AR: u64 = 0x0C;
+const FCR: u64 = 0x14;
+
+const ENABLE: u32 = 1;
+const CIRCULAR: u32 = 1 << 8;
+const DIRECTION: u32 = 0b11 << 6;
+const TO_PERIPHERAL: u32 = 0b01 << 6;
+const INCREMENTS: u32 = 0b11 << 9;
+const SIZES: u32 = 0b1111 << 11;
+const WORDS: u32 = 0b1010 << 11;
+/// Bits of CR that a stream which is on lets through: EN, and the interrupt enables.
+const OPEN: u32 = 0b1_1111;
+/// FCR out of reset: direct mode.
+const FCR_RESET: u32 = 0x21;
+
+/// The stream and channel of TIM8's update (RM0090 table 43, RM0390 9.3.3).
+const STREAM: u64 = 1;
+const CHANNEL: u32 = 7;
+
+/// The controller with the one request that is wired: TIM8_UP.
+#[derive(Debug)]
+pub(super) struct Dma {
+    pub(super) registers: Arc<Storage>,
+    /// TIM8 asks.
+    pub(super) request: Arc<Flag>,
+    /// The word that waits in the stream.
+    pub(super) fetched: AtomicU32,
+    /// Its count when it was enabled.
+    pub(super) count: AtomicU32,
+    /// Enabled, and nothing fetched yet.
+    pub(super) begins: AtomicBool,
+    /// RCC gives it a clock.
+    pub(super) clocked: Arc<Flag>,
+}
+
+const fn at(register: u64) -> u64 {
+    FIRST + STRIDE * STREAM + register
+}
+
+impl Dma {
+    pub(super) fn new(clocked: Arc<Flag>) -> Arc<Self> {
+        let registers = Storage::new();
+        for stream in 0..8 {
+            registers.set(FIRST + STRIDE * stream + FCR, FCR_RESET);
+        }
+        Arc::new(Self {
+            registers,
+            request: Arc::default(),
+            fetched: AtomicU32::new(0),
+            count: AtomicU32::new(0),
+            begins: AtomicBool::new(false),
+            clocked,
+        })
+    }
+
+    pub(super) fn region(self: &Arc<Self>) -> Region {
+        Region::io("dma2", 0x400, Arc::clone(self) as Arc<dyn MemOps>)
+    }
+
+    /// Does what is asked for; true if something was stored.
+    pub(super) fn serve(&self, space: &AddressSpace) -> bool {
+        let control = self.registers.get(at(CR));
+        let on = control & ENABLE != 0 && self.clocked.get();
+        let fetch = || {
+            let from = u64::from(self.registers.get(at(M0AR)));
+            // An address that is not there would be a transfer error.
+            let word = space.read(from, Width::U32, MemAttrs::default()).unwrap_or_default();
+            self.fetched.store(u32::try_from(word).unwrap_or_default(), Relaxed);
+        };
+        if on && self.begins.swap(false, Relaxed) {
+            fetch();
+        }
+        let modelled = control & (DIRECTION | INCREMENTS | SIZES) == TO_PERIPHERAL | WORDS;
+        let left = self.registers.get(at(NDTR)) & 0xFFFF;
+        if !on || !modelled || control >> 25 & 7 != CHANNEL || left == 0 || !self.request.take() {
+            return false;
+        }
+        let to = u64::from(self.registers.get(at(PAR)));
+        let word = u64::from(self.fetched.load(Relaxed));
+        let _ = space.write(to, Width::U32, word, MemAttrs::default());
+        let left = match left - 1 {
+            0 if control & CIRCULAR != 0 => self.count.load(Relaxed),
+            0 => {
+                self.registers.set(at(CR), control & !ENABLE);
+                0
+            }
+            left => left,
+        };
+        self.registers.set(at(NDTR), left);
+        fetch();
+        true
+    }
+}
+
+impl MemOps for Dma {
+    fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
+        if !self.clocked.get() {
+            into.fill(0); // RM0090 7.2.9: without a clock a register reads as 0
+            return Ok(());
+        }
+        self.registers.read(offset, into, attributes)
+    }
+
+    fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
+        if !self.clocked.get() {
+            return Ok(());
+        }
+        let stream = offset.checked_sub(FIRST).map(|after| (after / STRIDE, (after % STRIDE) & !3));
+        let Some((stream, register)) = stream.filter(|(stream, _)| *stream < 8) else {
+            return self.registers.write(offset, from, attributes);
+        };
+        let control = FIRST + STRIDE * stream + CR;
+        let before = self.registers.get(control);
+        let was_on = before & ENABLE != 0;
+        if was_on && matches!(register, NDTR | PAR | M0AR) {
+            return Ok(());
+        }
+        self.registers.write(offset, from, attributes)?;
+        if register == CR {
+            if was_on {
+                let now = self.registers.get(control);
+                self.registers.set(control, before & !OPEN | now & OPEN);
+            } else if stream == STREAM && self.registers.get(control) & ENABLE != 0 {
+                self.count.store(self.registers.get(at(NDTR)), Relaxed);
+                self.begins.store(true, Relaxed);
+            }
+        }
+        Ok(())
+    }
+
+    fn constraints(&self) -> AccessConstraints {
+        self.registers.constraints()
+    }
+}

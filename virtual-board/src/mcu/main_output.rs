@@ -1,0 +1,84 @@
+//! TIM1's main output: BDTR with its lock, and the break input.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+};
+
+use super::bus::{Clock, Lazy, Port};
+
+const CCR1: u64 = 0x34;
+const CCR2: u64 = 0x38;
+const SR: u64 = 0x10;
+const BREAK_FLAG: u32 = 1 << 7;
+pub(super) const BDTR: u64 = 0x44;
+pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
+const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
+pub(super) const BREAK_ENABLE: u32 = 1 << 12;
+const LOCK_LEVEL: u32 = 0b11 << 8;
+/// What each lock level adds, register by register (RM0090 17.4.18, RM0390 16.4.18, LOCK): dead time, break bits and
+/// idle levels; polarities and off states; modes and preloads. Channels are outputs here.
+const LOCKED: [&[(u64, u32)]; 3] = [
+    &[(BDTR, 0x70FF), (0x04, 0x7F00)],
+    &[(BDTR, 0x0C00), (0x20, 0x2AAA)],
+    &[(0x18, 0x7878), (0x1C, 0x7878)],
+];
+
+/// TIM1's port: BDTR with its lock, the break input and its flag, which the emulator's timer stores but does not act
+/// on, and when the duty was written.
+#[derive(Debug)]
+pub(super) struct Break {
+    pub(super) lazy: Lazy,
+    pub(super) open: Arc<AtomicBool>,
+    /// The break flag.
+    pub(super) broken: Arc<AtomicBool>,
+    pub(super) locked: Arc<AtomicBool>,
+    pub(super) clock: Arc<Clock>,
+    pub(super) written_at: Arc<AtomicU64>,
+}
+
+impl Break {
+    /// What a store changes: all but what is locked.
+    fn unlocked(&self, offset: u64, value: u32) -> u32 {
+        let written = self.locked.load(Relaxed);
+        let level = if written { self.lazy.peek(BDTR) >> 8 & 3 } else { 0 };
+        let mut kept = if offset == BDTR && written { LOCK_LEVEL } else { 0 };
+        for (register, bits) in LOCKED[..level as usize].iter().copied().flatten() {
+            if *register == offset {
+                kept |= bits;
+            }
+        }
+        self.locked.store(written || offset == BDTR, Relaxed);
+        if kept == 0 { value } else { self.lazy.peek(offset) & kept | value & !kept }
+    }
+}
+
+impl Port for Break {
+    fn before(&self) {
+        self.lazy.catch_up_by_edges();
+    }
+
+    fn write(&self, offset: u64, value: u32) -> u32 {
+        let value = self.unlocked(offset, value);
+        if matches!(offset, CCR1 | CCR2) {
+            self.written_at.store(self.clock.now(), Relaxed);
+        }
+        if offset == SR && value & BREAK_FLAG == 0 {
+            self.broken.store(self.open.load(Relaxed), Relaxed);
+        }
+        if offset != BDTR {
+            value
+        } else if value & BREAK_ENABLE != 0 && self.open.load(Relaxed) {
+            value & !MAIN_OUTPUT_ENABLE
+        } else if value & AUTOMATIC_OUTPUT_ENABLE != 0 {
+            value | MAIN_OUTPUT_ENABLE
+        } else {
+            value
+        }
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        let flag = if self.broken.load(Relaxed) { BREAK_FLAG } else { 0 };
+        if offset == SR { value & !BREAK_FLAG | flag } else { value }
+    }
+}
