@@ -7,7 +7,8 @@
 //! | [`ForceOutput`], [`Enable`] in a [`Drive`] | `render` | the command, and whether it acts |
 //! | [`EmergencyStop`] on a pin | `render` | the switch |
 //! | [`Supply`] | `render`, its own interrupt | off when the supply falls |
-//! | [`DebugHalts`] | `render` | time that passed without samples |
+//! | [`DebugHalts`] | `render` | time that passed without samples, and their rate |
+//! | [`SetUp`] | `render` | registers that are not as they were set up |
 //! | [`FaultMemory`] | `render` | the first fault, over a reset |
 //! | [`NorFlash`], [`UpChannel`], [`CommandChannel`] | `link` | settings, telemetry and replies, commands |
 //! | [`OutputWatchdog`] | `render` | enable off, in hardware, when outputs stop |
@@ -34,7 +35,7 @@ use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use crate::{
     Output,
     period::SAMPLES_PER_MS,
-    safety::{FaultRecord, ResetCause, Sensed},
+    safety::{Fault, FaultRecord, FaultSet, ResetCause, Sensed},
     units::OutputCode,
     velocity::{Sense, Senses},
 };
@@ -77,6 +78,8 @@ pub trait Board: Sized {
     type DebugHalts: DebugHalts;
     /// Enable off when outputs stop.
     type OutputWatchdog: OutputWatchdog;
+    /// Registers.
+    type SetUp: SetUp;
     /// Reset when the tasks stop.
     type Watchdog: Watchdog;
     /// What a reset must not wipe out.
@@ -136,7 +139,8 @@ pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
     let stop_closed = stop.is_closed();
     let supply_good = !supply.is_low();
     let halted = halts.since_the_last(sample, period);
-    Sensed { switched_on, halted, was_stopped, stop_closed, supply_good, enabled }
+    let found = FaultSet::EMPTY.with_if(Fault::SampleRate, halts.rate_is_wrong());
+    Sensed { switched_on, halted, was_stopped, stop_closed, supply_good, enabled, found }
 }
 
 /// All of a board that the tasks own.
@@ -155,6 +159,8 @@ pub struct Parts<B: Board> {
     pub halts: B::DebugHalts,
     /// Enable off when outputs stop.
     pub output_watchdog: B::OutputWatchdog,
+    /// Registers.
+    pub set_up: B::SetUp,
     /// Reset when the tasks stop.
     pub watchdog: B::Watchdog,
     /// What a reset must not wipe out.
@@ -242,6 +248,16 @@ pub trait DebugHalts {
     /// Whether the core was halted since the last output; asked at each, with the number of its sample and the samples
     /// between two. By `render`.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
+
+    /// Whether that clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch): as of the last
+    /// [`since_the_last`](Self::since_the_last).
+    fn rate_is_wrong(&self) -> bool;
+}
+
+/// The registers that decide whether, when and which force acts.
+pub trait SetUp {
+    /// Whether all of them are still as they were at the first call. By `render`, with each output, once it is out.
+    fn holds(&mut self) -> bool;
 }
 
 /// Enable goes inactive, by hardware alone, when no output has come for [`OUTPUT_WATCHDOG_US`]: the core may stand still,

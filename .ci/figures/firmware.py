@@ -184,6 +184,15 @@ def fault_campaign():
     return table(["fault case", "how it is brought about", "enable off after", "allowed", "code"], body)
 
 
+@block
+def registers():
+    body = []
+    for board in BOARDS:
+        key = f"elf/faults/registers/{board}"
+        body.append([board, m(f"{key}/rows"), ms(value(f"{key}/most")), "3 ms"])
+    return table(["board", "registers that change, one at a time", "enable off after, at most", "allowed"], body)
+
+
 def device(name):
     return lambda: number(lit(DEVICE, rf"\b{name}: (-?[\d._e-]+)"))
 

@@ -36,6 +36,7 @@ pub type Supply = <Selected as contract::Board>::Supply;
 pub type Halts = <Selected as contract::Board>::DebugHalts;
 pub type FaultMemory = <Selected as contract::Board>::FaultMemory;
 pub type Watchdog = <Selected as contract::Board>::Watchdog;
+pub type SetUp = <Selected as contract::Board>::SetUp;
 pub type OutputWatchdog = <Selected as contract::Board>::OutputWatchdog;
 pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
@@ -62,6 +63,16 @@ pub fn take(
 pub fn start() {
     forget_floats();
     contract::start::<Force, SampleTimer>();
+}
+
+/// Sleeps until an interrupt; not deeper than that, whatever has set the bit for it: in the stop mode no clock runs, and
+/// nothing could switch off but the independent watchdog.
+#[inline(always)]
+pub fn sleep() {
+    // SAFETY: the register's reset value; nothing else in this program writes it.
+    unsafe { (*cortex_m::peripheral::SCB::PTR).scr.write(0) };
+    cortex_m::asm::dsb();
+    cortex_m::asm::wfi();
 }
 
 /// Ends the floating-point context that `init` has begun. `idle` has none of its own: else the first floating-point

@@ -272,6 +272,7 @@ mod tests {
                 supply_good: true,
                 settings_valid: true,
                 halted: false,
+                found: FaultSet::EMPTY,
             },
         },
         activity: Activity::None,

@@ -166,14 +166,22 @@ impl DebugHalts for Events {
     fn since_the_last(&mut self, _: u64, _: u32) -> bool {
         matches!(come(), Some((Event::Halt(_), _)))
     }
+    fn rate_is_wrong(&self) -> bool {
+        false
+    }
 }
 
 /// Before, between and after any of the reads: the output at which an event is first seen gives it its own name.
 #[test]
 fn whatever_happens_between_two_reads_is_named_after_its_cause() {
-    use crate::safety::Inputs;
-    let quiet =
-        Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+    use crate::safety::{FaultSet, Inputs};
+    let quiet = Inputs {
+        stop_closed: true,
+        supply_good: true,
+        settings_valid: true,
+        halted: false,
+        found: FaultSet::EMPTY,
+    };
     for event in [
         Event::Stop(1),
         Event::Stop(2),

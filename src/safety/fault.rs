@@ -63,6 +63,8 @@ faults! {
     WatchdogReset = 22, "watchdog reset";
     /// The processor was reset while force was on.
     ResetWhileArmed = 23, "reset while armed";
+    /// Samples come at another rate than they should.
+    SampleRate = 24, "sample rate";
     /// The emergency stop opened, or its wire broke, while force was on.
     EmergencyStop = 30, "emergency stop";
     /// The supply fell below the limit of the voltage detector.
@@ -77,6 +79,8 @@ faults! {
     Panic = 41, "panic";
     /// The processor met an instruction or address that it cannot handle.
     HardFault = 42, "hard fault";
+    /// A register that decides about the force is not as the program has set it.
+    Registers = 43, "registers";
     /// An interrupt came that no task is bound to.
     Interrupt = 45, "unexpected interrupt";
 }
@@ -183,7 +187,10 @@ mod tests {
     #[test]
     fn codes_are_stable_and_come_back() {
         let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
-        assert_eq!(codes, [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 30, 31, 32, 33, 40, 41, 42, 45]);
+        assert_eq!(
+            codes,
+            [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 40, 41, 42, 43, 45]
+        );
         for code in 0..=u8::MAX {
             let fault = Fault::from_code(code);
             assert_eq!(fault.is_some(), codes.contains(&code));

@@ -41,6 +41,7 @@ mod guard;
 mod memory;
 mod output_command;
 mod plan;
+mod rate;
 mod records;
 mod sign;
 mod speed;
@@ -54,6 +55,7 @@ pub use guard::{Guard, GuardCommand, GuardView, GuardedSampler, SampleReport, St
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
 pub use output_command::{GrantedForce, OutputCommand};
 pub use plan::{SLEW, SafetyPlan, SafetySettings};
+pub use rate::RateWatch;
 pub use records::{Inputs, Refusal, Request, Sensed, State, Status};
 pub use supervisor::{Rendered, Supervisor};
 

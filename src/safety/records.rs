@@ -47,6 +47,8 @@ pub struct Inputs {
     pub settings_valid: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,
+    /// What the board found wrong with itself.
+    pub found: FaultSet,
 }
 
 /// What a board senses at an output, see [`contract::sense`](crate::contract::sense).
@@ -64,24 +66,28 @@ pub struct Sensed {
     pub supply_good: bool,
     /// The amplifier is enabled. To be read before what may drop it.
     pub enabled: bool,
+    /// What the board found wrong with itself; it has dropped enable then.
+    pub found: FaultSet,
 }
 
 impl Inputs {
     /// What that means. `cut`: the sampling task has switched the amplifier off; `settings_valid` as in [`Inputs`].
     #[inline(always)]
     pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
-        let Sensed { switched_on, halted, supply_good, .. } = sensed;
+        let Sensed { switched_on, halted, supply_good, found, .. } = sensed;
         // A stop that is over before the next look is one all the same. A halt may set the same flag.
         let stopped = switched_on && !halted && sensed.was_stopped;
         let stop_closed = sensed.stop_closed && !stopped;
-        // Nobody else drops enable while force is on, but for the emergency stop, the supply detector and the
-        // sampling task (it cut), which have faults of their own.
-        let dropped = stop_closed && supply_good && !cut && !sensed.enabled;
+        // Nobody else drops enable while force is on, but for the emergency stop, the supply detector, the
+        // sampling task (it cut) and the output task (it found), which have faults of their own.
+        let quiet = stop_closed && supply_good && !cut && found.is_empty();
+        let dropped = quiet && !sensed.enabled;
         Self {
             stop_closed,
             supply_good,
             settings_valid,
             halted: switched_on && (halted || dropped),
+            found,
         }
     }
 }

@@ -89,6 +89,7 @@ impl Supervisor {
                 supply_good: false,
                 settings_valid: false,
                 halted: false,
+                found: FaultSet::EMPTY,
             },
             record: Record::EMPTY,
             down: GuardCommand::start(&plan),
@@ -356,7 +357,8 @@ impl Supervisor {
             .with_if(Fault::Debugger, inputs.halted);
         // Off, they only stand in the way of `arm`; after their own fault, in that of `clear`.
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
-        let found = up.present.with_if(Fault::OutOfRange, !up.motion.position.in_range());
+        let found = up.present.union(inputs.found);
+        let found = found.with_if(Fault::OutOfRange, !up.motion.position.in_range());
         self.present = relevant.union(found);
         if guard.events != self.seen {
             cold_path();

@@ -5,7 +5,7 @@ use core::sync::atomic::Ordering::Relaxed;
 use super::FLAGS;
 use zwidth::contract::Watchdog as _;
 
-use crate::board::Watchdog;
+use crate::board::{self, Watchdog};
 
 /// The idle task. It alone feeds the watchdog.
 pub struct Idle {
@@ -27,6 +27,6 @@ impl Idle {
             self.watchdog.feed();
             self.fed = now;
         }
-        cortex_m::asm::wfi();
+        board::sleep();
     }
 }

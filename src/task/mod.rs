@@ -110,10 +110,19 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let (down_in, down_out) = queues.down.split(GuardCommand::start(&safety));
     board::turn_encoder(stored.signs.encoder_reversed);
     let Board {
-        drive, sample_timer, encoder, stop, supply, halts, output_watchdog, memory, ..
+        drive,
+        sample_timer,
+        encoder,
+        stop,
+        supply,
+        halts,
+        output_watchdog,
+        set_up,
+        memory,
+        ..
     } = board;
     let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
-    let outputs = render::Outputs { drive, stop, supply, halts, output_watchdog, memory };
+    let outputs = render::Outputs { drive, stop, supply, halts, output_watchdog, set_up, memory };
     let ends = render::Ends {
         due: due_out,
         guard: guard_out,

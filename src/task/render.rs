@@ -1,24 +1,24 @@
 //! `render`: with every period-th sample, priority 14, pended by `sample`. Moves what goes between the scheduler and
 //! the board.
 
-use core::sync::atomic::Ordering::Relaxed;
+use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    contract::{self, FaultMemory as _, OutputWatchdog as _},
+    contract::{self, FaultMemory as _, OutputWatchdog as _, SetUp as _},
     device::HISTORY,
     experiment::{Order, PeriodPlan, Report, Sampling, Scheduler},
     period,
     safety::{
-        BlackBox, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand, SampleReport,
-        Supervisor,
+        BlackBox, Fault, FaultSet, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand,
+        SampleReport, Supervisor,
     },
     store::Signs,
 };
 
 use super::{FLAGS, ORDERS, REPORTS};
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, Supply};
+use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, SetUp, Supply};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
 /// The longest output period.
@@ -36,6 +36,8 @@ pub struct Outputs {
     pub halts: Halts,
     /// Enable off when outputs stop.
     pub output_watchdog: OutputWatchdog,
+    /// Registers.
+    pub set_up: SetUp,
     /// Backup RAM.
     pub memory: FaultMemory,
 }
@@ -88,6 +90,8 @@ pub struct Render {
     scheduler: Scheduler<HISTORY>,
     /// The amplifier was switched on with the last output.
     was_on: bool,
+    /// What was found wrong after the last output.
+    found: FaultSet,
 }
 
 impl Render {
@@ -107,6 +111,7 @@ impl Render {
             positions: Follower::new(),
             scheduler: Scheduler::new(supervisor, control, signs, duty, history),
             was_on: false,
+            found: FaultSet::EMPTY,
         }
     }
 
@@ -118,8 +123,9 @@ impl Render {
         let Some(up) = self.ends.due.read() else { return };
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
         // A halt is found by the longest period whatever the period is: a time, and known to the compiler.
-        let sensed =
+        let mut sensed =
             contract::sense(self.was_on, (up.motion.sample, LONGEST), drive, stop, supply, halts);
+        sensed.found = sensed.found.union(self.found);
         // After that: what the sampling task cut has a reason here.
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
             self.guard.take(guard, number);
@@ -130,6 +136,7 @@ impl Render {
         self.outputs.output_watchdog.renew();
         self.ends.sampling.command(self.scheduler.command());
         FLAGS.rendered.store(up.motion.number(), Relaxed);
+        self.check();
 
         match self.scheduler.take_memory_update() {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
@@ -152,6 +159,16 @@ impl Render {
             let _ = self.ends.reports.enqueue(self.scheduler.report(record));
         }
         board::request_link();
+    }
+
+    /// Off at once if what decides about the force is not what it was; the next output says why.
+    #[inline(always)]
+    fn check(&mut self) {
+        self.found = FaultSet::EMPTY.with_if(Fault::Registers, !self.outputs.set_up.holds());
+        if !self.found.is_empty() {
+            cold_path();
+            board::off();
+        }
     }
 
     #[inline(always)]

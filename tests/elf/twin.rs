@@ -12,8 +12,8 @@ use zwidth::{
         CalibrationSettings, DutySettings, Order, ReturnSettings, Sampling, Scheduler, WalkSettings,
     },
     safety::{
-        BlackBox, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand, SafetySettings,
-        Sensed, Supervisor, envelope::Envelope,
+        BlackBox, FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand,
+        SafetySettings, Sensed, Supervisor, envelope::Envelope,
     },
     store::{DeviceKey, Loaded, Source, Stored},
     telemetry::Record,
@@ -159,6 +159,7 @@ impl Twin {
             stop_closed: true,
             supply_good: true,
             enabled: self.was_on,
+            found: FaultSet::EMPTY,
         };
         let guard = self.view.at(motion.number());
         let rendered = self.scheduler.output(&step.report, &guard, sensed);

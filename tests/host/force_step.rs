@@ -19,16 +19,21 @@ use zwidth::{
     console::{Command, Situation, allowed},
     experiment::Activity,
     safety::{
-        Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request, SLEW, SafetySettings,
-        State, Supervisor,
+        FaultSet, Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request, SLEW,
+        SafetySettings, State, Supervisor,
     },
     telemetry::{Flags, Record},
     units::Force,
     velocity::{EstimatorName, Senses},
 };
 
-const GOOD: Inputs =
-    Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+const GOOD: Inputs = Inputs {
+    stop_closed: true,
+    supply_good: true,
+    settings_valid: true,
+    halted: false,
+    found: FaultSet::EMPTY,
+};
 /// The wall at first, m from where the count was zeroed.
 const WALL_M: f64 = 0.004;
 

@@ -9,7 +9,10 @@ use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::{contract::DebugHalts, safety::HaltWatch};
+use zwidth::{
+    contract::DebugHalts,
+    safety::{HaltWatch, RateWatch},
+};
 
 /// Stopped in a halt, on APB1: TIM5 (bit 3) and TIM3 (bit 1), which must stay in phase with it where it captures
 /// edges. Not TIM6 (bit 4), not the watchdog (bit 12).
@@ -21,6 +24,7 @@ const STOPPED_APB2: u32 = 1;
 pub struct Halts {
     timer: pac::TIM6,
     watch: HaltWatch,
+    rate: RateWatch,
 }
 
 impl Halts {
@@ -33,7 +37,7 @@ impl Halts {
         timer.psc().write(|w| unsafe { w.bits(ticks - 1) });
         timer.egr().write(|w| w.ug().set_bit());
         timer.cr1().write(|w| w.cen().set_bit());
-        Self { timer, watch: HaltWatch::default() }
+        Self { timer, watch: HaltWatch::default(), rate: RateWatch::default() }
     }
 }
 
@@ -43,7 +47,14 @@ impl DebugHalts for Halts {
         stop_with_the_core();
         #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
         let ticks = self.timer.cnt().read().bits() as u16;
-        self.watch.found(ticks, sample, period)
+        let halted = self.watch.found(ticks, sample, period);
+        self.rate.follow(ticks, sample, halted);
+        halted
+    }
+
+    #[inline(always)]
+    fn rate_is_wrong(&self) -> bool {
+        self.rate.is_wrong()
     }
 }
 

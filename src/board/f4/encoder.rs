@@ -1,10 +1,14 @@
 //! The encoder: TIM2 counts both edges of A and B in 32 bits, four counts per line.
 
+use core::sync::atomic::Ordering::Relaxed;
+
 use stm32f4xx_hal::{gpio::PushPull, pac, qei::Qei, rcc::Rcc, timer::CPin};
 use zwidth::{
     contract,
     velocity::{Edge, Senses},
 };
+
+use super::set_up;
 
 /// `ICxF` = 3: a level counts after 8 equal samples at the timer clock, half the core's: 95 ns at
 /// 168 MHz. Shorter glitches do not count; A and B may each change up to ten million times a second.
@@ -67,6 +71,7 @@ impl<E: EdgeTimes> contract::Encoder for Encoder<E> {
     fn turn(reversed: bool) {
         // SAFETY: of this timer `sample` only reads the counter, and nothing else writes this register.
         let timer = unsafe { &*pac::TIM2::ptr() };
+        set_up::ENCODER_TURNED.store(reversed, Relaxed);
         timer.ccer().modify(|_, w| w.cc1p().bit(reversed));
     }
 }

@@ -14,6 +14,7 @@ mod interrupts;
 pub mod output_watchdog;
 mod reset;
 pub mod sample_timer;
+pub mod set_up;
 pub mod supply;
 pub mod watchdog;
 
@@ -77,6 +78,7 @@ impl<W: Wiring> Board for F4<W> {
     type Supply = supply::Supply;
     type DebugHalts = debugger::Halts;
     type Watchdog = watchdog::Watchdog;
+    type SetUp = set_up::SetUp;
     type OutputWatchdog = output_watchdog::OutputWatchdog;
     type FaultMemory = fault_memory::FaultMemory;
     type Flash = flash::SettingsFlash;
@@ -185,6 +187,7 @@ impl Chip {
             sample_timer: sample_timer::SampleTimer::new(tim5, timer_hz / RATE_HZ, &mut rcc),
             drive: Drive::new(force, enable),
             output_watchdog,
+            set_up: set_up::SetUp::default(),
             stop: EmergencyStop::new(stop),
             supply,
             halts: debugger::Halts::new(tim6, timer_hz, RATE_HZ, &mut rcc),

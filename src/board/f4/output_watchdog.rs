@@ -15,7 +15,7 @@
 //! ahead of its request. DMA1 would not do: its peripheral port reaches APB1 only, TIM1 is on APB2 (RM0090 2.1,
 //! figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs), so one that is longer than this is off for good.
 
-use core::sync::atomic::AtomicU32;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use stm32f4xx_hal::{
     pac,
@@ -70,6 +70,12 @@ impl OutputWatchdog {
         }
         Self(timer)
     }
+}
+
+/// Whether the word in RAM is still the one that switches off.
+#[inline(always)]
+pub(super) fn stores_off() -> bool {
+    OFF.load(Relaxed) == enable::OFF
 }
 
 impl contract::OutputWatchdog for OutputWatchdog {

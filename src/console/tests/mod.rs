@@ -78,7 +78,13 @@ const OFF: Status = Status {
     zeroed: true,
     unlocked: false,
     contact: false,
-    inputs: Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false },
+    inputs: Inputs {
+        stop_closed: true,
+        supply_good: true,
+        settings_valid: true,
+        halted: false,
+        found: FaultSet::EMPTY,
+    },
 };
 const ARMED: Status = Status { state: State::Armed, ..OFF };
 const FREE: Status = Status { unlocked: true, ..ARMED };

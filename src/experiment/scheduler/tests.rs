@@ -7,7 +7,7 @@ use crate::{
     Motion,
     device::tests::DEVICE,
     experiment::{Verdict, return_move::tests::Handle},
-    safety::{Fault, Guard},
+    safety::{Fault, FaultSet, Guard},
     store::Stored,
     units::Velocity,
 };
@@ -19,6 +19,7 @@ const GOOD: Sensed = Sensed {
     stop_closed: true,
     supply_good: true,
     enabled: true,
+    found: FaultSet::EMPTY,
 };
 
 mod period;
@@ -507,7 +508,14 @@ fn a_motor_that_has_worked_is_warm() {
 /// All facts that a board senses, against what each of them means.
 #[test]
 fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
-    let held = Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+    let found = FaultSet::EMPTY.with(Fault::Registers);
+    let held = Inputs {
+        stop_closed: true,
+        supply_good: true,
+        settings_valid: true,
+        halted: false,
+        found: FaultSet::EMPTY,
+    };
     for (sensed, cut, expected) in [
         (GOOD, false, held),
         (Sensed { stop_closed: false, ..GOOD }, false, Inputs { stop_closed: false, ..held }),
@@ -536,6 +544,8 @@ fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
         (Sensed { enabled: false, ..GOOD }, false, Inputs { halted: true, ..held }),
         (Sensed { enabled: false, ..GOOD }, true, held),
         (Sensed { enabled: false, switched_on: false, ..GOOD }, false, held),
+        // the board has dropped it, and says why
+        (Sensed { enabled: false, found, ..GOOD }, false, Inputs { found, ..held }),
     ] {
         assert_eq!(Inputs::of(sensed, cut, true), expected, "{sensed:?} {cut}");
     }

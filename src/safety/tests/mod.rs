@@ -12,8 +12,13 @@ mod faults;
 mod random;
 mod requests;
 
-const GOOD: Inputs =
-    Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+const GOOD: Inputs = Inputs {
+    stop_closed: true,
+    supply_good: true,
+    settings_valid: true,
+    halted: false,
+    found: FaultSet::EMPTY,
+};
 
 fn control(position_m: f64, stiffness_n_per_m: f64) -> LoopParameters {
     let settings = Settings {

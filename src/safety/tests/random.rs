@@ -45,7 +45,7 @@ fn event() -> impl Strategy<Value = Event> {
         1 => (-2.0..2.0f64).prop_map(Event::Kick),
         2 => (mostly(true), mostly(true), mostly(true), mostly(false)).prop_map(
             |(stop_closed, supply_good, settings_valid, halted)| Event::Inputs(Inputs {
-                stop_closed, supply_good, settings_valid, halted,
+                stop_closed, supply_good, settings_valid, halted, found: FaultSet::EMPTY,
             })
         ),
         1 => (0u32..25).prop_map(Event::Miss),

@@ -6,6 +6,7 @@
 
 mod fault_case;
 mod no_processor;
+mod registers;
 mod run_case;
 mod settings;
 

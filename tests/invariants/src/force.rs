@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use zwidth::{
     Design, LoopParameters, Output, VelocitySettings, WallSettings,
     experiment::DutySettings,
-    safety::{Inputs, OutputCommand, Rendered, Request, SLEW, State},
+    safety::{FaultSet, Inputs, OutputCommand, Rendered, Request, SLEW, State},
     units::Force,
 };
 
@@ -73,7 +73,7 @@ fn trouble() -> impl Strategy<Value = Event> {
     let mostly = |likely| prop::bool::weighted(likely);
     let inputs = (mostly(0.9), mostly(0.9), mostly(0.9), mostly(0.1)).prop_map(
         |(stop_closed, supply_good, settings_valid, halted)| {
-            Event::Inputs(Inputs { stop_closed, supply_good, settings_valid, halted })
+            Event::Inputs(Inputs { stop_closed, supply_good, settings_valid, halted, found: FaultSet::EMPTY })
         },
     );
     prop_oneof![5 => event(true), 1 => inputs, 1 => Just(Event::Inputs(GOOD)), 1 => Just(Event::Ask(Request::Arm))]

@@ -4,8 +4,8 @@ use zwidth::{
     CounterWidth, LoopParameters,
     experiment::{DutyPlan, Gains, Order, Sampling, Scheduler},
     safety::{
-        BlackBox, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand, SafetyPlan,
-        SampleReport, Sensed, Supervisor,
+        BlackBox, FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand,
+        SafetyPlan, SampleReport, Sensed, Supervisor,
     },
     store::Signs,
     units::Position,
@@ -79,6 +79,7 @@ impl Orders {
                 stop_closed: true,
                 supply_good: true,
                 enabled: false,
+                found: FaultSet::EMPTY,
             };
             let rendered = self.scheduler.output(&step.report, &guard, sensed);
             assert_eq!(rendered.grant, OutputCommand::Off);

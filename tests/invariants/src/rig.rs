@@ -3,16 +3,21 @@
 use zwidth::{
     CounterWidth, Design, LoopParameters, Settings, VelocitySettings, WallSettings,
     safety::{
-        Guard, GuardCommand, GuardView, GuardedSampler, Inputs, Refusal, Rendered, Request,
-        SafetyPlan, SafetySettings, State, Step, Supervisor,
+        FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, Inputs, Refusal, Rendered,
+        Request, SafetyPlan, SafetySettings, State, Step, Supervisor,
     },
     units::{Force, Position},
     velocity::Senses,
 };
 
 /// All is well.
-pub const GOOD: Inputs =
-    Inputs { stop_closed: true, supply_good: true, settings_valid: true, halted: false };
+pub const GOOD: Inputs = Inputs {
+    stop_closed: true,
+    supply_good: true,
+    settings_valid: true,
+    halted: false,
+    found: FaultSet::EMPTY,
+};
 
 /// A wall that does nothing.
 pub const NO_WALL: WallSettings = WallSettings {

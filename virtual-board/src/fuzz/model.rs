@@ -96,7 +96,7 @@ impl Answer {
 }
 
 /// Names of the faults, as their page has them.
-pub const FAULTS: [(u8, &str); 18] = [
+pub const FAULTS: [(u8, &str); 20] = [
     (10, "count jump"),
     (11, "over-speed"),
     (12, "out of range"),
@@ -107,6 +107,7 @@ pub const FAULTS: [(u8, &str); 18] = [
     (21, "stuck render"),
     (22, "watchdog reset"),
     (23, "reset while armed"),
+    (24, "sample rate"),
     (30, "emergency stop"),
     (31, "brown-out"),
     (32, "debugger halt"),
@@ -114,6 +115,7 @@ pub const FAULTS: [(u8, &str); 18] = [
     (40, "settings"),
     (41, "panic"),
     (42, "hard fault"),
+    (43, "registers"),
     (45, "unexpected interrupt"),
 ];
 

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use rsemu::{
     core::{space::MemAttrs, value::Width},
-    cpu::arm::v7m::sys::Exception,
+    cpu::arm::v7m::sys::{Exception, in_ppb},
 };
 
 use super::{
@@ -63,21 +63,22 @@ impl Mcu {
         self.outlives = true;
     }
 
-    /// Writes a word as the core would, to a peripheral or to memory.
+    /// Writes a word as the core would, to a peripheral, to memory or to the core's own registers.
     pub fn poke(&mut self, address: u32, value: u32) {
         self.clock.set(self.now);
-        let _ = self.soc.space.write(
-            u64::from(address),
-            Width::U32,
-            u64::from(value),
-            MemAttrs::default(),
-        );
+        if !self.soc.cpu.with_sys(|sys| in_ppb(address) && sys.write_word(address, value)) {
+            let (at, value) = (u64::from(address), u64::from(value));
+            let _ = self.soc.space.write(at, Width::U32, value, MemAttrs::default());
+        }
         self.service();
     }
 
     /// Reads a word as the core would.
     pub fn peek(&mut self, address: u32) -> u32 {
         self.clock.set(self.now);
+        if in_ppb(address) {
+            return self.soc.cpu.with_sys(|sys| sys.read_word(address, true)).unwrap_or_default();
+        }
         let word = self.soc.space.read(u64::from(address), Width::U32, MemAttrs::default());
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
     }
