@@ -35,7 +35,7 @@ use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use crate::{
     Output,
     period::SAMPLES_PER_MS,
-    safety::{Fault, FaultRecord, FaultSet, ResetCause, Sensed},
+    safety::{FaultRecord, FaultSet, ResetCause, Sensed},
     units::OutputCode,
     velocity::{Sense, Senses},
 };
@@ -119,15 +119,15 @@ pub fn off<F: ForceOutput, E: Enable>() {
     F::zero();
 }
 
-/// What a board says at an output: `switched_on` if the output task has switched the amplifier on, number of the sample
-/// and samples from output to output.
+/// What a board says at an output: `switched_on` if the output task has switched the amplifier on, what it `found` after
+/// the last output, number of the sample and samples from output to output.
 ///
 /// Effects are read before their causes: enable before what drops it, the note that the stop was open before its level.
 /// So whatever happens between two of these reads, an effect that is seen has its cause, and no stop passes for a halt.
 /// The guard's findings, the other cause, are to be read after this.
 #[inline(always)]
 pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
-    switched_on: bool,
+    (switched_on, found): (bool, FaultSet),
     (sample, period): (u64, u32),
     drive: &Drive<F, E>,
     stop: &mut EmergencyStop<P>,
@@ -139,7 +139,6 @@ pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
     let stop_closed = stop.is_closed();
     let supply_good = !supply.is_low();
     let halted = halts.since_the_last(sample, period);
-    let found = FaultSet::EMPTY.with_if(Fault::SampleRate, halts.rate_is_wrong());
     Sensed { switched_on, halted, was_stopped, stop_closed, supply_good, enabled, found }
 }
 
@@ -249,9 +248,9 @@ pub trait DebugHalts {
     /// between two. By `render`.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
 
-    /// Whether that clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch): as of the last
-    /// [`since_the_last`](Self::since_the_last).
-    fn rate_is_wrong(&self) -> bool;
+    /// Whether that clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch). By `render`,
+    /// with each output, once it is out.
+    fn rate_is_wrong(&mut self) -> bool;
 }
 
 /// The registers that decide whether, when and which force acts.

@@ -132,7 +132,7 @@ CASES = [
     (["late render", "stuck render, 15 periods"], "late `render`, stuck `render` (15 periods)",
      "its enable bit in the NVIC is 0 from right before a due sample; found when the next output is due, cut by the sample after", "20 (and 21)"),
     (["stuck render, for ever"], "stuck `render`, for ever", "the same, and nobody sets the bit again", "22"),
-    (["watchdog: link does not run"], "watchdog", "the enable bit of `link` is 0: `idle` does not feed", "22"),
+    (["watchdog: link does not run"], "watchdog", "`link` runs in an endless loop: `idle` does not feed", "22"),
     (["reset while armed"], "reset while armed", "the reset pin", "23"),
     (["emergency stop"], "emergency stop", "TIM1's break input, no code", "30"),
     (["emergency stop, 0.2 ms"], "emergency stop of 0.2 ms", "the same, closed again before the next output", "30"),
@@ -189,8 +189,10 @@ def registers():
     body = []
     for board in BOARDS:
         key = f"elf/faults/registers/{board}"
-        body.append([board, m(f"{key}/rows"), ms(value(f"{key}/most")), "3 ms"])
-    return table(["board", "registers that change, one at a time", "enable off after, at most", "allowed"], body)
+        memory = ms(value(f"elf/faults/memory/{board}"))
+        body.append([board, m(f"{key}/rows"), ms(value(f"{key}/most")), memory, "3 ms"])
+    head = ["registers that change, one at a time", "enable off after, at most", "the same, numbers"]
+    return table(["board", *head, "allowed"], body)
 
 
 def device(name):

@@ -222,6 +222,7 @@ mod tests {
                                 supply_good: fact(4),
                                 settings_valid: fact(5),
                                 halted: false,
+                                found: FaultSet::EMPTY,
                             },
                         },
                         activity,

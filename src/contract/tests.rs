@@ -166,7 +166,7 @@ impl DebugHalts for Events {
     fn since_the_last(&mut self, _: u64, _: u32) -> bool {
         matches!(come(), Some((Event::Halt(_), _)))
     }
-    fn rate_is_wrong(&self) -> bool {
+    fn rate_is_wrong(&mut self) -> bool {
         false
     }
 }
@@ -196,7 +196,14 @@ fn whatever_happens_between_two_reads_is_named_after_its_cause() {
                 .map(|_| {
                     let drive = Drive::new(Force, Events);
                     let mut stop = EmergencyStop::new(Events);
-                    let sensed = sense(true, (0, 10), &drive, &mut stop, &mut Events, &mut Events);
+                    let sensed = sense(
+                        (true, FaultSet::EMPTY),
+                        (0, 10),
+                        &drive,
+                        &mut stop,
+                        &mut Events,
+                        &mut Events,
+                    );
                     Inputs::of(sensed, false, true)
                 })
                 .find(|inputs| *inputs != quiet);

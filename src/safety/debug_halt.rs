@@ -14,6 +14,12 @@ impl HaltWatch {
     /// No halt, beyond an output period: two samples.
     const SLACK: u32 = 2 * Self::TICKS_PER_SAMPLE;
 
+    /// Clock and sample at the last output.
+    #[inline(always)]
+    pub fn last(&self) -> (u16, u64) {
+        (self.ticks, self.sample)
+    }
+
     /// Whether it stood still for longer than an output period and two samples since this was last asked.
     ///
     /// `ticks` is the clock now, `sample` the number of the sample that is answered, `period` the samples from

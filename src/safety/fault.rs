@@ -81,6 +81,8 @@ faults! {
     HardFault = 42, "hard fault";
     /// A register that decides about the force is not as the program has set it.
     Registers = 43, "registers";
+    /// A number that decides about the force is not the one that was checked.
+    Memory = 44, "memory";
     /// An interrupt came that no task is bound to.
     Interrupt = 45, "unexpected interrupt";
 }
@@ -189,7 +191,7 @@ mod tests {
         let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
         assert_eq!(
             codes,
-            [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 40, 41, 42, 43, 45]
+            [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 40, 41, 42, 43, 44, 45]
         );
         for code in 0..=u8::MAX {
             let fault = Fault::from_code(code);

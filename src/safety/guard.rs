@@ -112,6 +112,13 @@ impl Guard {
         first_sample: 0,
         causes: FaultSet::EMPTY,
     };
+
+    /// [`first_sample`](Self::first_sample) in full: the one next to that of `motion`, before it, or after it where
+    /// `render` is late.
+    pub(super) fn first_found(&self, motion: Motion) -> u64 {
+        let away = self.first_sample.wrapping_sub(motion.number()).cast_signed();
+        motion.sample.saturating_add_signed(away.into())
+    }
 }
 
 /// What the guard found, as the output task sees it: never newer than the sample that is answered.

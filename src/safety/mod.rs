@@ -34,6 +34,7 @@
 
 mod blackbox;
 mod debug_halt;
+mod doubled;
 pub mod envelope;
 mod fault;
 mod gain_fade;
@@ -50,6 +51,7 @@ mod supervisor;
 
 pub use blackbox::BlackBox;
 pub use debug_halt::HaltWatch;
+pub use doubled::Doubled;
 pub use fault::{Fault, FaultSet};
 pub use guard::{Guard, GuardCommand, GuardView, GuardedSampler, SampleReport, Step};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};

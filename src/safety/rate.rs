@@ -24,14 +24,14 @@ impl RateWatch {
     const PART: u32 = 50;
 
     /// Takes clock and sample at an output. `halted`: time has passed without samples since the last one, which has a
-    /// fault of its own; it begins anew then.
+    /// fault of its own; it begins anew then. Whether the last comparison was off by more than 2 %.
     #[inline]
-    pub fn follow(&mut self, ticks: u16, sample: u64, halted: bool) {
+    pub fn follow(&mut self, ticks: u16, sample: u64, halted: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "they differ by less than 2^16")]
         let sample = sample as u32;
         if self.outputs > 0 && self.outputs < Self::OUTPUTS && !halted {
             self.outputs += 1;
-            return;
+            return self.wrong;
         }
         cold_path();
         if !halted && self.outputs > 0 {
@@ -40,11 +40,6 @@ impl RateWatch {
             self.wrong = passed.abs_diff(due) > due / Self::PART;
         }
         (self.ticks, self.sample, self.outputs) = (ticks, sample, 1);
-    }
-
-    /// Whether the last comparison was off by more than 2 %.
-    #[inline(always)]
-    pub fn is_wrong(&self) -> bool {
         self.wrong
     }
 }
@@ -60,13 +55,8 @@ mod tests {
             // every other output is late
             let samples = f64::from(output * period) + late * f64::from(output % 2);
             let ticks = samples * f64::from(HaltWatch::TICKS_PER_SAMPLE) * rate;
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "it wraps"
-            )]
-            watch.follow(ticks as u64 as u16, u64::from(output * period), false);
-            watch.is_wrong()
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it wraps")]
+            watch.follow(ticks as u64 as u16, u64::from(output * period), false)
         })
     }
 
@@ -90,12 +80,13 @@ mod tests {
         let mut watch = RateWatch::default();
         let mut ticks = 0u16;
         let mut run = |outputs: std::ops::Range<u64>, step: u16, halted: Option<u64>| {
+            let mut wrong = false;
             for output in outputs {
                 let halt = halted == Some(output);
                 ticks = ticks.wrapping_add(if halt { 5000 } else { step });
-                watch.follow(ticks, 10 * output, halt);
+                wrong = watch.follow(ticks, 10 * output, halt);
             }
-            watch.is_wrong()
+            wrong
         };
         assert!(!run(0..100, 40, Some(60)));
         assert!(run(100..300, 39, None));

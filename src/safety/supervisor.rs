@@ -5,7 +5,7 @@
 use core::{hint::cold_path, num::NonZeroU32};
 
 use super::{
-    Fault, FaultRecord, FaultSet, GrantedForce, Guard, GuardCommand, Inputs, MemoryUpdate,
+    Doubled, Fault, FaultRecord, FaultSet, GrantedForce, Guard, GuardCommand, Inputs, MemoryUpdate,
     OutputCommand, Refusal, Request, SafetyPlan, SampleReport, State, Status,
     gain_fade::GainFade,
     sign::{SignStep, SignTest},
@@ -31,8 +31,8 @@ pub struct Rendered {
 /// The half of the supervisor that runs for every output. Owned by the rendering task.
 #[derive(Clone, Copy, Debug)]
 pub struct Supervisor {
-    plan: SafetyPlan,
-    state: State,
+    plan: Doubled<SafetyPlan>,
+    state: Doubled<State>,
     sign: SignTest,
     /// Outputs since the ramp began.
     ramp: u32,
@@ -51,7 +51,7 @@ pub struct Supervisor {
     /// The count was zeroed as often as asked, as far as the last output knows.
     zeros: u32,
     zeroed: bool,
-    unlocked: bool,
+    unlocked: Doubled<bool>,
     contact: bool,
     /// A handle at count 0 would be in the wall.
     wall_over_zero: bool,
@@ -66,8 +66,8 @@ impl Supervisor {
     /// Off, or in the fault that the last run ended with.
     pub fn new(plan: SafetyPlan, boot: Option<FaultRecord>) -> Self {
         Self {
-            plan,
-            state: if boot.is_some() { State::Fault } else { State::Off },
+            plan: Doubled::new(plan),
+            state: Doubled::new(if boot.is_some() { State::Fault } else { State::Off }),
             sign: SignTest::new(),
             ramp: 0,
             fade: None,
@@ -81,7 +81,7 @@ impl Supervisor {
             seen: 0,
             zeros: 0,
             zeroed: false,
-            unlocked: false,
+            unlocked: Doubled::new(false),
             contact: false,
             wall_over_zero: false,
             inputs: Inputs {
@@ -136,15 +136,21 @@ impl Supervisor {
     /// What it thinks, for the link.
     pub fn status(&self) -> Status {
         Status {
-            state: self.state,
+            state: *self.state,
             fault: self.fault,
             causes: self.causes,
             present: self.present,
             zeroed: self.zeroed || self.zero_pending(),
-            unlocked: self.unlocked,
+            unlocked: *self.unlocked,
             contact: self.contact,
             inputs: self.inputs,
         }
+    }
+
+    /// Whether what decides a force is as it was put here. To be asked after each output.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.state.is_whole() && self.plan.is_whole() && self.unlocked.is_whole()
     }
 
     /// Whether the handle is held on purpose, as in a calibration: a push without motion is then no
@@ -222,7 +228,7 @@ impl Supervisor {
     /// find it late.
     #[inline(never)] // once in a while, and not to be in the way of what comes with every output
     pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
-        self.plan = self.plan.at(new.get());
+        self.plan.set(self.plan.at(new.get()));
         self.speed = SpeedWatch::default();
         self.down.rendered = self.down.rendered.wrapping_add(old.get()).wrapping_sub(new.get());
     }
@@ -261,7 +267,7 @@ impl Supervisor {
         if self.zero_pending() {
             return Err(Refusal::Zeroing);
         }
-        self.state = State::SignTest;
+        self.state.set(State::SignTest);
         self.sign = SignTest::new();
         self.watch = StuckEncoder::default();
         self.memory = Some(MemoryUpdate::Write(FaultRecord::bare(Fault::ResetWhileArmed)));
@@ -269,13 +275,13 @@ impl Supervisor {
     }
 
     fn clear(&mut self) -> Result<(), Refusal> {
-        if self.state != State::Fault {
+        if *self.state != State::Fault {
             return Err(Refusal::NoFault);
         }
         if let Some(fault) = self.present.first() {
             return Err(Refusal::CausePresent(fault));
         }
-        self.state = State::Off;
+        self.state.set(State::Off);
         self.fault = None;
         self.causes = FaultSet::EMPTY;
         self.down.acknowledged = self.seen;
@@ -284,7 +290,7 @@ impl Supervisor {
     }
 
     fn zero(&mut self) -> Result<(), Refusal> {
-        match self.state {
+        match *self.state {
             State::SignTest | State::RampIn => return Err(Refusal::Arming),
             State::Armed if self.contact => return Err(Refusal::Contact),
             State::Armed if self.wall_over_zero => return Err(Refusal::WallThere),
@@ -295,17 +301,17 @@ impl Supervisor {
     }
 
     fn unlock(&mut self) -> Result<(), Refusal> {
-        if let (State::Fault, Some(record)) = (self.state, self.fault) {
+        if let (State::Fault, Some(record)) = (*self.state, self.fault) {
             return Err(Refusal::Faulted(record.fault));
         }
-        self.unlocked = true;
+        self.unlocked.set(true);
         Ok(())
     }
 
     fn switch_off(&mut self) {
-        self.unlocked = false;
+        self.unlocked.set(false);
         if self.state.is_on() {
-            self.state = State::Off;
+            self.state.set(State::Off);
             self.last = OutputCommand::Off;
             self.down.force = Force::ZERO;
             self.down.speed = GuardCommand::ANY;
@@ -325,8 +331,8 @@ impl Supervisor {
             self.fault = Some(record);
             self.memory = Some(MemoryUpdate::Write(record));
         }
-        self.state = State::Fault;
-        self.unlocked = false;
+        self.state.set(State::Fault);
+        self.unlocked.set(false);
     }
 
     /// A zero is asked for that `sample` has not carried out yet.
@@ -366,7 +372,7 @@ impl Supervisor {
             let record = self.here(up.motion, guard.causes.union(self.stuck(up.motion)));
             self.trip(record.map(|record| FaultRecord {
                 fault: guard.first.first().unwrap_or(record.fault),
-                sample: nearest(up.motion, guard.first_sample),
+                sample: guard.first_found(up.motion),
                 ..record
             }));
         }
@@ -421,11 +427,11 @@ impl Supervisor {
         drive: &Drive,
         held: Option<Force>,
     ) -> Option<Force> {
-        if self.state == State::SignTest {
+        if *self.state == State::SignTest {
             match self.sign.step(&self.plan, up.motion.position) {
                 SignStep::Push(force) => return Some(force),
                 SignStep::Passed => {
-                    self.state = State::RampIn;
+                    self.state.set(State::RampIn);
                     self.ramp = 0;
                     self.fade = None;
                 }
@@ -438,8 +444,8 @@ impl Supervisor {
             return None;
         }
         // Ramp and fade share what a step may be.
-        let ramping = self.state == State::RampIn;
-        let SafetyPlan { slew, ramp_step, .. } = self.plan;
+        let ramping = *self.state == State::RampIn;
+        let SafetyPlan { slew, ramp_step, .. } = *self.plan;
         let slew = if ramping { slew.saturating_sub_unsigned(ramp_step) } else { slew };
         let fade = self.fade.get_or_insert(GainFade::new(control.wall, push));
         let full = fade.force((&control.wall, push), up.motion, drive, held, slew);
@@ -449,7 +455,7 @@ impl Supervisor {
         // The step from the sign test's force to none is a millisecond's.
         let ramped = self.ramp.saturating_sub(self.plan.per_ms - 1);
         if ramped >= self.plan.ramp_renders {
-            self.state = State::Armed;
+            self.state.set(State::Armed);
             return Some(full);
         }
         let part = i64::from(ramped) * i64::from(self.plan.ramp_step); // below 2^30
@@ -479,26 +485,15 @@ impl Supervisor {
             flags: Flags::RENDERED
                 .with_if(Flags::CONTACT, drive.contact)
                 .with_if(Flags::SATURATED, drive.saturated)
-                .with_if(Flags::ON, force_is_on(grant))
-                .with_if(Flags::ARMED, self.state == State::Armed)
+                .with_if(Flags::ON, grant.force().is_some())
+                .with_if(Flags::ARMED, *self.state == State::Armed)
                 .with_if(Flags::CHANGING, self.state.is_on() && fading)
                 .with_if(Flags::FAULT, self.fault.is_some())
                 .with_if(Flags::ZEROED, self.zeroed)
                 .with_if(Flags::STOP_CLOSED, self.inputs.stop_closed)
-                .with_if(Flags::UNLOCKED, self.unlocked),
+                .with_if(Flags::UNLOCKED, *self.unlocked),
             settings: 0,
             fault: self.fault.map_or(0, |record| record.fault.code()),
         }
     }
-}
-
-/// The sample next to that of `motion` with these low 32 bits: before it, or after it where `render` is
-/// late.
-fn nearest(motion: Motion, number: u32) -> u64 {
-    let away = number.wrapping_sub(motion.number()).cast_signed();
-    motion.sample.saturating_add_signed(away.into())
-}
-
-fn force_is_on(grant: OutputCommand) -> bool {
-    matches!(grant, OutputCommand::On(_))
 }

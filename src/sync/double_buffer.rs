@@ -57,6 +57,13 @@ impl<T: Copy> DoubleBuffer<T> {
 }
 
 impl<T: Copy> DoubleBufferWriter<T> {
+    /// What counts now.
+    #[inline(always)]
+    pub fn newest(&self) -> &T {
+        // SAFETY: not null, because the ends exist; only this end writes, and not while it is borrowed.
+        unsafe { &*self.0.newest.load(Relaxed) }
+    }
+
     /// From the reader's next pass on this is what counts, whole.
     #[inline(always)]
     pub fn publish(&mut self, value: T) {

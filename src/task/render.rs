@@ -6,7 +6,7 @@ use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    contract::{self, FaultMemory as _, OutputWatchdog as _, SetUp as _},
+    contract::{self, DebugHalts as _, FaultMemory as _, OutputWatchdog as _, SetUp as _},
     device::HISTORY,
     experiment::{Order, PeriodPlan, Report, Sampling, Scheduler},
     period,
@@ -123,9 +123,14 @@ impl Render {
         let Some(up) = self.ends.due.read() else { return };
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
         // A halt is found by the longest period whatever the period is: a time, and known to the compiler.
-        let mut sensed =
-            contract::sense(self.was_on, (up.motion.sample, LONGEST), drive, stop, supply, halts);
-        sensed.found = sensed.found.union(self.found);
+        let sensed = contract::sense(
+            (self.was_on, self.found),
+            (up.motion.sample, LONGEST),
+            drive,
+            stop,
+            supply,
+            halts,
+        );
         // After that: what the sampling task cut has a reason here.
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
             self.guard.take(guard, number);
@@ -164,7 +169,11 @@ impl Render {
     /// Off at once if what decides about the force is not what it was; the next output says why.
     #[inline(always)]
     fn check(&mut self) {
-        self.found = FaultSet::EMPTY.with_if(Fault::Registers, !self.outputs.set_up.holds());
+        let whole = self.scheduler.is_whole(self.ends.sampling.control.newest());
+        self.found = FaultSet::EMPTY
+            .with_if(Fault::Registers, !self.outputs.set_up.holds())
+            .with_if(Fault::Memory, !whole)
+            .with_if(Fault::SampleRate, self.outputs.halts.rate_is_wrong());
         if !self.found.is_empty() {
             cold_path();
             board::off();

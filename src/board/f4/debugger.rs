@@ -25,6 +25,7 @@ pub struct Halts {
     timer: pac::TIM6,
     watch: HaltWatch,
     rate: RateWatch,
+    halted: bool,
 }
 
 impl Halts {
@@ -37,7 +38,7 @@ impl Halts {
         timer.psc().write(|w| unsafe { w.bits(ticks - 1) });
         timer.egr().write(|w| w.ug().set_bit());
         timer.cr1().write(|w| w.cen().set_bit());
-        Self { timer, watch: HaltWatch::default(), rate: RateWatch::default() }
+        Self { timer, watch: HaltWatch::default(), rate: RateWatch::default(), halted: false }
     }
 }
 
@@ -47,14 +48,14 @@ impl DebugHalts for Halts {
         stop_with_the_core();
         #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
         let ticks = self.timer.cnt().read().bits() as u16;
-        let halted = self.watch.found(ticks, sample, period);
-        self.rate.follow(ticks, sample, halted);
-        halted
+        self.halted = self.watch.found(ticks, sample, period);
+        self.halted
     }
 
     #[inline(always)]
-    fn rate_is_wrong(&self) -> bool {
-        self.rate.is_wrong()
+    fn rate_is_wrong(&mut self) -> bool {
+        let (ticks, sample) = self.watch.last();
+        self.rate.follow(ticks, sample, self.halted)
     }
 }
 

@@ -12,8 +12,8 @@ use super::{
 use crate::{
     LoopParameters,
     safety::{
-        BlackBox, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand, Refusal, Rendered,
-        Request, SampleReport, Sensed, State, Supervisor,
+        BlackBox, Doubled, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand, Refusal,
+        Rendered, Request, SampleReport, Sensed, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -46,11 +46,11 @@ enum Experiment {
 /// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
 pub struct Scheduler<const N: usize> {
     supervisor: Supervisor,
-    parameters: LoopParameters,
-    gains: Gains,
+    parameters: Doubled<LoopParameters>,
+    gains: Doubled<Gains>,
     /// Counts up with every change of the settings.
     settings: u16,
-    motor_reversed: bool,
+    motor_reversed: Doubled<bool>,
     experiment: Experiment,
     /// What it pushes with at the next output.
     push: Force,
@@ -77,10 +77,10 @@ impl<const N: usize> Scheduler<N> {
     ) -> Self {
         Self {
             supervisor,
-            parameters,
-            gains: Gains::Outside,
+            parameters: Doubled::new(parameters),
+            gains: Doubled::new(Gains::Outside),
             settings: 0,
-            motor_reversed: signs.motor_reversed,
+            motor_reversed: Doubled::new(signs.motor_reversed),
             experiment: Experiment::None,
             push: Force::ZERO,
             duty: Duty::default(),
@@ -96,13 +96,22 @@ impl<const N: usize> Scheduler<N> {
     /// The motor is mounted the other way round.
     #[inline(always)]
     pub fn motor_reversed(&self) -> bool {
-        self.motor_reversed
+        *self.motor_reversed
+    }
+
+    /// Whether what decides a force is as it was put here, and `sampled`, by which the sampling task goes, is the same.
+    /// To be asked after each output.
+    #[inline(always)]
+    pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
+        let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
+        let parameters = self.parameters.is_whole() && *sampled == *self.parameters;
+        signs && parameters && self.supervisor.is_whole()
     }
 
     /// The output that answers `up`, with what the guard found. Put it out, then call [`follow`](Self::follow).
     #[inline(always)]
     pub fn output(&mut self, up: &SampleReport, guard: &Guard, sensed: Sensed) -> Rendered {
-        let valid = self.gains == Gains::Inside || self.supervisor.status().unlocked;
+        let valid = *self.gains == Gains::Inside || self.supervisor.status().unlocked;
         let inputs = Inputs::of(sensed, self.supervisor.is_cut(up, guard), valid);
         self.supervisor.render(&self.parameters, up, guard, self.push, inputs)
     }
@@ -254,8 +263,8 @@ impl<const N: usize> Scheduler<N> {
                     sampling.command(self.supervisor.down());
                 }
                 sampling.set_parameters(parameters);
-                self.parameters = parameters;
-                self.gains = gains;
+                self.parameters.set(parameters);
+                self.gains.set(gains);
                 self.settings = self.settings.wrapping_add(1);
                 Ok(())
             }
@@ -285,7 +294,7 @@ impl<const N: usize> Scheduler<N> {
             }
             Order::Signs(signs) => {
                 self.supervisor.request(Request::Turn)?;
-                self.motor_reversed = signs.motor_reversed;
+                self.motor_reversed.set(signs.motor_reversed);
                 sampling.turn_encoder(signs.encoder_reversed);
                 Ok(())
             }

@@ -228,10 +228,8 @@ const FAULT_CASES: [FaultCase; 30] = [
         code: 22,
         limit_us: WATCHDOG_US,
         begin: |_, world| {
-            world.powered.mcu.mask(LINK, true);
-            let begun = world.powered.mcu.now();
-            world.run(600).unwrap();
-            begun
+            world.powered.mcu.write(UNUSED, &LOOP);
+            lose_the_way(world, LINK, UNUSED)
         },
         resets: true,
         ..PLAIN
@@ -330,6 +328,9 @@ const FAULT_CASES: [FaultCase; 30] = [
     ),
 ];
 
+/// RAM that the program does not have, and a branch to itself.
+const UNUSED: u32 = 0x2001_F000;
+const LOOP: [u8; 2] = [0xFE, 0xE7];
 /// No memory is here.
 const NOWHERE: u32 = 0x1000_0000;
 /// Erased flash, beyond the code: all ones is no instruction.

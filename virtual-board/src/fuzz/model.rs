@@ -96,7 +96,7 @@ impl Answer {
 }
 
 /// Names of the faults, as their page has them.
-pub const FAULTS: [(u8, &str); 20] = [
+pub const FAULTS: [(u8, &str); 21] = [
     (10, "count jump"),
     (11, "over-speed"),
     (12, "out of range"),
@@ -116,6 +116,7 @@ pub const FAULTS: [(u8, &str); 20] = [
     (41, "panic"),
     (42, "hard fault"),
     (43, "registers"),
+    (44, "memory"),
     (45, "unexpected interrupt"),
 ];
 

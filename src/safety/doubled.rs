@@ -1,0 +1,54 @@
+//! State that decides a force, kept twice: a bit that flips in one of the two is seen by comparing them.
+
+use core::ops::Deref;
+
+/// A value and its copy. Read as the value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Doubled<T> {
+    value: T,
+    copy: T,
+}
+
+impl<T: Copy + PartialEq> Doubled<T> {
+    /// Of that value.
+    pub const fn new(value: T) -> Self {
+        Self { value, copy: value }
+    }
+
+    /// Another value from now on.
+    #[inline(always)]
+    pub fn set(&mut self, value: T) {
+        *self = Self::new(value);
+    }
+
+    /// Whether both are still the same.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.value == self.copy
+    }
+}
+
+impl<T> Deref for Doubled<T> {
+    type Target = T;
+
+    #[inline(always)]
+    fn deref(&self) -> &T {
+        &self.value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn either_of_the_two_gives_it_away_and_another_value_heals_it() {
+        for (value, copy) in [(5, 4), (4, 5)] {
+            let mut broken = Doubled { value, copy };
+            assert!(!broken.is_whole());
+            broken.set(7);
+            assert!(broken.is_whole());
+            assert_eq!(*broken, 7);
+        }
+    }
+}
