@@ -200,6 +200,10 @@ pub trait SampleTimer {
     /// Runs from now on; the first sample comes one period later.
     fn start();
 
+    /// More than two fifths of the present sample are over: an output of every sample has no time left but for what it
+    /// must do. By `render`.
+    fn is_late() -> bool;
+
     /// Takes the request of the present sample back; by `sample`.
     fn acknowledge(&mut self);
 }

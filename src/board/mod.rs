@@ -90,6 +90,12 @@ pub fn off() {
     contract::off::<Force, Enable>();
 }
 
+/// See [`contract::SampleTimer::is_late`].
+#[inline(always)]
+pub fn is_late() -> bool {
+    <SampleTimer as contract::SampleTimer>::is_late()
+}
+
 /// See [`contract::Board::request_render`].
 #[inline(always)]
 pub fn request_render() {

@@ -50,6 +50,9 @@ impl SampleTimer for Timer {
     fn start() {
         note("start sampling");
     }
+    fn is_late() -> bool {
+        false
+    }
     fn acknowledge(&mut self) {}
 }
 

@@ -90,8 +90,9 @@ pub struct Render {
     scheduler: Scheduler<HISTORY>,
     /// The amplifier was switched on with the last output.
     was_on: bool,
-    /// What was found wrong after the last output.
+    /// What was found wrong after the last output that was checked, and the sample of that one.
     found: FaultSet,
+    checked: u32,
 }
 
 impl Render {
@@ -112,6 +113,7 @@ impl Render {
             scheduler: Scheduler::new(supervisor, control, signs, duty, history),
             was_on: false,
             found: FaultSet::EMPTY,
+            checked: 0,
         }
     }
 
@@ -141,7 +143,7 @@ impl Render {
         self.outputs.output_watchdog.renew();
         self.ends.sampling.command(self.scheduler.command());
         FLAGS.rendered.store(up.motion.number(), Relaxed);
-        self.check();
+        self.check(up.motion.number());
 
         match self.scheduler.take_memory_update() {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
@@ -166,9 +168,14 @@ impl Render {
         board::request_link();
     }
 
-    /// Off at once if what decides about the force is not what it was; the next output says why.
+    /// Off at once if what decides about the force is not what it was; the next output says why. An output that the
+    /// logger has kept waiting leaves that to a later one, but for a millisecond at most.
     #[inline(always)]
-    fn check(&mut self) {
+    fn check(&mut self, number: u32) {
+        if number.wrapping_sub(self.checked) < period::SAMPLES_PER_MS && board::is_late() {
+            return;
+        }
+        self.checked = number;
         let whole = self.scheduler.is_whole(self.ends.sampling.control.newest());
         self.found = FaultSet::EMPTY
             .with_if(Fault::Registers, !self.outputs.set_up.holds())

@@ -46,7 +46,7 @@ enum Experiment {
 /// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
 pub struct Scheduler<const N: usize> {
     supervisor: Supervisor,
-    parameters: Doubled<LoopParameters>,
+    parameters: LoopParameters,
     gains: Doubled<Gains>,
     /// Counts up with every change of the settings.
     settings: u16,
@@ -77,7 +77,7 @@ impl<const N: usize> Scheduler<N> {
     ) -> Self {
         Self {
             supervisor,
-            parameters: Doubled::new(parameters),
+            parameters,
             gains: Doubled::new(Gains::Outside),
             settings: 0,
             motor_reversed: Doubled::new(signs.motor_reversed),
@@ -99,13 +99,12 @@ impl<const N: usize> Scheduler<N> {
         *self.motor_reversed
     }
 
-    /// Whether what decides a force is as it was put here, and `sampled`, by which the sampling task goes, is the same.
-    /// To be asked after each output.
+    /// Whether what decides a force is as it was put here: it is kept twice, the parameters as those that the sampling
+    /// task goes by. To be asked after each output.
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
-        let parameters = self.parameters.is_whole() && *sampled == *self.parameters;
-        signs && parameters && self.supervisor.is_whole()
+        signs && *sampled == self.parameters && self.supervisor.is_whole()
     }
 
     /// The output that answers `up`, with what the guard found. Put it out, then call [`follow`](Self::follow).
@@ -263,7 +262,7 @@ impl<const N: usize> Scheduler<N> {
                     sampling.command(self.supervisor.down());
                 }
                 sampling.set_parameters(parameters);
-                self.parameters.set(parameters);
+                self.parameters = parameters;
                 self.gains.set(gains);
                 self.settings = self.settings.wrapping_add(1);
                 Ok(())

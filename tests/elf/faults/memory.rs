@@ -86,7 +86,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     let travel = words(&world, render, -40_000);
     let sampled = words(&world, queues, 5_000);
     println!("{}: surface {surface:x?} {sampled:x?} travel {travel:x?}", board.name);
-    assert!(surface.len() >= 2 && travel.len() == 2 && !sampled.is_empty());
+    assert!(!surface.is_empty() && travel.len() == 2 && !sampled.is_empty());
     let mut longest: f64 = 0.0;
     let mut found = [0; 4];
     let places = [(signs, 0..1), (travel, 0..32), (surface, 0..32), (sampled, 0..32)];
@@ -105,7 +105,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     }
     println!("{}: found {found:?}, off after {:.3} ms at most", board.name, longest * 1e3);
     figure(&format!("elf/faults/memory/{}", board.name), longest * 1e6);
-    // Value and copy of each; of what `sample` has, the one of two buffers that counts.
-    assert!(found[0] == 2 && found[1] == 2 * 3 && found[2] >= 2 * 3 && found[3] >= 3, "{found:?}");
+    // Value and copy; of the surface that of `render`, and of what `sample` has the one of two buffers that counts.
+    assert!(found[0] == 2 && found[1] == 2 * 3 && found[2] >= 3 && found[3] >= 3, "{found:?}");
     assert!(longest <= OFF_S, "{longest}");
 }
