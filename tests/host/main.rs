@@ -15,6 +15,7 @@ mod figure;
 mod closed_loop;
 mod criteria;
 mod defaults;
+mod design;
 mod elements;
 mod entrances;
 mod estimator_bench;

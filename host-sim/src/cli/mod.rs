@@ -2,6 +2,7 @@
 
 mod compare;
 mod conditions;
+mod design;
 mod grid;
 mod hit;
 mod identify;
@@ -45,6 +46,7 @@ enum Command {
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
     Compare(compare::CompareArgs),
+    Design(design::DesignArgs),
     Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
@@ -123,7 +125,11 @@ impl Command {
             Self::Grid(_) => Some(["grid", "--csv"]),
             Self::Linear(_) => Some(["linear", "--csv and --plot"]),
             Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
-            Self::Sweep(_) | Self::Compare(_) | Self::Trade(_) | Self::Identify(_) => None,
+            Self::Sweep(_)
+            | Self::Compare(_)
+            | Self::Design(_)
+            | Self::Trade(_)
+            | Self::Identify(_) => None,
         }
     }
 }
@@ -149,6 +155,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),
         Command::Compare(args) => compare::run(&args, &common),
+        Command::Design(args) => design::run(&args, &common),
         Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),

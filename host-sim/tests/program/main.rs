@@ -11,6 +11,7 @@
 
 mod cli;
 mod compare;
+mod design;
 mod elements;
 mod engine;
 mod grid;

@@ -1,6 +1,6 @@
 //! A scene made ready to run wall hits: everything that does not change from hit to hit.
 
-use std::ops::ControlFlow;
+use std::{ops::ControlFlow, sync::Arc};
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -37,6 +37,8 @@ pub struct PreparedScene {
     judge: Judge,
     /// The wall is told the true velocity.
     is_told: bool,
+    /// Estimators in the place of the scene's; the cutoff of a hit is the number of its one.
+    filters: Arc<[VelocitySettings]>,
 }
 
 /// No handle comes to its wall faster, m/s.
@@ -68,8 +70,17 @@ impl PreparedScene {
             latency: whole,
             period: design.period,
         };
-        let (scene, judge, is_told) = (scene.clone(), Judge::of(scene), false);
-        Ok(Self { scene, design, plan, parts, judge, is_told })
+        let (scene, judge) = (scene.clone(), Judge::of(scene));
+        let (is_told, filters) = (false, Arc::default());
+        Ok(Self { scene, design, plan, parts, judge, is_told, filters })
+    }
+
+    /// The same with those estimators side by side in the place of the scene's, which all have its form: the cutoff of
+    /// a hit is the number of its estimator.
+    #[must_use]
+    pub fn with_filters(mut self, filters: &[VelocitySettings]) -> Self {
+        self.filters = filters.into();
+        self
     }
 
     /// The same with the sensation level of every whole hit, where the window allows one.
@@ -435,7 +446,13 @@ impl PreparedScene {
     }
 
     fn settings(&self, hit: &WallHit) -> zwidth::Settings {
-        self.scene.settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
+        let WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, .. } = *hit;
+        let mut settings = self.scene.settings(cutoff_hz, stiffness_n_per_m, damping_n_s_per_m);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number")]
+        if let Some(filter) = self.filters.get(cutoff_hz as usize) {
+            settings.velocity = *filter;
+        }
+        settings
     }
 }
 

@@ -2,6 +2,7 @@
 //! comparison of estimators, and what number formats and integrators cost.
 
 pub mod compare;
+pub mod design;
 pub mod identify;
 pub mod linear;
 pub mod overview;

@@ -2,6 +2,7 @@
 //! assumed, and the envelope that the firmware takes from it.
 
 pub mod envelope;
+pub mod filters;
 pub mod limits;
 pub mod sensitivity;
 pub mod sweep;

@@ -1,0 +1,257 @@
+//! `design`: the best velocity filter, not the best cutoff.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{
+    Common,
+    limits::{Limits, Pair, RmsOfArg, pair, parse},
+    progress, shared,
+};
+use crate::{
+    analysis::design::{Condition, Question, design},
+    engine::Engine,
+    error::Error,
+    interrupt,
+    output::{
+        design::{ConditionRow, Designs, FilterRow, best_scene},
+        files::{MANIFEST, Outputs, json as json_bytes},
+        manifest::Manifest,
+        terminal::print_result,
+    },
+    scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
+};
+
+/// Designs a velocity filter for a device: poles, lead and second zero of a biquad behind the finite difference, in the
+/// core's fixed point, for the worst of several pushes, arms and limits.
+///
+/// A global search, then the best below several gain peaks walked anew. In the result an area is that of the worst
+/// condition: the one with the least area over that of a Butterworth low-pass at its best cutoff of [sweep] there. In a
+/// scene the result is estimator = "biquad".
+#[derive(Debug, Args)]
+pub struct DesignArgs {
+    /// Built-in scene or scene file; its own estimator does not matter.
+    scene: String,
+    /// Largest gain of the velocity over the true one, dB [default: no limit].
+    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    gain_peak_db: Option<f64>,
+    /// Roughest force above 100 Hz at the wall that the result names, N RMS [default: no limit].
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    roughness: Option<f64>,
+    /// Least part of the area that is left with frequency or damping off by 1.2 [default: no limit].
+    #[arg(long, value_name = "PART", allow_negative_numbers = true)]
+    mistuned: Option<f64>,
+    /// Who pushes, in the place of the scene's; with several the worst counts: motor, hand.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = push)]
+    push: Option<Vec<PushBy>>,
+    /// Arms that hold the handle, the worst counts: names of [arms.NAME] or of built-in models (heavy, light), `none` for
+    /// the free handle, or `all` for it and all of them [default: the scene's].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    arms: Option<Vec<String>>,
+    /// Limits in the place of the scene's, the worst counts: RMS limits in m, and `felt` for wall_hit.felt_limit_db.
+    #[arg(long, value_name = "LIST", value_parser = parse)]
+    limits: Option<Limits>,
+    /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
+    #[arg(long, value_enum)]
+    rms_of: Option<RmsOfArg>,
+    /// A wall counts as stable only while no output of the window is at the actuator's limit.
+    #[arg(long)]
+    unsaturated: bool,
+    /// Steps of K and B of the walks, which are also the first ones, N/m and N s/m [default: the scene's].
+    #[arg(long, value_name = "K,B", value_parser = pair)]
+    steps: Option<Pair>,
+    /// Filters that the search walks, two walks each in every condition [default: 6000 over their number,
+    /// from 1000 to 3000].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    budget: Option<u32>,
+    /// Walks of a result in each condition, their starts spread over one count.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeat: u32,
+    /// Seed of the search.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+/// Every file of a result.
+const FILES: [&str; 7] =
+    ["design.csv", "tried.csv", "conditions.csv", "best.toml", "front.svg", "front.png", MANIFEST];
+
+#[derive(Serialize)]
+struct Json<'a> {
+    scene: &'a str,
+    filters: Vec<FilterRow>,
+    conditions: Vec<ConditionRow>,
+    /// Of the wall at which roughness is measured.
+    stiffness_n_per_m: f64,
+    damping_n_s_per_m: f64,
+    tried: usize,
+    notes: Vec<String>,
+}
+
+fn push(text: &str) -> Result<PushBy, String> {
+    let known = PushBy::ALL.into_iter().find(|push| push.name() == text);
+    known.ok_or_else(|| format!("`{text}` pushes nothing, allowed motor, hand"))
+}
+
+pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
+    let named = NamedScene::load(&args.scene)?;
+    for (option, value, range) in [
+        ("--gain-peak-db", args.gain_peak_db, 0.1..=100.0),
+        ("--roughness", args.roughness, 0.0..=1e6),
+        ("--mistuned", args.mistuned, 0.0..=1.0),
+    ] {
+        if let Some(value) = value {
+            crate::range::within(option, value, range).map_err(Error::Input)?;
+        }
+    }
+    let conditions = args.conditions(&named.scene).map_err(|error| error.of(&named.name))?;
+    for condition in &conditions {
+        shared::prepare(&NamedScene { scene: condition.scene.clone(), ..named.clone() })?;
+    }
+    let budget = args.budget.unwrap_or_else(|| {
+        let number = u32::try_from(conditions.len()).unwrap_or(u32::MAX).max(1);
+        (6000 / number).clamp(1000, 3000)
+    });
+    let question = Question {
+        conditions,
+        gain_peak_db: args.gain_peak_db,
+        roughness_n: args.roughness,
+        mistuned_share: args.mistuned,
+        budget,
+        repeats: args.repeat,
+        seed: args.seed,
+        numeric: common.numeric,
+    };
+    let default = || PathBuf::from("zwidth-out").join(&named.name).join("design");
+    let folder = common.out.clone().unwrap_or_else(default);
+    let mut outputs = Outputs::new(common.force, &named.files);
+    let to = outputs.folder(&folder, &FILES)?;
+    let engine = Engine::from(common.engine);
+    let walks = u64::from(budget) * 2 * question.conditions.len() as u64;
+    let bar = progress::bar(walks);
+    let study = design(engine, question, interrupt::flag(), |_| bar.inc(1))
+        .map(Designs)
+        .map_err(|error| error.of(&named.name))?;
+    bar.finish_and_clear();
+    let manifest = Manifest::new(args.typed(&named.name, budget, common, engine), &named);
+    outputs.add(to, "design.csv", study.csv().as_bytes())?;
+    outputs.add(to, "tried.csv", study.tried_csv().as_bytes())?;
+    outputs.add(to, "conditions.csv", study.conditions_csv().as_bytes())?;
+    let best = best_scene(&named.scene, &study).map_err(Error::Internal)?;
+    outputs.add(to, "best.toml", best.as_bytes())?;
+    outputs.add_figure(to, "front", &study.figure(&named.name)?)?;
+    outputs.add(to, MANIFEST, &json_bytes(&manifest)?)?;
+    outputs.commit()?;
+    let json = Json {
+        scene: &named.name,
+        filters: study.rows(),
+        conditions: study.condition_rows(),
+        stiffness_n_per_m: study.0.wall.stiffness_n_per_m,
+        damping_n_s_per_m: study.0.wall.damping_n_s_per_m,
+        tried: study.0.tried.len(),
+        notes: study.notes(),
+    };
+    print_result(common.json, json, || {
+        format!("{}: {}\n  results in {}", named.name, study.text(), folder.display())
+    })
+}
+
+impl DesignArgs {
+    /// Every push in every arm below every limit.
+    fn conditions(&self, scene: &Scene) -> Result<Vec<Condition>, Error> {
+        let mut base = scene.clone();
+        if let Some(rms_of) = self.rms_of {
+            base.wall_hit.rms_of = rms_of.into();
+        }
+        if self.unsaturated {
+            base.wall_hit.criterion = Criterion::Unsaturated;
+        }
+        if let Some(Pair([k, b])) = self.steps {
+            let walk = &mut base.walk;
+            (walk.stiffness_start_n_per_m, walk.stiffness_step_n_per_m) = (k, k);
+            (walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m) = (b, b);
+        }
+        let pushes = self.push.clone().unwrap_or_else(|| vec![base.wall_hit.push_by]);
+        let arms: Vec<Option<String>> = match self.arms.as_deref() {
+            None => vec![None],
+            Some([all]) if all == "all" => {
+                std::iter::once("none".to_owned()).chain(base.arm_names()).map(Some).collect()
+            }
+            Some(names) => names.iter().cloned().map(Some).collect(),
+        };
+        let limits: Vec<Option<Option<f64>>> = match &self.limits {
+            None => vec![None],
+            Some(Limits(limits)) => limits.iter().copied().map(Some).collect(),
+        };
+        let mut conditions = vec![];
+        for limit in &limits {
+            for arm in &arms {
+                for push in &pushes {
+                    let mut scene = base.clone();
+                    scene.wall_hit.push_by = *push;
+                    let mut name = format!("{} pushes", push.name());
+                    match arm.as_deref() {
+                        None => {}
+                        Some("none") => {
+                            scene.arm = None;
+                            name += ", free";
+                        }
+                        Some(arm) => {
+                            let arm_of = scene.named_arm(arm);
+                            scene.arm = Some(
+                                arm_of.map_err(|e| Error::Input(format!("--arms: {e}, none")))?,
+                            );
+                            name += &format!(", arm {arm}");
+                        }
+                    }
+                    match limit {
+                        None => {}
+                        Some(None) => {
+                            scene.wall_hit.criterion = Criterion::Felt;
+                            name += ", felt";
+                        }
+                        Some(Some(limit_m)) => {
+                            scene.wall_hit.rms_limit_m = *limit_m;
+                            name += &format!(", {limit_m:e} m");
+                        }
+                    }
+                    scene.check().map_err(Error::Input)?;
+                    conditions.push(Condition { name, scene });
+                }
+            }
+        }
+        Ok(conditions)
+    }
+
+    /// As on the command line.
+    fn typed(&self, scene: &str, budget: u32, common: &Common, engine: Engine) -> String {
+        let number = |value: Option<f64>| value.map(|value| value.to_string());
+        let pushes =
+            |all: &Vec<PushBy>| all.iter().map(|push| push.name()).collect::<Vec<_>>().join(",");
+        let options = [
+            ("gain-peak-db", number(self.gain_peak_db)),
+            ("roughness", number(self.roughness)),
+            ("mistuned", number(self.mistuned)),
+            ("push", self.push.as_ref().map(pushes)),
+            ("arms", self.arms.as_ref().map(|arms| arms.join(","))),
+            ("limits", self.limits.as_ref().map(Limits::as_typed)),
+            ("rms-of", self.rms_of.map(|rms_of| RmsOf::from(rms_of).name().to_owned())),
+            ("steps", self.steps.map(|Pair([k, b])| format!("{k},{b}"))),
+        ];
+        let typed: String = options
+            .into_iter()
+            .filter_map(|(option, value)| Some(format!(" --{option} {}", value?)))
+            .collect();
+        let unsaturated = if self.unsaturated { " --unsaturated" } else { "" };
+        format!(
+            "design {scene}{typed}{unsaturated} --budget {} --repeat {} --seed {} --numeric {} --engine {}",
+            budget,
+            self.repeat,
+            self.seed,
+            common.numeric.name(),
+            engine.name()
+        )
+    }
+}

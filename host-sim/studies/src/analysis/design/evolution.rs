@@ -1,0 +1,272 @@
+//! Differential evolution over the places of a unit cube, several populations in one.
+//!
+//! R. Storn and K. Price, "Differential evolution: a simple and efficient heuristic for global optimization over
+//! continuous spaces", J. Global Optimization 11, 1997; the scale of the differences drawn anew for each generation, as in
+//! SciPy. Each member has a cap of its own on the gain peak, so that one search finds the whole front: it takes steps from
+//! the best filter below its cap that any member has found, or from another member. A filter above the cap is not walked;
+//! of two such the nearer one stays (K. Deb, Comput. Methods Appl. Mech. Engrg. 186, 2000).
+//!
+//! What a search has found is refined by drawing anew from the spread of the best ones below a cap, round by round: a
+//! Gaussian with their mean and covariance (P. Larranaga and J. A. Lozano, "Estimation of distribution algorithms", 2002).
+//!
+//! All numbers are drawn in one fixed order from a seed, so the result depends on nothing else.
+
+use super::shape::NUMBERS;
+use crate::{
+    error::Error,
+    numerics::random::{gaussian, uniform},
+};
+
+/// Members that have the first cap, for each that has another one.
+const MAIN: usize = 24;
+/// Members for each of the other caps.
+const EACH: usize = 8;
+/// Share of the numbers of a member that its trial takes over from the step.
+const CROSSING: f64 = 0.8;
+
+/// A place in the search.
+pub type Place = [f64; NUMBERS];
+
+/// What is asked of a search.
+pub trait Field {
+    /// Gain peak of the filter at a place, dB; infinite where there is none.
+    fn peak_db(&self, place: &Place) -> f64;
+    /// How good filters are, all at once.
+    ///
+    /// # Errors
+    /// They could not be walked.
+    fn worths(&mut self, places: &[Place]) -> Result<Vec<f64>, Error>;
+}
+
+/// A member: its place, by how much it is above its cap, and its worth.
+#[derive(Clone, Copy, Debug)]
+struct Member {
+    place: Place,
+    excess_db: f64,
+    worth: f64,
+}
+
+impl Member {
+    /// At least as good.
+    fn beats(&self, other: &Self) -> bool {
+        match self.excess_db == other.excess_db {
+            true => self.worth >= other.worth,
+            false => self.excess_db < other.excess_db,
+        }
+    }
+}
+
+/// Everything that was walked: place, gain peak and worth.
+pub type Found = Vec<(Place, f64, f64)>;
+
+/// Looks at `budget` filters at least, and at most at those of one generation more, for the caps in dB; the first one is
+/// the one that matters most.
+///
+/// # Errors
+/// As [`Field::worths`].
+pub fn evolve(
+    field: &mut impl Field,
+    caps_db: &[f64],
+    budget: usize,
+    seed: u64,
+) -> Result<Found, Error> {
+    let mut drawn = 0;
+    let mut random = || {
+        drawn += 1;
+        uniform(seed, drawn)
+    };
+    let caps: Vec<f64> = caps_db
+        .iter()
+        .enumerate()
+        .flat_map(|(n, cap)| std::iter::repeat_n(*cap, if n == 0 { MAIN } else { EACH }))
+        .collect();
+    let mut found = Found::new();
+    let first: Vec<Place> = caps.iter().map(|_| std::array::from_fn(|_| random())).collect();
+    let mut members = look(field, &first, &caps, &mut found)?;
+    // A generation of which nothing is below its cap costs nothing, but may not go on for ever.
+    for _ in 0..10 * budget.div_ceil(caps.len()).max(1) {
+        if found.len() >= budget {
+            break;
+        }
+        let best: Vec<Place> =
+            caps_db.iter().map(|cap| best_below(*cap, &found, &members)).collect();
+        let scale = 0.4 + 0.6 * random();
+        let trials: Vec<Place> = (0..caps.len())
+            .map(|n| {
+                let mut any = || {
+                    #[expect(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        clippy::cast_precision_loss,
+                        reason = "a number of a member"
+                    )]
+                    let number = (random() * caps.len() as f64) as usize;
+                    members[number.min(caps.len() - 1)].place
+                };
+                let (one, other, base) = (any(), any(), any());
+                let own = caps_db.iter().position(|cap| *cap == caps[n]).unwrap_or(0);
+                let base = if random() < 0.5 { best[own] } else { base };
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    clippy::cast_precision_loss,
+                    reason = "a number of a number"
+                )]
+                let always = (random() * NUMBERS as f64) as usize;
+                std::array::from_fn(|k| {
+                    let crossed = random() < CROSSING || k == always;
+                    let step = base[k] + scale * (one[k] - other[k]);
+                    let anywhere = random();
+                    match (crossed, (0.0..=1.0).contains(&step)) {
+                        (false, _) => members[n].place[k],
+                        (true, true) => step,
+                        (true, false) => anywhere,
+                    }
+                })
+            })
+            .collect();
+        for (member, trial) in members.iter_mut().zip(look(field, &trials, &caps, &mut found)?) {
+            if trial.beats(member) {
+                *member = trial;
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The best ones whose spread is drawn from, and how many are drawn in a round.
+const SPREAD: usize = 12;
+const ROUND: usize = 40;
+
+/// Refines the best of `from` below the cap, places and worths of another grid: `budget` filters more, at least one round.
+///
+/// # Errors
+/// As [`Field::worths`].
+pub fn refine(
+    field: &mut impl Field,
+    cap_db: f64,
+    from: &[Place],
+    budget: usize,
+    seed: u64,
+) -> Result<Found, Error> {
+    let mut drawn = 0;
+    let mut random = || {
+        drawn += 1;
+        gaussian(seed ^ 0x5eed, drawn)
+    };
+    let mut found = Found::new();
+    let known: Vec<Place> = from.iter().take(ROUND).copied().collect();
+    look(field, &known, &vec![cap_db; known.len()], &mut found)?;
+    for _ in 0..budget.div_ceil(ROUND).saturating_sub(1) {
+        found.sort_by(|a, b| b.2.total_cmp(&a.2));
+        let best: Vec<Place> = found.iter().take(SPREAD).map(|(place, ..)| *place).collect();
+        #[expect(clippy::cast_precision_loss, reason = "a dozen")]
+        let number = best.len().max(1) as f64;
+        let mean: Place =
+            std::array::from_fn(|k| best.iter().map(|place| place[k]).sum::<f64>() / number);
+        let draws: Vec<Place> = (0..ROUND)
+            .map(|_| {
+                let mut place = mean;
+                for one in &best {
+                    let part = random() / number.sqrt();
+                    for k in 0..NUMBERS {
+                        place[k] += part * (one[k] - mean[k]);
+                    }
+                }
+                place.map(|x| x.clamp(0.0, 1.0))
+            })
+            .collect();
+        look(field, &draws, &vec![cap_db; draws.len()], &mut found)?;
+    }
+    Ok(found)
+}
+
+/// Walks the filters that are below their caps.
+fn look(
+    field: &mut impl Field,
+    places: &[Place],
+    caps: &[f64],
+    found: &mut Found,
+) -> Result<Vec<Member>, Error> {
+    let peaks: Vec<f64> = places.iter().map(|place| field.peak_db(place)).collect();
+    let below = || (0..places.len()).filter(|&n| peaks[n] <= caps[n]);
+    let asked: Vec<Place> = below().map(|n| places[n]).collect();
+    let worths = field.worths(&asked)?;
+    found.extend(below().zip(&worths).map(|(n, worth)| (places[n], peaks[n], *worth)));
+    let mut worths = worths.into_iter();
+    let members = (0..places.len()).map(|n| {
+        let excess_db = (peaks[n] - caps[n]).max(0.0);
+        let worth = if excess_db > 0.0 { 0.0 } else { worths.next().unwrap_or(0.0) };
+        Member { place: places[n], excess_db, worth }
+    });
+    Ok(members.collect())
+}
+
+/// The best that was found below a cap, or the first member.
+fn best_below(cap_db: f64, found: &Found, members: &[Member]) -> Place {
+    let below = found.iter().filter(|(_, peak, _)| *peak <= cap_db);
+    let best = below.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, ..)| *place);
+    best.unwrap_or_else(|| members.first().map_or([0.5; NUMBERS], |member| member.place))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ridge whose height grows with the peak; the peak is the first number times 10.
+    struct Ridge(usize);
+
+    impl Field for Ridge {
+        fn peak_db(&self, place: &Place) -> f64 {
+            if place[3] > 0.9 { f64::INFINITY } else { 10.0 * place[0] }
+        }
+
+        fn worths(&mut self, places: &[Place]) -> Result<Vec<f64>, Error> {
+            self.0 += places.len();
+            Ok(places
+                .iter()
+                .map(|[a, b, c, d]| {
+                    let off =
+                        (b - 0.3 - 0.4 * a).powi(2) + (c - 0.7 * b).powi(2) + (d - 0.2).powi(2);
+                    (1.0 + a) * (-20.0 * off).exp()
+                })
+                .collect())
+        }
+    }
+
+    #[test]
+    fn each_cap_gets_its_best_and_nothing_above_all_caps_is_walked() {
+        for seed in 0..5 {
+            let mut field = Ridge(0);
+            let found = evolve(&mut field, &[6.0, 3.0, 1.0], 1200, seed).unwrap();
+            assert!(found.len() == field.0 && (1200..1300).contains(&field.0), "{}", field.0);
+            for cap in [6.0, 3.0, 1.0] {
+                let best = found.iter().filter(|(_, peak, _)| *peak <= cap);
+                let best = best.map(|(.., worth)| *worth).fold(0.0, f64::max);
+                let height = 1.0 + cap / 10.0;
+                assert!(best > 0.98 * height && best <= height, "{cap} dB: {best} of {height}");
+            }
+            assert!(found.iter().all(|(_, peak, _)| *peak <= 6.0));
+        }
+    }
+
+    #[test]
+    fn what_is_found_is_refined() {
+        let mut field = Ridge(0);
+        let rough = evolve(&mut field, &[6.0], 150, 1).unwrap();
+        let best = |found: &Found| found.iter().map(|(.., worth)| *worth).fold(0.0, f64::max);
+        let mut sorted = rough.clone();
+        sorted.sort_by(|a, b| b.2.total_cmp(&a.2));
+        let from: Vec<Place> = sorted.iter().map(|(place, ..)| *place).collect();
+        let fine = refine(&mut field, 6.0, &from, 300, 1).unwrap();
+        assert!(best(&fine) > 1.001 * best(&rough), "{} {}", best(&fine), best(&rough));
+        assert!(fine.iter().all(|(_, peak, _)| *peak <= 6.0));
+    }
+
+    #[test]
+    fn the_seed_says_all() {
+        let run = |seed| evolve(&mut Ridge(0), &[6.0, 2.0], 300, seed).unwrap();
+        assert_eq!(run(3), run(3));
+        assert_ne!(run(3), run(4));
+    }
+}

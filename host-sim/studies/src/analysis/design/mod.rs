@@ -1,0 +1,493 @@
+//! The best velocity filter for a device, instead of the best cutoff: a biquad behind the finite difference, in the
+//! core's fixed point, for the worst of several conditions (who pushes, in whose hand, below which limit).
+//!
+//! * What is best: the least, over the conditions, of the filter's area over that of finite difference and Butterworth at
+//!   its best cutoff of `[sweep]` there. With one condition that is the area.
+//! * [`evolution`]: a global search over poles, lead and second zero ([`shape`]), for several caps on the gain peak at
+//!   once, on a grid of the walk so coarse that Butterworth's boundary has about 28 columns.
+//! * The best of the first cap are refined on a grid of twice as many columns.
+//! * The best of each cap are walked anew on the scene's grid, from starts of their own, and the best of those from the
+//!   starts of a sweep: an area in the result is not the luckiest of many.
+//! * Roughness as [`compare`](super::compare) has it, at the same wall but for Butterworth's cutoff, which is one of
+//!   `[sweep]` here; what is left of the area with frequency or damping off by [`MISTUNED_BY`].
+
+pub mod evolution;
+pub mod shape;
+
+use std::{cell::RefCell, collections::HashMap, sync::atomic::AtomicBool};
+
+use zwidth::{VelocitySettings, velocity::Biquad, velocity::Estimator};
+
+use self::{
+    evolution::{Field, Place, evolve, refine},
+    shape::Shape,
+};
+use super::compare::{Wall, roughness, with_estimator};
+use crate::{
+    engine::Engine,
+    error::Error,
+    numerics::statistics::Repeats,
+    scene::Scene,
+    simulation::prepared::{Numeric, PreparedScene},
+    study::{
+        filters::boundaries,
+        sweep::start_offset_counts,
+        walk::{Boundaries, Boundary},
+    },
+};
+
+/// Columns of the boundary of the reference on the grid of the search, and rows up to its peak.
+const COLUMNS: f64 = 28.0;
+/// The same where the result of the search is refined, and the share of the budget that is kept for that.
+const FINE_COLUMNS: f64 = 56.0;
+const REFINE: f64 = 0.2;
+/// Starts of the walks of the search, and of the choice among the best, counts: parts of the golden section, which no
+/// number of repeats has among its own.
+const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+const CHOICE: [f64; 4] =
+    [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
+/// Filters of each cap and grid that are walked on the scene's grid.
+const CHOSEN: usize = 8;
+/// Caps on the gain peak below the one that was asked for, dB: the front.
+const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
+/// What a mistuned frequency or damping is off by, either way.
+pub const MISTUNED_BY: f64 = 1.2;
+/// B at which the reference gives the wall at which roughness is measured, as in `compare`.
+const DAMPING_N_S_PER_M: f64 = 100.0;
+
+/// Who pushes, in whose hand, below which limit.
+#[derive(Clone, Debug)]
+pub struct Condition {
+    /// Its name.
+    pub name: String,
+    /// The scene under it.
+    pub scene: Scene,
+}
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct Question {
+    /// One or more, of one device.
+    pub conditions: Vec<Condition>,
+    /// Largest gain of the velocity over the true one, dB.
+    pub gain_peak_db: Option<f64>,
+    /// Roughest force, N.
+    pub roughness_n: Option<f64>,
+    /// Least that a mistuned filter keeps of the area.
+    pub mistuned_share: Option<f64>,
+    /// Filters that the search walks.
+    pub budget: u32,
+    /// Walks of a result in each condition.
+    pub repeats: u32,
+    /// Of the search.
+    pub seed: u64,
+    /// Arithmetic of the controller.
+    pub numeric: Numeric,
+}
+
+/// Finite difference and Butterworth in one condition.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// Its best cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// Its boundaries there.
+    pub boundaries: Boundaries,
+}
+
+/// A filter of the result.
+#[derive(Clone, Debug)]
+pub struct Designed {
+    /// Its numbers.
+    pub shape: Shape,
+    /// Boundaries by condition.
+    pub boundaries: Vec<Boundaries>,
+    /// The least of its areas over the reference's, and in which condition.
+    pub worth: f64,
+    /// That condition.
+    pub worst: usize,
+    /// Largest gain of the velocity over the true one, dB.
+    pub gain_peak_db: f64,
+    /// RMS of the force above 100 Hz at the wall, N; `None` where the wall is not stable.
+    pub roughness_n: Option<f64>,
+    /// The least that a mistuned one keeps, in the worst condition.
+    pub mistuned_share: f64,
+    /// As the core runs it.
+    pub biquad: Biquad,
+}
+
+impl Designed {
+    /// Mean area in the worst condition, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        self.boundaries.get(self.worst).map_or(0.0, Boundaries::area)
+    }
+}
+
+/// A filter that was walked by the search.
+#[derive(Clone, Copy, Debug)]
+pub struct Tried {
+    /// Its numbers.
+    pub shape: Shape,
+    /// dB.
+    pub gain_peak_db: f64,
+    /// On the search's grid.
+    pub worth: f64,
+}
+
+/// The answer.
+#[derive(Clone, Debug)]
+pub struct DesignStudy {
+    /// The question.
+    pub question: Question,
+    /// By condition.
+    pub references: Vec<Reference>,
+    /// The wall at which roughness is measured, in the first condition.
+    pub wall: Wall,
+    /// Best first: the answer, then the best below lower caps on the gain peak.
+    pub filters: Vec<Designed>,
+    /// All that were walked.
+    pub tried: Vec<Tried>,
+    /// Butterworth's roughness there, N.
+    pub reference_roughness_n: Option<f64>,
+}
+
+/// What all walks share.
+struct Walker<'a, D> {
+    engine: Engine,
+    numeric: Numeric,
+    stop: &'a AtomicBool,
+    done: D,
+}
+
+impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
+    /// By condition, then by filter.
+    fn walk(
+        &self,
+        scenes: &[PreparedScene],
+        filters: &[VelocitySettings],
+        starts: &[f64],
+    ) -> Result<Vec<Vec<Boundaries>>, Error> {
+        boundaries(self.engine, scenes, self.numeric, filters, starts, self.stop, &self.done)
+    }
+}
+
+/// Designs. `done` is called after each walk.
+///
+/// # Errors
+/// The handle does not reach the wall, no filter keeps to the limits, or `stop` was set.
+pub fn design(
+    engine: Engine,
+    question: Question,
+    stop: &AtomicBool,
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<DesignStudy, Error> {
+    let walker = Walker { engine, numeric: question.numeric, stop, done };
+    let scenes: Vec<Scene> = question.conditions.iter().map(|c| with_biquad(&c.scene)).collect();
+    let prepared = |scenes: &[Scene]| -> Result<Vec<PreparedScene>, Error> {
+        scenes.iter().map(PreparedScene::new).collect()
+    };
+    let fine = prepared(&scenes)?;
+    let references = references(&walker, &question, &fine)?;
+    let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();
+    let first = scenes.first().ok_or_else(|| Error::input("no condition"))?;
+    let wall = wall(first, &references);
+    let mut search = Search {
+        walker: &walker,
+        question: &question,
+        scene: first,
+        scenes: vec![],
+        scale: vec![],
+        wall,
+        kept: RefCell::default(),
+    };
+    let on_a_grid_of = |columns: f64, search: &mut Search<'_, _>| -> Result<(), Error> {
+        let both = scenes.iter().zip(&references);
+        let coarse: Vec<Scene> =
+            both.map(|(scene, of)| coarser(scene, &of.boundaries, columns)).collect();
+        search.scenes = prepared(&coarse)?;
+        let known = walker.walk(&search.scenes, &cutoffs, &STARTS)?;
+        let areas = known.iter().enumerate().map(|(n, of)| of[n].area().max(f64::MIN_POSITIVE));
+        search.scale = areas.collect();
+        search.kept.borrow_mut().clear();
+        Ok(())
+    };
+    let asked = question.gain_peak_db.unwrap_or(f64::MAX);
+    let caps: Vec<f64> =
+        std::iter::once(asked).chain(FRONT_DB.into_iter().filter(|cap| *cap < asked)).collect();
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "at most a million"
+    )]
+    let kept = (REFINE * f64::from(question.budget)) as usize;
+    on_a_grid_of(COLUMNS, &mut search)?;
+    let mut found = evolve(&mut search, &caps, question.budget as usize - kept, question.seed)?;
+    found.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let best: Vec<Place> = found.iter().map(|(place, ..)| *place).collect();
+    on_a_grid_of(FINE_COLUMNS, &mut search)?;
+    let refined = refine(&mut search, asked, &best, kept, question.seed)?;
+    let rate_hz = first.control.rate_hz;
+    let tried = |found: &evolution::Found| {
+        let one = |(place, gain_peak_db, worth): &(Place, f64, f64)| Tried {
+            shape: Shape::at(*place, rate_hz),
+            gain_peak_db: *gain_peak_db,
+            worth: *worth,
+        };
+        let mut tried: Vec<Tried> = found.iter().map(one).collect();
+        tried.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+        tried
+    };
+    let (coarse, fine_tried) = (tried(&found), tried(&refined));
+    let filters = choose(&walker, &question, &fine, &references, [&fine_tried, &coarse], &caps)?;
+    let tried = [fine_tried, coarse].concat();
+    let mut filters = filters
+        .into_iter()
+        .map(|(shape, boundaries)| {
+            finish(&walker, &question, &fine, first, wall, &references, shape, boundaries)
+        })
+        .collect::<Result<Vec<Designed>, Error>>()?;
+    filters.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+    if filters.first().is_none_or(|best| best.worth <= 0.0) {
+        return Err(Error::input(
+            "no filter of the search keeps to the limits and has a stable wall",
+        ));
+    }
+    let settings = references.first().map(Reference::settings);
+    let reference_roughness_n =
+        settings.map(|settings| rough(first, &settings, wall)).transpose()?.flatten();
+    Ok(DesignStudy { question, references, wall, filters, tried, reference_roughness_n })
+}
+
+impl Reference {
+    fn settings(&self) -> VelocitySettings {
+        VelocitySettings::Butterworth { cutoff_hz: self.cutoff_hz }
+    }
+}
+
+/// The scene with the estimator whose form all filters have.
+fn with_biquad(scene: &Scene) -> Scene {
+    let own =
+        Shape { frequency_hz: 0.05 * scene.control.rate_hz, damping: 0.5, lead_s: 0.0, zero: 0.0 };
+    with_estimator(scene, &own.settings()).0
+}
+
+/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid, walked again.
+fn references<D: Fn(&Boundary) + Sync>(
+    walker: &Walker<'_, D>,
+    question: &Question,
+    scenes: &[PreparedScene],
+) -> Result<Vec<Reference>, Error> {
+    let settings = |cutoff_hz: &f64| VelocitySettings::Butterworth { cutoff_hz: *cutoff_hz };
+    let cutoffs_hz: Vec<f64> = question.conditions.first().map_or(vec![], |condition| {
+        let design = condition.scene.design();
+        let all = condition.scene.sweep.cutoffs_hz.iter().copied();
+        all.filter(|hz| settings(hz).build(&design).is_ok()).collect()
+    });
+    let filters: Vec<VelocitySettings> = cutoffs_hz.iter().map(settings).collect();
+    let looked = walker.walk(scenes, &filters, &STARTS[..1])?;
+    let best = looked.iter().map(|of_filter| {
+        let best =
+            of_filter.iter().zip(&cutoffs_hz).max_by(|a, b| a.0.area().total_cmp(&b.0.area()));
+        best.map_or(0.0, |(_, hz)| *hz)
+    });
+    let best: Vec<f64> = best.collect();
+    let filters: Vec<VelocitySettings> = best.iter().map(settings).collect();
+    let walked = walker.walk(scenes, &filters, &starts(question.repeats))?;
+    let own = best.into_iter().zip(walked).enumerate();
+    Ok(own
+        .map(|(n, (cutoff_hz, mut of_filter))| Reference {
+            cutoff_hz,
+            boundaries: of_filter.swap_remove(n),
+        })
+        .collect())
+}
+
+fn starts(repeats: u32) -> Vec<f64> {
+    (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
+}
+
+/// The scene with a grid on which the reference's boundary has about that many columns and rows.
+fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Scene {
+    let mut scene = scene.clone();
+    let walk = &mut scene.walk;
+    let times =
+        |reached: f64, start: f64, step: f64| ((reached - start) / step / columns).round().max(1.0);
+    let b = Repeats::of(reference.dampings_max_n_s_per_m().into_iter()).mean;
+    let k = Repeats::of(reference.stiffness_peaks_n_per_m().into_iter()).mean;
+    walk.damping_step_n_s_per_m *=
+        times(b, walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m);
+    walk.stiffness_step_n_per_m *=
+        times(k, walk.stiffness_start_n_per_m, walk.stiffness_step_n_per_m);
+    scene
+}
+
+/// Half of the K that the reference reaches at the B of `compare`, or at half of its largest B.
+fn wall(scene: &Scene, references: &[Reference]) -> Wall {
+    let plan = scene.walk_plan();
+    let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
+    let reached = references.first().map_or(0.0, |reference| {
+        reference.boundaries.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
+    });
+    let steps = ((0.5 * reached - first) / step).floor().max(0.0);
+    let damping_n_s_per_m = DAMPING_N_S_PER_M.clamp(first, first + steps * step);
+    let stiffness = references.first().map_or(0.0, |reference| {
+        Repeats::of(reference.boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+    });
+    let stiffness_n_per_m = (stiffness / 2.0).max(plan.stiffness_start_n_per_m);
+    Wall { stiffness_n_per_m, damping_n_s_per_m }
+}
+
+/// Mean roughness of a filter at the wall, N; `None` where it is not stable.
+fn rough(scene: &Scene, settings: &VelocitySettings, wall: Wall) -> Result<Option<f64>, Error> {
+    let (scene, cutoff_hz) = with_estimator(scene, settings);
+    let prepared = PreparedScene::new(&scene)?;
+    let contact = roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz));
+    Ok(contact.stable.then(|| Repeats::of(contact.roughness_n.into_iter()).mean))
+}
+
+/// The least of the areas over the scale, and where.
+fn worth(areas: impl Iterator<Item = f64>, scale: &[f64]) -> (f64, usize) {
+    let shares = areas.zip(scale).map(|(area, scale)| area / scale).enumerate();
+    let least = shares.min_by(|a, b| a.1.total_cmp(&b.1));
+    least.map_or((0.0, 0), |(place, share)| (share, place))
+}
+
+struct Search<'a, D> {
+    walker: &'a Walker<'a, D>,
+    question: &'a Question,
+    scene: &'a Scene,
+    scenes: Vec<PreparedScene>,
+    /// On the grid of the search, and the reference's area there, by condition.
+    scale: Vec<f64>,
+    wall: Wall,
+    /// What keeps to the limits that a walk does not show, by the filter's numbers.
+    kept: RefCell<HashMap<[u64; 4], bool>>,
+}
+
+impl<D: Fn(&Boundary) + Sync> Search<'_, D> {
+    fn shape(&self, place: &Place) -> Shape {
+        Shape::at(*place, self.scene.control.rate_hz)
+    }
+
+    fn of(&self, shapes: &[Shape]) -> Result<Vec<f64>, Error> {
+        let settings: Vec<VelocitySettings> = shapes.iter().map(Shape::settings).collect();
+        let walked = self.walker.walk(&self.scenes, &settings, &STARTS)?;
+        let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
+        Ok((0..shapes.len()).map(|n| worth(areas(n), &self.scale).0).collect())
+    }
+
+    /// Whether a filter keeps to the limits on roughness and mistuning.
+    fn keeps(&self, shape: &Shape, own: f64) -> Result<bool, Error> {
+        let Question { roughness_n, mistuned_share, .. } = self.question;
+        if roughness_n.is_none() && mistuned_share.is_none() {
+            return Ok(true);
+        }
+        let Shape { frequency_hz, damping, lead_s, zero } = *shape;
+        let key = [frequency_hz, damping, lead_s, zero].map(f64::to_bits);
+        if let Some(kept) = self.kept.borrow().get(&key) {
+            return Ok(*kept);
+        }
+        let mut kept = true;
+        if let Some(most) = roughness_n {
+            let found = rough(self.scene, &shape.settings(), self.wall)?;
+            kept &= found.is_some_and(|found| found <= *most);
+        }
+        if let (true, Some(share)) = (kept, mistuned_share) {
+            let wrong = shape.mistuned(MISTUNED_BY, &self.scene.design());
+            kept &= self.of(&wrong)?.into_iter().all(|worth| worth >= share * own);
+        }
+        self.kept.borrow_mut().insert(key, kept);
+        Ok(kept)
+    }
+}
+
+impl<D: Fn(&Boundary) + Sync> Field for Search<'_, D> {
+    fn peak_db(&self, place: &Place) -> f64 {
+        self.shape(place).gain_peak_db(&self.scene.design()).unwrap_or(f64::INFINITY)
+    }
+
+    fn worths(&mut self, places: &[Place]) -> Result<Vec<f64>, Error> {
+        let shapes: Vec<Shape> = places.iter().map(|place| self.shape(place)).collect();
+        let worths = self.of(&shapes)?;
+        let checked = shapes
+            .iter()
+            .zip(worths)
+            .map(|(shape, worth)| Ok(if self.keeps(shape, worth)? { worth } else { 0.0 }));
+        checked.collect()
+    }
+}
+
+/// The best filter below each cap, on the scene's grid, and its boundaries by condition.
+fn choose<D: Fn(&Boundary) + Sync>(
+    walker: &Walker<'_, D>,
+    question: &Question,
+    scenes: &[PreparedScene],
+    references: &[Reference],
+    tried: [&[Tried]; 2],
+    caps: &[f64],
+) -> Result<Vec<(Shape, Vec<Boundaries>)>, Error> {
+    let mut shapes: Vec<(Shape, f64)> = vec![];
+    for cap in caps {
+        for grid in tried {
+            let below = grid.iter().filter(|one| one.gain_peak_db <= *cap && one.worth > 0.0);
+            for one in below.take(CHOSEN) {
+                if shapes.iter().all(|(shape, _)| *shape != one.shape) {
+                    shapes.push((one.shape, one.gain_peak_db));
+                }
+            }
+        }
+    }
+    let settings: Vec<VelocitySettings> =
+        shapes.iter().map(|(shape, _)| shape.settings()).collect();
+    let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
+    let walked = walker.walk(scenes, &settings, &CHOICE)?;
+    let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
+    let worths: Vec<f64> = (0..shapes.len()).map(|n| worth(areas(n), &scale).0).collect();
+    let mut best: Vec<usize> = vec![];
+    for cap in caps {
+        let below = (0..shapes.len()).filter(|&n| shapes[n].1 <= *cap);
+        if let Some(n) = below.max_by(|&a, &b| worths[a].total_cmp(&worths[b]))
+            && !best.contains(&n)
+        {
+            best.push(n);
+        }
+    }
+    let settings: Vec<VelocitySettings> = best.iter().map(|&n| settings[n]).collect();
+    let walked = walker.walk(scenes, &settings, &starts(question.repeats))?;
+    let of = |place: usize| walked.iter().map(|of_filter| of_filter[place].clone()).collect();
+    Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
+}
+
+/// All that is said of a filter of the result.
+#[expect(clippy::too_many_arguments, reason = "each a part of the question")]
+fn finish<D: Fn(&Boundary) + Sync>(
+    walker: &Walker<'_, D>,
+    question: &Question,
+    scenes: &[PreparedScene],
+    first: &Scene,
+    wall: Wall,
+    references: &[Reference],
+    shape: Shape,
+    boundaries: Vec<Boundaries>,
+) -> Result<Designed, Error> {
+    let design = first.design();
+    let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
+    let (worth, worst) = worth(boundaries.iter().map(Boundaries::area), &scale);
+    let wrong: Vec<VelocitySettings> =
+        shape.mistuned(MISTUNED_BY, &design).iter().map(Shape::settings).collect();
+    let walked = walker.walk(&scenes[worst..=worst], &wrong, &starts(question.repeats))?;
+    let own = boundaries[worst].area();
+    let left = walked.iter().flatten().map(|of| of.area() / own).fold(f64::INFINITY, f64::min);
+    let Estimator::LowPass(biquad) = shape.settings().build(&design).map_err(Error::input)? else {
+        return Err(Error::Internal("a biquad is a low-pass to the core".into()));
+    };
+    Ok(Designed {
+        shape,
+        boundaries,
+        worth,
+        worst,
+        gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
+        roughness_n: rough(first, &shape.settings(), wall)?,
+        mistuned_share: left,
+        biquad,
+    })
+}
