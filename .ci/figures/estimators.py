@@ -663,3 +663,53 @@ def criteria_arms():
             body.setdefault(who, {})[limit_name(r)] = cell
     names = ["15 um", "1 um", "felt, 0 dB"]
     return table(["arm, push", *names], [[who, *(cells[name] for name in names)] for who, cells in body.items()])
+
+
+# A designed filter
+DESIGNS = [("1 um, 15 um of the counts, motor", "paper-1um"), ("2 um, 15 um of the counts, motor", "paper-2um"),
+           ("1 um, 15 um of the counts, hand", "paper-1um-hand"), ("2 um, 15 um of the counts, hand", "paper-2um-hand"),
+           ("1 um, 1 um of the motion, motor", "paper-1um-quiet"), ("2 um, 1 um of the motion, motor", "paper-2um-quiet")]
+
+
+def design_area(r):
+    area = float(r["area_n2_s_per_m2"]) / 1e6
+    return f"{'> ' if int(r['capped_walks']) else ''}{significant(area, 3)}"
+
+
+@block
+def design_areas():
+    body = []
+    for text, name in DESIGNS:
+        filters = rows(f"design-{name}.csv")
+        best = float(filters[0]["area_n2_s_per_m2"])
+        asked = {"hand": 6, "quiet": 3}.get(name.split("-")[-1], math.inf)
+        cells = []
+        for peak in (3, 6, math.inf):
+            below = [r for r in filters if float(r["gain_peak_db"]) <= peak]
+            cells.append(design_area(below[0]) if below and peak <= asked else "")
+        body.append([text, significant(best / float(filters[0]["times_butterworth"]) / 1e6, 3), *cells])
+    return table(["encoder, RMS limit, push", "Butterworth's best", "gain peak 3 dB", "6 dB", "no limit"], body)
+
+
+@block
+def design_front(name):
+    body = [[number(float(r["gain_peak_db"]), 1), design_area(r), f"{float(r['times_butterworth']):.2f}",
+             number(1e3 * float(r["delay_s"]), 3), number(1e3 * float(r["roughness_n"]), 0) if r["roughness_n"] else "-",
+             f"{100 * float(r['mistuned_share']):.0f} %", f"{float(r['frequency_hz']):g}", f"{float(r['damping']):g}",
+             f"{float(r['lead_s']):g}", f"{float(r['zero']):g}"] for r in rows(f"design-{name}.csv")]
+    return table(["gain peak, dB", "area, 10^6 N^2 s/m^2", "times Butterworth's", "delay, ms", "force above 100 Hz, mN",
+                  "left when mistuned", "`frequency_hz`", "`damping`", "`lead_s`", "`zero`"], body)
+
+
+@block
+def design_six():
+    found = rows("design-paper-1um-six-conditions.csv")
+    names = list(dict.fromkeys(r["condition"] for r in found))
+    filters = rows("design-paper-1um-six.csv")
+    shown = [0] + [n for n, r in enumerate(filters) if float(r["gain_peak_db"]) <= 6][:1]
+
+    def of(condition, name):
+        return design_area(row("design-paper-1um-six-conditions.csv", condition=condition, filter=name))
+    heads = [f"filter of {float(filters[n]['gain_peak_db']):.1f} dB" for n in shown]
+    return table(["who pushes, arm", "Butterworth's best", *heads],
+                 [[name.replace(" pushes", ""), of(name, "butterworth"), *(of(name, str(n + 1)) for n in shown)] for name in names])

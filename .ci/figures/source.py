@@ -33,6 +33,14 @@ LONG = {
         "cargo sim compare docs/data/paper-1um-accelerometer.toml --estimators fusion",
         {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
     "peers-paper-1um": ("cargo sim compare paper-1um --peers", {"peers.csv": "peers-paper-1um.csv"}),
+    **{f"design-{name}": (f"cargo sim design {words}", {"design.csv": f"design-{name}.csv"}) for name, words in {
+        "paper-1um": "paper-1um", "paper-2um": "paper-2um",
+        "paper-1um-hand": "paper-1um --push hand --gain-peak-db 6",
+        "paper-2um-hand": "paper-2um --push hand --gain-peak-db 6",
+        "paper-1um-quiet": "paper-1um --limits 1e-6 --rms-of motion --steps 500,5 --gain-peak-db 3",
+        "paper-2um-quiet": "paper-2um --limits 1e-6 --rms-of motion --steps 500,5 --gain-peak-db 3"}.items()},
+    "design-paper-1um-six": ("cargo sim design paper-1um --push motor,hand --arms none,heavy,light", {
+        "design.csv": "design-paper-1um-six.csv", "conditions.csv": "design-paper-1um-six-conditions.csv"}),
     "limits-paper-1um": (
         "cargo sim sweep paper-1um --limits 15e-6,5e-6,2e-6,1e-6,0.5e-6,felt", {"limits.csv": "limits-paper-1um.csv"}),
     "limits-paper-1um-arms": (

@@ -43,8 +43,8 @@ use crate::{
 pub struct CompareArgs {
     /// Built-in scene or scene file; its own estimator does not matter.
     scene: String,
-    /// Estimators by their names in the table, A,B,C [default: all but second-order, smoothing, tracking-lead and
-    /// window-difference].
+    /// Estimators by their names in the table, A,B,C [default: all but second-order, smoothing, tracking-lead,
+    /// window-difference and biquad].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
     /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m [default:

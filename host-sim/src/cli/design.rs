@@ -37,6 +37,9 @@ pub struct DesignArgs {
     /// Largest gain of the velocity over the true one, dB [default: no limit].
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     gain_peak_db: Option<f64>,
+    /// Sections of second order: the core runs one.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=1))]
+    sections: u8,
     /// Roughest force above 100 Hz at the wall that the result names, N RMS [default: no limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     roughness: Option<f64>,
@@ -246,7 +249,8 @@ impl DesignArgs {
             .collect();
         let unsaturated = if self.unsaturated { " --unsaturated" } else { "" };
         format!(
-            "design {scene}{typed}{unsaturated} --budget {} --repeat {} --seed {} --numeric {} --engine {}",
+            "design {scene}{typed}{unsaturated} --sections {} --budget {} --repeat {} --seed {} --numeric {} --engine {}",
+            self.sections,
             budget,
             self.repeat,
             self.seed,
