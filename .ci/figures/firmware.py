@@ -151,6 +151,7 @@ CASES = [
     (STOPPED, "no samples, or nothing but samples", "TIM5's enable bit in the NVIC, its CEN or its UIE is 0; its period is 11 ticks", "22"),
     (["interrupts masked"], "interrupts masked", "PRIMASK is 1", "22"),
     (["lock-up"], "lock-up", "the stack pointer is 0x10: the hard fault that follows cannot be stacked", "22"),
+    (["stack overrun"], "stack overrun", "the stack pointer is in the guard between stack and statics", "42"),
     (["vector table lost"], "vector table lost", "VTOR points into erased flash", "22"),
     (["no sample is due"], "no sample is due", "bit 30 of the word by which `sample` counts to the next output", "22"),
     (["PendSV", "an unused interrupt"], "PendSV, or an interrupt without a task", "it is pending, and enabled", "45"),

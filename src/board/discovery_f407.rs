@@ -67,7 +67,7 @@ impl Wiring for DiscoveryF407 {
 
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Selected> {
         let clock = Config::hse(8.MHz()).sysclk(Self::CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz());
-        let mut chip = Chip::start(device.RCC, clock, &device.DBGMCU, core);
+        let mut chip = Chip::start(device.RCC, clock, false, &device.DBGMCU, core);
         // One more than the HAL sets, for 2.4 to 2.7 V (reference manual RM0090, table 10): the supply detector
         // may find 2.59 V still good.
         device.FLASH.acr().modify(|_, w| w.latency().ws6());
@@ -77,8 +77,13 @@ impl Wiring for DiscoveryF407 {
         let stop = e.pe15.into_alternate::<1>().internal_resistor(Pull::Up);
         let force = pwm::Output::new(e.pe9, e.pe11, Self::STEPS);
         let _enable = e.pe13.into_alternate::<1>();
-        let encoder =
-            encoder::Encoder::new(device.TIM2, a.pa15.into_alternate::<1>(), a.pa1, (), rcc);
+        let encoder = encoder::Encoder::new(
+            device.TIM2,
+            a.pa15.into_alternate::<1>().internal_resistor(Pull::None),
+            a.pa1,
+            (),
+            rcc,
+        );
         chip.finish(
             Wires { force, encoder, stop },
             Peripherals {

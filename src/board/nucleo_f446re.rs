@@ -15,8 +15,8 @@
 //!
 //! Conflicts: LD2 and the shield pin D13 sit on PA5, which stays free; USART2 to the ST-LINK on
 //! PA2, PA3 stays free. The clock is the ST-LINK's 8 MHz on MCO, with solder bridges SB16 and SB50 on
-//! (UM1724, 6.7.1; a board marked C-01 is delivered without that clock): without it the chip waits in the
-//! clock set-up with its outputs off, before RTT starts.
+//! (UM1724, 6.7.1; a board marked C-01 is delivered without that clock): without it the
+//! board says so on RTT and stays off.
 
 #[path = "f4/dac.rs"]
 mod dac;
@@ -70,7 +70,7 @@ impl Wiring for NucleoF446re {
             .sysclk(Self::CORE_HZ.Hz())
             .pclk1(45.MHz())
             .pclk2(90.MHz());
-        let mut chip = Chip::start(device.RCC, clock, &device.DBGMCU, core);
+        let mut chip = Chip::start(device.RCC, clock, true, &device.DBGMCU, core);
         let rcc = &mut chip.rcc;
         let a = device.GPIOA.split(rcc);
         let b = device.GPIOB.split(rcc);

@@ -12,7 +12,7 @@ use core::{
 
 use rtt_target::{ChannelMode, UpChannel};
 
-use super::mask;
+use super::{mask, rtt::Buffer};
 
 /// Longest frame, bytes after encoding; a longer one is dropped.
 const FRAME_BYTES: usize = 256;
@@ -21,7 +21,7 @@ const FRAME_BYTES: usize = 256;
 static DROPPED: AtomicU32 = AtomicU32::new(0);
 
 struct State {
-    channel: Option<UpChannel>,
+    channel: Option<(UpChannel, Buffer)>,
     encoder: defmt::Encoder,
     frame: [u8; FRAME_BYTES],
     length: usize,
@@ -62,11 +62,11 @@ pub fn dropped() -> u32 {
 }
 
 /// Starts logging to `channel`.
-pub(in crate::board) fn start(channel: UpChannel) {
+pub(in crate::board) fn start(channel: UpChannel, buffer: Buffer) {
     mask::with_lower_tasks_masked(|| {
         // SAFETY: see `Shared`.
         let state = unsafe { &mut *STATE.0.get() };
-        state.channel = Some(channel);
+        state.channel = Some((channel, buffer));
     });
 }
 
@@ -102,7 +102,9 @@ unsafe impl defmt::Logger for Logger {
         let State { encoder, frame, length, .. } = state;
         encoder.end_frame(|bytes| State::stage(frame, length, bytes));
         let mut taken = false;
-        if let (Some(channel), Some(whole)) = (&mut state.channel, state.frame.get(..state.length))
+        if let Some((channel, buffer)) = &mut state.channel
+            && buffer.holds()
+            && let Some(whole) = state.frame.get(..state.length)
         {
             // Whatever a debugger wrote into the channel's mode: a full channel drops the frame.
             channel.set_mode(ChannelMode::NoBlockSkip);

@@ -4,6 +4,7 @@
 //! peripherals: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by TIM6, the
 //! output watchdog on TIM8 and DMA2.
 
+mod clock;
 pub mod debugger;
 pub mod enable;
 pub mod encoder;
@@ -15,6 +16,7 @@ pub mod output_watchdog;
 mod reset;
 pub mod sample_timer;
 pub mod set_up;
+mod stack_guard;
 pub mod supply;
 pub mod watchdog;
 
@@ -111,6 +113,7 @@ pub struct Chip {
     pub rcc: Rcc,
     enable: enable::Enable,
     reset_cause: ResetCause,
+    link: rtt::Channels,
 }
 
 /// What the board's own file made.
@@ -144,28 +147,33 @@ pub struct Peripherals {
 }
 
 impl Chip {
-    /// Starts the clock; without the oscillator that `clock` names it waits here, with all outputs off.
+    /// Starts the clock that `clock` names, with RTT before it: a board without its 8 MHz, from a crystal or from
+    /// another chip (`external`), says so and stays here with all outputs off.
     pub fn start(
         rcc: pac::RCC,
         clock: Config,
+        external: bool,
         dbgmcu: &pac::DBGMCU,
         mut core: cortex_m::Peripherals,
     ) -> Self {
         let reset_cause = reset::cause(&rcc);
+        let mut link = rtt::init();
+        clock::wait(&rcc, external, &mut link.replies);
         let mut rcc = rcc.freeze(clock);
         // If the HSE fails, TIM1's break drops enable and an NMI ends the program.
         rcc.cr().modify(|_, w| w.csson().set_bit());
         debugger::set_up(dbgmcu);
         interrupts::set_up(&mut core);
+        stack_guard::set_up(&mut core.MPU);
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
         let enable = enable::Enable::new(&mut rcc);
-        Self { rcc, enable, reset_cause }
+        Self { rcc, enable, reset_cause, link }
     }
 
     /// The rest. The timers do not run yet; the watchdog does.
     pub fn finish<W: Wiring>(self, wires: Wires<W>, rest: Peripherals) -> Parts<F4<W>> {
-        let Self { mut rcc, enable, reset_cause } = self;
+        let Self { mut rcc, enable, reset_cause, link } = self;
         let Peripherals { tim5, tim6, tim8, dma2, pwr, exti, flash, iwdg } = rest;
         let Wires { force, encoder, stop } = wires;
         // What the clock tree gives, not what the board's file says of it; and whole ticks per sample.
@@ -181,7 +189,7 @@ impl Chip {
         let output_watchdog = output_watchdog::OutputWatchdog::new(tim8, &dma2, &mut rcc);
         let supply = supply::Supply::new(pwr, &exti, W::SUPPLY_LEVEL, &mut rcc);
         let memory = fault_memory::FaultMemory::new(&supply, &mut rcc);
-        let rtt::Channels { telemetry, replies, commands } = rtt::init();
+        let rtt::Channels { telemetry, replies, commands } = link;
         Parts {
             encoder,
             sample_timer: sample_timer::SampleTimer::new(tim5, timer_hz / RATE_HZ, &mut rcc),

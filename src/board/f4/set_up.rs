@@ -84,9 +84,9 @@ fn sum() -> u32 {
     fold! { sum,
         DMA2_STREAM1 => [0x00, 0x08, 0x0C];
     }
-    // Vector table, priority groups.
+    // Vector table, priority groups, memory protection.
     fold! { sum,
-        SCB => [0x08, 0x0C & 0x700];
+        SCB => [0x08, 0x0C & 0x700, 0x94];
     }
     // Interrupts: which are on; priorities of the four tasks.
     fold! { sum,

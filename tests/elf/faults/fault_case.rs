@@ -51,7 +51,7 @@ fn nothing(_: &mut World<'_>) {}
 /// The world moves in samples: what is seen may be up to one sample old.
 const GRID_US: f64 = 100.0;
 /// By the sampling task itself.
-const SAMPLE_US: f64 = 100.0 + GRID_US;
+pub const SAMPLE_US: f64 = 100.0 + GRID_US;
 /// One output and one sample.
 pub const RENDER_US: f64 = 1_100.0 + GRID_US;
 /// No code is needed for it.

@@ -5,6 +5,7 @@
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 
 mod fault_case;
+mod link;
 mod memory;
 mod no_processor;
 mod registers;

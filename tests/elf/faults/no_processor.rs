@@ -7,7 +7,7 @@ use virtual_board::{
 };
 
 use super::fault_case::{
-    AT_ONCE_US, BROWN_OUT_US, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US,
+    AT_ONCE_US, BROWN_OUT_US, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US, SAMPLE_US,
 };
 use crate::firmware::Firmware;
 
@@ -27,7 +27,7 @@ const TIM7: u16 = 16 + 55;
 /// DBGMCU's bit of the watchdog.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
-pub const NO_PROCESSOR: [FaultCase; 15] = [
+pub const NO_PROCESSOR: [FaultCase; 16] = [
     FaultCase {
         name: "debugger halt, 1.5 ms",
         code: 32,
@@ -99,6 +99,16 @@ pub const NO_PROCESSOR: [FaultCase; 15] = [
         world.powered.mcu.outlive_lock_up();
         world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
     }),
+    FaultCase {
+        code: 42,
+        all: &[23, 42],
+        limit_us: SAMPLE_US, // with the next exception, which has to be stacked
+        ..stopped("stack overrun", |firmware, world| {
+            world.powered.mcu.outlive_lock_up();
+            let end = firmware.elf.address_of("__sheap").unwrap().next_multiple_of(256);
+            world.powered.mcu.set_registers(|registers| registers.msp = end + 0x80);
+        })
+    },
     FaultCase {
         short: false,
         ..stopped("vector table lost", |_, world| {

@@ -83,6 +83,11 @@ impl Mcu {
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
     }
 
+    /// The crystal, or the clock in its place, does not come; until the next reset.
+    pub fn kill_hse(&mut self) {
+        self.soc.hse_is_dead.store(true, Relaxed);
+    }
+
     /// An exception becomes pending, an interrupt with its enable bit set.
     pub fn pend(&mut self, exception: u16) {
         self.soc.cpu.with_sys(|sys| {

@@ -22,7 +22,7 @@ use super::{
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
     main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
-    supply::{PowerPort, Supply},
+    supply::{ClockPort, PowerPort, Supply},
 };
 
 /// Errors of the emulator's own set-up are ours: the properties are constants.
@@ -63,6 +63,8 @@ pub(super) struct Soc {
     halt_timer: Lazy,
     /// TIM8, which asks DMA2 to switch off.
     output_timer: Lazy,
+    /// The crystal, or the clock in its place, does not come.
+    pub(super) hse_is_dead: Arc<AtomicBool>,
     pub(super) dma: Arc<Dma>,
     pub(super) space: Arc<AddressSpace>,
     watchdog: Lazy,
@@ -292,7 +294,8 @@ impl Soc {
         let commanded_at = Arc::new(AtomicU64::new(0));
         let written_at = Arc::clone(&commanded_at);
         map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
-        let (open, clock) = (Arc::clone(&stop), Arc::clone(clock));
+        let open = Arc::clone(&stop);
+        let clock = Arc::clone(clock);
         let broken = Arc::new(AtomicBool::new(false));
         let locked = Arc::new(AtomicBool::new(false));
         let port = Break {
@@ -300,14 +303,20 @@ impl Soc {
             open,
             broken: Arc::clone(&broken),
             locked: Arc::clone(&locked),
-            clock,
+            clock: Arc::clone(&clock),
             written_at,
         };
         map(Registers::region(&pwm, port), 0x4001_0000);
         for (index, port) in gpio.iter().enumerate() {
             map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
         }
-        map(Registers::region(&rcc, Plain(rcc.clone())), 0x4002_3800);
+        let hse_is_dead = Arc::new(AtomicBool::new(false));
+        let port = ClockPort {
+            lazy: rcc.clone(),
+            clock: Arc::clone(&clock),
+            dead: Arc::clone(&hse_is_dead),
+        };
+        map(Registers::region(&rcc, port), 0x4002_3800);
         let flash_touched = Arc::new(AtomicU64::new(0));
         let port = Counted(flash_registers.clone(), Arc::clone(&flash_touched));
         map(Registers::region(&flash_registers, port), 0x4002_3C00);
@@ -332,6 +341,7 @@ impl Soc {
             exti,
             halt_timer,
             output_timer,
+            hse_is_dead,
             dma,
             space,
             watchdog,

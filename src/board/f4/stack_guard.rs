@@ -1,0 +1,33 @@
+//! The stack's end: memory that nothing may touch, between the statics and the stack, by the memory protection unit.
+//!
+//! The stack grows down towards the statics. A task that overruns it meets a hard fault here before it writes into them.
+//! Its frame cannot be stacked either, which the handler does not mind: it does not return. Should a core lock up over
+//! it, the output watchdog switches off.
+
+/// Bytes; the region begins at a multiple of it.
+const BYTES: u32 = 256;
+
+/// No access, no code; 2^(7 + 1) bytes; on (ARMv7-M, MPU_RASR).
+const REGION: u32 = 1 << 28 | 7 << 1 | 1;
+/// The region's address is valid, and it is region 0.
+const VALID: u32 = 1 << 4;
+/// Unit on; everything else is as without it; off in the hard fault handler.
+const CONTROL: u32 = 1 << 2 | 1;
+
+unsafe extern "C" {
+    /// Ends the statics (cortex-m-rt).
+    static __sheap: u8;
+}
+
+/// From now on.
+pub fn set_up(mpu: &mut cortex_m::peripheral::MPU) {
+    let end = (&raw const __sheap) as u32;
+    // SAFETY: a region between the statics and the stack, where nothing is.
+    unsafe {
+        mpu.rbar.write(end.next_multiple_of(BYTES) | VALID);
+        mpu.rasr.write(REGION);
+        mpu.ctrl.write(CONTROL);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}

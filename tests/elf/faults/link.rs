@@ -1,0 +1,76 @@
+//! The probe link's control block, the stack's end, the clock: what else must not let the program write where it must not,
+//! or wait without a word.
+
+use virtual_board::{
+    board::{Board, Powered},
+    world::World,
+};
+
+use crate::firmware::{Firmware, arm, ok};
+
+each_board!(
+    a_channel_whose_buffer_is_not_its_own_is_left_alone,
+    a_board_without_its_clock_says_so,
+    the_stack_ends_in_a_guard
+);
+
+/// Words of the control block: 24 bytes, then name, buffer, size, write, read, flags for each channel.
+fn word(world: &World<'_>, at: u32) -> u32 {
+    let mut bytes = [0; 4];
+    world.powered.mcu.read(at, &mut bytes);
+    u32::from_le_bytes(bytes)
+}
+
+fn a_channel_whose_buffer_is_not_its_own_is_left_alone(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let block = firmware.elf.address_of("_SEGGER_RTT").unwrap();
+    let mut symbols = firmware.elf.symbols.iter();
+    let (_, render, _) = symbols.find(|(name, ..)| name.contains("local_resource_render")).unwrap();
+    let before = world.snapshot();
+    // Up 1 carries telemetry all the time, up 0 and 2 a reply.
+    for (channel, place, value) in
+        [(1, 1, *render), (1, 2, 8192 | 1 << 16), (0, 1, *render), (2, 2, 1 << 20)]
+    {
+        world.restore(&before);
+        let base = block + 24 + 24 * channel;
+        world.powered.mcu.write(base + 4 * place, &value.to_le_bytes());
+        let written = word(&world, base + 12);
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.write(mcu, 0, b"get\n");
+        for _ in 0..6_000 {
+            world.sample().unwrap();
+        }
+        assert_eq!(word(&world, base + 12), written, "channel {channel}: something was written");
+        assert!(world.powered.amplifier.is_enabled(), "channel {channel}");
+    }
+    world.restore(&before);
+    world.run(100).unwrap();
+    ok(&mut world, "get");
+}
+
+fn a_board_without_its_clock_says_so(board: Board) {
+    let firmware = Firmware::of(board);
+    let rest_m = firmware.scene.device.rest_position_m;
+    let mut world =
+        World::new(board, &firmware.elf, &firmware.table, &firmware.scene, rest_m).unwrap();
+    world.powered.mcu.kill_hse();
+    world.run(3_000).unwrap();
+    assert!(world.replies.starts_with("error: no 8 MHz clock, nothing runs"), "{}", world.replies);
+    assert!(!world.powered.amplifier.is_enabled());
+    assert_eq!(world.powered.mcu.events(), 0);
+}
+
+/// The memory protection unit keeps everything out of 256 bytes that the stack has never reached.
+fn the_stack_ends_in_a_guard(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let end = firmware.elf.address_of("__sheap").unwrap().next_multiple_of(256);
+    let [control, base, size] =
+        [0xE000_ED94, 0xE000_ED9C, 0xE000_EDA0].map(|at| world.powered.mcu.peek(at));
+    assert_eq!((control & 1, base & !0x1F), (1, end));
+    assert_eq!(size, 1 << 28 | 7 << 1 | 1, "no access, 256 bytes, on");
+    assert!(world.powered.mcu.watch().lowest_stack > end + 256);
+}
