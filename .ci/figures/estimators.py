@@ -577,6 +577,31 @@ def criteria_limits():
 
 
 @block
+def criteria_levers(limit, push):
+    """Area at the ideal cutoff, and that cutoff, by loop and what is between."""
+    file, body = "levers-paper-1um.csv", []
+    found = [r for r in limit_rows(file, push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    for of_loop, period in dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found):
+        in_row = [r for r in found if (r["loop"], r["output_period_samples"]) == (of_loop, period)]
+        cells = []
+        for between in ("as-is", "amplifier", "amplifier-and-mode"):
+            of_it = [r for r in in_row if r["between"] == between and r["estimator"] == "scene"]
+            most = max(float(r["area_n2_s_per_m2"]) for r in of_it)
+            # the smallest that is as good as the largest: the ideal cutoff
+            best = min((r for r in of_it if float(r["area_n2_s_per_m2"]) >= 0.98 * most), key=lambda r: float(r["cutoff_hz"]))
+            cells.append(f"{plain_area(best)} ({float(best['cutoff_hz']):g} Hz)")
+        told = next(r for r in in_row if r["estimator"] == "true-velocity")
+        body.append([of_loop, period, *cells, plain_area(told)])
+    return table(["loop", "samples an output", "as it is", "amplifier of 1 kHz", "and a transmission of 150 Hz",
+                  "true velocity"], body)
+
+
+def plain_area(r):
+    cut, millions = "> " if int(r["capped_walks"]) else "", float(r["area_n2_s_per_m2"]) * 1e-6
+    return f"{cut}{number(float(f'{millions:.3g}'))}"
+
+
+@block
 def criteria_yardstick():
     file = "limits-paper-1um.csv"
     body = []

@@ -45,6 +45,7 @@ LONG = {
         "cargo sim sweep paper-1um --limits 15e-6,5e-6,2e-6,1e-6,0.5e-6,felt", {"limits.csv": "limits-paper-1um.csv"}),
     "limits-paper-1um-arms": (
         "cargo sim sweep paper-1um --limits 15e-6,1e-6,felt --arms all --repeat 2", {"limits.csv": "limits-paper-1um-arms.csv"}),
+    "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
         f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",
         {"compare.csv": f"compare-paper-1um-limit-{um}um.csv"}) for um in (5, 30)},

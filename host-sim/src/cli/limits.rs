@@ -154,6 +154,15 @@ impl LimitArgs {
         }))
     }
 
+    /// The limits of `--levers`: those that were asked for, else the scene's and the one of a plain sweep.
+    pub fn of_levers(&self, scene: &Scene, cutoffs_hz: &[f64]) -> Result<Vec<Limit>, Error> {
+        let asked = self.question(scene, cutoffs_hz, 1)?.map(|question| question.limits);
+        Ok(asked.unwrap_or_else(|| {
+            let own = Limit::Rms(scene.wall_hit.rms_limit_m);
+            if own == DEFAULT { vec![own] } else { vec![own, DEFAULT] }
+        }))
+    }
+
     /// Whether the limits were asked for.
     pub fn are_asked(&self) -> bool {
         self.limits.is_some()

@@ -18,14 +18,16 @@ use crate::{
     interrupt,
     output::{
         files::{FolderPlace, Outputs},
+        levers::LeverStudy,
         limits::LimitStudy,
         sweep::{self as sweep_files, Study, Summary, VariantResult},
         terminal::print_result,
     },
-    scene::{NamedScene, STUDY},
+    scene::{NamedScene, PushBy, STUDY},
     simulation::prepared::PreparedScene,
     study::{
         envelope::envelopes,
+        levers::{LeverQuestion, levers, walk_levers},
         limits::{Question, limits},
         sensitivity::{Variant, variants},
         sweep::{Plan, ascending, sweep},
@@ -46,6 +48,11 @@ pub struct SweepArgs {
     /// Show how the ideal cutoff moves with RMS limit, push-only, latency, output rate and impact speed.
     #[arg(long)]
     sensitivity: bool,
+    /// What limits the walls first: the same device in other loops, by limit and cutoff: acting as soon as each board,
+    /// with an output every 10, 5, 2 or 1 samples, through an amplifier of 1 kHz, with a handle on a transmission of
+    /// 150 Hz, or with the true velocity. Limits: those of --limits, else the scene's and 1 um.
+    #[arg(long, conflicts_with = "plain")]
+    levers: bool,
     #[command(flatten)]
     limits: LimitArgs,
     /// Nothing but the scene's own criterion, limit and push; else a limit of 1 um, by motor and by hand, stands beside it.
@@ -65,6 +72,7 @@ struct Job {
     cutoffs_hz: Vec<f64>,
     variants: Vec<Variant>,
     question: Option<Question>,
+    levers: Option<LeverQuestion>,
     to: FolderPlace,
     folder: PathBuf,
 }
@@ -87,7 +95,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let mut results = results.into_iter();
     let (mut summaries, mut tables) = (vec![], vec![]);
     for job in jobs {
-        let Job { scene, prepared, cutoffs_hz, variants, question, to, folder } = job;
+        let Job { scene, prepared, cutoffs_hz, variants, question, levers, to, folder } = job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -110,8 +118,16 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             Err(Error::Input(why)) if !args.limits.are_asked() => (None, Some(why)),
             limits => (limits.map_err(|error| error.of(&scene.name))?, None),
         };
+        let levers = levers.map(|question| {
+            let bar = progress::bar(question.tasks() as u64);
+            let results = walk_levers(engine, &question, numeric, interrupt::flag(), || bar.inc(1));
+            bar.finish_and_clear();
+            results.map(|results| LeverStudy { question, results })
+        });
+        let levers = levers.transpose().map_err(|error| error.of(&scene.name))?;
         let study = Study {
             envelopes,
+            levers,
             limits,
             limits_left_out,
             numeric,
@@ -162,13 +178,24 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         let prepared = shared::prepare(&scene)?;
         let question =
             args.limits.or_default(&scene.scene, &cutoffs_hz, args.repeat, args.plain)?;
+        let levers = args.levers.then(|| {
+            Ok::<_, Error>(LeverQuestion {
+                levers: levers(&scene)?,
+                limits: args.limits.of_levers(&scene.scene, &cutoffs_hz)?,
+                pushes: PushBy::ALL.to_vec(),
+                cutoffs_hz: cutoffs_hz.clone(),
+                repeats: 1,
+            })
+        });
+        let levers = levers.transpose()?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
-        jobs.push(Job { scene, prepared, cutoffs_hz, variants, question, to, folder });
+        jobs.push(Job { scene, prepared, cutoffs_hz, variants, question, levers, to, folder });
     }
     let walks_of = |job: &Job| {
         let own = job.cutoffs_hz.len() * (1 + job.variants.len()) * args.repeat as usize;
         let asked = job.question.as_ref().filter(|_| args.limits.are_asked());
-        own + asked.map_or(0, Question::walks)
+        let levers = job.levers.as_ref().map_or(0, LeverQuestion::walks);
+        own + asked.map_or(0, Question::walks) + levers
     };
     let walks = jobs.iter().map(walks_of).sum::<usize>();
     if walks > WALKS_MAX {
@@ -188,9 +215,10 @@ fn command_line(
     let list: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
     let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
     let plain = if args.plain { " --plain" } else { "" };
+    let levers = if args.levers { " --levers" } else { "" };
     let limits = args.limits.as_typed();
     format!(
-        "sweep {} --cutoffs {} --repeat {}{sensitivity}{plain}{limits} --numeric {} --engine {}",
+        "sweep {} --cutoffs {} --repeat {}{sensitivity}{plain}{levers}{limits} --numeric {} --engine {}",
         scene.name,
         list.join(","),
         args.repeat,
@@ -242,6 +270,9 @@ fn table(study: &Study, folder: &str) -> String {
     }
     if let Some(limits) = &study.limits {
         let _ = writeln!(text, "  {}", limits.text());
+    }
+    if let Some(levers) = &study.levers {
+        let _ = writeln!(text, "  {}", levers.text());
     }
     for note in study.notes() {
         let _ = writeln!(text, "  note: {note}");

@@ -4,6 +4,7 @@ pub mod design;
 mod draft;
 pub mod figure;
 pub mod files;
+pub mod levers;
 pub mod limits;
 pub mod manifest;
 pub mod peers;

@@ -48,6 +48,8 @@ pub struct Report {
     pub areas: Vec<AreaPoint>,
     /// Areas by limit, as lines of text; empty if nobody asked for them.
     pub limits: String,
+    /// Areas in other loops, as lines of text; empty if nobody asked for them.
+    pub levers: String,
     /// Remarks, one sentence each.
     pub notes: Vec<String>,
     /// The scene file as it was read.
@@ -75,6 +77,7 @@ pub fn html(report: &Report) -> String {
         &[
             ("Areas", areas(report)),
             ("Limits", scene(&report.limits)),
+            ("When the loop acts", scene(&report.levers)),
             ("Notes", notes(&report.notes)),
             ("Scene", scene(&report.scene)),
             ("Provenance", provenance(&report.provenance)),
@@ -274,6 +277,7 @@ mod tests {
                 .collect(),
             areas: vec![row(500.0, 2.65e7), row(1200.0, 4.17e7), row(1700.0, 4.55e7)],
             limits: "1 um".to_owned(),
+            levers: String::new(),
             notes: vec!["a < b".to_owned()],
             scene: "[device]\nname = \"<script>\"\n".to_owned(),
             provenance: vec![("version".to_owned(), "0.1.0 & more".to_owned())],

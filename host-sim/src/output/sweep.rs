@@ -12,6 +12,7 @@ use crate::{
         SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
+        levers::{LeverStudy, LeverSummary},
         limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
         report::{self, Report, ReportFigure},
@@ -25,7 +26,7 @@ use crate::{
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 16] = [
+pub const FILES: [&str; 19] = [
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -41,11 +42,15 @@ pub const FILES: [&str; 16] = [
     LIMITS,
     "limits.svg",
     "limits.png",
+    LEVERS,
+    "levers.svg",
+    "levers.png",
     MANIFEST,
 ];
 
 const SENSITIVITY: &str = "sensitivity.csv";
 const LIMITS: &str = "limits.csv";
+const LEVERS: &str = "levers.csv";
 
 /// The result of one variant of a scene.
 #[derive(Clone, Debug)]
@@ -77,6 +82,8 @@ pub struct Study {
     pub variants: Vec<VariantResult>,
     /// Other limits; `None` if nobody asked for them.
     pub limits: Option<LimitStudy>,
+    /// Other loops, if they were asked for.
+    pub levers: Option<LeverStudy>,
     /// Why the limit that stands beside a plain question is left out.
     pub limits_left_out: Option<String>,
     /// The command that made it.
@@ -100,6 +107,8 @@ pub struct Summary {
     sensitivity: Vec<VariantSummary>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     limits: Vec<LimitSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    levers: Vec<LeverSummary>,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -175,6 +184,7 @@ impl Study {
             notes: self.notes(),
             sensitivity: self.variants.iter().map(variant_summary).collect(),
             limits: self.limits.as_ref().map(LimitStudy::summary).unwrap_or_default(),
+            levers: self.levers.as_ref().map(LeverStudy::summary).unwrap_or_default(),
         }
     }
 
@@ -190,11 +200,18 @@ impl Study {
             outputs.add_figure(to, "limits", &shown.figure)?;
             figures.push(shown);
         }
+        if let Some(shown) = self.levers_figure()? {
+            outputs.add_figure(to, "levers", &shown.figure)?;
+            figures.push(shown);
+        }
         outputs.add(to, "boundary.csv", self.boundary_csv().as_bytes())?;
         outputs.add(to, "areas.csv", self.areas_csv().as_bytes())?;
         outputs.add(to, "envelope.csv", self.envelope_csv().as_bytes())?;
         if !self.variants.is_empty() {
             outputs.add(to, SENSITIVITY, self.sensitivity_csv().as_bytes())?;
+        }
+        if let Some(levers) = &self.levers {
+            outputs.add(to, LEVERS, levers.csv().as_bytes())?;
         }
         if let Some(limits) = &self.limits {
             outputs.add(to, LIMITS, limits.csv().as_bytes())?;
@@ -286,6 +303,14 @@ impl Study {
         Ok(figure.map(|figure| ReportFigure { figure, caption: caption.into() }))
     }
 
+    fn levers_figure(&self) -> Result<Option<ReportFigure>, Error> {
+        let Some(levers) = &self.levers else { return Ok(None) };
+        let figure = levers.figure(&self.scene.name)?;
+        let caption = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
+                       amplifier and a transmission leave of it.";
+        Ok(figure.map(|figure| ReportFigure { figure, caption: caption.into() }))
+    }
+
     fn boundary_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
@@ -341,6 +366,7 @@ impl Study {
             figures,
             areas: areas(&self.result).collect(),
             limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
+            levers: self.levers.as_ref().map(LeverStudy::text).unwrap_or_default(),
             notes,
             scene: self.scene.text.clone(),
             provenance: manifest.facts(),

@@ -18,6 +18,7 @@ mod grid;
 #[cfg(unix)]
 mod hostile;
 mod identify_command;
+mod levers;
 mod limits;
 mod telemetry;
 mod trade;

@@ -3,6 +3,7 @@
 
 pub mod envelope;
 pub mod filters;
+pub mod levers;
 pub mod limits;
 pub mod sensitivity;
 pub mod sweep;

@@ -16,6 +16,7 @@ use crate::{
     scene::{NamedScene, RmsOf, Scene, Walk},
     simulation::prepared::Numeric,
     study::{
+        levers::boards,
         limits::{Limit, LimitResult, Question, Situation, limits},
         walk::Boundaries,
     },
@@ -174,16 +175,10 @@ pub struct Loop {
 /// The scene is out of range with a board's output.
 pub fn loops(scene: &NamedScene) -> Result<Vec<Loop>, Error> {
     let mut loops = vec![Loop { name: scene.name.clone(), scene: scene.scene.clone() }];
-    for board in ["nucleo-f446re", "discovery-f407"] {
-        let board = NamedScene::load(board)?;
-        let mut own = scene.scene.clone();
-        let rates = own.control.rate_hz / board.scene.control.rate_hz;
-        own.actuator.latency = board.scene.actuator.latency * rates;
-        own.output = board.scene.output;
-        own.check().map_err(Error::Input)?;
+    for (name, own) in boards(&scene.scene)? {
         let is_there = loops.iter().any(|other| other.scene == own);
         if !is_there {
-            loops.push(Loop { name: board.name, scene: own });
+            loops.push(Loop { name, scene: own });
         }
     }
     Ok(loops)

@@ -1,0 +1,333 @@
+//! What `sweep --levers` writes: a table for programs, one for people, one picture.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::{
+    SCHEMA_VERSION,
+    figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
+    limits::{grid, millions, name, value},
+};
+use crate::{
+    notation::number,
+    scene::PushBy,
+    study::{
+        levers::{Between, Lever, LeverQuestion, LeverResult, Walked},
+        limits::Limit,
+    },
+};
+
+const HEADER: &str = "loop,output_period_samples,latency_samples,between,push,limit,limit_unit,estimator,cutoff_hz,\
+                      area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,stiffness_peak_n_per_m,\
+                      damping_max_n_s_per_m,capped_walks,walks,stiffness_start_n_per_m,stiffness_step_n_per_m,\
+                      stiffness_max_n_per_m,damping_start_n_s_per_m,damping_step_n_s_per_m,\
+                      damping_max_tried_n_s_per_m,schema_version";
+
+/// Question and answer.
+#[derive(Clone, Debug)]
+pub struct LeverStudy {
+    /// What was asked.
+    pub question: LeverQuestion,
+    /// By loop, limit and push.
+    pub results: Vec<LeverResult>,
+}
+
+/// One loop under one limit and push, in `summary.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct LeverSummary {
+    #[serde(rename = "loop")]
+    of_loop: String,
+    output_period_samples: u32,
+    latency_samples: f64,
+    between: &'static str,
+    push: &'static str,
+    limit: f64,
+    limit_unit: &'static str,
+    ideal_cutoff_hz: Option<f64>,
+    ideal_cutoff_range_hz: Option<[f64; 2]>,
+    area_at_ideal_n2_s_per_m2: f64,
+    /// Times the area of the scene as it is.
+    times_the_scene: Option<f64>,
+    stiffness_peak_n_per_m: f64,
+    is_capped: bool,
+    true_velocity_area_n2_s_per_m2: Option<f64>,
+}
+
+/// `10 MN/m`, `230 kN/m`, `45 N/m`.
+fn stiffness(n_per_m: f64) -> String {
+    let (scaled, unit) = match n_per_m {
+        k if k >= 1e6 => (k / 1e6, "MN/m"),
+        k if k >= 1e3 => (k / 1e3, "kN/m"),
+        k => (k, "N/m"),
+    };
+    format!(
+        "{} {unit}",
+        if scaled >= 99.5 { format!("{scaled:.0}") } else { format!("{scaled:.2}") }
+    )
+}
+
+/// A factor with three digits.
+fn times(factor: f64) -> String {
+    let decimals = match factor {
+        f if f >= 99.95 => 0,
+        f if f >= 9.995 => 1,
+        _ => 2,
+    };
+    number(factor, decimals)
+}
+
+fn peak(walked: &Walked) -> f64 {
+    walked.boundaries.stiffness_peak_n_per_m()
+}
+
+impl LeverStudy {
+    fn lever(&self, result: &LeverResult) -> &Lever {
+        &self.question.levers[result.lever]
+    }
+
+    /// That limit and push in the loop of that place.
+    fn of(&self, lever: usize, limit: Limit, push: PushBy) -> Option<&LeverResult> {
+        let same = |r: &&LeverResult| r.lever == lever && r.limit == limit && r.push == push;
+        self.results.iter().find(same)
+    }
+
+    /// Times the area of the scene as it is.
+    fn times(&self, result: &LeverResult) -> Option<f64> {
+        let own = self.of(0, result.limit, result.push)?.area();
+        (own > 0.0).then(|| result.area() / own)
+    }
+
+    /// `levers.csv`.
+    pub fn csv(&self) -> String {
+        let mut text = format!("{HEADER}\n");
+        for result in &self.results {
+            let Lever { of_loop, between, scene } = self.lever(result);
+            let (limit, unit) = value(result.limit);
+            let estimated =
+                result.cutoffs.iter().map(|(cutoff_hz, walked)| (cutoff_hz.to_string(), walked));
+            let told = [(String::new(), &result.told)];
+            let told = told.into_iter().filter(|(_, walked)| !walked.boundaries.is_empty());
+            for (cutoff_hz, walked) in estimated.chain(told) {
+                let Walked { boundaries, walk } = walked;
+                let [low, high] = boundaries.area_range();
+                let grid = grid(walk).map(|value| value.to_string()).join(",");
+                let estimator = if cutoff_hz.is_empty() { "true-velocity" } else { "scene" };
+                let _ = writeln!(
+                    text,
+                    "{of_loop},{},{},{},{},{limit},{unit},{estimator},{cutoff_hz},{},{low},{high},{},{},{},{},{grid},\
+                     {SCHEMA_VERSION}",
+                    scene.actuator.period,
+                    scene.actuator.latency,
+                    between.name(),
+                    result.push.name(),
+                    boundaries.area(),
+                    boundaries.stiffness_peak_n_per_m(),
+                    boundaries.damping_max_n_s_per_m(),
+                    boundaries.capped(),
+                    boundaries.len(),
+                );
+            }
+        }
+        text
+    }
+
+    /// For `summary.json`.
+    pub fn summary(&self) -> Vec<LeverSummary> {
+        let summary = |result: &LeverResult| {
+            let Lever { of_loop, between, scene } = self.lever(result);
+            let (limit, limit_unit) = value(result.limit);
+            let ideal = result.sweep().ideal;
+            let best = result.best();
+            LeverSummary {
+                of_loop: of_loop.clone(),
+                output_period_samples: scene.actuator.period,
+                latency_samples: scene.actuator.latency,
+                between: between.name(),
+                push: result.push.name(),
+                limit,
+                limit_unit,
+                ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
+                ideal_cutoff_range_hz: ideal.map(|ideal| ideal.range_hz),
+                area_at_ideal_n2_s_per_m2: result.area(),
+                times_the_scene: self.times(result),
+                stiffness_peak_n_per_m: best.map_or(0.0, peak),
+                is_capped: best.is_some_and(|walked| walked.boundaries.capped() > 0),
+                true_velocity_area_n2_s_per_m2: (!result.told.boundaries.is_empty())
+                    .then(|| result.told.boundaries.area()),
+            }
+        };
+        self.results.iter().map(summary).collect()
+    }
+
+    /// The tables for people, one for each limit and push, and what limits the scene's walls first.
+    pub fn text(&self) -> String {
+        let mut text = String::from(
+            "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; > cut at a cap",
+        );
+        for &limit in &self.question.limits {
+            for &push in &self.question.pushes {
+                self.table(&mut text, limit, push);
+            }
+        }
+        text
+    }
+
+    fn table(&self, text: &mut String, limit: Limit, push: PushBy) {
+        let _ = write!(
+            text,
+            "\n  limit {}, the {} pushes\n  {:<16} {:>6}",
+            name(limit),
+            push.name(),
+            "loop",
+            "period"
+        );
+        for between in Between::ALL {
+            let _ = write!(text, "  {:>24}", between.name());
+        }
+        let _ = write!(text, "  {:>13}", "true velocity");
+        let mut rows: Vec<(&str, u32)> = vec![];
+        for lever in &self.question.levers {
+            let row = (lever.of_loop.as_str(), lever.scene.actuator.period);
+            if !rows.contains(&row) {
+                rows.push(row);
+            }
+        }
+        for (of_loop, period) in rows {
+            let _ = write!(text, "\n  {of_loop:<16} {period:>6}");
+            let of_row = |between: Between| {
+                let is_it = |lever: &Lever| {
+                    lever.of_loop == of_loop
+                        && lever.scene.actuator.period == period
+                        && lever.between == between
+                };
+                self.of(self.question.levers.iter().position(is_it)?, limit, push)
+            };
+            for between in Between::ALL {
+                let cell = of_row(between).map_or(String::new(), cell);
+                let _ = write!(text, "  {cell:>24}");
+            }
+            let told = of_row(Between::Nothing).map_or(String::new(), |result| area(&result.told));
+            let _ = write!(text, "  {told:>13}");
+        }
+        if let Some(sentence) = self.sentence(limit, push) {
+            let _ = write!(text, "\n  {sentence}");
+        }
+    }
+
+    /// What limits the scene's walls first, in one sentence.
+    pub fn sentence(&self, limit: Limit, push: PushBy) -> Option<String> {
+        let own = self.of(0, limit, push)?;
+        let scene = &self.question.levers[0].scene;
+        let base = own.best()?;
+        let area_of = base.boundaries.area();
+        let mut text = format!(
+            "{} at {} Hz, up to {}; times this area: a perfect velocity {}",
+            area(base),
+            own.sweep().ideal?.cutoff_hz,
+            stiffness(peak(base)),
+            times(own.told.boundaries.area() / area_of)
+        );
+        let period = scene.actuator.period;
+        let first = self
+            .question
+            .levers
+            .iter()
+            .find(|lever| lever.of_loop != self.question.levers[0].of_loop);
+        for (of_period, what) in
+            [(period, "the latency of"), (1, "its latency and an output for every sample, of")]
+        {
+            let of_board = self.question.levers.iter().position(|lever| {
+                Some(&lever.of_loop) == first.map(|first| &first.of_loop)
+                    && lever.scene.actuator.period == of_period
+                    && lever.between == Between::Nothing
+            });
+            if let Some(result) = of_board.and_then(|place| self.of(place, limit, push)) {
+                let of_loop = &self.lever(result).of_loop;
+                let _ = write!(text, ", {what} {of_loop} {}", times(result.area() / area_of));
+            }
+        }
+        for (place, lever) in self.question.levers.iter().enumerate() {
+            let own_loop = lever.of_loop == self.question.levers[0].of_loop
+                && lever.scene.actuator.period == period;
+            if own_loop
+                && lever.between != Between::Nothing
+                && let Some(result) = self.of(place, limit, push)
+            {
+                let _ =
+                    write!(text, ", {} {}", lever.between.text(), times(result.area() / area_of));
+            }
+        }
+        Some(text)
+    }
+
+    /// Area at the ideal cutoff against the output period, a panel for each limit by motor.
+    pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
+        let Some(&push) = self.question.pushes.first() else { return Ok(None) };
+        let mut loops: Vec<&str> = vec![];
+        for lever in &self.question.levers {
+            if !loops.contains(&lever.of_loop.as_str()) {
+                loops.push(&lever.of_loop);
+            }
+        }
+        let mut series = vec![];
+        // the boards act almost alike: the scene's own loop and the first of them
+        for (place, of_loop) in loops.into_iter().take(2).enumerate() {
+            for (n, between) in Between::ALL.into_iter().enumerate() {
+                let points = |limit: &Limit| -> Vec<[f64; 2]> {
+                    let of_it = self.results.iter().filter(|result| {
+                        let lever = self.lever(result);
+                        (lever.of_loop.as_str(), lever.between) == (of_loop, between)
+                            && (result.limit, result.push) == (*limit, push)
+                    });
+                    let mut points: Vec<[f64; 2]> = of_it
+                        .map(|r| [f64::from(self.lever(r).scene.actuator.period), r.area()])
+                        .filter(|[_, area]| *area > 0.0)
+                        .collect();
+                    points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                    points
+                };
+                series.push(TradeSeries {
+                    name: format!("{of_loop}, {}", between.name()),
+                    colour: n,
+                    mark: if place == 0 { Mark::Diamond } else { Mark::Circle },
+                    points: self.question.limits.iter().map(points).collect(),
+                });
+            }
+        }
+        if series.iter().flat_map(|series| &series.points).all(Vec::is_empty) {
+            return Ok(None);
+        }
+        let panel = |limit: &Limit| TradePanel {
+            title: format!("Limit {}", name(*limit)),
+            y_title: "Area at the ideal cutoff [N² s/m²]".into(),
+            limit: None,
+            floor: 1.0,
+            front: vec![],
+        };
+        trade(&TradePlot {
+            title: format!("When the loop acts, {scene}"),
+            subtitle: format!("RMS of motion, the {} pushes", push.name()),
+            legend: "Loop, and what is between".into(),
+            x_title: "Samples from output to output".into(),
+            panels: self.question.limits.iter().map(panel).collect(),
+            series,
+            lines: true,
+        })
+        .map(Some)
+    }
+}
+
+fn area(walked: &Walked) -> String {
+    let cut = if walked.boundaries.capped() > 0 { ">" } else { "" };
+    format!("{cut}{}", millions(walked.boundaries.area()))
+}
+
+fn cell(result: &LeverResult) -> String {
+    let Some(ideal) = result.sweep().ideal else { return "no stable wall".into() };
+    let area = result.best().map_or(String::new(), area);
+    match ideal.range_hz {
+        [low, high] if low == high => format!("{area} ({low})"),
+        [low, high] => format!("{area} ({low} to {high})"),
+    }
+}

@@ -1,0 +1,418 @@
+//! What limits the walls first: when the loop acts, how often, what is between it and the handle, or the velocity.
+//!
+//! The same device in other loops: the scene's own, and with the latency and the output stage of each board, whose output
+//! comes every ten samples or more often; each also with an amplifier of [`AMPLIFIER_HZ`], and with a handle on a
+//! transmission beside it, so that what a loop could hold is not promised to a belt. In each the areas by limit, push and
+//! cutoff, and what the true velocity would reach.
+//!
+//! **Steps.** Areas differ by five powers of ten, so a grid of one size would be too coarse or endless. Each boundary is
+//! walked with steps that get smaller by [`FINER`] until it is at least [`RESOLVED`] steps of K high and of B wide.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use super::{
+    limits::{Limit, LimitResult, Question, Situation, limits},
+    sweep::{CutoffResult, SweepResult, ascending},
+    walk::Boundaries,
+};
+use crate::{
+    engine::Engine,
+    error::Error,
+    scene::{
+        NamedScene, PushBy, RmsOf, Scene, Walk,
+        element::{Amplifier, Mode},
+    },
+    simulation::prepared::Numeric,
+};
+
+/// Samples from one output to the next that the boards can do.
+pub const PERIODS: [u32; 4] = [10, 5, 2, 1];
+/// Bandwidth of the amplifier that a loop may have, Hz.
+pub const AMPLIFIER_HZ: f64 = 1000.0;
+/// The transmission: handle's share of the device's mass, frequency of the two against each other in Hz, damping ratio.
+pub const MODE: [f64; 3] = [0.24, 150.0, 0.03];
+/// Factor from one size of steps to the next.
+pub const FINER: f64 = 2.0;
+/// Least height and width of a boundary, steps of K and of B.
+pub const RESOLVED: [f64; 2] = [32.0, 24.0];
+/// Steps of K and of B from 0 to the caps with the largest steps: boundaries are some 200 to 500 times higher than wide.
+const COARSEST: [f64; 2] = [200.0, 20.0];
+/// Sizes of steps that are tried: a walk may have a million.
+const SIZES: i32 = 13;
+
+/// A device in a loop.
+#[derive(Clone, Debug)]
+pub struct Lever {
+    /// Name of the loop: the scene's own, or that of a board.
+    pub of_loop: String,
+    /// What stands between the output and the handle, beside what the scene has.
+    pub between: Between,
+    /// All of it.
+    pub scene: Scene,
+}
+
+/// What a loop has between its output and the handle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Between {
+    /// What the scene has.
+    Nothing,
+    /// An amplifier.
+    Amplifier,
+    /// An amplifier, and a handle on a transmission.
+    Transmission,
+}
+
+impl Between {
+    /// In their order.
+    pub const ALL: [Self; 3] = [Self::Nothing, Self::Amplifier, Self::Transmission];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nothing => "as-is",
+            Self::Amplifier => "amplifier",
+            Self::Transmission => "amplifier-and-mode",
+        }
+    }
+
+    /// For people.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Nothing => "as it is",
+            Self::Amplifier => "an amplifier of 1 kHz",
+            Self::Transmission => "that and a handle on a transmission of 150 Hz",
+        }
+    }
+}
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct LeverQuestion {
+    /// The loops.
+    pub levers: Vec<Lever>,
+    /// Limits of the RMS of the motion or of what is felt.
+    pub limits: Vec<Limit>,
+    /// Who pushes.
+    pub pushes: Vec<PushBy>,
+    /// Nominal cutoffs, Hz.
+    pub cutoffs_hz: Vec<f64>,
+    /// Walks of each.
+    pub repeats: u32,
+}
+
+impl LeverQuestion {
+    /// Loops by limit and push.
+    pub fn tasks(&self) -> usize {
+        self.levers.len() * self.limits.len() * self.pushes.len()
+    }
+
+    /// Walks with each size of steps, with the true velocity.
+    pub fn walks(&self) -> usize {
+        self.tasks() * (self.cutoffs_hz.len() + 1) * self.repeats as usize
+    }
+}
+
+/// Boundaries and the grid on which they were walked.
+#[derive(Clone, Debug)]
+pub struct Walked {
+    /// The boundaries.
+    pub boundaries: Boundaries,
+    /// Their grid.
+    pub walk: Walk,
+}
+
+/// One loop under one limit and push.
+#[derive(Clone, Debug)]
+pub struct LeverResult {
+    /// Place of its loop in the question.
+    pub lever: usize,
+    /// The limit.
+    pub limit: Limit,
+    /// Who pushes.
+    pub push: PushBy,
+    /// By cutoff, ascending.
+    pub cutoffs: Vec<(f64, Walked)>,
+    /// With the true velocity; nothing where an amplifier or a transmission is added.
+    pub told: Walked,
+}
+
+impl LeverResult {
+    /// The ideal cutoff and its range.
+    pub fn sweep(&self) -> SweepResult {
+        let cutoffs = self.cutoffs.iter().map(|(cutoff_hz, walked)| CutoffResult {
+            cutoff_hz: *cutoff_hz,
+            true_cutoff_hz: *cutoff_hz,
+            boundaries: walked.boundaries.clone(),
+            settles_in_s: None,
+        });
+        SweepResult::of(cutoffs.collect())
+    }
+
+    /// What the ideal cutoff walked; `None` if no wall is stable at any.
+    pub fn best(&self) -> Option<&Walked> {
+        let ideal = self.sweep().ideal?.cutoff_hz;
+        self.cutoffs.iter().find(|(cutoff_hz, _)| *cutoff_hz == ideal).map(|(_, walked)| walked)
+    }
+
+    /// Area at the ideal cutoff, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        self.best().map_or(0.0, |walked| walked.boundaries.area())
+    }
+}
+
+/// The loops of a scene, its own first. A board that the scene already is stands once.
+///
+/// # Errors
+/// The scene is out of range with a board's output.
+pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
+    let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
+    for (place, (name, of_board)) in boards(&scene.scene)?.into_iter().enumerate() {
+        // the second board acts almost as the first: the ends will do
+        for period in PERIODS.into_iter().filter(|period| place == 0 || [1, 10].contains(period)) {
+            let mut own = of_board.clone();
+            own.actuator.period = period;
+            if loops.iter().all(|(_, other)| *other != own) {
+                loops.push((name.clone(), own));
+            }
+        }
+    }
+    let mut levers = vec![];
+    for (of_loop, scene) in loops {
+        for between in Between::ALL {
+            let mut changed = scene.clone();
+            if between != Between::Nothing && changed.amplifier.is_none() {
+                changed.amplifier = Some(Amplifier { bandwidth_hz: AMPLIFIER_HZ });
+            }
+            if between == Between::Transmission && changed.mode.is_none() {
+                changed.mode = Some(transmission(changed.device.mass_kg));
+            }
+            let is_there = levers.iter().any(|lever: &Lever| lever.scene == changed);
+            // a scene whose own elements leave no room for these has its loops without them
+            if !is_there && changed.check().is_ok() {
+                levers.push(Lever { of_loop: of_loop.clone(), between, scene: changed });
+            }
+        }
+    }
+    Ok(levers)
+}
+
+/// The handle on a transmission beside a device of that mass.
+fn transmission(mass_kg: f64) -> Mode {
+    let [share, frequency_hz, ratio] = MODE;
+    let handle_kg = share * mass_kg;
+    let reduced_kg = handle_kg * mass_kg / (handle_kg + mass_kg);
+    let per_s = 2.0 * std::f64::consts::PI * frequency_hz;
+    Mode {
+        mass_kg: handle_kg,
+        stiffness_n_per_m: reduced_kg * per_s * per_s,
+        damping_n_s_per_m: 2.0 * ratio * reduced_kg * per_s,
+    }
+}
+
+/// The scene with the latency and the output stage of each board.
+///
+/// # Errors
+/// It is out of range with them.
+pub fn boards(scene: &Scene) -> Result<Vec<(String, Scene)>, Error> {
+    let mut boards = vec![];
+    for name in ["nucleo-f446re", "discovery-f407"] {
+        let board = NamedScene::load(name)?;
+        let mut own = scene.clone();
+        let rates = own.control.rate_hz / board.scene.control.rate_hz;
+        own.actuator.latency = board.scene.actuator.latency * rates;
+        own.output = board.scene.output;
+        own.check().map_err(Error::Input)?;
+        boards.push((board.name, own));
+    }
+    Ok(boards)
+}
+
+/// The grid of that size.
+fn grid(own: &Walk, size: i32) -> Walk {
+    let finer = FINER.powi(size);
+    let [high, wide] = COARSEST;
+    let k = own.stiffness_max_n_per_m / high / finer;
+    let b = own.damping_max_n_s_per_m / wide / finer;
+    Walk {
+        stiffness_start_n_per_m: k,
+        stiffness_step_n_per_m: k,
+        damping_start_n_s_per_m: b,
+        damping_step_n_s_per_m: b,
+        ..*own
+    }
+}
+
+impl Walked {
+    /// How many sizes of steps it lacks to be resolved; `None` if it is.
+    fn finer(&self) -> Option<i32> {
+        let high = self.boundaries.stiffness_peak_n_per_m() / self.walk.stiffness_step_n_per_m;
+        let wide = self.boundaries.damping_max_n_s_per_m() / self.walk.damping_step_n_s_per_m;
+        let [high_enough, wide_enough] = RESOLVED;
+        let lacks = f64::max(high_enough / high, wide_enough / wide);
+        if lacks <= 1.0 {
+            return None;
+        }
+        // a boundary of few steps says little about its size
+        let sure = high >= 4.0 && wide >= 4.0;
+        #[expect(clippy::cast_possible_truncation, reason = "at most RESOLVED over 4")]
+        let more = if sure { (lacks.log2() / FINER.log2()).ceil() as i32 } else { 1 };
+        Some(more.max(1))
+    }
+}
+
+/// Walks every loop. The answer depends neither on the number of threads nor on `engine`; `done` is called for each
+/// loop, limit and push.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn walk_levers(
+    engine: Engine,
+    question: &LeverQuestion,
+    numeric: Numeric,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Vec<LeverResult>, Error> {
+    let cutoffs_hz = ascending(&question.cutoffs_hz);
+    let asked = question.limits.iter().flat_map(|&limit| {
+        let of_limit = question.pushes.iter().map(move |&push| (limit, push));
+        of_limit.flat_map(|(limit, push)| {
+            (0..question.levers.len()).map(move |lever| (lever, limit, push))
+        })
+    });
+    let asked: Vec<_> = asked.collect();
+    let of = |&(lever, limit, push): &(usize, Limit, PushBy)| {
+        let scene = &question.levers[lever].scene;
+        let none = Walked { boundaries: Boundaries::default(), walk: grid(&scene.walk, 0) };
+        let cutoffs = cutoffs_hz.iter().map(|&hz| (hz, none.clone())).collect();
+        let mut found = LeverResult { lever, limit, push, cutoffs, told: none };
+        let own = question.levers[lever].between == Between::Nothing;
+        // the size that each is walked with next; the true velocity stands at the end
+        let mut next = vec![Some(0); cutoffs_hz.len()];
+        next.push(own.then_some(0));
+        while let Some(size) = next.iter().flatten().min().copied() {
+            let due = |place: usize| next[place] == Some(size);
+            let cutoffs = cutoffs_hz.iter().enumerate().filter(|(place, _)| due(*place));
+            let asked = Question {
+                limits: vec![limit],
+                rms_of: RmsOf::Motion,
+                cutoffs_hz: cutoffs.map(|(_, cutoff_hz)| *cutoff_hz).collect(),
+                repeats: question.repeats,
+                walk: grid(&scene.walk, size),
+                situations: vec![Situation { push, arm: None }],
+                told: due(cutoffs_hz.len()),
+            };
+            for result in limits(engine, scene, &asked, numeric, stop, || ())? {
+                found.take(&asked, result);
+            }
+            let walked = found.cutoffs.iter().map(|(_, walked)| walked).chain([&found.told]);
+            for (place, walked) in next.iter_mut().zip(walked) {
+                if *place == Some(size) {
+                    *place = walked.finer().map(|more| size + more).filter(|size| *size < SIZES);
+                }
+            }
+        }
+        done();
+        Ok(found)
+    };
+    asked.par_iter().with_max_len(1).map(of).collect()
+}
+
+impl LeverResult {
+    /// What smaller steps have found.
+    fn take(&mut self, asked: &Question, LimitResult { result, told, .. }: LimitResult) {
+        let walk = asked.walk;
+        for CutoffResult { cutoff_hz, boundaries, .. } in result.cutoffs {
+            if let Some((_, place)) = self.cutoffs.iter_mut().find(|(hz, _)| *hz == cutoff_hz) {
+                *place = Walked { boundaries, walk };
+            }
+        }
+        if asked.told {
+            self.told = Walked { boundaries: told, walk };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(name: &str) -> NamedScene {
+        NamedScene::load(name).unwrap()
+    }
+
+    #[test]
+    fn each_loop_stands_once_with_what_is_between() {
+        let of = |name: &str| levers(&scene(name)).unwrap();
+        assert_eq!(of("paper-1um").len(), (1 + 4 + 2) * 3);
+        assert_eq!(of("nucleo-f446re").len(), (4 + 2) * 3);
+        for lever in of("paper-1um") {
+            lever.scene.check().unwrap();
+            let has = (lever.scene.amplifier.is_some(), lever.scene.mode.is_some());
+            assert_eq!(
+                has,
+                (lever.between != Between::Nothing, lever.between == Between::Transmission)
+            );
+        }
+        let mut own = scene("paper-1um");
+        own.scene.amplifier = Some(Amplifier { bandwidth_hz: 400.0 });
+        let kept = levers(&own).unwrap();
+        assert!(kept.iter().all(|lever| lever.scene.amplifier == own.scene.amplifier));
+        assert!(kept.iter().all(|lever| lever.between != Between::Amplifier));
+    }
+
+    /// Two masses on a spring swing against each other at the root of the stiffness over their reduced mass.
+    #[test]
+    fn the_transmission_swings_at_its_frequency() {
+        let mode = transmission(0.416);
+        let [k, m, h] = [mode.stiffness_n_per_m, 0.416, mode.mass_kg];
+        let per_s = (k / m + k / h).sqrt();
+        assert!((per_s / (2.0 * std::f64::consts::PI) - 150.0).abs() < 1e-9);
+        let decay_per_s = mode.damping_n_s_per_m * (1.0 / m + 1.0 / h) / 2.0;
+        assert!((decay_per_s / per_s - 0.03).abs() < 1e-12);
+        assert!((h - 0.1).abs() < 2e-4);
+    }
+
+    /// A short hit, so that it is quick.
+    #[test]
+    fn boundaries_of_any_size_are_resolved_and_no_finer_than_they_need() {
+        let mut scene = scene("paper-1um");
+        (scene.scene.wall_hit.settle_s, scene.scene.wall_hit.window_s) = (1.5, 0.2);
+        let all = levers(&scene).unwrap();
+        let of = |n: usize| all[n].clone();
+        let question = LeverQuestion {
+            levers: vec![of(0), of(3)],
+            limits: vec![Limit::Rms(1.5e-5), Limit::Rms(1e-6)],
+            pushes: vec![PushBy::Motor],
+            cutoffs_hz: vec![1000.0, 300.0],
+            repeats: 1,
+        };
+        let stop = AtomicBool::new(false);
+        let walk = |engine| walk_levers(engine, &question, Numeric::Fixed, &stop, || ()).unwrap();
+        let found = walk(Engine::lanes());
+        assert_eq!(found.len(), 4);
+        for result in &found {
+            let told = [&result.told];
+            for walked in result.cutoffs.iter().map(|(_, walked)| walked).chain(told) {
+                let high =
+                    walked.boundaries.stiffness_peak_n_per_m() / walked.walk.stiffness_step_n_per_m;
+                let wide =
+                    walked.boundaries.damping_max_n_s_per_m() / walked.walk.damping_step_n_s_per_m;
+                assert!(high >= RESOLVED[0] && wide >= RESOLVED[1], "{high} x {wide}");
+                let coarser = f64::min(high / RESOLVED[0], wide / RESOLVED[1]);
+                assert!(coarser < 2.5 * FINER, "{high} x {wide}");
+            }
+        }
+        let hz: Vec<f64> = found[0].cutoffs.iter().map(|(hz, _)| *hz).collect();
+        assert_eq!(hz, [300.0, 1000.0]);
+        // sooner is more, and a smaller limit less
+        let area = |n: usize| found[n].area();
+        assert!(area(1) > 10.0 * area(0) && area(2) < area(0) && area(3) < area(1));
+        // the same bits, whoever walks
+        let core = walk(Engine::Core);
+        for (one, other) in found.iter().zip(&core) {
+            assert_eq!(one.area(), other.area());
+        }
+    }
+}
