@@ -300,7 +300,7 @@ impl LeverStudy {
         }
         let panel = |limit: &Limit| TradePanel {
             title: format!("Limit {}", name(*limit)),
-            y_title: "Area at the ideal cutoff [N² s/m²]".into(),
+            y_title: "Area [N² s/m²]".into(),
             limit: None,
             floor: 1.0,
             front: vec![],
@@ -309,7 +309,7 @@ impl LeverStudy {
             title: format!("When the loop acts, {scene}"),
             subtitle: format!("RMS of motion, the {} pushes", push.name()),
             legend: "Loop, and what is between".into(),
-            x_title: "Samples from output to output".into(),
+            x_title: "Output period [samples]".into(),
             panels: self.question.limits.iter().map(panel).collect(),
             series,
             lines: true,

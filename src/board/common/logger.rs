@@ -12,7 +12,7 @@ use core::{
 
 use rtt_target::{ChannelMode, UpChannel};
 
-use super::{mask, rtt::Buffer};
+use super::{control_block::Buffer, mask};
 
 /// Longest frame, bytes after encoding; a longer one is dropped.
 const FRAME_BYTES: usize = 256;

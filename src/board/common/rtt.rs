@@ -14,6 +14,8 @@
 use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
 use zwidth::contract;
 
+use super::control_block::Buffer;
+
 pub use super::logger::dropped as log_dropped;
 
 /// What the link task owns.
@@ -24,42 +26,6 @@ pub struct Channels {
     pub replies: UpLink,
     /// Down 0.
     pub commands: Commands,
-}
-
-/// Sizes of the buffers of up 0 to 2 and of down 0, in the order of the control block.
-const SIZES: [u32; 4] = [4096, 8192, 1024, 256];
-
-unsafe extern "C" {
-    /// The control block, as `rtt_init` has it: 24 bytes, then 24 for each channel.
-    static _SEGGER_RTT: u32;
-}
-
-/// A channel's words: name, buffer, size, write, read, flags.
-const WORDS: usize = 6;
-
-/// Where a channel's buffer is. The control block is in RAM, and a host writes there: a wrong address or size would send
-/// what is written into the memory of a task.
-pub(in crate::board) struct Buffer {
-    channel: usize,
-    address: u32,
-}
-
-impl Buffer {
-    fn of(channel: usize) -> Self {
-        Self { channel, address: Self::word(channel, 1) }
-    }
-
-    fn word(channel: usize, word: usize) -> u32 {
-        // SAFETY: within the control block, aligned; a host may write there, hence volatile.
-        unsafe { (&raw const _SEGGER_RTT).add(WORDS * (1 + channel) + word).read_volatile() }
-    }
-
-    /// The control block still says so.
-    #[inline]
-    pub(in crate::board) fn holds(&self) -> bool {
-        let size = SIZES.get(self.channel).copied();
-        Self::word(self.channel, 1) == self.address && Some(Self::word(self.channel, 2)) == size
-    }
 }
 
 /// A channel towards the host that drops what does not fit.
