@@ -345,11 +345,15 @@ fn tuned() -> impl Strategy<Value = VelocitySettings> {
         let defaults = name.defaults();
         let between = |low: f64, high: f64| low * (high / low).powf(part);
         let Some((parameter, default)) = defaults.tuning() else { return defaults };
-        defaults.with_tuning(match parameter.unit {
+        let value = match parameter.unit {
             "Hz" => between(2.0, 2400.0),
             "samples" => between(2.0, 32.0).round(),
             _ => default * between(0.3, 30.0),
-        })
+        };
+        // what some of them do not take becomes the nearest that they do
+        let design = NamedScene::load("paper-1um").unwrap().scene.design();
+        let allowed = defaults.with_tuning(f64::NAN).build(&design).unwrap_err().range;
+        defaults.with_tuning(value.clamp(*allowed.start(), *allowed.end()))
     })
 }
 
