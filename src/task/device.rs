@@ -1,6 +1,7 @@
 //! The device that the firmware controls, as numbers: what cannot be tuned while it runs.
 //!
-//! They are those of the scene with the board's name: the paper's device on this board. Another device is
+//! Device, encoder, actuator and sampling are those of the scene with the board's name: the paper's device on this
+//! board. What a walk tries is smaller than there, and nothing pushes until somebody says so. Another device is
 //! another set of them here; its envelope, from `cargo sim sweep`, goes with it
 //! (`scenes/BOARD.envelope.csv`, taken in by build.rs).
 
