@@ -51,7 +51,7 @@ fn below(study: &DesignStudy, peak_db: f64) -> f64 {
 
 /// The independent f64 search's areas, less what fixed point may cost.
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: .ci/long design"]
 fn the_front_holds_the_areas_of_an_independent_search() {
     for (name, wanted) in [
         ("paper-1um", [(f64::INFINITY, 118.0), (6.0, 83.0), (3.0, 63.0)]),
@@ -73,7 +73,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
 
 /// A limit of 1 um of the true motion, steps 500 N/m and 5 N s/m.
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {
     for (name, least) in [("paper-1um", 15.0), ("paper-2um", 9.1)] {
         let mut scene = scene(name);
@@ -90,7 +90,7 @@ fn quiet_walls_have_their_filter_too() {
 }
 
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: .ci/long design"]
 fn ten_seeds_find_the_same_area() {
     let areas: Vec<f64> = (1..=10)
         .map(|seed| below(&ask(one(scene("paper-1um")), Some(6.0), 3000, seed), 6.0))
@@ -103,7 +103,7 @@ fn ten_seeds_find_the_same_area() {
 
 /// Motor and hand, the free handle and both arms: against kalman-3 in the tuning of docs/comparison.md.
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: .ci/long design"]
 fn designed_for_the_worst_of_six_it_holds_in_each_what_kalman_3_does() {
     let base = scene("paper-1um");
     let mut conditions = vec![];
