@@ -99,6 +99,7 @@ fn grid(
 }
 
 #[test]
+#[ignore = "CI runs it, and a longer one"]
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
     let (walked, _) = both(NUCLEO_F446RE, |scene| {
         grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.2]);
