@@ -7,10 +7,9 @@ use serde::Serialize;
 use super::{
     SCHEMA_VERSION,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
-    limits::{grid, millions, name, value},
+    limits::{grid, millions, name, range, three_digits, value},
 };
 use crate::{
-    notation::number,
     scene::PushBy,
     study::{
         levers::{Between, Lever, LeverQuestion, LeverResult, Walked},
@@ -65,16 +64,6 @@ fn stiffness(n_per_m: f64) -> String {
         "{} {unit}",
         if scaled >= 99.5 { format!("{scaled:.0}") } else { format!("{scaled:.2}") }
     )
-}
-
-/// A factor with three digits.
-fn times(factor: f64) -> String {
-    let decimals = match factor {
-        f if f >= 99.95 => 0,
-        f if f >= 9.995 => 1,
-        _ => 2,
-    };
-    number(factor, decimals)
 }
 
 fn peak(walked: &Walked) -> f64 {
@@ -226,7 +215,7 @@ impl LeverStudy {
             area(base),
             own.sweep().ideal?.cutoff_hz,
             stiffness(peak(base)),
-            times(own.told.boundaries.area() / area_of)
+            three_digits(own.told.boundaries.area() / area_of)
         );
         let period = scene.actuator.period;
         let first = self
@@ -244,7 +233,8 @@ impl LeverStudy {
             });
             if let Some(result) = of_board.and_then(|place| self.of(place, limit, push)) {
                 let of_loop = &self.lever(result).of_loop;
-                let _ = write!(text, ", {what} {of_loop} {}", times(result.area() / area_of));
+                let _ =
+                    write!(text, ", {what} {of_loop} {}", three_digits(result.area() / area_of));
             }
         }
         for (place, lever) in self.question.levers.iter().enumerate() {
@@ -254,8 +244,12 @@ impl LeverStudy {
                 && lever.between != Between::Nothing
                 && let Some(result) = self.of(place, limit, push)
             {
-                let _ =
-                    write!(text, ", {} {}", lever.between.text(), times(result.area() / area_of));
+                let _ = write!(
+                    text,
+                    ", {} {}",
+                    lever.between.text(),
+                    three_digits(result.area() / area_of)
+                );
             }
         }
         Some(text)
@@ -326,8 +320,5 @@ fn area(walked: &Walked) -> String {
 fn cell(result: &LeverResult) -> String {
     let Some(ideal) = result.sweep().ideal else { return "no stable wall".into() };
     let area = result.best().map_or(String::new(), area);
-    match ideal.range_hz {
-        [low, high] if low == high => format!("{area} ({low})"),
-        [low, high] => format!("{area} ({low} to {high})"),
-    }
+    format!("{area} ({})", range(ideal.range_hz))
 }

@@ -192,10 +192,7 @@ impl LimitStudy {
                 let area = format!("{cut}{}{star}", millions(cutoff.boundaries.area()));
                 let _ = write!(text, " {area:>7}");
             }
-            let range = ideal.map_or("none".into(), |ideal| match ideal.range_hz {
-                [low, high] if low == high => low.to_string(),
-                [low, high] => format!("{low} to {high}"),
-            });
+            let range = ideal.map_or("none".into(), |ideal| range(ideal.range_hz));
             let _ = write!(text, "  {range:>12}");
             if let Some(told) = result.told_area() {
                 let cut = if result.told.capped() > 0 { ">" } else { "" };
@@ -269,13 +266,22 @@ impl LimitStudy {
     }
 }
 
+/// `500`, or `400 to 500`.
+pub(super) fn range([low, high]: [f64; 2]) -> String {
+    if low == high { low.to_string() } else { format!("{low} to {high}") }
+}
+
 /// An area in 10^6 N^2 s/m^2, with three digits.
 pub(super) fn millions(area: f64) -> String {
-    let millions = area / MILLION;
-    let decimals = match millions {
-        m if m >= 99.95 => 0,
-        m if m >= 9.995 => 1,
+    three_digits(area / MILLION)
+}
+
+/// Three digits, two of them behind the point at most.
+pub(super) fn three_digits(value: f64) -> String {
+    let decimals = match value {
+        v if v >= 99.95 => 0,
+        v if v >= 9.995 => 1,
         _ => 2,
     };
-    number(millions, decimals)
+    number(value, decimals)
 }
