@@ -66,6 +66,7 @@ mod identify_telemetry;
 mod mailbox;
 mod panics;
 mod period;
+mod serve;
 mod snapshots;
 mod twin;
 mod walk;

@@ -1,4 +1,4 @@
-//! The command line: `cargo board run|hit|walk SCENE`, `cargo board fuzz`.
+//! The command line: `cargo board run|hit|walk|serve SCENE`, `cargo board fuzz`.
 
 use std::{
     io::{BufRead as _, IsTerminal as _, Read as _},
@@ -26,7 +26,9 @@ use crate::{
     board::{BOARDS, Board, NUCLEO_F446RE},
     elf::Elf,
     fuzz::report::{self, Fuzz},
-    image, log,
+    image,
+    link::serve,
+    log,
     mcu::{LINK, RENDER, SAMPLE},
     session::{Failed, Session, ask},
     world::World,
@@ -73,6 +75,15 @@ enum Command {
     },
     /// Random sessions of console, hand, switches and resets, held against a model of the pages.
     Fuzz(Fuzz),
+    /// The board in real time for other tools: RTT over TCP on 127.0.0.1, channel n on port PORT + n.
+    /// The first line on stdout is the address of channel 0.
+    Serve {
+        #[command(flatten)]
+        common: Common,
+        /// First of three ports; 0: any.
+        #[arg(long, value_name = "PORT", default_value_t = 9090)]
+        rtt: u16,
+    },
     /// A boundary walk over the scene's grid, run by the firmware itself.
     Walk {
         #[command(flatten)]
@@ -126,6 +137,10 @@ fn execute(command: Command) -> Result<(), Error> {
             hit(&common.session(scene)?, [cutoff, stiffness, damping], json)
         }
         Command::Fuzz(options) => report::execute(&options),
+        Command::Serve { common, rtt } => {
+            let (scene, _) = common.open(false)?;
+            serve::serve(common.session(scene)?, common.period, rtt)
+        }
         Command::Walk { common, cutoff, csv, force, json } => {
             let (scene, mut outputs) = common.open(force)?;
             let csv = outputs.option(csv.as_ref())?;

@@ -8,6 +8,7 @@ pub mod cli;
 pub mod elf;
 pub mod fuzz;
 pub mod image;
+pub mod link;
 pub mod log;
 pub mod mcu;
 pub mod rtt;

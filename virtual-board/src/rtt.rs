@@ -27,14 +27,21 @@ impl Rtt {
 
     /// Takes what an up channel holds.
     pub fn read(&self, mcu: &mut Mcu, channel: u32) -> Vec<u8> {
+        self.read_up_to(mcu, channel, usize::MAX)
+    }
+
+    /// Takes that many bytes of it at most.
+    pub fn read_up_to(&self, mcu: &mut Mcu, channel: u32, room: usize) -> Vec<u8> {
         let mut taken = Vec::new();
         if !self.is_ready(mcu) {
             return taken;
         }
         let at = self.address + HEADER + CHANNEL * channel;
         let [buffer, size, write, mut read] = [4, 8, 12, 16].map(|offset| word(mcu, at + offset));
-        while read != write && size != 0 {
+        while read != write && size != 0 && taken.len() < room {
             let end = if write > read { write } else { size };
+            let left = u32::try_from(room - taken.len()).unwrap_or(u32::MAX);
+            let end = end.min(read.saturating_add(left));
             let mut piece = vec![0; (end - read) as usize];
             mcu.read(buffer + read, &mut piece);
             taken.extend(piece);

@@ -91,6 +91,9 @@ pub struct WalkReport {
     pub virtual_s: f64,
 }
 
+/// Switches a board on, with the handle held at that place.
+type NewWorld<'a> = fn(Board, &Elf, &'a Table, &Scene, f64) -> Result<World<'a>, String>;
+
 /// Samples until the handle has come to rest after it was let go.
 const REST_SAMPLES: u64 = 15_000;
 /// Samples that `arm` takes.
@@ -111,18 +114,30 @@ impl Session {
         Ok(world)
     }
 
+    /// Booted while a hand holds the handle at the scene's 0, zeroed there, so that positions are the scene's, and let
+    /// go until it rests.
+    ///
+    /// # Errors
+    /// As [`boot`](Self::boot), or `zero` was refused.
+    pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
+        self.zeroed(World::new)
+    }
+
+    fn zeroed<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
+        let mut world = new(self.board, &self.elf, &self.table, &self.scene.scene, 0.0)?;
+        world.run(500)?;
+        ask(&mut world, "zero")?;
+        world.hold(0.0, false);
+        world.run(REST_SAMPLES)?;
+        Ok(world)
+    }
+
     /// Zeroed at the scene's 0, with its wall, push and start, armed and free.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
         let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
-        let new = if of_edges { World::with_edge_times } else { World::new };
-        let mut world = new(self.board, &self.elf, &self.table, scene, 0.0)?;
-        world.run(500)?;
-        // A hand holds it there meanwhile; its count is 0 from then on, so positions are the scene's.
-        ask(&mut world, "zero")?;
-        world.hold(0.0, false);
-        world.run(REST_SAMPLES)?;
+        let mut world = self.zeroed(if of_edges { World::with_edge_times } else { World::new })?;
         let [first, second, third, fourth] = tunings;
         for line in [
             "unlock envelope".to_owned(),

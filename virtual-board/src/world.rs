@@ -50,6 +50,8 @@ pub struct World<'a> {
     /// The handle is held where it is, or led at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
+    /// What pulls at the handle while it is not held.
+    pub finger: Option<Finger>,
     /// The motor's wires are swapped.
     pub motor_reversed: bool,
     /// A and B are swapped since the encoder stood at this count.
@@ -76,6 +78,7 @@ pub struct Snapshot {
     samples: [u64; 2],
     held: Option<f64>,
     led_m_per_s: f64,
+    finger: Option<Finger>,
     motor_reversed: bool,
     swapped_at: Option<i32>,
     log: Vec<u8>,
@@ -83,6 +86,27 @@ pub struct Snapshot {
     lines: Vec<String>,
     replies: String,
     telemetry: Vec<u8>,
+}
+
+/// A finger on the handle: a spring and a damper towards where the finger wants to be. It acts where the motor acts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finger {
+    /// Where it wants the handle, m.
+    pub target_m: f64,
+    /// Stiffness, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Damping, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// What it can do at most, N.
+    pub limit_n: f64,
+}
+
+impl Finger {
+    fn force_n(&self, position_m: f64, speed_m_per_s: f64) -> f64 {
+        let spring_n = self.stiffness_n_per_m * (self.target_m - position_m);
+        let force_n = spring_n - self.damping_n_s_per_m * speed_m_per_s;
+        force_n.clamp(-self.limit_n, self.limit_n)
+    }
 }
 
 /// Why a run ended.
@@ -178,6 +202,7 @@ impl<'a> World<'a> {
             full_scale_n: scene.full_scale_n(),
             held: Some(start_m),
             led_m_per_s: 0.0,
+            finger: None,
             motor_reversed: false,
             swapped_at: None,
             log: log::Decoder::new(table),
@@ -198,6 +223,7 @@ impl<'a> World<'a> {
             samples: [self.samples, self.stepped],
             held: self.held,
             led_m_per_s: self.led_m_per_s,
+            finger: self.finger,
             motor_reversed: self.motor_reversed,
             swapped_at: self.swapped_at,
             log: self.log.begun.clone(),
@@ -217,6 +243,7 @@ impl<'a> World<'a> {
         [self.samples, self.stepped] = from.samples;
         self.held = from.held;
         self.led_m_per_s = from.led_m_per_s;
+        self.finger = from.finger;
         self.motor_reversed = from.motor_reversed;
         self.swapped_at = from.swapped_at;
         self.log.begun.clone_from(&from.log);
@@ -268,6 +295,12 @@ impl<'a> World<'a> {
         self.plant.position_m(&self.state)
     }
 
+    /// Force of the finger on the handle, N.
+    pub fn finger_n(&self) -> f64 {
+        let Some(finger) = self.finger.filter(|_| self.held.is_none()) else { return 0.0 };
+        finger.force_n(self.position_m(), self.plant.speed_m_per_s(&self.state))
+    }
+
     /// One sample, from [`LEAD_S`] before one sampling event to the same before the next; or the rest of it.
     ///
     /// # Errors
@@ -298,7 +331,10 @@ impl<'a> World<'a> {
         let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
         let force_n = if self.motor_reversed { -force_n } else { force_n };
         match &mut self.held {
-            None => self.state = self.plant.advance(&self.state, force_n),
+            None => {
+                let force_n = force_n + self.finger_n();
+                self.state = self.plant.advance(&self.state, force_n);
+            }
             Some(place_m) if self.led_m_per_s != 0.0 => {
                 *place_m += self.led_m_per_s * self.step_s;
                 self.state = self.plant.at_rest(*place_m);

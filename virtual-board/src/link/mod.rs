@@ -1,0 +1,32 @@
+//! A board as its host sees it: bytes of RTT channels, and whether there is a board at all. Whoever talks to a board
+//! uses this and nothing else, so that it cannot tell a virtual one from a real one.
+
+mod live;
+mod rtt_tcp;
+pub mod serve;
+
+pub use live::{Begin, Finger, LiveBoard, LiveLink, Seen};
+pub use rtt_tcp::RttTcp;
+
+/// Up channels of the firmware: log, telemetry, replies.
+pub const UP_CHANNELS: usize = 3;
+/// Up channel of the defmt log.
+pub const LOG: usize = 0;
+/// Up channel of the telemetry.
+pub const TELEMETRY: usize = 1;
+/// Up channel of the replies.
+pub const REPLIES: usize = 2;
+/// Down channel of the commands.
+pub const COMMANDS: usize = 0;
+
+/// The channels of a board. Nothing here waits.
+pub trait Link: Send {
+    /// Appends what has come on up channel `channel` since it was last read.
+    fn read(&mut self, channel: usize, into: &mut Vec<u8>);
+
+    /// Sends bytes down channel `channel`; returns how many found room.
+    fn write(&mut self, channel: usize, bytes: &[u8]) -> usize;
+
+    /// Why there is no board any more, once that is so.
+    fn lost(&self) -> Option<String>;
+}

@@ -1,0 +1,85 @@
+//! RTT over TCP: a port for each channel, as OpenOCD's `rtt server` has them.
+
+use std::{
+    io::{ErrorKind, Read as _, Write as _},
+    net::{TcpStream, ToSocketAddrs as _},
+    time::Duration,
+};
+
+use super::{Link, UP_CHANNELS};
+
+/// How long a server may take to answer.
+const CONNECT: Duration = Duration::from_secs(3);
+
+/// A board behind a server: up and down channel n on TCP port P + n.
+pub struct RttTcp {
+    channels: [TcpStream; UP_CHANNELS],
+    lost: Option<String>,
+}
+
+impl RttTcp {
+    /// Connects to `HOST:PORT` and the ports after it.
+    ///
+    /// # Errors
+    /// The address is none, or nobody answers there: one line.
+    pub fn connect(address: &str) -> Result<Self, String> {
+        let (host, port) = address
+            .rsplit_once(':')
+            .and_then(|(host, port)| Some((host, port.parse::<u16>().ok()?)))
+            .filter(|(_, port)| u16::MAX - port >= 2)
+            .ok_or_else(|| format!("{address} is no HOST:PORT with two ports after it"))?;
+        let mut channels = Vec::with_capacity(UP_CHANNELS);
+        for n in 0..3 {
+            let place = (host.trim_matches(['[', ']']), port + n);
+            let failed = |error: std::io::Error| format!("{host}:{}: {error}", port + n);
+            let addresses = place.to_socket_addrs().map_err(failed)?;
+            let mut last = format!("{host} has no address");
+            let stream = addresses.into_iter().find_map(|to| {
+                let connected = TcpStream::connect_timeout(&to, CONNECT);
+                connected.map_err(|error| last = failed(error)).ok()
+            });
+            let stream = stream.ok_or(last)?;
+            stream.set_nonblocking(true).map_err(failed)?;
+            stream.set_nodelay(true).map_err(failed)?;
+            channels.push(stream);
+        }
+        let channels = channels.try_into().map_err(|_| "three channels".to_owned())?;
+        Ok(Self { channels, lost: None })
+    }
+}
+
+impl Link for RttTcp {
+    fn read(&mut self, channel: usize, into: &mut Vec<u8>) {
+        let Some(stream) = self.channels.get_mut(channel) else { return };
+        let mut bytes = [0; 4096];
+        while self.lost.is_none() {
+            match stream.read(&mut bytes) {
+                Ok(0) => self.lost = Some("the server closed the connection".to_owned()),
+                Ok(count) => into.extend_from_slice(&bytes[..count]),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => self.lost = Some(error.to_string()),
+            }
+        }
+    }
+
+    fn write(&mut self, channel: usize, bytes: &[u8]) -> usize {
+        let Some(stream) = self.channels.get_mut(channel) else { return 0 };
+        match stream.write(bytes) {
+            Ok(count) => count,
+            Err(error)
+                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
+            {
+                0
+            }
+            Err(error) => {
+                self.lost = Some(error.to_string());
+                0
+            }
+        }
+    }
+
+    fn lost(&self) -> Option<String> {
+        self.lost.clone()
+    }
+}

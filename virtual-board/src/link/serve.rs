@@ -1,0 +1,176 @@
+//! `cargo board serve`: the virtual board for other people's tools, RTT over TCP on the loopback interface.
+
+use std::{
+    io::{self, ErrorKind, Read as _, Write as _},
+    net::{Ipv4Addr, TcpListener, TcpStream},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+    thread,
+    time::Duration,
+};
+
+use host_sim::{
+    error::Error,
+    interrupt,
+    output::terminal::{note, print_text},
+};
+
+use super::{Begin, Link as _, LiveBoard};
+use crate::session::Session;
+
+/// Between two looks at a channel.
+const LOOK: Duration = Duration::from_millis(1);
+/// A client that takes nothing for so long is let go: the board does not wait for it meanwhile.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Tries to find as many free ports in a row as there are channels, where any will do.
+const TRIES: usize = 100;
+
+/// A virtual board behind three TCP ports, until it is dropped.
+pub struct Server {
+    /// Port of channel 0; those of the others follow.
+    pub port: u16,
+    /// The board.
+    pub board: Arc<LiveBoard>,
+    over: Arc<AtomicBool>,
+    threads: Vec<thread::JoinHandle<()>>,
+}
+
+impl Server {
+    /// Listens there, then switches the board on.
+    ///
+    /// # Errors
+    /// A port is taken; the image refuses what it is told.
+    pub fn start(session: Session, period: Option<u32>, port: u16) -> Result<Self, Error> {
+        let (port, listeners) = listen(port)?;
+        let board = Arc::new(LiveBoard::start(session, Begin { zeroed: false, period })?);
+        let over = Arc::new(AtomicBool::new(false));
+        let serve = |(channel, listener): (usize, TcpListener)| {
+            let (board, over) = (Arc::clone(&board), Arc::clone(&over));
+            thread::spawn(move || channel_of(channel, &listener, &board, &over))
+        };
+        let threads = listeners.into_iter().enumerate().map(serve).collect();
+        Ok(Self { port, board, over, threads })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.over.store(true, Relaxed);
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Serves until it is interrupted, or the board's program ends.
+///
+/// # Errors
+/// As [`Server::start`]; and the end.
+pub fn serve(session: Session, period: Option<u32>, port: u16) -> Result<(), Error> {
+    let server = Server::start(session, period, port)?;
+    let first = server.port;
+    print_text(&format!("127.0.0.1:{first}"))?;
+    note(&format!(
+        "RTT of the virtual board in real time: log on port {first}, telemetry on {}, replies on {}; commands go to \
+         {first}; end with Ctrl-C",
+        first + 1,
+        first + 2
+    ));
+    let link = server.board.link();
+    loop {
+        thread::sleep(Duration::from_millis(20));
+        interrupt::check()?;
+        if let Some(text) = link.lost() {
+            return Err(Error::Internal(text));
+        }
+    }
+}
+
+/// Loopback only, a port for each channel in a row.
+fn listen(port: u16) -> Result<(u16, Vec<TcpListener>), Error> {
+    let bind = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
+    let row = |first: TcpListener| -> io::Result<(u16, Vec<TcpListener>)> {
+        let port = first.local_addr()?.port();
+        let mut all = vec![first];
+        for n in 1..3u16 {
+            let next = port.checked_add(n).ok_or(ErrorKind::AddrNotAvailable)?;
+            all.push(bind(next)?);
+        }
+        all.iter().try_for_each(|listener| listener.set_nonblocking(true))?;
+        Ok((port, all))
+    };
+    let tries = if port == 0 { TRIES } else { 1 };
+    let mut last = io::Error::from(ErrorKind::AddrInUse);
+    for _ in 0..tries {
+        match bind(port).and_then(row) {
+            Ok(found) => return Ok(found),
+            Err(error) => last = error,
+        }
+    }
+    Err(Error::Input(format!("--rtt {port}: this port and the two after it: {last}")))
+}
+
+/// One client at a time, as a probe has one owner; who comes meanwhile waits.
+fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &AtomicBool) {
+    while !over.load(Relaxed) {
+        match listener.accept() {
+            Ok((client, _)) => {
+                // A client that breaks off is its own business.
+                let _ = attend(channel, client, board, over);
+                board.attend(channel, false);
+            }
+            Err(_) => thread::sleep(Duration::from_millis(5)),
+        }
+    }
+}
+
+fn attend(
+    channel: usize,
+    mut client: TcpStream,
+    board: &LiveBoard,
+    over: &AtomicBool,
+) -> io::Result<()> {
+    client.set_nonblocking(true)?;
+    client.set_nodelay(true)?;
+    let mut link = board.link();
+    let (mut up, mut down, mut bytes) = (Vec::new(), Vec::new(), [0; 4096]);
+    let mut stuck = Duration::ZERO;
+    while !over.load(Relaxed) {
+        if up.is_empty() {
+            link.read(channel, &mut up);
+        }
+        let mut idle = true;
+        match client.write(&up) {
+            Ok(count) => {
+                up.drain(..count);
+                stuck = Duration::ZERO;
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => stuck += LOOK,
+            Err(error) => return Err(error),
+        }
+        if stuck > PATIENCE {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        // What the board has no room for stays in the socket, and at last with the client.
+        if down.is_empty() {
+            match client.read(&mut bytes) {
+                Ok(0) => return Ok(()),
+                Ok(count) => down.extend_from_slice(&bytes[..count]),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(error) => return Err(error),
+            }
+        }
+        if !down.is_empty() {
+            let sent =
+                if channel == super::COMMANDS { link.write(channel, &down) } else { down.len() };
+            down.drain(..sent);
+            idle = sent == 0;
+        }
+        if idle {
+            thread::sleep(LOOK);
+        }
+    }
+    Ok(())
+}
