@@ -76,6 +76,8 @@ pub enum Command {
     MotorReversed(bool),
     /// The encoder is mounted the other way round.
     EncoderReversed(bool),
+    /// The host is there, and will say so again within that time, ms; 0: it promises nothing any more.
+    Alive(f64),
 }
 
 /// A value of the walk's grid.
@@ -234,6 +236,7 @@ static TABLE: &[Entry] = {
             "encoder +|-",
             Word(&[("+", C::EncoderReversed(false)), ("-", C::EncoderReversed(true))]),
         ),
+        ("alive", "alive MS", Number(C::Alive)),
     ]
 };
 
@@ -327,11 +330,12 @@ mod tests {
             ("motor +", C::MotorReversed(false)),
             ("encoder -", C::EncoderReversed(true)),
             ("encoder +", C::EncoderReversed(false)),
+            ("alive 200", C::Alive(200.0)),
             ("  K\t-1e3  ", C::Stiffness(-1000.0)),
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), if cfg!(feature = "estimators") { 41 } else { 39 });
+        assert_eq!(usages().count(), if cfg!(feature = "estimators") { 42 } else { 40 });
     }
 
     #[test]
@@ -453,7 +457,8 @@ mod tests {
                         | Command::Settle(value)
                         | Command::Window(value)
                         | Command::RmsLimit(value)
-                        | Command::Grid(_, value),
+                        | Command::Grid(_, value)
+                        | Command::Alive(value),
                     ) => prop_assert!(value.is_finite()),
                     Ok(_) => {}
                     Err(error) => {

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     Settings,
     device::Unfit,
-    experiment::Order,
+    experiment::{Order, Promise},
     period::PERIODS,
     safety::{Request, State},
     store::{Loaded, Stored},
@@ -126,6 +126,10 @@ impl<P: Port> Console<P> {
                 self.streaming = on;
                 self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
             }
+            Command::Alive(ms) => match Promise::of(ms) {
+                Ok(promise) => self.order(Order::Alive(promise), Awaited::Done("alive")),
+                Err(error) => self.reply(Reply::Range(&error)),
+            },
             Command::Save if !stored.has_room() => {
                 self.write(&"error: the record has no room for this estimator's parameters");
             }

@@ -57,6 +57,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Faults
         | Command::Stream(_)
         | Command::Stop
+        | Command::Alive(_)
         | Command::Disarm => &[],
         Command::Arm => &[N::MayArm],
         Command::Clear => &[N::Fault, N::CauseGone],
@@ -158,7 +159,7 @@ mod tests {
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 34] = [
+    const COMMANDS: [Command; 35] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -193,6 +194,7 @@ mod tests {
         Command::EncoderReversed(true),
         Command::Further(1, 1.0),
         Command::Period(1.0),
+        Command::Alive(200.0),
     ];
 
     /// Every situation: 5 states x 4 activities x 2^7 facts.
@@ -256,6 +258,7 @@ mod tests {
                     | Command::Faults
                     | Command::Stream(_)
                     | Command::Disarm
+                    | Command::Alive(_)
                     | Command::Stop
             );
             let always = situations().iter().all(|now| allowed(&command, now).is_ok());

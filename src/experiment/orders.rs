@@ -1,8 +1,8 @@
 //! What the console asks of the output task, and what that one reports.
 
 use super::{
-    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, RunningVariance,
-    Verdict,
+    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, Promise,
+    RunningVariance, Verdict,
 };
 use crate::{
     LoopParameters,
@@ -69,6 +69,8 @@ pub enum Order {
     Stop,
     /// Send what the black box holds.
     Replay,
+    /// The host is there, and promises to say so again.
+    Alive(Promise),
 }
 
 /// Where gains lie.

@@ -73,6 +73,8 @@ faults! {
     Debugger = 32, "debugger halt";
     /// The crystal or clock input failed; the processor runs on by its internal oscillator.
     ClockFailure = 33, "clock failure";
+    /// The host has broken its promise to send a word in time, while force was on.
+    HostSilent = 34, "host silent";
     /// The settings in force are not valid.
     Settings = 40, "settings";
     /// The program stopped itself.
@@ -191,7 +193,10 @@ mod tests {
         let codes: std::vec::Vec<u8> = Fault::ALL.iter().map(|f| f.code()).collect();
         assert_eq!(
             codes,
-            [10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 40, 41, 42, 43, 44, 45]
+            [
+                10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 34, 40, 41, 42, 43, 44,
+                45
+            ]
         );
         for code in 0..=u8::MAX {
             let fault = Fault::from_code(code);

@@ -50,6 +50,7 @@ macro_rules! each_board {
 #[path = "../figure.rs"]
 mod figure;
 
+mod alive;
 mod boot;
 mod code;
 mod control;

@@ -75,6 +75,16 @@ fn requests_are_passed_on_and_answered() {
 }
 
 #[test]
+fn a_promise_is_passed_on_or_refused_with_what_is_allowed() {
+    let mut bench = Bench::new(ARMED);
+    assert_eq!(bench.orders("alive 200"), Order::Alive(Promise::of(200.0).unwrap()));
+    assert_eq!(bench.answer(Ok(())), ["ok alive"]);
+    assert_eq!(bench.orders("alive 0"), Order::Alive(Promise::default()));
+    bench.answer(Ok(()));
+    assert_eq!(bench.says("alive 10"), "error: alive is 10, allowed 20 to 10000");
+}
+
+#[test]
 fn what_the_rules_refuse_gives_no_order() {
     let mut bench = Bench::new(OFF);
     assert_eq!(bench.says("hit"), "error: not armed: arm first and wait for the ramp");

@@ -10,7 +10,7 @@ use std::{
 use super::*;
 use crate::{
     device::tests::DEVICE,
-    experiment::{Activity, Event, Order, Report},
+    experiment::{Activity, Event, Order, Promise, Report},
     safety::{Fault, FaultRecord, FaultSet, Inputs, Refusal, Request, State, Status},
     store::{Loaded, Source, Stored},
     telemetry::Record,

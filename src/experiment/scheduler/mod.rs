@@ -7,13 +7,13 @@ use core::hint::cold_path;
 
 use super::{
     AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains, HitSequence,
-    Order, PeriodPlan, Report,
+    Order, PeriodPlan, Report, promise::Host,
 };
 use crate::{
     LoopParameters,
     safety::{
-        BlackBox, Doubled, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand, Refusal,
-        Rendered, Request, SampleReport, Sensed, State, Supervisor,
+        BlackBox, Doubled, Fault, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand,
+        Refusal, Rendered, Request, SampleReport, Sensed, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
@@ -61,6 +61,7 @@ pub struct Scheduler<const N: usize> {
     replay: Option<usize>,
     /// It goes on recording once it has been read out.
     release: bool,
+    host: Host,
     /// What the next reports say; kept until there is room for it.
     answer: Event,
     news: Event,
@@ -88,6 +89,7 @@ impl<const N: usize> Scheduler<N> {
             history,
             replay: None,
             release: false,
+            host: Host::default(),
             answer: Event::None,
             news: Event::None,
         }
@@ -141,7 +143,20 @@ impl<const N: usize> Scheduler<N> {
         self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
         self.observe(rendered.grant, positions);
         self.prepare(position);
+        if self.host.falls_silent(record.sample, self.parameters.period.get()) {
+            cold_path();
+            self.miss_host();
+        }
         record
+    }
+
+    /// The next output is off.
+    #[inline(never)]
+    fn miss_host(&mut self) {
+        if !self.is_off() {
+            // Nothing refuses a fault.
+            let _ = self.supervisor.request(Request::Trip(Fault::HostSilent));
+        }
     }
 
     /// What the experiment pushes with at the next output. Found out after this one, so that it costs no
@@ -303,6 +318,10 @@ impl<const N: usize> Scheduler<N> {
             }
             Order::Replay => {
                 self.replay = Some(0);
+                Ok(())
+            }
+            Order::Alive(promise) => {
+                self.host.hear(promise);
                 Ok(())
             }
         }

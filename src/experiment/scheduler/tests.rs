@@ -6,7 +6,7 @@ use super::*;
 use crate::{
     Motion,
     device::tests::DEVICE,
-    experiment::{Verdict, return_move::tests::Handle},
+    experiment::{Promise, Verdict, return_move::tests::Handle},
     safety::{Fault, FaultSet, Guard},
     store::Stored,
     units::Velocity,
@@ -363,6 +363,31 @@ fn requests_reach_the_supervisor_and_the_sampling_task_at_once() {
 }
 
 /// Where the answer comes, the force is off: with a hit, without one, off already, and with a fault.
+#[test]
+fn a_host_that_falls_silent_takes_the_force_away_in_time() {
+    let mut bench = Bench::armed();
+    let word = Order::Alive(Promise::of(200.0).unwrap());
+    for _ in 0..5 {
+        bench.met(word);
+        bench.run(190);
+        assert_eq!(bench.status().state, State::Armed);
+    }
+    bench.met(word);
+    bench.run(198);
+    assert!(matches!(bench.last, OutputCommand::On(_)));
+    bench.run(2);
+    assert_eq!(bench.last, OutputCommand::Off);
+    assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
+    // The promise is over with it, and one with the force off does nothing.
+    bench.met(Order::Request(Request::Clear));
+    bench.met(word);
+    bench.run(300);
+    assert_eq!(bench.status().state, State::Off);
+    bench.met(Order::Request(Request::Arm));
+    bench.run(600);
+    assert_eq!(bench.status().state, State::Armed);
+}
+
 #[test]
 fn disarm_is_answered_with_the_force_off() {
     for case in 0..4 {

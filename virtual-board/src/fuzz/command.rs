@@ -18,7 +18,7 @@ pub enum Form {
 }
 
 /// Every command in the order of `help`: its use.
-pub const COMMANDS: [(&str, Form); 39] = {
+pub const COMMANDS: [(&str, Form); 40] = {
     use Form::{Estimator, Nothing, Number, Words};
     [
         ("help", Nothing),
@@ -60,6 +60,7 @@ pub const COMMANDS: [(&str, Form); 39] = {
         ("bmax N_S_PER_M", Number),
         ("motor +|-", Words(&["+", "-"])),
         ("encoder +|-", Words(&["+", "-"])),
+        ("alive MS", Number),
     ]
 };
 

@@ -96,7 +96,7 @@ impl Answer {
 }
 
 /// Names of the faults, as their page has them.
-pub const FAULTS: [(u8, &str); 21] = [
+pub const FAULTS: [(u8, &str); 22] = [
     (10, "count jump"),
     (11, "over-speed"),
     (12, "out of range"),
@@ -112,6 +112,7 @@ pub const FAULTS: [(u8, &str); 21] = [
     (31, "brown-out"),
     (32, "debugger halt"),
     (33, "clock failure"),
+    (34, "host silent"),
     (40, "settings"),
     (41, "panic"),
     (42, "hard fault"),
@@ -325,6 +326,11 @@ impl Model {
             "calibrate" => {
                 let allowed = [-30.0, 30.0];
                 return Answer::of_range(&OutOfRange { name: "calibrate", value: number, allowed });
+            }
+            "alive" if number == 0.0 => ("alive".into(), Effect::None),
+            "alive" => {
+                let allowed = [20.0, 10_000.0];
+                return Answer::of_range(&OutOfRange { name: "alive", value: number, allowed });
             }
             "motor" | "encoder" => {
                 let reversed = command.word == "-";

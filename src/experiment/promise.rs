@@ -1,0 +1,96 @@
+//! A host that promises to say a word every so often: one that dies with the force on is found by its silence.
+
+use crate::{
+    period::SAMPLES_PER_MS,
+    range::{SettingsError, within},
+};
+
+/// Longest time from word to word. None unless the host has promised one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Promise {
+    /// 0: there is none.
+    samples: u32,
+}
+
+impl Promise {
+    /// Shortest promise, ms: more than the longest time that `link` may need for a line.
+    const LEAST_MS: f64 = 20.0;
+    /// Longest one, ms.
+    const MOST_MS: f64 = 10_000.0;
+
+    /// A word every `ms`; 0: no promise.
+    ///
+    /// # Errors
+    /// The time is too short or too long.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "20 to 10,000")]
+    pub fn of(ms: f64) -> Result<Self, SettingsError> {
+        if ms == 0.0 {
+            return Ok(Self::default());
+        }
+        let ms = within("alive", ms, Self::LEAST_MS..=Self::MOST_MS)?;
+        Ok(Self { samples: ms as u32 * SAMPLES_PER_MS })
+    }
+}
+
+/// A promise, and when it was last kept.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Host {
+    promise: Promise,
+    /// Numbers of the last output's sample, and of the one when a word last came.
+    now: u32,
+    heard: u32,
+}
+
+impl Host {
+    /// A word, and the promise of the next one.
+    pub(super) fn hear(&mut self, promise: Promise) {
+        (self.promise, self.heard) = (promise, self.now);
+    }
+
+    /// Whether it has broken its promise with the output at `sample`, or will have with the next one, `period` samples
+    /// later; once.
+    #[inline]
+    pub(super) fn falls_silent(&mut self, sample: u64, period: u32) -> bool {
+        #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]
+        {
+            self.now = sample as u32;
+        }
+        let silent = self.now.wrapping_sub(self.heard).saturating_add(period);
+        let broken = self.promise.samples != 0 && silent >= self.promise.samples;
+        if broken {
+            self.promise = Promise::default();
+        }
+        broken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_promise_is_none_or_20_ms_to_10_s() {
+        assert_eq!(Promise::of(0.0), Ok(Promise::default()));
+        assert_eq!(Promise::of(200.0), Ok(Promise { samples: 2_000 }));
+        for ms in [-1.0, 0.1, 19.9, 10_000.1, f64::NAN, f64::INFINITY] {
+            assert!(Promise::of(ms).is_err(), "{ms}");
+        }
+    }
+
+    #[test]
+    fn silence_is_found_in_time_and_once() {
+        for period in [1, 2, 5, 10] {
+            // Sample numbers wrap meanwhile.
+            let begin = u64::from(u32::MAX) - 500;
+            let mut host = Host::default();
+            assert!(!host.falls_silent(begin, period));
+            host.hear(Promise::of(200.0).unwrap());
+            let found =
+                (1..=3_000).find(|n| host.falls_silent(begin + n * u64::from(period), period));
+            // The output after it is off: no later than promised, and no sooner than an output before that.
+            let off = found.unwrap() * u64::from(period) + u64::from(period);
+            assert!((2_000..=2_000 + u64::from(period)).contains(&off), "{period}: {off}");
+            assert!((1..=3_000).all(|n| !host.falls_silent(begin + 4_000 + n, period)));
+        }
+    }
+}

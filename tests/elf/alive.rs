@@ -1,0 +1,34 @@
+//! A host that promises to say a word, and falls silent.
+
+use virtual_board::board::Board;
+
+use crate::firmware::{Firmware, arm, ok};
+
+each_board!(the_force_goes_in_time_when_the_host_falls_silent);
+
+/// Words every 150 ms keep the force; without them the amplifier is off 200 ms after the last one, no later than an
+/// output after that, at every phase of the word against the outputs.
+fn the_force_goes_in_time_when_the_host_falls_silent(board: Board) {
+    let firmware = Firmware::of(board);
+    for phase in 0..10 {
+        let mut world = firmware.boot();
+        arm(&mut world);
+        for _ in 0..3 {
+            ok(&mut world, "alive 200");
+            world.run(1_500 + phase).unwrap();
+            assert!(world.powered.amplifier.is_enabled(), "phase {phase}");
+        }
+        world.send("alive 200\n").unwrap();
+        let sent = world.powered.mcu.now();
+        world.run(1_950).unwrap();
+        assert!(world.powered.amplifier.is_enabled(), "phase {phase}");
+        world.run(100).unwrap();
+        let off = world.powered.amplifier.changes().disabled_at.unwrap();
+        let ms = (off - sent) as f64 / world.powered.mcu.core_hz() as f64 * 1e3;
+        // Up to an output until the word is read, and one until it is passed on.
+        assert!((199.0..=203.0).contains(&ms), "phase {phase}: off after {ms} ms");
+        let faults = world.ask("faults").unwrap();
+        assert!(faults.contains("34 (host silent)"), "{faults}");
+        ok(&mut world, "clear");
+    }
+}
