@@ -150,7 +150,19 @@ pub fn arm(world: &mut World<'_>) {
     for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30", "push 2.835", "arm"] {
         ok(world, line);
     }
-    world.run(4_000).unwrap();
-    let status = ok(world, "status");
-    assert!(status.contains("ok status armed"), "{status}");
+    until_armed(world);
+}
+
+/// Runs until the sign test and the ramp are over.
+#[track_caller]
+pub fn until_armed(world: &mut World<'_>) {
+    let mut status = String::new();
+    for _ in 0..40 {
+        status = ok(world, "status");
+        if status.contains("ok status armed") {
+            return;
+        }
+        world.run(100).unwrap();
+    }
+    panic!("{status}");
 }

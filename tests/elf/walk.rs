@@ -18,7 +18,7 @@ use zwidth::experiment::Ended;
 
 use crate::{
     figure::figure,
-    firmware::{Firmware, ok},
+    firmware::{Firmware, ok, until_armed},
 };
 
 each_board!(
@@ -140,8 +140,19 @@ fn armed(session: &Session) -> World<'_> {
     for line in ["zero", "unlock envelope", "wall 0.0183", "k 8000", "b 30", "push 2.835", "arm"] {
         ok(&mut world, line);
     }
-    world.run(4_000).unwrap();
+    until_armed(&mut world);
     world
+}
+
+/// Lines up to one that has `what`, which comes within so many samples.
+fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
+    for _ in 0..samples / 500 {
+        world.run(500).unwrap();
+        if world.replies.lines().any(|line| line.contains(what)) {
+            break;
+        }
+    }
+    std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
 /// Lines that are there after so many samples.
@@ -178,7 +189,8 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
         ("calibrate 9", 300, "calibration"),
     ] {
         if command.starts_with("calibrate") {
-            world.run(30_000).unwrap(); // until the handle has come to rest
+            world.hold(world.position_m(), true); // it rests
+            world.run(2_000).unwrap();
         }
         ok(&mut world, command);
         world.run(samples).unwrap();
@@ -224,14 +236,16 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     for line in ["push 0", "settle 0.1", "window 0.1", "walk"] {
         ok(&mut world, line);
     }
-    let lines = lines_after(&mut world, 40_000);
-    assert!(lines.iter().any(|l| l.contains("does not bring the handle to the wall")), "{lines:?}");
+    let what = "does not bring the handle to the wall";
+    let lines = lines_until(&mut world, what, 40_000);
+    assert!(lines.iter().any(|l| l.contains(what)), "{lines:?}");
     // a first wall that cannot be stable
     for line in ["push 2.835", "settle 1", "kstart 9000000", "walk"] {
         ok(&mut world, line);
     }
-    let lines = lines_after(&mut world, 60_000);
-    assert!(lines.iter().any(|l| l.contains("the first point is unstable")), "{lines:?}");
+    let what = "the first point is unstable";
+    let lines = lines_until(&mut world, what, 60_000);
+    assert!(lines.iter().any(|l| l.contains(what)), "{lines:?}");
     // a start in the wall may be set, as the wall may be moved after it; nothing begins there
     ok(&mut world, "start 0.02");
     for command in ["hit", "walk"] {
@@ -243,7 +257,7 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     for line in ["zero", "arm"] {
         ok(&mut world, line);
     }
-    world.run(4_000).unwrap();
+    until_armed(&mut world);
     let refused = world.ask("walk").unwrap();
     assert!(refused.contains("unlock envelope first"), "{refused}");
 }
@@ -286,11 +300,12 @@ fn a_hand_that_gives_way_a_little_lets_the_way_back_give_up_by_itself() {
 fn calibrate_rises_holds_and_stops_on_motion() {
     let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
-    world.run(10_000).unwrap();
     let at_m = world.position_m();
     world.hold(at_m, true); // a gauge holds the handle
+    world.run(2_000).unwrap();
     ok(&mut world, "calibrate 8");
-    let lines = lines_after(&mut world, 42_000);
+    let mut lines = lines_until(&mut world, "calibrate holds", 42_000);
+    lines.extend(lines_after(&mut world, 500));
     let holds = |line: &String| {
         line.starts_with("calibrate holds 8 %") || line.starts_with("calibrate holds 7.99")
     };
@@ -364,7 +379,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     for line in ["zero", "unlock envelope", "arm"] {
         ok(&mut world, line);
     }
-    world.run(4_000).unwrap();
+    until_armed(&mut world);
     assert!(ok(&mut world, "status").contains("armed, fault none"));
     ok(&mut world, "disarm");
     ok(&mut world, "save");
@@ -377,7 +392,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     for line in ["zero", "unlock envelope", "arm"] {
         ok(&mut world, line);
     }
-    world.run(4_000).unwrap();
+    until_armed(&mut world);
     assert!(ok(&mut world, "status").contains("armed, fault none"), "{}", board.name);
 }
 
@@ -387,7 +402,7 @@ fn a_wall_inside_the_envelope_needs_no_key_and_one_outside_is_refused_with_the_r
     for line in ["zero", "wall 0.0183", "b 10", "k 5000", "arm"] {
         ok(&mut world, line);
     }
-    world.run(4_000).unwrap();
+    until_armed(&mut world);
     ok(&mut world, "k 20000");
     let refused = world.ask("k 60000").unwrap();
     assert!(refused.contains("k at this b is allowed from 0 to"), "{refused}");

@@ -14,8 +14,8 @@ fn scene(folder: &Path) {
         // an observer that is told the force ends at a cap only
         .replace("damping_max_n_s_per_m = 4000", "damping_max_n_s_per_m = 1200")
         .replace("stiffness_max_n_per_m = 1e7", "stiffness_max_n_per_m = 200_000")
-        .replace("settle_s = 4.0", "settle_s = 2.0")
-        .replace("window_s = 2.0", "window_s = 1.0");
+        .replace("settle_s = 4.0", "settle_s = 1.0")
+        .replace("window_s = 2.0", "window_s = 0.5");
     fs::write(folder.join("coarse.toml"), text).unwrap();
 }
 

@@ -7,14 +7,20 @@ use tempfile::TempDir;
 
 use crate::cli::{refused, scene, sim};
 
-/// A scene whose walks are short.
+/// A scene whose walks and hits are short.
 fn coarse() -> TempDir {
     let folder = scene("stiffness_step_n_per_m = 2000", "stiffness_step_n_per_m = 16000");
     let path = folder.path().join("mine.toml");
-    let text = fs::read_to_string(&path).unwrap();
-    let from = "damping_step_n_s_per_m = 10";
-    assert!(text.contains(from));
-    fs::write(path, text.replace(from, "damping_step_n_s_per_m = 120")).unwrap();
+    let mut text = fs::read_to_string(&path).unwrap();
+    for (from, to) in [
+        ("damping_step_n_s_per_m = 10", "damping_step_n_s_per_m = 120"),
+        ("settle_s = 4.0", "settle_s = 1.0"),
+        ("window_s = 2.0", "window_s = 0.5"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    fs::write(path, text).unwrap();
     folder
 }
 

@@ -100,11 +100,11 @@ fn a_walk_ends_when_nobody_reads() {
         world.send("get\n").unwrap();
         (0..30).for_each(|_| world.sample().unwrap());
     }
-    for _ in 0..20_000 {
+    for _ in 0..12_000 {
         world.sample().unwrap();
     }
     let (before_m, pushed) = (world.position_m(), world.powered.amplifier.command());
-    for _ in 0..10_000 {
+    for _ in 0..5_000 {
         world.sample().unwrap();
     }
     assert!((world.position_m() - before_m).abs() < 1e-3, "no further hit");

@@ -37,11 +37,11 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
         ("b 200", 100),
         ("stop", 500),
         ("cutoff 400", 100),
-        ("walk", 40_000),
-        ("stop", 20_000),
+        ("walk", 25_000),
+        ("stop", 2_000),
         ("start -0.01", 100),
         ("hit", 3_000),
-        ("stop", 20_000),
+        ("stop", 2_000),
         ("calibrate 9", 2_000),
         ("stop", 2_000),
         ("faults", 1_000),
@@ -51,6 +51,13 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
     ] {
         if line == "disarm" {
             most = world.powered.mcu.watch().commands.most;
+        }
+        if line == "calibrate 9" {
+            world.hold(world.position_m(), true); // it begins at rest only
+            world.run(2_000).unwrap();
+        }
+        if line == "faults" {
+            world.hold(world.position_m(), false);
         }
         world.send(&format!("{line}\n")).unwrap();
         world.run(samples).unwrap();

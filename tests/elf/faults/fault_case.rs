@@ -19,6 +19,10 @@ pub enum Before {
     Off,
 }
 
+impl Before {
+    pub const ALL: [Self; 3] = [Self::Pressed, Self::Moving, Self::Off];
+}
+
 /// One way to go wrong.
 pub struct FaultCase {
     pub name: &'static str,
@@ -306,6 +310,7 @@ const FAULT_CASES: [FaultCase; 30] = [
             lose_the_way(world, LINK, handler)
         },
         resets: true,
+        short: false,
         ..PLAIN
     },
     at_arm(

@@ -39,7 +39,7 @@ fn a_channel_whose_buffer_is_not_its_own_is_left_alone(board: Board) {
         let written = word(&world, base + 12);
         let Powered { mcu, rtt, .. } = &mut world.powered;
         rtt.write(mcu, 0, b"get\n");
-        for _ in 0..6_000 {
+        for _ in 0..2_000 {
             world.sample().unwrap();
         }
         assert_eq!(word(&world, base + 12), written, "channel {channel}: something was written");
@@ -56,7 +56,7 @@ fn a_board_without_its_clock_says_so(board: Board) {
     let mut world =
         World::new(board, &firmware.elf, &firmware.table, &firmware.scene, rest_m).unwrap();
     world.powered.mcu.kill_hse();
-    world.run(3_000).unwrap();
+    world.run(1_000).unwrap();
     assert!(world.replies.starts_with("error: no 8 MHz clock, nothing runs"), "{}", world.replies);
     assert!(!world.powered.amplifier.is_enabled());
     assert_eq!(world.powered.mcu.events(), 0);

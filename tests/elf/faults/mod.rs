@@ -13,8 +13,8 @@ mod run_case;
 mod settings;
 
 use self::{
-    fault_case::{FaultCase, fault_cases},
-    run_case::{Depth, run_case},
+    fault_case::{Before, FaultCase, fault_cases},
+    run_case::{Depth, prepare, run_case},
 };
 use rayon::prelude::*;
 use virtual_board::board::{BOARDS, Board, NUCLEO_F446RE, Powered};
@@ -65,8 +65,15 @@ fn ms(us: f64) -> String {
 /// Every fault case of `cases` on both boards, in parallel; the rows in order.
 fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> {
     let pairs: Vec<_> = firmwares.iter().flat_map(|f| cases.iter().map(move |t| (f, *t))).collect();
+    let befores: Vec<_> =
+        firmwares.iter().flat_map(|f| Before::ALL.map(|before| (f, before))).collect();
+    let prepared: Vec<_> =
+        befores.par_iter().map(|(firmware, before)| prepare(firmware, *before, depth)).collect();
     let results = pairs.par_iter().map(|(firmware, case)| {
-        let result = run_case(firmware, case, depth);
+        let at = befores
+            .iter()
+            .position(|(of, before)| of.board == firmware.board && *before == case.before);
+        let result = run_case(firmware, &prepared[at.unwrap()], case, depth);
         if depth == Depth::Full {
             figure(&format!("elf/faults/{}/{}", case.name, firmware.board.name), result.off_us);
             figure(&format!("elf/faults/{}/allowed", case.name), case.limit_us);

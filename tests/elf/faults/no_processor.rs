@@ -103,6 +103,7 @@ pub const NO_PROCESSOR: [FaultCase; 16] = [
         code: 42,
         all: &[23, 42],
         limit_us: SAMPLE_US, // with the next exception, which has to be stacked
+        short: false,
         ..stopped("stack overrun", |firmware, world| {
             world.powered.mcu.outlive_lock_up();
             let end = firmware.elf.address_of("__sheap").unwrap().next_multiple_of(256);
@@ -126,7 +127,7 @@ pub const NO_PROCESSOR: [FaultCase; 16] = [
             world.powered.mcu.write(address, &word);
         })
     },
-    unexpected("PendSV", |_, world| pend(world, PEND_SV)),
+    FaultCase { short: false, ..unexpected("PendSV", |_, world| pend(world, PEND_SV)) },
     FaultCase { short: false, ..unexpected("an unused interrupt", |_, world| pend(world, TIM7)) },
 ];
 

@@ -1,6 +1,6 @@
 //! One fault case from `arm` to `arm`.
 
-use virtual_board::world::World;
+use virtual_board::world::{Snapshot, World};
 use zwidth::telemetry::{Decoder, Flags, Record};
 
 use super::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US};
@@ -34,13 +34,14 @@ pub fn lead(world: &mut World<'_>, to_m: f64) {
     }
 }
 
-/// Armed or not, as the fault case wants it; off its place by 0.1 mm, so that the position is not the
-/// counter's reading.
-fn prepare(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>, depth: Depth) {
+/// Armed or not, as fault cases want it; off its place by 0.1 mm, so that the position is not the counter's reading.
+pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
+    let mut world = firmware.boot();
+    let world = &mut world;
     let rest_m = firmware.scene.device.rest_position_m;
     lead(world, rest_m + 100e-6);
     let zero_m = world.position_m();
-    match case.before {
+    match before {
         Before::Off => {
             for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"] {
                 ok(world, line);
@@ -65,9 +66,8 @@ fn prepare(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>, depth: 
             }
         }
     }
-    if case.before != Before::Off {
-        assert!(world.powered.amplifier.is_enabled(), "{}", case.name);
-    }
+    assert_eq!(world.powered.amplifier.is_enabled(), before != Before::Off, "{before:?}");
+    world.snapshot()
 }
 
 /// The registers of the force output at zero force; the one that the board does not use stays 0.
@@ -78,12 +78,17 @@ fn zero_registers(world: &World<'_>) -> [u32; 3] {
     }
 }
 
-/// Prepares, brings the fault about, checks what came of it and that the board recovers.
-pub fn run_case(firmware: &Firmware, case: &FaultCase, depth: Depth) -> CaseResult {
+/// Brings the fault about on a board that was prepared, checks what came of it and that the board recovers.
+pub fn run_case(
+    firmware: &Firmware,
+    prepared: &Snapshot,
+    case: &FaultCase,
+    depth: Depth,
+) -> CaseResult {
     let name = case.name;
     let mut world = firmware.boot();
     let world = &mut world;
-    prepare(firmware, case, world, depth);
+    world.restore(prepared);
     let settings = ok(world, "get");
     let outputs = world.powered.mcu.events() / 10;
     let mut begun = (case.begin)(firmware, world);
