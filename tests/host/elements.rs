@@ -310,7 +310,7 @@ fn any_tables() -> impl Strategy<Value = Vec<String>> {
 
 #[test]
 fn random_elements_never_panic_and_stay_finite() {
-    stay_finite(50);
+    stay_finite(20);
 }
 
 #[test]
@@ -365,7 +365,7 @@ fn stay_finite(cases: u32) {
 /// at first: seen in how far the handle gets from where its spring is at rest.
 #[test]
 fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
-    gets_no_energy(50);
+    gets_no_energy(20);
 }
 
 #[test]

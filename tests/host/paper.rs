@@ -191,6 +191,7 @@ fn share_off(numeric: Numeric) -> f64 {
 }
 
 #[test]
+#[ignore = "two more sweeps of each scene; CI runs it"]
 fn fixed_point_moves_the_chaotic_edge_hardly_more_than_rounding_the_velocity_alone() {
     const FACTOR_MAX: f64 = 1.25;
     let (fixed, rounded) = (share_off(Numeric::Fixed), share_off(Numeric::F64Rounded));
