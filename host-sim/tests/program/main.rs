@@ -22,3 +22,4 @@ mod levers;
 mod limits;
 mod telemetry;
 mod trade;
+mod walls;

@@ -1,6 +1,5 @@
 //! Lanes against the scalar loop, bit for bit, on every backend that this machine has.
 
-use proptest::{prelude::*, sample::select};
 use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
 
 use super::*;
@@ -14,6 +13,8 @@ use crate::{
         window::Measures,
     },
 };
+
+mod random;
 
 const NUMERICS: [Numeric; 3] = [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded];
 
@@ -303,171 +304,6 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     let prepared = PreparedScene::new(&scene).unwrap();
     let hits = grid(&[0.4, 50.0, 4990.0], &[0.0, 2000.0, 1e9], &[0.0, 10.0, 1e6]);
     assert!(hold(&prepared, &hits) < hits.len() as u64, "some left");
-}
-
-fn scenes() -> impl Strategy<Value = Scene> {
-    let loops = (
-        prop_oneof![Just(1u32), Just(2), Just(10), 1u32..40],
-        prop_oneof![Just(0.0), Just(10.0), 0.0..45.0f64],
-        prop_oneof![Just(1e4), 1e3..5e4f64],
-        any::<bool>(),
-        any::<bool>(),
-        -7.9..-3.1f64,
-    );
-    let outputs = prop_oneof![
-        Just(None),
-        (2u32..=24).prop_map(|bits| Some(Quantisation::Dac { bits })),
-        (2u32..10_000).prop_map(|steps| Some(Quantisation::Pwm { steps })),
-    ];
-    let estimators = prop_oneof![
-        3 => select(&[EstimatorName::Butterworth, EstimatorName::ButterworthPrewarped][..]),
-        1 => select(&[EstimatorName::FirstOrder, EstimatorName::FirstOrderPrewarped][..]),
-        1 => Just(EstimatorName::Difference),
-    ];
-    let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, (0.05..1.2f64, any::<bool>()));
-    let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64);
-    (loops, outputs, estimators, bodies, elements).prop_map(
-        |(loops, output, velocity, (mass, damping, stiffness, push), (pole, arm, hz))| {
-            let (push, by_hand) = push;
-            let (period, latency, rate_hz, push_only, round, resolution) = loops;
-            let mut scene = paper();
-            scene.actuator.period = period;
-            scene.actuator.latency = latency;
-            scene.control.rate_hz = rate_hz;
-            scene.wall.push_only = push_only;
-            scene.encoder.rounding = if round { Rounding::Round } else { Rounding::Floor };
-            scene.encoder.resolution_m = 10f64.powf(resolution);
-            scene.output = output;
-            scene.velocity = velocity.defaults().into();
-            scene.device.mass_kg = 10f64.powf(mass);
-            scene.device.damping_n_s_per_m = damping;
-            scene.device.stiffness_n_per_m = stiffness;
-            scene.wall_hit.push_n = push * 5.9; // beyond 1 it saturates
-            scene.wall_hit.push_n = scene.wall_hit.push_n.min(5.9);
-            scene.wall_hit.push_by = if by_hand { PushBy::Hand } else { PushBy::Motor };
-            scene.device.rest_position_m = 0.069;
-            scene.device.start_position_m = 0.0695;
-            scene.wall_hit.settle_s = 0.05;
-            scene.wall_hit.window_s = 0.07;
-            scene.wall_hit.rms_limit_m = 15.0 * scene.encoder.resolution_m;
-            scene.amplifier = pole.then_some(Amplifier { bandwidth_hz: hz });
-            scene.arm = arm.then_some(Arm {
-                mass_kg: 1.0,
-                damping_n_s_per_m: 10.0,
-                stiffness_n_per_m: 200.0,
-                rest_position_m: 0.06,
-                grip_damping_n_s_per_m: 20.0,
-                grip_stiffness_n_per_m: 1000.0,
-            });
-            scene
-        },
-    )
-}
-
-/// An estimator with its tuning anywhere in its range.
-fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
-    let settings = name.defaults();
-    let (rate_hz, noise_m) = (scene.control.rate_hz, scene.encoder.resolution_m / 12f64.sqrt());
-    // The Kalman filters' u, from 0.001 to 0.95
-    let u = 0.00101 * 930f64.powf(tuning);
-    match settings {
-        VelocitySettings::Kalman2 { .. } => {
-            settings.with_tuning(2.0 * u * u / (1.0 - u) * noise_m * rate_hz.powi(2))
-        }
-        VelocitySettings::Kalman3 { .. } => {
-            let ratio = 2.0 * u.powi(3) / ((1.0 - u) * (2.0 - u));
-            settings.with_tuning(ratio * noise_m * rate_hz.powi(3))
-        }
-        VelocitySettings::LeastSquares1 { .. } | VelocitySettings::LeastSquares2 { .. } => {
-            settings.with_tuning((2.0 * 32f64.powf(tuning)).round())
-        }
-        VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
-            let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
-            settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)
-        }
-        VelocitySettings::LevantExplicit { .. } | VelocitySettings::LevantImplicit { .. } => {
-            let unit = scene.encoder.resolution_m * rate_hz * rate_hz;
-            let lambda_ratio = 0.5 + 2.5 * (tuning * 37.0).fract();
-            settings.with_tuning(1.001e-6 * 9.9e9f64.powf(tuning) * unit).with_second(lambda_ratio)
-        }
-        VelocitySettings::Biquad { .. } => {
-            let damping = 0.1 * 10f64.powf((tuning * 37.0).fract());
-            settings.with_tuning(3e-3 * 30f64.powf(tuning) * rate_hz).with_second(damping)
-        }
-        _ => settings,
-    }
-}
-
-fn walls() -> impl Strategy<Value = Vec<WallHit>> {
-    let wall = (0.0..1.0f64, 0.0..6.5f64, -1.0..4.0f64, 0.0..1.0f64).prop_map(
-        |(cutoff, stiffness, damping, start)| WallHit {
-            cutoff_hz: cutoff, // of the range, see below
-            stiffness_n_per_m: 10f64.powf(stiffness),
-            damping_n_s_per_m: 10f64.powf(damping),
-            start_offset_counts: start,
-        },
-    );
-    prop::collection::vec(wall, 1..20)
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-
-    #[test]
-    fn random_scenes_are_the_same_bit_for_bit(scene in scenes(), mut hits in walls()) {
-        prop_assume!(scene.check().is_ok());
-        let rate_hz = scene.control.rate_hz;
-        for hit in &mut hits {
-            // from the lowest to the highest cutoff that is accepted with and without pre-warping
-            hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
-        }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
-    }
-
-    #[test]
-    fn random_scenes_of_every_estimator_are_the_same_bit_for_bit(
-        scene in scenes(),
-        mut hits in walls(),
-        name in select(in_lanes().collect::<Vec<_>>()),
-        tuning in 0.0..1.0f64,
-    ) {
-        let rate_hz = scene.control.rate_hz;
-        let velocity = tuned(name, tuning, &scene);
-        let scene = with_estimator(scene, velocity);
-        prop_assume!(scene.check().is_ok());
-        for hit in &mut hits {
-            hit.cutoff_hz = rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
-        }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
-    }
-
-    #[test]
-    fn every_criterion_is_the_same_bit_for_bit(
-        mut scene in scenes(),
-        mut hits in walls(),
-        criterion in select(&[Criterion::Rms, Criterion::Unsaturated, Criterion::Felt][..]),
-        (motion, told, limit) in (any::<bool>(), any::<bool>(), -2.0..2.0f64),
-    ) {
-        let hit = &mut scene.wall_hit;
-        (hit.criterion, hit.rms_of) = (criterion, if motion { RmsOf::Motion } else { RmsOf::Counts });
-        hit.rms_limit_m = scene.encoder.resolution_m * 10f64.powf(limit);
-        hit.felt_limit_db = 20.0 * limit;
-        hit.settle_s = 0.02;
-        hit.window_s = if criterion == Criterion::Felt { 0.5 } else { 0.07 };
-        prop_assume!(scene.check().is_ok());
-        for hit in &mut hits {
-            hit.cutoff_hz = scene.control.rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
-        }
-        hits.truncate(6);
-        let told = told.then(|| PreparedScene::told(&scene)).transpose().unwrap();
-        let prepared = told.unwrap_or_else(|| PreparedScene::new(&scene).unwrap());
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
-    }
 }
 
 #[test]
