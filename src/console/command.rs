@@ -202,6 +202,14 @@ static TABLE: &[Entry] = {
         ("tuning3", "tuning3 VALUE", Number(|value| C::Further(2, value))),
         #[cfg(feature = "estimators")]
         ("tuning4", "tuning4 VALUE", Number(|value| C::Further(3, value))),
+        #[cfg(feature = "estimators")]
+        ("tuning5", "tuning5 VALUE", Number(|value| C::Further(4, value))),
+        #[cfg(feature = "estimators")]
+        ("tuning6", "tuning6 VALUE", Number(|value| C::Further(5, value))),
+        #[cfg(feature = "estimators")]
+        ("tuning7", "tuning7 VALUE", Number(|value| C::Further(6, value))),
+        #[cfg(feature = "estimators")]
+        ("tuning8", "tuning8 VALUE", Number(|value| C::Further(7, value))),
         ("estimator", "estimator NAME", Form::Estimator),
         ("period", "period SAMPLES", Number(C::Period)),
         ("push", "push NEWTONS", Number(C::Push)),
@@ -306,6 +314,14 @@ mod tests {
             ("tuning2 0.4", C::Further(1, 0.4)),
             #[cfg(feature = "estimators")]
             ("tuning4 -0.1", C::Further(3, -0.1)),
+            #[cfg(feature = "estimators")]
+            ("tuning5 1.5", C::Further(4, 1.5)),
+            #[cfg(feature = "estimators")]
+            ("tuning6 1", C::Further(5, 1.0)),
+            #[cfg(feature = "estimators")]
+            ("tuning7 0", C::Further(6, 0.0)),
+            #[cfg(feature = "estimators")]
+            ("tuning8 0.5", C::Further(7, 0.5)),
             ("estimator butterworth", C::Estimator(EstimatorName::Butterworth)),
             ("estimator butterworth-prewarped", C::Estimator(EstimatorName::ButterworthPrewarped)),
             ("period 5", C::Period(5.0)),
@@ -335,7 +351,7 @@ mod tests {
         ] {
             assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
         }
-        assert_eq!(usages().count(), if cfg!(feature = "estimators") { 42 } else { 40 });
+        assert_eq!(usages().count(), if cfg!(feature = "estimators") { 46 } else { 40 });
     }
 
     #[test]

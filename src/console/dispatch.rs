@@ -130,9 +130,6 @@ impl<P: Port> Console<P> {
                 Ok(promise) => self.order(Order::Alive(promise), Awaited::Done("alive")),
                 Err(error) => self.reply(Reply::Range(&error)),
             },
-            Command::Save if !stored.has_room() => {
-                self.write(&"error: the record has no room for this estimator's parameters");
-            }
             Command::Save => self.order(Order::Request(Request::Stall(true)), Awaited::Save),
             Command::Load => self.load(&situation),
         }

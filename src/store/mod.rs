@@ -4,7 +4,8 @@
 //! wins. When a sector is full the other one is erased and the next record goes there, so the
 //! newest record is never in the sector that is being erased. A record counts only when its CRC
 //! (its last word) is right, so one that was cut short does not exist, and its place is not used
-//! again.
+//! again. An estimator with more parameters than a record has room for has the others in a record of
+//! their own, which is written before and counts only with the one behind it.
 //!
 //! A sector of 16 KiB takes 93 saves; 10 000 erases make that 1.8 million. Writing flash stalls the
 //! processor (16 us a word, up to 0.8 s an erase): save only with the force off.
@@ -19,6 +20,7 @@ pub use record::{DeviceKey, RECORD_WORDS, Signs, Stored};
 use core::fmt;
 
 use embedded_storage::nor_flash::NorFlash;
+use record::{Further, further_of_words};
 
 /// One of the two erase blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,6 +130,7 @@ impl<E> From<E> for SaveError<E> {
 enum Slot {
     Blank,
     Damaged,
+    Further(u32, Further),
     Record(u32, Stored),
 }
 
@@ -148,9 +151,16 @@ fn words<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Option<[u32
 fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
     match words(flash, sector, slot) {
         Some(words) if words.iter().all(|&word| word == BLANK) => Slot::Blank,
-        words => words
-            .and_then(|words| Stored::from_words(&words))
-            .map_or(Slot::Damaged, |(sequence, stored)| Slot::Record(sequence, stored)),
+        Some(words) => {
+            if let Some((sequence, stored)) = Stored::from_words(&words) {
+                Slot::Record(sequence, stored)
+            } else if let Some((sequence, further)) = further_of_words(&words) {
+                Slot::Further(sequence, further)
+            } else {
+                Slot::Damaged
+            }
+        }
+        None => Slot::Damaged,
     }
 }
 
@@ -167,10 +177,28 @@ struct Content {
 
 fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     let mut content = Content::default();
+    let mut before = None;
     for n in 0..slots::<F>() {
-        match slot(flash, sector, n) {
+        let (mut found, of_before) = (slot(flash, sector, n), before.take());
+        // of no use by itself
+        if let Slot::Further(sequence, further) = found {
+            before = Some((sequence, further));
+        }
+        if let Slot::Record(sequence, stored) = &mut found
+            && stored.has_further()
+        {
+            match of_before {
+                Some((same, further)) if same == *sequence => {
+                    *stored = stored.with_further(&further);
+                    content.damaged = content.damaged.saturating_sub(1);
+                    content.damaged_behind = content.damaged_behind.saturating_sub(1);
+                }
+                _ => found = Slot::Damaged,
+            }
+        }
+        match found {
             Slot::Blank => continue,
-            Slot::Damaged => {
+            Slot::Damaged | Slot::Further(..) => {
                 content.damaged += 1;
                 content.damaged_behind += 1;
             }
@@ -202,7 +230,12 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
 ///
 /// A sector with valid records was filled before the active one, so its damage is old.
 fn damaged_later(active: &Content, other: &Content) -> u32 {
-    active.damaged_behind + if other.newest.is_none() { other.damaged } else { 0 }
+    active.damaged_behind + if is_half_erased(other) { other.damaged } else { 0 }
+}
+
+/// Its erase was cut short. The active sector may have room again for a record that needs less.
+fn is_half_erased(other: &Content) -> bool {
+    other.newest.is_none() && other.damaged > 0
 }
 
 /// The newest settings that are whole, else `defaults`; and says which.
@@ -226,14 +259,16 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
 /// The hardware failed, or the record does not read back; what was saved before is still there.
 pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveError<F::Error>> {
     let count = slots::<F>();
-    if count == 0 || flash.capacity() < 2 * F::ERASE_SIZE {
+    let needed = 1 + usize::from(stored.has_further());
+    if count < needed || flash.capacity() < 2 * F::ERASE_SIZE {
         return Err(SaveError::TooSmall);
     }
     let (active, found, [content, other]) = newest(flash);
     let sequence = match found {
         Some((sequence, newest))
             if damaged_later(&content, &other) == 0
-                && newest.to_words(sequence) == stored.to_words(sequence) =>
+                && newest.to_words(sequence) == stored.to_words(sequence)
+                && newest.further_to_words(sequence) == stored.further_to_words(sequence) =>
         {
             return Ok(Saved::Unchanged);
         }
@@ -245,21 +280,22 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
         // There is nothing to keep, and remains would pass for newer than this record.
         [0, end].into_iter().try_for_each(|start| flash.erase(start, start + end))?;
         (Sector::A, 0)
-    } else if content.free < count {
+    } else if content.free + needed <= count && !is_half_erased(&other) {
         (active, content.free)
     } else {
         let sector = active.other();
         flash.erase(sector.start::<F>(), sector.start::<F>() + end)?;
         (sector, 0)
     };
-    let words_now = stored.to_words(sequence);
-    let bytes = words_now.map(u32::to_le_bytes);
-    flash.write(sector.offset::<F>(slot), bytes.as_flattened())?;
-    if words(flash, sector, slot) == Some(words_now) {
-        Ok(Saved::Written)
-    } else {
-        Err(SaveError::Verify)
+    let further = stored.further_to_words(sequence);
+    for (n, words_now) in further.into_iter().chain([stored.to_words(sequence)]).enumerate() {
+        let bytes = words_now.map(u32::to_le_bytes);
+        flash.write(sector.offset::<F>(slot + n), bytes.as_flattened())?;
+        if words(flash, sector, slot + n) != Some(words_now) {
+            return Err(SaveError::Verify);
+        }
     }
+    Ok(Saved::Written)
 }
 
 #[cfg(test)]

@@ -1,6 +1,10 @@
 //! One settings record as flash words.
 
-use crate::{Settings, WallSettings, crc, experiment::WalkSettings, velocity::EstimatorName};
+use crate::{
+    Settings, WallSettings, crc,
+    experiment::WalkSettings,
+    velocity::{EstimatorName, PARAMETERS},
+};
 
 /// What is kept: everything that a person sets, and what belongs to the device it was set for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +81,11 @@ pub struct Signs {
 /// Flash words of a record.
 pub const RECORD_WORDS: usize = 44;
 
+/// Parameters of an estimator beyond the two that a record has: they stand in a record of their own, just before it.
+pub(super) type Further = [f64; FURTHER];
+const KEPT: usize = 2;
+const FURTHER: usize = PARAMETERS - KEPT;
+
 /// Numbers in a record, two words each.
 const NUMBERS: usize = 17;
 
@@ -85,6 +94,8 @@ const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x03");
 /// The same of layout 2, which had 0 where the output period is, and this period.
 const HEAD_2: u32 = u32::from_le_bytes(*b"ZWS\x02");
 const PERIOD_2: u32 = 10;
+/// First word of a record of further parameters.
+const HEAD_FURTHER: u32 = u32::from_le_bytes(*b"ZWP\x03");
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
@@ -99,20 +110,56 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
-/// Whether a record has room for that estimator's parameters.
-fn fits(estimator: EstimatorName) -> bool {
-    estimator.parameters()[2].is_none()
+/// Those words, then zeros, the last of them a CRC over the others.
+fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
+    let mut words = [0; RECORD_WORDS];
+    let [places @ .., check] = &mut words;
+    for (place, word) in places.iter_mut().zip(body) {
+        *place = word;
+    }
+    *check = crc::of_words(places);
+    words
+}
+
+/// Sequence number and content of a record of further parameters, if those words are one.
+pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
+    let [body @ .., check] = words;
+    let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };
+    if crc::of_words(body) != *check {
+        return None;
+    }
+    let (pairs, _) = numbers.as_chunks::<2>();
+    let number = |n| pairs.get(n).map_or(0.0, |&[low, high]: &[u32; 2]| whole(low, high));
+    Some((*sequence, core::array::from_fn(number)))
 }
 
 impl Stored {
-    /// Whether a record has room for them: it keeps two parameters of the estimator.
-    pub fn has_room(&self) -> bool {
-        fits(self.settings.velocity.name())
+    /// Whether the estimator has more parameters than a record: then a record of those stands before it.
+    pub(super) fn has_further(&self) -> bool {
+        self.settings.velocity.name().parameters()[KEPT].is_some()
+    }
+
+    /// The record of further parameters, if there are any.
+    pub(super) fn further_to_words(&self, sequence: u32) -> Option<[u32; RECORD_WORDS]> {
+        if !self.has_further() {
+            return None;
+        }
+        let (_, parameters) = EstimatorName::of(&self.settings.velocity);
+        let numbers = parameters.into_iter().skip(KEPT).flat_map(halves);
+        Some(checked([HEAD_FURTHER, sequence].into_iter().chain(numbers)))
+    }
+
+    /// The same with those further parameters.
+    #[must_use]
+    pub(super) fn with_further(mut self, further: &Further) -> Self {
+        for (n, number) in further.iter().enumerate() {
+            self.settings.velocity = self.settings.velocity.with_parameter(KEPT + n, *number);
+        }
+        self
     }
 
     /// As words, the last of them a CRC over the others.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
-        let mut words = [0; RECORD_WORDS];
         let (estimator, parameters) = EstimatorName::of(&self.settings.velocity);
         let wall = &self.settings.wall;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
@@ -139,21 +186,18 @@ impl Stored {
             self.rms_limit_m,
         ];
         let name = self.device.0.as_chunks::<4>().0;
-        let body = [HEAD, sequence]
-            .into_iter()
-            .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
-            .chain([estimator.id(), flags])
-            .chain(numbers.into_iter().flat_map(halves))
-            .chain([self.period]);
-        for (place, word) in words.iter_mut().zip(body) {
-            *place = word;
-        }
-        let [body @ .., check] = &mut words;
-        *check = crc::of_words(body);
-        words
+        checked(
+            [HEAD, sequence]
+                .into_iter()
+                .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
+                .chain([estimator.id(), flags])
+                .chain(numbers.into_iter().flat_map(halves))
+                .chain([self.period]),
+        )
     }
 
-    /// Sequence number and content of those words, if they are a record of this version or of layout 2.
+    /// Sequence number and content of those words, if they are a record of this version or of layout 2; further
+    /// parameters are 0.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -195,9 +239,8 @@ impl Stored {
         let stored = Self {
             device,
             settings: Settings {
-                velocity: EstimatorName::from_id(estimator)
-                    .filter(|name| fits(*name))?
-                    .settings([p, q, 0.0, 0.0]),
+                velocity: EstimatorName::from_id(estimator)?
+                    .settings(core::array::from_fn(|n| [p, q].get(n).copied().unwrap_or_default())),
                 wall: WallSettings {
                     position_m: wall,
                     stiffness_n_per_m: k,
@@ -312,7 +355,7 @@ pub(super) mod tests {
             let record = Stored {
                 device: DeviceKey::new(&name).unwrap(),
                 settings: Settings {
-                    velocity: EstimatorName::ALL[usize::from(flags[0])].settings([numbers[0], 0.0, 0.0, 0.0]),
+                    velocity: EstimatorName::ALL[usize::from(flags[0])].settings(core::array::from_fn(|n| if n == 0 { numbers[0] } else { 0.0 })),
                     wall: WallSettings {
                         position_m: numbers[1],
                         stiffness_n_per_m: numbers[2],

@@ -214,6 +214,59 @@ fn cut_everywhere<const UNIT: usize>() {
     assert_eq!(cases, 3 * (10 * record + 3 * sector));
 }
 
+/// Four and eight parameters: what a record has no room for stands before it, and counts only with it.
+#[test]
+#[cfg(feature = "estimators")]
+#[cfg_attr(miri, ignore = "thousands of saves")]
+fn an_estimator_of_many_parameters_comes_back_whole_or_not_at_all() {
+    use crate::velocity::{EstimatorName, VelocitySettings};
+    let with = |n: f64| {
+        let mut stored = stored(n);
+        let of = |name: EstimatorName| {
+            (0..8).fold(name.defaults(), |all, place| all.with_parameter(place, n + place as f64))
+        };
+        stored.settings.velocity = match n % 3.0 {
+            0.0 => VelocitySettings::Butterworth { cutoff_hz: n },
+            1.0 => of(EstimatorName::Biquad),
+            _ => of(EstimatorName::Biquad2),
+        };
+        stored
+    };
+    for saves in 1..12 {
+        let mut before = Mock::<4>::new();
+        for n in 1..saves {
+            assert_eq!(save(&mut before, &with(n.into())), Ok(Saved::Written));
+            assert_eq!(save(&mut before, &with(n.into())), Ok(Saved::Unchanged));
+            let loaded = load(&mut before, defaults());
+            assert_eq!((loaded.stored, loaded.source), (with(n.into()), Source::Newest));
+            assert_eq!(loaded.damaged, 0, "after save {n}");
+        }
+        let old = if saves == 1 { defaults() } else { with(f64::from(saves - 1)) };
+        let mut whole = before.clone();
+        whole.used = 0;
+        save(&mut whole, &with(saves.into())).unwrap();
+        for cut in [Cut::Before, Cut::Half, Cut::After] {
+            for operations in 1..=whole.used {
+                let mut flash = before.clone();
+                (flash.left, flash.cut) = (Some(operations), cut);
+                save(&mut flash, &with(saves.into())).unwrap_err();
+                let loaded = load(&mut flash, defaults()).stored;
+                let last = operations == whole.used;
+                assert!(
+                    loaded == old || last && loaded == with(saves.into()),
+                    "save {saves}, cut {cut:?} after {operations}: {loaded:?}"
+                );
+                flash.left = None;
+                for n in [100.0, 101.0, 102.0] {
+                    assert_eq!(save(&mut flash, &with(n)), Ok(Saved::Written));
+                    let loaded = load(&mut flash, defaults());
+                    assert_eq!((loaded.stored, loaded.source), (with(n), Source::Newest));
+                }
+            }
+        }
+    }
+}
+
 #[test]
 #[cfg_attr(miri, ignore = "a thousand saves")]
 fn two_cuts_one_after_the_other_lose_nothing_either() {

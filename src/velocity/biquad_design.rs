@@ -12,12 +12,17 @@
 //! velocity is that of the sample itself. The second zero lies at `zero` in the plane of z: at -1 it takes half the rate
 //! away, as both zeros of a Butterworth low-pass do, at 0 there is none, above it leads as the first one does.
 //!
+//! A cascade is two of them; the second follows a velocity, not a difference, so that its lead lacks the half sample.
+//!
 //! **What is accepted.** The first zero may lie from -1 on. The magnitudes of the coefficients add up to less than 4, so
 //! that no sum overflows whatever the counts do, which bounds how far a low frequency can be led.
 
 use core::ops::RangeInclusive;
 
-use super::biquad::{Biquad, Coefficient};
+use super::{
+    Cascade,
+    biquad::{Biquad, Coefficient},
+};
 use crate::range::{SettingsError, within};
 
 /// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate; `S` has 51 LSB of 2^-30 at the
@@ -62,6 +67,19 @@ impl BiquadDesign {
         zero: f64,
         rate_hz: f64,
     ) -> Result<Self, SettingsError> {
+        // the difference is late by half a sample
+        Self::section(frequency_hz, damping, lead_s, zero, rate_hz, 0.5)
+    }
+
+    /// The same behind what is late by so many samples, which the lead makes good.
+    fn section(
+        frequency_hz: f64,
+        damping: f64,
+        lead_s: f64,
+        zero: f64,
+        rate_hz: f64,
+        late: f64,
+    ) -> Result<Self, SettingsError> {
         let range = FREQUENCY.start() * rate_hz..=FREQUENCY.end() * rate_hz;
         within("frequency_hz", frequency_hz, range)?;
         within("damping", damping, DAMPING)?;
@@ -73,7 +91,7 @@ impl BiquadDesign {
         let room = SUM - a[0].abs() - a[1].abs();
         within("zero", zero, ZERO[0]..=ZERO[1].min(1.0 - less / room))?;
         let h = zero / (1.0 - zero);
-        let delay = 0.5 - (a[0] + 2.0 * a[1]) / less;
+        let delay = late - (a[0] + 2.0 * a[1]) / less;
         let lead_of = |g: f64| (g + h - delay) / rate_hz;
         let most = own.most(h);
         within("lead_s", lead_s, lead_of(LEAST)..=lead_of(most))?;
@@ -116,6 +134,45 @@ impl BiquadDesign {
             a: [a1, a2].map(Coefficient::from_bits),
             second: -i32::from(self.frequency_per_rate < SECOND_ORDER_BELOW),
         }
+    }
+}
+
+/// Two biquads in a row: the leads add up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CascadeDesign {
+    /// The first one first.
+    pub sections: [BiquadDesign; 2],
+}
+
+impl CascadeDesign {
+    /// Sections by frequency (in Hz; the second's over the first's), damping, lead in s and second zero.
+    ///
+    /// # Errors
+    /// Names the parameter that is out of range.
+    pub fn new(first: [f64; 4], second: [f64; 4], rate_hz: f64) -> Result<Self, SettingsError> {
+        let [frequency_hz, damping, lead_s, zero] = first;
+        let first = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
+        let [ratio, damping, lead_s, zero] = second;
+        let [low, high] = [FREQUENCY.start(), FREQUENCY.end()].map(|part| part * rate_hz);
+        within("second_ratio", ratio, low / frequency_hz..=high / frequency_hz)?;
+        let hz = (ratio * frequency_hz).max(low).min(high);
+        let second = BiquadDesign::section(hz, damping, lead_s, zero, rate_hz, 0.0);
+        let second = second.map_err(|error| SettingsError {
+            parameter: match error.parameter {
+                "damping" => "second_damping",
+                "lead_s" => "second_lead_s",
+                "zero" => "second_zero",
+                other => other,
+            },
+            ..error
+        })?;
+        Ok(Self { sections: [first, second] })
+    }
+
+    /// Each section with a DC gain of exactly one.
+    pub fn quantise(&self) -> Cascade {
+        let [first, second] = &self.sections;
+        Cascade { sections: [first.quantise(), second.quantise()] }
     }
 }
 

@@ -10,6 +10,8 @@ mod biquad;
 #[cfg(feature = "estimators")]
 mod biquad_design;
 mod butterworth;
+#[cfg(feature = "estimators")]
+mod cascade;
 mod central_difference;
 mod difference;
 mod edge_timer;
@@ -32,10 +34,12 @@ mod word;
 
 pub use biquad::{Biquad, BiquadState, Shaping};
 #[cfg(feature = "estimators")]
-pub use biquad_design::BiquadDesign;
+pub use biquad_design::{BiquadDesign, CascadeDesign};
 pub use butterworth::{
     ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder, PREWARPED_MAX, QUALITY, true_cutoff_hz,
 };
+#[cfg(feature = "estimators")]
+pub use cascade::Cascade;
 pub use central_difference::CentralDifference;
 pub use difference::Difference;
 pub use edge_timer::{Captures, EdgeTimer};

@@ -29,7 +29,7 @@ impl Parameter {
 }
 
 /// Most parameters of an estimator.
-pub const PARAMETERS: usize = 4;
+pub const PARAMETERS: usize = 8;
 
 /// Those of one estimator by their places, 0 where there is none.
 pub type Numbers = [f64; PARAMETERS];

@@ -297,6 +297,8 @@ estimators! {
             CentralDifference(CentralDifference) keeps central_difference;
             /// The counts of a window over its length.
             WindowDifference(WindowDifference) keeps window;
+            /// Two biquads in a row.
+            Cascade(Cascade) keeps cascade;
         }
         names {
             /// Position and acceleration.
@@ -389,6 +391,31 @@ estimators! {
                 zero: f64 = ("zero", "1", 0.0),
             } => |design| LowPass(
                 BiquadDesign::new(frequency_hz, damping, lead_s, zero, design.rate_hz)?.quantise()
+            );
+            /// The same with a second biquad behind it.
+            Biquad2 = 22, "biquad-2" {
+                /// Frequency of the first section's poles, Hz: 3.5e-5 to 0.2 of the rate.
+                frequency_hz: f64 = ("frequency", "Hz", 700.0),
+                /// Their damping ratio, 0.02 to 4.
+                damping: f64 = ("damping", "1", 0.5),
+                /// By how much the first section leads a slow motion, s; its range follows from the others.
+                lead_s: f64 = ("lead", "s", 0.0),
+                /// Place of its second zero, -1 to 0.98.
+                zero: f64 = ("zero", "1", 0.0),
+                /// Frequency of the second section's poles over that of the first's.
+                second_ratio: f64 = ("second_ratio", "1", 1.0),
+                /// Their damping ratio, 0.02 to 4.
+                second_damping: f64 = ("second_damping", "1", 1.0),
+                /// By how much the second section leads a slow motion, s.
+                second_lead_s: f64 = ("second_lead", "s", 0.0),
+                /// Place of its second zero, -1 to 0.98.
+                second_zero: f64 = ("second_zero", "1", 0.0),
+            } => |design| Cascade(
+                CascadeDesign::new(
+                    [frequency_hz, damping, lead_s, zero],
+                    [second_ratio, second_damping, second_lead_s, second_zero],
+                    design.rate_hz,
+                )?.quantise()
             );
             /// The counts of the last samples over their time.
             WindowDifference = 18, "window-difference" {

@@ -29,8 +29,10 @@ fn ask(
     let question = Question {
         conditions,
         gain_peak_db,
+        delay_s: None,
         roughness_n: None,
         mistuned_share: None,
+        sections: 1,
         budget,
         repeats: 4,
         seed,

@@ -204,14 +204,14 @@ fn a_handle_that_leaves_the_range_of_the_core_ends_the_hit_by_name() {
 /// Every estimator of the core, and how far between the ends of its range each of its parameters is.
 fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
     let part = prop_oneof![1 => Just(0.0), 4 => 0.0..=1.0f64];
-    (proptest::sample::select(EstimatorName::ALL), [part.clone(), part.clone(), part.clone(), part])
+    (proptest::sample::select(EstimatorName::ALL), proptest::array::uniform8(part))
 }
 
 /// Its parameters so far between the ends of what the core accepts on this device: the ranges are those that its
 /// refusals name, some of them one after the other.
 fn tuned(name: EstimatorName, parts: Numbers, design: &Design) -> VelocitySettings {
     let mut numbers = [f64::NAN; PARAMETERS];
-    for _ in 0..6 {
+    for _ in 0..2 * PARAMETERS {
         let Err(error) = name.settings(numbers).build(design) else { break };
         let place = name.keys().iter().position(|key| *key == error.parameter).unwrap();
         let (low, high) = (*error.range.start(), *error.range.end());

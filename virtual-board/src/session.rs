@@ -138,22 +138,20 @@ impl Session {
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
         let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
         let mut world = self.zeroed(if of_edges { World::with_edge_times } else { World::new })?;
-        let [first, second, third, fourth] = tunings;
-        for line in [
+        let before = [
             "unlock envelope".to_owned(),
             format!("period {}", scene.actuator.period),
             format!("estimator {}", estimator.text()),
-            first,
-            second,
-            third,
-            fourth,
+        ];
+        let behind = [
             format!("wall {}", scene.wall.position_m),
             format!("start {}", scene.device.start_position_m),
             format!("push {}", scene.wall_hit.push_n),
             format!("settle {}", scene.wall_hit.settle_s),
             format!("window {}", scene.wall_hit.window_s),
             format!("rms {}", scene.wall_hit.rms_limit_m),
-        ] {
+        ];
+        for line in before.into_iter().chain(tunings).chain(behind) {
             if !line.is_empty() {
                 ask(&mut world, &line)?;
             }
@@ -270,10 +268,11 @@ fn tuning(
         let text = format!("velocity.estimator {name} needs {sense}, which {} has not", board.name);
         return Err(Failed::Refused(text));
     }
-    let line = |name: &str, parameter: Option<(_, f64)>| {
+    let line = |place: usize| {
+        let name = if place == 0 { "tuning".into() } else { format!("tuning{}", place + 1) };
+        let parameter = settings.parameter(place);
         parameter.map_or_else(String::new, |(_, value)| format!("{name} {value}"))
     };
-    let names = ["tuning", "tuning2", "tuning3", "tuning4"];
-    let lines = std::array::from_fn(|place| line(names[place], settings.parameter(place)));
+    let lines = std::array::from_fn(line);
     Ok((lines, estimator))
 }

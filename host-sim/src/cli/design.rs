@@ -24,12 +24,12 @@ use crate::{
     scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
 };
 
-/// Designs a velocity filter for a device: poles, lead and second zero of a biquad behind the finite difference, in the
-/// core's fixed point, for the worst of several pushes, arms and limits.
+/// Designs a velocity filter for a device: poles, lead and second zero of one or two biquads behind the finite difference,
+/// in the core's fixed point, for the worst of several pushes, arms and limits.
 ///
 /// A global search, then the best below several gain peaks walked anew. In the result an area is that of the worst
 /// condition: the one with the least area over that of a Butterworth low-pass at its best cutoff of [sweep] there. In a
-/// scene the result is estimator = "biquad".
+/// scene the result is estimator = "biquad", or "biquad-2".
 #[derive(Debug, Args)]
 pub struct DesignArgs {
     /// Built-in scene or scene file; its own estimator does not matter.
@@ -37,8 +37,11 @@ pub struct DesignArgs {
     /// Largest gain of the velocity over the true one, dB [default: no limit].
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     gain_peak_db: Option<f64>,
-    /// Sections of second order: the core runs one.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=1))]
+    /// Largest delay of the velocity of a slow motion, s; 0: it is that of the sample [default: no limit].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    delay: Option<f64>,
+    /// Sections of second order: 1 is estimator = "biquad", 2 is "biquad-2", at twice the cycles.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     sections: u8,
     /// Roughest force above 100 Hz at the wall that the result names, N RMS [default: no limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -66,10 +69,11 @@ pub struct DesignArgs {
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
     /// Filters that the search walks, two walks each in every condition [default: 6000 over their number,
-    /// from 1000 to 3000].
+    /// from 1000 to 3000; for two sections the double].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     budget: Option<u32>,
-    /// Walks of a result in each condition, their starts spread over one count.
+    /// Walks of a result in each condition, their starts spread over one count; with 1 all walks of search and result
+    /// have that one start, and the area is the luckiest of many.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
     /// Seed of the search.
@@ -102,6 +106,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
     let named = NamedScene::load(&args.scene)?;
     for (option, value, range) in [
         ("--gain-peak-db", args.gain_peak_db, 0.1..=100.0),
+        ("--delay", args.delay, -0.1..=0.1),
         ("--roughness", args.roughness, 0.0..=1e6),
         ("--mistuned", args.mistuned, 0.0..=1.0),
     ] {
@@ -115,13 +120,15 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
     }
     let budget = args.budget.unwrap_or_else(|| {
         let number = u32::try_from(conditions.len()).unwrap_or(u32::MAX).max(1);
-        (6000 / number).clamp(1000, 3000)
+        u32::from(args.sections) * (6000 / number).clamp(1000, 3000)
     });
     let question = Question {
         conditions,
         gain_peak_db: args.gain_peak_db,
+        delay_s: args.delay,
         roughness_n: args.roughness,
         mistuned_share: args.mistuned,
+        sections: args.sections,
         budget,
         repeats: args.repeat,
         seed: args.seed,
@@ -235,6 +242,7 @@ impl DesignArgs {
             |all: &Vec<PushBy>| all.iter().map(|push| push.name()).collect::<Vec<_>>().join(",");
         let options = [
             ("gain-peak-db", number(self.gain_peak_db)),
+            ("delay", number(self.delay)),
             ("roughness", number(self.roughness)),
             ("mistuned", number(self.mistuned)),
             ("push", self.push.as_ref().map(pushes)),

@@ -13,7 +13,10 @@ use super::{
 use crate::{
     analysis::{
         compare::with_estimator,
-        design::{DesignStudy, Designed, MISTUNED_BY, Tried},
+        design::{
+            DesignStudy, Designed, MISTUNED_BY, Tried,
+            shape::{Second, Shape},
+        },
     },
     scene::Scene,
     study::walk::Boundaries,
@@ -26,6 +29,38 @@ pub struct VelocityKeys {
     damping: f64,
     lead_s: f64,
     zero: f64,
+    #[serde(flatten)]
+    second: Option<SecondKeys>,
+}
+
+/// Those of a second section.
+#[derive(Clone, Debug, Serialize)]
+struct SecondKeys {
+    second_ratio: f64,
+    second_damping: f64,
+    second_lead_s: f64,
+    second_zero: f64,
+}
+
+impl VelocityKeys {
+    fn of(shape: &Shape) -> Self {
+        let Shape { damping, lead_s, zero, second, .. } = *shape;
+        let estimator = shape.settings().name().text();
+        let second = second.map(|second| SecondKeys {
+            second_ratio: second.ratio,
+            second_damping: second.damping,
+            second_lead_s: second.lead_s,
+            second_zero: second.zero,
+        });
+        Self { estimator, damping, lead_s, zero, second }
+    }
+}
+
+/// A section as the core runs it: a DC gain of one, `1 + a1 z^-1 + a2 z^-2` below.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SectionRow {
+    b: [f64; 3],
+    a: [f64; 2],
 }
 
 /// `[sweep]` of a scene.
@@ -50,9 +85,12 @@ pub struct FilterRow {
     roughness_n: Option<f64>,
     mistuned_share: f64,
     capped_walks: usize,
-    /// As the core runs it: a DC gain of one, `1 + a1 z^-1 + a2 z^-2` below.
-    b: [f64; 3],
-    a: [f64; 2],
+    /// The first section.
+    #[serde(flatten)]
+    first: SectionRow,
+    /// Both, where there are two.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sections: Option<Vec<SectionRow>>,
     velocity: VelocityKeys,
     sweep: SweepKeys,
 }
@@ -74,10 +112,10 @@ pub struct ConditionRow {
     capped_walks: usize,
 }
 
-fn as_run(biquad: &Biquad) -> ([f64; 3], [f64; 2]) {
+fn as_run(biquad: &Biquad) -> SectionRow {
     let one = f64::from(1 << Biquad::FRACTION_BITS);
     let [b0, b1, b2, a1, a2] = biquad.bits().map(|bits| f64::from(bits) / one);
-    ([b0, b1, b2], [a1, a2])
+    SectionRow { b: [b0, b1, b2], a: [a1, a2] }
 }
 
 fn optional(value: Option<f64>) -> String {
@@ -101,10 +139,10 @@ pub struct Designs(pub DesignStudy);
 
 impl Designs {
     fn row(&self, filter: &Designed) -> FilterRow {
-        let Designed { shape, biquad, .. } = filter;
+        let shape = &filter.shape;
         let boundaries = &filter.boundaries[filter.worst];
         let [area_low_n2_s_per_m2, area_high_n2_s_per_m2] = boundaries.area_range();
-        let (b, a) = as_run(biquad);
+        let sections: Vec<SectionRow> = filter.sections.iter().map(as_run).collect();
         FilterRow {
             area_n2_s_per_m2: filter.area(),
             area_low_n2_s_per_m2,
@@ -112,18 +150,13 @@ impl Designs {
             times_butterworth: filter.worth,
             worst_condition: self.0.question.conditions[filter.worst].name.clone(),
             gain_peak_db: filter.gain_peak_db,
-            delay_s: -shape.lead_s,
+            delay_s: -shape.led_s(),
             roughness_n: filter.roughness_n,
             mistuned_share: filter.mistuned_share,
             capped_walks: boundaries.capped(),
-            b,
-            a,
-            velocity: VelocityKeys {
-                estimator: "biquad",
-                damping: shape.damping,
-                lead_s: shape.lead_s,
-                zero: shape.zero,
-            },
+            first: sections[0],
+            sections: (sections.len() > 1).then_some(sections),
+            velocity: VelocityKeys::of(shape),
             sweep: SweepKeys { cutoffs_hz: [shape.frequency_hz] },
         }
     }
@@ -166,11 +199,22 @@ impl Designs {
         let mut text = String::from(
             "frequency_hz,damping,lead_s,zero,area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,\
              times_butterworth,worst_condition,gain_peak_db,delay_s,roughness_n,mistuned_share,capped_walks,\
-             b0,b1,b2,a1,a2,schema_version\n",
+             b0,b1,b2,a1,a2,",
         );
+        if self.0.question.sections > 1 {
+            text += "second_ratio,second_damping,second_lead_s,second_zero,";
+            text += "second_b0,second_b1,second_b2,second_a1,second_a2,";
+        }
+        text += "schema_version\n";
         for (filter, row) in self.0.filters.iter().zip(self.rows()) {
             let shape = &filter.shape;
-            let coefficients = row.b.iter().chain(&row.a).map(f64::to_string);
+            let numbers = |SectionRow { b, a }: &SectionRow| [b[0], b[1], b[2], a[0], a[1]];
+            let mut rest = numbers(&row.first).to_vec();
+            if let (Some(second), Some([_, section])) = (shape.second, row.sections.as_deref()) {
+                rest.extend([second.ratio, second.damping, second.lead_s, second.zero]);
+                rest.extend(numbers(section));
+            }
+            let rest: Vec<String> = rest.iter().map(f64::to_string).collect();
             let _ = writeln!(
                 text,
                 "{},{},{},{},{},{},{},{},\"{}\",{},{},{},{},{},{},{SCHEMA_VERSION}",
@@ -188,7 +232,7 @@ impl Designs {
                 optional(row.roughness_n),
                 row.mistuned_share,
                 row.capped_walks,
-                coefficients.collect::<Vec<_>>().join(",")
+                rest.join(",")
             );
         }
         text
@@ -196,12 +240,18 @@ impl Designs {
 
     /// `tried.csv`.
     pub fn tried_csv(&self) -> String {
-        let mut text = String::from(
-            "frequency_hz,damping,lead_s,zero,gain_peak_db,times_butterworth_on_search_grid\n",
-        );
+        let mut text = String::from("frequency_hz,damping,lead_s,zero,");
+        if self.0.question.sections > 1 {
+            text += "second_ratio,second_damping,second_lead_s,second_zero,";
+        }
+        text += "gain_peak_db,times_butterworth_on_search_grid\n";
         for Tried { shape, gain_peak_db, worth } in &self.0.tried {
             let (f, d, l, z) = (shape.frequency_hz, shape.damping, shape.lead_s, shape.zero);
-            let _ = writeln!(text, "{f},{d},{l},{z},{gain_peak_db},{worth}");
+            let _ = write!(text, "{f},{d},{l},{z},");
+            if let Some(Second { ratio, damping, lead_s, zero }) = shape.second {
+                let _ = write!(text, "{ratio},{damping},{lead_s},{zero},");
+            }
+            let _ = writeln!(text, "{gain_peak_db},{worth}");
         }
         text
     }
@@ -299,7 +349,7 @@ impl Designs {
                 millions(filter.area()),
                 filter.worth,
                 filter.gain_peak_db,
-                1e3 * shape.lead_s,
+                1e3 * shape.led_s(),
                 rough,
                 100.0 * filter.mistuned_share,
                 shape.frequency_hz,
@@ -335,10 +385,21 @@ impl Designs {
             let shape = &best.shape;
             let _ = write!(
                 text,
-                "\n  the best one in a scene:\n    [velocity]\n    estimator = \"biquad\"\n    damping = {}\n    \
-                 lead_s = {}\n    zero = {}\n    [sweep]\n    cutoffs_hz = [{}]",
-                shape.damping, shape.lead_s, shape.zero, shape.frequency_hz
+                "\n  the best one in a scene:\n    [velocity]\n    estimator = \"{}\"\n    damping = {}\n    \
+                 lead_s = {}\n    zero = {}",
+                shape.settings().name().text(),
+                shape.damping,
+                shape.lead_s,
+                shape.zero
             );
+            if let Some(Second { ratio, damping, lead_s, zero }) = shape.second {
+                let _ = write!(
+                    text,
+                    "\n    second_ratio = {ratio}\n    second_damping = {damping}\n    \
+                     second_lead_s = {lead_s}\n    second_zero = {zero}"
+                );
+            }
+            let _ = write!(text, "\n    [sweep]\n    cutoffs_hz = [{}]", shape.frequency_hz);
         }
         for note in self.notes() {
             let _ = write!(text, "\n  note: {note}");
@@ -358,7 +419,7 @@ impl Designs {
                 filter.roughness_n.map_or(f64::INFINITY, |n| 1e3 * n)
             }),
             ("area lost when mistuned, %", 0.1, |filter| 100.0 * (1.0 - filter.mistuned_share)),
-            ("1 ms + delay, ms", 0.001, |filter| 1.0 - 1e3 * filter.shape.lead_s),
+            ("1 ms + delay, ms", 0.001, |filter| 1.0 - 1e3 * filter.shape.led_s()),
         ];
         let series = self.0.filters.iter().enumerate().map(|(place, filter)| TradeSeries {
             name: format!("{}: {:.1} dB", place + 1, filter.gain_peak_db),

@@ -104,7 +104,10 @@ fn every_command_works_in_any_order_with_garbage_between() {
     let mut world = firmware.boot();
     arm(&mut world);
     let mut random = Random(1);
-    let all: Vec<_> = usages().collect();
+    // the third to the last parameter of an estimator are commands of other images
+    let has =
+        |usage: &&str| !usage.starts_with("tuning") || usage.split(' ').next() < Some("tuning3");
+    let all: Vec<_> = usages().filter(has).collect();
     let mut names = BTreeSet::new();
     let (mut obeyed, mut refused, mut changed) = (0, 0, 0);
     let mut settings = reply(&mut world, "get");

@@ -72,7 +72,7 @@ pub type Parts = [f64; PARAMETERS];
 
 /// Places for all parameters.
 pub fn parts() -> impl Strategy<Value = Parts> + Clone {
-    [part(), part(), part(), part()]
+    prop::array::uniform8(part())
 }
 
 /// That estimator with parameters at those places of the ranges that it accepts; none if the design leaves no range.
@@ -84,7 +84,7 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
         }
     }
     // A refusal names the parameter and its range; the first one that is refused is set next.
-    for _ in 0..6 {
+    for _ in 0..2 * PARAMETERS {
         let Err(SettingsError { parameter, range, .. }) = name.settings(numbers).build(design)
         else {
             return Some(name.settings(numbers));

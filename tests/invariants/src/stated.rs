@@ -39,6 +39,19 @@ pub struct Resonance {
     pub rounding: f64,
     /// What the coefficients' rounding may, as a part of the fastest difference.
     pub coefficients: f64,
+    /// What it makes of the largest input, at most.
+    pub gain: f64,
+}
+
+/// Of two polynomials.
+fn product(p: &[f64], q: &[f64]) -> Vec<f64> {
+    let mut product = vec![0.0; p.len() + q.len() - 1];
+    for (n, a) in p.iter().enumerate() {
+        for (m, b) in q.iter().enumerate() {
+            product[n + m] += a * b;
+        }
+    }
+    product
 }
 
 impl Resonance {
@@ -56,7 +69,16 @@ impl Resonance {
         // the velocity itself is at most the differences times the poles' response and the numerator's magnitudes
         let gain: f64 = poles * b.iter().map(|b| b.abs()).sum::<f64>();
         let coefficients = poles * (3.0 + 2.0 * gain) * 2f64.powi(-30);
-        Self { rounding: 0.5 * shaped + 1.0, coefficients }
+        Self { rounding: 0.5 * shaped + 1.0, coefficients, gain }
+    }
+
+    /// Of another one behind this one, which raises what this one leaves.
+    fn then(self, next: Self) -> Self {
+        Self {
+            rounding: self.rounding * next.gain + next.rounding,
+            coefficients: self.coefficients * next.gain + next.coefficients * self.gain,
+            gain: self.gain * next.gain,
+        }
     }
 }
 
@@ -150,7 +172,7 @@ impl Stated {
     /// LSB by which the integers may be off the equations at speeds up to that, LSB.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self.resonance {
-            Some(Resonance { rounding, coefficients }) => rounding + fastest * coefficients,
+            Some(Resonance { rounding, coefficients, .. }) => rounding + fastest * coefficients,
             None => self.twin.lsb(fastest),
         }
     }
@@ -265,6 +287,42 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let error = if noise_counts < 1.0 { 1.0 } else { error / window };
         exact(error, 0.0, window + 1.0, First::Part(1.0, 1.0))
     };
+    // a biquad by meaning, behind what is late by so many samples
+    let section = |[frequency_hz, damping, lead_s, zero]: [f64; 4], late: f64| {
+        let w = 2.0 * PI * frequency_hz / design.rate_hz;
+        let product = (-2.0 * damping * w).exp();
+        let apart = (damping * damping - 1.0).abs().sqrt() * w;
+        let sum = 2.0 * product.sqrt() * if damping < 1.0 { apart.cos() } else { apart.cosh() };
+        // (1 - p)(1 - p'), where nothing cancels
+        let lost = 1.0 - product.sqrt();
+        let s = match damping < 1.0 {
+            true => lost * lost + 4.0 * product.sqrt() * (apart / 2.0).sin().powi(2),
+            false => lost * lost - 4.0 * product.sqrt() * (apart / 2.0).sinh().powi(2),
+        };
+        // what the poles are late by, and the second zero leads by
+        let (poles, h) = ((sum - 2.0 * product) / s, zero / (1.0 - zero));
+        let g = lead_s * design.rate_hz + late + poles - h;
+        let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
+        let slowest = damping.min(1.0 / damping).min(1.0 / (2.0 * damping));
+        let part = slowest * frequency_hz / design.rate_hz;
+        let order = if frequency_hz / design.rate_hz < 0.064 { 2 } else { 1 };
+        (b, [-sum, product], part, order)
+    };
+    let resonant = |sections: &[([f64; 3], [f64; 2], f64, u32)]| {
+        let part = sections.iter().map(|(_, _, part, _)| *part).fold(f64::INFINITY, f64::min);
+        let numerators = sections.iter().map(|(b, ..)| b.to_vec());
+        let denominators = sections.iter().map(|(_, [a1, a2], ..)| vec![1.0, *a1, *a2]);
+        let b = numerators.reduce(|p, q| product(&p, &q)).unwrap_or_default();
+        let a = denominators.reduce(|p, q| product(&p, &q)).unwrap_or_default();
+        let says = low_pass(&b, &a[1..], part);
+        let of = |(b, a, _, order): &([f64; 3], [f64; 2], f64, u32)| {
+            Resonance::of(b, a, *order, says.settles[0])
+        };
+        let resonance = sections.iter().map(of).reduce(Resonance::then).expect("a section");
+        let more = (resonance.rounding / LSB - says.whole).max(0.0);
+        let (error, whole) = (says.error + more, says.whole + more);
+        Stated { error, whole, resonance: Some(resonance), ..says }
+    };
     match *settings {
         V::Butterworth { cutoff_hz } => butterworth(cutoff_hz, false),
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
@@ -288,29 +346,20 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
             low_pass(&[ki * (1.0 + lead), -ki * lead], &[-2.0 * p, p * p], part)
         }
         V::Biquad { frequency_hz, damping, lead_s, zero } => {
-            let w = 2.0 * PI * frequency_hz / design.rate_hz;
-            let product = (-2.0 * damping * w).exp();
-            let apart = (damping * damping - 1.0).abs().sqrt() * w;
-            let sum = 2.0 * product.sqrt() * if damping < 1.0 { apart.cos() } else { apart.cosh() };
-            // (1 - p)(1 - p'), where nothing cancels
-            let lost = 1.0 - product.sqrt();
-            let s = match damping < 1.0 {
-                true => lost * lost + 4.0 * product.sqrt() * (apart / 2.0).sin().powi(2),
-                false => lost * lost - 4.0 * product.sqrt() * (apart / 2.0).sinh().powi(2),
-            };
-            // what the poles are late by, and the second zero leads by
-            let (late, h) = ((sum - 2.0 * product) / s, zero / (1.0 - zero));
-            let g = lead_s * design.rate_hz + 0.5 + late - h;
-            let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
-            let slowest = damping.min(1.0 / damping).min(1.0 / (2.0 * damping));
-            let part = slowest * frequency_hz / design.rate_hz;
-            let order = if frequency_hz / design.rate_hz < 0.064 { 2 } else { 1 };
-            let a = [-sum, product];
-            let says = low_pass(&b, &a, part);
-            let resonance = Resonance::of(&b, &a, order, says.settles[0]);
-            let more = (resonance.rounding / LSB - says.whole).max(0.0);
-            let (error, whole) = (says.error + more, says.whole + more);
-            Stated { error, whole, resonance: Some(resonance), ..says }
+            resonant(&[section([frequency_hz, damping, lead_s, zero], 0.5)])
+        }
+        V::Biquad2 {
+            frequency_hz,
+            damping,
+            lead_s,
+            zero,
+            second_ratio,
+            second_damping,
+            second_lead_s,
+            second_zero,
+        } => {
+            let second = [second_ratio * frequency_hz, second_damping, second_lead_s, second_zero];
+            resonant(&[section([frequency_hz, damping, lead_s, zero], 0.5), section(second, 0.0)])
         }
         V::Smoothing { cutoff_hz, ratio } => {
             let part = cutoff_hz / design.rate_hz;

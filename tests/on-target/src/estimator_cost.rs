@@ -58,16 +58,13 @@ mod target {
 
     pub fn run() -> bool {
         let Some(name) = EstimatorName::from_id(word(1)) else { return false };
-        let Ok(estimator) =
-            name.settings([number(2), number(4), number(6), number(8)]).build(&DESIGN)
-        else {
-            return false;
-        };
+        let numbers = [2, 4, 6, 8, 10, 12, 14, 16].map(number);
+        let Ok(estimator) = name.settings(numbers).build(&DESIGN) else { return false };
         let estimator = black_box(estimator);
         let mut state = black_box(State::at_rest(Position::default()));
         let mut count = 0i32;
         let samples = SAMPLE.iter().zip(&CYCLES).zip(&SENSES);
-        for ((sample, cycles), sensed) in samples.take(word(10) as usize) {
+        for ((sample, cycles), sensed) in samples.take(word(18) as usize) {
             count = count.wrapping_add(sample.load(Relaxed).cast_signed());
             let position = Position::from_counts(count);
             let senses = black_box(senses(sensed));
@@ -77,7 +74,7 @@ mod target {
                 estimator.update(&mut state, black_box(position), &senses).bits()
             );
         }
-        answer(11, size_of_val(&estimator));
+        answer(19, size_of_val(&estimator));
         true
     }
 }

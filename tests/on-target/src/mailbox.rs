@@ -11,7 +11,7 @@ use core::{
 pub const SAMPLES: usize = 4096;
 
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-static JOB: [AtomicU32; 12] = [const { AtomicU32::new(0) }; 12];
+static JOB: [AtomicU32; 20] = [const { AtomicU32::new(0) }; 20];
 /// What goes in; velocities come out.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub static SAMPLE: [AtomicU32; SAMPLES] = [const { AtomicU32::new(0) }; SAMPLES];

@@ -11,7 +11,7 @@ use super::{
         Each, Form, VectorForm,
         kalman::Kalman,
         levant::Levant,
-        low_pass::LowPass,
+        low_pass::{Cascade, LowPass},
         window::{Adaptive, Sum, Window},
     },
     lanes::{Aligned, Due, LaneController, OutputStage, Row, place},
@@ -46,6 +46,7 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
     match form {
         Form::LowPass | Form::LikeLowPass => of::<S, Each<LowPass<S>>, R>(simd),
+        Form::Cascade => of::<S, Each<Cascade<S>>, R>(simd),
         Form::Kalman => of::<S, Each<Kalman<S>>, R>(simd),
         Form::Fir => of::<S, Window<S, Sum>, R>(simd),
         Form::FoawEnd => of::<S, Window<S, Adaptive<false>>, R>(simd),

@@ -247,7 +247,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 18] = [
+const IN_LANES: [&str; 19] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
@@ -266,6 +266,7 @@ const IN_LANES: [&str; 18] = [
     "kalman-3",
     "central-difference",
     "biquad",
+    "biquad-2",
 ];
 
 #[test]

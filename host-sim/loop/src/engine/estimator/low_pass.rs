@@ -1,6 +1,6 @@
 //! [`Biquad::update`](zwidth::velocity::Biquad::update) in lanes.
 
-use zwidth::velocity::{Estimator, Shaping};
+use zwidth::velocity::{Biquad, Estimator, Shaping};
 
 use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
@@ -20,10 +20,23 @@ pub struct Coefficients<S: SimdOps> {
     second: S::u64s,
 }
 
+impl<S: SimdOps> Coefficients<S> {
+    fn put(&mut self, lane: usize, bits: [i32; 5], second: bool) {
+        for (place, value) in self.b.iter_mut().chain(&mut self.a).zip(bits) {
+            lanes_mut(place)[lane] = i64::from(value).cast_unsigned();
+        }
+        lanes_mut(&mut self.second)[lane] = if second { u64::MAX } else { 0 };
+    }
+
+    fn put_filter(&mut self, lane: usize, filter: &Biquad) {
+        self.put(lane, filter.bits(), filter.shaping() == Shaping::Second);
+    }
+}
+
 /// What the samples left behind, a lane each. Numbers of 32 bits have rubbish above them.
 #[derive(Clone, Copy)]
 pub struct LowPass<S: SimdOps> {
-    /// Past differences, counts, 32 bits.
+    /// Past inputs, 32 bits: counts, or LSB behind another one.
     x: [S::u64s; 2],
     /// Past velocities, 32 bits.
     y: [S::u64s; 2],
@@ -49,25 +62,38 @@ impl<S: SimdOps> Recursive<S> for LowPass<S> {
     }
 
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator) {
-        let (coefficients, second) = match estimator {
-            Estimator::LowPass(filter) => (filter.bits(), filter.shaping() == Shaping::Second),
+        match estimator {
+            Estimator::LowPass(filter) => gains.put_filter(lane, filter),
             // What rounds nothing is a low-pass without feedback: half a count is a whole number of LSB.
-            Estimator::CentralDifference(_) => ([1 << 29, 1 << 29, 0, 0, 0], false),
-            _ => ([1 << 30, 0, 0, 0, 0], false),
-        };
-        for (place, value) in gains.b.iter_mut().chain(&mut gains.a).zip(coefficients) {
-            lanes_mut(place)[lane] = i64::from(value).cast_unsigned();
+            Estimator::CentralDifference(_) => gains.put(lane, [1 << 29, 1 << 29, 0, 0, 0], false),
+            _ => gains.put(lane, [1 << 30, 0, 0, 0, 0], false),
         }
-        lanes_mut(&mut gains.second)[lane] = if second { u64::MAX } else { 0 };
     }
 
     #[inline(always)]
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s {
-        let x0 = simd.to_low(moved);
+        self.pass::<true>(simd, gains, simd.to_low(moved))
+    }
+
+    fn is_lost(&self, _: &Self::Gains, lane: usize) -> bool {
+        lanes::<_, u64>(&self.sums)[lane] >= 2 * SUM_LIMIT
+    }
+}
+
+impl<S: SimdOps> LowPass<S> {
+    /// The output, LSB, for an input in counts, or in LSB, in the lower 32 bits.
+    #[inline(always)]
+    fn pass<const COUNTS: bool>(
+        &mut self,
+        simd: S,
+        gains: &Coefficients<S>,
+        x0: S::u64s,
+    ) -> S::u64s {
         let Coefficients { b: [b0, b1, b2], a: [a1, a2], second } = *gains;
         let ([x1, x2], [y1, y2], [r1, r2]) = (self.x, self.y, self.residue);
         let recent = simd.add_u64s(simd.product(b0, x0), simd.product(b1, x1));
-        let input = simd.shift_left_16(simd.add_u64s(recent, simd.product(b2, x2)));
+        let input = simd.add_u64s(recent, simd.product(b2, x2));
+        let input = if COUNTS { simd.shift_left_16(input) } else { input };
         let output = simd.add_u64s(simd.product(a1, y1), simd.product(a2, y2));
         let carried = simd.add_u64s(r1, simd.and_u64s(second, simd.sub_u64s(r1, r2)));
         let total = simd.add_u64s(simd.sub_u64s(input, output), carried);
@@ -79,8 +105,40 @@ impl<S: SimdOps> Recursive<S> for LowPass<S> {
         self.sums = simd.or_u64s(self.sums, shifted);
         y0
     }
+}
 
-    fn is_lost(&self, _: &Self::Gains, lane: usize) -> bool {
-        lanes::<_, u64>(&self.sums)[lane] >= 2 * SUM_LIMIT
+/// [`Cascade`](zwidth::velocity::Cascade) in lanes.
+#[derive(Clone, Copy)]
+pub struct Cascade<S: SimdOps>([LowPass<S>; 2]);
+
+impl<S: SimdOps> Recursive<S> for Cascade<S> {
+    type Gains = [Coefficients<S>; 2];
+
+    fn at_rest(simd: S) -> (Self, Self::Gains) {
+        let (rest, gains) = LowPass::at_rest(simd);
+        (Self([rest; 2]), [gains; 2])
+    }
+
+    fn words(&mut self) -> impl Iterator<Item = &mut S::u64s> {
+        self.0.iter_mut().flat_map(LowPass::words)
+    }
+
+    fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator) {
+        if let Estimator::Cascade(cascade) = estimator {
+            for (gains, section) in gains.iter_mut().zip(cascade.sections()) {
+                gains.put_filter(lane, section);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s {
+        let [first, second] = &mut self.0;
+        let between = first.step(simd, &gains[0], moved);
+        second.pass::<false>(simd, &gains[1], between)
+    }
+
+    fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool {
+        self.0.iter().zip(gains).any(|(section, gains)| section.is_lost(gains, lane))
     }
 }

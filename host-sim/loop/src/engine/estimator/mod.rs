@@ -20,6 +20,8 @@ pub enum Form {
     LowPass,
     /// What is a low-pass in fixed point, but not in `f64`.
     LikeLowPass,
+    /// Two low-passes in a row.
+    Cascade,
     /// Kalman filters.
     Kalman,
     /// Weighted sums of the last differences.
@@ -50,6 +52,7 @@ impl Form {
             VelocitySettings::TrackingLoop { .. } | VelocitySettings::CentralDifference {} => {
                 Some(Self::LikeLowPass)
             }
+            VelocitySettings::Biquad2 { .. } => Some(Self::Cascade),
             VelocitySettings::Taylor2 {}
             | VelocitySettings::Taylor3 {}
             | VelocitySettings::LeastSquares1 { .. }

@@ -93,6 +93,10 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
             let damping = 0.1 * 10f64.powf((tuning * 37.0).fract());
             settings.with_tuning(3e-3 * 30f64.powf(tuning) * rate_hz).with_second(damping)
         }
+        VelocitySettings::Biquad2 { .. } => {
+            let ratio = 0.5 * 4f64.powf((tuning * 37.0).fract());
+            settings.with_tuning(3e-3 * 30f64.powf(tuning) * rate_hz).with_parameter(4, ratio)
+        }
         _ => settings,
     }
 }

@@ -4,8 +4,8 @@ use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
     velocity::{
-        BiquadDesign, ButterworthDesign, DIFFERENCE_WINDOW_MAX, FirstOrder, KalmanDesign,
-        LevantDesign, ObserverDesign, Senses, TrackingLoop,
+        BiquadDesign, ButterworthDesign, CascadeDesign, DIFFERENCE_WINDOW_MAX, FirstOrder,
+        KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
     },
 };
 
@@ -36,6 +36,8 @@ struct Rest {
     kalman: KalmanState,
     loops: Loop,
     stamps: Stamps,
+    /// Inputs and outputs of each section.
+    sections: [[[f64; 2]; 2]; 2],
     /// Counts at the last samples, and the place of the newest.
     counts: [i32; 256],
     newest: u8,
@@ -49,6 +51,7 @@ enum Kind {
     Butterworth(ButterworthDesign),
     FirstOrder(FirstOrder),
     Biquad(BiquadDesign),
+    Cascade(CascadeDesign),
     Difference,
     /// Weights of the last differences, newest first.
     Fir([f64; LENGTH]),
@@ -127,6 +130,20 @@ impl TwinEstimator {
                 let design = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
                 Kind::Biquad(design)
             }
+            VelocitySettings::Biquad2 {
+                frequency_hz,
+                damping,
+                lead_s,
+                zero,
+                second_ratio,
+                second_damping,
+                second_lead_s,
+                second_zero,
+            } => Kind::Cascade(CascadeDesign::new(
+                [frequency_hz, damping, lead_s, zero],
+                [second_ratio, second_damping, second_lead_s, second_zero],
+                rate_hz,
+            )?),
             VelocitySettings::TrackingLoop { bandwidth_hz } => {
                 Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
             }
@@ -165,6 +182,7 @@ impl TwinEstimator {
             kalman: KalmanState::default(),
             loops: Loop::default(),
             stamps: Stamps::REST,
+            sections: [[[0.0; 2]; 2]; 2],
             counts: [0; 256],
             newest: 0,
         };
@@ -194,15 +212,7 @@ impl TwinEstimator {
                 self.outputs = [output, y1];
                 output
             }
-            Kind::Biquad(BiquadDesign { b: [b0, b1, b2], a: [a1, a2], .. }) => {
-                let [x1, x2] = self.inputs;
-                let [y1, y2] = self.outputs;
-                let raw = b0 * (input + b1 / b0 * x1 + b2 / b0 * x2) - a1 * y1 - a2 * y2;
-                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
-                self.inputs = [input, x1];
-                self.outputs = [output, y1];
-                output
-            }
+            Kind::Biquad(design) => section(design, &mut self.inputs, &mut self.outputs, input),
             Kind::Difference => input,
             other => self.rest.update(other, difference, senses),
         }
@@ -230,6 +240,13 @@ impl Rest {
             Kind::Foaw(foaw) => foaw.update(&mut self.past, input),
             Kind::Levant(levant) => levant.update(&mut self.levant, input),
             Kind::Kalman(gains) => self.kalman.update(gains, input),
+            Kind::Cascade(CascadeDesign { sections }) => {
+                let mut value = input;
+                for (design, [inputs, outputs]) in sections.iter().zip(&mut self.sections) {
+                    value = section(design, inputs, outputs, value);
+                }
+                value
+            }
             Kind::Window(window) => {
                 let count = self.counts[usize::from(self.newest)].wrapping_add(difference);
                 self.newest = self.newest.wrapping_add(1);
@@ -242,6 +259,23 @@ impl Rest {
             }
         }
     }
+}
+
+/// One section; its numerator is over its first coefficient, as in [`LowPass`].
+#[inline(always)]
+fn section(
+    design: &BiquadDesign,
+    inputs: &mut [f64; 2],
+    outputs: &mut [f64; 2],
+    input: f64,
+) -> f64 {
+    let BiquadDesign { b: [b0, b1, b2], a: [a1, a2], .. } = design;
+    let ([x1, x2], [y1, y2]) = (*inputs, *outputs);
+    let raw = b0 * (input + b1 / b0 * x1 + b2 / b0 * x2) - a1 * y1 - a2 * y2;
+    let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+    *inputs = [input, x1];
+    *outputs = [output, y1];
+    output
 }
 
 /// Of an estimator that has no arm of its own above: a sum of differences.

@@ -77,6 +77,7 @@ impl Entry {
             EstimatorName::TrackingLead,
             EstimatorName::WindowDifference,
             EstimatorName::Biquad,
+            EstimatorName::Biquad2,
         ];
         all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
         all

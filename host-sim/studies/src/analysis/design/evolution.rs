@@ -11,7 +11,6 @@
 //!
 //! All numbers are drawn in one fixed order from a seed, so the result depends on nothing else.
 
-use super::shape::NUMBERS;
 use crate::{
     error::Error,
     numerics::random::{gaussian, uniform},
@@ -25,28 +24,32 @@ const EACH: usize = 8;
 const CROSSING: f64 = 0.8;
 
 /// A place in the search.
-pub type Place = [f64; NUMBERS];
+pub type Place<const N: usize> = [f64; N];
 
 /// What is asked of a search.
-pub trait Field {
+pub trait Field<const N: usize> {
+    /// Where a member begins that was drawn there.
+    fn begin(&self, drawn: Place<N>) -> Place<N> {
+        drawn
+    }
     /// Gain peak of the filter at a place, dB; infinite where there is none.
-    fn peak_db(&self, place: &Place) -> f64;
+    fn peak_db(&self, place: &Place<N>) -> f64;
     /// How good filters are, all at once.
     ///
     /// # Errors
     /// They could not be walked.
-    fn worths(&mut self, places: &[Place]) -> Result<Vec<f64>, Error>;
+    fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error>;
 }
 
 /// A member: its place, by how much it is above its cap, and its worth.
 #[derive(Clone, Copy, Debug)]
-struct Member {
-    place: Place,
+struct Member<const N: usize> {
+    place: Place<N>,
     excess_db: f64,
     worth: f64,
 }
 
-impl Member {
+impl<const N: usize> Member<N> {
     /// At least as good.
     fn beats(&self, other: &Self) -> bool {
         match self.excess_db == other.excess_db {
@@ -57,19 +60,19 @@ impl Member {
 }
 
 /// Everything that was walked: place, gain peak and worth.
-pub type Found = Vec<(Place, f64, f64)>;
+pub type Found<const N: usize> = Vec<(Place<N>, f64, f64)>;
 
 /// Looks at `budget` filters at least, and at most at those of one generation more, for the caps in dB; the first one is
 /// the one that matters most.
 ///
 /// # Errors
 /// As [`Field::worths`].
-pub fn evolve(
-    field: &mut impl Field,
+pub fn evolve<const N: usize>(
+    field: &mut impl Field<N>,
     caps_db: &[f64],
     budget: usize,
     seed: u64,
-) -> Result<Found, Error> {
+) -> Result<Found<N>, Error> {
     let mut drawn = 0;
     let mut random = || {
         drawn += 1;
@@ -81,17 +84,18 @@ pub fn evolve(
         .flat_map(|(n, cap)| std::iter::repeat_n(*cap, if n == 0 { MAIN } else { EACH }))
         .collect();
     let mut found = Found::new();
-    let first: Vec<Place> = caps.iter().map(|_| std::array::from_fn(|_| random())).collect();
+    let first: Vec<Place<N>> =
+        caps.iter().map(|_| field.begin(std::array::from_fn(|_| random()))).collect();
     let mut members = look(field, &first, &caps, &mut found)?;
     // A generation of which nothing is below its cap costs nothing, but may not go on for ever.
     for _ in 0..10 * budget.div_ceil(caps.len()).max(1) {
         if found.len() >= budget {
             break;
         }
-        let best: Vec<Place> =
+        let best: Vec<Place<N>> =
             caps_db.iter().map(|cap| best_below(*cap, &found, &members)).collect();
         let scale = 0.4 + 0.6 * random();
-        let trials: Vec<Place> = (0..caps.len())
+        let trials: Vec<Place<N>> = (0..caps.len())
             .map(|n| {
                 let mut any = || {
                     #[expect(
@@ -112,7 +116,7 @@ pub fn evolve(
                     clippy::cast_precision_loss,
                     reason = "a number of a number"
                 )]
-                let always = (random() * NUMBERS as f64) as usize;
+                let always = (random() * N as f64) as usize;
                 std::array::from_fn(|k| {
                     let crossed = random() < CROSSING || k == always;
                     let step = base[k] + scale * (one[k] - other[k]);
@@ -142,34 +146,34 @@ const ROUND: usize = 40;
 ///
 /// # Errors
 /// As [`Field::worths`].
-pub fn refine(
-    field: &mut impl Field,
+pub fn refine<const N: usize>(
+    field: &mut impl Field<N>,
     cap_db: f64,
-    from: &[Place],
+    from: &[Place<N>],
     budget: usize,
     seed: u64,
-) -> Result<Found, Error> {
+) -> Result<Found<N>, Error> {
     let mut drawn = 0;
     let mut random = || {
         drawn += 1;
         gaussian(seed ^ 0x5eed, drawn)
     };
     let mut found = Found::new();
-    let known: Vec<Place> = from.iter().take(ROUND).copied().collect();
+    let known: Vec<Place<N>> = from.iter().take(ROUND).copied().collect();
     look(field, &known, &vec![cap_db; known.len()], &mut found)?;
     for _ in 0..budget.div_ceil(ROUND).saturating_sub(1) {
         found.sort_by(|a, b| b.2.total_cmp(&a.2));
-        let best: Vec<Place> = found.iter().take(SPREAD).map(|(place, ..)| *place).collect();
+        let best: Vec<Place<N>> = found.iter().take(SPREAD).map(|(place, ..)| *place).collect();
         #[expect(clippy::cast_precision_loss, reason = "a dozen")]
         let number = best.len().max(1) as f64;
-        let mean: Place =
+        let mean: Place<N> =
             std::array::from_fn(|k| best.iter().map(|place| place[k]).sum::<f64>() / number);
-        let draws: Vec<Place> = (0..ROUND)
+        let draws: Vec<Place<N>> = (0..ROUND)
             .map(|_| {
                 let mut place = mean;
                 for one in &best {
                     let part = random() / number.sqrt();
-                    for k in 0..NUMBERS {
+                    for k in 0..N {
                         place[k] += part * (one[k] - mean[k]);
                     }
                 }
@@ -182,15 +186,15 @@ pub fn refine(
 }
 
 /// Walks the filters that are below their caps.
-fn look(
-    field: &mut impl Field,
-    places: &[Place],
+fn look<const N: usize>(
+    field: &mut impl Field<N>,
+    places: &[Place<N>],
     caps: &[f64],
-    found: &mut Found,
-) -> Result<Vec<Member>, Error> {
+    found: &mut Found<N>,
+) -> Result<Vec<Member<N>>, Error> {
     let peaks: Vec<f64> = places.iter().map(|place| field.peak_db(place)).collect();
     let below = || (0..places.len()).filter(|&n| peaks[n] <= caps[n]);
-    let asked: Vec<Place> = below().map(|n| places[n]).collect();
+    let asked: Vec<Place<N>> = below().map(|n| places[n]).collect();
     let worths = field.worths(&asked)?;
     found.extend(below().zip(&worths).map(|(n, worth)| (places[n], peaks[n], *worth)));
     let mut worths = worths.into_iter();
@@ -203,10 +207,10 @@ fn look(
 }
 
 /// The best that was found below a cap, or the first member.
-fn best_below(cap_db: f64, found: &Found, members: &[Member]) -> Place {
+fn best_below<const N: usize>(cap_db: f64, found: &Found<N>, members: &[Member<N>]) -> Place<N> {
     let below = found.iter().filter(|(_, peak, _)| *peak <= cap_db);
     let best = below.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, ..)| *place);
-    best.unwrap_or_else(|| members.first().map_or([0.5; NUMBERS], |member| member.place))
+    best.unwrap_or_else(|| members.first().map_or([0.5; N], |member| member.place))
 }
 
 #[cfg(test)]
@@ -216,12 +220,12 @@ mod tests {
     /// A ridge whose height grows with the peak; the peak is the first number times 10.
     struct Ridge(usize);
 
-    impl Field for Ridge {
-        fn peak_db(&self, place: &Place) -> f64 {
+    impl Field<4> for Ridge {
+        fn peak_db(&self, place: &Place<4>) -> f64 {
             if place[3] > 0.9 { f64::INFINITY } else { 10.0 * place[0] }
         }
 
-        fn worths(&mut self, places: &[Place]) -> Result<Vec<f64>, Error> {
+        fn worths(&mut self, places: &[Place<4>]) -> Result<Vec<f64>, Error> {
             self.0 += places.len();
             Ok(places
                 .iter()
@@ -254,10 +258,10 @@ mod tests {
     fn what_is_found_is_refined() {
         let mut field = Ridge(0);
         let rough = evolve(&mut field, &[6.0], 150, 1).unwrap();
-        let best = |found: &Found| found.iter().map(|(.., worth)| *worth).fold(0.0, f64::max);
+        let best = |found: &Found<4>| found.iter().map(|(.., worth)| *worth).fold(0.0, f64::max);
         let mut sorted = rough.clone();
         sorted.sort_by(|a, b| b.2.total_cmp(&a.2));
-        let from: Vec<Place> = sorted.iter().map(|(place, ..)| *place).collect();
+        let from: Vec<Place<4>> = sorted.iter().map(|(place, ..)| *place).collect();
         let fine = refine(&mut field, 6.0, &from, 300, 1).unwrap();
         assert!(best(&fine) > 1.001 * best(&rough), "{} {}", best(&fine), best(&rough));
         assert!(fine.iter().all(|(_, peak, _)| *peak <= 6.0));

@@ -1,5 +1,5 @@
-//! The best velocity filter for a device, instead of the best cutoff: a biquad behind the finite difference, in the
-//! core's fixed point, for the worst of several conditions (who pushes, in whose hand, below which limit).
+//! The best velocity filter for a device, instead of the best cutoff: one biquad behind the finite difference, or two,
+//! in the core's fixed point, for the worst of several conditions (who pushes, in whose hand, below which limit).
 //!
 //! * What is best: the least, over the conditions, of the filter's area over that of finite difference and Butterworth at
 //!   its best cutoff of `[sweep]` there. With one condition that is the area.
@@ -7,7 +7,8 @@
 //!   once, on a grid of the walk so coarse that Butterworth's boundary has about 28 columns.
 //! * The best of the first cap are refined on a grid of twice as many columns.
 //! * The best of each cap are walked anew on the scene's grid, from starts of their own, and the best of those from the
-//!   starts of a sweep: an area in the result is not the luckiest of many.
+//!   starts of a sweep: an area in the result is not the luckiest of many. A question of one repeat is another one: all
+//!   walks have that one start, so its areas are the luckiest of many.
 //! * Roughness as [`compare`](super::compare) has it, at the same wall but for Butterworth's cutoff, which is one of
 //!   `[sweep]` here; what is left of the area with frequency or damping off by [`MISTUNED_BY`].
 
@@ -16,11 +17,14 @@ pub mod shape;
 
 use std::{cell::RefCell, collections::HashMap, sync::atomic::AtomicBool};
 
-use zwidth::{VelocitySettings, velocity::Biquad, velocity::Estimator};
+use zwidth::{
+    VelocitySettings,
+    velocity::{Biquad, Estimator, EstimatorName, PARAMETERS},
+};
 
 use self::{
-    evolution::{Field, Place, evolve, refine},
-    shape::Shape,
+    evolution::{Field, Found, Place, evolve, refine},
+    shape::{NUMBERS, Second, Shape},
 };
 use super::compare::{Wall, roughness, with_estimator};
 use crate::{
@@ -71,10 +75,14 @@ pub struct Question {
     pub conditions: Vec<Condition>,
     /// Largest gain of the velocity over the true one, dB.
     pub gain_peak_db: Option<f64>,
+    /// Largest delay of a slow motion, s.
+    pub delay_s: Option<f64>,
     /// Roughest force, N.
     pub roughness_n: Option<f64>,
     /// Least that a mistuned filter keeps of the area.
     pub mistuned_share: Option<f64>,
+    /// Sections of a filter, 1 or 2.
+    pub sections: u8,
     /// Filters that the search walks.
     pub budget: u32,
     /// Walks of a result in each condition.
@@ -111,8 +119,8 @@ pub struct Designed {
     pub roughness_n: Option<f64>,
     /// The least that a mistuned one keeps, in the worst condition.
     pub mistuned_share: f64,
-    /// As the core runs it.
-    pub biquad: Biquad,
+    /// As the core runs them.
+    pub sections: Vec<Biquad>,
 }
 
 impl Designed {
@@ -180,17 +188,31 @@ pub fn design(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<DesignStudy, Error> {
+    match question.sections {
+        1 => of_numbers::<NUMBERS>(engine, question, stop, done),
+        _ => of_numbers::<{ 2 * NUMBERS }>(engine, question, stop, done),
+    }
+}
+
+fn of_numbers<const N: usize>(
+    engine: Engine,
+    question: Question,
+    stop: &AtomicBool,
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<DesignStudy, Error> {
     let walker = Walker { engine, numeric: question.numeric, stop, done };
-    let scenes: Vec<Scene> = question.conditions.iter().map(|c| with_biquad(&c.scene)).collect();
+    let scenes: Vec<Scene> = question.conditions.iter().map(|c| with_biquad(&c.scene, N)).collect();
     let prepared = |scenes: &[Scene]| -> Result<Vec<PreparedScene>, Error> {
         scenes.iter().map(PreparedScene::new).collect()
     };
     let fine = prepared(&scenes)?;
-    let references = references(&walker, &question, &fine)?;
+    // Butterworth low-passes have another form than two sections
+    let plain: Vec<Scene> = question.conditions.iter().map(|c| with_low_pass(&c.scene)).collect();
+    let references = references(&walker, &question, &prepared(&plain)?)?;
     let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();
     let first = scenes.first().ok_or_else(|| Error::input("no condition"))?;
     let wall = wall(first, &references);
-    let mut search = Search {
+    let mut search: Search<'_, _, N> = Search {
         walker: &walker,
         question: &question,
         scene: first,
@@ -199,12 +221,15 @@ pub fn design(
         wall,
         kept: RefCell::default(),
     };
-    let on_a_grid_of = |columns: f64, search: &mut Search<'_, _>| -> Result<(), Error> {
-        let both = scenes.iter().zip(&references);
-        let coarse: Vec<Scene> =
-            both.map(|(scene, of)| coarser(scene, &of.boundaries, columns)).collect();
-        search.scenes = prepared(&coarse)?;
-        let known = walker.walk(&search.scenes, &cutoffs, &STARTS)?;
+    let on_a_grid_of = |columns: f64, search: &mut Search<'_, _, N>| -> Result<(), Error> {
+        let on_grid = |scenes: &[Scene]| {
+            let both = scenes.iter().zip(&references);
+            let coarse: Vec<Scene> =
+                both.map(|(scene, of)| coarser(scene, &of.boundaries, columns)).collect();
+            prepared(&coarse)
+        };
+        search.scenes = on_grid(&scenes)?;
+        let known = walker.walk(&on_grid(&plain)?, &cutoffs, question.spread(&STARTS))?;
         let areas = known.iter().enumerate().map(|(n, of)| of[n].area().max(f64::MIN_POSITIVE));
         search.scale = areas.collect();
         search.kept.borrow_mut().clear();
@@ -222,13 +247,13 @@ pub fn design(
     on_a_grid_of(COLUMNS, &mut search)?;
     let mut found = evolve(&mut search, &caps, question.budget as usize - kept, question.seed)?;
     found.sort_by(|a, b| b.2.total_cmp(&a.2));
-    let best: Vec<Place> = found.iter().map(|(place, ..)| *place).collect();
+    let best: Vec<Place<N>> = found.iter().map(|(place, ..)| *place).collect();
     on_a_grid_of(FINE_COLUMNS, &mut search)?;
     let refined = refine(&mut search, asked, &best, kept, question.seed)?;
     let rate_hz = first.control.rate_hz;
-    let tried = |found: &evolution::Found| {
-        let one = |(place, gain_peak_db, worth): &(Place, f64, f64)| Tried {
-            shape: Shape::at(*place, rate_hz),
+    let tried = |found: &Found<N>| {
+        let one = |(place, gain_peak_db, worth): &(Place<N>, f64, f64)| Tried {
+            shape: Shape::at(place, rate_hz),
             gain_peak_db: *gain_peak_db,
             worth: *worth,
         };
@@ -257,6 +282,13 @@ pub fn design(
     Ok(DesignStudy { question, references, wall, filters, tried, reference_roughness_n })
 }
 
+impl Question {
+    /// Starts of the search or of the choice, unless the question knows one start only.
+    fn spread<'a>(&self, starts: &'a [f64]) -> &'a [f64] {
+        if self.repeats == 1 { &[0.0] } else { starts }
+    }
+}
+
 impl Reference {
     fn settings(&self) -> VelocitySettings {
         VelocitySettings::Butterworth { cutoff_hz: self.cutoff_hz }
@@ -264,10 +296,21 @@ impl Reference {
 }
 
 /// The scene with the estimator whose form all filters have.
-fn with_biquad(scene: &Scene) -> Scene {
-    let own =
-        Shape { frequency_hz: 0.05 * scene.control.rate_hz, damping: 0.5, lead_s: 0.0, zero: 0.0 };
+fn with_biquad(scene: &Scene, numbers: usize) -> Scene {
+    let second = Second { ratio: 1.0, damping: 1.0, lead_s: 0.0, zero: 0.0 };
+    let own = Shape {
+        frequency_hz: 0.05 * scene.control.rate_hz,
+        damping: 0.5,
+        lead_s: 0.0,
+        zero: 0.0,
+        second: (numbers > NUMBERS).then_some(second),
+    };
     with_estimator(scene, &own.settings()).0
+}
+
+fn with_low_pass(scene: &Scene) -> Scene {
+    let settings = VelocitySettings::Butterworth { cutoff_hz: 0.05 * scene.control.rate_hz };
+    with_estimator(scene, &settings).0
 }
 
 /// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid, walked again.
@@ -283,7 +326,7 @@ fn references<D: Fn(&Boundary) + Sync>(
         all.filter(|hz| settings(hz).build(&design).is_ok()).collect()
     });
     let filters: Vec<VelocitySettings> = cutoffs_hz.iter().map(settings).collect();
-    let looked = walker.walk(scenes, &filters, &STARTS[..1])?;
+    let looked = walker.walk(scenes, &filters, &question.spread(&STARTS)[..1])?;
     let best = looked.iter().map(|of_filter| {
         let best =
             of_filter.iter().zip(&cutoffs_hz).max_by(|a, b| a.0.area().total_cmp(&b.0.area()));
@@ -351,7 +394,7 @@ fn worth(areas: impl Iterator<Item = f64>, scale: &[f64]) -> (f64, usize) {
     least.map_or((0.0, 0), |(place, share)| (share, place))
 }
 
-struct Search<'a, D> {
+struct Search<'a, D, const N: usize> {
     walker: &'a Walker<'a, D>,
     question: &'a Question,
     scene: &'a Scene,
@@ -360,17 +403,17 @@ struct Search<'a, D> {
     scale: Vec<f64>,
     wall: Wall,
     /// What keeps to the limits that a walk does not show, by the filter's numbers.
-    kept: RefCell<HashMap<[u64; 4], bool>>,
+    kept: RefCell<HashMap<[u64; PARAMETERS], bool>>,
 }
 
-impl<D: Fn(&Boundary) + Sync> Search<'_, D> {
-    fn shape(&self, place: &Place) -> Shape {
-        Shape::at(*place, self.scene.control.rate_hz)
+impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
+    fn shape(&self, place: &Place<N>) -> Shape {
+        Shape::at(place, self.scene.control.rate_hz)
     }
 
     fn of(&self, shapes: &[Shape]) -> Result<Vec<f64>, Error> {
         let settings: Vec<VelocitySettings> = shapes.iter().map(Shape::settings).collect();
-        let walked = self.walker.walk(&self.scenes, &settings, &STARTS)?;
+        let walked = self.walker.walk(&self.scenes, &settings, self.question.spread(&STARTS))?;
         let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
         Ok((0..shapes.len()).map(|n| worth(areas(n), &self.scale).0).collect())
     }
@@ -381,8 +424,7 @@ impl<D: Fn(&Boundary) + Sync> Search<'_, D> {
         if roughness_n.is_none() && mistuned_share.is_none() {
             return Ok(true);
         }
-        let Shape { frequency_hz, damping, lead_s, zero } = *shape;
-        let key = [frequency_hz, damping, lead_s, zero].map(f64::to_bits);
+        let key = EstimatorName::of(&shape.settings()).1.map(f64::to_bits);
         if let Some(kept) = self.kept.borrow().get(&key) {
             return Ok(*kept);
         }
@@ -400,12 +442,25 @@ impl<D: Fn(&Boundary) + Sync> Search<'_, D> {
     }
 }
 
-impl<D: Fn(&Boundary) + Sync> Field for Search<'_, D> {
-    fn peak_db(&self, place: &Place) -> f64 {
-        self.shape(place).gain_peak_db(&self.scene.design()).unwrap_or(f64::INFINITY)
+impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
+    /// Half of them without a second section: what one finds is where two begin.
+    fn begin(&self, mut drawn: Place<N>) -> Place<N> {
+        if N > NUMBERS && drawn[NUMBERS + 1] < 0.5 {
+            Shape::without_second(&mut drawn, self.scene.control.rate_hz);
+        }
+        drawn
     }
 
-    fn worths(&mut self, places: &[Place]) -> Result<Vec<f64>, Error> {
+    fn peak_db(&self, place: &Place<N>) -> f64 {
+        let shape = self.shape(place);
+        // four digits make good what is asked for to the last one
+        if self.question.delay_s.is_some_and(|most| -shape.led_s() > most + 1e-9) {
+            return f64::INFINITY;
+        }
+        shape.gain_peak_db(&self.scene.design()).unwrap_or(f64::INFINITY)
+    }
+
+    fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error> {
         let shapes: Vec<Shape> = places.iter().map(|place| self.shape(place)).collect();
         let worths = self.of(&shapes)?;
         let checked = shapes
@@ -439,7 +494,7 @@ fn choose<D: Fn(&Boundary) + Sync>(
     let settings: Vec<VelocitySettings> =
         shapes.iter().map(|(shape, _)| shape.settings()).collect();
     let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
-    let walked = walker.walk(scenes, &settings, &CHOICE)?;
+    let walked = walker.walk(scenes, &settings, question.spread(&CHOICE))?;
     let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
     let worths: Vec<f64> = (0..shapes.len()).map(|n| worth(areas(n), &scale).0).collect();
     let mut best: Vec<usize> = vec![];
@@ -477,8 +532,10 @@ fn finish<D: Fn(&Boundary) + Sync>(
     let walked = walker.walk(&scenes[worst..=worst], &wrong, &starts(question.repeats))?;
     let own = boundaries[worst].area();
     let left = walked.iter().flatten().map(|of| of.area() / own).fold(f64::INFINITY, f64::min);
-    let Estimator::LowPass(biquad) = shape.settings().build(&design).map_err(Error::input)? else {
-        return Err(Error::Internal("a biquad is a low-pass to the core".into()));
+    let sections = match shape.settings().build(&design).map_err(Error::input)? {
+        Estimator::LowPass(biquad) => vec![biquad],
+        Estimator::Cascade(cascade) => cascade.sections().to_vec(),
+        _ => return Err(Error::Internal("a biquad is a low-pass to the core".into())),
     };
     Ok(Designed {
         shape,
@@ -488,6 +545,6 @@ fn finish<D: Fn(&Boundary) + Sync>(
         gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
         roughness_n: rough(first, &shape.settings(), wall)?,
         mistuned_share: left,
-        biquad,
+        sections,
     })
 }

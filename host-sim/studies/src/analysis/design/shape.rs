@@ -1,4 +1,5 @@
-//! A filter of the search: the four numbers of `biquad`, where they are searched, and what follows from them alone.
+//! A filter of the search: the four numbers of `biquad` or the eight of `biquad-2`, where they are searched, and what
+//! follows from them alone.
 
 use std::f64::consts::PI;
 
@@ -8,13 +9,17 @@ use zwidth::{Design, VelocitySettings};
 
 use crate::analysis::linear::{TransferFunction, transfer_function};
 
-/// Numbers of a filter.
+/// Numbers of a section.
 pub const NUMBERS: usize = 4;
 
 /// Frequencies that are searched, of the rate: 30 to 2000 Hz at 10 kHz.
 const FREQUENCY: [f64; 2] = [3e-3, 0.2];
 /// Damping ratios that are searched.
 const DAMPING: [f64; 2] = [0.02, 3.0];
+/// Frequencies of the second section's poles that are searched, over the first's.
+const RATIO: [f64; 2] = [0.25, 8.0];
+/// Frequency of a second section that changes nothing, of the rate: a lower one has no room in the sum of coefficients.
+const FREE: f64 = 0.1;
 /// Leads that are searched, in units of `1 / w`, w the poles' frequency: a Butterworth low-pass is at -1.4.
 const LEAD: [f64; 2] = [-2.0, 4.0];
 /// Farthest that the second zero leads, in the same unit.
@@ -34,6 +39,25 @@ pub struct Shape {
     pub lead_s: f64,
     /// Place of the second zero.
     pub zero: f64,
+    /// A second section.
+    pub second: Option<Second>,
+}
+
+/// The further numbers of `estimator = "biquad-2"`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Second {
+    /// Frequency of its poles over the first section's.
+    pub ratio: f64,
+    /// Of its poles.
+    pub damping: f64,
+    /// By which it leads a slow motion, s.
+    pub lead_s: f64,
+    /// Place of its second zero.
+    pub zero: f64,
+}
+
+fn between([low, high]: [f64; 2], part: f64) -> f64 {
+    low * (high / low).powf(part)
 }
 
 /// With so many digits: what is found is typed into scenes.
@@ -42,26 +66,66 @@ fn rounded(value: f64, digits: usize) -> f64 {
 }
 
 impl Shape {
-    /// The filter at a place of the search, 0 to 1 each, with four digits of each number.
-    pub fn at([f, d, lead, second]: [f64; NUMBERS], rate_hz: f64) -> Self {
-        let between = |[low, high]: [f64; 2], part: f64| low * (high / low).powf(part);
-        let frequency_hz = rounded(between(FREQUENCY, f) * rate_hz, 4);
-        let per_sample = 2.0 * PI * frequency_hz / rate_hz;
-        let lead = LEAD[0] + (LEAD[1] - LEAD[0]) * lead;
-        // even in how far it leads, finer below, where its place moves fast
-        let h = -0.5 + second * second * (0.5 + SECOND / per_sample);
-        Self {
-            frequency_hz,
-            damping: rounded(between(DAMPING, d), 3),
-            lead_s: rounded(lead / per_sample / rate_hz, 4),
-            zero: (h / (1.0 + h) * 1e4).round() / 1e4,
+    /// The filter at a place of the search, 0 to 1 each, with four digits of each number; eight of them make two
+    /// sections.
+    pub fn at(place: &[f64], rate_hz: f64) -> Self {
+        let number = |n: usize| place.get(n).copied().unwrap_or_default();
+        let of = |n: usize, frequency_hz: f64| {
+            let per_sample = 2.0 * PI * frequency_hz / rate_hz;
+            let lead = LEAD[0] + (LEAD[1] - LEAD[0]) * number(n + 1);
+            // even in how far it leads, finer below, where its place moves fast
+            let h = -0.5 + number(n + 2).powi(2) * (0.5 + SECOND / per_sample);
+            let zero = (h / (1.0 + h) * 1e4).round() / 1e4;
+            [rounded(between(DAMPING, number(n)), 3), rounded(lead / per_sample / rate_hz, 4), zero]
+        };
+        let frequency_hz = rounded(between(FREQUENCY, number(0)) * rate_hz, 4);
+        let [damping, lead_s, zero] = of(1, frequency_hz);
+        let second = (place.len() > NUMBERS).then(|| {
+            let ratio = rounded(between(RATIO, number(NUMBERS)), 4);
+            let [damping, lead_s, zero] = of(NUMBERS + 1, ratio * frequency_hz);
+            Second { ratio, damping, lead_s, zero }
+        });
+        Self { frequency_hz, damping, lead_s, zero, second }
+    }
+
+    /// Puts the second section where it changes nothing, as far as its frequency is searched: both zeros on its two equal
+    /// poles.
+    pub fn without_second(place: &mut [f64], rate_hz: f64) {
+        let ratio = FREE * rate_hz / Self::at(place, rate_hz).frequency_hz;
+        let ratio = (ratio / RATIO[0]).ln() / (RATIO[1] / RATIO[0]).ln();
+        if let Some(place) = place.get_mut(NUMBERS) {
+            *place = ratio.clamp(0.0, 1.0);
         }
+        let shape = Self::at(place, rate_hz);
+        let (Some(second), [.., d, lead, zero]) = (shape.second, place) else { return };
+        *d = -DAMPING[0].ln() / (DAMPING[1] / DAMPING[0]).ln();
+        *lead = -LEAD[0] / (LEAD[1] - LEAD[0]);
+        let per_sample = 2.0 * PI * shape.frequency_hz * second.ratio / rate_hz;
+        let h = 1.0 / per_sample.exp_m1();
+        *zero = ((h + 0.5) / (0.5 + SECOND / per_sample)).sqrt();
     }
 
     /// As the core takes it.
     pub fn settings(&self) -> VelocitySettings {
-        let Self { frequency_hz, damping, lead_s, zero } = *self;
-        VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero }
+        let Self { frequency_hz, damping, lead_s, zero, second } = *self;
+        match second {
+            None => VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero },
+            Some(second) => VelocitySettings::Biquad2 {
+                frequency_hz,
+                damping,
+                lead_s,
+                zero,
+                second_ratio: second.ratio,
+                second_damping: second.damping,
+                second_lead_s: second.lead_s,
+                second_zero: second.zero,
+            },
+        }
+    }
+
+    /// By which a slow motion is led by all of it, s.
+    pub fn led_s(&self) -> f64 {
+        self.lead_s + self.second.map_or(0.0, |second| second.lead_s)
     }
 
     /// From the position to the velocity; `None` if the core refuses it.
@@ -74,21 +138,26 @@ impl Shape {
         self.response(design).map(|response| gain_peak_db(&response, design.rate_hz))
     }
 
-    /// The same filter with one number off by a factor, and its lead within what the core takes.
+    /// The same filter with its frequencies or its dampings off by a factor, and its leads within what the core takes.
     fn off(&self, place: usize, factor: f64, design: &Design) -> Option<Self> {
         let mut other = *self;
         match place {
             0 => other.frequency_hz *= factor,
-            _ => other.damping *= factor,
-        }
-        match other.settings().build(design) {
-            Ok(_) => Some(other),
-            Err(error) if error.parameter == "lead_s" => {
-                other.lead_s = other.lead_s.clamp(*error.range.start(), *error.range.end());
-                other.settings().build(design).is_ok().then_some(other)
+            _ => {
+                other.damping *= factor;
+                other.second.iter_mut().for_each(|second| second.damping *= factor);
             }
-            Err(_) => None,
         }
+        for _ in 0..2 {
+            let Err(error) = other.settings().build(design) else { return Some(other) };
+            let lead_s = match (error.parameter, &mut other.second) {
+                ("lead_s", _) => &mut other.lead_s,
+                ("second_lead_s", Some(second)) => &mut second.lead_s,
+                _ => return None,
+            };
+            *lead_s = lead_s.clamp(*error.range.start(), *error.range.end());
+        }
+        other.settings().build(design).is_ok().then_some(other)
     }
 
     /// The filters that a person may take for this one: frequency or damping off by that factor, either way.
@@ -119,7 +188,8 @@ mod tests {
         // far below the rate a filter of second order without zeros peaks by 1 / (2 zeta sqrt(1 - zeta^2))
         for damping in [0.05, 0.2, 0.5] {
             let late = -2.0 * damping / (2.0 * PI * 50.0);
-            let shape = Shape { frequency_hz: 50.0, damping, lead_s: late + 5e-5, zero: 0.0 };
+            let lead_s = late + 5e-5;
+            let shape = Shape { frequency_hz: 50.0, damping, lead_s, zero: 0.0, second: None };
             let peak = 20.0 * (0.5 / damping / (1.0f64 - damping * damping).sqrt()).log10();
             let found = shape.gain_peak_db(&design).unwrap();
             assert!((found - peak).abs() < 0.1, "{damping}: {found} dB of {peak}");
@@ -131,10 +201,10 @@ mod tests {
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
         let mut taken = 0;
         for n in 0..1000 {
-            let place = std::array::from_fn(|k| {
+            let place: [f64; NUMBERS] = std::array::from_fn(|k| {
                 crate::numerics::random::uniform(7, NUMBERS as u64 * n + k as u64)
             });
-            let shape = Shape::at(place, 1e4);
+            let shape = Shape::at(&place, 1e4);
             assert!(format!("{}", shape.frequency_hz).len() <= 6, "{shape:?}");
             taken += u32::from(shape.gain_peak_db(&design).is_some());
         }
@@ -144,11 +214,34 @@ mod tests {
     #[test]
     fn a_mistuned_filter_is_off_by_as_much_and_accepted() {
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
-        let shape = Shape { frequency_hz: 500.0, damping: 0.5, lead_s: 2e-4, zero: 0.2 };
+        let second = None;
+        let shape = Shape { frequency_hz: 500.0, damping: 0.5, lead_s: 2e-4, zero: 0.2, second };
         let all = shape.mistuned(1.2, &design);
         assert_eq!(all.len(), 4);
         assert!((all[1].frequency_hz - 600.0).abs() < 1e-9 && all[1].damping == 0.5);
         assert!((all[2].damping - 0.5 / 1.2).abs() < 1e-9);
         assert!(all.iter().all(|shape| shape.gain_peak_db(&design).is_some()));
+    }
+
+    #[test]
+    fn a_second_section_may_change_nothing_and_is_mistuned_too() {
+        let design = NamedScene::load("paper-1um").unwrap().scene.design();
+        let mut place = [0.62, 0.4, 0.35, 0.3, 0.55, 0.2, 0.9, 0.1];
+        Shape::without_second(&mut place, 1e4);
+        let both = Shape::at(&place, 1e4);
+        let one = Shape { second: None, ..both };
+        let [a, b] = [both, one].map(|shape| shape.response(&design).unwrap());
+        for w in [0.001f64, 0.03, 0.3, 1.0, 3.0] {
+            let z = Complex::new(w.cos(), -w.sin());
+            let off = (a.at(z) / b.at(z) - 1.0).norm();
+            assert!(off < 2e-3, "{off} at {w}: {both:?}");
+        }
+        assert!((both.led_s() - one.led_s()).abs() < 1e-9);
+        let all = both.mistuned(1.2, &design);
+        assert_eq!(all.len(), 4);
+        let dampings = all[3].second.unwrap().damping / both.second.unwrap().damping;
+        assert!(
+            (dampings - 1.2).abs() < 1e-9 && (all[3].damping / both.damping - 1.2).abs() < 1e-9
+        );
     }
 }

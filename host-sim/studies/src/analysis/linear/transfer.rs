@@ -6,7 +6,8 @@ use nalgebra::{Complex, DMatrix, Schur};
 use zwidth::{
     Design, SettingsError, VelocitySettings,
     velocity::{
-        BiquadDesign, ButterworthDesign, FirDesign, KalmanDesign, ObserverDesign, TrackingLoop,
+        BiquadDesign, ButterworthDesign, CascadeDesign, FirDesign, KalmanDesign, ObserverDesign,
+        TrackingLoop,
     },
 };
 
@@ -168,6 +169,27 @@ pub fn transfer_function(
             let [a1, a2] = filter.a;
             let den = vec![1.0, a1, a2];
             difference.then(&TransferFunction { num: filter.b.to_vec(), den })
+        }
+        VelocitySettings::Biquad2 {
+            frequency_hz,
+            damping,
+            lead_s,
+            zero,
+            second_ratio,
+            second_damping,
+            second_lead_s,
+            second_zero,
+        } => {
+            let cascade = CascadeDesign::new(
+                [frequency_hz, damping, lead_s, zero],
+                [second_ratio, second_damping, second_lead_s, second_zero],
+                rate_hz,
+            )?;
+            cascade.sections.iter().fold(difference, |before, section| {
+                let [a1, a2] = section.a;
+                let den = vec![1.0, a1, a2];
+                before.then(&TransferFunction { num: section.b.to_vec(), den })
+            })
         }
         VelocitySettings::WindowDifference { window_samples } => ends(window_samples, rate_hz),
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
