@@ -10,7 +10,7 @@ use super::{
     Common,
     conditions::Conditions,
     peers::{self, PeerArgs},
-    progress, shared,
+    progress,
 };
 use crate::{
     analysis::compare::{
@@ -126,7 +126,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         return peers::run(&args.peers, args.repeat, &scene, common);
     }
     let entries = entries(&args.estimators, &scene)?;
-    shared::prepare(&scene)?;
+    crate::study::asked::prepare(&scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
     if let Some(damping) = args.damping {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{
     Common,
     limits::{Limits, Pair, RmsOfArg, pair, parse},
-    progress, shared,
+    progress,
 };
 use crate::{
     analysis::design::{Condition, Question, design},
@@ -116,7 +116,10 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
     }
     let conditions = args.conditions(&named.scene).map_err(|error| error.of(&named.name))?;
     for condition in &conditions {
-        shared::prepare(&NamedScene { scene: condition.scene.clone(), ..named.clone() })?;
+        crate::study::asked::prepare(&NamedScene {
+            scene: condition.scene.clone(),
+            ..named.clone()
+        })?;
     }
     let budget = args.budget.unwrap_or_else(|| {
         let number = u32::try_from(conditions.len()).unwrap_or(u32::MAX).max(1);

@@ -10,7 +10,7 @@ use super::{
     Common,
     list::{self, List},
     progress,
-    shared::{AtCutoffs, Grid, Start, prepare},
+    shared::{AtCutoffs, Grid, Start},
 };
 use crate::{
     engine::{Depth, stream},
@@ -18,6 +18,7 @@ use crate::{
     interrupt,
     output::{files::Outputs, terminal::print_result},
     simulation::prepared::{HitError, WallHit},
+    study::asked::prepare,
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
@@ -57,41 +58,8 @@ struct Json<'a> {
 const HEADER: &str = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m\n";
 const OUT_OF_RANGE: &str = "out_of_range";
 
-/// The walls, numbered: K runs fastest, then B, then the cutoff.
-struct Walls {
-    cutoffs_hz: Vec<f64>,
-    dampings: Vec<f64>,
-    stiffnesses: Vec<f64>,
-    start_offset_counts: f64,
-}
-
-impl Walls {
-    fn count(&self) -> u64 {
-        [&self.cutoffs_hz, &self.dampings, &self.stiffnesses]
-            .map(|list| list.len() as u64)
-            .iter()
-            .product()
-    }
-
-    #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
-    fn wall(&self, number: u64) -> WallHit {
-        let (per_cutoff, per_damping) =
-            ((self.dampings.len() * self.stiffnesses.len()) as u64, self.stiffnesses.len() as u64);
-        WallHit {
-            cutoff_hz: self.cutoffs_hz[(number / per_cutoff) as usize],
-            damping_n_s_per_m: self.dampings[(number % per_cutoff / per_damping) as usize],
-            stiffness_n_per_m: self.stiffnesses[(number % per_damping) as usize],
-            start_offset_counts: self.start_offset_counts,
-        }
-    }
-}
-
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
-    let stiffnesses = args.stiffnesses.0.clone();
-    let Grid { scene, cutoffs_hz, dampings } = args.at.load(&stiffnesses)?;
-    let start_offset_counts = args.start.counts()?;
-    args.start.check(&scene)?;
-    let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
+    let Grid { scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
     let prepared = prepare(&scene)?;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.csv.as_ref())?;

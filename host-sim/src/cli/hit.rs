@@ -7,13 +7,14 @@ use serde::Serialize;
 
 use super::{
     Common,
-    shared::{AtCutoff, Subject, prepare},
+    shared::{AtCutoff, Subject},
 };
 use crate::{
     error::Error,
     output::{files::Outputs, terminal::print_result, trace::Trace},
     scene::NamedScene,
     simulation::prepared::{HitReport, WallHit},
+    study::asked::prepare,
 };
 
 /// Hits one wall and says whether it is stable.

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{
     Common,
-    shared::{AtCutoffs, Grid, prepare},
+    shared::{AtCutoffs, Grid},
 };
 use crate::{
     analysis::{
@@ -27,7 +27,10 @@ use crate::{
     },
     scene::{self, NamedScene},
     simulation::prepared::PreparedScene,
-    study::walk::BoundaryPoint,
+    study::{
+        asked::{Walls, prepare},
+        walk::BoundaryPoint,
+    },
 };
 
 /// Linear stability boundary K(B) per cutoff (paper, section 2.1), from the closed loop's
@@ -120,7 +123,7 @@ struct Analysis {
 }
 
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
-    let Grid { scene, cutoffs_hz, dampings } = args.at.load(&[0.0])?;
+    let Grid { scene, walls: Walls { cutoffs_hz, dampings, .. } } = args.at.load(&[0.0], None)?;
     let points = cutoffs_hz.len() * dampings.len();
     if points > POINTS_MAX {
         return Err(Error::Input(format!(

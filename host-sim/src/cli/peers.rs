@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{
     Common,
     limits::{Limits, Pair, finer, pair, parse},
-    progress, shared,
+    progress,
 };
 use crate::{
     analysis::compare::peers::{PeerQuestion, compare_peers, loops},
@@ -60,7 +60,7 @@ pub fn run(
     scene: &NamedScene,
     common: &Common,
 ) -> Result<(), Error> {
-    shared::prepare(scene)?;
+    crate::study::asked::prepare(scene)?;
     let felt_db = scene.scene.wall_hit.felt_limit_db;
     let limits = args.limits.0.iter().map(|limit| limit.map_or(Limit::Felt(felt_db), Limit::Rms));
     let limits: Vec<Limit> = limits.collect();

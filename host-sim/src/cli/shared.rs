@@ -9,9 +9,9 @@ use super::{
 };
 use crate::{
     error::Error,
-    range::{refused, within},
     scene::NamedScene,
-    simulation::prepared::{PreparedScene, WallHit},
+    simulation::prepared::WallHit,
+    study::asked::{self, Names, Walls},
 };
 
 /// Where a hit or a walk starts.
@@ -23,22 +23,21 @@ pub struct Start {
 }
 
 impl Start {
-    /// Refuses a start inside the wall.
-    pub fn check(self, scene: &NamedScene) -> Result<(), Error> {
-        let (device, wall) = (&scene.scene.device, &scene.scene.wall);
-        let counts = (wall.position_m - device.start_position_m) / scene.scene.encoder.resolution_m;
-        if self.start_offset <= counts {
-            return Ok(());
-        }
-        Err(Error::Input(refused("--start-offset", self.start_offset, &(-1e6..=counts.min(1e6)))))
-    }
-
-    /// Counts of `--start-offset`, checked.
-    pub fn counts(self) -> Result<f64, Error> {
-        within("--start-offset", self.start_offset, -1e6..=1e6).map_err(Error::Input)?;
-        Ok(self.start_offset)
+    /// Counts of `--start-offset`, still to be checked.
+    pub fn counts(self) -> f64 {
+        self.start_offset
     }
 }
+
+/// What the options are called that describe a wall; a command with lists has others.
+const NAMES: Names = Names {
+    cutoff: "--cutoff",
+    stiffness: "--stiffness",
+    damping: "--damping",
+    start_offset: "--start-offset",
+};
+const LISTS: Names =
+    Names { cutoff: "--cutoffs", stiffness: "--stiffnesses", damping: "--dampings", ..NAMES };
 
 /// A scene at one cutoff.
 #[derive(Debug, Args)]
@@ -56,17 +55,7 @@ impl AtCutoff {
     /// The scene, and the hit on a wall that it makes of its walk's start or of `[K, B]`.
     pub fn load(&self, wall: Option<[f64; 2]>) -> Result<(NamedScene, WallHit), Error> {
         let scene = NamedScene::load(&self.scene)?;
-        let walk = &scene.scene.walk;
-        let [stiffness_n_per_m, damping_n_s_per_m] =
-            wall.unwrap_or([walk.stiffness_start_n_per_m, walk.damping_start_n_s_per_m]);
-        let hit = WallHit {
-            cutoff_hz: cutoff(&scene, self.cutoff)?,
-            stiffness_n_per_m,
-            damping_n_s_per_m,
-            start_offset_counts: self.start.counts()?,
-        };
-        check_wall(&scene, &hit, ["--cutoff", "--stiffness", "--damping"])?;
-        self.start.check(&scene)?;
+        let hit = asked::hit(&scene, self.cutoff, wall, self.start.counts(), NAMES)?;
         Ok((scene, hit))
     }
 }
@@ -96,13 +85,6 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Prepares a person's scene: no hit of it may come to the wall faster than the core's velocity can say.
-pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
-    let prepared = PreparedScene::new(&scene.scene)?;
-    prepared.check_approach()?;
-    Ok(prepared)
-}
-
 /// A scene at many cutoffs and dampings.
 #[derive(Debug, Args)]
 pub struct AtCutoffs {
@@ -119,85 +101,37 @@ pub struct AtCutoffs {
 /// What [`AtCutoffs`] names, checked.
 pub struct Grid {
     pub scene: NamedScene,
-    pub cutoffs_hz: Vec<f64>,
-    pub dampings: Vec<f64>,
+    pub walls: Walls,
 }
 
 impl AtCutoffs {
     /// Loads the scene and checks every value of every list, before the first one is used.
-    pub fn load(&self, stiffnesses: &[f64]) -> Result<Grid, Error> {
+    pub fn load(&self, stiffnesses: &[f64], start: Option<Start>) -> Result<Grid, Error> {
         let scene = NamedScene::load(&self.scene)?;
         let cutoffs_hz = match &self.cutoffs {
-            Some(_) if !scene.scene.velocity.has_cutoff() => return Err(no_cutoff(&scene)),
+            Some(_) if !scene.scene.velocity.has_cutoff() => return Err(asked::no_cutoff(&scene)),
             Some(List(cutoffs_hz)) => cutoffs_hz.clone(),
-            None => vec![cutoff(&scene, None)?],
+            None => vec![asked::cutoff(&scene, None)?],
         };
         let dampings = self.dampings.0.clone();
-        let (cutoff_hz, damping) = (cutoffs_hz[0], dampings[0]);
-        let first = wall(cutoff_hz, stiffnesses[0], damping);
-        let walls = (cutoffs_hz.iter().map(|&cutoff_hz| WallHit { cutoff_hz, ..first }))
-            .chain(dampings.iter().map(|&b| WallHit { damping_n_s_per_m: b, ..first }))
-            .chain(stiffnesses.iter().map(|&k| WallHit { stiffness_n_per_m: k, ..first }));
-        for wall in walls {
-            check_wall(&scene, &wall, ["--cutoffs", "--stiffnesses", "--dampings"])?;
-        }
-        Ok(Grid { scene, cutoffs_hz, dampings })
+        let start_offset_counts = start.map_or(0.0, Start::counts);
+        let stiffnesses = stiffnesses.to_vec();
+        let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
+        walls.check(&scene, LISTS)?;
+        Ok(Grid { scene, walls })
     }
-}
-
-fn wall(cutoff_hz: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
-    WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
 /// The cutoffs of `--cutoffs` or of the scene, checked.
 pub fn check_cutoffs(scene: &NamedScene, cutoffs_hz: &[f64]) -> Result<(), Error> {
     if !scene.scene.velocity.has_cutoff() {
-        return Err(no_cutoff(scene));
+        return Err(asked::no_cutoff(scene));
     }
-    let checked = |&cutoff_hz| check_wall(scene, &wall(cutoff_hz, 0.0, 0.0), ["--cutoffs", "", ""]);
-    cutoffs_hz.iter().try_for_each(checked)
-}
-
-/// The cutoff of the command line, which an estimator that has one needs and another one refuses;
-/// 0 stands for none.
-fn cutoff(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
-    let estimator = scene.scene.velocity;
-    match (estimator.has_cutoff(), asked) {
-        (true, Some(cutoff_hz)) => Ok(cutoff_hz),
-        (false, None) => Ok(0.0),
-        (true, None) => Err(Error::Input(format!(
-            "{}: a cutoff is missing, the estimator {} needs it",
-            scene.name,
-            estimator.name()
-        ))),
-        (false, Some(_)) => Err(no_cutoff(scene)),
-    }
-}
-
-/// Why a cutoff is refused.
-fn no_cutoff(scene: &NamedScene) -> Error {
-    Error::Input(format!(
-        "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
-        scene.name,
-        scene.scene.velocity.name()
-    ))
-}
-
-/// A cutoff, K and B of the command line, checked by building the core's settings; `options` are what they came
-/// from.
-fn check_wall(scene: &NamedScene, wall: &WallHit, options: [&str; 3]) -> Result<(), Error> {
-    scene
-        .scene
-        .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
-        .build(&scene.scene.design())
-        .map(|_| ())
-        .map_err(|error| {
-            let option = match error.parameter {
-                "cutoff_hz" => options[0],
-                "stiffness_n_per_m" => options[1],
-                "damping_n_s_per_m" => options[2],
-                other => other,
-            };
-            Error::Input(refused(option, error.value, &error.range))
-        })
+    let wall = |cutoff_hz| WallHit {
+        cutoff_hz,
+        stiffness_n_per_m: 0.0,
+        damping_n_s_per_m: 0.0,
+        start_offset_counts: 0.0,
+    };
+    cutoffs_hz.iter().try_for_each(|&hz| asked::check_wall(scene, &wall(hz), LISTS))
 }

@@ -10,7 +10,7 @@ use super::{
     limits::LimitArgs,
     list::{self, List},
     progress,
-    shared::{self, check_cutoffs},
+    shared::check_cutoffs,
 };
 use crate::{
     engine::Engine,
@@ -175,7 +175,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
             Some(out) => out.clone(),
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
-        let prepared = shared::prepare(&scene)?;
+        let prepared = crate::study::asked::prepare(&scene)?;
         let question =
             args.limits.or_default(&scene.scene, &cutoffs_hz, args.repeat, args.plain)?;
         let levers = args.levers.then(|| {

@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, list, progress, shared};
+use super::{Common, list, progress};
 use crate::{
     analysis::trade::{
         Bench, Criterion, Format, Variant, cost, default_cutoffs_hz,
@@ -100,7 +100,7 @@ struct JsonMethod {
 
 pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
-    shared::prepare(&scene)?;
+    crate::study::asked::prepare(&scene)?;
     if common.numeric != Numeric::Fixed {
         return Err(Error::input("--numeric: trade runs all formats, allowed fixed"));
     }

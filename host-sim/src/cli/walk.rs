@@ -4,16 +4,20 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
+use zwidth::experiment::Ended;
 
 use super::{
     Common,
-    shared::{AtCutoff, Subject, prepare},
+    shared::{AtCutoff, Subject},
 };
 use crate::{
     error::Error,
     interrupt,
     output::{files::Outputs, terminal::print_result},
-    study::walk::{Boundary, settles_in_s, walk},
+    study::{
+        asked::{self, prepare},
+        walk::Boundary,
+    },
 };
 
 /// Follows the boundary of the stable walls at one cutoff, without repeats.
@@ -43,31 +47,14 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let file = outputs.option(args.csv.as_ref())?;
     let velocity = scene.scene.velocity;
     let prepared = prepare(&scene)?;
-    let boundary = walk(
+    let boundary = asked::boundary(
+        &scene,
         common.engine.into(),
         &prepared,
         common.numeric,
-        first.cutoff_hz,
-        first.start_offset_counts,
+        &first,
         interrupt::flag(),
-    )
-    .map_err(|error| error.of(&scene.name))?;
-    let Some(ended) = boundary.ended else {
-        let reason = match settles_in_s(&prepared, common.numeric, &first) {
-            Some(settle_s) => format!(
-                "still settles in the window with {}; raise wall_hit.settle_s, {settle_s} is enough here",
-                velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
-            ),
-            None => format!(
-                "is unstable with {}; lower walk.stiffness_start_n_per_m or change the estimator's tuning",
-                velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz)
-            ),
-        };
-        return Err(Error::Input(format!(
-            "{}: the first point of the walk, K = {} N/m and B = {} N s/m, {reason}",
-            scene.name, first.stiffness_n_per_m, first.damping_n_s_per_m
-        )));
-    };
+    )?;
     if let Some(file) = file {
         outputs.write(file, csv(first.cutoff_hz, &boundary).as_bytes())?;
     }
@@ -78,7 +65,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         stiffness_peak_n_per_m: boundary.stiffness_peak_n_per_m(),
         damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
         hits: boundary.hits,
-        ended_by: ended.name(),
+        ended_by: boundary.ended.map_or("", Ended::name),
     };
     print_result(common.json, &json, || {
         format!(

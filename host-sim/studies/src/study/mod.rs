@@ -1,6 +1,7 @@
 //! Studies made of many wall hits: the boundary walk, the sweep over cutoffs, how its answer depends on what was
 //! assumed, and the envelope that the firmware takes from it.
 
+pub mod asked;
 pub mod envelope;
 pub mod filters;
 pub mod levers;

@@ -1,0 +1,203 @@
+//! What a person asks of a scene, checked before the first hit; the command line and Python ask the same.
+
+use std::sync::atomic::AtomicBool;
+
+use super::walk::{Boundary, settles_in_s, walk};
+use crate::{
+    engine::Engine,
+    error::Error,
+    range::{refused, within},
+    scene::NamedScene,
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
+};
+
+/// What messages call what was asked: a command's options, or a function's arguments.
+#[derive(Clone, Copy, Debug)]
+pub struct Names {
+    /// Nominal cutoff, Hz.
+    pub cutoff: &'static str,
+    /// Stiffness of the wall, N/m.
+    pub stiffness: &'static str,
+    /// Damping of the wall, N s/m.
+    pub damping: &'static str,
+    /// Counts beyond the scene's start.
+    pub start_offset: &'static str,
+}
+
+/// Prepares a person's scene: no hit of it may come to the wall faster than the core's velocity can say.
+///
+/// # Errors
+/// It would, or the scene cannot be prepared.
+pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
+    let prepared = PreparedScene::new(&scene.scene)?;
+    prepared.check_approach()?;
+    Ok(prepared)
+}
+
+/// The cutoff that was asked for, Hz, which an estimator that has one needs and another one refuses; 0 stands for
+/// none.
+///
+/// # Errors
+/// It is missing, or there is none to be set.
+pub fn cutoff(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
+    let estimator = scene.scene.velocity;
+    match (estimator.has_cutoff(), asked) {
+        (true, Some(cutoff_hz)) => Ok(cutoff_hz),
+        (false, None) => Ok(0.0),
+        (true, None) => Err(Error::Input(format!(
+            "{}: a cutoff is missing, the estimator {} needs it",
+            scene.name,
+            estimator.name()
+        ))),
+        (false, Some(_)) => Err(no_cutoff(scene)),
+    }
+}
+
+/// Why a cutoff is refused.
+pub fn no_cutoff(scene: &NamedScene) -> Error {
+    Error::Input(format!(
+        "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
+        scene.name,
+        scene.scene.velocity.name()
+    ))
+}
+
+/// Refuses a start that is inside the wall, or too far away to be meant.
+///
+/// # Errors
+/// It is.
+pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Result<(), Error> {
+    within(names.start_offset, offset_counts, -1e6..=1e6).map_err(Error::Input)?;
+    let (device, wall) = (&scene.scene.device, &scene.scene.wall);
+    let counts = (wall.position_m - device.start_position_m) / scene.scene.encoder.resolution_m;
+    if offset_counts <= counts {
+        return Ok(());
+    }
+    Err(Error::Input(refused(names.start_offset, offset_counts, &(-1e6..=counts.min(1e6)))))
+}
+
+/// Checks cutoff, K and B by building the core's settings.
+///
+/// # Errors
+/// One is out of range.
+pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<(), Error> {
+    scene
+        .scene
+        .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
+        .build(&scene.scene.design())
+        .map(|_| ())
+        .map_err(|error| {
+            let name = match error.parameter {
+                "cutoff_hz" => names.cutoff,
+                "stiffness_n_per_m" => names.stiffness,
+                "damping_n_s_per_m" => names.damping,
+                other => other,
+            };
+            Error::Input(refused(name, error.value, &error.range))
+        })
+}
+
+/// The hit that is asked for, checked: on the wall `[K, B]`, or on the first one of the scene's walk.
+///
+/// # Errors
+/// Something of it is out of range.
+pub fn hit(
+    scene: &NamedScene,
+    asked_cutoff: Option<f64>,
+    wall: Option<[f64; 2]>,
+    start_offset_counts: f64,
+    names: Names,
+) -> Result<WallHit, Error> {
+    let walk = &scene.scene.walk;
+    let [stiffness_n_per_m, damping_n_s_per_m] =
+        wall.unwrap_or([walk.stiffness_start_n_per_m, walk.damping_start_n_s_per_m]);
+    let cutoff_hz = cutoff(scene, asked_cutoff)?;
+    let hit = WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
+    check_wall(scene, &hit, names)?;
+    check_start(scene, start_offset_counts, names)?;
+    Ok(hit)
+}
+
+/// The boundary of the walk whose first hit is `first`.
+///
+/// # Errors
+/// The first wall is unstable, which says what to change; the handle does not reach it; `stop` was set.
+pub fn boundary(
+    scene: &NamedScene,
+    engine: Engine,
+    prepared: &PreparedScene,
+    numeric: Numeric,
+    first: &WallHit,
+    stop: &AtomicBool,
+) -> Result<Boundary, Error> {
+    let boundary =
+        walk(engine, prepared, numeric, first.cutoff_hz, first.start_offset_counts, stop)
+            .map_err(|error| error.of(&scene.name))?;
+    if boundary.ended.is_some() {
+        return Ok(boundary);
+    }
+    let estimator = scene.scene.velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz);
+    let reason = match settles_in_s(prepared, numeric, first) {
+        Some(settle_s) => format!(
+            "still settles in the window with {estimator}; raise wall_hit.settle_s, {settle_s} is enough here"
+        ),
+        None => format!(
+            "is unstable with {estimator}; lower walk.stiffness_start_n_per_m or change the estimator's tuning"
+        ),
+    };
+    Err(Error::Input(format!(
+        "{}: the first point of the walk, K = {} N/m and B = {} N s/m, {reason}",
+        scene.name, first.stiffness_n_per_m, first.damping_n_s_per_m
+    )))
+}
+
+/// Walls of a grid, numbered: K runs fastest, then B, then the cutoff.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Walls {
+    /// Nominal cutoffs, Hz; one 0 for an estimator without one.
+    pub cutoffs_hz: Vec<f64>,
+    /// Dampings B, N s/m.
+    pub dampings: Vec<f64>,
+    /// Stiffnesses K, N/m.
+    pub stiffnesses: Vec<f64>,
+    /// Counts beyond the scene's start.
+    pub start_offset_counts: f64,
+}
+
+impl Walls {
+    /// How many.
+    pub fn count(&self) -> u64 {
+        [&self.cutoffs_hz, &self.dampings, &self.stiffnesses]
+            .map(|list| list.len() as u64)
+            .iter()
+            .product()
+    }
+
+    /// The wall of that number, below [`count`](Self::count).
+    #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
+    pub fn wall(&self, number: u64) -> WallHit {
+        let (per_cutoff, per_damping) =
+            ((self.dampings.len() * self.stiffnesses.len()) as u64, self.stiffnesses.len() as u64);
+        WallHit {
+            cutoff_hz: self.cutoffs_hz[(number / per_cutoff) as usize],
+            damping_n_s_per_m: self.dampings[(number % per_cutoff / per_damping) as usize],
+            stiffness_n_per_m: self.stiffnesses[(number % per_damping) as usize],
+            start_offset_counts: self.start_offset_counts,
+        }
+    }
+
+    /// Checks every value of every list, and the start, before the first hit.
+    ///
+    /// # Errors
+    /// One is out of range.
+    pub fn check(&self, scene: &NamedScene, names: Names) -> Result<(), Error> {
+        let first = self.wall(0);
+        let walls = (self.cutoffs_hz.iter().map(|&cutoff_hz| WallHit { cutoff_hz, ..first }))
+            .chain(self.dampings.iter().map(|&b| WallHit { damping_n_s_per_m: b, ..first }))
+            .chain(self.stiffnesses.iter().map(|&k| WallHit { stiffness_n_per_m: k, ..first }));
+        for wall in walls {
+            check_wall(scene, &wall, names)?;
+        }
+        check_start(scene, self.start_offset_counts, names)
+    }
+}
