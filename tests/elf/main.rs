@@ -52,6 +52,7 @@ mod figure;
 
 mod alive;
 mod boot;
+mod campaign;
 mod code;
 mod control;
 mod control_path;

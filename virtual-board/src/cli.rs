@@ -1,4 +1,4 @@
-//! The command line: `cargo board run|hit|walk|serve SCENE`, `cargo board fuzz`.
+//! The command line: `cargo board run|hit|walk|serve SCENE`, `cargo board fuzz|campaign`.
 
 use std::{
     io::{BufRead as _, IsTerminal as _, Read as _},
@@ -24,6 +24,7 @@ use zwidth::period::PERIODS;
 
 use crate::{
     board::{BOARDS, Board, NUCLEO_F446RE},
+    campaign::{self, report::Campaign},
     elf::Elf,
     fuzz::report::{self, Fuzz},
     image,
@@ -73,6 +74,8 @@ enum Command {
         #[arg(long)]
         damping: f64,
     },
+    /// Faults with the force on, in free motion and in contact: how long until it is off.
+    Campaign(Campaign),
     /// Random sessions of console, hand, switches and resets, held against a model of the pages.
     Fuzz(Fuzz),
     /// The board in real time for other tools: RTT over TCP on 127.0.0.1, channel n on port PORT + n.
@@ -136,6 +139,7 @@ fn execute(command: Command) -> Result<(), Error> {
             let (scene, _) = common.open(false)?;
             hit(&common.session(scene)?, [cutoff, stiffness, damping], json)
         }
+        Command::Campaign(options) => campaign::report::execute(&options),
         Command::Fuzz(options) => report::execute(&options),
         Command::Serve { common, rtt } => {
             let (scene, _) = common.open(false)?;

@@ -71,6 +71,17 @@ impl Elf {
         self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)
     }
 
+    /// Address and size of the symbol whose name has that in it.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn place_of(&self, part: &str) -> Result<(u32, u32), String> {
+        let found = self.symbols.iter().find(|(name, ..)| name.contains(part));
+        found
+            .map(|&(_, address, size)| (address, size))
+            .ok_or_else(|| format!("the ELF has no symbol {part}"))
+    }
+
     /// The section of that name: address and size.
     pub fn section(&self, name: &str) -> Option<(u32, u32)> {
         self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))

@@ -4,6 +4,7 @@
 
 pub mod amplifier;
 pub mod board;
+pub mod campaign;
 pub mod cli;
 pub mod elf;
 pub mod fuzz;

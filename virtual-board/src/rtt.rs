@@ -5,6 +5,8 @@ use crate::mcu::Mcu;
 const ID: &[u8] = b"SEGGER RTT";
 const HEADER: u32 = 24;
 const CHANNEL: u32 = 24;
+/// No buffer is larger, bytes: RAM.
+const LARGEST: u32 = 0x2_0000;
 
 /// An RTT control block at a known address.
 #[derive(Clone, Copy, Debug)]
@@ -37,13 +39,18 @@ impl Rtt {
             return taken;
         }
         let at = self.address + HEADER + CHANNEL * channel;
-        let [buffer, size, write, mut read] = [4, 8, 12, 16].map(|offset| word(mcu, at + offset));
-        while read != write && size != 0 && taken.len() < room {
+        let [buffer, size, write, mut read] =
+            [4, 8, 12, 16].map(|offset| word(mcu, at.wrapping_add(offset)));
+        // What the program has lost is none.
+        if size > LARGEST || read >= size || write >= size {
+            return taken;
+        }
+        while read != write && taken.len() < room {
             let end = if write > read { write } else { size };
             let left = u32::try_from(room - taken.len()).unwrap_or(u32::MAX);
             let end = end.min(read.saturating_add(left));
             let mut piece = vec![0; (end - read) as usize];
-            mcu.read(buffer + read, &mut piece);
+            mcu.read(buffer.wrapping_add(read), &mut piece);
             taken.extend(piece);
             read = end % size;
         }
@@ -57,17 +64,21 @@ impl Rtt {
             return 0;
         }
         let at = self.down(mcu, channel);
-        let [buffer, size, mut write, read] = [4, 8, 12, 16].map(|offset| word(mcu, at + offset));
+        let [buffer, size, mut write, read] =
+            [4, 8, 12, 16].map(|offset| word(mcu, at.wrapping_add(offset)));
         let mut written = 0;
+        if size == 0 || size > LARGEST || write >= size {
+            return 0;
+        }
         for byte in bytes {
             if (write + 1) % size == read {
                 break;
             }
-            mcu.write(buffer + write, &[*byte]);
+            mcu.write(buffer.wrapping_add(write), &[*byte]);
             write = (write + 1) % size;
             written += 1;
         }
-        mcu.write(at + 12, &write.to_le_bytes());
+        mcu.write(at.wrapping_add(12), &write.to_le_bytes());
         written
     }
 
@@ -78,7 +89,7 @@ impl Rtt {
 
     fn down(&self, mcu: &Mcu, channel: u32) -> u32 {
         let up_channels = word(mcu, self.address + 16);
-        self.address + HEADER + CHANNEL * (up_channels + channel)
+        self.address.wrapping_add(HEADER + CHANNEL.wrapping_mul(up_channels.wrapping_add(channel)))
     }
 }
 

@@ -5,7 +5,6 @@ use virtual_board::{
     world::{Snapshot, World},
 };
 
-use super::run_case::lead;
 use crate::{
     figure::figure,
     firmware::{Firmware, arm, ok},
@@ -78,7 +77,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     assert_eq!(signs.len(), 2, "the motor's sign and its copy: {signs:x?}");
     arm(&mut world);
     let zero_m = world.position_m();
-    lead(&mut world, zero_m + 5.3e-3);
+    world.lead_to(zero_m + 5.3e-3).unwrap();
     world.run(54).unwrap();
     let before = world.snapshot();
 

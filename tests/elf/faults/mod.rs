@@ -4,20 +4,18 @@
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 
-mod fault_case;
 mod link;
 mod memory;
-mod no_processor;
 mod registers;
 mod run_case;
 mod settings;
 
-use self::{
-    fault_case::{Before, FaultCase, fault_cases},
-    run_case::{Depth, prepare, run_case},
-};
+use self::run_case::{Depth, prepare, run_case};
 use rayon::prelude::*;
-use virtual_board::board::{BOARDS, Board, NUCLEO_F446RE, Powered};
+use virtual_board::{
+    board::{BOARDS, Board, NUCLEO_F446RE, Powered},
+    campaign::fault_case::{Before, FaultCase, fault_cases},
+};
 
 use crate::{
     figure::figure,

@@ -1,9 +1,11 @@
 //! One fault case from `arm` to `arm`.
 
-use virtual_board::world::{Snapshot, World};
+use virtual_board::{
+    campaign::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US},
+    world::{Snapshot, World},
+};
 use zwidth::telemetry::{Decoder, Flags, Record};
 
-use super::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US};
 use crate::firmware::{Firmware, arm, ok};
 
 /// How much is looked at.
@@ -24,22 +26,12 @@ pub struct CaseResult {
     pub kept: String,
 }
 
-/// The handle is led to `to_m` at 0.5 m/s.
-pub fn lead(world: &mut World<'_>, to_m: f64) {
-    let from_m = world.position_m();
-    let steps = ((to_m - from_m).abs() / 50e-6).ceil().max(1.0);
-    for n in 1..=steps as u32 {
-        world.hold(from_m + (to_m - from_m) * f64::from(n) / steps, true);
-        world.sample().unwrap();
-    }
-}
-
 /// Armed or not, as fault cases want it; off its place by 0.1 mm, so that the position is not the counter's reading.
 pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     let mut world = firmware.boot();
     let world = &mut world;
     let rest_m = firmware.scene.device.rest_position_m;
-    lead(world, rest_m + 100e-6);
+    world.lead_to(rest_m + 100e-6).unwrap();
     let zero_m = world.position_m();
     match before {
         Before::Off => {
@@ -51,7 +43,7 @@ pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
         Before::Pressed => {
             world.hold(zero_m, false);
             arm(world);
-            lead(world, zero_m + 5.3e-3);
+            world.lead_to(zero_m + 5.3e-3).unwrap();
             // Long enough for the black box to be full.
             world.run(if depth == Depth::Full { 1_000 } else { 50 }).unwrap();
             assert_ne!(world.powered.mcu.force_registers(), zero_registers(world));
@@ -91,9 +83,9 @@ pub fn run_case(
     world.restore(prepared);
     let settings = ok(world, "get");
     let outputs = world.powered.mcu.events() / 10;
-    let mut begun = (case.begin)(firmware, world);
+    let mut begun = (case.begin)(&firmware.elf, world).unwrap();
     if let Some(cause) = case.cause {
-        cause(firmware, world);
+        cause(&firmware.elf, world).unwrap();
         begun = world.powered.mcu.now();
         world.run(if case.resets { 700 } else { 40 }).unwrap();
     }
@@ -192,8 +184,8 @@ fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64
 /// The cause goes; force comes back by `clear` and `arm` only.
 fn recover(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>) {
     let name = case.name;
-    (case.end)(world);
-    lead(world, firmware.scene.device.rest_position_m);
+    (case.end)(world).unwrap();
+    world.lead_to(firmware.scene.device.rest_position_m).unwrap();
     world.run(500).unwrap();
     assert!(!world.powered.amplifier.is_enabled(), "{name}: force came back by itself");
     let refused = world.ask("arm").unwrap();

@@ -24,9 +24,18 @@ impl Random {
         self.bits() % end
     }
 
+    /// Below that.
+    pub fn small(&mut self, end: u8) -> u8 {
+        u8::try_from(self.below(end.into())).unwrap_or_default()
+    }
+
+    /// One of them; there has to be one.
+    pub fn one<'a, T>(&mut self, all: &'a [T]) -> &'a T {
+        &all[usize::try_from(self.below(all.len() as u64)).unwrap_or_default()]
+    }
+
     fn of<T: Copy>(&mut self, all: &[T]) -> T {
-        let place = usize::try_from(self.below(all.len() as u64)).unwrap_or_default();
-        all[place]
+        *self.one(all)
     }
 
     /// Once in `n`.

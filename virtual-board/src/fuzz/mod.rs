@@ -30,5 +30,6 @@ mod shrink;
 
 pub use action::Action;
 pub use campaign::{Failure, Outcome, replay, script, sessions};
+pub(crate) use generate::Random;
 pub use instants::{Sweep, Wrong, sweep};
 pub use run::Counts;

@@ -9,7 +9,7 @@ use rsemu::{
 };
 
 use super::{
-    AfterHalt, Mcu, RAM, Stopped, exception_of,
+    AfterHalt, Mcu, Stopped, exception_of,
     main_output::{BDTR, MAIN_OUTPUT_ENABLE},
 };
 
@@ -96,6 +96,11 @@ impl Mcu {
         });
     }
 
+    /// The stack pointer.
+    pub fn stack_pointer(&self) -> u32 {
+        self.registers.msp
+    }
+
     /// Changes the core's registers.
     pub fn set_registers(&mut self, change: impl FnOnce(&mut rsemu::cpu::arm::v7m::Regs)) {
         let mut registers = self.soc.cpu.regs();
@@ -110,20 +115,6 @@ impl Mcu {
         cpu.set_xpsr(cpu.xpsr() & !IT_BITS);
         cpu.set_pc(address & !1);
         self.registers = cpu.regs();
-    }
-
-    /// Flips bits of the words in `from .. to` of RAM that hold `value`; returns how many.
-    pub fn flip_words(&mut self, from: u32, to: u32, value: u32, bits: u32) -> usize {
-        let mut flipped = 0;
-        for address in (from..to).step_by(4) {
-            let mut word = [0; 4];
-            self.read(address, &mut word);
-            if address >= RAM && u32::from_le_bytes(word) == value {
-                self.write(address, &(value ^ bits).to_le_bytes());
-                flipped += 1;
-            }
-        }
-        flipped
     }
 
     /// One of the encoder's channels (0: A, 1: B) stays at the level that it has, or works again.

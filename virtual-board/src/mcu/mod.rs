@@ -11,6 +11,7 @@ mod dma;
 mod encoder;
 mod inject;
 mod main_output;
+mod reads;
 mod snapshot;
 mod soc;
 mod supply;
@@ -18,7 +19,10 @@ mod watch;
 
 use std::{
     collections::BTreeMap,
-    sync::{Arc, atomic::Ordering::Relaxed},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
 };
 
 use rsemu::{
@@ -96,6 +100,8 @@ pub struct Listeners {
     pub dac: Option<Arc<dyn DacListener>>,
     /// The encoder's A and B are wired to TIM3's channels 1 and 2 as well.
     pub captured: bool,
+    /// Notes of the words of RAM that were read, if those are wanted.
+    pub reads: Option<Arc<Vec<AtomicBool>>>,
 }
 
 /// TIM1's main output enable after a halt that has dropped the outputs. The manuals say that they are off "as if"
@@ -356,6 +362,11 @@ impl Mcu {
     /// Cycle of the last sampling event, if there was one since the last reset.
     pub fn last_event(&self) -> Option<u64> {
         (self.event.0 > 0).then_some(self.event.0)
+    }
+
+    /// Cycle at which a force was last written, to the DAC or to a compare register.
+    pub fn written_at(&self) -> u64 {
+        self.soc.commanded_at.load(Relaxed)
     }
 
     /// Resets so far, power-on not counted.

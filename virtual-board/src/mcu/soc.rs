@@ -22,6 +22,7 @@ use super::{
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
     main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
+    reads::Noted,
     supply::{ClockPort, PowerPort, Supply},
 };
 
@@ -257,7 +258,11 @@ impl Soc {
             space.topology().map(region.expect(WIRED), address).expect("addresses do not overlap");
         };
         map_shared(flash.region("array"), 0x0800_0000);
-        map(Region::ram("ram", Arc::clone(&memories.ram)), 0x2000_0000);
+        let ram = match &listeners.reads {
+            None => Region::ram("ram", Arc::clone(&memories.ram)),
+            Some(words) => Noted::region(&memories.ram, words),
+        };
+        map(ram, 0x2000_0000);
         map(Region::ram("backup", Arc::clone(&memories.backup)), 0x4002_4000);
         map(
             Registers::region(

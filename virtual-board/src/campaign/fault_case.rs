@@ -1,12 +1,12 @@
 //! What goes wrong, and how it is brought about without touching the program.
 
-use virtual_board::{
+use super::{no_processor::NO_PROCESSOR, place::flip_word};
+use crate::{
+    elf::Elf,
     mcu::{LINK, RENDER, SAMPLE},
-    world::World,
+    session::{Failed, ask},
+    world::{Ended, World},
 };
-
-use super::{no_processor::NO_PROCESSOR, run_case::lead};
-use crate::firmware::{Firmware, ok};
 
 /// Where the device is when it happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,11 +20,20 @@ pub enum Before {
 }
 
 impl Before {
+    /// All of them.
     pub const ALL: [Self; 3] = [Self::Pressed, Self::Moving, Self::Off];
 }
 
+/// Brings a fault about; returns the cycle at which it began.
+pub type Begin = fn(&Elf, &mut World<'_>) -> Result<u64, Failed>;
+/// The same between two outputs, all at once.
+pub type Cause = fn(&Elf, &mut World<'_>) -> Result<(), Failed>;
+/// Takes it away.
+pub type End = fn(&mut World<'_>) -> Result<(), Failed>;
+
 /// One way to go wrong.
 pub struct FaultCase {
+    /// For people; unique.
     pub name: &'static str,
     /// Expected code.
     pub code: u32,
@@ -35,13 +44,14 @@ pub struct FaultCase {
     pub limit_us: f64,
     /// The program stands still for so long, and cannot write a code meanwhile.
     pub halted_us: f64,
+    /// What the handle does then.
     pub before: Before,
     /// Brings it about; returns the cycle at which it began.
-    pub begin: fn(&Firmware, &mut World<'_>) -> u64,
+    pub begin: Begin,
     /// Brings it about at once, in place of `begin`, between two outputs.
-    pub cause: Option<fn(&Firmware, &mut World<'_>)>,
+    pub cause: Option<Cause>,
     /// Takes the cause away.
-    pub end: fn(&mut World<'_>),
+    pub end: End,
     /// As long as the cause is there `clear` is refused.
     pub stays: bool,
     /// It ends in a reset, which RAM does not survive.
@@ -50,7 +60,9 @@ pub struct FaultCase {
     pub short: bool,
 }
 
-fn nothing(_: &mut World<'_>) {}
+fn nothing(_: &mut World<'_>) -> Result<(), Failed> {
+    Ok(())
+}
 
 /// The world moves in samples: what is seen may be up to one sample old.
 const GRID_US: f64 = 100.0;
@@ -70,14 +82,15 @@ pub const WATCHDOG_US: f64 = 51_000.0;
 /// Without the processor: the output watchdog (contract.rs), and the world's grid.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::contract::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
-pub const PLAIN: FaultCase = FaultCase {
+/// What most of them are.
+pub(super) const PLAIN: FaultCase = FaultCase {
     name: "",
     code: 0,
     all: &[],
     limit_us: 0.0,
     halted_us: 0.0,
     before: Before::Pressed,
-    begin: |_, world| world.powered.mcu.now(),
+    begin: |_, world| Ok(world.powered.mcu.now()),
     cause: None,
     end: nothing,
     stays: false,
@@ -99,11 +112,11 @@ const FAULT_CASES: [FaultCase; 30] = [
         begin: |_, world| {
             // Between two outputs: at one of them the force is off before the estimate is too fast.
             while world.powered.mcu.events() % 10 != 4 {
-                world.sample().unwrap();
+                world.sample()?;
             }
             let begun = world.powered.mcu.now();
             world.hold(world.position_m() + 700e-6, true);
-            begun
+            Ok(begun)
         },
         ..PLAIN
     },
@@ -116,12 +129,12 @@ const FAULT_CASES: [FaultCase; 30] = [
             let start_m = world.position_m();
             for n in 1..=20 {
                 world.hold(start_m + 250e-6 * f64::from(n), true);
-                world.sample().unwrap();
+                world.sample()?;
                 if !world.powered.amplifier.is_enabled() {
                     break;
                 }
             }
-            begun
+            Ok(begun)
         },
         ..PLAIN
     },
@@ -130,19 +143,15 @@ const FAULT_CASES: [FaultCase; 30] = [
         code: 12,
         all: &[12, 15],
         limit_us: RENDER_US,
-        begin: |firmware, world| {
-            let name = "local_resource_sample";
-            let mut symbols = firmware.elf.symbols.iter();
-            let (_, from, size) = symbols.find(|(symbol, ..)| symbol.contains(name)).unwrap();
-            let position = counts(world).cast_unsigned();
+        begin: |elf, world| {
+            let places = position_words(elf, world)?;
             let begun = world.powered.mcu.now();
-            let flipped = world.powered.mcu.flip_words(*from, from + size, position, 1 << 30);
-            assert_eq!(flipped, 2, "the position stands in the encoder and in the estimator");
-            begun
+            for place in places {
+                flip_word(world, place, 30);
+            }
+            Ok(begun)
         },
-        end: |world| {
-            ok(world, "zero");
-        },
+        end: |world| ask(world, "zero").map(drop),
         stays: true,
         ..PLAIN
     },
@@ -153,9 +162,12 @@ const FAULT_CASES: [FaultCase; 30] = [
         before: Before::Moving,
         begin: |_, world| {
             world.powered.mcu.kill_channel(0, true);
-            world.powered.mcu.now()
+            Ok(world.powered.mcu.now())
         },
-        end: |world| world.powered.mcu.kill_channel(0, false),
+        end: |world| {
+            world.powered.mcu.kill_channel(0, false);
+            Ok(())
+        },
         ..PLAIN
     },
     FaultCase {
@@ -165,9 +177,12 @@ const FAULT_CASES: [FaultCase; 30] = [
         before: Before::Moving,
         begin: |_, world| {
             world.powered.mcu.kill_channel(1, true);
-            world.powered.mcu.now()
+            Ok(world.powered.mcu.now())
         },
-        end: |world| world.powered.mcu.kill_channel(1, false),
+        end: |world| {
+            world.powered.mcu.kill_channel(1, false);
+            Ok(())
+        },
         ..PLAIN
     },
     at_arm(
@@ -176,7 +191,10 @@ const FAULT_CASES: [FaultCase; 30] = [
             world.swap_channels(true);
             enabled_by_arm(world)
         },
-        |world| world.swap_channels(false),
+        |world| {
+            world.swap_channels(false);
+            Ok(())
+        },
         true,
     ),
     at_arm(
@@ -185,7 +203,10 @@ const FAULT_CASES: [FaultCase; 30] = [
             world.motor_reversed = true;
             enabled_by_arm(world)
         },
-        |world| world.motor_reversed = false,
+        |world| {
+            world.motor_reversed = false;
+            Ok(())
+        },
         true,
     ),
     FaultCase {
@@ -193,14 +214,13 @@ const FAULT_CASES: [FaultCase; 30] = [
         code: 15,
         limit_us: RENDER_US,
         begin: |_, world| {
-            let zero_m = world.position_m() - 1e-6 * f64::from(counts(world));
-            lead(world, zero_m - 0.039_99);
-            assert!(world.powered.amplifier.is_enabled());
+            let zero_m = world.position_m() - 1e-6 * f64::from(counts(world)?);
+            world.lead_to(zero_m - 0.039_99)?;
             let begun = world.powered.mcu.now();
-            lead(world, zero_m - 0.040_02);
-            begun
+            world.lead_to(zero_m - 0.040_02)?;
+            Ok(begun)
         },
-        end: |world| lead(world, world.position_m() + 0.1),
+        end: |world| Ok(world.lead_to(world.position_m() + 0.1)?),
         ..PLAIN
     },
     FaultCase {
@@ -245,7 +265,7 @@ const FAULT_CASES: [FaultCase; 30] = [
         begin: |_, world| {
             let begun = world.powered.mcu.now();
             world.reset();
-            begun
+            Ok(begun)
         },
         resets: true,
         ..PLAIN
@@ -257,9 +277,9 @@ const FAULT_CASES: [FaultCase; 30] = [
         begin: |_, world| {
             let begun = world.powered.mcu.now();
             world.emergency_stop(true);
-            world.run(2).unwrap();
+            world.run(2)?;
             world.emergency_stop(false);
-            begun
+            Ok(begun)
         },
         ..PLAIN
     },
@@ -270,31 +290,34 @@ const FAULT_CASES: [FaultCase; 30] = [
         begin: |_, world| {
             let begun = world.powered.mcu.now();
             world.emergency_stop(true);
-            begun
+            Ok(begun)
         },
-        end: |world| world.emergency_stop(false),
+        end: |world| {
+            world.emergency_stop(false);
+            Ok(())
+        },
         stays: true,
         ..PLAIN
     },
     FaultCase {
         stays: false,
         ..brown_out("brown-out, 0.2 ms", |_, world| {
-            let begun = sag(world);
-            world.run(2).unwrap();
-            recover(world);
-            begun
+            let begun = sag(world)?;
+            world.run(2)?;
+            recover(world)?;
+            Ok(begun)
         })
     },
     brown_out("brown-out while the logger masks", |_, world| {
-        world.send("help\n").unwrap();
-        world.powered.mcu.run_into_mask().unwrap();
+        world.send("help\n")?;
+        world.powered.mcu.run_into_mask().map_err(Ended::from)?;
         sag(world)
     }),
     brown_out("brown-out", |_, world| sag(world)),
-    panic("panic in idle", |firmware, world| panic_in(firmware, world, 0), true),
-    panic("panic in link", |firmware, world| panic_in(firmware, world, LINK), false),
-    panic("panic in render", |firmware, world| panic_in(firmware, world, RENDER), false),
-    panic("panic in sample", |firmware, world| panic_in(firmware, world, SAMPLE), false),
+    panic("panic in idle", |elf, world| panic_in(elf, world, 0), true),
+    panic("panic in link", |elf, world| panic_in(elf, world, LINK), false),
+    panic("panic in render", |elf, world| panic_in(elf, world, RENDER), false),
+    panic("panic in sample", |elf, world| panic_in(elf, world, SAMPLE), false),
     hard_fault("HardFault in idle", |_, world| lose_the_way(world, 0, NOWHERE), false),
     hard_fault("HardFault in link", |_, world| lose_the_way(world, LINK, NOWHERE), false),
     hard_fault("HardFault in render", |_, world| lose_the_way(world, RENDER, NOWHERE), true),
@@ -305,8 +328,8 @@ const FAULT_CASES: [FaultCase; 30] = [
         code: 33,
         all: &[23, 33],
         limit_us: HANDLER_US,
-        begin: |firmware, world| {
-            let handler = firmware.elf.address_of("NonMaskableInt").unwrap();
+        begin: |elf, world| {
+            let handler = elf.place_of("NonMaskableInt")?.0;
             lose_the_way(world, LINK, handler)
         },
         resets: true,
@@ -319,7 +342,10 @@ const FAULT_CASES: [FaultCase; 30] = [
             world.powered.mcu.kill_channel(0, true);
             enabled_by_arm(world)
         },
-        |world| world.powered.mcu.kill_channel(0, false),
+        |world| {
+            world.powered.mcu.kill_channel(0, false);
+            Ok(())
+        },
         false,
     ),
     at_arm(
@@ -328,7 +354,10 @@ const FAULT_CASES: [FaultCase; 30] = [
             world.powered.mcu.kill_channel(1, true);
             enabled_by_arm(world)
         },
-        |world| world.powered.mcu.kill_channel(1, false),
+        |world| {
+            world.powered.mcu.kill_channel(1, false);
+            Ok(())
+        },
         false,
     ),
 ];
@@ -341,11 +370,7 @@ const NOWHERE: u32 = 0x1000_0000;
 /// Erased flash, beyond the code: all ones is no instruction.
 const ERASED: u32 = 0x0807_0000;
 
-const fn panic(
-    name: &'static str,
-    begin: fn(&Firmware, &mut World<'_>) -> u64,
-    short: bool,
-) -> FaultCase {
+const fn panic(name: &'static str, begin: Begin, short: bool) -> FaultCase {
     FaultCase {
         name,
         code: 41,
@@ -359,35 +384,27 @@ const fn panic(
 }
 
 /// The supply sags, and stays so.
-const fn brown_out(name: &'static str, begin: fn(&Firmware, &mut World<'_>) -> u64) -> FaultCase {
+const fn brown_out(name: &'static str, begin: Begin) -> FaultCase {
     FaultCase { name, code: 31, limit_us: BROWN_OUT_US, begin, end: recover, stays: true, ..PLAIN }
 }
 
-fn sag(world: &mut World<'_>) -> u64 {
+fn sag(world: &mut World<'_>) -> Result<u64, Failed> {
     world.powered.mcu.set_supply_mv(2500);
-    world.powered.mcu.now()
+    Ok(world.powered.mcu.now())
 }
 
-fn recover(world: &mut World<'_>) {
+fn recover(world: &mut World<'_>) -> Result<(), Failed> {
     world.powered.mcu.set_supply_mv(world.powered.board.supply_mv);
+    Ok(())
 }
 
 /// The sign test has to find it.
-const fn at_arm(
-    name: &'static str,
-    begin: fn(&Firmware, &mut World<'_>) -> u64,
-    end: fn(&mut World<'_>),
-    short: bool,
-) -> FaultCase {
+const fn at_arm(name: &'static str, begin: Begin, end: End, short: bool) -> FaultCase {
     let limit_us = 100_000.0 + RENDER_US;
     FaultCase { name, code: 14, limit_us, before: Before::Off, begin, end, short, ..PLAIN }
 }
 
-const fn hard_fault(
-    name: &'static str,
-    begin: fn(&Firmware, &mut World<'_>) -> u64,
-    short: bool,
-) -> FaultCase {
+const fn hard_fault(name: &'static str, begin: Begin, short: bool) -> FaultCase {
     FaultCase {
         name,
         code: 42,
@@ -401,54 +418,72 @@ const fn hard_fault(
 }
 
 /// The position that the firmware has, counts from its zero.
-fn counts(world: &mut World<'_>) -> i32 {
-    let status = ok(world, "status");
-    let words: Vec<&str> = status.split(' ').collect();
-    let place = words.iter().position(|word| *word == "position").unwrap();
-    words[place + 1].parse().unwrap()
+fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
+    let status = ask(world, "status")?;
+    let mut words = status.split(' ').skip_while(|word| *word != "position");
+    let count = words.nth(1).and_then(|word| word.parse().ok());
+    count.ok_or_else(|| Failed::Refused(format!("no position in: {status}")))
+}
+
+/// Where `sample` has the position: in the encoder and in the estimator. Found with the handle held for a while.
+fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
+    let (from, size) = elf.place_of("local_resource_sample")?;
+    let before = world.snapshot();
+    world.hold(world.position_m(), true);
+    world.run(20)?;
+    let position = counts(world)?.to_le_bytes();
+    let holds = |address: &u32| {
+        let mut word = [0; 4];
+        world.powered.mcu.read(*address, &mut word);
+        word == position
+    };
+    let places: Vec<_> = (from..from + size).step_by(4).filter(holds).collect();
+    world.restore(&before);
+    match places.len() {
+        2 | 3 => Ok(places), // and what was there a sample before
+        n => Err(Failed::Refused(format!("the position stands in {n} words of `sample`"))),
+    }
 }
 
 /// Sends `arm` and returns the cycle at which enable became active.
-fn enabled_by_arm(world: &mut World<'_>) -> u64 {
-    world.send("arm\n").unwrap();
+fn enabled_by_arm(world: &mut World<'_>) -> Result<u64, Failed> {
+    world.send("arm\n")?;
     for _ in 0..100 {
-        world.sample().unwrap();
+        world.sample()?;
         if world.powered.amplifier.is_enabled() {
-            return world.powered.mcu.now();
+            return Ok(world.powered.mcu.now());
         }
     }
-    panic!("`arm` does not enable the amplifier");
+    Err(Failed::Refused("`arm` does not enable the amplifier".into()))
 }
 
 /// Keeps `render` from being taken for so many samples, from right before a due one.
-fn mask_render(world: &mut World<'_>, samples: u64) -> u64 {
+fn mask_render(world: &mut World<'_>, samples: u64) -> Result<u64, Failed> {
     while !world.powered.mcu.events().is_multiple_of(10) {
-        world.sample().unwrap();
+        world.sample()?;
     }
     let resets = world.powered.mcu.resets();
     world.powered.mcu.mask(RENDER, true);
     let begun = world.powered.mcu.now();
     for _ in 0..samples {
-        world.sample().unwrap();
+        world.sample()?;
     }
     if world.powered.mcu.resets() == resets {
         world.powered.mcu.mask(RENDER, false);
     }
-    begun
+    Ok(begun)
 }
 
 /// The program counter jumps to the panic handler.
-fn panic_in(firmware: &Firmware, world: &mut World<'_>, exception: u16) -> u64 {
-    let mut symbols = firmware.elf.symbols.iter();
-    let handler = symbols.find(|(name, ..)| name.contains("rust_begin_unwind")).unwrap().1;
-    lose_the_way(world, exception, handler)
+fn panic_in(elf: &Elf, world: &mut World<'_>, exception: u16) -> Result<u64, Failed> {
+    lose_the_way(world, exception, elf.place_of("rust_begin_unwind")?.0)
 }
 
 /// The program counter jumps to `address` while that exception runs; then the watchdog bites.
-fn lose_the_way(world: &mut World<'_>, exception: u16, address: u32) -> u64 {
-    world.powered.mcu.run_into(exception).unwrap();
+fn lose_the_way(world: &mut World<'_>, exception: u16, address: u32) -> Result<u64, Failed> {
+    world.powered.mcu.run_into(exception).map_err(Ended::from)?;
     let begun = world.powered.mcu.now();
     world.powered.mcu.jump(address);
-    world.run(700).unwrap();
-    begun
+    world.run(700)?;
+    Ok(begun)
 }

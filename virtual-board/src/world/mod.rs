@@ -7,6 +7,10 @@
 //! Where a program looks at the times of the edges ([`World::with_edge_times`]), the steps are as long as
 //! that lead: each edge comes out a lead after the plant was there, to the cycle.
 
+mod defects;
+mod host;
+
+pub use defects::{CountDefect, Defects, Seen, Swing};
 use host_sim::{
     plant::{AnyPlant, AnyState, Plant as _, Sensing},
     scene::{Criterion, PushBy, RmsOf, Scene},
@@ -52,10 +56,16 @@ pub struct World<'a> {
     led_m_per_s: f64,
     /// What pulls at the handle while it is not held.
     pub finger: Option<Finger>,
+    /// The hand swings the handle.
+    swing: Option<Swing>,
     /// The motor's wires are swapped.
     pub motor_reversed: bool,
     /// A and B are swapped since the encoder stood at this count.
     swapped_at: Option<i32>,
+    /// What else is wrong outside of the chip.
+    pub defects: Defects,
+    /// What the motor did with each sample, if that is wanted.
+    pub seen: Option<Vec<Seen>>,
     log: log::Decoder<'a>,
     /// Cycle up to which the plant has moved.
     moved_to: u64,
@@ -79,8 +89,11 @@ pub struct Snapshot {
     held: Option<f64>,
     led_m_per_s: f64,
     finger: Option<Finger>,
+    swing: Option<Swing>,
     motor_reversed: bool,
     swapped_at: Option<i32>,
+    defects: Defects,
+    seen: Option<Vec<Seen>>,
     log: Vec<u8>,
     moved_to: u64,
     lines: Vec<String>,
@@ -203,8 +216,11 @@ impl<'a> World<'a> {
             held: Some(start_m),
             led_m_per_s: 0.0,
             finger: None,
+            swing: None,
             motor_reversed: false,
             swapped_at: None,
+            defects: Defects::default(),
+            seen: None,
             log: log::Decoder::new(table),
             moved_to: 0,
             lines: Vec::new(),
@@ -224,8 +240,11 @@ impl<'a> World<'a> {
             held: self.held,
             led_m_per_s: self.led_m_per_s,
             finger: self.finger,
+            swing: self.swing,
             motor_reversed: self.motor_reversed,
             swapped_at: self.swapped_at,
+            defects: self.defects,
+            seen: self.seen.clone(),
             log: self.log.begun.clone(),
             moved_to: self.moved_to,
             lines: self.lines.clone(),
@@ -244,8 +263,11 @@ impl<'a> World<'a> {
         self.held = from.held;
         self.led_m_per_s = from.led_m_per_s;
         self.finger = from.finger;
+        self.swing = from.swing;
         self.motor_reversed = from.motor_reversed;
         self.swapped_at = from.swapped_at;
+        self.defects = from.defects;
+        self.seen.clone_from(&from.seen);
         self.log.begun.clone_from(&from.log);
         self.moved_to = from.moved_to;
         self.lines.clone_from(&from.lines);
@@ -257,6 +279,7 @@ impl<'a> World<'a> {
     pub fn hold(&mut self, position_m: f64, held: bool) {
         self.held = held.then_some(position_m);
         self.led_m_per_s = 0.0;
+        self.swing = None;
         self.state = self.plant.at_rest(position_m);
     }
 
@@ -264,6 +287,26 @@ impl<'a> World<'a> {
     pub fn lead(&mut self, speed_m_per_s: f64) {
         self.held = Some(self.position_m());
         self.led_m_per_s = speed_m_per_s;
+        self.swing = None;
+    }
+
+    /// Leads the handle to `to_m` at 0.5 m/s, and holds it there.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn lead_to(&mut self, to_m: f64) -> Result<(), Ended> {
+        let from_m = self.position_m();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a few thousand"
+        )]
+        let steps = ((to_m - from_m).abs() / 50e-6).ceil().max(1.0) as u32;
+        for n in 1..=steps {
+            self.hold(from_m + (to_m - from_m) * f64::from(n) / f64::from(steps), true);
+            self.sample()?;
+        }
+        Ok(())
     }
 
     /// The switch of the emergency stop opens, or closes again.
@@ -328,8 +371,17 @@ impl<'a> World<'a> {
         let to = from + self.powered.board.cycles_per_sample() / self.steps;
         self.powered.mcu.run_until(to)?;
         self.powered.mcu.settle_to(to);
-        let force_n = self.powered.amplifier.mean_until(to, from) * self.full_scale_n;
-        let force_n = if self.motor_reversed { -force_n } else { force_n };
+        let given = self.powered.amplifier.mean_until(to, from);
+        let given = self.defects.given(given, self.powered.amplifier.is_enabled());
+        let given = if self.motor_reversed { -given } else { given };
+        let force_n = given * self.full_scale_n;
+        if self.seen.is_some() {
+            self.note(given, to);
+        }
+        if let Some(swing) = self.swing {
+            self.held = Some(swing.place_m(self.steps * self.samples + self.stepped, self.step_s));
+            self.state = self.plant.at_rest(self.held.unwrap_or_default());
+        }
         match &mut self.held {
             None => {
                 let force_n = force_n + self.finger_n();
@@ -367,6 +419,7 @@ impl<'a> World<'a> {
     /// What A and B stand for.
     fn shown_count(&self) -> i32 {
         let count = self.encoder.count(self.shown_m());
+        let count = self.defects.count(count, self.samples);
         self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 
@@ -437,69 +490,5 @@ impl<'a> World<'a> {
             }
         }
         self.probe()
-    }
-
-    /// Reads the probe's channels.
-    ///
-    /// # Errors
-    /// The log makes no sense.
-    pub fn probe(&mut self) -> Result<(), Ended> {
-        let Powered { mcu, rtt, .. } = &mut self.powered;
-        let log = rtt.read(mcu, 0);
-        self.telemetry.extend(rtt.read(mcu, 1));
-        let replies = rtt.read(mcu, 2);
-        self.replies.push_str(&String::from_utf8_lossy(&replies));
-        self.lines.extend(self.log.feed(&log)?);
-        Ok(())
-    }
-
-    /// Sends a line and returns the reply to it: the next line that is `ok` or `error`, and no
-    /// report of an experiment.
-    ///
-    /// # Errors
-    /// No reply within 0.1 s, or as [`sample`](Self::sample).
-    pub fn ask(&mut self, line: &str) -> Result<String, Ended> {
-        self.replies.clear();
-        self.send(&format!("{line}\n"))?;
-        loop {
-            let reply = self.reply(1_000)?;
-            if reply.starts_with("ok") || reply.starts_with("error") {
-                return Ok(reply);
-            }
-        }
-    }
-
-    /// Puts bytes into the command channel.
-    ///
-    /// # Errors
-    /// The channel has no room within 0.1 s.
-    pub fn send(&mut self, bytes: &str) -> Result<(), Ended> {
-        let mut rest = bytes.as_bytes();
-        for _ in 0..1_000 {
-            let Powered { mcu, rtt, .. } = &mut self.powered;
-            let written = rtt.write(mcu, 0, rest);
-            rest = &rest[written..];
-            if rest.is_empty() {
-                return Ok(());
-            }
-            self.sample()?;
-        }
-        Err(Ended::Timeout)
-    }
-
-    /// Waits up to `samples` for the next reply.
-    ///
-    /// # Errors
-    /// None came, or as [`sample`](Self::sample).
-    pub fn reply(&mut self, samples: u64) -> Result<String, Ended> {
-        for _ in 0..samples.div_ceil(10) {
-            self.run(10)?;
-            if let Some((line, rest)) = self.replies.split_once('\n') {
-                let line = line.to_owned();
-                self.replies = rest.to_owned();
-                return Ok(line);
-            }
-        }
-        Err(Ended::Timeout)
     }
 }

@@ -1,15 +1,15 @@
 //! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core: hardware
 //! alone has to switch off.
 
-use virtual_board::{
-    mcu::{AfterHalt, SAMPLE},
-    world::World,
-};
-
 use super::fault_case::{
-    AT_ONCE_US, BROWN_OUT_US, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US, SAMPLE_US,
+    AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US, SAMPLE_US,
 };
-use crate::firmware::Firmware;
+use crate::{
+    elf::Elf,
+    mcu::{AfterHalt, SAMPLE},
+    session::Failed,
+    world::{Ended, World},
+};
 
 /// TIM5's registers.
 const TIM5: u32 = 0x4000_0C00;
@@ -27,7 +27,7 @@ const TIM7: u16 = 16 + 55;
 /// DBGMCU's bit of the watchdog.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
-pub const NO_PROCESSOR: [FaultCase; 16] = [
+pub(super) const NO_PROCESSOR: [FaultCase; 16] = [
     FaultCase {
         name: "debugger halt, 1.5 ms",
         code: 32,
@@ -60,7 +60,7 @@ pub const NO_PROCESSOR: [FaultCase; 16] = [
         begin: |_, world| {
             // As a script does on connecting: what the program says of the watchdog holds again soon.
             world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
-            world.run(20).unwrap();
+            world.run(20)?;
             halt(world, 2_000, AfterHalt::Kept)
         },
         resets: true,
@@ -81,50 +81,55 @@ pub const NO_PROCESSOR: [FaultCase; 16] = [
     },
     stopped("TIM5 disabled in the NVIC", |_, world| {
         world.powered.mcu.mask(SAMPLE, true);
+        Ok(())
     }),
-    stopped("TIM5 stands still", |_, world| world.powered.mcu.poke(TIM5 + CR1, 0)),
+    stopped("TIM5 stands still", |_, world| poke(world, TIM5 + CR1, 0)),
     FaultCase {
         short: false,
-        ..stopped("TIM5 asks for no interrupt", |_, world| world.powered.mcu.poke(TIM5 + DIER, 0))
+        ..stopped("TIM5 asks for no interrupt", |_, world| poke(world, TIM5 + DIER, 0))
     },
     FaultCase {
         short: false,
-        ..stopped("TIM5 asks all the time", |_, world| world.powered.mcu.poke(TIM5 + ARR, 10))
+        ..stopped("TIM5 asks all the time", |_, world| poke(world, TIM5 + ARR, 10))
     },
     stopped("interrupts masked", |_, world| {
-        world.powered.mcu.run_into(0).unwrap();
+        world.powered.mcu.run_into(0).map_err(Ended::from)?;
         world.powered.mcu.set_registers(|registers| registers.primask = true);
+        Ok(())
     }),
     stopped("lock-up", |_, world| {
         world.powered.mcu.outlive_lock_up();
         world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
+        Ok(())
     }),
     FaultCase {
         code: 42,
         all: &[23, 42],
         limit_us: SAMPLE_US, // with the next exception, which has to be stacked
         short: false,
-        ..stopped("stack overrun", |firmware, world| {
+        ..stopped("stack overrun", |elf, world| {
             world.powered.mcu.outlive_lock_up();
-            let end = firmware.elf.address_of("__sheap").unwrap().next_multiple_of(256);
+            let end = elf.place_of("__sheap")?.0.next_multiple_of(256);
             world.powered.mcu.set_registers(|registers| registers.msp = end + 0x80);
+            Ok(())
         })
     },
     FaultCase {
         short: false,
         ..stopped("vector table lost", |_, world| {
             world.powered.mcu.outlive_lock_up();
-            world.powered.mcu.poke(VTOR, ERASED);
+            poke(world, VTOR, ERASED)
         })
     },
     FaultCase {
         short: false,
-        ..stopped("no sample is due", |firmware, world| {
-            let address = until_due(firmware, world);
+        ..stopped("no sample is due", |elf, world| {
+            let address = until_due(elf, world)?;
             let mut word = [0; 4];
             world.powered.mcu.read(address, &mut word);
             word[3] ^= 1 << 6;
             world.powered.mcu.write(address, &word);
+            Ok(())
         })
     },
     FaultCase { short: false, ..unexpected("PendSV", |_, world| pend(world, PEND_SV)) },
@@ -132,29 +137,31 @@ pub const NO_PROCESSOR: [FaultCase; 16] = [
 ];
 
 /// A debugger halts the core for so many samples.
-fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> u64 {
+fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Failed> {
     let begun = world.powered.mcu.now();
-    let last = world.powered.mcu.last_event().unwrap();
+    let last = world.powered.mcu.last_event().unwrap_or_default();
     let per_sample = world.powered.board.cycles_per_sample();
     let halted = samples * per_sample + per_sample / 3;
     world.halt(halted, moe);
-    world.sample().unwrap();
+    world.sample()?;
     // Unless the watchdog came: the samples stood still, and go on where they were.
     if let Some(next) = world.powered.mcu.last_event() {
         let gap = next - last - halted;
-        assert!(gap <= 2 * per_sample && gap.is_multiple_of(per_sample), "{gap}");
+        if gap > 2 * per_sample || !gap.is_multiple_of(per_sample) {
+            return Err(Failed::Refused(format!("a sample {gap} cycles after the halt")));
+        }
     }
-    begun
+    Ok(begun)
 }
 
 /// Nothing runs any more that could switch off; in the end the watchdog resets.
-const fn stopped(name: &'static str, cause: fn(&Firmware, &mut World<'_>)) -> FaultCase {
+const fn stopped(name: &'static str, cause: Cause) -> FaultCase {
     let limit_us = OUTPUT_WATCHDOG_US;
     FaultCase { name, code: 22, limit_us, cause: Some(cause), resets: true, ..PLAIN }
 }
 
 /// `DefaultHandler` switches off, as soon as no task runs.
-const fn unexpected(name: &'static str, cause: fn(&Firmware, &mut World<'_>)) -> FaultCase {
+const fn unexpected(name: &'static str, cause: Cause) -> FaultCase {
     FaultCase {
         name,
         code: 45,
@@ -166,25 +173,34 @@ const fn unexpected(name: &'static str, cause: fn(&Firmware, &mut World<'_>)) ->
     }
 }
 
-fn pend(world: &mut World<'_>, exception: u16) {
-    world.powered.mcu.run_into(0).unwrap();
+fn poke(world: &mut World<'_>, address: u32, value: u32) -> Result<(), Failed> {
+    world.powered.mcu.poke(address, value);
+    Ok(())
+}
+
+fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
+    world.powered.mcu.run_into(0).map_err(Ended::from)?;
     world.powered.mcu.pend(exception);
+    Ok(())
 }
 
 /// The word of `sample` that counts the samples until the next output: 9 down to 0, over and over.
-fn until_due(firmware: &Firmware, world: &mut World<'_>) -> u32 {
-    let name = "local_resource_sample";
-    let mut symbols = firmware.elf.symbols.iter();
-    let (_, from, size) = symbols.find(|(symbol, ..)| symbol.contains(name)).unwrap();
-    let words = |world: &mut World<'_>| -> Vec<u32> {
-        world.sample().unwrap();
-        let mut bytes = vec![0; *size as usize];
-        world.powered.mcu.read(*from, &mut bytes);
-        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect()
+fn until_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
+    let (from, size) = elf.place_of("local_resource_sample")?;
+    let mut seen = Vec::new();
+    for _ in 0..21 {
+        world.sample()?;
+        let mut bytes = vec![0; size as usize];
+        world.powered.mcu.read(from, &mut bytes);
+        let words = bytes.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
+        seen.push(words.collect::<Vec<_>>());
+    }
+    let counts = |place: usize| {
+        seen.windows(2).all(|pair| pair[1][place] == pair[0][place].wrapping_add(9) % 10)
     };
-    let seen: Vec<_> = (0..21).map(|_| words(world)).collect();
-    let counts =
-        |place: &usize| seen.windows(2).all(|pair| pair[1][*place] == (pair[0][*place] + 9) % 10);
-    let place = (0..seen[0].len()).find(counts).expect("a word that counts down");
-    from + 4 * place as u32
+    (from..from + size)
+        .step_by(4)
+        .enumerate()
+        .find_map(|(place, address)| counts(place).then_some(address))
+        .ok_or_else(|| Failed::Refused("no word of `sample` counts down".into()))
 }

@@ -1,0 +1,24 @@
+//! Faults done to a board while its force is on: named ones, and single bits at random. How long until it is off, and
+//! what the handle gets meanwhile. docs/faults.md has the tables.
+//!
+//! | file | holds |
+//! |------|-------|
+//! | `fault_case`, `no_processor`, `registers`, `outside` | named faults, and how each is brought about |
+//! | `rows` | all of them, with the time that each may take |
+//! | `situation` | free and in contact, and what the force is there without a fault |
+//! | `place`, `random` | where a bit can flip, and flips |
+//! | `verdict` | what came of a fault |
+//! | `run` | faults on several threads |
+//! | `report` | options, and what is printed |
+
+pub mod fault_case;
+mod no_processor;
+mod outside;
+pub mod place;
+pub mod random;
+pub mod registers;
+pub mod report;
+pub mod rows;
+pub mod run;
+pub mod situation;
+pub mod verdict;

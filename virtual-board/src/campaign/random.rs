@@ -1,0 +1,87 @@
+//! Single bits that flip at random: where, when, and what came of it.
+
+use host_sim::error::Error;
+
+use super::{
+    place::{
+        CORE_REGISTERS, Places, REGIONS, Region, flip_core, flip_register, flip_word, register_name,
+    },
+    situation::Stage,
+    verdict::{Measure, Verdict, Watched},
+};
+use crate::{fuzz::Random, world::World};
+
+/// Samples for which a flip is watched: longer than the independent watchdog takes, and twice that where the force is
+/// not right by then.
+pub const WATCHED: u64 = 1_200;
+/// Moments of each situation.
+pub const STARTS: usize = 16;
+/// A wrong force has to be off within so long, s.
+const ALLOWED_S: f64 = 3e-3;
+
+/// One flip.
+pub struct Flip {
+    /// Of the chip's state.
+    pub region: Region,
+    /// What and when, for people.
+    pub what: String,
+    /// What came of it.
+    pub verdict: Verdict,
+}
+
+/// Number `number` of a seed: the regions in turn, then situations, the rest by chance.
+pub fn flip(
+    world: &mut World<'_>,
+    (stages, places): (&[Stage; 2], &Places),
+    (seed, number): (u64, u64),
+    full_m_per_s2: f64,
+) -> Result<(usize, Flip), Error> {
+    let mut random = Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number));
+    let region = REGIONS[usize::try_from(number % 8).unwrap_or_default()];
+    let contact = number / 8 % 2 == 1;
+    let stage = &stages[usize::from(contact)];
+    let start = random.one(&stage.starts);
+    world.restore(&start.snapshot);
+    let begin = world.powered.mcu.now();
+    let sample = world.powered.board.cycles_per_sample();
+    // Half of them at any time, in which the core mostly sleeps; half while it works. What is in use only then flips then.
+    let working = matches!(region, Region::Core | Region::Stack) || random.below(2) == 0;
+    let at = match working {
+        true => *random.one(&start.code),
+        false => begin + random.below(10 * sample),
+    };
+    world.run_to(at).map_err(|ended| Error::Internal(format!("before a fault: {ended:?}")))?;
+    let begun = world.powered.mcu.now();
+    let bit = random.small(32);
+    let what = match region {
+        Region::Core => {
+            let register = random.small(CORE_REGISTERS);
+            format!("{} bit {bit}", flip_core(world, register, bit))
+        }
+        Region::Peripheral => {
+            let &(address, bit) = random.one(places.bits());
+            flip_register(world, address, bit);
+            format!("{} bit {bit}", register_name(address))
+        }
+        Region::Stack => {
+            let from = world.powered.mcu.stack_pointer() & !3;
+            let words: Vec<_> = (from..places.stack_end()).step_by(4).collect();
+            let address = *random.one(&words);
+            flip_word(world, address, bit);
+            format!("{address:#x} bit {bit}")
+        }
+        _ => {
+            let address = *random.one(places.words(region));
+            flip_word(world, address, bit);
+            format!("{address:#x} bit {bit}")
+        }
+    };
+    let cycle = begun - begin;
+    let watched = Watched::observe(world, begun, WATCHED, &stage.seen[start.index..]);
+    let seen = world.seen.take().unwrap_or_default();
+    let measure =
+        Measure { begun, allowed_s: ALLOWED_S, from_fault: false, free: !contact, full_m_per_s2 };
+    let verdict = watched.judge(&seen, &stage.seen[start.index..], sample, &measure);
+    let what = format!("{}: {what} at cycle {cycle} of start {}", region.text(), start.index);
+    Ok((usize::from(contact), Flip { region, what, verdict }))
+}

@@ -1,0 +1,358 @@
+//! `cargo board campaign`: its options and what it prints.
+
+use std::{num::NonZero, path::PathBuf, thread, time::Instant};
+
+use clap::Args;
+use host_sim::{
+    error::Error,
+    output::terminal::{note, print_json, print_text},
+    scene::NamedScene,
+};
+use serde::Serialize;
+
+use super::{
+    place::{REGIONS, Region},
+    rows::{Row, rows, slug},
+    run::Ground,
+    situation::Situation,
+    verdict::{CLASSES, Class, Counts, Verdict},
+};
+use crate::{
+    board::{BOARDS, Board},
+    cli,
+};
+
+/// Options.
+#[derive(Args)]
+pub struct Campaign {
+    /// One board; both if not given.
+    #[arg(long, help = format!("One board, {}; both if not given", Board::names(" or ")))]
+    board: Option<String>,
+    /// The firmware; built if not given.
+    #[arg(long, requires = "board")]
+    elf: Option<PathBuf>,
+    /// Named faults, with a comma between: words with a dash between, as `no-sample-is-due`; `all`, `none`.
+    #[arg(long, value_name = "LIST", default_value = "all", value_delimiter = ',')]
+    rows: Vec<String>,
+    /// So many single bits that flip at random, a board.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
+    random: u64,
+    /// Which ones; the same number gives the same ones.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// The number of the first of them, to do one again.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
+    first: u64,
+    /// Worker threads; the results do not depend on it. Default: all cores.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// One JSON object on stdout, and nothing else there.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Most of the flips that may be wrong and unnoticed, and off late.
+const UNNOTICED_MOST: f64 = 1e-3;
+const LATE_MOST: f64 = 5e-3;
+/// From so many flips on the share itself is held against that; with fewer the lower end of its interval.
+const MANY: u64 = 10_000;
+
+#[derive(Serialize)]
+struct Json {
+    command: &'static str,
+    seed: u64,
+    rows: Vec<RowJson>,
+    classes: Vec<ClassJson>,
+    random: Vec<RegionJson>,
+    on_in_fault: u64,
+    wall_s: f64,
+}
+
+#[derive(Serialize)]
+struct RowJson {
+    board: &'static str,
+    name: String,
+    situation: Situation,
+    class: Class,
+    off_s: Option<f64>,
+    speed_m_per_s: f64,
+    travel_m: f64,
+    code: Option<u8>,
+    /// At random, and where; null for a named one.
+    region: Option<Region>,
+    /// Why a named one is never found there.
+    reason: Option<&'static str>,
+}
+
+#[derive(Serialize)]
+struct ClassJson {
+    board: &'static str,
+    random: bool,
+    no_effect: u64,
+    bounded: u64,
+    off_in_time: u64,
+    off_late: u64,
+    unnoticed: u64,
+}
+
+#[derive(Serialize)]
+struct RegionJson {
+    board: &'static str,
+    /// Null: all of them.
+    region: Option<Region>,
+    flips: u64,
+    counts: Counts,
+    /// Shares with their 95 % intervals.
+    off_late: [f64; 3],
+    unnoticed: [f64; 3],
+}
+
+/// Runs it.
+///
+/// # Errors
+/// Bad input, a fault that is late or unnoticed where it must not be, or Ctrl-C.
+pub fn execute(options: &Campaign) -> Result<(), Error> {
+    let begun = Instant::now();
+    let boards = match &options.board {
+        Some(name) => vec![cli::board(name)?],
+        None => BOARDS.to_vec(),
+    };
+    let threads = options
+        .threads
+        .map_or_else(|| thread::available_parallelism().map_or(1, NonZero::get), usize::from);
+    let chosen =
+        boards.iter().map(|&board| chosen(board, &options.rows)).collect::<Result<Vec<_>, _>>()?;
+    let mut json = Json {
+        command: "campaign",
+        seed: options.seed,
+        rows: Vec::new(),
+        classes: Vec::new(),
+        random: Vec::new(),
+        on_in_fault: 0,
+        wall_s: 0.0,
+    };
+    let mut wrong = Vec::new();
+    for (board, chosen) in boards.into_iter().zip(chosen) {
+        let session = cli::session(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;
+        let ground = Ground::new(&session, &chosen)?;
+        let mut counts = Counts::new();
+        for (row, situation, verdict) in ground.rows(&chosen, threads)? {
+            let row = &chosen[row];
+            json.on_in_fault += u64::from(verdict.on_in_fault);
+            let reason = row.reason(situation);
+            let bad =
+                matches!(verdict.class, Class::OffLate | Class::Unnoticed) && reason.is_none();
+            if bad || verdict.on_in_fault {
+                wrong.push(format!("{} {}: {}", board.name, row.name, verdict.class.text()));
+            }
+            *counts.entry(verdict.class).or_default() += 1;
+            json.rows.push(RowJson::new(
+                board,
+                row.name.clone(),
+                situation,
+                &verdict,
+                (None, reason),
+            ));
+        }
+        if !chosen.is_empty() {
+            json.classes.push(ClassJson::new(board, false, &counts));
+        }
+        if options.random == 0 {
+            continue;
+        }
+        let flips = ground.flips((options.seed, options.first), options.random, threads)?;
+        for region in [None].into_iter().chain(REGIONS.map(Some)) {
+            let of_it =
+                flips.iter().filter(|(_, flip)| region.is_none_or(|region| flip.region == region));
+            let mut counts = Counts::new();
+            of_it.for_each(|(_, flip)| *counts.entry(flip.verdict.class).or_default() += 1);
+            let told = RegionJson::new(board, region, counts);
+            if region.is_none() {
+                wrong.extend(told.wrong());
+                json.classes.push(ClassJson::new(board, true, &told.counts));
+            }
+            json.random.push(told);
+        }
+        for (n, (situation, flip)) in (options.first..).zip(flips) {
+            json.on_in_fault += u64::from(flip.verdict.on_in_fault);
+            if flip.verdict.on_in_fault {
+                wrong.push(format!("{} flip {n}, {}: on in a fault", board.name, flip.what));
+            }
+            let name = format!("flip {n}, {}", flip.what);
+            json.rows.push(RowJson::new(
+                board,
+                name,
+                situation,
+                &flip.verdict,
+                (Some(flip.region), None),
+            ));
+        }
+    }
+    json.wall_s = begun.elapsed().as_secs_f64();
+    if options.json {
+        print_json(&json)?;
+    } else {
+        say(&json)?;
+    }
+    if wrong.is_empty() { Ok(()) } else { Err(Error::Internal(wrong.join("; "))) }
+}
+
+/// The rows of that list.
+fn chosen(board: Board, list: &[String]) -> Result<Vec<Row>, Error> {
+    let all = rows(board);
+    let asked: Vec<String> = list.iter().map(|name| slug(name)).collect();
+    match asked.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["all"] => return Ok(all),
+        ["none"] => return Ok(Vec::new()),
+        _ => {}
+    }
+    let of_any_board =
+        BOARDS.map(rows).into_iter().flatten().map(|row| row.slug()).collect::<Vec<_>>();
+    if let Some(name) = asked.iter().find(|name| !of_any_board.contains(name)) {
+        let mut known = of_any_board;
+        known.dedup();
+        return Err(Error::Input(format!(
+            "--rows: {name} is none, allowed all, none, {}",
+            known.join(", ")
+        )));
+    }
+    Ok(all.into_iter().filter(|row| asked.contains(&row.slug())).collect())
+}
+
+impl RowJson {
+    fn new(
+        board: Board,
+        name: String,
+        situation: Situation,
+        verdict: &Verdict,
+        (region, reason): (Option<Region>, Option<&'static str>),
+    ) -> Self {
+        let &Verdict { class, off_s, speed_m_per_s, travel_m, code, .. } = verdict;
+        let board = board.name;
+        Self { board, name, situation, class, off_s, speed_m_per_s, travel_m, code, region, reason }
+    }
+}
+
+impl ClassJson {
+    fn new(board: Board, random: bool, counts: &Counts) -> Self {
+        let [no_effect, bounded, off_in_time, off_late, unnoticed] =
+            CLASSES.map(|class| counts.get(&class).copied().unwrap_or_default());
+        Self { board: board.name, random, no_effect, bounded, off_in_time, off_late, unnoticed }
+    }
+}
+
+impl RegionJson {
+    fn new(board: Board, region: Option<Region>, counts: Counts) -> Self {
+        let flips = counts.values().sum();
+        let share = |class| share(counts.get(&class).copied().unwrap_or_default(), flips);
+        let (off_late, unnoticed) = (share(Class::OffLate), share(Class::Unnoticed));
+        Self { board: board.name, region, flips, counts, off_late, unnoticed }
+    }
+
+    /// What there is too much of.
+    fn wrong(&self) -> Option<String> {
+        let much =
+            |[share, low, _]: [f64; 3], most| (if self.flips < MANY { low } else { share }) > most;
+        let bad = much(self.off_late, LATE_MOST) || much(self.unnoticed, UNNOTICED_MOST);
+        bad.then(|| {
+            let [late, unnoticed] = [self.off_late, self.unnoticed].map(|share| percent(share[0]));
+            format!(
+                "{}: of {} flips {late} off late, {unnoticed} unnoticed",
+                self.board, self.flips
+            )
+        })
+    }
+}
+
+/// A share with its 95 % interval (Wilson's).
+fn share(of: u64, all: u64) -> [f64; 3] {
+    const Z: f64 = 1.96;
+    if all == 0 {
+        return [0.0, 0.0, 1.0];
+    }
+    #[expect(clippy::cast_precision_loss, reason = "counts of runs")]
+    let (n, p) = (all as f64, of as f64 / all as f64);
+    let middle = p + Z * Z / (2.0 * n);
+    let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+    let whole = 1.0 + Z * Z / n;
+    [p, ((middle - half) / whole).max(0.0), ((middle + half) / whole).min(1.0)]
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.3} %", share * 100.0)
+}
+
+fn say(json: &Json) -> Result<(), Error> {
+    for row in &json.rows {
+        let worth = row.region.is_none() || matches!(row.class, Class::OffLate | Class::Unnoticed);
+        if !worth {
+            continue;
+        }
+        let off = row.off_s.map_or_else(|| "never".to_owned(), |s| format!("{:.3} ms", s * 1e3));
+        let code = row.code.map_or_else(|| "-".to_owned(), |code| code.to_string());
+        print_text(&format!(
+            "{:14} {:44} {:8} {:12} off {off:>12}, speed {:.4} m/s, travel {:.3} mm, code {code}{}",
+            row.board,
+            row.name,
+            row.situation.text(),
+            row.class.text(),
+            row.speed_m_per_s,
+            row.travel_m * 1e3,
+            row.reason.map_or_else(String::new, |why| format!(" ({why})")),
+        ))?;
+    }
+    for told in &json.random {
+        let n = |class| told.counts.get(&class).copied().unwrap_or_default();
+        let counts: Vec<_> = CLASSES.map(|class| format!("{} {}", class.text(), n(class))).into();
+        print_text(&format!(
+            "{:14} {:24} {} flips: {}; unnoticed {} ({} to {}), late {} ({} to {})",
+            told.board,
+            told.region.map_or("all regions", Region::text),
+            told.flips,
+            counts.join(", "),
+            percent(told.unnoticed[0]),
+            percent(told.unnoticed[1]),
+            percent(told.unnoticed[2]),
+            percent(told.off_late[0]),
+            percent(told.off_late[1]),
+            percent(told.off_late[2]),
+        ))?;
+    }
+    note(&format!(
+        "{} faults, {:.0} s; on in a fault: {}",
+        json.rows.len(),
+        json.wall_s,
+        json.on_in_fault
+    ));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_rows_are_unique_and_can_be_typed() {
+        for board in BOARDS {
+            let mut slugs: Vec<_> = rows(board).iter().map(Row::slug).collect();
+            let count = slugs.len();
+            slugs.sort();
+            slugs.dedup();
+            assert_eq!(slugs.len(), count, "{}", board.name);
+            assert!(
+                !slugs.contains(&"all".to_owned()) && slugs.iter().all(|slug| !slug.is_empty())
+            );
+        }
+    }
+
+    /// Wilson's interval of 0 of 10,000 is z^2 / (n + z^2); of one half it is even about it.
+    #[test]
+    fn a_share_has_its_interval() {
+        let [share_0, low, high] = share(0, 10_000);
+        assert_eq!((share_0, low), (0.0, 0.0));
+        assert!((high - 3.841_6 / 10_003.841_6).abs() < 1e-9, "{high}");
+        let [half, low, high] = share(500, 1_000);
+        assert!((half - 0.5).abs() < 1e-12 && (low + high - 1.0).abs() < 1e-12);
+        assert!((0.469..0.470).contains(&low), "{low}");
+    }
+}

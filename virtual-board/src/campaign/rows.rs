@@ -1,0 +1,98 @@
+//! The named faults, and how long each may take.
+
+use super::{
+    fault_case::{Before, fault_cases},
+    outside::outside,
+    registers::register_rows,
+    situation::Situation,
+};
+use crate::{board::Board, elf::Elf, session::Failed, world::World};
+
+/// Whatever need not wait for the plant is off within so long, s; the world's grid is a sample.
+pub const SOON_S: f64 = 3e-3;
+const GRID_S: f64 = 1e-4;
+
+type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
+
+/// A named fault.
+pub struct Row {
+    /// For people; unique.
+    pub name: String,
+    /// Brings it about; the cycle at which it began.
+    pub begin: Box<Begin>,
+    /// Longest time to off, s.
+    pub limit_s: f64,
+    /// Why it is never found, free and in contact.
+    pub never: [Option<&'static str>; 2],
+    /// The force is off before.
+    pub from_off: bool,
+}
+
+impl Row {
+    /// One.
+    pub fn of(
+        name: impl Into<String>,
+        limit_s: f64,
+        begin: impl Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync + 'static,
+    ) -> Self {
+        let begin = Box::new(begin);
+        Self { name: name.into(), begin, limit_s, never: [None; 2], from_off: false }
+    }
+
+    /// In free motion it cannot be found, because of that.
+    pub fn never_free(mut self, why: &'static str) -> Self {
+        self.never[0] = Some(why);
+        self
+    }
+
+    /// The same in contact.
+    pub fn never_in_contact(mut self, why: &'static str) -> Self {
+        self.never[1] = Some(why);
+        self
+    }
+
+    /// Why it cannot be found there.
+    pub fn reason(&self, situation: Situation) -> Option<&'static str> {
+        self.never[usize::from(situation == Situation::Contact)]
+    }
+
+    /// What to type for it: words with a dash between.
+    pub fn slug(&self) -> String {
+        slug(&self.name)
+    }
+}
+
+/// Letters and digits, a dash for all else.
+pub fn slug(name: &str) -> String {
+    let lower = name.to_lowercase();
+    let words = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    words.collect::<Vec<_>>().join("-")
+}
+
+/// All of a board.
+pub fn rows(board: Board) -> Vec<Row> {
+    let cases = fault_cases().into_iter().map(|case| {
+        let limit_s = (case.limit_us * 1e-6).max(SOON_S + GRID_S);
+        let mut row = Row::of(case.name, limit_s, move |elf: &Elf, world: &mut World<'_>| {
+            let mut begun = (case.begin)(elf, world)?;
+            if let Some(cause) = case.cause {
+                cause(elf, world)?;
+                begun = world.powered.mcu.now();
+            }
+            Ok(begun)
+        });
+        row.from_off = case.before == Before::Off;
+        if case.before == Before::Moving {
+            row = row.never_in_contact("a handle that rests on the wall looks the same");
+        }
+        row
+    });
+    let registers = register_rows(board).into_iter().map(|register| {
+        Row::of(register.name, SOON_S, move |_: &Elf, world: &mut World<'_>| {
+            let begun = world.powered.mcu.now();
+            register.apply(world);
+            Ok(begun)
+        })
+    });
+    cases.chain(registers).chain(outside()).collect()
+}

@@ -1,0 +1,196 @@
+//! Faults on several threads: the results do not depend on how many.
+
+use std::{
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering::Relaxed},
+    },
+    thread,
+};
+
+use host_sim::{error::Error, interrupt};
+
+use super::{
+    place::Places,
+    random::{self, Flip, STARTS, WATCHED},
+    rows::Row,
+    situation::{SITUATIONS, Situation, Stage},
+    verdict::{Measure, Verdict, Watched},
+};
+use crate::{
+    session::{Failed, Session, ask},
+    world::World,
+};
+
+/// Samples for which a row is watched at least, and those of the longest.
+const LEAST: u64 = 1_200;
+const LONGEST: u64 = 13_500;
+/// The start that rows begin at.
+const ROW_START: usize = 3;
+
+/// A board made ready for faults.
+pub struct Ground<'a> {
+    session: &'a Session,
+    stages: [Stage; 2],
+    places: Places,
+    full_m_per_s2: f64,
+}
+
+impl<'a> Ground<'a> {
+    /// For these rows, and for flips.
+    ///
+    /// # Errors
+    /// The board cannot be armed.
+    pub fn new(session: &'a Session, rows: &[Row]) -> Result<Self, Error> {
+        let longest = rows.iter().map(samples).max().unwrap_or_default();
+        let samples = longest.max(WATCHED) + LEAST;
+        let stages = on_threads(
+            2,
+            2,
+            || Ok(()),
+            |(), n| Ok(Stage::new(session, SITUATIONS[n], STARTS, samples)?),
+        )?;
+        let [free, contact]: [Stage; 2] =
+            stages.try_into().map_err(|_| Error::Internal("two situations".into()))?;
+        let mut read = [free.read.clone(), contact.read.clone()].concat();
+        read.sort_unstable();
+        read.dedup();
+        let mut world = boot(session)?;
+        world.restore(&contact.starts[ROW_START].snapshot);
+        let places = Places::new(&session.elf, &mut world, &read);
+        let scene = &session.scene.scene;
+        let full_m_per_s2 = scene.full_scale_n() / scene.device.mass_kg;
+        Ok(Self { session, stages: [free, contact], places, full_m_per_s2 })
+    }
+
+    /// What came of each row in each situation.
+    ///
+    /// # Errors
+    /// A fault cannot be brought about, or Ctrl-C.
+    pub fn rows(
+        &self,
+        rows: &[Row],
+        threads: usize,
+    ) -> Result<Vec<(usize, Situation, Verdict)>, Error> {
+        let jobs: Vec<_> = (0..rows.len())
+            .flat_map(|row| SITUATIONS.map(|situation| (row, situation)))
+            .filter(|&(row, situation)| !rows[row].from_off || situation == Situation::Free)
+            .collect();
+        let verdicts = on_threads(
+            jobs.len(),
+            threads,
+            || boot(self.session),
+            |world, n| {
+                let (row, situation) = jobs[n];
+                let failed = |failed: Failed| {
+                    Error::Internal(format!("{}: {}", rows[row].name, Error::from(failed)))
+                };
+                self.row(world, &rows[row], situation).map_err(failed)
+            },
+        )?;
+        Ok(jobs
+            .into_iter()
+            .zip(verdicts)
+            .map(|((row, situation), verdict)| (row, situation, verdict))
+            .collect())
+    }
+
+    fn row(
+        &self,
+        world: &mut World<'a>,
+        row: &Row,
+        situation: Situation,
+    ) -> Result<Verdict, Failed> {
+        let stage = &self.stages[usize::from(situation == Situation::Contact)];
+        let start = &stage.starts[ROW_START];
+        if row.from_off {
+            *world = self.session.boot()?;
+            world.powered.mcu.outlive_lock_up();
+            for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"] {
+                ask(world, line)?;
+            }
+            world.probe()?;
+            world.telemetry.clear();
+            world.seen = Some(Vec::new());
+        } else {
+            world.restore(&start.snapshot);
+        }
+        let begun = (row.begin)(&self.session.elf, world)?;
+        let samples = samples(row);
+        let watched = Watched::observe(world, begun, samples, &[]);
+        let seen = world.seen.take().unwrap_or_default();
+        let measure = Measure {
+            begun,
+            allowed_s: row.limit_s,
+            from_fault: true,
+            free: situation == Situation::Free,
+            full_m_per_s2: self.full_m_per_s2,
+        };
+        let reference = if row.from_off { &[] } else { &stage.seen[start.index..] };
+        Ok(watched.judge(&seen, reference, world.powered.board.cycles_per_sample(), &measure))
+    }
+
+    /// What came of so many flips of a seed, from number `first` on.
+    ///
+    /// # Errors
+    /// Ctrl-C.
+    pub fn flips(
+        &self,
+        (seed, first): (u64, u64),
+        count: u64,
+        threads: usize,
+    ) -> Result<Vec<(Situation, Flip)>, Error> {
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        let begin = || boot(self.session);
+        on_threads(count, threads, begin, |world, number| {
+            let ground = (&self.stages, &self.places);
+            let number = first + number as u64;
+            let (stage, flip) = random::flip(world, ground, (seed, number), self.full_m_per_s2)?;
+            Ok((SITUATIONS[stage], flip))
+        })
+    }
+}
+
+/// For which a row is watched.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some thousand")]
+fn samples(row: &Row) -> u64 {
+    ((row.limit_s * 1e4) as u64 + 200).clamp(LEAST, LONGEST)
+}
+
+fn boot(session: &Session) -> Result<World<'_>, Error> {
+    let mut world = session.boot()?;
+    world.powered.mcu.outlive_lock_up();
+    Ok(world)
+}
+
+/// `count` jobs, one after another on each thread; what they give, in order.
+fn on_threads<S, T: Send>(
+    count: usize,
+    threads: usize,
+    begin: impl Fn() -> Result<S, Error> + Sync,
+    job: impl Fn(&mut S, usize) -> Result<T, Error> + Sync,
+) -> Result<Vec<T>, Error> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::new());
+    let work = || -> Result<(), Error> {
+        let mut state = begin()?;
+        loop {
+            let number = next.fetch_add(1, Relaxed);
+            if number >= count {
+                return Ok(());
+            }
+            interrupt::check()?;
+            let result = job(&mut state, number)?;
+            done.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
+        }
+    };
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(count)).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().try_for_each(|worker| {
+            worker.join().unwrap_or_else(|_| Err(Error::Internal("a fault's run panicked".into())))
+        })
+    })?;
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(number, _)| *number);
+    Ok(done.into_iter().map(|(_, result)| result).collect())
+}

@@ -1,0 +1,228 @@
+//! What came of a fault.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use zwidth::telemetry::{Decoder, Flags};
+
+use crate::world::{Seen, World};
+
+/// How a fault ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Class {
+    /// The force was what it should be, all the time.
+    NoEffect,
+    /// It was not, by 5 % of full scale at most, or for 2 ms at most.
+    Bounded,
+    /// Off within the time that is allowed.
+    OffInTime,
+    /// Off later.
+    OffLate,
+    /// A wrong force stayed on.
+    Unnoticed,
+}
+
+/// All of them.
+pub const CLASSES: [Class; 5] =
+    [Class::NoEffect, Class::Bounded, Class::OffInTime, Class::OffLate, Class::Unnoticed];
+
+impl Class {
+    /// For people.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::NoEffect => "no effect",
+            Self::Bounded => "bounded",
+            Self::OffInTime => "off in time",
+            Self::OffLate => "off late",
+            Self::Unnoticed => "unnoticed",
+        }
+    }
+}
+
+/// How many of each.
+pub type Counts = BTreeMap<Class, u64>;
+
+/// What came of one fault.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// How it ended.
+    pub class: Class,
+    /// From the fault to enable inactive, s.
+    pub off_s: Option<f64>,
+    /// What the handle gets until then, m/s: in free motion more than its speed at the fault; in contact that of a
+    /// handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
+    pub speed_m_per_s: f64,
+    /// The same, m.
+    pub travel_m: f64,
+    /// Code of the fault that the board tells.
+    pub code: Option<u8>,
+    /// Force is on, and a fault is latched; or it came back by itself.
+    pub on_in_fault: bool,
+}
+
+/// What counts as time, and for which handle.
+#[derive(Clone, Copy, Debug)]
+pub struct Measure {
+    /// Cycle of the fault.
+    pub begun: u64,
+    /// s until it has to be off: since the fault if it is known when the force began to be wrong (a row), else since
+    /// the force is wrong or old.
+    pub allowed_s: f64,
+    /// All force since the fault counts.
+    pub from_fault: bool,
+    /// Nobody holds the handle.
+    pub free: bool,
+    /// Full scale over the handle's mass, m/s^2.
+    pub full_m_per_s2: f64,
+}
+
+/// Differences of the force that are none: of the grid, part of full scale.
+const SAME: f64 = 0.01;
+/// Those that are small.
+const SMALL: f64 = 0.05;
+/// Longest time of a larger one that is bounded, s.
+const SHORT_S: f64 = 2e-3;
+/// A force is old after so many samples: an output period, a sample, and the time of `render`.
+const OLD: u64 = 12;
+/// A handle that is let go is looked at for so far, m.
+const LET_GO_M: f64 = 5e-3;
+/// One sample, s.
+const SAMPLE_S: f64 = 1e-4;
+
+/// Samples after off, for the board to say why, and at most so many until it does.
+const AFTER: u64 = 60;
+const TOLD: u64 = 2_000;
+
+/// Whether the last 10 ms of the force are those.
+fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
+    let seen = world.seen.as_deref().unwrap_or_default();
+    let last = seen.iter().zip(right).skip(seen.len().saturating_sub(100));
+    !right.is_empty()
+        && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
+}
+
+/// A fault being watched.
+pub struct Watched {
+    off_at: Option<u64>,
+    back: bool,
+    decoder: Decoder,
+    code: Option<u8>,
+    on_with_code: bool,
+}
+
+impl Watched {
+    /// Runs on until it is off and has said why, or for `samples`; where `right` is given for half of them if the force
+    /// is that then.
+    pub fn observe(world: &mut World<'_>, begun: u64, samples: u64, right: &[Seen]) -> Self {
+        let mut watched = Self {
+            off_at: None,
+            back: false,
+            decoder: Decoder::new(),
+            code: None,
+            on_with_code: false,
+        };
+        let mut after = 0;
+        for n in 1..=samples + TOLD {
+            // A log that makes no sense, or a core that stands: what counts is the force.
+            let _ = world.sample();
+            if n % 50 == 0 {
+                watched.listen(world);
+            }
+            let enabled = world.powered.amplifier.is_enabled();
+            match watched.off_at {
+                None if !enabled => {
+                    let off = world.powered.amplifier.changes().disabled_at;
+                    watched.off_at = Some(off.filter(|&at| at >= begun).unwrap_or(begun));
+                }
+                None if n >= samples || n == samples / 2 && is_right(world, right) => break,
+                None => {}
+                Some(_) => {
+                    watched.back |= enabled;
+                    after += 1;
+                    if after >= AFTER && (watched.code.is_some() || after >= TOLD) {
+                        break;
+                    }
+                }
+            }
+        }
+        watched.listen(world);
+        watched
+    }
+
+    fn listen(&mut self, world: &mut World<'_>) {
+        let _ = world.probe();
+        for byte in std::mem::take(&mut world.telemetry) {
+            if let Some(frame) = self.decoder.push(byte)
+                && !frame.record.flags.contains(Flags::REPLAY)
+            {
+                if frame.record.fault != 0 {
+                    self.code.get_or_insert(frame.record.fault);
+                }
+                self.on_with_code =
+                    frame.record.fault != 0 && frame.record.flags.contains(Flags::ON);
+            }
+        }
+        world.lines.clear();
+        world.replies.clear();
+    }
+
+    /// What came of it: the force that was seen, beside the one without the fault.
+    pub fn judge(
+        &self,
+        seen: &[Seen],
+        reference: &[Seen],
+        cycles_per_sample: u64,
+        measure: &Measure,
+    ) -> Verdict {
+        let hz = cycles_per_sample as f64 / SAMPLE_S;
+        let (mut larger, mut other, mut stale) = (0u32, false, 0u32);
+        let (mut speed, mut travel, mut most) = (0.0f64, 0.0f64, 0.0f64);
+        let end = self.off_at.unwrap_or(u64::MAX);
+        let fault = seen.iter().rposition(|now| now.at <= measure.begun).unwrap_or_default();
+        for (n, now) in seen.iter().enumerate().skip(1) {
+            if n <= fault || seen[n - 1].at > end {
+                continue;
+            }
+            let away = reference.get(n).map_or(0.0, |right| (now.force - right.force).abs());
+            let on = now.enabled || now.force != 0.0;
+            let before_off = now.at <= end;
+            let wrong = on && before_off && away > SMALL;
+            let old = on && now.at.saturating_sub(now.written_at) > OLD * cycles_per_sample;
+            other |= on && before_off && away > SAME;
+            larger += u32::from(wrong);
+            stale += u32::from(old || wrong);
+            if measure.free {
+                let moved =
+                    |n: usize| (seen[n].position_m - seen[n - 1].position_m).abs() / SAMPLE_S;
+                most = most.max(moved(n) - moved(fault.max(1)));
+                travel = now.position_m - seen[fault].position_m;
+            } else if travel.abs() < LET_GO_M {
+                if measure.from_fault || wrong || old {
+                    speed += now.force * measure.full_m_per_s2 * SAMPLE_S;
+                }
+                travel += speed * SAMPLE_S;
+                most = most.max(speed.abs());
+            }
+        }
+        let off_s = self.off_at.map(|at| (at - measure.begun.min(at)) as f64 / hz);
+        let class = match off_s {
+            Some(off_s) => {
+                let lasted_s = if measure.from_fault { off_s } else { f64::from(stale) * SAMPLE_S };
+                if lasted_s <= measure.allowed_s { Class::OffInTime } else { Class::OffLate }
+            }
+            None if f64::from(larger) * SAMPLE_S > SHORT_S => Class::Unnoticed,
+            None if other || stale > 0 => Class::Bounded,
+            None => Class::NoEffect,
+        };
+        let moved = class != Class::NoEffect;
+        Verdict {
+            class,
+            off_s,
+            speed_m_per_s: if moved { most } else { 0.0 },
+            travel_m: if moved { travel.abs() } else { 0.0 },
+            code: self.code,
+            on_in_fault: self.back || self.off_at.is_none() && self.on_with_code,
+        }
+    }
+}

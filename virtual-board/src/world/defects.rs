@@ -1,0 +1,115 @@
+//! What is wrong outside of the chip, and what the motor does meanwhile.
+
+use std::f64::consts::TAU;
+
+use super::World;
+
+/// What is wrong with encoder and amplifier.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Defects {
+    /// Of the encoder.
+    pub count: Option<CountDefect>,
+    /// While it is enabled the amplifier gives this part of full scale, whatever it is told.
+    pub stuck: Option<f64>,
+}
+
+/// A count that is not that of the handle: `at + offset + ratio (count - at) + per_sample (samples - since)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CountDefect {
+    /// The count when it began, and the sample.
+    pub at: i32,
+    /// The same of the sample.
+    pub since: u64,
+    /// Counts that came at once.
+    pub offset: i32,
+    /// Part of the motion that is counted.
+    pub ratio: f64,
+    /// Counts that nobody moved.
+    pub per_sample: f64,
+}
+
+/// A hand that moves the handle to and fro, whatever the force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Swing {
+    /// About here, m.
+    pub centre_m: f64,
+    /// So far, m.
+    pub amplitude_m: f64,
+    /// So often, Hz.
+    pub rate_hz: f64,
+    /// From this step on.
+    pub since: u64,
+}
+
+/// What the motor did in one sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// End of the sample, cycles.
+    pub at: u64,
+    /// The handle then, m.
+    pub position_m: f64,
+    /// Mean force on the handle, part of full scale.
+    pub force: f64,
+    /// Enable was active at the end of it.
+    pub enabled: bool,
+    /// When the program last wrote a force, cycles.
+    pub written_at: u64,
+}
+
+impl Defects {
+    pub(super) fn given(&self, told: f64, enabled: bool) -> f64 {
+        self.stuck.filter(|_| enabled).unwrap_or(told)
+    }
+
+    pub(super) fn count(&self, count: i32, sample: u64) -> i32 {
+        let Some(CountDefect { at, since, offset, ratio, per_sample }) = self.count else {
+            return count;
+        };
+        #[expect(clippy::cast_precision_loss, reason = "a few seconds")]
+        let moved = ratio * f64::from(count.wrapping_sub(at))
+            + per_sample * sample.saturating_sub(since) as f64;
+        #[expect(clippy::cast_possible_truncation, reason = "counts of a device")]
+        let moved = moved.floor() as i32;
+        at.wrapping_add(offset).wrapping_add(moved)
+    }
+}
+
+impl Swing {
+    #[expect(clippy::cast_precision_loss, reason = "a few seconds")]
+    pub(super) fn place_m(&self, steps: u64, step_s: f64) -> f64 {
+        self.centre_m
+            + self.amplitude_m
+                * (TAU * self.rate_hz * steps.saturating_sub(self.since) as f64 * step_s).sin()
+    }
+}
+
+impl World<'_> {
+    /// Swings the handle about where it is, from now on, until it is held or led.
+    pub fn swing(&mut self, amplitude_m: f64, rate_hz: f64) {
+        let (centre_m, since) = (self.position_m(), self.steps * self.samples + self.stepped);
+        self.swing = Some(Swing { centre_m, amplitude_m, rate_hz, since });
+    }
+
+    /// From now on the encoder counts like this.
+    pub fn count_wrongly(&mut self, offset: i32, ratio: f64, per_sample: f64) {
+        let at = self.encoder.count(self.shown_m());
+        let defect = CountDefect { at, since: self.samples, offset, ratio, per_sample };
+        self.defects.count = Some(defect);
+    }
+
+    /// The step that ends at cycle `at`.
+    pub(super) fn note(&mut self, given: f64, at: u64) {
+        #[expect(clippy::cast_precision_loss, reason = "10 or 50")]
+        let part = given / self.steps as f64;
+        let enabled = self.powered.amplifier.is_enabled();
+        let written_at = self.powered.mcu.written_at();
+        let position_m = self.position_m();
+        let Some(seen) = &mut self.seen else { return };
+        if self.stepped == 0 || seen.is_empty() {
+            seen.push(Seen::default());
+        }
+        if let Some(last) = seen.last_mut() {
+            *last = Seen { at, position_m, force: last.force + part, enabled, written_at };
+        }
+    }
+}

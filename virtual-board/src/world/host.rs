@@ -1,0 +1,70 @@
+//! The host at the probe: what the board says, and what it is told.
+
+use super::{Ended, World};
+use crate::board::Powered;
+
+impl World<'_> {
+    /// Reads the probe's channels.
+    ///
+    /// # Errors
+    /// The log makes no sense.
+    pub fn probe(&mut self) -> Result<(), Ended> {
+        let Powered { mcu, rtt, .. } = &mut self.powered;
+        let log = rtt.read(mcu, 0);
+        self.telemetry.extend(rtt.read(mcu, 1));
+        let replies = rtt.read(mcu, 2);
+        self.replies.push_str(&String::from_utf8_lossy(&replies));
+        self.lines.extend(self.log.feed(&log)?);
+        Ok(())
+    }
+
+    /// Sends a line and returns the reply to it: the next line that is `ok` or `error`, and no
+    /// report of an experiment.
+    ///
+    /// # Errors
+    /// No reply within 0.1 s, or as [`sample`](Self::sample).
+    pub fn ask(&mut self, line: &str) -> Result<String, Ended> {
+        self.replies.clear();
+        self.send(&format!("{line}\n"))?;
+        loop {
+            let reply = self.reply(1_000)?;
+            if reply.starts_with("ok") || reply.starts_with("error") {
+                return Ok(reply);
+            }
+        }
+    }
+
+    /// Puts bytes into the command channel.
+    ///
+    /// # Errors
+    /// The channel has no room within 0.1 s.
+    pub fn send(&mut self, bytes: &str) -> Result<(), Ended> {
+        let mut rest = bytes.as_bytes();
+        for _ in 0..1_000 {
+            let Powered { mcu, rtt, .. } = &mut self.powered;
+            let written = rtt.write(mcu, 0, rest);
+            rest = &rest[written..];
+            if rest.is_empty() {
+                return Ok(());
+            }
+            self.sample()?;
+        }
+        Err(Ended::Timeout)
+    }
+
+    /// Waits up to `samples` for the next reply.
+    ///
+    /// # Errors
+    /// None came, or as [`sample`](Self::sample).
+    pub fn reply(&mut self, samples: u64) -> Result<String, Ended> {
+        for _ in 0..samples.div_ceil(10) {
+            self.run(10)?;
+            if let Some((line, rest)) = self.replies.split_once('\n') {
+                let line = line.to_owned();
+                self.replies = rest.to_owned();
+                return Ok(line);
+            }
+        }
+        Err(Ended::Timeout)
+    }
+}
