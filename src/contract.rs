@@ -261,6 +261,9 @@ pub trait DebugHalts {
 pub trait SetUp {
     /// Whether all of them are still as they were at the first call. By `render`, with each output, once it is out.
     fn holds(&mut self) -> bool;
+    /// They are not: drives the pin of enable low by its port, whatever the timer and its pin's mode have become. Until
+    /// the next reset.
+    fn hold_enable_low(&mut self);
 }
 
 /// Enable goes inactive, by hardware alone, when no output has come for [`OUTPUT_WATCHDOG_US`]: the core may stand still,

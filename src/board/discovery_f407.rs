@@ -21,7 +21,7 @@ mod f4;
 #[path = "f4/pwm.rs"]
 mod pwm;
 
-use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder};
+use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder, set_up};
 use stm32f4xx_hal::{
     gpio::{Alternate, Pin, Pull},
     pac,
@@ -57,6 +57,7 @@ impl Wiring for DiscoveryF407 {
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
     /// No edge times: PA6 and PA7, where TIM3 would capture them, are the accelerometer's.
+    const ENABLE: set_up::EnablePin = set_up::EnablePin::new('E', 13);
     const SENSES: &'static [Sense] = &[Sense::Force];
     /// To the PWM period that takes the command over. A pulse stands at the beginning of its period, so a small
     /// force acts up to half a period (0.125) sooner; docs/firmware.md has the measurement.

@@ -26,7 +26,7 @@ mod edges;
 #[path = "f4/mod.rs"]
 mod f4;
 
-use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder};
+use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder, set_up};
 use stm32f4xx_hal::{
     gpio::{Alternate, Pin, Pull},
     pac,
@@ -55,6 +55,7 @@ impl Wiring for NucleoF446re {
     /// Found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data sheet). The board gives 3.3 V.
     const SUPPLY_LEVEL: u8 = 0b110;
     const OUTPUT: Output = Output::Dac { bits: 12 };
+    const ENABLE: set_up::EnablePin = set_up::EnablePin::new('A', 10);
     const SENSES: &'static [Sense] =
         if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
     /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states), 3 us for its buffer to

@@ -30,7 +30,7 @@ struct Channels {
 impl Port for Channels {
     fn read(&mut self) -> Option<u8> {
         let mut byte = [0];
-        (self.commands.read(&mut byte) > 0).then_some(byte[0])
+        (self.commands.read(&mut byte) > 0).then_some(byte[0]).filter(|&byte| byte != 0)
     }
 
     fn write_line(&mut self, line: &str) -> bool {

@@ -184,6 +184,9 @@ impl Render {
         if !self.found.is_empty() {
             cold_path();
             board::off();
+            if self.found.contains(Fault::Registers) {
+                self.outputs.set_up.hold_enable_low();
+            }
         }
     }
 

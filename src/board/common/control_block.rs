@@ -28,6 +28,22 @@ impl Buffer {
         unsafe { (&raw const _SEGGER_RTT).add(WORDS * (1 + channel) + word).read_volatile() }
     }
 
+    /// The next byte that the program reads of a channel from the host.
+    pub(in crate::board) fn next_read(&self) -> u32 {
+        Self::word(self.channel, 4)
+    }
+
+    /// Clears so many bytes from there on: what was read once is no command any more, should a bit of the block flip.
+    pub(in crate::board) fn clear(&self, from: u32, count: usize) {
+        let Some(&size) = SIZES.get(self.channel) else { return };
+        for at in (from..).take(count) {
+            let place =
+                core::ptr::with_exposed_provenance_mut::<u8>((self.address + at % size) as usize);
+            // SAFETY: within the channel's buffer, of which only this task reads and a host writes.
+            unsafe { place.write_volatile(0) };
+        }
+    }
+
     /// The control block still says so.
     #[inline]
     pub(in crate::board) fn holds(&self) -> bool {

@@ -46,7 +46,13 @@ pub struct Commands(DownChannel, Buffer);
 
 impl contract::CommandChannel for Commands {
     fn read(&mut self, bytes: &mut [u8]) -> usize {
-        if self.1.holds() { self.0.read(bytes) } else { 0 }
+        if !self.1.holds() {
+            return 0;
+        }
+        let from = self.1.next_read();
+        let count = self.0.read(bytes);
+        self.1.clear(from, count);
+        count
     }
 }
 

@@ -46,6 +46,8 @@ pub trait Wiring: Sized {
     const SUPPLY_LEVEL: u8;
     /// See [`Board::OUTPUT`].
     const OUTPUT: Output;
+    /// The pin of enable.
+    const ENABLE: set_up::EnablePin;
     /// See [`Board::SENSES`].
     const SENSES: &'static [Sense];
     /// See [`Board::LATENCY_SAMPLES`].
@@ -195,7 +197,7 @@ impl Chip {
             sample_timer: sample_timer::SampleTimer::new(tim5, timer_hz / RATE_HZ, &mut rcc),
             drive: Drive::new(force, enable),
             output_watchdog,
-            set_up: set_up::SetUp::default(),
+            set_up: set_up::SetUp::new(W::ENABLE),
             stop: EmergencyStop::new(stop),
             supply,
             halts: debugger::Halts::new(tim6, timer_hz, RATE_HZ, &mut rcc),
