@@ -184,7 +184,7 @@ fn check_period(name: &str, period: u32) -> Result<(), Error> {
 ///
 /// # Errors
 /// There is none.
-pub(crate) fn board(name: &str) -> Result<Board, Error> {
+pub fn board(name: &str) -> Result<Board, Error> {
     Board::named(name)
         .ok_or_else(|| Error::Input(format!("--board is {name}, allowed {}", Board::names(", "))))
 }
@@ -193,11 +193,7 @@ pub(crate) fn board(name: &str) -> Result<Board, Error> {
 ///
 /// # Errors
 /// The image cannot be read or built, or is none of ours.
-pub(crate) fn session(
-    board: Board,
-    elf: Option<&PathBuf>,
-    scene: NamedScene,
-) -> Result<Session, Error> {
+pub fn session(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Session, Error> {
     check_device(&scene, board)?;
     let path = match elf {
         Some(path) => path.clone(),

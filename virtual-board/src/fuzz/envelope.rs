@@ -31,6 +31,17 @@ impl Envelope {
         Self { rows: rows.collect() }
     }
 
+    /// B, lowest and highest K of that filter's boundary, at the period of the table.
+    pub fn points(&self, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
+        let same =
+            |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
+        self.rows
+            .iter()
+            .filter(|(name, other, _)| name == estimator && same(*other))
+            .map(|(_, _, row)| *row)
+            .collect()
+    }
+
     /// Whether a wall is inside.
     ///
     /// # Errors
@@ -39,14 +50,7 @@ impl Envelope {
         if k == 0.0 && b == 0.0 {
             return Ok(());
         }
-        let same =
-            |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
-        let rows: Vec<[f64; 3]> = self
-            .rows
-            .iter()
-            .filter(|(name, other, _)| name == estimator && same(*other))
-            .map(|(_, _, row)| *row)
-            .collect();
+        let rows = self.points(estimator, cutoff_hz);
         let outside = |what: String| Err(format!("error: {what}, or unlock envelope"));
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
             return outside(format!(

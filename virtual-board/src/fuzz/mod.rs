@@ -17,7 +17,7 @@ mod campaign;
 mod check;
 mod command;
 mod compare;
-mod envelope;
+pub mod envelope;
 mod frames;
 mod generate;
 mod instants;

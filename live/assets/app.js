@@ -1,0 +1,274 @@
+// The page: what is shown of the board, and what a person can do to it.
+import { Console } from "./console.js";
+import { Handle } from "./handle.js";
+import { Link } from "./link.js";
+import { Plane } from "./plane.js";
+import { Plots } from "./plots.js";
+import { saveFigures, saveRows } from "./save.js";
+
+const by = (id) => document.getElementById(id);
+const token = new URLSearchParams(location.search).get("token") ?? "";
+const link = new Link(token);
+const plots = new Plots(by("plots"), by("spectrum"), by("phase"));
+const handle = new Handle(by("handle"), (message) => link.send(message));
+const plane = new Plane(by("plane"), (point, last) => propose(point, last));
+const log = new Console(by("lines"), by("type"), by("line"), (line) => link.command(line));
+
+let hello = null, now = null, settings = {}, asked = "", frame = {}, frames = 0, span = 5, paused = false;
+
+// Stop: before anything else on the page has a say.
+let stops = Date.now();
+const stopAt = new Map();
+function stop() {
+  const id = ++stops;
+  stopAt.set(id, performance.now());
+  handle.release();
+  const sent = link.send({ type: "stop", id });
+  by("stopped").textContent = sent ? "stop sent …" : "NOT CONNECTED: use the wired stop.";
+}
+by("stop").onpointerdown = (event) => { event.preventDefault(); stop(); };
+by("stop").onclick = (event) => { if (event.detail === 0) stop(); };
+window.addEventListener("keydown", (event) => {
+  const typing = event.target.matches?.("#line");
+  if (event.key === "Escape" || event.key === " " && !typing) {
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (!event.repeat) stop();
+  }
+}, { capture: true });
+
+// Theme: the system's until one is chosen.
+const dark = matchMedia("(prefers-color-scheme: dark)");
+function paint(theme) {
+  document.documentElement.dataset.theme = theme;
+  plots.make();
+  plane.draw();
+}
+by("theme").onclick = () => paint(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+dark.onchange = () => paint(dark.matches ? "dark" : "light");
+paint(dark.matches ? "dark" : "light");
+
+// Time.
+for (const seconds of [.1, .5, 2, 5, 20, 60]) {
+  const button = document.createElement("button");
+  button.textContent = seconds < 1 ? `${seconds * 1000} ms` : `${seconds} s`;
+  button.dataset.span = seconds;
+  button.onclick = () => { span = seconds; look(); };
+  by("spans").append(button);
+}
+function look() {
+  for (const button of by("spans").children) button.classList.toggle("now", +button.dataset.span === span);
+  link.send({ type: "view", span_s: span, columns: plots.columns(), paused });
+}
+by("pause").onclick = () => { paused = !(now?.view.paused ?? false); look(); };
+new ResizeObserver(() => look()).observe(by("plots"));
+
+// Trigger.
+const UNITS = { 0: ["mm", 1e-3], 1: ["m/s", 1], 2: ["N", 1] };
+function armTrigger() {
+  const kind = by("trigger").value;
+  const unit = UNITS[kind];
+  by("level-label").hidden = !unit;
+  by("again").hidden = kind === "off";
+  by("level-unit").textContent = unit?.[0] ?? "";
+  paused = false;
+  if (!unit) return link.send({ type: "trigger", on: kind });
+  const lsb = [hello.resolution_m, hello.resolution_m * hello.rate_hz / 65536, hello.full_scale_n / 2 ** 30][kind];
+  link.send({ type: "trigger", on: "level", signal: +kind, level: Math.round(by("level").value * unit[1] / lsb), rising: by("rising").value === "1" });
+}
+for (const id of ["trigger", "level", "rising"]) by(id).onchange = armTrigger;
+by("again").onclick = armTrigger;
+
+// What the buttons and fields do is what the console does.
+for (const button of document.querySelectorAll("[data-do]")) button.onclick = () => link.command(button.dataset.do);
+for (const input of document.querySelectorAll("[data-set]")) input.onchange = () => link.command(`${input.dataset.set} ${+input.value}`);
+by("estimator").onchange = () => link.command(`estimator ${by("estimator").value}`);
+by("cutoff").onchange = () => link.command(`${tuned()?.frequency ? "cutoff" : "tuning"} ${+by("cutoff").value}`);
+by("calibrate").onclick = () => link.command(`calibrate ${+by("percent").value}`);
+by("unlock").onclick = (event) => {
+  event.preventDefault();
+  if (now?.record?.unlocked) return;
+  if (confirm("Walls beyond the envelope may hammer and throw the handle. Allow them until the force goes off?")) link.command("unlock envelope");
+};
+by("switch").onchange = () => link.send({ type: "emergency_stop", open: by("switch").checked });
+by("svg").onclick = () => saveFigures(plots, plane, `${hello?.scene} on ${hello?.board}, ${new Date().toISOString()}: ${now?.settings ?? ""}`);
+by("csv").onclick = async () => { const why = await saveRows(plots, token); if (why) alarm(why); };
+
+// A point that is dragged: gains in the order in which they stay inside, a few times a second, and at the end.
+let proposed = 0;
+function propose({ k, b }, last) {
+  const time = performance.now();
+  if (!last && time - proposed < 200) return;
+  proposed = time;
+  by("why").textContent = "";
+  const lines = [`k ${+k.toPrecision(6)}`, `b ${+b.toPrecision(6)}`];
+  if (k > (settings.k ?? 0)) lines.reverse();
+  for (const line of lines) link.command(line);
+}
+
+function tuned() { return hello?.estimators.find(({ name }) => name === settings.estimator)?.tuning; }
+
+// `ok get k 0 N/m, b 0 N s/m, wall 0.07 m, ..`: names and numbers as they stand there.
+function parse(text) {
+  const found = {};
+  for (const part of text.replace(/^ok get /, "").split(", ")) {
+    const [, name, value] = /^(full scale|\S+) (\S+)/.exec(part) ?? [];
+    if (name && !(name in found)) found[name] = Number.isNaN(+value) ? value : +value;
+  }
+  return found;
+}
+
+function show(id, value) {
+  const input = typeof id === "string" ? by(id) : id;
+  if (document.activeElement !== input && value !== undefined && input.value !== `${value}`) input.value = value;
+}
+
+function showSettings() {
+  for (const input of document.querySelectorAll("[data-set]")) show(input, settings[input.dataset.set]);
+  show("estimator", settings.estimator);
+  const tuning = tuned();
+  by("cutoff-label").hidden = !tuning;
+  const value = tuning && settings[tuning.name];
+  if (tuning) {
+    by("cutoff-label").firstChild.textContent = `${tuning.name} `;
+    by("cutoff-label").querySelector("i").textContent = tuning.unit;
+    show("cutoff", value);
+  }
+  plane.wall = { k: settings.k ?? 0, b: settings.b ?? 0 };
+  plane.draw();
+  const question = `${settings.estimator} ${value ?? 1000}`;
+  if (settings.estimator && question !== asked) {
+    asked = question;
+    by("area").textContent = "walking …";
+    link.send({ type: "predict", estimator: settings.estimator, cutoff_hz: value ?? 1000 });
+  }
+}
+
+function alarm(text) {
+  by("alarm").hidden = !text;
+  by("alarm").textContent = text;
+}
+
+link.on("hello", (message) => {
+  hello = message;
+  plots.rate = hello.rate_hz;
+  by("board").textContent = `${hello.board} · ${hello.scene}${hello.virtual ? " · virtual" : ""}`;
+  by("estimator").replaceChildren(...hello.estimators.map(({ name }) => new Option(name)));
+  by("switch-label").hidden = by("handle-figure").hidden = !hello.virtual;
+  by("legend").innerHTML = "";
+  for (const [name, colour] of [["envelope", "--green"], ["predicted", "--blue"], ["walk", "--violet"]]) {
+    const item = document.createElement("b");
+    item.textContent = `■ ${name}`;
+    item.style.color = `var(${colour})`;
+    by("legend").append(item);
+  }
+  asked = "";
+  alarm("");
+  look();
+});
+link.on("lost", () => {
+  alarm("Not connected to the server. If force is on, it goes off within 0.2 s by itself; use the wired stop.");
+  by("state").textContent = "not connected";
+  by("state").className = "chip fault";
+});
+link.on("refused", ({ why }) => { by("why").textContent = why; by("why").className = "bad"; });
+link.on("predicted", ({ predicted }) => {
+  if (`${predicted.estimator} ${predicted.cutoff_hz}` !== asked) return;
+  plane.predicted = predicted;
+  by("area").textContent = predicted.error ?? `${predicted.area.toExponential(3)} N²s/m²`;
+  by("delay").textContent = predicted.delay_s == null ? "–" : `${(predicted.delay_s * 1e3).toFixed(3)} ms`;
+  by("noise").textContent = predicted.noise_m_per_s == null ? "–" : `${(predicted.noise_m_per_s * 1e3).toPrecision(3)} mm/s`;
+  plane.draw();
+});
+link.on("state", (state) => {
+  now = state;
+  const { record, owner, asking, pages, handle: seen, view } = state;
+  for (const { id, ms } of state.stopped) {
+    if (!stopAt.has(id)) continue;
+    const here = performance.now() - stopAt.get(id);
+    stopAt.delete(id);
+    by("stopped").textContent = `Force off ${here.toFixed(0)} ms after the key (board ${ms.toFixed(0)} ms). No substitute for the wired stop.`;
+    by("stopped").dataset.ms = here;
+  }
+  log.add(state.lines);
+  for (const { from, text } of state.lines) {
+    if (from !== "board") continue;
+    plane.hear(text);
+    if (/^(ok hit [su n]|walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) by("result").textContent = text.replace(/^ok /, "");
+    if (text.startsWith("error")) { by("why").textContent = text.replace(/^error: /, ""); by("why").className = "bad"; }
+    else if (/^ok [kb] /.test(text)) { by("why").textContent = text.replace(/^ok /, ""); by("why").className = "quiet"; }
+  }
+  const mine = owner === hello?.id;
+  handle.allowed = plane.allowed = mine && !!record;
+  for (const item of document.querySelectorAll("#left button, #left input, #left select, #line")) {
+    if (!["svg", "csv"].includes(item.id)) item.disabled = !mine;
+  }
+  const control = by("control");
+  const wanted = mine ? asking ? "give" : "mine" : owner ? asking === hello?.id ? "asked" : "ask" : "take";
+  if (control.dataset.now !== wanted) {
+    control.dataset.now = wanted;
+    control.replaceChildren();
+    const button = document.createElement("button");
+    if (wanted === "mine") control.textContent = "";
+    else {
+      button.textContent = { give: `Hand over to page ${asking}`, ask: "Ask for control", asked: "Asked …", take: "Take control" }[wanted];
+      button.disabled = wanted === "asked";
+      button.onclick = () => link.send({ type: wanted === "give" ? "give" : "ask" });
+      control.append(button);
+    }
+  }
+  if (state.settings && state.settings !== frame.settings) {
+    frame.settings = state.settings;
+    settings = parse(state.settings);
+    showSettings();
+  }
+  const chip = by("state");
+  if (state.lost) {
+    alarm(`The board is gone: ${state.lost}`);
+    chip.textContent = "no board";
+    chip.className = "chip fault";
+  } else if (record) {
+    const fault = hello?.faults.find(({ code }) => code === record.fault);
+    chip.textContent = fault ? `FAULT ${fault.code}` : record.armed ? "ARMED: FORCE ON" : record.on ? "ARMING" : "FORCE OFF";
+    chip.className = `chip ${fault ? "fault" : record.on ? "on" : ""}`;
+    const facts = [record.contact && "contact", record.saturated && "saturated", record.changing && "changing", !record.zeroed && "not zeroed", !record.stop_closed && "stop open", record.unlocked && "ENVELOPE UNLOCKED"];
+    by("flags").textContent = facts.filter(Boolean).join(" · ");
+    by("unlock").checked = record.unlocked;
+    by("switch").checked = !record.stop_closed;
+    const panel = by("fault");
+    panel.hidden = !fault;
+    if (fault && panel.dataset.code !== `${fault.code}`) {
+      panel.dataset.code = fault.code;
+      panel.replaceChildren();
+      const [head, text, clear, box] = ["h2", "p", "button", "button"].map((name) => document.createElement(name));
+      head.textContent = `Fault ${fault.code}: ${fault.text}`;
+      text.textContent = fault.remedy;
+      clear.textContent = "Clear";
+      clear.onclick = () => link.command("clear");
+      box.textContent = "What happened";
+      box.onclick = () => link.command("faults");
+      panel.append(head, text, clear, " ", box);
+    } else if (!fault) delete panel.dataset.code;
+  }
+  const [found, dropped, garbage] = state.counts;
+  by("stats").textContent = `${seen ? `${seen.speed.toFixed(2)} × real time · ` : ""}${pages} page${pages > 1 ? "s" : ""}${mine ? "" : " · watching"}${dropped ? ` · ${dropped} of ${found + dropped} frames lost` : ""}${garbage ? ` · ${garbage} garbage bytes` : ""}`;
+  by("pause").textContent = view.paused ? "Go on" : "Pause";
+  paused = view.paused;
+  by("met").textContent = view.met == null ? (by("trigger").value === "off" ? "" : "waiting …") : `triggered at ${(view.met * (plots.seen?.step ?? 1) / plots.rate).toFixed(4)} s`;
+});
+for (const name of ["curves", "spectra", "phase"]) link.on(name, (bytes) => { frame[name] = bytes; });
+
+function draw() {
+  requestAnimationFrame(draw);
+  if (frame.curves) { plots.draw(frame.curves); frame.curves = null; frames++; drawHandle(); }
+  if (frame.spectra) { plots.drawSpectra(frame.spectra); frame.spectra = null; }
+  if (frame.phase) { plots.drawPhase(frame.phase); frame.phase = null; }
+}
+function drawHandle() {
+  const record = now?.record;
+  if (!record || !hello?.virtual) return;
+  handle.draw({ position: record.position_m, wall: settings.wall ?? .07, force: record.force_n, finger: now.handle?.finger_n, on: record.on, contact: record.contact });
+}
+requestAnimationFrame(draw);
+// For measurements from outside.
+window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, plots, plane, link };

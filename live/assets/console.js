@@ -1,0 +1,37 @@
+// Log and console: everything that the board's console can, this can.
+const KEPT = 800;
+
+export class Console {
+  constructor(list, form, input, send) {
+    Object.assign(this, { list, past: [], place: 0 });
+    form.onsubmit = (event) => {
+      event.preventDefault();
+      const line = input.value.trim();
+      if (!line) return;
+      this.past.push(line);
+      this.place = this.past.length;
+      send(line);
+      input.value = "";
+    };
+    input.onkeydown = (event) => {
+      const step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+      if (!step) return;
+      this.place = Math.min(Math.max(this.place + step, 0), this.past.length);
+      input.value = this.past[this.place] ?? "";
+      event.preventDefault();
+    };
+  }
+
+  add(lines) {
+    if (!lines.length) return;
+    const atEnd = this.list.scrollHeight - this.list.scrollTop - this.list.clientHeight < 30;
+    for (const { from, text } of lines) {
+      const item = document.createElement("li");
+      item.className = text.startsWith("error") ? "error" : from;
+      item.textContent = text;
+      this.list.append(item);
+    }
+    while (this.list.childElementCount > KEPT) this.list.firstElementChild.remove();
+    if (atEnd) this.list.scrollTop = this.list.scrollHeight;
+  }
+}

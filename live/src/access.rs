@@ -1,0 +1,79 @@
+//! Whose requests are answered: those of the page that this server served, on this machine.
+
+/// Longest message from a page, bytes.
+pub const MESSAGE_MAX: usize = 4096;
+/// Pages at a time.
+pub const PAGES_MAX: usize = 16;
+/// Messages of a page in a second: a mouse moves 125 times.
+pub const MESSAGES_PER_S: u32 = 400;
+
+/// The secret of this run, and where it listens.
+#[derive(Clone, Debug)]
+pub struct Access {
+    token: String,
+    port: u16,
+}
+
+impl Access {
+    /// With that secret.
+    pub fn new(secret: [u8; 16], port: u16) -> Self {
+        let token = secret.iter().map(|byte| format!("{byte:02x}")).collect();
+        Self { token, port }
+    }
+
+    /// What a person opens.
+    pub fn address(&self) -> String {
+        format!("http://127.0.0.1:{}/?token={}", self.port, self.token)
+    }
+
+    /// The name that the request is for is this machine's own: no other name may be made to point here.
+    pub fn is_our_host(&self, host: Option<&str>) -> bool {
+        let ours = |name: &str| host == Some(format!("{name}:{}", self.port).as_str());
+        ours("127.0.0.1") || ours("localhost")
+    }
+
+    /// The page that asks is ours. A browser says so with every socket.
+    pub fn is_our_origin(&self, origin: Option<&str>) -> bool {
+        self.is_our_host(origin.and_then(|origin| origin.strip_prefix("http://")))
+    }
+
+    /// The secret is ours. As long whatever it is.
+    pub fn is_our_token(&self, token: Option<&str>) -> bool {
+        let token = token.unwrap_or_default().as_bytes();
+        let differs = self.token.bytes().enumerate().fold(0, |differs, (n, byte)| {
+            differs | (token.get(n).copied().unwrap_or_default() ^ byte)
+        });
+        token.len() == self.token.len() && differs == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_our_own_page_with_the_token_is_ours() {
+        let access = Access::new([0xAB; 16], 8123);
+        let token = "ab".repeat(16);
+        assert_eq!(access.address(), format!("http://127.0.0.1:8123/?token={token}"));
+        assert!(access.is_our_token(Some(&token)));
+        let near = format!("{}aa", &token[..30]);
+        for wrong in [None, Some(""), Some("ab"), Some(near.as_str()), Some(&format!("{token}a"))] {
+            assert!(!access.is_our_token(wrong), "{wrong:?}");
+        }
+        for host in ["127.0.0.1:8123", "localhost:8123"] {
+            assert!(access.is_our_host(Some(host)));
+            assert!(access.is_our_origin(Some(&format!("http://{host}"))));
+        }
+        for host in
+            ["", "127.0.0.1", "127.0.0.1:81", "evil.example:8123", "localhost:8123.evil.example"]
+        {
+            assert!(!access.is_our_host(Some(host)), "{host}");
+            assert!(!access.is_our_origin(Some(&format!("http://{host}"))), "{host}");
+        }
+        for origin in ["null", "https://127.0.0.1:8123", "file://", "127.0.0.1:8123"] {
+            assert!(!access.is_our_origin(Some(origin)), "{origin}");
+        }
+        assert!(!access.is_our_host(None) && !access.is_our_origin(None));
+    }
+}

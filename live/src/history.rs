@@ -1,0 +1,226 @@
+//! Every sample of the last minutes, and quick answers to what it looks like from afar: smallest and largest values of
+//! bins of 8, 64 and 512 samples stand beside it.
+
+/// Rows that are kept: two minutes at 10 kHz.
+pub const KEPT: usize = 1_200_000;
+/// Rows of a bin of each level.
+const LEVELS: [usize; 4] = [1, 8, 64, 512];
+/// Signals of a row.
+pub const SIGNALS: usize = 3;
+
+/// One sample: position, velocity, force in the integers of the control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// Position, counts; velocity, 2^-16 counts per sample; force, 2^-30 of full scale.
+    pub values: [i32; SIGNALS],
+    /// Telemetry flags.
+    pub flags: u16,
+}
+
+/// Rows that follow each other, seen together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bin {
+    /// Smallest and largest value of each signal; the smallest is larger than the largest where there is no row.
+    pub ends: [[i32; 2]; SIGNALS],
+    /// Flags of any of them.
+    pub flags: u16,
+}
+
+impl Bin {
+    /// Of no row.
+    pub const EMPTY: Self = Self { ends: [[i32::MAX, i32::MIN]; SIGNALS], flags: 0 };
+
+    /// There is no row in it.
+    pub fn is_empty(&self) -> bool {
+        self.ends[0][0] > self.ends[0][1]
+    }
+
+    fn of(row: &Row) -> Self {
+        Self { ends: row.values.map(|value| [value; 2]), flags: row.flags }
+    }
+
+    fn add(&mut self, other: &Self) {
+        for ([low, high], [other_low, other_high]) in self.ends.iter_mut().zip(other.ends) {
+            *low = (*low).min(other_low);
+            *high = (*high).max(other_high);
+        }
+        self.flags |= other.flags;
+    }
+}
+
+/// The rows, by their number: sample divided by [`step`](Self::step).
+#[derive(Debug)]
+pub struct History {
+    /// Samples from row to row.
+    step: u64,
+    /// Number after the newest row.
+    end: u64,
+    /// Number of the oldest row.
+    begin: u64,
+    levels: [Vec<Bin>; LEVELS.len()],
+}
+
+impl Default for History {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl History {
+    /// Nothing yet.
+    pub fn new() -> Self {
+        let levels = LEVELS.map(|rows| vec![Bin::EMPTY; KEPT.div_ceil(rows)]);
+        Self { step: 1, end: 0, begin: 0, levels }
+    }
+
+    /// Forgets everything; rows come every `step` samples from now on.
+    pub fn restart(&mut self, step: u64) {
+        *self = Self { step: step.max(1), ..Self::new() };
+    }
+
+    /// Samples from row to row.
+    pub fn step(&self) -> u64 {
+        self.step
+    }
+
+    /// Numbers of the rows that are kept, the end not included.
+    pub fn rows(&self) -> [u64; 2] {
+        [self.begin, self.end]
+    }
+
+    /// Takes the row of that sample. Rows that are missing before it are gaps; a sample that goes back is a board that
+    /// was reset, and everything begins anew.
+    pub fn push(&mut self, sample: u64, row: &Row) {
+        let number = sample / self.step;
+        if number < self.end || number - self.end > KEPT as u64 {
+            let step = self.step;
+            self.restart(step);
+        }
+        if self.begin == self.end {
+            (self.begin, self.end) = (number, number);
+        }
+        while self.end < number {
+            self.put(&Bin::EMPTY);
+        }
+        self.put(&Bin::of(row));
+    }
+
+    fn put(&mut self, bin: &Bin) {
+        let number = self.end;
+        for (level, rows) in self.levels.iter_mut().zip(LEVELS) {
+            let place = &mut level[place_of(number, rows)];
+            // The first row of a bin takes the place of one that is two minutes old.
+            if number.is_multiple_of(rows as u64) || number == self.begin {
+                *place = Bin::EMPTY;
+            }
+            place.add(bin);
+        }
+        self.end = number + 1;
+        self.begin = self.begin.max(self.end.saturating_sub((KEPT - LEVELS[3]) as u64));
+    }
+
+    /// Bins of `stride` rows, a power of two, that begin at `first`, a multiple of it.
+    pub fn bins(&self, first: u64, stride: u64, count: usize) -> Vec<Bin> {
+        let level = LEVELS.iter().rposition(|&rows| rows as u64 <= stride).unwrap_or(0);
+        let rows = LEVELS[level] as u64;
+        let bin = |n: u64| {
+            let (from, to) = (first + n * stride, first + (n + 1) * stride);
+            let mut bin = Bin::EMPTY;
+            let mut number = from;
+            while number < to {
+                if number + rows > self.begin && number < self.end {
+                    bin.add(&self.levels[level][place_of(number, LEVELS[level])]);
+                }
+                number += rows;
+            }
+            bin
+        };
+        (0..count as u64).map(bin).collect()
+    }
+
+    /// The row of that number.
+    pub fn row(&self, number: u64) -> Option<Row> {
+        let bin = self.bins(number, 1, 1)[0];
+        (!bin.is_empty())
+            .then(|| Row { values: bin.ends.map(|[value, _]| value), flags: bin.flags })
+    }
+
+    /// Smallest power of two with which `rows` rows are no more than `columns` bins.
+    pub fn stride(rows: u64, columns: u64) -> u64 {
+        rows.div_ceil(columns.max(1)).max(1).next_power_of_two()
+    }
+}
+
+fn place_of(number: u64, rows: usize) -> usize {
+    #[expect(clippy::cast_possible_truncation, reason = "below the number of bins")]
+    {
+        (number / rows as u64 % KEPT.div_ceil(rows) as u64) as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(n: u64) -> Row {
+        let value = ((n * 7919) % 10_007) as i32 - 5000;
+        Row { values: [value, -value, value / 3], flags: 1 << (n % 5) }
+    }
+
+    /// What the bins say is what the rows say, at every stride, across the ends of what is kept and after it has
+    /// wrapped.
+    #[test]
+    fn bins_are_the_ends_of_their_rows() {
+        let mut history = History::new();
+        let rows = KEPT as u64 + 70_000;
+        let start = 123;
+        for n in start..rows {
+            history.push(n, &row(n));
+        }
+        let [begin, end] = history.rows();
+        assert!(end == rows && begin > start && end - begin > KEPT as u64 - 1000);
+        for stride in [1, 2, 8, 16, 128, 512, 4096] {
+            for from in [
+                begin.next_multiple_of(stride),
+                (end / 2) / stride * stride,
+                (end - 9000) / stride * stride,
+            ] {
+                for (k, bin) in (0..).zip(history.bins(from, stride, 2)) {
+                    let mut wanted = Bin::EMPTY;
+                    for n in from + k * stride..(from + (k + 1) * stride).min(end) {
+                        wanted.add(&Bin::of(&row(n)));
+                    }
+                    assert_eq!(bin, wanted, "stride {stride} from {from}");
+                }
+            }
+        }
+        assert_eq!(history.row(end - 1), Some(row(end - 1)));
+        assert_eq!(history.row(end), None);
+    }
+
+    #[test]
+    fn a_gap_is_empty_and_a_reset_begins_anew() {
+        let mut history = History::new();
+        history.restart(10);
+        for n in [0, 10, 50, 60] {
+            history.push(n, &row(n));
+        }
+        let there: Vec<bool> = (0..8).map(|n| history.row(n).is_some()).collect();
+        assert_eq!(there, [true, true, false, false, false, true, true, false]);
+        history.push(20, &row(20));
+        assert_eq!((history.rows(), history.step()), ([2, 3], 10));
+        assert_eq!(history.row(0), None);
+        // A jump beyond all that is kept leaves nothing old behind.
+        history.push(10 * (KEPT as u64 + 100), &row(7));
+        assert_eq!(history.rows()[1] - history.rows()[0], 1);
+    }
+
+    #[test]
+    fn strides_are_powers_of_two_that_suffice() {
+        for (rows, columns, stride) in
+            [(600_000, 1000, 1024), (1000, 1000, 1), (1001, 1000, 2), (0, 0, 1)]
+        {
+            assert_eq!(History::stride(rows, columns), stride);
+        }
+    }
+}

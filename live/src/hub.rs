@@ -1,0 +1,447 @@
+//! The board's side: one thread talks to it over a [`Link`], one command at a time, and keeps what it says.
+
+use std::{
+    collections::VecDeque,
+    io::Write,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use defmt_lines::Lines;
+use virtual_board::link::{COMMANDS, Finger, LOG, Link, LiveBoard, REPLIES, Seen, TELEMETRY};
+use zwidth::telemetry::{self, Flags, Record};
+
+use crate::history::{History, Row};
+
+mod defmt_lines;
+mod known;
+#[cfg(test)]
+mod tests;
+
+pub use known::{From, Known, Line, Stopped};
+
+/// Between two looks at the link.
+const LOOK: Duration = Duration::from_millis(1);
+/// A reply that has not come by then does not come.
+const REPLY: Duration = Duration::from_millis(500);
+/// The board's promise, and how often it is kept.
+const PROMISE_MS: u32 = 200;
+const WORD: Duration = Duration::from_millis(50);
+/// Between two questions for the state.
+const STATUS: Duration = Duration::from_millis(500);
+/// Commands that may wait.
+const WAITING: usize = 64;
+/// The finger of a person: stiffness and damping of one that holds a handle lightly, and what it can do at most.
+const FINGER: Finger =
+    Finger { target_m: 0.0, stiffness_n_per_m: 400.0, damping_n_s_per_m: 3.0, limit_n: 12.0 };
+
+/// The virtual board behind the link, if it is one.
+pub type Virtual = Option<Arc<LiveBoard>>;
+
+/// The board's side.
+pub struct Hub {
+    history: Mutex<History>,
+    known: Mutex<Known>,
+    asked: Mutex<Asked>,
+    /// The owner is there: the board may be told so.
+    pub attended: AtomicBool,
+    ended: AtomicBool,
+    board: Virtual,
+}
+
+#[derive(Default)]
+struct Asked {
+    lines: VecDeque<String>,
+    stops: Vec<(u64, Instant)>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Hub {
+    /// Talks to a board from now on, in a thread of its own. `elf`: the program, to read its log by. `record`: where the
+    /// telemetry goes as well.
+    pub fn start(
+        link: Box<dyn Link>,
+        board: Virtual,
+        elf: Option<Vec<u8>>,
+        record: Option<Box<dyn Write + Send>>,
+    ) -> (Arc<Self>, thread::JoinHandle<()>) {
+        let hub = Arc::new(Self {
+            history: Mutex::default(),
+            known: Mutex::default(),
+            asked: Mutex::default(),
+            attended: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
+            board,
+        });
+        let inside = Arc::clone(&hub);
+        let thread = thread::spawn(move || Talk::new(&inside, link, elf, record).run());
+        (hub, thread)
+    }
+
+    /// What is known now.
+    pub fn known(&self) -> MutexGuard<'_, Known> {
+        lock(&self.known)
+    }
+
+    /// Every row that has come.
+    pub fn history(&self) -> MutexGuard<'_, History> {
+        lock(&self.history)
+    }
+
+    /// A line for the console; whether there was room.
+    pub fn command(&self, line: &str) -> bool {
+        let mut asked = lock(&self.asked);
+        let room = asked.lines.len() < WAITING;
+        if room {
+            asked.lines.push_back(line.to_owned());
+        }
+        room
+    }
+
+    /// Force off before everything else; what waits is forgotten.
+    pub fn stop(&self, id: u64) {
+        let mut asked = lock(&self.asked);
+        asked.lines.clear();
+        asked.stops.push((id, Instant::now()));
+    }
+
+    /// The finger on a virtual board's handle; `target_m` in the board's positions.
+    pub fn touch(&self, target_m: Option<f64>, resolution_m: f64) {
+        let Some(board) = &self.board else { return };
+        let offset_m = self.offset_m(resolution_m);
+        board.touch(target_m.map(|target_m| Finger { target_m: target_m + offset_m, ..FINGER }));
+    }
+
+    /// The switch of a virtual board's emergency stop.
+    pub fn emergency_stop(&self, open: bool) {
+        if let Some(board) = &self.board {
+            board.emergency_stop(open);
+        }
+    }
+
+    /// What a person would see of a virtual board.
+    pub fn seen(&self) -> Option<Seen> {
+        self.board.as_ref().map(|board| board.seen())
+    }
+
+    /// From the board's positions to the scene's, to the millimetre: the handle moves between the two readings.
+    fn offset_m(&self, resolution_m: f64) -> f64 {
+        let record = self.known().record;
+        let (Some(seen), Some(record)) = (self.seen(), record) else { return 0.0 };
+        let offset_m = seen.position_m - f64::from(record.position.counts()) * resolution_m;
+        (offset_m * 1e3).round() / 1e3
+    }
+
+    /// Says something to all pages.
+    pub fn note(&self, text: &str) {
+        self.known().say(From::Server, text.to_owned());
+    }
+
+    /// Force off and the end of the thread.
+    pub fn end(&self) {
+        self.ended.store(true, Relaxed);
+    }
+}
+
+/// What was sent last and is to be answered.
+struct Pending {
+    line: String,
+    /// A person is told the reply.
+    loud: bool,
+    since: Instant,
+}
+
+struct Talk<'a> {
+    hub: &'a Hub,
+    link: Box<dyn Link>,
+    log: Option<Lines>,
+    record: Option<Box<dyn Write + Send>>,
+    decoder: telemetry::Decoder,
+    pending: Option<Pending>,
+    /// Bytes that the board had no room for.
+    unsent: Vec<u8>,
+    /// Pieces of a line.
+    replies: Vec<u8>,
+    /// Words whose replies are to come.
+    words: u32,
+    /// The board has a promise.
+    promised: bool,
+    word_at: Instant,
+    status_at: Instant,
+    quiet: VecDeque<&'static str>,
+    stops: Vec<(u64, Instant)>,
+    /// Lines of the console whose copy in the log is still to come.
+    twice: VecDeque<String>,
+    settings: Option<u16>,
+    last: Option<Record>,
+}
+
+impl<'a> Talk<'a> {
+    fn new(
+        hub: &'a Hub,
+        link: Box<dyn Link>,
+        elf: Option<Vec<u8>>,
+        record: Option<Box<dyn Write + Send>>,
+    ) -> Self {
+        Self {
+            hub,
+            link,
+            log: elf.and_then(Lines::of),
+            record,
+            decoder: telemetry::Decoder::new(),
+            pending: None,
+            unsent: vec![],
+            replies: vec![],
+            words: 0,
+            promised: false,
+            word_at: Instant::now(),
+            status_at: Instant::now(),
+            quiet: ["version", "get"].into(),
+            stops: vec![],
+            twice: VecDeque::new(),
+            settings: None,
+            last: None,
+        }
+    }
+
+    fn run(mut self) {
+        while !self.hub.ended.load(Relaxed) {
+            let lost = self.link.lost();
+            if lost.is_some() {
+                self.hub.known().lost = lost;
+                return;
+            }
+            self.read_replies();
+            self.read_log();
+            self.read_telemetry();
+            self.ask();
+            thread::sleep(LOOK);
+        }
+        self.disarm();
+        // Until it is out, for a board that has little room; one that takes nothing has its promise.
+        let end = Instant::now() + REPLY;
+        while !self.unsent.is_empty() && Instant::now() < end {
+            thread::sleep(LOOK);
+            self.flush();
+        }
+        thread::sleep(10 * LOOK);
+    }
+
+    /// Force off before everything that waits.
+    fn disarm(&mut self) {
+        self.unsent.clear();
+        self.unsent.push(b'\n'); // a line that was begun ends here, as no command
+        self.send("disarm");
+    }
+
+    fn send(&mut self, line: &str) {
+        self.unsent.extend_from_slice(line.as_bytes());
+        self.unsent.push(b'\n');
+        self.flush();
+    }
+
+    fn flush(&mut self) {
+        if !self.unsent.is_empty() {
+            let sent = self.link.write(COMMANDS, &self.unsent);
+            self.unsent.drain(..sent);
+        }
+    }
+
+    fn ask(&mut self) {
+        self.flush();
+        let now = Instant::now();
+        let stops = std::mem::take(&mut lock(&self.hub.asked).stops);
+        if !stops.is_empty() {
+            self.disarm();
+            self.pending = None;
+            self.quiet.clear();
+            self.stops.extend(stops);
+            self.hub.known().say(From::Person, "disarm".to_owned());
+        }
+        self.keep_the_promise(now);
+        if self.pending.as_ref().is_some_and(|pending| now - pending.since < REPLY) {
+            return;
+        }
+        if let Some(pending) = self.pending.take().filter(|pending| pending.loud) {
+            self.hub.known().say(From::Server, format!("no reply to {}", pending.line));
+        }
+        let next = lock(&self.hub.asked).lines.pop_front();
+        let (line, loud) = match next {
+            Some(line) => (line, true),
+            None => match self.quiet.pop_front() {
+                Some(line) => (line.to_owned(), false),
+                None if now - self.status_at > STATUS => ("status".to_owned(), false),
+                None => return,
+            },
+        };
+        if loud {
+            self.hub.known().say(From::Person, line.clone());
+            if line.trim() == "arm" {
+                // Before it, so that no moment of force is without it.
+                self.promise(PROMISE_MS, now);
+            }
+        } else if line == "status" {
+            self.status_at = now;
+        }
+        self.send(&line);
+        self.pending = Some(Pending { line, loud, since: now });
+    }
+
+    /// While the force is on and the owner is there, the board hears so; without the owner it is switched off, and if
+    /// this program ends it is silence that switches off.
+    fn keep_the_promise(&mut self, now: Instant) {
+        if now - self.word_at < WORD {
+            return;
+        }
+        let on = self.hub.known().is_on();
+        let attended = self.hub.attended.load(Relaxed);
+        if on && attended {
+            self.promise(PROMISE_MS, now);
+        } else if on && self.promised {
+            self.hub.note("nobody is there who may command: force off");
+            self.hub.stop(0);
+            self.word_at = now + 20 * WORD; // again if it is still on, or the end of the promise
+        } else if self.promised && !on && now - self.word_at > 10 * WORD {
+            self.promise(0, now);
+        }
+    }
+
+    fn promise(&mut self, ms: u32, now: Instant) {
+        self.send(&format!("alive {ms}"));
+        self.words += 1;
+        self.promised = ms > 0;
+        self.word_at = now;
+    }
+
+    fn read_replies(&mut self) {
+        self.link.read(REPLIES, &mut self.replies);
+        while let Some(end) = self.replies.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = self.replies.drain(..=end).collect();
+            let line = String::from_utf8_lossy(&line[..end]).trim_end().to_owned();
+            if !line.is_empty() {
+                self.hear(line);
+            }
+        }
+        self.replies.truncate(1 << 16);
+    }
+
+    fn hear(&mut self, line: String) {
+        self.twice.push_back(line.clone());
+        if self.twice.len() > 64 {
+            self.twice.pop_front();
+        }
+        if line == "ok alive" && self.words > 0 {
+            self.words -= 1;
+            return;
+        }
+        let mut known = lock(&self.hub.known);
+        if line == "ok disarm" && !self.stops.is_empty() {
+            for (id, since) in self.stops.drain(..) {
+                known.stops += 1;
+                known.stopped.push_back(Stopped { id, ms: since.elapsed().as_secs_f64() * 1e3 });
+                if known.stopped.len() > 16 {
+                    known.stopped.pop_front();
+                }
+            }
+        }
+        let is_answer = (line.starts_with("ok") || line.starts_with("error")) && !is_report(&line);
+        let pending = if is_answer { self.pending.take() } else { None };
+        if let Some(place) =
+            match line.split_whitespace().nth(1).filter(|_| line.starts_with("ok ")) {
+                Some("get") => Some(&mut known.settings),
+                Some("status") => Some(&mut known.status),
+                Some("version") => Some(&mut known.version),
+                _ => None,
+            }
+        {
+            place.clone_from(&line);
+        }
+        if pending.as_ref().is_none_or(|pending| pending.loud) {
+            known.say(From::Board, line);
+            if pending.is_some() && !self.quiet.contains(&"get") {
+                self.quiet.extend(["get", "status"]);
+            }
+        }
+    }
+
+    fn read_log(&mut self) {
+        let mut bytes = vec![];
+        self.link.read(LOG, &mut bytes);
+        let Some(log) = &mut self.log else { return };
+        for line in log.feed(&bytes) {
+            // What the console says stands in the log too; a long line comes there in pieces.
+            let piece = line.strip_suffix('~').unwrap_or(&line);
+            if let Some(place) = self.twice.iter().position(|known| known.contains(piece)) {
+                let rest = self.twice[place].replacen(piece, "", 1);
+                self.twice[place] = rest;
+                self.twice.retain(|rest| !rest.is_empty());
+            } else {
+                self.hub.known().say(From::Log, line);
+            }
+        }
+    }
+
+    fn read_telemetry(&mut self) {
+        let mut bytes = vec![];
+        self.link.read(TELEMETRY, &mut bytes);
+        if bytes.is_empty() {
+            return;
+        }
+        let failed = self.record.as_mut().and_then(|record| record.write_all(&bytes).err());
+        if let Some(error) = failed {
+            self.hub.note(&format!("the record ends here: {error}"));
+            self.record = None;
+        }
+        let mut history = lock(&self.hub.history);
+        let mut newest = None;
+        for byte in bytes {
+            let Some(frame) = self.decoder.push(byte) else { continue };
+            for output in self.decoder.outputs(frame) {
+                let record = output.record;
+                if record.flags.contains(Flags::REPLAY) {
+                    continue;
+                }
+                let step = self.last.map_or(0, |last| record.sample.wrapping_sub(last.sample));
+                self.last = Some(record);
+                if [1, 2, 5, 10].contains(&step) && step != history.step() {
+                    history.restart(step);
+                }
+                newest = Some(record);
+                let values =
+                    [record.position.counts(), record.velocity.bits(), record.force.bits()];
+                history.push(record.sample, &Row { values, flags: record.flags.bits() });
+            }
+        }
+        let mut known = self.hub.known();
+        known.counts = [self.decoder.frames, self.decoder.dropped, self.decoder.garbage];
+        if let Some(record) = newest {
+            known.record = Some(record);
+            if self.settings.replace(record.settings) != Some(record.settings)
+                && !self.quiet.contains(&"get")
+            {
+                self.quiet.push_back("get");
+            }
+        }
+    }
+}
+
+/// What an experiment says by itself, as no answer to a command.
+fn is_report(line: &str) -> bool {
+    const REPORTS: [&str; 7] = [
+        "ok walk over",
+        "ok calibrate over",
+        "ok hit stable",
+        "ok hit unstable",
+        "ok hit no contact",
+        "error: hit",
+        "error: walk",
+    ];
+    REPORTS.iter().any(|start| line.starts_with(start))
+}

@@ -1,0 +1,82 @@
+//! What is known of the board, for all pages.
+
+use std::collections::VecDeque;
+
+use serde::Serialize;
+use zwidth::telemetry::{Flags, Record};
+
+/// Lines that are kept for pages that come later.
+const LINES: usize = 2_000;
+
+/// Who a line is from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum From {
+    /// A person, to the board.
+    Person,
+    /// The board, in reply or by itself.
+    Board,
+    /// The board's log.
+    Log,
+    /// This program.
+    Server,
+}
+
+/// A line of console and log.
+#[derive(Clone, Debug, Serialize)]
+pub struct Line {
+    /// Counts up.
+    pub number: u64,
+    /// Who says it.
+    pub from: From,
+    /// What.
+    pub text: String,
+}
+
+/// A stop, and how long it took until the board said that the force is off.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Stopped {
+    /// Which one.
+    pub id: u64,
+    /// From its arrival here to the reply, ms.
+    pub ms: f64,
+}
+
+/// What is known of the board.
+#[derive(Debug, Default)]
+pub struct Known {
+    /// The newest record that is not from the black box.
+    pub record: Option<Record>,
+    /// The last replies to `get`, `status` and `version`.
+    pub settings: String,
+    /// As `settings`.
+    pub status: String,
+    /// As `settings`.
+    pub version: String,
+    /// Why there is no board any more.
+    pub lost: Option<String>,
+    /// Lines, the oldest first.
+    pub lines: VecDeque<Line>,
+    numbered: u64,
+    /// Frames that were found, that are missing, and bytes that belong to none.
+    pub counts: [u64; 3],
+    /// The last stops.
+    pub stopped: VecDeque<Stopped>,
+    /// How many there were.
+    pub stops: u64,
+}
+
+impl Known {
+    pub(super) fn say(&mut self, from: From, text: String) {
+        self.numbered += 1;
+        self.lines.push_back(Line { number: self.numbered, from, text });
+        if self.lines.len() > LINES {
+            self.lines.pop_front();
+        }
+    }
+
+    /// The force acts, as far as is known.
+    pub fn is_on(&self) -> bool {
+        self.record.is_some_and(|record| record.flags.contains(Flags::ON))
+    }
+}

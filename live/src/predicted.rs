@@ -1,0 +1,155 @@
+//! What the simulator predicts for the page's (K, B) plane: the boundary of one estimator and tuning, by the same walk as
+//! `cargo sim walk`, and the envelope that the image was built with.
+
+use std::sync::atomic::AtomicBool;
+
+use host_sim::{
+    engine::Engine,
+    scene::{EstimatorChoice, NamedScene},
+    simulation::prepared::{Numeric, PreparedScene},
+    study::walk,
+};
+use serde::Serialize;
+use virtual_board::{board::Board, fuzz::envelope::Envelope};
+use zwidth::{CounterWidth, Sampler, Settings, WallSettings, velocity::EstimatorName};
+
+/// A boundary, for the page.
+#[derive(Clone, Debug, Serialize)]
+pub struct Predicted {
+    /// Estimator.
+    pub estimator: String,
+    /// Its cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// B, K of each point, N s/m and N/m.
+    pub points: Vec<[f64; 2]>,
+    /// Area, N^2 s/m^2.
+    pub area: f64,
+    /// B, lowest and highest K of the image's envelope.
+    pub envelope: Vec<[f64; 3]>,
+    /// By how much the velocity comes late while the speed rises evenly, s.
+    pub delay_s: Option<f64>,
+    /// RMS of its error at 20 mm/s, from whole counts alone, m/s.
+    pub noise_m_per_s: Option<f64>,
+    /// Why there is no boundary.
+    pub error: Option<String>,
+}
+
+/// Walks in the simulator; takes a second or so.
+pub fn predict(
+    scene: &NamedScene,
+    board: Board,
+    estimator: &str,
+    cutoff_hz: f64,
+    ended: &AtomicBool,
+) -> Predicted {
+    let mut predicted = Predicted {
+        estimator: estimator.to_owned(),
+        cutoff_hz,
+        points: vec![],
+        area: 0.0,
+        envelope: Envelope::of(board).points(estimator, cutoff_hz),
+        delay_s: None,
+        noise_m_per_s: None,
+        error: None,
+    };
+    if let Some([delay_s, noise]) = quality(scene, estimator, cutoff_hz) {
+        (predicted.delay_s, predicted.noise_m_per_s) = (Some(delay_s), Some(noise));
+    }
+    match boundary(scene, estimator, cutoff_hz, ended) {
+        Ok(found) => {
+            let point = |p: &walk::BoundaryPoint| [p.damping_n_s_per_m, p.stiffness_n_per_m];
+            predicted.points = found.points.iter().map(point).collect();
+            predicted.area = found.area;
+        }
+        Err(error) => predicted.error = Some(error),
+    }
+    predicted
+}
+
+/// Speed at which the noise is measured, m/s, and rise of the speed for the delay, m/s^2.
+const SPEED: f64 = 0.02;
+const RISE: f64 = 1.0;
+/// Samples that are left out, and looked at.
+const SETTLE: u32 = 5_000;
+const LOOKED_AT: u32 = 5_000;
+
+/// What the core's estimator makes of a motion, as counts: delay and noise.
+fn quality(scene: &NamedScene, estimator: &str, cutoff_hz: f64) -> Option<[f64; 2]> {
+    let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator)?;
+    let velocity = name.following(&scene.scene.velocity.settings(cutoff_hz));
+    let scene = &scene.scene;
+    let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
+    let wall = WallSettings {
+        position_m: 1.0,
+        stiffness_n_per_m: 0.0,
+        damping_n_s_per_m: 0.0,
+        push_only: true,
+    };
+    let control = Settings { velocity, wall }.build(&scene.design()).ok()?;
+    let lsb = resolution_m * rate_hz / 65_536.0;
+    let errors = |rise: f64| -> Vec<f64> {
+        let mut sampler = Sampler::new(0, CounterWidth::Bits32);
+        let moved = |n: u32| {
+            let t = f64::from(n) / rate_hz;
+            [SPEED * t + 0.5 * rise * t * t, SPEED + rise * t]
+        };
+        let step = |n: u32| {
+            let [place_m, speed] = moved(n);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "below 2^20"
+            )]
+            let counts = (place_m / resolution_m) as u32;
+            let sampled = sampler.sample(&control, counts);
+            speed - f64::from(sampled.motion.velocity.bits()) * lsb
+        };
+        (0..SETTLE + LOOKED_AT).map(step).skip(SETTLE as usize).collect()
+    };
+    let mean = |all: &[f64]| all.iter().sum::<f64>() / f64::from(LOOKED_AT);
+    let (late, even) = (errors(RISE), errors(0.0));
+    let delay_s = (mean(&late) - mean(&even)) / RISE;
+    let squares: Vec<f64> = even.iter().map(|error| error * error).collect();
+    Some([delay_s, mean(&squares).sqrt()])
+}
+
+fn boundary(
+    scene: &NamedScene,
+    estimator: &str,
+    cutoff_hz: f64,
+    ended: &AtomicBool,
+) -> Result<walk::Boundary, String> {
+    let mut scene = scene.scene.clone();
+    let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator);
+    let name = name.ok_or_else(|| format!("there is no estimator {estimator}"))?;
+    let settings = name.following(&scene.velocity.settings(cutoff_hz));
+    scene.velocity = EstimatorChoice::of(&settings).0;
+    let prepared = PreparedScene::new(&scene).map_err(|error| error.to_string())?;
+    walk::walk(Engine::lanes(), &prepared, Numeric::default(), cutoff_hz, 0.0, ended)
+        .map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use virtual_board::board::NUCLEO_F446RE;
+
+    /// A second-order Butterworth lags by sqrt 2 / w at low frequencies, the difference by half a sample; and what is
+    /// predicted is what the simulator walks.
+    #[test]
+    fn delay_and_noise_are_the_filters() {
+        let scene = NamedScene::load("nucleo-f446re").unwrap();
+        for cutoff_hz in [50.0, 200.0] {
+            let [delay_s, noise] = quality(&scene, "butterworth", cutoff_hz).unwrap();
+            let wanted_s = 2f64.sqrt() / (2.0 * std::f64::consts::PI * cutoff_hz) + 0.5e-4;
+            assert!((delay_s / wanted_s - 1.0).abs() < 0.03, "{cutoff_hz}: {delay_s}, {wanted_s}");
+            assert!(noise < 0.001);
+        }
+        let [slow, fast] = [100.0, 2000.0].map(|hz| quality(&scene, "butterworth", hz).unwrap());
+        assert!(slow[0] > fast[0] && slow[1] < fast[1]);
+        let ended = AtomicBool::new(false);
+        let nothing = predict(&scene, NUCLEO_F446RE, "nonsense", 1000.0, &ended);
+        assert!(nothing.error.unwrap().contains("nonsense") && nothing.delay_s.is_none());
+        assert!(Envelope::of(NUCLEO_F446RE).points("butterworth", 1500.0).len() > 10);
+    }
+}

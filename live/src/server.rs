@@ -1,0 +1,276 @@
+//! HTTP and WebSocket, on the loopback interface only.
+
+mod picture;
+mod socket;
+
+use std::{
+    collections::HashMap,
+    net::Ipv4Addr,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
+    },
+    time::{Duration, Instant},
+};
+
+use axum::{
+    Router,
+    extract::{Path, Query, Request, State, WebSocketUpgrade},
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    middleware::{self, Next},
+    response::{IntoResponse, Response},
+    routing::get,
+};
+use host_sim::{
+    error::Error,
+    interrupt,
+    output::terminal::{note, print_text},
+    scene::NamedScene,
+};
+use live::{
+    access::{Access, MESSAGE_MAX, PAGES_MAX},
+    hub::Hub,
+    predicted::{Predicted, predict},
+    seats::Seats,
+};
+use virtual_board::board::Board;
+
+use picture::Scale;
+
+/// Between two looks at who is there.
+const LOOK: Duration = Duration::from_millis(20);
+/// Rows of a table that a page may save.
+const ROWS_MAX: u64 = 200_000;
+/// Predictions that are kept.
+const PREDICTIONS: usize = 200;
+
+macro_rules! assets {
+    ($($name:literal: $kind:literal),*) => {
+        /// Name, type, bytes.
+        const ASSETS: &[(&str, &str, &[u8])] = &[
+            $(($name, $kind, include_bytes!(concat!("../assets/", $name)))),*
+        ];
+    };
+}
+
+assets! {
+    "style.css": "text/css", "uPlot.min.css": "text/css", "uPlot.iife.min.js": "text/javascript",
+    "app.js": "text/javascript", "link.js": "text/javascript", "plots.js": "text/javascript",
+    "plane.js": "text/javascript", "handle.js": "text/javascript", "console.js": "text/javascript",
+    "save.js": "text/javascript", "uPlot.LICENSE": "text/plain"
+}
+const PAGE: &str = include_str!("../assets/index.html");
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
+                      img-src 'self' data: blob:; connect-src 'self'; form-action 'none'; base-uri 'none'; \
+                      frame-ancestors 'none'";
+
+/// What the requests share.
+pub struct App {
+    hub: Arc<Hub>,
+    access: Access,
+    seats: Mutex<Seats>,
+    scene: NamedScene,
+    board: Board,
+    scale: Scale,
+    /// Sockets that are open or about to be.
+    open: AtomicUsize,
+    predictions: Mutex<HashMap<String, Arc<Predicted>>>,
+    predicting: tokio::sync::Semaphore,
+    ended: AtomicBool,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl App {
+    fn seats(&self) -> MutexGuard<'_, Seats> {
+        lock(&self.seats)
+    }
+
+    /// What the simulator predicts, walked once for each estimator and cutoff.
+    async fn predict(
+        self: &Arc<Self>,
+        estimator: String,
+        cutoff_hz: f64,
+    ) -> Option<Arc<Predicted>> {
+        let key = format!("{estimator} {cutoff_hz}");
+        let _turn = self.predicting.acquire().await.ok()?;
+        if let Some(found) = lock(&self.predictions).get(&key) {
+            return Some(Arc::clone(found));
+        }
+        let app = Arc::clone(self);
+        let walk = move || predict(&app.scene, app.board, &estimator, cutoff_hz, &app.ended);
+        let found = Arc::new(tokio::task::spawn_blocking(walk).await.ok()?);
+        let mut all = lock(&self.predictions);
+        if all.len() >= PREDICTIONS {
+            all.clear();
+        }
+        all.insert(key, Arc::clone(&found));
+        Some(found)
+    }
+}
+
+/// Serves until the program is interrupted.
+///
+/// # Errors
+/// The port is taken.
+pub fn serve(hub: &Arc<Hub>, scene: &NamedScene, board: Board, port: u16) -> Result<(), Error> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(|error| Error::Internal(error.to_string()))?;
+    let served = runtime.block_on(listen(hub, scene, board, port));
+    runtime.shutdown_timeout(Duration::from_millis(100));
+    served
+}
+
+async fn listen(hub: &Arc<Hub>, scene: &NamedScene, board: Board, port: u16) -> Result<(), Error> {
+    let taken = |error: std::io::Error| Error::Input(format!("--port {port}: {error}"));
+    let listener =
+        tokio::net::TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(taken)?;
+    let port = listener.local_addr().map_err(taken)?.port();
+    let mut secret = [0; 16];
+    getrandom::fill(&mut secret).map_err(|error| Error::Internal(error.to_string()))?;
+    let app = Arc::new(App {
+        hub: Arc::clone(hub),
+        access: Access::new(secret, port),
+        seats: Mutex::default(),
+        scale: Scale::of(&scene.scene),
+        scene: scene.clone(),
+        board,
+        open: AtomicUsize::new(0),
+        predictions: Mutex::default(),
+        predicting: tokio::sync::Semaphore::new(1),
+        ended: AtomicBool::new(false),
+    });
+    print_text(&app.access.address())?;
+    note("open this address in a browser on this machine; end with Ctrl-C");
+    let router = Router::new()
+        .route("/", get(page))
+        .route("/ws", get(upgrade))
+        .route("/rows.csv", get(rows))
+        .route("/assets/{name}", get(asset))
+        .layer(middleware::from_fn_with_state(Arc::clone(&app), only_here))
+        .with_state(Arc::clone(&app));
+    tokio::select! {
+        ended = axum::serve(listener, router) => ended.map_err(|error| Error::Internal(error.to_string())),
+        ended = attend(&app) => ended,
+    }
+}
+
+/// Looks who is there, and whether to go on.
+async fn attend(app: &App) -> Result<(), Error> {
+    let mut look = tokio::time::interval(LOOK);
+    loop {
+        look.tick().await;
+        app.hub.attended.store(app.seats().is_attended(Instant::now()), Relaxed);
+        if interrupt::is_requested() {
+            app.ended.store(true, Relaxed);
+            return interrupt::check();
+        }
+    }
+}
+
+/// Requests for another name than this machine's are refused, whatever they are for.
+async fn only_here(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    if !app.access.is_our_host(text(request.headers(), header::HOST)) {
+        return (StatusCode::FORBIDDEN, "another host").into_response();
+    }
+    let mut response = next.run(request).await;
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+type Words = Query<HashMap<String, String>>;
+
+fn has_token(app: &App, Query(words): &Words) -> bool {
+    app.access.is_our_token(words.get("token").map(String::as_str))
+}
+
+const WRONG_TOKEN: (StatusCode, &str) = (
+    StatusCode::FORBIDDEN,
+    "open the address that cargo live has printed: its token is missing or wrong",
+);
+
+async fn page(State(app): State<Arc<App>>, words: Words) -> Response {
+    if !has_token(&app, &words) {
+        return WRONG_TOKEN.into_response();
+    }
+    ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], PAGE).into_response()
+}
+
+async fn asset(Path(name): Path<String>) -> Response {
+    match ASSETS.iter().find(|(known, ..)| *known == name) {
+        Some((_, kind, bytes)) => ([(header::CONTENT_TYPE, *kind)], *bytes).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+/// The rows of a view: `from`, `rows`.
+async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
+    if !has_token(&app, &words) {
+        return WRONG_TOKEN.into_response();
+    }
+    let number = |name: &str| words.get(name).and_then(|word| word.parse::<u64>().ok());
+    let (Some(from), Some(count)) = (number("from"), number("rows").filter(|n| *n <= ROWS_MAX))
+    else {
+        let text = format!("from=N and rows=N, at most {ROWS_MAX}");
+        return (StatusCode::BAD_REQUEST, text).into_response();
+    };
+    let table = picture::table(&app.hub, &app.scale, from, count);
+    ([(header::CONTENT_TYPE, "text/csv")], table).into_response()
+}
+
+/// A socket is opened to a page that this server served, and to nobody else.
+async fn upgrade(
+    State(app): State<Arc<App>>,
+    words: Words,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    if !has_token(&app, &words) {
+        return WRONG_TOKEN.into_response();
+    }
+    if !app.access.is_our_origin(text(&headers, header::ORIGIN)) {
+        return (StatusCode::FORBIDDEN, "another origin").into_response();
+    }
+    let Some(place) = Place::take(&app) else {
+        let text = format!("{PAGES_MAX} pages are open already");
+        return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
+    };
+    upgrade
+        .max_message_size(MESSAGE_MAX)
+        .max_frame_size(MESSAGE_MAX)
+        .on_upgrade(move |socket| socket::run(app, socket, place))
+}
+
+/// One of the pages that may be open.
+pub struct Place(Arc<App>);
+
+impl Place {
+    fn take(app: &Arc<App>) -> Option<Self> {
+        let taken = app.open.fetch_add(1, Relaxed);
+        let place = Self(Arc::clone(app)); // given back when it is dropped
+        (taken < PAGES_MAX).then_some(place)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.open.fetch_sub(1, Relaxed);
+    }
+}

@@ -1,0 +1,120 @@
+//! When to stop and look: a view that ends some time after something has happened.
+
+use zwidth::telemetry::Flags;
+
+use crate::history::{History, Row, SIGNALS};
+
+/// What is waited for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Trigger {
+    /// Nothing.
+    #[default]
+    Off,
+    /// The handle enters the wall.
+    Contact,
+    /// A fault is latched.
+    Fault,
+    /// A signal passes a level upwards, or downwards.
+    Level {
+        /// 0 position, 1 velocity, 2 force.
+        signal: usize,
+        /// In the integers of the control.
+        level: i32,
+        /// Upwards.
+        rising: bool,
+    },
+}
+
+impl Trigger {
+    /// Whether it is allowed.
+    pub fn is_valid(&self) -> bool {
+        !matches!(self, Self::Level { signal, .. } if *signal >= SIGNALS)
+    }
+
+    fn is_met(&self, before: &Row, now: &Row) -> bool {
+        let enters = |flag: Flags| before.flags & flag.bits() == 0 && now.flags & flag.bits() != 0;
+        match *self {
+            Self::Off => false,
+            Self::Contact => enters(Flags::CONTACT),
+            Self::Fault => enters(Flags::FAULT),
+            Self::Level { signal, level, rising } => {
+                let [a, b] = [before, now].map(|row| row.values.get(signal).copied());
+                let (Some(a), Some(b)) = (a, b) else { return false };
+                if rising { a < level && b >= level } else { a > level && b <= level }
+            }
+        }
+    }
+}
+
+/// Looks at rows once each.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Watch {
+    trigger: Trigger,
+    next: u64,
+    /// Number of the row at which it was met.
+    pub met: Option<u64>,
+}
+
+impl Watch {
+    /// Waits for it from now on.
+    pub fn arm(&mut self, trigger: Trigger, history: &History) {
+        *self = Self { trigger, next: history.rows()[1], met: None };
+    }
+
+    /// Looks at what has come since.
+    pub fn look(&mut self, history: &History) {
+        let [begin, end] = history.rows();
+        if self.next > end {
+            self.next = end; // a board that was reset
+        }
+        self.next = self.next.max(begin + 1);
+        while self.met.is_none() && self.trigger != Trigger::Off && self.next < end {
+            let rows = (history.row(self.next - 1), history.row(self.next));
+            if let (Some(before), Some(now)) = rows
+                && self.trigger.is_met(&before, &now)
+            {
+                self.met = Some(self.next);
+            }
+            self.next += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(force: i32, flags: Flags) -> Row {
+        Row { values: [0, 0, force], flags: flags.bits() }
+    }
+
+    #[test]
+    fn it_is_met_once_at_the_first_row_that_does() {
+        let mut history = History::new();
+        let flag = |n: u64| if n % 100 >= 50 { Flags::CONTACT } else { Flags::default() };
+        let push = |history: &mut History, numbers: std::ops::Range<u64>| {
+            for n in numbers {
+                history.push(n, &row(i32::try_from(n % 60).unwrap(), flag(n)));
+            }
+        };
+        push(&mut history, 0..70);
+        let level = Trigger::Level { signal: 2, level: 30, rising: true };
+        let falling = Trigger::Level { signal: 2, level: 30, rising: false };
+        for (trigger, wanted) in [
+            (Trigger::Contact, Some(150)),
+            (level, Some(90)),
+            (falling, Some(120)),
+            (Trigger::Fault, None),
+            (Trigger::Off, None),
+        ] {
+            let mut history = History::new();
+            push(&mut history, 0..70);
+            let mut watch = Watch::default();
+            watch.arm(trigger, &history);
+            push(&mut history, 70..300);
+            watch.look(&history);
+            assert_eq!(watch.met, wanted, "{trigger:?}");
+        }
+        assert!(!Trigger::Level { signal: 3, level: 0, rising: true }.is_valid());
+    }
+}
