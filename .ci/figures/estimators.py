@@ -587,9 +587,7 @@ def criteria_levers(limit, push):
         cells = []
         for between in ("as-is", "amplifier", "amplifier-and-mode"):
             of_it = [r for r in in_row if r["between"] == between and r["estimator"] == "scene"]
-            most = max(float(r["area_n2_s_per_m2"]) for r in of_it)
-            # the smallest that is as good as the largest: the ideal cutoff
-            best = min((r for r in of_it if float(r["area_n2_s_per_m2"]) >= 0.98 * most), key=lambda r: float(r["cutoff_hz"]))
+            best = next(r for r in of_it if r["cutoff_hz"] == r["ideal_cutoff_hz"])
             cells.append(f"{plain_area(best)} ({float(best['cutoff_hz']):g} Hz)")
         told = next(r for r in in_row if r["estimator"] == "true-velocity")
         body.append([of_loop, period, *cells, plain_area(told)])
@@ -639,6 +637,49 @@ def criteria_by_hand():
         body.append([f"`{name}`, {tuned(of('paper-1um', name))}", motor, ends(f"by_hand/{name}"), three(f"by_hand/{name}/twin"),
                      three(f"by_hand/{name}/independent")])
     return table(["estimator", "motor", "hand, four starts", "twin in `f64`", "independent program"], body)
+
+
+@block
+def criteria_felt():
+    body = {}
+    for encoder in ("1um", "2um"):
+        for r in limit_rows(f"felt-paper-{encoder}.csv", estimator="scene"):
+            if r["cutoff_hz"] != r["ideal_cutoff_hz"]:
+                continue
+            who = "the worst of all" if r["push"] == "worst" else f"{r['arm'] or 'free'}, {r['push']}"
+            key = (f"{encoder[0]} um", who)
+            body.setdefault(key, {})[float(r["limit"])] = f"{limit_area(r).rstrip('*')} at {float(r['cutoff_hz']):g}"
+    return table(["encoder", "arm, push", "12 dB more sensitive", "the model", "12 dB less sensitive"],
+                 [[*key, *(cells[level] for level in (-12.0, 0.0, 12.0))] for key, cells in body.items()])
+
+
+@block
+def criteria_felt_design():
+    found = rows("felt-design-paper-1um-0.csv")
+    names = list(dict.fromkeys(r["condition"] for r in found))
+    def of(condition, name):
+        return design_area(row("felt-design-paper-1um-0.csv", condition=condition, filter=name))
+    return table(["who pushes, arm", "Butterworth's best", "designed"],
+                 [[name.replace(" pushes", "").split(", felt")[0], of(name, "butterworth"), of(name, "1")] for name in names])
+
+
+@block
+def criteria_second():
+    body = [[limit, *(m(f"host/criteria/levers/{key}/{which}", 0) for which in ("cells", "within")),
+             f"{float(m(f'host/criteria/levers/{key}/worst_percent')):.1f} %"] for limit, key in [("1 um", "1um"), ("15 um", "15um")]]
+    return table(["limit, motor", "loops", "within 3 %", "farthest off"], body)
+
+
+@block
+def criteria_resolution():
+    body = []
+    for text, level in [("12 dB less sensitive", 12), ("the model", 0), ("12 dB more sensitive", -12)]:
+        cells = []
+        for name in ("paper", "board"):
+            um, hz, b = (float(measured(f"host/criteria/felt/{name}/{level}/{key}")) for key in ("um", "cutoff_hz", "damping"))
+            cells.append(f"{significant(um, 2)} um ({hz:g} Hz, {b:g} N s/m)")
+        body.append([text, *cells])
+    return table(["who feels", "the paper's loop", "with the NUCLEO-F446RE's latency"], body)
 
 
 @block
@@ -694,7 +735,8 @@ def criteria_arms():
 # A designed filter
 DESIGNS = [("1 um, 15 um of the counts, motor", "paper-1um"), ("2 um, 15 um of the counts, motor", "paper-2um"),
            ("1 um, 15 um of the counts, hand", "paper-1um-hand"), ("2 um, 15 um of the counts, hand", "paper-2um-hand"),
-           ("1 um, 1 um of the motion, motor", "paper-1um-quiet"), ("2 um, 1 um of the motion, motor", "paper-2um-quiet")]
+           ("1 um, 1 um of the motion, motor, K by 1000", "paper-1um-quiet"),
+           ("2 um, 1 um of the motion, motor, K by 1000", "paper-2um-quiet")]
 
 
 def design_area(r):
@@ -717,6 +759,26 @@ def design_areas():
     return table(["encoder, RMS limit, push", "Butterworth's best", "gain peak 3 dB", "6 dB", "no limit"], body)
 
 
+def design_cell(filters, peak):
+    """The best below that gain peak, with its delay where it is one."""
+    below = [r for r in filters if float(r["gain_peak_db"]) <= peak]
+    if not below:
+        return "-"
+    best = max(below, key=lambda r: float(r["area_n2_s_per_m2"]))
+    delay = 1e3 * float(best["delay_s"])
+    return design_area(best) + (f" ({delay:.1f} ms)" if delay >= 0.05 else "")
+
+
+@block
+def design_two():
+    body = []
+    for encoder, scene in [("1 um", "paper-1um"), ("2 um", "paper-2um")]:
+        for text, tail in [("one section", ""), ("two, no delay", "-two-no-delay"), ("two, any delay", "-two")]:
+            filters = rows(f"design-{scene}{tail}.csv")
+            body.append([encoder, text, *(design_cell(filters, peak) for peak in (3, 6, math.inf))])
+    return table(["encoder", "filter", "gain peak 3 dB", "6 dB", "no limit"], body)
+
+
 @block
 def design_front(name):
     body = [[number(float(r["gain_peak_db"]), 1), design_area(r), f"{float(r['times_butterworth']):.2f}",
@@ -725,6 +787,12 @@ def design_front(name):
              f"{float(r['lead_s']):g}", f"{float(r['zero']):g}"] for r in rows(f"design-{name}.csv")]
     return table(["gain peak, dB", "area, 10^6 N^2 s/m^2", "times Butterworth's", "delay, ms", "force above 100 Hz, mN",
                   "left when mistuned", "`frequency_hz`", "`damping`", "`lead_s`", "`zero`"], body)
+
+
+slots(
+    "docs/design.md",
+    ("It costs {} cycles more", lambda: int(float(m("elf/estimator_cost/biquad-2/most"))) - int(float(m("elf/estimator_cost/biquad/most")))),
+)
 
 
 @block

@@ -37,14 +37,21 @@ LONG = {
         "paper-1um": "paper-1um", "paper-2um": "paper-2um",
         "paper-1um-hand": "paper-1um --push hand --gain-peak-db 6",
         "paper-2um-hand": "paper-2um --push hand --gain-peak-db 6",
-        "paper-1um-quiet": "paper-1um --limits 1e-6 --rms-of motion --steps 500,5 --gain-peak-db 3",
-        "paper-2um-quiet": "paper-2um --limits 1e-6 --rms-of motion --steps 500,5 --gain-peak-db 3"}.items()},
+        **{f"{scene}-quiet": f"{scene} --limits 1e-6 --rms-of motion --steps 1000,5 --gain-peak-db 3"
+           for scene in ("paper-1um", "paper-2um")},
+        **{f"{scene}-two": f"{scene} --sections 2" for scene in ("paper-1um", "paper-2um")},
+        **{f"{scene}-two-no-delay": f"{scene} --sections 2 --delay 0" for scene in ("paper-1um", "paper-2um")}}.items()},
     "design-paper-1um-six": ("cargo sim design paper-1um --push motor,hand --arms none,heavy,light", {
         "design.csv": "design-paper-1um-six.csv", "conditions.csv": "design-paper-1um-six-conditions.csv"}),
     "limits-paper-1um": (
         "cargo sim sweep paper-1um --limits 15e-6,5e-6,2e-6,1e-6,0.5e-6,felt", {"limits.csv": "limits-paper-1um.csv"}),
     "limits-paper-1um-arms": (
         "cargo sim sweep paper-1um --limits 15e-6,1e-6,felt --arms all --repeat 2", {"limits.csv": "limits-paper-1um-arms.csv"}),
+    **{f"felt-{scene}": (f"cargo sim sweep {scene} --limits felt=-12,felt=0,felt=12 --arms all --repeat 1",
+                         {"limits.csv": f"felt-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
+    **{f"felt-design-{scene}-{level}": (
+        f"cargo sim design {scene} --limits felt={level} --push motor,hand --arms none,heavy,light --steps 500,5 --budget 300 "
+        "--repeat 2", {"conditions.csv": f"felt-design-{scene}-{level}.csv"}) for scene, level in [("paper-1um", 0)]},
     "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
         f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",

@@ -18,6 +18,8 @@ use host_sim::{
 };
 use zwidth::experiment::Verdict;
 
+mod felt;
+mod second;
 mod tables;
 
 fn paper(name: &str) -> Scene {

@@ -20,13 +20,13 @@ fn scene(name: &str) -> Scene {
     NamedScene::load(name).unwrap().scene
 }
 
-fn ask(
+fn question(
     conditions: Vec<Condition>,
     gain_peak_db: Option<f64>,
     budget: u32,
     seed: u64,
-) -> DesignStudy {
-    let question = Question {
+) -> Question {
+    Question {
         conditions,
         gain_peak_db,
         delay_s: None,
@@ -37,7 +37,16 @@ fn ask(
         repeats: 4,
         seed,
         numeric: Numeric::Fixed,
-    };
+    }
+}
+
+fn ask(
+    conditions: Vec<Condition>,
+    gain_peak_db: Option<f64>,
+    budget: u32,
+    seed: u64,
+) -> DesignStudy {
+    let question = question(conditions, gain_peak_db, budget, seed);
     design(Engine::lanes(), question, &AtomicBool::new(false), |_| ()).unwrap()
 }
 
@@ -66,23 +75,48 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    let mut hand = scene("paper-1um");
-    hand.wall_hit.push_by = PushBy::Hand;
-    let area = below(&ask(one(hand), Some(6.0), 3000, 1), 6.0);
-    println!("paper-1um, hand, 6 dB: {area:.0}, at least 900");
-    assert!(area >= 900.0, "{area}");
+    // with the coarser encoder the other program's 704 is not reached: docs/design.md says what was tried
+    for (name, least) in [("paper-1um", 900.0), ("paper-2um", 600.0)] {
+        let mut hand = scene(name);
+        hand.wall_hit.push_by = PushBy::Hand;
+        let area = below(&ask(one(hand), Some(6.0), 3000, 1), 6.0);
+        println!("{name}, hand, 6 dB: {area:.0}, at least {least}");
+        assert!(area >= least, "{name}: {area}");
+    }
 }
 
-/// A limit of 1 um of the true motion, steps 500 N/m and 5 N s/m.
+/// A second section, without delay: more than one section finds, in fixed point.
+#[test]
+#[ignore = "minutes: .ci/long design"]
+fn two_sections_hold_more_than_one() {
+    for (name, wanted) in [
+        ("paper-1um", [(f64::INFINITY, 125.0), (6.0, 86.0), (3.0, 65.5)]),
+        ("paper-2um", [(f64::INFINITY, 108.0), (6.0, 72.0), (3.0, 56.0)]),
+    ] {
+        let mut question = question(one(scene(name)), None, 6000, 1);
+        (question.sections, question.delay_s) = (2, Some(0.0));
+        let study = design(Engine::lanes(), question, &AtomicBool::new(false), |_| ()).unwrap();
+        for (peak_db, least) in wanted {
+            let area = below(&study, peak_db);
+            println!("{name}, two sections, {peak_db} dB: {area:.1}, at least {least}");
+            assert!(area >= least, "{name} {peak_db} dB: {area}");
+        }
+        for filter in &study.filters {
+            assert!(filter.shape.led_s() > -1e-8 && filter.sections.len() == 2, "{filter:?}");
+        }
+    }
+}
+
+/// A limit of 1 um of the true motion, steps 1000 N/m and 5 N s/m: smaller ones of K find less (docs/design.md).
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {
-    for (name, least) in [("paper-1um", 15.0), ("paper-2um", 9.1)] {
+    for (name, least) in [("paper-1um", 15.0), ("paper-2um", 9.4)] {
         let mut scene = scene(name);
         scene.wall_hit.rms_limit_m = 1e-6;
         scene.wall_hit.rms_of = RmsOf::Motion;
-        scene.walk.stiffness_start_n_per_m = 500.0;
-        scene.walk.stiffness_step_n_per_m = 500.0;
+        scene.walk.stiffness_start_n_per_m = 1000.0;
+        scene.walk.stiffness_step_n_per_m = 1000.0;
         scene.walk.damping_start_n_s_per_m = 5.0;
         scene.walk.damping_step_n_s_per_m = 5.0;
         let area = below(&ask(one(scene), Some(3.0), 3000, 1), 3.0);

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::limits::{Limits, RmsOfArg, parse};
+use super::limits::{Asked, Limits, RmsOfArg, parse};
 use crate::{
     error::Error,
     scene::{Criterion, PushBy, Scene},
@@ -57,8 +57,12 @@ impl Conditions {
         let hit = &mut scene.wall_hit;
         match self.limit.as_ref().and_then(|limits| limits.0.first()) {
             None => {}
-            Some(None) => hit.criterion = Criterion::Felt,
-            Some(Some(limit_m)) => hit.rms_limit_m = *limit_m,
+            Some(Asked::Felt) => hit.criterion = Criterion::Felt,
+            Some(Asked::FeltAt(level_db)) => {
+                hit.criterion = Criterion::Felt;
+                hit.felt_limit_db = *level_db;
+            }
+            Some(Asked::Rms(limit_m)) => hit.rms_limit_m = *limit_m,
         }
         if let Some(rms_of) = self.rms_of {
             hit.rms_of = rms_of.into();

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common,
-    limits::{Limits, Pair, RmsOfArg, pair, parse},
+    limits::{Asked, Limits, Pair, RmsOfArg, pair, parse},
     progress,
 };
 use crate::{
@@ -56,7 +56,8 @@ pub struct DesignArgs {
     /// the free handle, or `all` for it and all of them [default: the scene's].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     arms: Option<Vec<String>>,
-    /// Limits in the place of the scene's, the worst counts: RMS limits in m, and `felt` for wall_hit.felt_limit_db.
+    /// Limits in the place of the scene's, the worst counts: RMS limits in m, `felt` for
+    /// wall_hit.felt_limit_db, `felt=DB` for another level.
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
@@ -194,7 +195,7 @@ impl DesignArgs {
             }
             Some(names) => names.iter().cloned().map(Some).collect(),
         };
-        let limits: Vec<Option<Option<f64>>> = match &self.limits {
+        let limits: Vec<Option<Asked>> = match &self.limits {
             None => vec![None],
             Some(Limits(limits)) => limits.iter().copied().map(Some).collect(),
         };
@@ -221,11 +222,16 @@ impl DesignArgs {
                     }
                     match limit {
                         None => {}
-                        Some(None) => {
+                        Some(Asked::Felt) => {
                             scene.wall_hit.criterion = Criterion::Felt;
                             name += ", felt";
                         }
-                        Some(Some(limit_m)) => {
+                        Some(Asked::FeltAt(level_db)) => {
+                            scene.wall_hit.criterion = Criterion::Felt;
+                            scene.wall_hit.felt_limit_db = *level_db;
+                            name += &format!(", felt {level_db} dB");
+                        }
+                        Some(Asked::Rms(limit_m)) => {
                             scene.wall_hit.rms_limit_m = *limit_m;
                             name += &format!(", {limit_m:e} m");
                         }

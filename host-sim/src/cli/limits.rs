@@ -19,7 +19,8 @@ const FINER: f64 = 4.0;
 #[derive(Clone, Debug, Args)]
 pub struct LimitArgs {
     /// Areas and ideal cutoff for each limit, by motor and by hand, and with the true velocity in place of an estimate: RMS
-    /// limits in m, and `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db.
+    /// limits in m, `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db, and `felt=DB` for one
+    /// level over the threshold, which is the threshold curve moved by as much.
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
     /// With --limits: also in these arms, and the worst of all: names of [arms.NAME] or of built-in models (heavy, light),
@@ -55,14 +56,29 @@ impl From<RmsOfArg> for RmsOf {
     }
 }
 
-/// Limits as typed; `felt` is `None`.
+/// A limit as typed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Asked {
+    /// Of the RMS, m.
+    Rms(f64),
+    /// The scene's level, or several over it.
+    Felt,
+    /// A level over the threshold, dB: the threshold curve moved by as much.
+    FeltAt(f64),
+}
+
+/// Limits as typed.
 #[derive(Clone, Debug)]
-pub(super) struct Limits(pub Vec<Option<f64>>);
+pub(super) struct Limits(pub Vec<Asked>);
 
 impl Limits {
     /// As on the command line.
     pub fn as_typed(&self) -> String {
-        let limit = |limit: &Option<f64>| limit.map_or("felt".into(), |limit| format!("{limit:e}"));
+        let limit = |limit: &Asked| match limit {
+            Asked::Rms(limit_m) => format!("{limit_m:e}"),
+            Asked::Felt => "felt".into(),
+            Asked::FeltAt(level_db) => format!("felt={level_db}"),
+        };
         self.0.iter().map(limit).collect::<Vec<String>>().join(",")
     }
 }
@@ -72,12 +88,20 @@ impl Limits {
 pub(super) struct Pair(pub [f64; 2]);
 
 pub(super) fn parse(text: &str) -> Result<Limits, String> {
-    let limit = |one: &str| match one.trim() {
-        "felt" => Ok(None),
-        number => match number.parse::<f64>() {
-            Ok(limit) if limit.is_finite() && limit > 0.0 => Ok(Some(limit)),
-            _ => Err(format!("`{number}` is no limit, allowed an RMS in m above 0, or felt")),
-        },
+    let limit = |one: &str| {
+        let one = one.trim();
+        let (level, number) =
+            one.strip_prefix("felt=").map_or((false, one), |number| (true, number));
+        match number.parse::<f64>() {
+            _ if one == "felt" => Ok(Asked::Felt),
+            Ok(level_db) if level && level_db.is_finite() => Ok(Asked::FeltAt(level_db)),
+            Ok(limit_m) if !level && limit_m.is_finite() && limit_m > 0.0 => {
+                Ok(Asked::Rms(limit_m))
+            }
+            _ => Err(format!(
+                "`{one}` is no limit, allowed an RMS in m above 0, felt, or felt=DB over the threshold"
+            )),
+        }
     };
     text.split(',').map(limit).collect::<Result<_, _>>().map(Limits)
 }
@@ -103,8 +127,9 @@ impl LimitArgs {
         let limits: Vec<Limit> = asked
             .iter()
             .flat_map(|limit| match limit {
-                Some(limit_m) => vec![Limit::Rms(*limit_m)],
-                None => LEVELS_DB.iter().map(|db| Limit::Felt(felt_db + db)).collect(),
+                Asked::Rms(limit_m) => vec![Limit::Rms(*limit_m)],
+                Asked::Felt => LEVELS_DB.iter().map(|db| Limit::Felt(felt_db + db)).collect(),
+                Asked::FeltAt(level_db) => vec![Limit::Felt(*level_db)],
             })
             .collect();
         let walk = finer(&scene.walk, self.steps, self.starts);

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common,
-    limits::{Limits, Pair, finer, pair, parse},
+    limits::{Asked, Limits, Pair, finer, pair, parse},
     progress,
 };
 use crate::{
@@ -62,7 +62,11 @@ pub fn run(
 ) -> Result<(), Error> {
     crate::study::asked::prepare(scene)?;
     let felt_db = scene.scene.wall_hit.felt_limit_db;
-    let limits = args.limits.0.iter().map(|limit| limit.map_or(Limit::Felt(felt_db), Limit::Rms));
+    let limits = args.limits.0.iter().map(|limit| match limit {
+        Asked::Rms(limit_m) => Limit::Rms(*limit_m),
+        Asked::Felt => Limit::Felt(felt_db),
+        Asked::FeltAt(level_db) => Limit::Felt(*level_db),
+    });
     let limits: Vec<Limit> = limits.collect();
     let walk = finer(&scene.scene.walk, args.steps, None);
     super::limits::check(&scene.scene, &limits, walk)?;

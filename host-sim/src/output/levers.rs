@@ -21,7 +21,8 @@ const HEADER: &str = "loop,output_period_samples,latency_samples,between,push,li
                       area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,stiffness_peak_n_per_m,\
                       damping_max_n_s_per_m,capped_walks,walks,stiffness_start_n_per_m,stiffness_step_n_per_m,\
                       stiffness_max_n_per_m,damping_start_n_s_per_m,damping_step_n_s_per_m,\
-                      damping_max_tried_n_s_per_m,schema_version";
+                      damping_max_tried_n_s_per_m,ideal_cutoff_hz,\
+                      ideal_low_hz,ideal_high_hz,schema_version";
 
 /// Question and answer.
 #[derive(Clone, Debug)]
@@ -95,6 +96,10 @@ impl LeverStudy {
             let (limit, unit) = value(result.limit);
             let estimated =
                 result.cutoffs.iter().map(|(cutoff_hz, walked)| (cutoff_hz.to_string(), walked));
+            let ideal = result.sweep.ideal.map_or(",,".into(), |ideal| {
+                let [low, high] = ideal.range_hz;
+                format!("{},{low},{high}", ideal.cutoff_hz)
+            });
             let told = [(String::new(), &result.told)];
             let told = told.into_iter().filter(|(_, walked)| !walked.boundaries.is_empty());
             for (cutoff_hz, walked) in estimated.chain(told) {
@@ -105,7 +110,7 @@ impl LeverStudy {
                 let _ = writeln!(
                     text,
                     "{of_loop},{},{},{},{},{limit},{unit},{estimator},{cutoff_hz},{},{low},{high},{},{},{},{},{grid},\
-                     {SCHEMA_VERSION}",
+                     {ideal},{SCHEMA_VERSION}",
                     scene.actuator.period,
                     scene.actuator.latency,
                     between.name(),
@@ -126,7 +131,7 @@ impl LeverStudy {
         let summary = |result: &LeverResult| {
             let Lever { of_loop, between, scene } = self.lever(result);
             let (limit, limit_unit) = value(result.limit);
-            let ideal = result.sweep().ideal;
+            let ideal = result.sweep.ideal;
             let best = result.best();
             LeverSummary {
                 of_loop: of_loop.clone(),
@@ -213,7 +218,7 @@ impl LeverStudy {
         let mut text = format!(
             "{} at {} Hz, up to {}; times this area: a perfect velocity {}",
             area(base),
-            own.sweep().ideal?.cutoff_hz,
+            own.sweep.ideal?.cutoff_hz,
             stiffness(peak(base)),
             three_digits(own.told.boundaries.area() / area_of)
         );
@@ -318,7 +323,7 @@ fn area(walked: &Walked) -> String {
 }
 
 fn cell(result: &LeverResult) -> String {
-    let Some(ideal) = result.sweep().ideal else { return "no stable wall".into() };
+    let Some(ideal) = result.sweep.ideal else { return "no stable wall".into() };
     let area = result.best().map_or(String::new(), area);
     format!("{area} ({})", range(ideal.range_hz))
 }

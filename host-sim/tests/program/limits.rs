@@ -60,7 +60,10 @@ fn limits_are_rows_by_who_pushes_and_in_whose_hand() {
 fn what_cannot_be_asked_is_refused() {
     let folder = TempDir::new().unwrap();
     for (args, expected) in [
-        (&["--limits", "1e-6,x"][..], "`x` is no limit, allowed an RMS in m above 0, or felt"),
+        (
+            &["--limits", "1e-6,x"][..],
+            "`x` is no limit, allowed an RMS in m above 0, felt, or felt=DB over the threshold",
+        ),
         (&["--limits", "1e-12"], "--limits: wall_hit.rms_limit_m is 0.000000000001, allowed"),
         (
             &["--limits", "1e-6", "--arms", "nobody"],

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     limits::{Limit, LimitResult, Question, Situation, limits},
+    loops::boards,
     sweep::{CutoffResult, SweepResult, ascending},
     walk::Boundaries,
 };
@@ -136,23 +137,14 @@ pub struct LeverResult {
     pub cutoffs: Vec<(f64, Walked)>,
     /// With the true velocity; nothing where an amplifier or a transmission is added.
     pub told: Walked,
+    /// Their areas, the ideal cutoff and its range.
+    pub sweep: SweepResult,
 }
 
 impl LeverResult {
-    /// The ideal cutoff and its range.
-    pub fn sweep(&self) -> SweepResult {
-        let cutoffs = self.cutoffs.iter().map(|(cutoff_hz, walked)| CutoffResult {
-            cutoff_hz: *cutoff_hz,
-            true_cutoff_hz: *cutoff_hz,
-            boundaries: walked.boundaries.clone(),
-            settles_in_s: None,
-        });
-        SweepResult::of(cutoffs.collect())
-    }
-
     /// What the ideal cutoff walked; `None` if no wall is stable at any.
     pub fn best(&self) -> Option<&Walked> {
-        let ideal = self.sweep().ideal?.cutoff_hz;
+        let ideal = self.sweep.ideal?.cutoff_hz;
         self.cutoffs.iter().find(|(cutoff_hz, _)| *cutoff_hz == ideal).map(|(_, walked)| walked)
     }
 
@@ -209,24 +201,6 @@ fn transmission(mass_kg: f64) -> Mode {
         stiffness_n_per_m: reduced_kg * per_s * per_s,
         damping_n_s_per_m: 2.0 * ratio * reduced_kg * per_s,
     }
-}
-
-/// The scene with the latency and the output stage of each board.
-///
-/// # Errors
-/// It is out of range with them.
-pub fn boards(scene: &Scene) -> Result<Vec<(String, Scene)>, Error> {
-    let mut boards = vec![];
-    for name in ["nucleo-f446re", "discovery-f407"] {
-        let board = NamedScene::load(name)?;
-        let mut own = scene.clone();
-        let rates = own.control.rate_hz / board.scene.control.rate_hz;
-        own.actuator.latency = board.scene.actuator.latency * rates;
-        own.output = board.scene.output;
-        own.check().map_err(Error::Input)?;
-        boards.push((board.name, own));
-    }
-    Ok(boards)
 }
 
 /// The grid of that size.
@@ -286,7 +260,8 @@ pub fn walk_levers(
         let scene = &question.levers[lever].scene;
         let none = Walked { boundaries: Boundaries::default(), walk: grid(&scene.walk, 0) };
         let cutoffs = cutoffs_hz.iter().map(|&hz| (hz, none.clone())).collect();
-        let mut found = LeverResult { lever, limit, push, cutoffs, told: none };
+        let sweep = SweepResult::of(vec![]);
+        let mut found = LeverResult { lever, limit, push, cutoffs, told: none, sweep };
         let own = question.levers[lever].between == Between::Nothing;
         // the size that each is walked with next; the true velocity stands at the end
         let mut next = vec![Some(0); cutoffs_hz.len()];
@@ -313,10 +288,21 @@ pub fn walk_levers(
                 }
             }
         }
+        found.sweep = sweep_of(&found.cutoffs, scene);
         done();
         Ok(found)
     };
     asked.par_iter().with_max_len(1).map(of).collect()
+}
+
+fn sweep_of(cutoffs: &[(f64, Walked)], scene: &Scene) -> SweepResult {
+    let cutoffs = cutoffs.iter().map(|(cutoff_hz, walked)| CutoffResult {
+        cutoff_hz: *cutoff_hz,
+        true_cutoff_hz: scene.true_cutoff_hz(*cutoff_hz),
+        boundaries: walked.boundaries.clone(),
+        settles_in_s: None,
+    });
+    SweepResult::of(cutoffs.collect())
 }
 
 impl LeverResult {

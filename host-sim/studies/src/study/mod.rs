@@ -6,6 +6,7 @@ pub mod envelope;
 pub mod filters;
 pub mod levers;
 pub mod limits;
+pub mod loops;
 pub mod sensitivity;
 pub mod sweep;
 pub mod walk;

@@ -16,8 +16,8 @@ use crate::{
     scene::{NamedScene, RmsOf, Scene, Walk},
     simulation::prepared::Numeric,
     study::{
-        levers::boards,
         limits::{Limit, LimitResult, Question, Situation, limits},
+        loops::boards,
         walk::Boundaries,
     },
 };
