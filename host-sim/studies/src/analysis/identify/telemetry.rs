@@ -50,6 +50,13 @@ impl OutputScale {
         Ok(Self { rate_hz, resolution_m, limit_v, codes })
     }
 
+    /// Whether the code is that of the force, to its rounding.
+    fn fits(&self, sent: &Sent) -> bool {
+        let asked = sent.force / f64::from(Force::FULL_SCALE.bits());
+        self.codes
+            .is_none_or(|(zero, full_scale)| (sent.command - zero - asked * full_scale).abs() < 1.0)
+    }
+
     fn row(&self, sent: &Sent) -> Row {
         let share = match self.codes {
             Some((zero, full_scale)) => (sent.command - zero) / full_scale,
@@ -143,6 +150,14 @@ fn record(
             off.line
         ));
     }
+    if let Some(other) = inside.iter().find(|sent| !scale.fits(sent)) {
+        return Err(format!(
+            "{place} {}: command {} is not that of a force of {:.1} % by the base scene's [output]: it has to be the board's",
+            other.line,
+            other.command,
+            100.0 * other.force / f64::from(Force::FULL_SCALE.bits())
+        ));
+    }
     let rows: Vec<Row> = inside.iter().map(|sent| scale.row(sent)).collect();
     Ok(Record { may_clip: false, ..Record::even(name, &rows, place)? })
 }
@@ -198,6 +213,14 @@ mod tests {
         assert!((coded.voltage_v[3] + 10.0 * 512.0 / 2047.0).abs() < 1e-12);
         let csv = Capture::decode(&bytes).csv();
         assert_eq!(from_capture_csv("capture", &csv, &dac, Span::default()).unwrap(), coded);
+        for other in [Quantisation::Dac { bits: 10 }, Quantisation::Pwm { steps: 4200 }] {
+            let error = from_capture("capture", &bytes, &scale(Some(other)), Span::default());
+            let error = error.unwrap_err();
+            assert!(
+                error.contains("frame 1: command 1536 is not that of a force of -25.0 %"),
+                "{error}"
+            );
+        }
     }
 
     #[test]
