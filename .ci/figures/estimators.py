@@ -3,9 +3,10 @@ have stored."""
 
 import json
 import math
+import re
 
 from . import block, slots, states
-from .source import DATA, MADE, commit, constant, m, measured, number, power, row, rows, significant, table  # noqa: F401
+from .source import DATA, MADE, ROOT, commit, constant, m, measured, number, power, row, rows, significant, table  # noqa: F401
 
 FUSION = "compare-paper-1um-accelerometer.csv"
 
@@ -492,6 +493,22 @@ DIAL_IN = (
 )
 slots("README.md", DIAL_IN)
 slots("docs/comparison.md", DIAL_IN)
+DEFAULTS = "tests/host/defaults.rs"
+
+
+def held_at(which):
+    """Latencies, or limits in um, at which the table is held; in the order of the test."""
+    columns = re.findall(r"\(\s+([\d.]+),\s+([\d.e-]+),\s+\[[\d., ]+\],\s+\[", (ROOT / DEFAULTS).read_text())
+    return [f"{float(value) * (1, 1e6)[which]:g}" for value in dict.fromkeys(column[which] for column in columns)]
+
+
+slots(
+    "docs/comparison.md",
+    ("holds {} of these rows against an independent program, at latencies of {} and {} samples and limits of {} and {} um:",
+     lambda: constant(DEFAULTS, r"const NAMES: \[&str; (\d+)\]"), *[
+         lambda n=n, which=which: held_at(which)[n] for which in (0, 1) for n in (0, 1)]),
+    ("areas above 10^6 agree to {} %,", lambda: f'{100 * float(constant(DEFAULTS, r"theirs > 1.0 && off.abs.. > ([0-9.]+)")):g}'),
+)
 
 
 # What is said in words

@@ -1,7 +1,9 @@
 """The firmware, faults, identification: what tests have measured on the virtual board, and the firmware's constants."""
 
-from . import block, slots
-from .source import constant, lit, m, measured, number, power, significant, table
+import re
+
+from . import block, slots, states
+from .source import ROOT, constant, lit, m, measured, number, power, significant, table
 
 BOARDS = ["nucleo-f446re", "discovery-f407"]
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
@@ -343,5 +345,35 @@ slots(
     ("for at most {} s however often", const("src/experiment/calibration.rs", "LONGEST_S")),
     ("for at most {} ms did not move the count the right way", lambda: number(1e3 * lit("src/safety/plan.rs", r"SIGN_TEST_S: f64 = ([\d.]+)"))),
 )
+FUZZ = "tests/elf/fuzz.rs"
+slots(
+    "docs/virtual-board.md",
+    ("types some {} commands on the NUCLEO. CI types {} on each board, and tries every {}th instant",
+     lambda: constant(FUZZ, r"sessions\(NUCLEO_F446RE, 1, (\d+)\)"), lambda: number(lit(FUZZ, r"sessions\(board, 2, ([\d_]+)\)")),
+     lambda: constant(FUZZ, r"fuzz::sweep\(&session\(board\), (\d+), ")),
+)
 slots("docs/telemetry.md", ("## Frame, layout version 1 {} bytes, no padding", const("src/telemetry.rs", "LEN")))
 slots("docs/settings.md", ("layout version 3 {} words of 32 bits, least", const("src/store/record.rs", "RECORD_WORDS")))
+
+
+# Faults that are brought about on the release image
+CAMPAIGN = ("virtual-board/src/campaign/fault_case.rs", "virtual-board/src/campaign/no_processor.rs")
+
+
+def brought_about():
+    """Codes of the campaign, and those that other tests of the ELF wait for; all that there are."""
+    cases = "\n".join((ROOT / path).read_text() for path in CAMPAIGN)
+    tests = "\n".join(path.read_text() for path in (ROOT / "tests/elf").rglob("*.rs"))
+    codes = re.findall(r"\bcode: (\d+),", cases) + ", ".join(re.findall(r"\ball: &\[([\d, ]+)\]", cases)).split(", ")
+    campaign = {int(code) for code in codes if code != "0"}
+    others = {int(code) for code in re.findall(r'"[^"]*\b(\d\d) \([a-z ]+\)', tests)}
+    all_ = {int(code) for code in re.findall(r"(?m)^\s+\w+ = (\d+), \"", (ROOT / "src/safety/fault.rs").read_text())}
+    return campaign, others, all_
+
+
+def own_tests(*codes):
+    campaign, others, all_ = brought_about()
+    return bool(all_) and all_ - campaign == set(codes) and set(codes) <= others
+
+
+states("docs/firmware.md", ("codes 24, 34, 40, 43 and 44 have tests of their own there.", lambda: own_tests(24, 34, 40, 43, 44)))

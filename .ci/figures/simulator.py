@@ -5,7 +5,7 @@ import math
 import tempfile
 from pathlib import Path
 
-from . import block, slots
+from . import block, slots, states
 from .source import ROOT, programs, shell, changed_scene, constant, lit, number, row, rows, significant, sim, table, m, measured
 
 
@@ -103,6 +103,10 @@ slots(
     "docs/start.md",
     ("Nominal 2000 Hz at 10 kHz is -3 dB at {} Hz.", lambda: number(study("paper-1um")["ideal_true_cutoff_hz"], 1)),
 )
+
+PAPERS = ("paper-1um", "paper-2um")
+states("docs/start.md", ("More repeats, `--repeat 16`, tell more cutoffs apart; here both ranges stay as they are.", lambda: all(
+    ideal(f"{name} --plain --repeat 16")[0] == study(name)["ideal_cutoff_range_hz"] for name in PAPERS)))
 
 slots(
     "docs/device.md",
@@ -263,6 +267,17 @@ slots(
     ("linear envelope with amplifier, mode and arm | within {} % at {} points |",
      lambda: number(lit("tests/host/linear_elements.rs", r"ASIDE: f64 = ([\d.]+);") * 100),
      lambda: m("host/linear_elements/points")),
+    ("energy norm, {} chains of 3 to 7 states, time constants from 1 ns | {} of max(1, norm(A) T); {} at most |",
+     *[lambda key=key: measured(f"sim_loop/augmented/{key}") for key in ("chains", "step_of_size", "step")]),
+    ("share of the largest value | {} |", lambda: measured("sim_loop/augmented/trajectory")),
+    ("order on the linear plant: Euler, RK4, Dormand-Prince | {} to {}, {} to {}, {} to {} |",
+     *[lambda key=f"{method}_{end}", digits=digits: m(f"sim_loop/order/{key}", digits)
+       for method, digits in (("euler", 4), ("rk4", 2), ("dormand_prince", 2)) for end in ("least", "most")]),
+    ("damped stops: Euler, RK4 | {}, {} |", lambda: m("sim_loop/order/run_1", 3), lambda: m("sim_loop/order/run_4", 2)),
+    ("of its energy bound | {} or more undamped, never above |", lambda: m("sim_loop/stop/least", 5)),
+    ("In {} random loops with elements, eigenvalues agree with all {} crossings.",
+     *[lambda key=key: measured(f"sim_studies/crossings/{key}") for key in ("loops", "found")]),
+    ("The design takes the quieter one, to {} %:", lambda: number(math.ceil(100 * float(measured("host/filter/shaping/noisier"))))),
 )
 
 

@@ -3,8 +3,8 @@
 
 use host_sim::scene::NamedScene;
 use zwidth::{
-    Design, HitSettings, Output, Settings, VelocitySettings, WallSettings,
-    console::parse,
+    Design, HitSettings, Output, Settings, SettingsError, VelocitySettings, WallSettings,
+    console::{parse, usages},
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
     safety::SafetySettings,
     velocity::EstimatorName,
@@ -128,8 +128,31 @@ const DESIGN: Design = Design {
     output: Output::Dac { bits: 12 },
 };
 
+/// Refused, and the message names it.
+#[track_caller]
+fn named<T>(name: &str, built: Result<T, SettingsError>) {
+    let error = built.err().unwrap_or_else(|| panic!("{name} is taken")).to_string();
+    assert!(error.contains(name), "{name}: {error}");
+}
+
+fn made<S, T>(
+    settings: &S,
+    build: impl Fn(&S) -> Result<T, SettingsError>,
+) -> Result<T, SettingsError> {
+    build(settings)
+}
+
+/// The settings with one field after the other not a finite number, each refused by its name.
+macro_rules! each_bad {
+    ($type:ident { $($field:ident),+ $(,)? } of $good:ident, $build:expr) => {$(
+        for bad in BAD {
+            named(stringify!($field), made(&$type { $field: bad, ..$good }, $build));
+        }
+    )+};
+}
+
 #[test]
-fn every_number_of_the_core_is_refused() {
+fn every_number_of_the_core_is_refused_by_name() {
     let wall = WallSettings {
         position_m: 0.07,
         stiffness_n_per_m: 1e4,
@@ -168,94 +191,88 @@ fn every_number_of_the_core_is_refused() {
     assert!(safety.build(&DESIGN).is_ok() && back.build(&DESIGN).is_ok());
     assert!(duty.build(&DESIGN, 60_000).is_ok() && calibration.build(&DESIGN).is_ok());
     assert!(walk.check().is_ok());
-    for bad in BAD {
-        for design in [
-            Design { rate_hz: bad, ..DESIGN },
-            Design { resolution_m: bad, ..DESIGN },
-            Design { full_scale_n: bad, ..DESIGN },
-        ] {
-            assert!(good.build(&design).is_err() && hit.build(&design).is_err(), "{design:?}");
-            assert!(safety.build(&design).is_err() && back.build(&design).is_err());
-            assert!(duty.build(&design, 60_000).is_err());
-        }
-        for wall in [
-            WallSettings { position_m: bad, ..wall },
-            WallSettings { stiffness_n_per_m: bad, ..wall },
-            WallSettings { damping_n_s_per_m: bad, ..wall },
-        ] {
-            assert!(Settings { velocity, wall }.build(&DESIGN).is_err(), "{wall:?}");
-        }
-        // Every parameter of every estimator.
-        for name in EstimatorName::ALL {
-            let good = name.defaults();
-            assert!(Settings { velocity: good, wall }.build(&DESIGN).is_ok(), "{good:?}");
-            let places = 0..name.keys().len();
-            for velocity in places.map(|place| good.with_parameter(place, bad)) {
-                assert!(Settings { velocity, wall }.build(&DESIGN).is_err(), "{velocity:?}");
+    each_bad!(Design { rate_hz, resolution_m, full_scale_n } of DESIGN, |design| {
+        assert!(hit.build(design).is_err() && safety.build(design).is_err());
+        assert!(back.build(design).is_err() && duty.build(design, 60_000).is_err());
+        good.build(design)
+    });
+    each_bad!(WallSettings { position_m, stiffness_n_per_m, damping_n_s_per_m } of wall, |wall| {
+        Settings { velocity, wall: *wall }.build(&DESIGN)
+    });
+    // Every parameter of every estimator.
+    for name in EstimatorName::ALL {
+        let good = name.defaults();
+        assert!(Settings { velocity: good, wall }.build(&DESIGN).is_ok(), "{good:?}");
+        for (place, key) in name.keys().iter().enumerate() {
+            for bad in BAD {
+                let velocity = good.with_parameter(place, bad);
+                named(key, Settings { velocity, wall }.build(&DESIGN));
             }
         }
-        for hit in [
-            HitSettings { push_n: bad, ..hit },
-            HitSettings { settle_s: bad, ..hit },
-            HitSettings { window_s: bad, ..hit },
-            HitSettings { rms_limit_m: bad, ..hit },
-        ] {
-            assert!(hit.build(&DESIGN).is_err(), "{hit:?}");
-        }
-        for safety in [
-            SafetySettings { speed_max_m_per_s: bad, ..safety },
-            SafetySettings { speed_believable_m_per_s: bad, ..safety },
-            SafetySettings { travel_low_m: bad, ..safety },
-            SafetySettings { travel_high_m: bad, ..safety },
-            SafetySettings { ramp_in_s: bad, ..safety },
-            SafetySettings { sign_test_force: bad, ..safety },
-        ] {
-            assert!(safety.build(&DESIGN).is_err(), "{safety:?}");
-        }
-        for back in [
-            ReturnSettings { start_m: bad, ..back },
-            ReturnSettings { speed_m_per_s: bad, ..back },
-            ReturnSettings { force_n: bad, ..back },
-            ReturnSettings { stiffness_n_per_m: bad, ..back },
-            ReturnSettings { damping_n_s_per_m: bad, ..back },
-            ReturnSettings { integral_n_per_m_s: bad, ..back },
-            ReturnSettings { tolerance_m: bad, ..back },
-            ReturnSettings { timeout_s: bad, ..back },
-        ] {
-            assert!(back.build(&DESIGN).is_err(), "{back:?}");
-        }
-        for duty in [
-            DutySettings { continuous_force_n: bad, ..duty },
-            DutySettings { time_constant_s: bad, ..duty },
-        ] {
-            assert!(duty.build(&DESIGN, 60_000).is_err(), "{duty:?}");
-        }
-        for calibration in [
-            CalibrationSettings { percent: bad, ..calibration },
-            CalibrationSettings { rise_percent_per_s: bad, ..calibration },
-            CalibrationSettings { hold_s: bad, ..calibration },
-            CalibrationSettings { travel_m: bad, ..calibration },
-        ] {
-            assert!(calibration.build(&DESIGN).is_err(), "{calibration:?}");
-        }
-        for walk in [
-            WalkSettings { stiffness_start_n_per_m: bad, ..walk },
-            WalkSettings { stiffness_step_n_per_m: bad, ..walk },
-            WalkSettings { stiffness_max_n_per_m: bad, ..walk },
-            WalkSettings { damping_start_n_s_per_m: bad, ..walk },
-            WalkSettings { damping_step_n_s_per_m: bad, ..walk },
-            WalkSettings { damping_max_n_s_per_m: bad, ..walk },
-        ] {
-            assert!(walk.check().is_err(), "{walk:?}");
-        }
     }
+    each_bad!(HitSettings { push_n, settle_s, window_s, rms_limit_m } of hit, |hit| {
+        hit.build(&DESIGN)
+    });
+    each_bad!(
+        SafetySettings {
+            speed_max_m_per_s,
+            speed_believable_m_per_s,
+            travel_low_m,
+            travel_high_m,
+            ramp_in_s,
+            sign_test_force,
+        } of safety,
+        |safety| safety.build(&DESIGN)
+    );
+    each_bad!(
+        ReturnSettings {
+            start_m,
+            speed_m_per_s,
+            force_n,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+            integral_n_per_m_s,
+            tolerance_m,
+            timeout_s,
+        } of back,
+        |back| back.build(&DESIGN)
+    );
+    each_bad!(DutySettings { continuous_force_n, time_constant_s } of duty, |duty| {
+        duty.build(&DESIGN, 60_000)
+    });
+    each_bad!(
+        CalibrationSettings { rise_percent_per_s, hold_s, travel_m } of calibration,
+        |calibration| calibration.build(&DESIGN)
+    );
+    for bad in BAD {
+        // By the name of its command.
+        named("calibrate", CalibrationSettings { percent: bad, ..calibration }.build(&DESIGN));
+    }
+    each_bad!(
+        WalkSettings {
+            stiffness_start_n_per_m,
+            stiffness_step_n_per_m,
+            stiffness_max_n_per_m,
+            damping_start_n_s_per_m,
+            damping_step_n_s_per_m,
+            damping_max_n_s_per_m,
+        } of walk,
+        |walk| walk.check()
+    );
 }
 
 #[test]
 fn what_is_typed_on_a_board_is_never_one() {
+    // A word in capitals stands for a number, but for the name of an estimator.
+    let numbers = usages().filter_map(|usage| usage.split_once(' ')).filter(|(_, what)| {
+        *what != "NAME" && what.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_')
+    });
+    let names: Vec<&str> = numbers.map(|(name, _)| name).collect();
+    assert!(names.len() > 20 && names.contains(&"calibrate"), "{names:?}");
     for word in ["nan", "NaN", "inf", "-inf", "infinity", "1e999", "-1e999", "1e309", "0x1p3"] {
-        for name in ["k", "b", "wall", "cutoff", "tuning", "tuning2", "push", "fullscale", "kmax"] {
-            assert!(parse(format!("{name} {word}").as_bytes()).is_err(), "{name} {word}");
+        for name in &names {
+            let error = parse(format!("{name} {word}").as_bytes()).unwrap_err().to_string();
+            assert!(error.contains(name), "{name} {word}: {error}");
         }
     }
 }

@@ -23,3 +23,7 @@ pub mod plant;
 pub mod range;
 pub mod scene;
 pub mod simulation;
+
+#[cfg(test)]
+#[path = "../../../tests/figure.rs"]
+mod figure;

@@ -9,4 +9,8 @@
 pub mod analysis;
 pub mod study;
 
+#[cfg(test)]
+#[path = "../../../tests/figure.rs"]
+mod figure;
+
 use sim_loop::{engine, error, notation, numerics, plant, range, scene, simulation};

@@ -2,7 +2,7 @@
 //! period.
 //!
 //! The table is made when the firmware is built, from the `envelope.csv` of a sweep, by
-//! `src/envelope/generate.rs`. At each B it has an interval of K, and not only its upper end: at large B
+//! `src/safety/envelope/generate.rs`. At each B it has an interval of K, and not only its upper end: at large B
 //! a soft wall chatters where a stiffer one holds. A gain outside is refused until unlocked; so is
 //! every gain of a key that the table does not have, because nothing is known about it.
 

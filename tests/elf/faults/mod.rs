@@ -24,6 +24,7 @@ use crate::{
 
 each_board!(
     damaged_settings_and_power_cuts_leave_settings_that_were_saved,
+    settings_that_are_not_allowed_leave_the_defaults_and_say_so,
     a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop
 );
 
@@ -176,6 +177,10 @@ fn damaged_settings_and_power_cuts_leave_settings_that_were_saved(board: Board) 
     let firmware = Firmware::of(board);
     assert!(settings::flip_every_byte(&firmware, 12) >= 8);
     assert!(settings::cut_every_word(&firmware, 6) >= 8);
+}
+
+fn settings_that_are_not_allowed_leave_the_defaults_and_say_so(board: Board) {
+    settings::take_what_is_not_allowed(&Firmware::of(board));
 }
 
 fn a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop(board: Board) {

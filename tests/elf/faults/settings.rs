@@ -51,6 +51,11 @@ fn record(firmware: &Firmware, sequence: u32, stiffness_n_per_m: f64) -> [u32; R
 /// Boots with those words in the settings sectors; what `load` said and the stiffness in force.
 /// The output is off and there is no fault.
 fn boot(firmware: &Firmware, pieces: &[(u32, &[u32])]) -> (String, String) {
+    boot_to(firmware, pieces, "ok status off, fault none")
+}
+
+/// The same with the status to which it comes.
+fn boot_to(firmware: &Firmware, pieces: &[(u32, &[u32])], expected: &str) -> (String, String) {
     let mut elf = firmware.elf.clone();
     for (address, words) in pieces {
         elf.flash.push((*address, words.iter().flat_map(|word| word.to_le_bytes()).collect()));
@@ -62,7 +67,7 @@ fn boot(firmware: &Firmware, pieces: &[(u32, &[u32])]) -> (String, String) {
     let loaded = world.replies.lines().find(|line| line.contains("load")).unwrap().to_owned();
     let stiffness = stiffness(&mut world);
     let status = ok(&mut world, "status");
-    assert!(status.contains("ok status off, fault none"), "{status}");
+    assert!(status.contains(expected), "{status}");
     assert!(!world.powered.amplifier.is_enabled());
     assert_eq!(world.powered.amplifier.changes().disabled_at, None);
     (loaded, stiffness)
@@ -71,6 +76,15 @@ fn boot(firmware: &Firmware, pieces: &[(u32, &[u32])]) -> (String, String) {
 fn stiffness(world: &mut World<'_>) -> String {
     let get = ok(world, "get");
     get.strip_prefix("ok get ").unwrap().split(',').next().unwrap().to_owned()
+}
+
+/// A whole record with a number that is not allowed: the defaults, and the fault that says so.
+pub fn take_what_is_not_allowed(firmware: &Firmware) {
+    let words = record(firmware, 1, -1.0);
+    let status = "ok status fault, fault 40 (settings)";
+    let (loaded, stiffness) = boot_to(firmware, &[(SECTOR_A, &words)], status);
+    assert_eq!(loaded, "ok load: defaults: this firmware cannot take what was saved");
+    assert_eq!(stiffness, "k 0 N/m");
 }
 
 /// Each byte of the newest of two records, every bit of it turned, or of the only one.

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::{
+    figure::figure,
     numerics::exact::discretise,
     scene::{
         Device, NamedScene,
@@ -64,9 +65,11 @@ fn each_method_shows_its_order() {
         }),
         ..plain
     };
-    for (method, steps, tolerance) in
-        [(EULER, 20_000, 0.02), (RK4, 500, 0.1), (DORMAND_PRINCE, 200, 0.15)]
-    {
+    for (name, method, steps, tolerance) in [
+        ("euler", EULER, 20_000, 0.02),
+        ("rk4", RK4, 500, 0.1),
+        ("dormand_prince", DORMAND_PRINCE, 200, 0.15),
+    ] {
         let orders = [
             order::<2>(&stiffer(plain), method, 0.1, steps),
             order::<3>(&Chain { amplifier: full.amplifier, ..stiffer(plain) }, method, 0.1, steps),
@@ -76,6 +79,9 @@ fn each_method_shows_its_order() {
         for order in orders {
             assert!((order - f64::from(method.order())).abs() < tolerance, "{method:?}: {order}");
         }
+        let [least, most] = [f64::min, f64::max].map(|of| orders.into_iter().reduce(of).unwrap());
+        figure(&format!("sim_loop/order/{name}_least"), format!("{least:.4}"));
+        figure(&format!("sim_loop/order/{name}_most"), format!("{most:.4}"));
     }
 }
 

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::*;
 use crate::{
+    figure::figure,
     plant::PlantStep,
     scene::{
         Device,
@@ -96,7 +97,7 @@ fn error<const N: usize>(chain: &Chain, dt: f64, golden: &[Vec<f64>]) -> (f64, f
 
 #[test]
 fn one_step_matches_fifty_digits() {
-    let (mut worst, mut worst_of_size) = (0f64, 0f64);
+    let (mut worst, mut worst_of_size, mut chains) = (0f64, 0f64, 0);
     for line in STEPS.lines().skip(1) {
         let (chain, dt, golden) = parse(line);
         let (error, size) = match chain.states() {
@@ -110,8 +111,12 @@ fn one_step_matches_fifty_digits() {
         assert!(error <= STEP_ERROR_MAX * size.max(1.0), "{line}");
         worst = worst.max(error);
         worst_of_size = worst_of_size.max(error / size.max(1.0));
+        chains += 1;
     }
     println!("worst {worst:.1e}, of max(1, |A| T) {worst_of_size:.1e}");
+    figure("sim_loop/augmented/chains", chains);
+    figure("sim_loop/augmented/step", format!("{worst:.1e}"));
+    figure("sim_loop/augmented/step_of_size", format!("{worst_of_size:.1e}"));
 }
 
 /// Largest error of a state after 6 s, as a share of the largest that this state was on the way.
@@ -133,6 +138,7 @@ fn trajectory<P: Plant>(plant: &P, golden: &[f64]) -> f64 {
 
 #[test]
 fn six_seconds_match_sixty_digits() {
+    let mut worst = 0f64;
     for line in TRAJECTORIES.lines().skip(1) {
         let (chain, dt, golden) = parse(line);
         let golden = &golden[0];
@@ -146,7 +152,9 @@ fn six_seconds_match_sixty_digits() {
         };
         println!("{error:.1e}: {line:.90}");
         assert!(error <= TRAJECTORY_ERROR_MAX, "{line}: {error:e}");
+        worst = worst.max(error);
     }
+    figure("sim_loop/augmented/trajectory", format!("{worst:.1e}"));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::{
+    figure::figure,
     plant::{AnyPlant, PlantStep},
     scene::{
         Device,
@@ -201,7 +202,7 @@ fn energy_of_the_free_plant_never_grows() {
 #[test]
 fn a_spring_stop_is_no_deeper_than_its_energy_bound() {
     let (high_m, stiffness_n_per_m) = (0.08, 2e4);
-    let mut reached = 0f64;
+    let (mut least, mut most) = (f64::INFINITY, 0f64);
     for speed in [0.0, 0.01, 0.3, 2.0] {
         for force_n in [0.0, 2.0, 40.0] {
             for (method, damping_n_s_per_m) in [(RK4, 0.0), (RK4, 40.0), (DORMAND_PRINCE, 0.0)] {
@@ -219,13 +220,17 @@ fn a_spring_stop_is_no_deeper_than_its_energy_bound() {
                     deepest = deepest.max(plant.position_m(&state) - high_m);
                 }
                 assert!(deepest <= bound * (1.0 + 1e-6) + 1e-15, "{speed} {force_n} {method:?}");
-                if bound > 0.0 {
-                    reached = reached.max(deepest / bound);
+                if bound > 0.0 && damping_n_s_per_m == 0.0 {
+                    least = least.min(deepest / bound);
+                    most = most.max(deepest / bound);
                 }
             }
         }
     }
-    assert!(reached > 0.999, "no case comes near the bound: {reached}");
+    // What lacks is the deepest point's place between two samples.
+    assert!(least > 0.9999, "{least}");
+    figure("sim_loop/stop/least", format!("{least:.6}"));
+    figure("sim_loop/stop/most", format!("{most:.6}"));
 }
 
 #[test]
@@ -287,6 +292,7 @@ fn each_method_keeps_its_order_through_rest_and_stops() {
         let found = (errors[0] / errors[2]).log2() / 2.0;
         println!("order {order}: {errors:?}, {found}");
         assert!((found - order).abs() < tolerance, "{errors:?}");
+        figure(&format!("sim_loop/order/run_{order}"), format!("{found:.4}"));
     }
 }
 

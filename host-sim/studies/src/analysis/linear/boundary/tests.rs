@@ -4,7 +4,13 @@ use super::{
     super::{Device, Elements, Loop, Order, TransferFunction},
     *,
 };
-use crate::scene::element::{Amplifier, Arm, Mode};
+use crate::{
+    figure::figure,
+    scene::element::{Amplifier, Arm, Mode},
+};
+
+/// Random loops.
+const LOOPS: u32 = 400;
 
 /// Step to either side of a crossing at which the eigenvalues must have changed sides.
 const ASIDE: f64 = 1e-4;
@@ -101,12 +107,14 @@ fn eigenvalues_agree_on_both_sides_of_every_crossing() {
 
 #[test]
 fn eigenvalues_agree_on_both_sides_of_every_crossing_with_linear_elements() {
-    agree_at_crossings(Dice(4), Dice::augmented);
+    figure("sim_studies/crossings/loops", LOOPS);
+    figure("sim_studies/crossings/found", agree_at_crossings(Dice(4), Dice::augmented));
 }
 
-fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) {
+/// How many crossings there were.
+fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) -> u32 {
     let (mut crossings, mut unstable_at_zero, mut further, mut inconsistent) = (0, 0, 0, 0);
-    for _ in 0..400 {
+    for _ in 0..LOOPS {
         let of = roll(&mut dice);
         let boundary = Boundary::new(&of).unwrap();
         let monodromy = Monodromy::new(&of).unwrap();
@@ -156,6 +164,7 @@ fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) {
     );
     assert!(crossings > 400 && unstable_at_zero > 20);
     assert_eq!(inconsistent, 0);
+    crossings
 }
 
 #[test]
