@@ -11,7 +11,7 @@ use zwidth::{
     store::{self, Loaded, SaveError, Source, Stored},
 };
 
-use super::{FLAGS, ORDERS, REPORTS, device::DEVICE};
+use super::{FLAGS, Numbered, ORDERS, REPORTS, device::DEVICE};
 use crate::board::{self, Commands, FlashError, SettingsFlash, UpLink, Watchdog};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
@@ -24,7 +24,9 @@ struct Channels {
     telemetry: UpLink,
     commands: Commands,
     flash: SettingsFlash,
-    orders: Producer<'static, Order, ORDERS>,
+    orders: Producer<'static, Numbered, ORDERS>,
+    /// Orders so far.
+    ordered: u32,
 }
 
 impl Port for Channels {
@@ -43,7 +45,12 @@ impl Port for Channels {
     }
 
     fn order(&mut self, order: Order) -> bool {
-        self.orders.enqueue(order).is_ok()
+        let number = self.ordered.wrapping_add(1);
+        let given = self.orders.enqueue(Numbered { number, order }).is_ok();
+        if given {
+            self.ordered = number;
+        }
+        given
     }
 
     fn load(&mut self, defaults: Stored) -> Loaded {
@@ -83,12 +90,12 @@ impl Link {
         link: board::Link,
         flash: SettingsFlash,
         reports: Consumer<'static, Report, REPORTS>,
-        orders: Producer<'static, Order, ORDERS>,
+        orders: Producer<'static, Numbered, ORDERS>,
         stored: Stored,
         source: Source,
     ) -> Self {
         let board::Link { telemetry, replies, commands } = link;
-        let channels = Channels { replies, telemetry, commands, flash, orders };
+        let channels = Channels { replies, telemetry, commands, flash, orders, ordered: 0 };
         let console = Console::new(channels, &DEVICE, stored, source);
         Self { console, reports, passes: 0 }
     }

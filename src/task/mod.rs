@@ -52,6 +52,12 @@ const _: () = {
     }
 };
 
+/// An order with its number: each is met once. A bit that flips in the queue's indices would bring an old one back.
+pub struct Numbered {
+    number: u32,
+    order: Order,
+}
+
 /// Memory of what goes between the tasks.
 pub struct Queues {
     due: Seqlock<SampleReport>,
@@ -59,7 +65,7 @@ pub struct Queues {
     control: DoubleBuffer<LoopParameters>,
     down: DoubleBuffer<GuardCommand>,
     reports: Queue<Report, REPORTS>,
-    orders: Queue<Order, ORDERS>,
+    orders: Queue<Numbered, ORDERS>,
 }
 
 impl Queues {

@@ -8,7 +8,7 @@ use zwidth::{
     LoopParameters,
     contract::{self, DebugHalts as _, FaultMemory as _, OutputWatchdog as _, SetUp as _},
     device::HISTORY,
-    experiment::{Order, PeriodPlan, Report, Sampling, Scheduler},
+    experiment::{PeriodPlan, Report, Sampling, Scheduler},
     period,
     safety::{
         BlackBox, Fault, FaultSet, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand,
@@ -17,7 +17,7 @@ use zwidth::{
     store::Signs,
 };
 
-use super::{FLAGS, ORDERS, REPORTS};
+use super::{FLAGS, Numbered, ORDERS, REPORTS};
 use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, SetUp, Supply};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
@@ -51,7 +51,7 @@ pub struct Ends {
     /// To `sample`.
     pub sampling: ToSample,
     /// From `link`.
-    pub orders: Consumer<'static, Order, ORDERS>,
+    pub orders: Consumer<'static, Numbered, ORDERS>,
     /// To `link`.
     pub reports: Producer<'static, Report, REPORTS>,
 }
@@ -90,6 +90,8 @@ pub struct Render {
     scheduler: Scheduler<HISTORY>,
     /// The amplifier was switched on with the last output.
     was_on: bool,
+    /// Number of the last order that was met.
+    met: u32,
     /// What was found wrong after the last output that was checked, and the sample of that one.
     found: FaultSet,
     checked: u32,
@@ -112,6 +114,7 @@ impl Render {
             positions: Follower::new(),
             scheduler: Scheduler::new(supervisor, control, signs, duty, history),
             was_on: false,
+            met: 0,
             found: FaultSet::EMPTY,
             checked: 0,
         }
@@ -154,8 +157,10 @@ impl Render {
         let positions = core::iter::from_fn(|| self.positions.read());
         let record = self.scheduler.follow(&rendered, up.motion.position, positions);
         if self.scheduler.is_ready()
-            && let Some(order) = self.ends.orders.dequeue()
+            && let Some(Numbered { number, order }) = self.ends.orders.dequeue()
+            && number == self.met.wrapping_add(1)
         {
+            self.met = number;
             self.scheduler.meet(order, &mut self.ends.sampling);
             if self.was_on && self.scheduler.is_off() {
                 self.put_out(OutputCommand::Off);

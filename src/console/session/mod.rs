@@ -17,7 +17,7 @@ use crate::{
     device::Device,
     experiment::{Activity, Event, Order, Report, WalkTotals},
     period::outputs_per_ms,
-    safety::{Refusal, Request},
+    safety::{Doubled, Refusal, Request},
     store::{Source, Stored},
     telemetry::{Frame, Record},
     velocity::EstimatorName,
@@ -73,6 +73,9 @@ pub struct Console<P> {
     pending_totals: Option<WalkTotals>,
     /// Another wall than the stored one is in force: a walk has just ended.
     restore_wall: bool,
+    /// Between the beginning of a walk and the order after it: only then does the console give orders by itself. Kept
+    /// twice: by one bit that flips there is no walk.
+    walks: Doubled<bool>,
     pub(super) streaming: bool,
     sequence: u32,
     /// Outputs of the frame that is being filled, where one has several.
@@ -99,6 +102,7 @@ impl<P: Port> Console<P> {
             walking: None,
             pending_totals: None,
             restore_wall: false,
+            walks: Doubled::new(false),
             streaming: true,
             sequence: 0,
             batch: Batch { outputs: [Record::EMPTY; Frame::OUTPUTS], count: 0 },

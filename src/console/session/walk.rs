@@ -48,6 +48,7 @@ impl<P: Port> Console<P> {
         }
         self.walking = Some(WalkSession { walk, totals: WalkTotals::default(), next: Next::Wall });
         self.restore_wall = true;
+        self.walks.set(true);
         self.reply(Reply::Done("walk"));
     }
 
@@ -59,7 +60,17 @@ impl<P: Port> Console<P> {
             self.pending_totals = None;
             self.write(&lines::WalkOver(totals, Err("nobody read its results")));
         }
+        if !self.walks.is_whole() {
+            self.end_walk("its state is damaged");
+            self.walks.set(false);
+        }
+        if !*self.walks {
+            self.walking = None;
+            self.restore_wall = false;
+            return false;
+        }
         let Some(walking) = &self.walking else {
+            self.walks.set(false);
             if core::mem::take(&mut self.restore_wall)
                 && let Ok(order) = self.device.order(&self.stored)
             {
@@ -89,6 +100,14 @@ impl<P: Port> Console<P> {
             },
         }
         true
+    }
+
+    /// As bits that flip could leave it: in a walk, and with a wall to bring back, though nobody has begun one.
+    #[cfg(test)]
+    pub(in crate::console) fn damage(&mut self, in_walk: bool) {
+        let (walk, totals) = (Walk::new(self.stored.grid), WalkTotals::default());
+        self.walking = in_walk.then_some(WalkSession { walk, totals, next: Next::Hit });
+        self.restore_wall = true;
     }
 
     /// The last order of the walk was met.

@@ -240,3 +240,19 @@ fn a_walk_that_nobody_reads_ends_and_says_so_once_somebody_does() {
     );
     assert_eq!(lines[1..], [end]);
 }
+
+#[test]
+fn a_walk_that_nobody_has_begun_gives_no_order() {
+    for in_walk in [true, false] {
+        let mut bench = Bench::new(FREE);
+        bench.console.damage(in_walk);
+        for _ in 0..3 {
+            bench.console.pass();
+            bench.report(Event::None);
+        }
+        let (lines, orders) = bench.take();
+        assert!(orders.is_empty() && lines.is_empty(), "{in_walk}: {lines:?}");
+        // It is none, and another one can be begun.
+        assert!(bench.says("walk").starts_with("ok walk"));
+    }
+}
