@@ -43,8 +43,15 @@ impl From<NorFlashErrorKind> for PowerLost {
 }
 
 impl<const UNIT: usize> Flash<UNIT> {
-    fn erased(seed: u64) -> Self {
-        Self { bytes: vec![0xFF; 2 * SECTOR_BYTES], left: None, torn: Random(seed) }
+    /// Erased, but for what something else has left in that part of either sector, if there is one.
+    fn left_by_others(remains: [Option<(usize, usize)>; 2], seed: u64) -> Self {
+        let mut torn = Random(seed);
+        let mut bytes = vec![0xFF; 2 * SECTOR_BYTES];
+        for (sector, part) in bytes.chunks_mut(SECTOR_BYTES).zip(remains) {
+            let (first, length) = part.unwrap_or_default();
+            sector.iter_mut().skip(first).take(length).for_each(|byte| *byte = torn.bits() as u8);
+        }
+        Self { bytes, left: None, torn }
     }
 
     fn change(&mut self, first: usize, to: &[u8]) -> Result<(), PowerLost> {
@@ -155,8 +162,15 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     prop::collection::vec((0u16..50, cut), 1..25)
 }
 
-fn survives<const UNIT: usize>(steps: &[Step], seed: u64) {
-    let mut flash = Flash::<UNIT>::erased(seed);
+/// What the sectors hold before the first save: in each nothing, or bytes that are no record.
+fn remains() -> impl Strategy<Value = [Option<(usize, usize)>; 2]> {
+    let part = (0..SECTOR_BYTES, 1..SECTOR_BYTES);
+    let sector = prop_oneof![2 => Just(None), 1 => part.prop_map(Some)];
+    [sector.clone(), sector]
+}
+
+fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[Step], seed: u64) {
+    let mut flash = Flash::<UNIT>::left_by_others(remains, seed);
     let defaults = stored(-1.0, EstimatorName::Difference, [false; 3]);
     // what may be there: after a cut either of two
     let mut may = vec![defaults];
@@ -193,12 +207,13 @@ fn survives<const UNIT: usize>(steps: &[Step], seed: u64) {
 
 crate::properties! {
     /// Saves with the power cut at any unit of a write or an erase, bits torn, leave what was saved before or what was
-    /// being saved, and the next save works; on flash that programs 4, 8 or 16 bytes at once.
-    power_cuts(60, (steps, seed, unit) in (steps(), any::<u64>(), 0u8..3)) {
+    /// being saved, and the next save works and is the newest, whatever the sectors held before; on flash that programs
+    /// 4, 8 or 16 bytes at once.
+    power_cuts(60, (remains, steps, seed, unit) in (remains(), steps(), any::<u64>(), 0u8..3)) {
         match unit {
-            0 => survives::<4>(&steps, seed),
-            1 => survives::<8>(&steps, seed),
-            _ => survives::<16>(&steps, seed),
+            0 => survives::<4>(remains, &steps, seed),
+            1 => survives::<8>(remains, &steps, seed),
+            _ => survives::<16>(remains, &steps, seed),
         }
     }
 
