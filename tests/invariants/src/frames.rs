@@ -1,13 +1,20 @@
 //! Telemetry on the wire.
 
+use std::{cell::RefCell, rc::Rc, sync::LazyLock};
+
 use proptest::prelude::*;
 use zwidth::{
     Design, Settings, VelocitySettings, WallSettings,
+    console::{Console, Port},
+    device::Device,
+    experiment::{Activity, Event, Order, Report},
+    safety::{FaultSet, Inputs, State, Status},
+    store::{Loaded, Source, Stored},
     telemetry::{Decoder, Flags, Frame, Record},
     units::{Force, Position, Velocity},
 };
 
-use crate::any;
+use crate::{any, limits};
 
 fn record() -> impl Strategy<Value = Record> {
     let velocity = -(32_767i32 << 16)..=32_767 << 16;
@@ -65,6 +72,59 @@ fn bytes(frame: &Frame) -> Vec<u8> {
     bytes
 }
 
+/// A host that takes all frames, and says nothing.
+#[derive(Clone, Default)]
+struct Listener(Rc<RefCell<Vec<u8>>>);
+
+impl Port for Listener {
+    fn read(&mut self) -> Option<u8> {
+        None
+    }
+
+    fn write_line(&mut self, _: &str) -> bool {
+        true
+    }
+
+    fn write_frame(&mut self, frame: &[u8]) {
+        self.0.borrow_mut().extend(frame);
+    }
+
+    fn order(&mut self, _: Order) -> bool {
+        true
+    }
+
+    fn load(&mut self, defaults: Stored) -> Loaded {
+        Loaded { stored: defaults, source: Source::Empty, damaged: 0 }
+    }
+
+    fn save(&mut self, _: &Stored) -> bool {
+        false
+    }
+}
+
+static DEVICE: LazyLock<Device> = LazyLock::new(|| limits::device(any::PAPER));
+
+/// A report of that output, and of nothing else.
+fn report(record: Record) -> Report {
+    let status = Status {
+        state: State::Off,
+        fault: None,
+        causes: FaultSet::EMPTY,
+        present: FaultSet::EMPTY,
+        zeroed: false,
+        unlocked: false,
+        contact: false,
+        inputs: Inputs {
+            stop_closed: true,
+            supply_good: true,
+            settings_valid: true,
+            halted: false,
+            found: FaultSet::EMPTY,
+        },
+    };
+    Report { record, streamed: record, status, activity: Activity::None, event: Event::None }
+}
+
 crate::properties! {
     /// A frame is the bytes of the page's table, comes back as it was, and with all a CRC-32 notices for certain, any
     /// change of a word or of up to three bits, does not come at all.
@@ -117,5 +177,41 @@ crate::properties! {
         found.extend(std::iter::from_fn(|| decoder.finish()));
         assert_eq!(found, sent);
         assert_eq!((decoder.frames, decoder.garbage, decoder.dropped), (sent.len() as u64, garbage, dropped));
+    }
+    /// At every output period what is streamed comes out of the decoder as it was, output for output, with the settings and
+    /// the fault of each; at the end less than a millisecond waits still.
+    streamed(100, (period, first, parts) in (
+        prop::sample::select(vec![1u32, 2, 5, 10]),
+        any::<u32>(),
+        prop::collection::vec((
+            record(),
+            prop_oneof![15 => Just(0u64), 1 => 1u64..30],
+            prop_oneof![8 => Just(0u16), 1 => Just(1)],
+            prop_oneof![8 => Just(0u8), 1 => Just(1)],
+        ), 1..60),
+    )) {
+        let listener = Listener::default();
+        let stored = Stored { period, ..DEVICE.defaults() };
+        let mut console = Console::new(listener.clone(), &DEVICE, stored, Source::Empty);
+        let mut before = Record { sample: u64::from(first), ..Record::EMPTY };
+        let sent: Vec<Record> = parts.into_iter().map(|(record, lost, settings, fault)| {
+            before = Record {
+                sample: before.sample + u64::from(period) * (1 + lost),
+                settings: before.settings + settings,
+                fault: before.fault ^ fault,
+                ..record
+            };
+            before
+        }).collect();
+        sent.iter().for_each(|record| console.report(&report(*record)));
+        let (mut decoder, mut found) = (Decoder::new(), Vec::new());
+        for byte in listener.0.take() {
+            if let Some(frame) = decoder.push(byte) {
+                found.extend(decoder.outputs(frame).map(|frame| frame.record));
+            }
+        }
+        assert_eq!((decoder.garbage, decoder.dropped), (0, 0));
+        assert_eq!(found, sent[..found.len()]);
+        assert!(sent.len() - found.len() < 10 / period as usize, "{} of {}", found.len(), sent.len());
     }
 }

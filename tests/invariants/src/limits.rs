@@ -78,7 +78,7 @@ fn safety(design: &Design) -> SafetySettings {
 }
 
 /// A device of that design; `hit` is as long as it may be or shorter.
-fn device(design: Design) -> Device {
+pub fn device(design: Design) -> Device {
     let far = 5e3 * design.resolution_m;
     Device {
         key: DeviceKey::new("bench").unwrap(),
