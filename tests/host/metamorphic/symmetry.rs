@@ -41,6 +41,34 @@ fn a_device_elsewhere_moves_alike() {
     });
 }
 
+#[test]
+fn a_late_reading_is_of_the_way_to_the_next_sample() {
+    cases(25, |dice| {
+        let mut scene = dice.scene();
+        dice.linear_elements(&mut scene);
+        scene.device.rest_position_m = dice.between(-0.02, 0.02);
+        scene.actuator.latency = scene.actuator.latency.max(1.0);
+        let peak_s = dice.between(0.0, 0.99) / scene.control.rate_hz;
+        scene.jitter = Some(Jitter { peak_s, seed: dice.below(1000) });
+        let hit = dice.wall(&scene);
+        let resolution_m = scene.encoder.resolution_m;
+        for around in trace(&scene, &hit, Numeric::F64).windows(5) {
+            let at_m: [f64; 5] = std::array::from_fn(|n| around[n].position_m);
+            // how far a turn within the sample may reach beyond its ends
+            let bend_m = |n: usize| (at_m[n + 1] - 2.0 * at_m[n] + at_m[n - 1]).abs();
+            let beyond_m = resolution_m + bend_m(1) + bend_m(2) + bend_m(3);
+            let (low_m, high_m) = (at_m[2].min(at_m[3]), at_m[2].max(at_m[3]));
+            let read_m = f64::from(around[2].count) * resolution_m;
+            assert!(
+                read_m >= low_m - beyond_m && read_m <= high_m + beyond_m,
+                "{}: {read_m} of {low_m} to {high_m} at sample {} of {scene:?}",
+                dice.name,
+                around[2].index
+            );
+        }
+    });
+}
+
 /// The scene seen in a mirror at 0: its plant and what is wrong with its readings.
 fn mirrored(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
