@@ -11,6 +11,7 @@ mod linear;
 mod list;
 mod peers;
 mod progress;
+mod replay;
 mod shared;
 mod sweep;
 mod telemetry;
@@ -50,6 +51,7 @@ enum Command {
     Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
+    Replay(replay::ReplayArgs),
 }
 
 /// Options of every command.
@@ -125,6 +127,7 @@ impl Command {
             Self::Grid(_) => Some(["grid", "--csv"]),
             Self::Linear(_) => Some(["linear", "--csv and --plot"]),
             Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
+            Self::Replay(_) => Some(["replay", "--csv"]),
             Self::Sweep(_)
             | Self::Compare(_)
             | Self::Design(_)
@@ -159,5 +162,6 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
+        Command::Replay(args) => replay::run(&args, &common),
     })
 }

@@ -6,5 +6,6 @@ pub mod design;
 pub mod identify;
 pub mod linear;
 pub mod overview;
+pub mod replay;
 pub mod telemetry;
 pub mod trade;

@@ -1,0 +1,183 @@
+//! What an estimator makes of the counts that a board has recorded: the core's own, run over a capture.
+
+use std::fmt::Write as _;
+
+use zwidth::{CounterWidth, LoopParameters, Sampler, telemetry::Record, units::Velocity};
+
+/// Longest delay between two estimators that is looked for, samples.
+const LAG: usize = 500;
+/// Samples that are left out of comparisons, a tenth at most: it begins from rest, where the board was moving.
+const SETTLE: usize = 1_000;
+/// Fewest samples that say anything.
+const LEAST: usize = 100;
+
+/// An estimator beside the one that the board had.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replayed {
+    /// Samples that follow each other, as the board has recorded them.
+    pub records: Vec<Record>,
+    /// What the estimator says to each.
+    pub velocities: Vec<Velocity>,
+}
+
+impl Replayed {
+    /// Runs it over the longest stretch of `run` in which no sample is missing, from rest.
+    ///
+    /// # Errors
+    /// The run has no such stretch: how many samples there are from output to output.
+    pub fn of(run: &[Record], control: &LoopParameters) -> Result<Self, u64> {
+        let follows = |a: &Record, b: &Record| b.sample == a.sample.wrapping_add(1);
+        let longest = run.chunk_by(follows).max_by_key(|stretch| stretch.len()).unwrap_or_default();
+        let Some(first) = longest.first().filter(|_| longest.len() >= LEAST) else {
+            let steps = run.windows(2).map(|pair| pair[1].sample - pair[0].sample);
+            return Err(steps.min().unwrap_or(0));
+        };
+        let counter = |record: &Record| record.position.counts().cast_unsigned();
+        let mut sampler = Sampler::new(counter(first), CounterWidth::Bits32);
+        let says = |record| sampler.sample(control, counter(record)).motion.velocity;
+        let velocities = longest.iter().map(says).collect();
+        Ok(Self { records: longest.to_vec(), velocities })
+    }
+
+    /// First sample from which on both say the same to the last bit, up to the end.
+    pub fn same_from(&self) -> Option<u64> {
+        let both = self.records.iter().zip(&self.velocities).rev();
+        let same = both.take_while(|(record, velocity)| record.velocity == **velocity);
+        same.last().map(|(record, _)| record.sample)
+    }
+
+    /// RMS of the difference to the board's, LSB.
+    pub fn difference(&self) -> f64 {
+        rms(self.pairs().map(|[board, here]| here - board))
+    }
+
+    /// RMS of the change from sample to sample, the board's and the estimator's, LSB.
+    pub fn roughness(&self) -> [f64; 2] {
+        let pairs: Vec<[f64; 2]> = self.pairs().collect();
+        [0, 1].map(|n| rms(pairs.windows(2).map(|two| two[1][n] - two[0][n])))
+    }
+
+    /// By how many samples it is later than the board's: the shift at which the two differ least, between samples by a
+    /// parabola. None if nothing moved.
+    pub fn later(&self) -> Option<f64> {
+        let pairs: Vec<[f64; 2]> = self.pairs().collect();
+        let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);
+        let most = LAG.min(pairs.len() / 4);
+        let inner = most..pairs.len() - most;
+        let lag = |n: usize| n.cast_signed() - most.cast_signed();
+        let differ = |n: usize| {
+            rms(inner.clone().map(|k| pairs[k.wrapping_add_signed(lag(n))][1] - pairs[k][0]))
+                .powi(2)
+        };
+        let all: Vec<f64> = (0..=2 * most).map(differ).collect();
+        let best = (0..all.len()).min_by(|a, b| all[*a].total_cmp(&all[*b])).filter(|_| moved)?;
+        let bend = match (best.checked_sub(1).map(|n| all[n]), all.get(best + 1)) {
+            (Some(before), Some(after)) if before + after > 2.0 * all[best] => {
+                0.5 * (before - after) / (before - 2.0 * all[best] + after)
+            }
+            _ => 0.0,
+        };
+        #[expect(clippy::cast_precision_loss, reason = "some hundred")]
+        Some(lag(best) as f64 + bend)
+    }
+
+    /// The board's and the estimator's, LSB, once it has settled.
+    fn pairs(&self) -> impl Iterator<Item = [f64; 2]> {
+        let both =
+            self.records.iter().zip(&self.velocities).skip(SETTLE.min(self.records.len() / 10));
+        both.map(|(record, here)| [record.velocity, *here].map(|v| f64::from(v.bits())))
+    }
+
+    /// As a table, in the integers of the control.
+    pub fn csv(&self) -> String {
+        let mut text = String::from("sample,position_counts,board_velocity_lsb,velocity_lsb\n");
+        for (record, velocity) in self.records.iter().zip(&self.velocities) {
+            let (count, board) = (record.position.counts(), record.velocity.bits());
+            let _ = writeln!(text, "{},{count},{board},{}", record.sample, velocity.bits());
+        }
+        text
+    }
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0u32), |(sum, n), value| (sum + value * value, n + 1));
+    (sum / f64::from(count.max(1))).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zwidth::{Settings, VelocitySettings, WallSettings, units::Position};
+
+    fn control(cutoff_hz: f64) -> LoopParameters {
+        let scene = crate::scene::NamedScene::load("paper-1um").unwrap().scene;
+        let wall = WallSettings {
+            position_m: 1.0,
+            stiffness_n_per_m: 0.0,
+            damping_n_s_per_m: 0.0,
+            push_only: true,
+        };
+        let velocity = VelocitySettings::Butterworth { cutoff_hz };
+        Settings { velocity, wall }.build(&scene.design()).unwrap()
+    }
+
+    /// What a board with that cutoff would record of a handle that swings at 5 Hz, from its 1000th sample on.
+    fn recorded(cutoff_hz: f64, samples: u32) -> Vec<Record> {
+        let control = control(cutoff_hz);
+        let mut sampler = Sampler::new(0, CounterWidth::Bits32);
+        let record = |n: u32| {
+            let place = 20_000.0 * (f64::from(n) * 5.0 / 10_000.0 * std::f64::consts::TAU).sin();
+            #[expect(clippy::cast_possible_truncation, reason = "20,000")]
+            let counts = place.floor() as i32;
+            let motion = sampler.sample(&control, counts.cast_unsigned()).motion;
+            let (sample, velocity) = (motion.sample, motion.velocity);
+            Record { sample, position: Position::from_counts(counts), velocity, ..Record::EMPTY }
+        };
+        (0..samples).map(record).skip(1_000).collect()
+    }
+
+    #[test]
+    fn the_same_estimator_says_the_same_and_a_slower_one_later() {
+        let run = recorded(500.0, 20_000);
+        let same = Replayed::of(&run, &control(500.0)).unwrap();
+        assert!(same.difference() < 3e3, "{}", same.difference());
+        assert!(same.later().unwrap().abs() < 0.05);
+        // A second-order Butterworth is late by sqrt 2 / w.
+        let slow = Replayed::of(&run, &control(100.0)).unwrap();
+        let wanted = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 100.0 - 1.0 / 500.0) * 1e4;
+        let later = slow.later().unwrap();
+        assert!((later - wanted).abs() < 0.2, "{later}, {wanted}");
+        let [board, here] = slow.roughness();
+        assert!(here < board);
+        assert_eq!(slow.csv().lines().count(), run.len() + 1);
+    }
+
+    #[test]
+    fn from_rest_it_is_the_same_from_the_first_sample_and_one_bit_ends_that() {
+        let control = control(500.0);
+        let mut sampler = Sampler::new(7, CounterWidth::Bits32);
+        let mut run: Vec<Record> = (0..500u32)
+            .map(|n| {
+                let count = 7 + n * n / 40;
+                let motion = sampler.sample(&control, count).motion;
+                let position = Position::from_counts(count.cast_signed());
+                let (sample, velocity) = (motion.sample, motion.velocity);
+                Record { sample, position, velocity, ..Record::EMPTY }
+            })
+            .collect();
+        assert_eq!(Replayed::of(&run, &control).unwrap().same_from(), Some(0));
+        run[300].velocity = Velocity::saturating_from_bits(run[300].velocity.bits() ^ 1);
+        assert_eq!(Replayed::of(&run, &control).unwrap().same_from(), Some(301));
+    }
+
+    #[test]
+    fn a_capture_without_every_sample_says_how_many_are_missing() {
+        let tenth: Vec<Record> = recorded(500.0, 9_000).into_iter().step_by(10).collect();
+        assert_eq!(Replayed::of(&tenth, &control(500.0)), Err(10));
+        // Of two stretches the longer one counts.
+        let mut run = recorded(500.0, 9_000);
+        run.remove(3_000);
+        let replayed = Replayed::of(&run, &control(500.0)).unwrap();
+        assert_eq!((replayed.records.len(), replayed.records[0].sample), (4_999, 4_001));
+    }
+}

@@ -1,0 +1,41 @@
+//! Every sample of a board at output period 1, recomputed by the core on the host.
+
+use host_sim::{
+    analysis::{replay::Replayed, telemetry::Capture},
+    scene::NamedScene,
+};
+use virtual_board::board::Board;
+use zwidth::{Settings, WallSettings};
+
+use crate::firmware::{Firmware, ok};
+
+each_board!(every_velocity_is_the_boards_to_the_last_bit);
+
+/// A handle that is led to and fro: from rest on, what the board says to each sample is what the core says here.
+fn every_velocity_is_the_boards_to_the_last_bit(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.boot();
+    ok(&mut world, "period 1");
+    world.run(500).unwrap();
+    world.telemetry.clear();
+    for speed in [0.05, -0.2, 0.01, 0.0] {
+        world.lead(speed);
+        world.run(2_500).unwrap();
+    }
+    let capture = Capture::decode(&world.telemetry);
+    assert_eq!((capture.dropped, capture.garbage_bytes), (0, 0));
+    let scene = NamedScene::load(board.name).unwrap().scene;
+    let wall = WallSettings {
+        position_m: 0.07,
+        stiffness_n_per_m: 0.0,
+        damping_n_s_per_m: 0.0,
+        push_only: true,
+    };
+    let velocity = scene.velocity.settings(1500.0);
+    let control = Settings { velocity, wall }.build(&scene.design()).unwrap();
+    let replayed = Replayed::of(&capture.longest_run(), &control).unwrap();
+    assert!(replayed.records.len() > 9_900, "{}", replayed.records.len());
+    assert_eq!(replayed.same_from(), Some(replayed.records[0].sample));
+    let fastest = replayed.velocities.iter().map(|v| v.bits().abs()).max().unwrap();
+    assert!(fastest > 15 << 16, "{fastest}");
+}
