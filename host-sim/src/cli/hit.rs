@@ -11,9 +11,12 @@ use super::{
 };
 use crate::{
     error::Error,
-    output::{files::Outputs, terminal::print_result, trace::Trace},
+    output::{files::Outputs, terminal::print_result, trace},
     scene::NamedScene,
-    simulation::prepared::{HitReport, WallHit},
+    simulation::{
+        prepared::{HitReport, WallHit},
+        trace::Trace,
+    },
     study::asked::prepare,
 };
 
@@ -68,13 +71,13 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let report = if csv.is_none() && plot.is_none() {
         prepared.hit(numeric, &hit, |_| ())?
     } else {
-        let mut trace = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
-        let report = prepared.hit(numeric, &hit, |sample| trace.push(sample))?;
+        let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
+        let report = prepared.hit(numeric, &hit, |sample| samples.push(sample))?;
         if let Some(csv) = csv {
-            outputs.write(csv, trace.csv().as_bytes())?;
+            outputs.write(csv, trace::csv(&samples).as_bytes())?;
         }
         if let Some(plot) = plot {
-            outputs.draw(plot, &trace.figure(&scene, &hit, &report)?)?;
+            outputs.draw(plot, &trace::figure(&samples, &scene, &hit, &report)?)?;
         }
         report
     };

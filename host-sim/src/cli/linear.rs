@@ -12,10 +12,7 @@ use super::{
 };
 use crate::{
     analysis::{
-        linear::{
-            Boundary, Device, Elements, Loop, StiffnessLimit, passivity::Passivity,
-            transfer_function,
-        },
+        linear::{Boundary, StiffnessLimit, passivity::Passivity},
         overview::{Explained, explain, passive_region},
     },
     error::Error,
@@ -28,7 +25,7 @@ use crate::{
     scene::{self, NamedScene},
     simulation::prepared::PreparedScene,
     study::{
-        asked::{Walls, prepare},
+        asked::{Walls, linear_loop, prepare},
         walk::BoundaryPoint,
     },
 };
@@ -248,35 +245,20 @@ fn analyse(
     common: &Common,
 ) -> Result<Analysis, Error> {
     let scene = &scene.scene;
-    let scene::Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = scene.device;
-    let rate_hz = scene.control.rate_hz;
-    let device = Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
-    let estimator = transfer_function(&scene.velocity.settings(cutoff_hz), &scene.design())
-        .map_err(Error::input)?
-        .ok_or_else(|| {
-            Error::Input(format!(
-                "the estimator {} is no linear function of the position alone",
-                scene.velocity.name()
-            ))
-        })?;
-    let mut of = Loop::single_rate(device, rate_hz, estimator.clone());
-    of.elements = Elements { amplifier: scene.amplifier, mode: scene.mode, arm: scene.arm };
-    if args.multirate {
-        of.period = scene.actuator.period;
-        of.latency_samples = scene.actuator.latency;
-    }
+    let of = linear_loop(scene, cutoff_hz, args.multirate)?;
+    let own = scene.device.damping_n_s_per_m;
     let passivity = args.passivity.then(|| Passivity::new(&of)).transpose();
     let passivity = passivity.map_err(Error::input)?;
     let passive_at = |damping| match &passivity {
         None => Ok(None),
         Some(passivity) => passivity
-            .stiffness_max(damping_n_s_per_m, damping)
+            .stiffness_max(own, damping)
             .map(|stiffness| Some(stiffness.unwrap_or(0.0)))
             .map_err(Error::input),
     };
     let region = match &passivity {
         None => vec![],
-        Some(passivity) => passive_region(damping_n_s_per_m, passivity).map_err(Error::input)?,
+        Some(passivity) => passive_region(own, passivity).map_err(Error::input)?,
     };
     let boundary = Boundary::new(&of).map_err(Error::input)?;
     let rows = dampings.iter().map(|&damping_n_s_per_m| {

@@ -7,7 +7,6 @@ use zwidth::experiment::Ended;
 
 use crate::{
     error::Error,
-    output::trace::Trace,
     output::{
         SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
@@ -16,9 +15,13 @@ use crate::{
         limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
         report::{self, Report, ReportFigure},
+        trace,
     },
     scene::NamedScene,
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    simulation::{
+        prepared::{Numeric, PreparedScene, WallHit},
+        trace::Trace,
+    },
     study::{
         envelope::{self, Envelope},
         sweep::{CutoffResult, SweepResult, start_offset_counts},
@@ -279,11 +282,11 @@ impl Study {
         if Trace::refused(&self.prepared).is_some() {
             return Ok(None);
         }
-        let mut trace = Trace::new(&self.prepared, &hit)?;
-        let report = self.prepared.hit(self.numeric, &hit, |sample| trace.push(sample))?;
+        let mut samples = Trace::new(&self.prepared, &hit)?;
+        let report = self.prepared.hit(self.numeric, &hit, |sample| samples.push(sample))?;
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
                        over time, and the window that decides.";
-        let figure = trace.figure(&self.scene, &hit, &report)?;
+        let figure = trace::figure(&samples, &self.scene, &hit, &report)?;
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 

@@ -5,6 +5,7 @@ mod hit;
 pub mod prepared;
 pub mod quantiser;
 pub mod senses;
+pub mod trace;
 pub mod twin;
 pub mod window;
 

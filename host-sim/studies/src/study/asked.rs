@@ -4,10 +4,11 @@ use std::sync::atomic::AtomicBool;
 
 use super::walk::{Boundary, settles_in_s, walk};
 use crate::{
+    analysis::linear::{Device, Elements, Loop, transfer_function},
     engine::Engine,
     error::Error,
     range::{refused, within},
-    scene::NamedScene,
+    scene::{self, NamedScene},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
@@ -149,6 +150,31 @@ pub fn boundary(
         "{}: the first point of the walk, K = {} N/m and B = {} N s/m, {reason}",
         scene.name, first.stiffness_n_per_m, first.damping_n_s_per_m
     )))
+}
+
+/// The linear loop of a scene with its linear elements: with a force at every sample and at once, as in the paper's
+/// equations (3) to (5), or as it runs (`multirate`).
+///
+/// # Errors
+/// The estimator is no linear function of the position alone, or its tuning is out of range.
+pub fn linear_loop(scene: &scene::Scene, cutoff_hz: f64, multirate: bool) -> Result<Loop, Error> {
+    let scene::Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = scene.device;
+    let device = Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
+    let estimator = transfer_function(&scene.velocity.settings(cutoff_hz), &scene.design())
+        .map_err(Error::input)?
+        .ok_or_else(|| {
+            Error::Input(format!(
+                "the estimator {} is no linear function of the position alone",
+                scene.velocity.name()
+            ))
+        })?;
+    let mut of = Loop::single_rate(device, scene.control.rate_hz, estimator);
+    of.elements = Elements { amplifier: scene.amplifier, mode: scene.mode, arm: scene.arm };
+    if multirate {
+        of.period = scene.actuator.period;
+        of.latency_samples = scene.actuator.latency;
+    }
+    Ok(of)
 }
 
 /// Walls of a grid, numbered: K runs fastest, then B, then the cutoff.

@@ -1,0 +1,105 @@
+//! Every sample of one hit.
+
+use crate::{
+    error::Error,
+    simulation::{
+        Sample,
+        controller::Controller as _,
+        prepared::{PreparedScene, WallHit},
+    },
+};
+
+/// Bit of the flags: the handle is inside the wall.
+pub const CONTACT: u8 = 1;
+/// Bit of the flags: an output was computed with this sample.
+pub const RENDERED: u8 = 2;
+/// Bit of the flags: the last output saturated.
+pub const SATURATED: u8 = 4;
+
+/// Most samples of a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
+const SAMPLES_MAX: u64 = 2_000_000;
+
+/// Samples of a hit.
+fn samples(prepared: &PreparedScene) -> u64 {
+    u64::from(prepared.plan().settle) + u64::from(prepared.plan().window)
+}
+
+/// One hit, sample by sample.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Samples in a second.
+    pub rate_hz: f64,
+    velocity_lsb_m_per_s: f64,
+    full_scale_n: f64,
+    surface: i32,
+    /// The samples, the first one at 0 s.
+    pub rows: Vec<Row>,
+}
+
+/// One sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// True position of the handle, m.
+    pub position_m: f64,
+    /// The encoder's count.
+    pub count: i32,
+    /// The controller's velocity, m/s.
+    pub velocity_m_per_s: f64,
+    /// Force that the controller asks for, held from output to output, N.
+    pub force_n: f64,
+    /// Force on the handle at the end of the sample, after latency and output quantisation, N.
+    pub output_n: f64,
+    /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
+    pub flags: u8,
+}
+
+impl Trace {
+    /// Why a hit of that scene is too long to be kept sample by sample, if it is.
+    pub fn refused(prepared: &PreparedScene) -> Option<String> {
+        let samples = samples(prepared);
+        (samples > SAMPLES_MAX).then(|| {
+            format!(
+                "wall_hit.settle_s and wall_hit.window_s make {samples} samples, allowed {SAMPLES_MAX} in a trace"
+            )
+        })
+    }
+
+    /// An empty trace of that hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range, or the hit is too long.
+    pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, Error> {
+        if let Some(reason) = Self::refused(prepared) {
+            return Err(Error::Input(reason));
+        }
+        let design = prepared.design();
+        Ok(Self {
+            rate_hz: design.rate_hz,
+            velocity_lsb_m_per_s: design.resolution_m * design.rate_hz,
+            full_scale_n: design.full_scale_n,
+            surface: prepared.fixed(hit).map_err(Error::input)?.controller().surface(),
+            rows: Vec::with_capacity(usize::try_from(samples(prepared)).unwrap_or_default()),
+        })
+    }
+
+    /// Takes one sample.
+    pub fn push(&mut self, sample: &Sample) {
+        let (held_n, held_flag) =
+            self.rows.last().map_or((0.0, 0), |row| (row.force_n, row.flags & SATURATED));
+        let (force_n, flags) = match sample.rendered {
+            Some(rendered) => (
+                rendered.force * self.full_scale_n,
+                RENDERED | if rendered.saturated { SATURATED } else { 0 },
+            ),
+            None => (held_n, held_flag),
+        };
+        self.rows.push(Row {
+            position_m: sample.position_m,
+            count: sample.count,
+            velocity_m_per_s: sample.velocity * self.velocity_lsb_m_per_s,
+            force_n,
+            output_n: sample.output_n,
+            flags: flags | if sample.count > self.surface { CONTACT } else { 0 },
+        });
+    }
+}
