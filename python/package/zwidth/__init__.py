@@ -1,0 +1,39 @@
+"""Z-width of one-degree-of-freedom haptic devices.
+
+The simulator and the fixed-point control core that the zwidth firmware runs. All quantities are in SI units; every
+result has the same bits as that of the command line. Bad input raises ``ValueError`` with the line that the command
+line prints; Ctrl-C ends work within about a tenth of a second.
+
+Examples
+--------
+>>> import zwidth
+>>> scene = zwidth.Scene.load("paper-2um")
+>>> zwidth.hit(scene, stiffness=10e3, damping=30.0, cutoff=500).verdict
+'stable'
+"""
+
+from ._native import ESTIMATORS, SCENES, __version__
+from .estimator import Estimator
+from .results import VERDICTS, Grid, Hit, Linear, Sweep, Trace, Walk
+from .scene import Scene
+from .studies import grid, hit, linear, sweep, walk
+
+__all__ = [
+    "ESTIMATORS",
+    "SCENES",
+    "VERDICTS",
+    "Estimator",
+    "Grid",
+    "Hit",
+    "Linear",
+    "Scene",
+    "Sweep",
+    "Trace",
+    "Walk",
+    "__version__",
+    "grid",
+    "hit",
+    "linear",
+    "sweep",
+    "walk",
+]

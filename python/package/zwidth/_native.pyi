@@ -1,0 +1,105 @@
+from collections.abc import Callable
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+SCENES: list[str]
+ESTIMATORS: list[str]
+
+__all__ = [
+    "ESTIMATORS",
+    "SCENES",
+    "Estimator",
+    "Scene",
+    "__version__",
+    "grid",
+    "hit",
+    "linear",
+    "sweep",
+    "velocity_table",
+    "walk",
+    "with_estimator",
+]
+
+def velocity_table(name: str) -> dict[str, Any]: ...
+def with_estimator(scene: Scene, velocity: dict[str, Any], cutoff: float | None) -> Scene: ...
+
+@final
+class Scene:
+    @staticmethod
+    def load(name_or_path: str) -> Scene: ...
+    @staticmethod
+    def parse(text: str, name: str = "scene") -> Scene: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def text(self) -> str: ...
+    def to_toml(self) -> str: ...
+    def to_dict(self) -> dict[str, Any]: ...
+    def replaced(self, changes: dict[str, Any]) -> Scene: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def portable_text(self) -> str: ...
+
+@final
+class Estimator:
+    def __new__(cls, scene: Scene, cutoff: float | None = None) -> Estimator: ...
+    @property
+    def needs(self) -> str | None: ...
+    @property
+    def lsb_m_per_s(self) -> float: ...
+    def reset(self) -> None: ...
+    def process(
+        self,
+        counts: NDArray[np.int64],
+        force: NDArray[np.int32] | None = None,
+        acceleration: NDArray[np.int32] | None = None,
+        edge_age: NDArray[np.int64] | None = None,
+        edge_up: NDArray[np.bool_] | None = None,
+    ) -> NDArray[np.int32]: ...
+
+def hit(
+    scene: Scene,
+    stiffness: float,
+    damping: float,
+    cutoff: float | None,
+    start_offset: float,
+    numeric: str,
+    trace: bool,
+) -> dict[str, Any]: ...
+def walk(
+    scene: Scene,
+    cutoff: float | None,
+    start_offset: float,
+    engine: str,
+    numeric: str,
+    threads: int | None,
+) -> dict[str, Any]: ...
+def sweep(
+    scene: Scene,
+    cutoffs: list[float] | None,
+    repeat: int,
+    engine: str,
+    numeric: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+def grid(
+    scene: Scene,
+    cutoffs: list[float] | None,
+    dampings: list[float],
+    stiffnesses: list[float],
+    start_offset: float,
+    engine: str,
+    numeric: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+def linear(
+    scene: Scene,
+    cutoff: float | None,
+    dampings: list[float],
+    multirate: bool,
+    passivity: bool,
+) -> dict[str, Any]: ...

@@ -1,0 +1,24 @@
+"""Examples of docstrings and of the README run."""
+
+import doctest
+import re
+
+import pytest
+
+import zwidth
+import zwidth.estimator
+import zwidth.scene
+from conftest import ROOT
+
+
+def test_doctests() -> None:
+    for module in (zwidth, zwidth.scene, zwidth.estimator):
+        failed, tried = doctest.testmod(module)
+        assert failed == 0 and tried > 0, module.__name__
+
+
+@pytest.mark.parametrize("page", ["python/README.md", "docs/python.md"])
+def test_the_examples_of_pages_run(page: str) -> None:
+    text = (ROOT / page).read_text()
+    for example in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(compile(example, page, "exec"), {})

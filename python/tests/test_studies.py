@@ -1,0 +1,157 @@
+"""Results beside those of the command line: the same bits."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import zwidth
+from conftest import Run, simulate
+
+SHORT = {"wall_hit.settle_s": 0.6, "wall_hit.window_s": 0.4}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[zwidth.Scene, Path]:
+    scene = zwidth.Scene.load("paper-2um").replace(
+        SHORT | {"walk.stiffness_step_n_per_m": 4000.0, "walk.damping_step_n_s_per_m": 40.0}
+    )
+    file = tmp_path_factory.mktemp("scene") / "scene.toml"
+    file.write_text(scene.to_toml())
+    return scene, file
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    with file.open() as text:
+        return list(csv.DictReader(text))
+
+
+@pytest.mark.parametrize("numeric", ["fixed", "f64", "f64-rounded"])
+def test_a_hit(scene: tuple[zwidth.Scene, Path], sim: Run, tmp_path: Path, numeric: Any) -> None:
+    here, file = scene
+    for stiffness in (8000.0, 60000.0):
+        made = zwidth.hit(here, stiffness=stiffness, damping=30.0, cutoff=500, numeric=numeric, trace=True)
+        trace = tmp_path / f"{stiffness}.csv"
+        wall = ["--stiffness", stiffness, "--damping", 30, "--cutoff", 500, "--numeric", numeric]
+        said = sim("hit", file, *wall, "--trace", trace)
+        assert said["stable"] == made.stable
+        for key, value in vars(made).items():
+            if key not in ("scene", "trace"):
+                assert said[key] == value, key
+        assert made.trace is not None
+        table = rows(trace)
+        for name, column in made.trace.columns().items():
+            assert [float(row[name]) for row in table] == column.tolist(), name
+    assert zwidth.hit(here, stiffness=8000, damping=30, cutoff=500).trace is None
+
+
+def test_a_walk(scene: tuple[zwidth.Scene, Path], sim: Run, tmp_path: Path) -> None:
+    here, file = scene
+    said = sim("walk", file, "--cutoff", 500, "--start-offset", 0.25, "--csv", tmp_path / "walk.csv")
+    for engine in ("lanes", "core"):
+        made = zwidth.walk(here, cutoff=500, start_offset=0.25, engine=engine, threads=1)  # type: ignore[arg-type]
+        assert made.area == said["area_n2_s_per_m2"]
+        assert made.stiffness_peak_n_per_m == said["stiffness_peak_n_per_m"]
+        assert made.damping_max_n_s_per_m == said["damping_max_n_s_per_m"]
+        assert (made.hits, made.ended_by) == (said["hits"], said["ended_by"])
+        table = rows(tmp_path / "walk.csv")
+        for name, column in made.columns().items():
+            assert [float(row[name]) for row in table] == column.tolist(), name
+
+
+def test_a_sweep(scene: tuple[zwidth.Scene, Path], tmp_path: Path) -> None:
+    here, file = scene
+    calls: list[tuple[int, int]] = []
+    made = zwidth.sweep(here, cutoffs=[500, 100], repeat=2, progress=lambda done, total: calls.append((done, total)))
+    out = tmp_path / "out"
+    options = ["--cutoffs", "100,500", "--repeat", 2, "--plain", "--out", out]
+    assert simulate("sweep", file, *options).returncode == 0
+    assert calls[-1] == (4, 4)
+    boundary = rows(out / "boundary.csv")
+    points = [
+        (hz, b, k)
+        for hz, walks in zip(made.cutoffs_hz, made.walks, strict=True)
+        for walk in walks
+        for b, k in zip(walk.damping_n_s_per_m, walk.stiffness_n_per_m, strict=True)
+    ]
+    names = ("cutoff_hz", "damping_n_s_per_m", "stiffness_n_per_m")
+    assert [tuple(float(row[name]) for name in names) for row in boundary] == points
+    areas = rows(out / "areas.csv")
+    assert list(areas[0]) == list(made.columns())
+    for name in made.columns():
+        assert [float(row[name]) for row in areas] == made.columns()[name].tolist(), name
+    assert made.ideal_cutoff_hz in (100, 500)
+    assert made.areas.shape == (2, 2)
+
+
+def test_a_grid(scene: tuple[zwidth.Scene, Path], sim: Run, tmp_path: Path) -> None:
+    here, file = scene
+    made = zwidth.grid(here, cutoffs=[100, 500], dampings=[10, 40, 80], stiffnesses=[4e3, 16e3, 64e3, 256e3])
+    lists = ["--cutoffs", "100,500", "--dampings", "10,40,80", "--stiffnesses", "4000,16000,64000,256000"]
+    said = sim("grid", file, *lists, "--csv", tmp_path / "grid.csv")
+    assert made.verdict.shape == made.rms_m.shape == (2, 3, 4)
+    assert int(made.stable.sum()) == said["stable"]
+    table = rows(tmp_path / "grid.csv")
+    columns = made.columns()
+    assert [row["verdict"] for row in table] == columns["verdict"].tolist()
+    for name in ("cutoff_hz", "damping_n_s_per_m", "stiffness_n_per_m"):
+        assert [float(row[name]) for row in table] == columns[name].tolist()
+    for row, rms_m in zip(table, columns["rms_m"], strict=True):
+        assert math.isnan(rms_m) if row["rms_m"] == "" else float(row["rms_m"]) == rms_m
+
+
+@pytest.mark.parametrize("multirate", [False, True])
+def test_a_linear_boundary(scene: tuple[zwidth.Scene, Path], sim: Run, multirate: bool) -> None:
+    here, file = scene
+    dampings = [0, 10, 50, 150]
+    made = zwidth.linear(here, cutoff=500, dampings=dampings, multirate=multirate, passivity=True)
+    options = ["--cutoffs", 500, "--dampings", "0,10,50,150", "--passivity"]
+    said = sim("linear", file, *options, *(["--multirate"] if multirate else []))
+    assert [row["stiffness_max_n_per_m"] for row in said["rows"]] == made.stiffness_max_n_per_m.tolist()
+    assert made.stiffness_passive_n_per_m is not None
+    assert [row["stiffness_passive_n_per_m"] for row in said["rows"]] == made.stiffness_passive_n_per_m.tolist()
+    assert [row["gain_margin_holds"] for row in said["rows"]] == made.gain_margin_holds.tolist()
+    assert said["left_out"] == list(made.left_out)
+
+
+def test_results_do_not_change_and_become_tables(scene: tuple[zwidth.Scene, Path]) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    made = zwidth.walk(scene[0], cutoff=500)
+    with pytest.raises(ValueError, match="read-only"):
+        made.stiffness_n_per_m[0] = 0.0
+    with pytest.raises(AttributeError):
+        made.area = 0.0  # type: ignore[misc]
+    frame = made.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    table = made.to_arrow()
+    assert table.column_names == list(frame.columns) == list(made.columns())
+    assert np.array_equal(table["stiffness_n_per_m"].to_numpy(), made.stiffness_n_per_m)
+
+
+def test_bad_input_is_refused_as_on_the_command_line(scene: tuple[zwidth.Scene, Path], refused: Run) -> None:
+    here, file = scene
+    with pytest.raises(ValueError, match="cutoff is -1, allowed") as raised:
+        zwidth.walk(here, cutoff=-1)
+    assert refused("walk", file, "--cutoff", -1).replace("--cutoff", "cutoff") == str(raised.value)
+    with pytest.raises(ValueError, match="a cutoff is missing"):
+        zwidth.walk(here)
+    with pytest.raises(ValueError, match="first point of the walk") as raised:
+        zwidth.walk(here.replace({"walk.damping_start_n_s_per_m": 3000.0}), cutoff=50)
+    for call, line in [
+        (lambda: zwidth.hit(here, stiffness=-5, damping=0, cutoff=500), "stiffness is -5, allowed"),
+        (lambda: zwidth.hit(here, stiffness=5, damping=0, cutoff=500, numeric="f16"), "allowed fixed"),  # type: ignore
+        (lambda: zwidth.walk(here, cutoff=500, engine="gpu"), "allowed core, lanes"),  # type: ignore[arg-type]
+        (lambda: zwidth.walk(here, cutoff=500, threads=0), "threads is 0"),
+        (lambda: zwidth.sweep(here, cutoffs=[]), "cutoffs is empty"),
+        (lambda: zwidth.sweep(here, repeat=0), "repeat is 0"),
+        (lambda: zwidth.grid(here, cutoffs=[500], dampings=[1], stiffnesses=[]), "stiffnesses is empty"),
+        (lambda: zwidth.grid(here, cutoffs=[500], dampings=[math.nan], stiffnesses=[1]), "dampings is NaN"),
+        (lambda: zwidth.linear(here, cutoff=500, dampings=[]), "dampings is empty"),
+    ]:
+        with pytest.raises(ValueError) as raised:
+            call()
+        assert line in str(raised.value), raised.value

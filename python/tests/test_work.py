@@ -1,0 +1,70 @@
+"""Long work: Ctrl-C, progress that raises, threads beside it."""
+
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+import zwidth
+
+LONG = """
+import sys, zwidth
+scene = zwidth.Scene.load("paper-1um")
+print("begins", flush=True)
+try:
+    zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=[2000 + n for n in range(200_000)])
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+    sys.exit(7)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_ends_work_soon() -> None:
+    import signal
+
+    with subprocess.Popen([sys.executable, "-c", LONG], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "begins\n"
+        time.sleep(1.0)
+        begun = time.monotonic()
+        child.send_signal(signal.SIGINT)
+        assert child.wait(10) == 7
+        took = time.monotonic() - begun
+    assert took < 1.0, f"{took:.2f} s"  # 0.2 s on an idle machine
+
+
+def test_what_progress_raises_ends_the_work_and_comes_out() -> None:
+    class Enough(Exception):
+        pass
+
+    def progress(done: int, total: int) -> None:
+        if done:
+            raise Enough(f"{done} of {total}")
+
+    scene = zwidth.Scene.load("paper-1um")
+    begun = time.monotonic()
+    with pytest.raises(Enough):
+        zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=range(2000, 202_000), progress=progress)
+    assert time.monotonic() - begun < 30
+
+
+def test_other_threads_run_meanwhile() -> None:
+    ticks = 0
+    over = threading.Event()
+
+    def tick() -> None:
+        nonlocal ticks
+        while not over.wait(0.005):
+            ticks += 1
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    try:
+        zwidth.sweep(zwidth.Scene.load("paper-2um"), cutoffs=[200], repeat=4, threads=1)
+    finally:
+        over.set()
+        thread.join()
+    assert ticks > 3
