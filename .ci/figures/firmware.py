@@ -3,7 +3,7 @@
 import re
 
 from . import block, slots, states
-from .source import ROOT, constant, lit, m, measured, number, power, significant, table
+from .source import ROOT, constant, lit, m, measured, number, power, rows, significant, table
 
 BOARDS = ["nucleo-f446re", "discovery-f407"]
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
@@ -185,6 +185,47 @@ def fault_campaign():
          "stays off; the newest settings", "", "none"],
     ]
     return table(["fault case", "how it is brought about", "enable off after", "allowed", "code"], body)
+
+
+def campaign_of(table_name):
+    return rows(f"campaign-{table_name}.csv")
+
+
+@block
+def campaign_rows():
+    """The rows of both boards that are not off within 3 ms, and how the others end."""
+    body = []
+    for row in campaign_of("rows"):
+        if row["off_s"] and float(row["off_s"]) <= 3e-3 or row["class"] in ("no_effect", "bounded"):
+            continue
+        off = ms(float(row["off_s"]) * 1e6) if row["off_s"] else "never"
+        speed, travel = (f"{float(row[key]) * by:.2f}" for key, by in (("speed_m_per_s", 1), ("travel_m", 1e3)))
+        if not any(b[:2] == [row["name"], row["situation"]] for b in body):
+            body.append([row["name"], row["situation"], off, speed, travel, row["code"] or "none", row["reason"] or ""])
+    return table(["fault", "situation", "off after", "speed, m/s", "travel, mm", "code", "why it stays"], body)
+
+
+@block
+def campaign_soon():
+    """The rows that are off within 3 ms."""
+    body = []
+    for board in BOARDS:
+        of_board = [row for row in campaign_of("rows") if row["board"] == board]
+        soon = [row for row in of_board if row["off_s"] and float(row["off_s"]) <= 3e-3]
+        body.append([board, len(of_board), len(soon), ms(max(float(row["off_s"]) for row in soon) * 1e6),
+                     *(f"{max(float(row[key]) for row in soon) * by:.3f}" for key, by in (("speed_m_per_s", 1), ("travel_m", 1e3)))])
+    return table(["board", "rows", "off within 3 ms", "latest", "most speed, m/s", "most travel, mm"], body)
+
+
+@block
+def campaign_random():
+    body = []
+    for row in campaign_of("random"):
+        counts = [int(row[name]) for name in ("no_effect", "bounded", "off_in_time", "off_late", "unnoticed")]
+        share = f"{float(row['unnoticed_low']) * 100:.2f} to {float(row['unnoticed_high']) * 100:.2f}"
+        body.append([row["board"], row["region"].replace("_", " "), sum(counts), *counts, share])
+    head = ["board", "part", "flips", "no effect", "bounded", "off in time", "off late", "unnoticed", "unnoticed, %, 95 %"]
+    return table(head, body)
 
 
 @block

@@ -21,6 +21,8 @@ MADE = DATA / "made.csv"
 # Commands of minutes: the files that they write, and where these are stored; `json` is what they print.
 FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
 LONG = {
+    "campaign": ("cargo board campaign --random 480 --threads 2", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
+                                                        "left": "campaign-left.csv"}),
     "compare-paper-1um": ("cargo sim compare paper-1um", {
         "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",
         "tuning.csv": "compare-paper-1um-tuning.csv", "json": "compare-paper-1um.json"}),
@@ -208,9 +210,36 @@ def take_measured(change):
     return differences
 
 
+# Classes of a fault, in the order of `cargo board campaign`.
+CLASSES = ["no_effect", "bounded", "off_in_time", "off_late", "unnoticed"]
+
+
+def campaign(command, files):
+    """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed."""
+    ran = subprocess.run(f"{command} --json", shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    if not ran.stdout:
+        raise SystemExit(ran.returncode)
+    told, _ = json.JSONDecoder().raw_decode(ran.stdout)  # an error may follow
+    named = [row for row in told["rows"] if row["region"] is None]
+    left = [row for row in told["rows"] if row["region"] is not None and row["class"] in CLASSES[3:]]
+    regions = [{"board": r["board"], "region": r["region"] or "all", **{c: r["counts"].get(c, 0) for c in CLASSES},
+                **{f"{c}_{end}": r[c][n] for c in CLASSES[3:] for n, end in ((1, "low"), (2, "high"))}}
+               for r in told["random"]]
+    columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
+    for key, body in (("rows", named), ("random", regions), ("left", left)):
+        with (DATA / files[key]).open("w", newline="") as file:
+            head = list(regions[0]) if key == "random" else columns + (["reason"] if key == "rows" else ["region"])
+            writer = csv.DictWriter(file, head, lineterminator="\n", extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(body)
+
+
 def run_long(name):
     """Runs it, stores its tables, and notes the commit in docs/data/made.csv."""
     command, files = LONG[name]
+    if command.startswith("cargo board"):
+        campaign(command, files)
+        return note_made(command, files)
     with tempfile.TemporaryDirectory() as folder:
         words = command.removeprefix("cargo sim ").replace("docs/data/", f"{DATA}/")
         ran = subprocess.run(f"{programs()}/host-sim {words} --json --out {folder}/out", shell=True, stdout=subprocess.PIPE,
@@ -223,6 +252,11 @@ def run_long(name):
                 (DATA / stored).write_text(json.dumps(told, indent=1) + "\n")
             else:
                 shutil.copy(f"{folder}/out/{made}", DATA / stored)
+    return note_made(command, files)
+
+
+def note_made(command, files):
+    """Says in docs/data/made.csv what made these files."""
     kept = [r for r in rows("made.csv") if r["file"] not in files.values()] if MADE.exists() else []
     kept += [{"file": stored, "command": command, "commit": commit()} for stored in files.values()]
     with MADE.open("w", newline="") as file:
