@@ -1,27 +1,29 @@
-//! The envelope of the firmware's board, and link arguments. They stand here and not in .cargo/config.toml, because an
+//! The device record of the image, and link arguments. They stand here and not in .cargo/config.toml, because an
 //! environment variable RUSTFLAGS silently replaces those and yields an image without vectors.
 
-use std::{env, fs, path::PathBuf, process};
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process,
+};
 
-#[path = "src/safety/envelope/generate.rs"]
-mod generate;
+/// First bytes of a device record, and where its board's name is (src/device/record.rs).
+const MAGIC: &[u8] = b"ZWD";
+const BOARD_AT: usize = 12;
+const BOARD_LENGTH: usize = 16;
+/// A flash sector.
+const LONGEST: usize = 16 * 1024;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=memory.x");
-    println!("cargo:rerun-if-changed=src/safety/envelope/generate.rs");
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    // The walls that are predicted to be stable on this board, from `cargo sim sweep BOARD`.
-    let csv = board().map_or_else(String::new, |board| {
-        let path = format!("scenes/{board}.envelope.csv");
-        println!("cargo:rerun-if-changed={path}");
-        fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-    });
-    let table = generate::generate("ENVELOPE", &csv).unwrap_or_else(|error| panic!("{error}"));
-    fs::write(out.join("envelope.rs"), table).expect("OUT_DIR is writable");
+    if let Some(board) = board() {
+        fs::write(out.join("device.record"), record(&board)).expect("OUT_DIR is writable");
+    }
     fs::copy("memory.x", out.join("memory.x")).expect("OUT_DIR is writable");
     println!("cargo:rustc-link-search={}", out.display());
     // Without this defmt drops every line below `error`.
@@ -31,6 +33,31 @@ fn main() {
     for argument in ["-Tlink.x", "-Tdefmt.x", "--nmagic"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
+}
+
+/// The device record that the image begins with: the file that ZWIDTH_DEVICE names, or that of the board's own scene.
+/// Whether it is whole the firmware checks at boot, with code that this script cannot use: the package's own.
+fn record(board: &str) -> Vec<u8> {
+    println!("cargo:rerun-if-env-changed=ZWIDTH_DEVICE");
+    let given = env::var_os("ZWIDTH_DEVICE").filter(|path| !path.is_empty());
+    let path = given.map_or_else(|| format!("scenes/{board}.device").into(), PathBuf::from);
+    println!("cargo:rerun-if-changed={}", path.display());
+    let bytes = fs::read(&path).unwrap_or_else(|error| refuse(&path, &error.to_string()));
+    let name = bytes.get(BOARD_AT..BOARD_AT + BOARD_LENGTH).unwrap_or_default();
+    let name = String::from_utf8_lossy(name);
+    let name = name.trim_end_matches('\0');
+    if !bytes.starts_with(MAGIC) || bytes.len() > LONGEST {
+        refuse(&path, "is no device record, cargo sim prepare makes one");
+    }
+    if name != board {
+        refuse(&path, &format!("is the record of a device on {name}, this image is for {board}"));
+    }
+    bytes
+}
+
+fn refuse(path: &Path, why: &str) -> ! {
+    println!("cargo::error=ZWIDTH_DEVICE: {} {why}", path.display());
+    process::exit(1);
 }
 
 /// The board whose feature is on: its file in `src/board` has the same name. None for the library alone.

@@ -1,7 +1,9 @@
 //! The device that a board controls: what is built and cannot be tuned while it runs, and what follows from it.
 //!
-//! A [`Device`] is plain numbers. Here they are checked and turned into what the loop, the experiments and the
-//! supervisor take, together with the settings that a person may change.
+//! A [`Device`] is what a [device record](record) says, beside what its board is. Here its numbers are checked and turned
+//! into what the loop, the experiments and the supervisor take, together with the settings that a person may change.
+
+pub mod record;
 
 use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
@@ -15,16 +17,20 @@ use crate::{
         BlackBox, Fault, FaultRecord, SafetyPlan, SafetySettings,
         envelope::{Envelope, Key, Outside},
     },
-    store::{DeviceKey, Loaded, Signs, Source, Stored},
+    store::{DeviceKey, Loaded, Name, Signs, Source, Stored},
     units::Position,
     velocity::{EstimatorName, Sense},
 };
 
 /// A device, in SI units.
-#[derive(Clone, Copy, Debug)]
-pub struct Device {
-    /// Name, as in the scene and in the envelope; of the board too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Device<'a> {
+    /// The board.
+    pub board: Name,
+    /// Name and record: what saved settings belong to.
     pub key: DeviceKey,
+    /// Hash of the scene.
+    pub scene_hash: u32,
     /// What is built. A calibration may find another force at full command, and the output period may be set.
     pub design: Design,
     /// From the counter's reading to the force, samples.
@@ -32,7 +38,7 @@ pub struct Device {
     /// What an estimator can look at beside the count.
     pub senses: &'static [Sense],
     /// The walls that are predicted to be stable.
-    pub envelope: &'static Envelope<'static>,
+    pub envelope: Envelope<'a>,
     /// Limits of the supervisor. No hit starts outside its travel.
     pub safety: SafetySettings,
     /// What the motor stands.
@@ -41,9 +47,11 @@ pub struct Device {
     pub back: ReturnSettings,
     /// A calibration; its force is that of the command.
     pub calibration: CalibrationSettings,
-    /// Estimator and wall of a board to which nothing was ever saved.
+    /// Directions of motor and encoder on a board to which nothing was ever saved.
+    pub signs: Signs,
+    /// Estimator and wall of such a board.
     pub settings: Settings,
-    /// Hit of such a board, shortened to what the motor stands.
+    /// Its hit, shortened to what the motor stands.
     pub hit: HitSettings,
     /// Grid of its walk.
     pub walk: WalkSettings,
@@ -83,7 +91,7 @@ pub struct Start {
     pub fault: Option<FaultRecord>,
 }
 
-impl Device {
+impl Device<'_> {
     /// The design with the force at full command that was calibrated.
     ///
     /// # Errors
@@ -219,7 +227,7 @@ impl Device {
             settings: self.settings,
             period: self.design.period,
             push_n,
-            signs: Signs::default(),
+            signs: self.signs,
             start_m: self.back.start_m,
             settle_s: settle_s * part,
             window_s: window_s * part,
@@ -248,19 +256,17 @@ impl Device {
         stored.settings.build(&self.design(stored)?)
     }
 
-    /// What of the envelope holds for those settings.
-    pub fn key<'a>(&self, stored: &'a Stored) -> Key<'a> {
+    /// Where the envelope has those settings.
+    pub fn key(&self, stored: &Stored) -> Key {
         let velocity = &stored.settings.velocity;
         Key {
-            device: stored.device.name(),
-            estimator: velocity.name().text(),
+            estimator: velocity.name(),
             // A table holds for the defaults of the further parameters; of others nothing is known.
             cutoff_hz: match velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),
             },
-            latency_samples: self.latency_samples,
-            period_samples: f64::from(stored.period),
+            period: stored.period,
         }
     }
 

@@ -7,7 +7,7 @@ from .source import ROOT, constant, lit, m, measured, number, power, rows, signi
 
 BOARDS = ["nucleo-f446re", "discovery-f407"]
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
-DEVICE = "src/task/device.rs"
+DEVICE = "scenes/nucleo-f446re.toml"
 
 
 def value(key):
@@ -240,7 +240,11 @@ def registers():
 
 
 def device(name):
-    return lambda: number(lit(DEVICE, rf"\b{name}: (-?[\d._e-]+)"))
+    return lambda: number(lit(DEVICE, rf"(?m)^{name} = (-?[\d._e-]+)"))
+
+
+def scene_constant(name):
+    return lambda: number(lit("host-sim/loop/src/scene/board.rs", rf"\b{name}: ([\d.]+)"))
 
 
 def answer(force_n, mass_kg, counts_per_m):
@@ -264,10 +268,10 @@ slots(
 )
 slots(
     "docs/first-power-up.md",
-    ("| `design.resolution_m` | {} m |", lambda: "1e-6" if lit(DEVICE, r"\bresolution_m: ([\d.e-]+)") == 1e-6 else "?"),
-    ("| `design.full_scale_n` | {} N |", device("full_scale_n")),
+    ("| `encoder.resolution_m` | {} m |", lambda: "1e-6" if lit(DEVICE, r"(?m)^resolution_m = ([\d.e-]+)") == 1e-6 else "?"),
+    ("| `actuator.gain_n_per_v`, `limit_v` | {} N/V, {} V |", device("gain_n_per_v"), device("limit_v")),
     ("| {} m, {} m | distance from the place of `zero`", device("travel_low_m"), device("travel_high_m")),
-    ("| `duty` | {} N, {} s (a guess)", device("continuous_force_n"), device("time_constant_s")),
+    ("| `[motor]` | {} N, {} s (a guess)", device("continuous_force_n"), device("time_constant_s")),
     ("| `safety.speed_max_m_per_s` | {} m/s |", device("speed_max_m_per_s")),
     ("| `safety.speed_believable_m_per_s` | {} m/s |", device("speed_believable_m_per_s")),
     ("`sign_test_counts` | {}, {} | the free", device("sign_test_force"), device("sign_test_counts")),
@@ -367,7 +371,7 @@ slots(
      lambda: number(1e3 * lit("src/experiment/return_move.rs", r"REST_S: f64 = ([\d.]+)")), soft("timeout_s")),
     ("as it is certain: every {} ms the sum", const("src/experiment/hit_sequence.rs", "LOOK_MS")),
     ("counts, but is not limited. {} N and {} s are our guess for the paper's motor", device("continuous_force_n"), device("time_constant_s")),
-    ("that rises by {} % of full scale per second, is held for {} s,", device("rise_percent_per_s"), device("hold_s")),
+    ("that rises by {} % of full scale per second, is held for {} s,", scene_constant("rise_percent_per_s"), scene_constant("hold_s")),
 )
 slots(
     "docs/troubleshooting.md",

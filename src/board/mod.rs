@@ -14,13 +14,14 @@ mod selected;
 
 mod common;
 
+pub use common::device_record::device_record;
+
 use cortex_m::register::control;
 use selected::Selected;
 pub use zwidth::contract::{FlashError, RATE_HZ};
 use zwidth::{
-    Output,
     contract::{self, Parts},
-    velocity::Sense,
+    device::record::BoardFacts,
 };
 
 // The board's own: its parts as the tasks name them.
@@ -42,14 +43,14 @@ pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
 pub type Commands = <Selected as contract::Board>::Commands;
 
-/// Name, as in `--board` and in the feature.
-pub const NAME: &str = <Selected as contract::Board>::NAME;
-/// What the force output makes of a force.
-pub const OUTPUT: Output = <Selected as contract::Board>::OUTPUT;
-/// What an estimator can look at beside the count.
-pub const SENSES: &[Sense] = <Selected as contract::Board>::SENSES;
-/// From the counter's reading to the force, samples.
-pub const LATENCY_SAMPLES: f64 = <Selected as contract::Board>::LATENCY_SAMPLES;
+/// What a device record has to go with.
+pub const FACTS: BoardFacts = BoardFacts {
+    name: <Selected as contract::Board>::NAME,
+    rate_hz: RATE_HZ as f64,
+    output: <Selected as contract::Board>::OUTPUT,
+    senses: <Selected as contract::Board>::SENSES,
+    latency_samples: <Selected as contract::Board>::LATENCY_SAMPLES,
+};
 
 /// Sets the board up, see [`contract::Board::take`].
 pub fn take(

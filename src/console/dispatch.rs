@@ -209,7 +209,7 @@ impl<P: Port> Console<P> {
         }
         match (device.order(&stored), device.inside(&stored)) {
             (Ok(_), Err(outside)) if self.is_locked() => {
-                self.reply(Reply::Outside(outside, device.envelope, device.key(&stored)));
+                self.reply(Reply::Outside(outside, &device.envelope, device.key(&stored)));
             }
             (Ok(_), _) if stored.period != self.stored.period => match device.period(&stored) {
                 Ok(plan) => self.order(Order::Period(plan), Awaited::Period(stored, changed)),

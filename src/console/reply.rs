@@ -5,7 +5,7 @@ use core::fmt;
 use super::{Decimal, Limit, ParseError, Situation, usages};
 use crate::{
     SettingsError,
-    device::Unfit,
+    device::{Device, Unfit},
     period::PERIODS,
     safety::{
         Fault, Refusal,
@@ -21,8 +21,8 @@ use crate::{
 pub enum Reply<'a> {
     /// All commands.
     Help,
-    /// What runs: version and board.
-    Version(&'a str, &'a str),
+    /// What runs: version, and the device.
+    Version(&'a str, &'a Device<'a>),
     /// Done.
     Done(&'static str),
     /// Done, and this is now in force: name, value, unit.
@@ -46,7 +46,7 @@ pub enum Reply<'a> {
     /// Not these settings: the board cannot run them.
     Unfit(Unfit),
     /// Not this wall, says this table of this key.
-    Outside(Outside, &'a Envelope<'a>, Key<'a>),
+    Outside(Outside, &'a Envelope<'a>, Key),
     /// The hardware failed at this.
     Failed(&'a str),
 }
@@ -62,7 +62,12 @@ impl fmt::Display for Reply<'_> {
                 }
                 Ok(())
             }
-            Self::Version(version, board) => write!(f, "ok version {version}, board {board}"),
+            Self::Version(version, device) => {
+                let Device { board, key, scene_hash, envelope, .. } = device;
+                write!(f, "ok version {version}, board {}, ", board.text())?;
+                write!(f, "scene {} {scene_hash:08x}, ", key.name.text())?;
+                write!(f, "envelope {:08x}", envelope.hash())
+            }
             Self::Done(name) => write!(f, "ok {name}"),
             Self::Value(name, value, unit) => write!(f, "ok {name} {} {unit}", Decimal(*value)),
             Self::Word(name, word) => write!(f, "ok {name} {word}"),
@@ -72,16 +77,7 @@ impl fmt::Display for Reply<'_> {
             Self::Faults(now) => faults(f, now),
             Self::Parse(error) => write!(f, "error: {error}"),
             Self::Refused(refusal) => refused(f, *refusal),
-            Self::Range(error) => {
-                write!(
-                    f,
-                    "error: {} is {}, allowed {} to {}",
-                    error.parameter,
-                    Decimal(error.value),
-                    Limit::Low(*error.range.start()),
-                    Limit::High(*error.range.end())
-                )
-            }
+            Self::Range(error) => write!(f, "error: {}", OutOfRange(error)),
             Self::Unfit(unfit) => {
                 f.write_str("error: ")?;
                 match unfit {
@@ -111,13 +107,24 @@ impl fmt::Display for Reply<'_> {
     }
 }
 
+/// A number that is not allowed, as people read it.
+pub(super) struct OutOfRange<'a>(pub &'a SettingsError);
+
+impl fmt::Display for OutOfRange<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let SettingsError { parameter, value, range } = self.0;
+        let (low, high) = (Limit::Low(*range.start()), Limit::High(*range.end()));
+        write!(f, "{parameter} is {}, allowed {low} to {high}", Decimal(*value))
+    }
+}
+
 /// What a table holds beside a key: estimators with their cutoffs.
-fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>, key: &Key<'_>) -> fmt::Result {
-    let mut last = "";
+fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>, key: &Key) -> fmt::Result {
+    let mut last = None;
     for key in envelope.beside(key) {
-        if key.estimator != last {
-            write!(f, "; known: {}", key.estimator)?;
-            last = key.estimator;
+        if last != Some(key.estimator) {
+            write!(f, "; known: {}", key.estimator.text())?;
+            last = Some(key.estimator);
         }
         write!(f, " {}", Decimal(key.cutoff_hz))?;
     }
@@ -173,7 +180,7 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
         estimator.text(),
         Decimal(stored.push_n),
         if wall.push_only { "push only" } else { "two-sided" },
-        stored.device.name(),
+        stored.device.name.text(),
         plus(stored.signs.motor_reversed),
         plus(stored.signs.encoder_reversed),
     )?;
@@ -242,21 +249,19 @@ mod tests {
     use crate::{
         Settings, WallSettings,
         console::{Command, REPLY_MAX, Text, allowed},
+        device::tests::DEVICE,
         experiment::{Activity, WalkSettings},
         safety::{FaultRecord, FaultSet, Inputs, State, Status, envelope::Boundary},
         store::{DeviceKey, Signs},
         units::{Force, Position, Velocity},
     };
 
-    const fn key(cutoff_hz: f64, period_samples: f64) -> Key<'static> {
-        let (device, estimator) = ("nucleo-f446re", "butterworth");
-        Key { device, estimator, cutoff_hz, latency_samples: 0.1, period_samples }
+    const fn key(cutoff_hz: f64, period: u32) -> Key {
+        Key { estimator: EstimatorName::Butterworth, cutoff_hz, period }
     }
     const fn boundary(cutoff_hz: f64) -> Boundary<'static> {
-        Boundary { key: key(cutoff_hz, 10.0), points: &[] }
+        Boundary { key: key(cutoff_hz, 10), points: &[] }
     }
-    static TABLE: Envelope<'static> =
-        Envelope { boundaries: &[boundary(1000.0), boundary(1500.0)] };
 
     const NOW: Situation = Situation {
         status: Status {
@@ -285,10 +290,16 @@ mod tests {
 
     #[test]
     fn values_come_back_with_their_unit_and_refusals_with_a_reason() {
+        let mut words = [0; 16];
+        let words = Envelope::put(&[boundary(1000.0), boundary(1500.0)], &mut words).unwrap();
+        let table = &Envelope::read(words).unwrap();
         shows(Reply::Value("k", 2000.0, "N/m"), "ok k 2000 N/m");
         shows(Reply::Word("stream", "on"), "ok stream on");
         shows(Reply::Done("arm"), "ok arm");
-        shows(Reply::Version("0.1.0", "nucleo-f446re"), "ok version 0.1.0, board nucleo-f446re");
+        shows(
+            Reply::Version("0.1.0", &DEVICE),
+            "ok version 0.1.0, board a-board, scene bench 0badcafe, envelope 6f34aa47",
+        );
         shows(
             Reply::Refused(Refusal::Faulted(Fault::LateRender)),
             "error: a fault is latched: see faults, then clear, fault 20 (late render)",
@@ -300,18 +311,18 @@ mod tests {
         shows(
             Reply::Outside(
                 Outside::Stiffness { lowest: 0.0, highest: 8000.0 },
-                &TABLE,
-                key(1000.0, 10.0),
+                table,
+                key(1000.0, 10),
             ),
             "error: beyond the envelope: k at this b is allowed from 0 to 8000, or unlock envelope",
         );
         shows(
-            Reply::Outside(Outside::UnknownKey, &TABLE, key(1234.0, 10.0)),
+            Reply::Outside(Outside::UnknownKey, table, key(1234.0, 10)),
             "error: no envelope for this device, estimator, cutoff, latency and output period; known: \
              butterworth 1000 1500, or unlock envelope",
         );
         shows(
-            Reply::Outside(Outside::UnknownKey, &TABLE, key(1500.0, 1.0)),
+            Reply::Outside(Outside::UnknownKey, table, key(1500.0, 1)),
             "error: no envelope for this device, estimator, cutoff, latency and output period, or unlock envelope",
         );
         let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
@@ -354,7 +365,7 @@ mod tests {
             ..Record::EMPTY
         };
         let stored = Stored {
-            device: DeviceKey::new("0123456789abcdef").unwrap(),
+            device: DeviceKey::of("0123456789abcdef"),
             settings: Settings {
                 velocity: EstimatorName::ButterworthPrewarped
                     .defaults()

@@ -15,7 +15,7 @@
 
 mod record;
 
-pub use record::{DeviceKey, RECORD_WORDS, Signs, Stored};
+pub use record::{DeviceKey, Name, RECORD_WORDS, Signs, Stored};
 
 use core::fmt;
 

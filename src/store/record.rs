@@ -33,13 +33,34 @@ pub struct Stored {
     pub grid: WalkSettings,
 }
 
-/// Name of a device, up to 16 bytes, as in the scene and in the envelope.
+/// What settings belong to: a device record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct DeviceKey([u8; Self::LEN]);
+pub struct DeviceKey {
+    /// Name of the device, that of its scene.
+    pub name: Name,
+    /// Hash of the record; 0 in settings of layouts that had none.
+    pub hash: u32,
+}
 
 impl DeviceKey {
+    /// A device that no record has.
+    ///
+    /// # Panics
+    /// If the name is longer than [`Name::LEN`]; a constant of it does not compile.
+    pub const fn of(name: &str) -> Self {
+        Self { name: Name::of(name), hash: 0 }
+    }
+}
+
+/// A name of up to 16 bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Name([u8; Self::LEN]);
+
+impl Name {
     /// Longest name, bytes.
     pub const LEN: usize = 16;
+    /// Its words.
+    pub(crate) const WORDS: usize = Self::LEN / 4;
 
     /// That name, if it is not too long and holds no zero byte.
     pub fn new(name: &str) -> Option<Self> {
@@ -51,21 +72,34 @@ impl DeviceKey {
         Some(Self(bytes))
     }
 
-    /// That name, of a constant: one that is too long does not compile, so that no two devices share a key.
+    /// That name, of a constant: one that is too long does not compile, so that no two names are the same.
     ///
     /// # Panics
     /// If it is longer than [`LEN`](Self::LEN).
     pub const fn of(name: &str) -> Self {
         let mut bytes = [0; Self::LEN];
-        assert!(name.len() <= Self::LEN, "the device's name is longer than 16 bytes");
+        assert!(name.len() <= Self::LEN, "the name is longer than 16 bytes");
         bytes.split_at_mut(name.len()).0.copy_from_slice(name.as_bytes());
         Self(bytes)
     }
 
     /// The name; empty if the bytes are no text.
-    pub fn name(&self) -> &str {
+    pub fn text(&self) -> &str {
         let text = self.0.split(|&byte| byte == 0).next().unwrap_or_default();
         core::str::from_utf8(text).unwrap_or_default()
+    }
+
+    pub(crate) fn to_words(self) -> [u32; Self::WORDS] {
+        let (words, _) = self.0.as_chunks();
+        core::array::from_fn(|n| words.get(n).map_or(0, |&word| u32::from_le_bytes(word)))
+    }
+
+    pub(crate) fn from_words(words: [u32; Self::WORDS]) -> Self {
+        let mut bytes = [0; Self::LEN];
+        for (place, byte) in bytes.iter_mut().zip(words.map(u32::to_le_bytes).as_flattened()) {
+            *place = *byte;
+        }
+        Self(bytes)
     }
 }
 
@@ -90,12 +124,16 @@ const FURTHER: usize = PARAMETERS - KEPT;
 const NUMBERS: usize = 17;
 
 /// First word of a record: "ZWS" and the version of the layout.
-const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x03");
-/// The same of layout 2, which had 0 where the output period is, and this period.
+const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x04");
+/// The same of layout 3, which had the flags in a word of their own where the device's hash is now.
+const HEAD_3: u32 = u32::from_le_bytes(*b"ZWS\x03");
+/// The same of layout 2, which was layout 3 with 0 where the output period is, and this period.
 const HEAD_2: u32 = u32::from_le_bytes(*b"ZWS\x02");
 const PERIOD_2: u32 = 10;
 /// First word of a record of further parameters.
 const HEAD_FURTHER: u32 = u32::from_le_bytes(*b"ZWP\x03");
+/// Bits of the flags; the number of the estimator is above them.
+const FLAG_BITS: u32 = 8;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
@@ -185,36 +223,34 @@ impl Stored {
             self.window_s,
             self.rms_limit_m,
         ];
-        let name = self.device.0.as_chunks::<4>().0;
         checked(
             [HEAD, sequence]
                 .into_iter()
-                .chain(name.iter().map(|&bytes| u32::from_le_bytes(bytes)))
-                .chain([estimator.id(), flags])
+                .chain(self.device.name.to_words())
+                .chain([self.device.hash, estimator.id() << FLAG_BITS | flags])
                 .chain(numbers.into_iter().flat_map(halves))
                 .chain([self.period]),
         )
     }
 
-    /// Sequence number and content of those words, if they are a record of this version or of layout 2; further
+    /// Sequence number and content of those words, if they are a record of this version or of layout 3 or 2; further
     /// parameters are 0.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
             return None;
         }
-        let [head, sequence, n0, n1, n2, n3, estimator, flags, numbers @ ..] = *body;
-        let mut device = DeviceKey::default();
-        let name = [n0, n1, n2, n3].map(u32::to_le_bytes);
-        for (place, byte) in device.0.iter_mut().zip(name.as_flattened()) {
-            *place = *byte;
-        }
+        let [head, sequence, n0, n1, n2, n3, first, second, numbers @ ..] = *body;
+        let name = Name::from_words([n0, n1, n2, n3]);
         let (pairs, rest) = numbers.as_chunks::<2>();
-        let period = match (head, rest) {
-            (HEAD, &[period]) => period,
-            (HEAD_2, _) => PERIOD_2,
+        let &[period] = rest else { return None };
+        let (hash, estimator, flags, period) = match head {
+            HEAD => (first, second >> FLAG_BITS, second, period),
+            HEAD_3 => (0, first, second, period),
+            HEAD_2 => (0, first, second, PERIOD_2),
             _ => return None,
         };
+        let device = DeviceKey { name, hash };
         let numbers: [f64; NUMBERS] =
             core::array::from_fn(|n| pairs.get(n).map_or(0.0, |&[low, high]| whole(low, high)));
         let [
@@ -280,7 +316,7 @@ pub(super) mod tests {
 
     pub fn stored(stiffness_n_per_m: f64) -> Stored {
         Stored {
-            device: DeviceKey::new("paper-1um").unwrap(),
+            device: DeviceKey { name: Name::of("paper-1um"), hash: 0x1234_5678 },
             settings: Settings {
                 velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
                 wall: WallSettings {
@@ -316,44 +352,53 @@ pub(super) mod tests {
     #[test]
     fn names_are_kept_up_to_16_bytes() {
         for name in ["", "a", "paper-1um", "0123456789abcdef"] {
-            assert_eq!(DeviceKey::new(name).unwrap().name(), name);
+            assert_eq!(Name::new(name).unwrap().text(), name);
         }
-        assert_eq!(DeviceKey::new("0123456789abcdefg"), None);
-        assert_eq!(DeviceKey::new("a\0b"), None);
-        assert_eq!(DeviceKey([0xFF; 16]).name(), "");
+        assert_eq!(Name::new("0123456789abcdefg"), None);
+        assert_eq!(Name::new("a\0b"), None);
+        assert_eq!(Name([0xFF; 16]).text(), "");
     }
 
     #[test]
     fn a_record_with_an_unknown_version_or_estimator_is_none() {
-        for (word, value) in [(0, HEAD + (1 << 24)), (6, 999)] {
+        for (word, value) in [(0, HEAD + (1 << 24)), (7, 999 << FLAG_BITS)] {
             let mut words = stored(1.0).to_words(1);
             words[word] = value;
-            let (body, check) = words.split_at_mut(RECORD_WORDS - 1);
-            check[0] = crc::of_words(body);
+            sign(&mut words);
             assert_eq!(Stored::from_words(&words), None);
         }
     }
 
-    /// What was saved before there was an output period has that of 1 kHz.
+    fn sign(words: &mut [u32; RECORD_WORDS]) {
+        let (body, check) = words.split_at_mut(RECORD_WORDS - 1);
+        check[0] = crc::of_words(body);
+    }
+
+    /// What was saved before there was a device record belongs to none; and before there was an output period it was
+    /// that of 1 kHz.
     #[test]
-    fn a_record_of_layout_2_is_read() {
+    fn records_of_layouts_2_and_3_are_read_and_are_no_devices() {
         let saved = Stored { period: 1, ..stored(1.0) };
         let mut words = saved.to_words(7);
         assert_eq!(Stored::from_words(&words), Some((7, saved)));
+        let (estimator, flags) = (words[7] >> FLAG_BITS, words[7] & 0xFF);
+        [words[0], words[6], words[7]] = [HEAD_3, estimator, flags];
+        sign(&mut words);
+        let old = Stored { device: DeviceKey::of("paper-1um"), ..saved };
+        assert_eq!(Stored::from_words(&words), Some((7, old)));
         (words[0], words[RECORD_WORDS - 2]) = (HEAD_2, 0);
-        let (body, check) = words.split_at_mut(RECORD_WORDS - 1);
-        check[0] = crc::of_words(body);
-        assert_eq!(Stored::from_words(&words), Some((7, stored(1.0))));
+        sign(&mut words);
+        assert_eq!(Stored::from_words(&words), Some((7, Stored { period: PERIOD_2, ..old })));
     }
 
     proptest! {
         #[test]
         fn a_record_comes_back_bit_for_bit(
             numbers in any::<[f64; 10]>(), walk in any::<[f64; 6]>(), flags in any::<[bool; 4]>(), sequence in any::<u32>(),
-            name in "[a-z0-9-]{0,16}", period in any::<u32>(),
+            name in "[a-z0-9-]{0,16}", hash in any::<u32>(), period in any::<u32>(),
         ) {
             let record = Stored {
-                device: DeviceKey::new(&name).unwrap(),
+                device: DeviceKey { name: Name::new(&name).unwrap(), hash },
                 settings: Settings {
                     velocity: EstimatorName::ALL[usize::from(flags[0])].settings(core::array::from_fn(|n| if n == 0 { numbers[0] } else { 0.0 })),
                     wall: WallSettings {
@@ -376,7 +421,7 @@ pub(super) mod tests {
             let words = record.to_words(sequence);
             let (number, back) = Stored::from_words(&words).unwrap();
             prop_assert_eq!((number, back.to_words(number)), (sequence, words));
-            prop_assert_eq!((back.device.name(), back.period), (name.as_str(), period));
+            prop_assert_eq!((back.device, back.period), (record.device, period));
             prop_assert_eq!(back.rms_limit_m.to_bits(), numbers[9].to_bits());
             prop_assert_eq!(back.full_scale_n.to_bits(), numbers[6].to_bits());
             prop_assert_eq!(back.grid.damping_max_n_s_per_m.to_bits(), walk[5].to_bits());

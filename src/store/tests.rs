@@ -351,19 +351,24 @@ fn a_store_full_of_garbage_gives_the_defaults_and_can_be_used_again() {
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (5.0, Source::Newest, 0));
 }
 
-/// The words of a record, and those that version 0.1.0 wrote: they load.
+/// The words of a record, and those that version 0.1.0 wrote: they are read, and are no device's that has a record.
 #[test]
 fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     let mut flash = Mock::<4>::new();
     save(&mut flash, &stored(8000.0)).unwrap();
     let bytes: Vec<u8> = flash.words[..RECORD_WORDS].iter().flat_map(|w| w.to_le_bytes()).collect();
-    assert_eq!(&bytes[..20], b"ZWS\x03\x01\0\0\0paper-1um\0\0\0");
+    assert_eq!(&bytes[..20], b"ZWS\x04\x01\0\0\0paper-1um\0\0\0");
     assert_eq!(flash.words[12..14], [0, 0x40BF_4000]); // K as a double
     assert_eq!(flash.words[RECORD_WORDS - 2], 10);
+    let (estimator, flags) = (flash.words[7] >> 8, flash.words[7] & 0xFF);
     flash.words[0] = u32::from_le_bytes(*b"ZWS\x02");
+    flash.words[6..8].copy_from_slice(&[estimator, flags]);
     flash.words[RECORD_WORDS - 2..RECORD_WORDS].copy_from_slice(&[0, 0xC69D_7E96]);
+    let of_none = |k| Stored { device: DeviceKey::of("paper-1um"), ..stored(k) };
+    let loaded = load(&mut flash, of_none(0.0));
+    assert_eq!((loaded.stored, loaded.source), (of_none(8000.0), Source::Newest));
     let loaded = load(&mut flash, stored(0.0));
-    assert_eq!((loaded.stored, loaded.source), (stored(8000.0), Source::Newest));
+    assert_eq!((loaded.stored, loaded.source), (stored(0.0), Source::OtherDevice));
 }
 
 /// A slot that cannot be read counts as damaged, and nothing is lost by it.

@@ -4,14 +4,14 @@ use core::sync::atomic::Ordering::Relaxed;
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
-    SettingsError,
-    console::{Console, Port, REPLY_MAX, Reply, Text},
+    console::{Console, Port, REPLY_MAX, Refused, Text},
     contract::{CommandChannel as _, UpChannel as _, Watchdog as _},
+    device::{Device, record::BadRecord},
     experiment::{Order, Report},
     store::{self, Loaded, SaveError, Source, Stored},
 };
 
-use super::{FLAGS, Numbered, ORDERS, REPORTS, device::DEVICE};
+use super::{FLAGS, Numbered, ORDERS, REPORTS};
 use crate::board::{self, Commands, FlashError, SettingsFlash, UpLink, Watchdog};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
@@ -91,12 +91,12 @@ impl Link {
         flash: SettingsFlash,
         reports: Consumer<'static, Report, REPORTS>,
         orders: Producer<'static, Numbered, ORDERS>,
-        stored: Stored,
-        source: Source,
+        device: &'static Device<'static>,
+        (stored, source): (Stored, Source),
     ) -> Self {
         let board::Link { telemetry, replies, commands } = link;
         let channels = Channels { replies, telemetry, commands, flash, orders, ordered: 0 };
-        let console = Console::new(channels, &DEVICE, stored, source);
+        let console = Console::new(channels, device, stored, source);
         Self { console, reports, passes: 0 }
     }
 
@@ -111,15 +111,21 @@ impl Link {
     }
 }
 
-/// Says what is wrong with a constant of `device.rs`, and stays there with everything off.
-pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, error: &SettingsError) -> ! {
-    let text = "error: a constant of src/task/device.rs is not allowed, nothing runs\n";
-    let reason = Text::<{ REPLY_MAX + 1 }>::of(format_args!("{}\n", Reply::Range(error)));
-    for line in [text, reason.as_str()] {
-        log(line);
-        link.replies.write(line.as_bytes());
-    }
+/// Says what is wrong with the device record, answers what can be answered without one, and stays there with everything
+/// off.
+pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &BadRecord) -> ! {
+    let mut console = Refused::new(board::FACTS.name, why);
+    let mut said = Some(console.reason());
     loop {
+        if let Some(line) = said.take() {
+            let text = Text::<{ REPLY_MAX + 1 }>::of(format_args!("{line}\n"));
+            log(text.as_str());
+            link.replies.write(text.as_bytes());
+        }
+        let mut byte = [0];
+        if link.commands.read(&mut byte) > 0 {
+            said = console.push(byte[0]);
+        }
         watchdog.feed();
     }
 }

@@ -12,7 +12,6 @@
 //! through [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` come down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
-mod device;
 mod idle;
 mod link;
 mod render;
@@ -20,7 +19,6 @@ mod sample;
 
 use core::sync::atomic::AtomicU32;
 
-use device::DEVICE;
 use heapless::spsc::Queue;
 pub use idle::Idle;
 pub use link::Link;
@@ -29,7 +27,7 @@ pub use sample::Sample;
 use zwidth::{
     CounterWidth, LoopParameters,
     contract::{Encoder as _, FaultMemory as _},
-    device::Start,
+    device::{Device, Start},
     experiment::{Order, Report},
     period::PERIODS,
     safety::{Guard, GuardCommand, GuardedSampler, SampleReport, Supervisor, boot_fault},
@@ -58,7 +56,7 @@ pub struct Numbered {
     order: Order,
 }
 
-/// Memory of what goes between the tasks.
+/// Memory of what the tasks share.
 pub struct Queues {
     due: Seqlock<SampleReport>,
     guard: Seqlock<Guard>,
@@ -66,6 +64,8 @@ pub struct Queues {
     down: DoubleBuffer<GuardCommand>,
     reports: Queue<Report, REPORTS>,
     orders: Queue<Numbered, ORDERS>,
+    /// What the tasks read and nobody writes.
+    device: Option<Device<'static>>,
 }
 
 impl Queues {
@@ -78,6 +78,7 @@ impl Queues {
             down: DoubleBuffer::new(),
             reports: Queue::new(),
             orders: Queue::new(),
+            device: None,
         }
     }
 }
@@ -94,19 +95,23 @@ static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// A number of the device that is not allowed is said, and nothing runs.
+/// A device record that is not allowed is said, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = queues.due.split();
     let (guard_in, guard_out) = queues.guard.split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
-    let loaded = zwidth::store::load(&mut board.settings, DEVICE.defaults());
+    let device = match Device::from_record(board::device_record(), &board::FACTS) {
+        Ok(device) => queues.device.insert(device),
+        Err(error) => link::refuse(board.link, board.watchdog, &error),
+    };
+    let loaded = zwidth::store::load(&mut board.settings, device.defaults());
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
-    let Start { stored, source, control, safety, period, fault } = match DEVICE.start(&loaded, boot)
+    let Start { stored, source, control, safety, period, fault } = match device.start(&loaded, boot)
     {
         Ok(start) => start,
-        Err(error) => link::refuse(board.link, board.watchdog, &error),
+        Err(error) => link::refuse(board.link, board.watchdog, &error.into()),
     };
     if let Some(record) = fault {
         // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
@@ -139,7 +144,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     (
         Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(safety, fault), control, stored.signs, period),
-        Link::new(board.link, board.settings, reports_out, orders_in, stored, source),
+        Link::new(board.link, board.settings, reports_out, orders_in, device, (stored, source)),
         Idle::new(board.watchdog),
     )
 }

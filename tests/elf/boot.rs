@@ -46,7 +46,8 @@ fn a_board_boots_with_the_output_off_and_answers(board: Board) {
     let firmware = &Firmware::of(board);
     let mut world = firmware.boot();
     let version = ok(&mut world, "version");
-    assert!(version.ends_with(firmware.board.name), "{version}");
+    let name = firmware.board.name;
+    assert!(version.contains(&format!(", board {name}, scene {name} ")), "{version}");
     let status = ok(&mut world, "status");
     assert!(status.contains("ok status off, fault none"), "{status}");
     assert!(status.contains("stop closed, supply good"), "{status}");

@@ -33,7 +33,7 @@ fn sessions(board: Board, seed: u64, commands: u64) {
 
 #[test]
 fn random_sessions_go_as_the_pages_say() {
-    sessions(NUCLEO_F446RE, 1, 120);
+    sessions(NUCLEO_F446RE, 2, 120);
 }
 
 #[test]

@@ -68,6 +68,7 @@ mod identify_telemetry;
 mod mailbox;
 mod panics;
 mod period;
+mod record;
 mod replay;
 mod serve;
 mod snapshots;

@@ -3,6 +3,7 @@
 
 use virtual_board::{
     board::{BOARDS, Board, Force},
+    device::built_in,
     mcu::{LINK, RENDER, SAMPLE, Watch},
     world::World,
 };
@@ -18,7 +19,7 @@ use zwidth::{
 use crate::{
     figure::figure,
     firmware::{Firmware, arm, ok},
-    twin::{Twin, device},
+    twin::Twin,
 };
 
 each_board!(
@@ -93,7 +94,7 @@ fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
 
 /// A hit at that period: its tasks, and the part of the frames that came.
 fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
-    let device = device(firmware.board);
+    let device = built_in(firmware.board);
     let mut now = device.defaults();
     let settings = |stored: &Stored| Step {
         order: device.order(stored).unwrap(),
@@ -158,7 +159,7 @@ fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
     let readings = world.powered.mcu.counter_readings();
     let differs = |hit_at: u64| {
         let orders = met.iter().copied().chain([(hit_at, hit)]).collect();
-        first_difference(&device, &readings, &records, orders)
+        first_difference(device, &readings, &records, orders)
     };
     let found: Vec<_> = (asked..answered).map(differs).collect();
     let same = found.iter().flatten().count() < found.len();

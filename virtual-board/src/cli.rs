@@ -17,7 +17,7 @@ use host_sim::{
         files::{Outputs, Place},
         terminal::{self, note, print_json, print_text},
     },
-    scene::NamedScene,
+    scene::{NamedScene, record},
 };
 use serde::Serialize;
 use zwidth::period::PERIODS;
@@ -25,6 +25,7 @@ use zwidth::period::PERIODS;
 use crate::{
     board::{BOARDS, Board, NUCLEO_F446RE},
     campaign::{self, report::Campaign},
+    device,
     elf::Elf,
     fuzz::report::{self, Fuzz},
     image,
@@ -115,6 +116,10 @@ struct Common {
     /// The firmware; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
+    /// The device record in its flash, of `cargo sim prepare` [default: made of the scene, without an envelope; of the
+    /// board's own scene that of the image].
+    #[arg(long, value_name = "FILE")]
+    device: Option<PathBuf>,
     /// Samples per output in place of the scene's: 1, 2, 5 or 10. `run` begins with it.
     #[arg(long, value_name = "SAMPLES")]
     period: Option<u32>,
@@ -161,13 +166,18 @@ impl Common {
             check_period("--period", period)?;
             scene.scene.actuator.period = period;
         }
-        let inputs: Vec<PathBuf> = scene.files.iter().chain(&self.elf).cloned().collect();
+        let files = scene.files.iter().chain(&self.elf).chain(&self.device);
+        let inputs: Vec<PathBuf> = files.cloned().collect();
         Ok((scene, Outputs::new(force, &inputs)))
     }
 
     fn session(&self, scene: NamedScene) -> Result<Session, Error> {
         check_period("actuator.period", scene.scene.actuator.period)?;
-        session(board(&self.board)?, self.elf.as_ref(), scene)
+        let board = board(&self.board)?;
+        match &self.device {
+            Some(path) => with_record(board, self.elf.as_ref(), scene, Some(record::load(path)?)),
+            None => session(board, self.elf.as_ref(), scene),
+        }
     }
 }
 
@@ -189,12 +199,22 @@ pub fn board(name: &str) -> Result<Board, Error> {
         .ok_or_else(|| Error::Input(format!("--board is {name}, allowed {}", Board::names(", "))))
 }
 
-/// A board with that image, or the one that is built for it, on the device of a scene.
+/// A board with that image, or the one that is built for it, and the record of a scene, on the device of that scene.
 ///
 /// # Errors
 /// The image cannot be read or built, or is none of ours.
 pub fn session(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Session, Error> {
-    check_device(&scene, board)?;
+    let record = device::record(&scene, board)?;
+    with_record(board, elf, scene, record)
+}
+
+/// The same with that record in its flash, or with the image's own.
+fn with_record(
+    board: Board,
+    elf: Option<&PathBuf>,
+    scene: NamedScene,
+    record: Option<Vec<u8>>,
+) -> Result<Session, Error> {
     let path = match elf {
         Some(path) => path.clone(),
         None => image::build(board.name).map_err(Error::Internal)?,
@@ -212,30 +232,8 @@ pub fn session(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result
     let table = log::table(&elf.bytes).map_err(|error| {
         Error::Input(format!("{} is no firmware of ours: {error}", path.display()))
     })?;
+    let elf = record.map_or_else(|| Ok(elf.clone()), |record| elf.with_record(&record))?;
     Ok(Session { board, scene, elf, table })
-}
-
-/// The firmware takes counts, samples and full command for those of the device that its image is built for.
-fn check_device(scene: &NamedScene, board: Board) -> Result<(), Error> {
-    let (wanted, image) = (&scene.scene, NamedScene::load(board.name)?.scene);
-    let [wanted, image] = [wanted, &image].map(|scene| {
-        [
-            ("encoder.resolution_m", scene.encoder.resolution_m),
-            ("control.rate_hz", scene.control.rate_hz),
-            ("actuator.gain_n_per_v * actuator.limit_v", scene.full_scale_n()),
-        ]
-    });
-    match wanted
-        .into_iter()
-        .zip(image)
-        .find(|((_, is), (_, of_image))| (is / of_image - 1.0).abs() > 1e-9)
-    {
-        None => Ok(()),
-        Some(((key, is), (_, of_image))) => Err(Error::Input(format!(
-            "{}: {key} is {is}, the image of {} is built for {of_image}",
-            scene.name, board.name
-        ))),
-    }
 }
 
 impl From<Failed> for Error {

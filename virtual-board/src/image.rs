@@ -83,6 +83,7 @@ fn package(folder: &Path, name: &str, arguments: &[&str]) -> Result<PathBuf, Str
     cargo
         .current_dir(workspace())
         .env_remove("RUSTFLAGS")
+        .env_remove("ZWIDTH_DEVICE") // the board's own device
         .env_remove("CARGO_INCREMENTAL") // it splits what is optimised as a whole: other cycles
         .args(["build", "--quiet", "--profile", "firmware", "--target", TARGET])
         .args(["--package", name])

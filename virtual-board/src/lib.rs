@@ -6,6 +6,7 @@ pub mod amplifier;
 pub mod board;
 pub mod campaign;
 pub mod cli;
+pub mod device;
 pub mod elf;
 pub mod fuzz;
 pub mod image;

@@ -77,18 +77,13 @@ fn bad_input_is_one_line_and_writes_nothing() {
 }
 
 #[test]
-fn another_encoder_rate_or_motor_than_the_images_is_refused() {
+fn a_scene_that_goes_with_no_record_is_refused_before_anything_runs() {
     let folder = folder();
     let path = folder.path();
     let text = include_str!("../../scenes/nucleo-f446re.toml");
     for (from, to, wanted) in [
-        (
-            "resolution_m = 1e-6",
-            "resolution_m = 2e-6",
-            ["encoder.resolution_m is 0.000002", "0.000001"],
-        ),
-        ("rate_hz = 10000", "rate_hz = 9000", ["control.rate_hz is 9000", "10000"]),
-        ("limit_v = 10.0", "limit_v = 5.0", ["actuator.limit_v is 2.953", "5.906"]),
+        ("rate_hz = 10000", "rate_hz = 9000", "control.rate_hz on the board nucleo-f446re is 9000"),
+        ("start_position_m = 0.0", "start_position_m = -0.1", "start_m is -0.1, allowed -0.04"),
     ] {
         assert!(text.contains(from));
         fs::write(path.join("other.toml"), text.replace(from, to)).unwrap();
@@ -96,9 +91,18 @@ fn another_encoder_rate_or_motor_than_the_images_is_refused() {
             let output = board(path, &args).output().unwrap();
             let line = line(&output);
             assert_eq!(output.status.code(), Some(2), "{args:?}: {line}");
-            assert!(wanted.iter().all(|part| line.contains(part)), "{line} should say {wanted:?}");
-            assert!(line.contains("the image of nucleo-f446re"), "{line}");
+            assert!(line.contains(wanted), "{line} should say {wanted}");
         }
+    }
+    fs::write(path.join("long.device"), vec![0; 16_385]).unwrap();
+    for (file, wanted) in [
+        ("long.device", "long.device is longer than a record may be, 16 KiB"),
+        ("missing.device", "missing.device cannot be read"),
+    ] {
+        let output = board(path, &hit(&["mine.toml", "--device", file])).output().unwrap();
+        let line = line(&output);
+        assert_eq!(output.status.code(), Some(2), "{line}");
+        assert!(line.contains(wanted), "{line} should say {wanted}");
     }
 }
 

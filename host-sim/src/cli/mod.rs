@@ -10,6 +10,7 @@ mod limits;
 mod linear;
 mod list;
 mod peers;
+mod prepare;
 mod progress;
 mod replay;
 mod shared;
@@ -51,6 +52,7 @@ enum Command {
     Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
+    Prepare(prepare::PrepareArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -70,7 +72,7 @@ struct Common {
     #[arg(long, global = true, value_enum, default_value_t)]
     engine: EngineArg,
     /// Folder for the results; with several scenes, one folder per scene in it
-    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written. The other commands
+    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written, for `prepare` the record. The other commands
     /// name their files one by one.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -132,7 +134,8 @@ impl Command {
             | Self::Compare(_)
             | Self::Design(_)
             | Self::Trade(_)
-            | Self::Identify(_) => None,
+            | Self::Identify(_)
+            | Self::Prepare(_) => None,
         }
     }
 }
@@ -162,6 +165,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
+        Command::Prepare(args) => prepare::run(&args, &common),
         Command::Replay(args) => replay::run(&args, &common),
     })
 }

@@ -62,7 +62,7 @@ pub(super) enum ChangedSetting {
 /// A console on a board.
 pub struct Console<P> {
     pub(super) port: P,
-    pub(super) device: &'static Device,
+    pub(super) device: &'static Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
     pub(super) stored: Stored,
@@ -90,7 +90,7 @@ struct Batch {
 
 impl<P: Port> Console<P> {
     /// A console of that device, which starts with these settings.
-    pub fn new(port: P, device: &'static Device, stored: Stored, source: Source) -> Self {
+    pub fn new(port: P, device: &'static Device<'static>, stored: Stored, source: Source) -> Self {
         let mut console = Self {
             port,
             device,
@@ -230,7 +230,7 @@ impl<P: Port> Console<P> {
     }
 
     pub(super) fn version(&mut self) {
-        self.reply(Reply::Version(env!("CARGO_PKG_VERSION"), self.device.key.name()));
+        self.reply(Reply::Version(env!("CARGO_PKG_VERSION"), self.device));
     }
 
     pub(super) fn situation(&self) -> Option<(Situation, Record)> {
@@ -248,7 +248,11 @@ impl<P: Port> Console<P> {
         let stored = self.stored;
         match self.device.inside(&stored) {
             Err(outside) if refusal == Refusal::Settings => {
-                self.reply(Reply::Outside(outside, self.device.envelope, self.device.key(&stored)));
+                self.reply(Reply::Outside(
+                    outside,
+                    &self.device.envelope,
+                    self.device.key(&stored),
+                ));
             }
             _ => self.reply(Reply::Refused(refusal)),
         }

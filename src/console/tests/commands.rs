@@ -9,7 +9,7 @@ use crate::{
 #[test]
 fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
     let mut console = Console::new(Board::default(), &DEVICE, DEVICE.defaults(), Source::Older);
-    let version = format!("ok version {}, board bench", env!("CARGO_PKG_VERSION"));
+    let version = version();
     let loaded = "ok load: older settings: the newest copy is damaged";
     assert_eq!(console.port.lines, [version.as_str(), loaded]);
     assert_eq!(console.port.orders, [DEVICE.order(&DEVICE.defaults()).unwrap()]);
@@ -28,7 +28,7 @@ fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
 fn what_only_looks_says_it_at_once() {
     let mut bench = Bench::new(OFF);
     assert!(bench.says("help").starts_with("ok help, version, "));
-    let version = format!("ok version {}, board bench", env!("CARGO_PKG_VERSION"));
+    let version = version();
     assert_eq!(bench.says("version"), version);
     assert!(bench.says("status").starts_with("ok status off, fault none, idle, sample 42,"));
     assert!(bench.says("get").starts_with("ok get k 0 N/m, b 0 N s/m, wall 0.07 m, cutoff 1500"));

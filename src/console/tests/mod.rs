@@ -151,3 +151,10 @@ impl Bench {
         self.console.stored
     }
 }
+
+/// What `version` says.
+fn version() -> String {
+    let hash = DEVICE.envelope.hash();
+    let version = env!("CARGO_PKG_VERSION");
+    format!("ok version {version}, board a-board, scene bench 0badcafe, envelope {hash:08x}")
+}

@@ -1,15 +1,16 @@
-//! Which walls the simulator predicts to be stable, per device, estimator, cutoff, latency and output
-//! period.
+//! Which walls the simulator predicts to be stable, per estimator, cutoff and output period.
 //!
-//! The table is made when the firmware is built, from the `envelope.csv` of a sweep, by
-//! `src/safety/envelope/generate.rs`. At each B it has an interval of K, and not only its upper end: at large B
-//! a soft wall chatters where a stiffer one holds. A gain outside is refused until unlocked; so is
-//! every gain of a key that the table does not have, because nothing is known about it.
+//! The table is a part of the [device record](crate::device::record): device and latency are those of the record. At each B
+//! it has an interval of K, and not only its upper end: at large B a soft wall chatters where a stiffer one holds. A
+//! gain outside is refused until unlocked; so is every gain of a key that the table does not have, because nothing is
+//! known about it.
 
-#[cfg(test)]
-mod generate;
+mod words;
 
 use core::fmt;
+
+use crate::{crc, velocity::EstimatorName};
+use words::Rows;
 
 /// The stable stiffnesses at one damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,39 +25,35 @@ pub struct Point {
 
 /// What a boundary holds for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Key<'a> {
-    /// Name of the device: that of the scene.
-    pub device: &'a str,
-    /// Name of the estimator, as in the table.
-    pub estimator: &'a str,
+pub struct Key {
+    /// The estimator.
+    pub estimator: EstimatorName,
     /// Nominal cutoff, Hz.
     pub cutoff_hz: f64,
-    /// Latency from sample to force, samples.
-    pub latency_samples: f64,
     /// Samples per output.
-    pub period_samples: f64,
+    pub period: u32,
 }
 
-/// The boundary for one key.
+/// The boundary for one key, to make a table of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Boundary<'a> {
     /// What it holds for.
-    pub key: Key<'a>,
+    pub key: Key,
     /// By rising B.
     pub points: &'a [Point],
 }
 
-/// All boundaries that the firmware knows.
+/// All boundaries of a device, as words of its record: see [`words`](self) for their layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope<'a> {
-    /// In any order.
-    pub boundaries: &'a [Boundary<'a>],
+    /// Whole boundaries, checked.
+    words: &'a [u32],
 }
 
 /// Why a wall is refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outside {
-    /// The table says nothing about this device, estimator, cutoff, latency and output period.
+    /// The table says nothing about this estimator, cutoff and output period.
     UnknownKey,
     /// B is beyond the last point, N s/m.
     Damping {
@@ -109,16 +106,21 @@ impl fmt::Display for Outside {
     }
 }
 
-/// Two cutoffs or latencies this close are the same: both come from decimal numbers.
+/// Two cutoffs this close are the same: both come from decimal numbers.
 const SAME: f64 = 1e-9;
 
 fn same(a: f64, b: f64) -> bool {
     (a - b).abs() <= SAME * a.abs().max(b.abs())
 }
 
-impl Envelope<'_> {
-    /// A firmware that knows nothing: every wall is refused.
-    pub const EMPTY: Self = Self { boundaries: &[] };
+impl<'a> Envelope<'a> {
+    /// Nothing is known: every wall is refused.
+    pub const EMPTY: Self = Self { words: &[] };
+
+    /// The same for the same words, and most likely for no others.
+    pub fn hash(&self) -> u32 {
+        crc::of_words(self.words)
+    }
 
     /// Whether the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
@@ -130,7 +132,7 @@ impl Envelope<'_> {
     ///
     /// # Errors
     /// Says what is allowed.
-    pub fn allows(&self, key: &Key<'_>, k: f64, b: f64) -> Result<(), Outside> {
+    pub fn allows(&self, key: &Key, k: f64, b: f64) -> Result<(), Outside> {
         // A NaN is not at least 0.
         if !(k >= 0.0 && b >= 0.0) {
             return Err(Outside::NotAWall);
@@ -138,45 +140,39 @@ impl Envelope<'_> {
         if k == 0.0 && b == 0.0 {
             return Ok(());
         }
-        let boundary = self
-            .boundaries
-            .iter()
-            .find(|boundary| boundary.key.is(key))
-            .ok_or(Outside::UnknownKey)?;
-        let [lowest, highest] = interval_at(boundary.points, b)?;
+        let (_, rows) =
+            self.tables().find(|(known, _)| known.is(key)).ok_or(Outside::UnknownKey)?;
+        let [lowest, highest] = interval_at(rows, b)?;
         if k >= lowest && k <= highest {
             Ok(())
         } else {
             Err(Outside::Stiffness { lowest, highest })
         }
     }
-}
 
-impl Envelope<'_> {
-    /// What is known beside `key`, of the same device, latency and output period.
-    pub fn beside(&self, key: &Key<'_>) -> impl Iterator<Item = &Key<'_>> {
-        let keys = self.boundaries.iter().map(|boundary| &boundary.key);
-        keys.filter(move |known| known.is_of_the_loop(key))
+    /// What is known, and where.
+    pub fn boundaries(&self) -> impl Iterator<Item = (Key, impl Iterator<Item = Point> + 'a)> {
+        self.tables().map(|(key, rows)| (key, rows.points()))
+    }
+
+    /// What is known beside `key`, of the same output period.
+    pub fn beside(&self, key: &Key) -> impl Iterator<Item = Key> {
+        let period = key.period;
+        self.tables().map(|(key, _)| key).filter(move |known| known.period == period)
     }
 }
 
-impl Key<'_> {
-    fn is_of_the_loop(&self, other: &Key<'_>) -> bool {
-        self.device == other.device
-            && same(self.latency_samples, other.latency_samples)
-            && same(self.period_samples, other.period_samples)
-    }
-
-    fn is(&self, other: &Key<'_>) -> bool {
-        self.is_of_the_loop(other)
+impl Key {
+    fn is(&self, other: &Self) -> bool {
+        self.period == other.period
             && self.estimator == other.estimator
             && same(self.cutoff_hz, other.cutoff_hz)
     }
 }
 
 /// Lowest and highest K at `b`.
-fn interval_at(points: &[Point], b: f64) -> Result<[f64; 2], Outside> {
-    let (Some(first), Some(last)) = (points.first(), points.last()) else {
+fn interval_at(rows: Rows<'_>, b: f64) -> Result<[f64; 2], Outside> {
+    let (Some(first), Some(last)) = (rows.points().next(), rows.points().last()) else {
         return Err(Outside::UnknownKey);
     };
     if b > last.damping_n_s_per_m {
@@ -187,8 +183,8 @@ fn interval_at(points: &[Point], b: f64) -> Result<[f64; 2], Outside> {
         let known = first.stiffness_low_n_per_m == 0.0;
         [0.0, if known { first.stiffness_high_n_per_m * part } else { 0.0 }]
     } else {
-        let below = points.iter().rfind(|point| point.damping_n_s_per_m <= b);
-        let above = points.iter().find(|point| point.damping_n_s_per_m >= b);
+        let below = rows.points().take_while(|point| point.damping_n_s_per_m <= b).last();
+        let above = rows.points().find(|point| point.damping_n_s_per_m >= b);
         let (Some(below), Some(above)) = (below, above) else { return Err(Outside::UnknownKey) };
         [
             f64::max(below.stiffness_low_n_per_m, above.stiffness_low_n_per_m),
@@ -208,29 +204,25 @@ mod tests {
         Point { damping_n_s_per_m: b, stiffness_low_n_per_m: low, stiffness_high_n_per_m: high }
     }
 
-    const KEY: Key<'static> = Key {
-        device: "paper-1um",
-        estimator: "butterworth",
-        cutoff_hz: 1500.0,
-        latency_samples: 10.0,
-        period_samples: 10.0,
-    };
+    const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 };
 
-    static TABLE: Envelope<'static> = Envelope {
-        boundaries: &[Boundary {
-            key: KEY,
-            points: &[
-                point(10.0, 0.0, 8000.0),
-                point(20.0, 0.0, 20_000.0),
-                point(30.0, 3000.0, 6000.0),
-                point(40.0, 7000.0, 9000.0),
-                point(50.0, 0.0, 0.0),
-            ],
-        }],
-    };
+    const POINTS: [Point; 5] = [
+        point(10.0, 0.0, 8000.0),
+        point(20.0, 0.0, 20_000.0),
+        point(30.0, 3000.0, 6000.0),
+        point(40.0, 7000.0, 9000.0),
+        point(50.0, 0.0, 0.0),
+    ];
+
+    /// What a table of those points says.
+    fn of(points: &[Point], key: &Key, k: f64, b: f64) -> Result<(), Outside> {
+        let mut words = [0; 64];
+        let words = Envelope::put(&[Boundary { key: KEY, points }], &mut words).unwrap();
+        Envelope::read(words).unwrap().allows(key, k, b)
+    }
 
     fn allows(k: f64, b: f64) -> Result<(), Outside> {
-        TABLE.allows(&KEY, k, b)
+        of(&POINTS, &KEY, k, b)
     }
 
     #[test]
@@ -264,29 +256,23 @@ mod tests {
     #[test]
     fn below_a_first_point_with_a_lowest_k_nothing_is_known() {
         let points = [point(10.0, 500.0, 8000.0)];
-        let boundaries = [Boundary { key: KEY, points: &points }];
-        let envelope = Envelope { boundaries: &boundaries };
-        assert_eq!(envelope.allows(&KEY, 100.0, 5.0), Err(Outside::NoStiffness));
-        assert_eq!(envelope.allows(&KEY, 600.0, 10.0), Ok(()));
+        assert_eq!(of(&points, &KEY, 100.0, 5.0), Err(Outside::NoStiffness));
+        assert_eq!(of(&points, &KEY, 600.0, 10.0), Ok(()));
     }
 
     #[test]
     fn every_part_of_the_key_counts() {
         let others = [
-            Key { device: "paper-2um", ..KEY },
-            Key { estimator: "butterworth-prewarped", ..KEY },
+            Key { estimator: EstimatorName::ButterworthPrewarped, ..KEY },
             Key { cutoff_hz: 1500.1, ..KEY },
-            Key { latency_samples: 9.0, ..KEY },
-            Key { period_samples: 1.0, ..KEY },
+            Key { period: 1, ..KEY },
             Key { cutoff_hz: f64::NAN, ..KEY },
         ];
         for key in others {
-            assert_eq!(TABLE.allows(&key, 1.0, 10.0), Err(Outside::UnknownKey), "{key:?}");
+            assert_eq!(of(&POINTS, &key, 1.0, 10.0), Err(Outside::UnknownKey), "{key:?}");
         }
         assert_eq!(Envelope::EMPTY.allows(&KEY, 1.0, 10.0), Err(Outside::UnknownKey));
-        let empty = [Boundary { key: KEY, points: &[] }];
-        let envelope = Envelope { boundaries: &empty };
-        assert_eq!(envelope.allows(&KEY, 1.0, 10.0), Err(Outside::UnknownKey));
+        assert_eq!(of(&[], &KEY, 1.0, 10.0), Err(Outside::UnknownKey));
     }
 
     #[test]
@@ -301,13 +287,12 @@ mod tests {
     proptest! {
         #[test]
         fn it_never_allows_what_a_neighbour_does_not(k in 0.0..30_000.0f64, b in 10.0..60.0f64) {
-            let points = TABLE.boundaries[0].points;
             let holds = |p: &Point| {
                 k >= p.stiffness_low_n_per_m && k <= p.stiffness_high_n_per_m
                     && p.stiffness_high_n_per_m > 0.0
             };
             let near = |p: &Point| (p.damping_n_s_per_m - b).abs() < 10.0;
-            let expected = b <= 50.0 && points.iter().filter(|p| near(p)).all(holds);
+            let expected = b <= 50.0 && POINTS.iter().filter(|p| near(p)).all(holds);
             prop_assert_eq!(allows(k, b).is_ok(), expected);
         }
     }

@@ -1,11 +1,11 @@
 //! Settings in flash: bytes that flip, power that is cut while the ELF saves.
 
 use rayon::prelude::*;
-use virtual_board::{board::Powered, world::World};
+use virtual_board::{board::Powered, device::built_in, world::World};
 use zwidth::{
     Settings, VelocitySettings, WallSettings,
     experiment::WalkSettings,
-    store::{DeviceKey, RECORD_WORDS, Signs, Stored},
+    store::{RECORD_WORDS, Signs, Stored},
 };
 
 use crate::firmware::{Firmware, ok};
@@ -18,7 +18,7 @@ const SECTOR_WORDS: usize = 4096;
 /// A record of that board's device with that stiffness.
 fn record(firmware: &Firmware, sequence: u32, stiffness_n_per_m: f64) -> [u32; RECORD_WORDS] {
     let stored = Stored {
-        device: DeviceKey::new(firmware.board.name).unwrap(),
+        device: built_in(firmware.board).key,
         settings: Settings {
             velocity: VelocitySettings::Butterworth { cutoff_hz: 1200.0 },
             wall: WallSettings {

@@ -4,23 +4,23 @@ use proptest::prelude::*;
 use zwidth::{
     console::{REPLY_MAX, Reply, Text},
     safety::envelope::{Boundary, Envelope, Key, Outside, Point},
+    velocity::EstimatorName,
 };
 
 use crate::any;
 
-const KEY: Key<'static> = Key {
-    device: "bench",
-    estimator: "butterworth",
-    cutoff_hz: 1500.0,
-    latency_samples: 0.115,
-    period_samples: 10.0,
-};
+const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 };
 
-/// Points by rising B, as a sweep writes them: whole steps, or the rounded numbers of one.
+/// As a record holds it.
+fn held(value: f64) -> f64 {
+    f64::from(value as f32)
+}
+
+/// Points by rising B, as a record holds them: whole steps, or the rounded numbers of one.
 fn points() -> impl Strategy<Value = Vec<Point>> {
     let k = || (0u32..2000, prop::bool::weighted(0.5)).prop_map(|(k, whole)| {
         let k = f64::from(k);
-        if whole { 100.0 * k } else { k * 77.7 / 3.0 }
+        held(if whole { 100.0 * k } else { k * 77.7 / 3.0 })
     });
     prop::collection::vec((1u32..30, k(), k(), prop::bool::weighted(0.6)), 1..12).prop_map(|rows| {
         let mut b = 0.0;
@@ -29,7 +29,7 @@ fn points() -> impl Strategy<Value = Vec<Point>> {
                 b += f64::from(step) / 3.0;
                 let low = if from_0 { 0.0 } else { f64::min(one, other) };
                 Point {
-                    damping_n_s_per_m: b,
+                    damping_n_s_per_m: held(b),
                     stiffness_low_n_per_m: low,
                     stiffness_high_n_per_m: f64::max(one, other),
                 }
@@ -60,8 +60,9 @@ fn is_inside(points: &[Point], k: f64, b: f64) -> bool {
 }
 
 fn allows(points: &[Point], k: f64, b: f64) -> Result<(), Outside> {
-    let boundaries = [Boundary { key: KEY, points }];
-    Envelope { boundaries: &boundaries }.allows(&KEY, k, b)
+    let mut words = [0; 64];
+    let words = Envelope::put(&[Boundary { key: KEY, points }], &mut words).unwrap();
+    Envelope::read(words).unwrap().allows(&KEY, k, b)
 }
 
 /// The limits of a refusal, as those read them who see it in a program's errors and at the console.

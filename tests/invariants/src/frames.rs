@@ -102,7 +102,7 @@ impl Port for Listener {
     }
 }
 
-static DEVICE: LazyLock<Device> = LazyLock::new(|| limits::device(any::PAPER));
+static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| limits::device(any::PAPER));
 
 /// A report of that output, and of nothing else.
 fn report(record: Record) -> Report {

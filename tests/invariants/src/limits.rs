@@ -6,7 +6,7 @@ use zwidth::{
     device::Device,
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
     safety::{SafetySettings, envelope::Envelope},
-    store::DeviceKey,
+    store::{DeviceKey, Name, Signs},
     velocity::EstimatorName,
 };
 
@@ -78,14 +78,16 @@ fn safety(design: &Design) -> SafetySettings {
 }
 
 /// A device of that design; `hit` is as long as it may be or shorter.
-pub fn device(design: Design) -> Device {
+pub fn device(design: Design) -> Device<'static> {
     let far = 5e3 * design.resolution_m;
     Device {
-        key: DeviceKey::new("bench").unwrap(),
+        board: Name::of("a-board"),
+        key: DeviceKey::of("bench"),
+        scene_hash: 0,
         design,
         latency_samples: 0.1,
         senses: &[],
-        envelope: &Envelope::EMPTY,
+        envelope: Envelope::EMPTY,
         safety: safety(&design),
         duty: DutySettings { continuous_force_n: 0.7 * design.full_scale_n, time_constant_s: 30.0 },
         back: ReturnSettings {
@@ -104,6 +106,7 @@ pub fn device(design: Design) -> Device {
             hold_s: 30.0,
             travel_m: 100.0 * design.resolution_m,
         },
+        signs: Signs::default(),
         settings: Settings {
             velocity: EstimatorName::Difference.defaults(),
             wall: WallSettings { position_m: far, ..NO_WALL },

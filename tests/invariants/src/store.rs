@@ -118,7 +118,7 @@ impl<const UNIT: usize> NorFlash for Flash<UNIT> {
 
 fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
     Stored {
-        device: DeviceKey::new("bench").unwrap(),
+        device: DeviceKey::of("bench"),
         settings: Settings {
             // the last parameter is one that a record of its own has
             velocity: match name {

@@ -105,7 +105,7 @@ pub extern "C" fn zwidth_reply(reply: &Reply<'_>, text: &mut Text<REPLY_MAX>) {
 
 /// A wall against the envelope.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-pub extern "C" fn zwidth_envelope(envelope: &Envelope<'_>, key: &Key<'_>, k: f64, b: f64) -> bool {
+pub extern "C" fn zwidth_envelope(envelope: &Envelope<'_>, key: &Key, k: f64, b: f64) -> bool {
     envelope.allows(key, k, b).is_ok()
 }
 

@@ -1,11 +1,6 @@
-//! The walls that are predicted to be stable, read from the table beside the scene by the rules of its page.
+//! The walls that are predicted to be stable, out of the record of the image, judged by the rules of the page.
 
-use crate::board::Board;
-
-const TABLES: [(&str, &str); 2] = [
-    ("nucleo-f446re", include_str!("../../../scenes/nucleo-f446re.envelope.csv")),
-    ("discovery-f407", include_str!("../../../scenes/discovery-f407.envelope.csv")),
-];
+use crate::{board::Board, device};
 
 /// One row: estimator, cutoff, B, lowest and highest K.
 type Row = (String, f64, [f64; 3]);
@@ -19,14 +14,12 @@ pub struct Envelope {
 impl Envelope {
     /// The one that the board's image was built with.
     pub fn of(board: Board) -> Self {
-        let table =
-            TABLES.iter().find(|(name, _)| *name == board.name).map_or("", |(_, text)| text);
-        let rows = table.lines().skip(1).filter_map(|line| {
-            let mut words = line.split(',');
-            let estimator = words.nth(1)?.to_owned();
-            let numbers: Vec<f64> = words.filter_map(|word| word.parse().ok()).collect();
-            let [cutoff_hz, _latency, _period, b, low, high] = numbers[..] else { return None };
-            Some((estimator, cutoff_hz, [b, low, high]))
+        let rows = device::built_in(board).envelope.boundaries().flat_map(|(key, points)| {
+            points.map(move |point| {
+                let (low, high) = (point.stiffness_low_n_per_m, point.stiffness_high_n_per_m);
+                let row = [point.damping_n_s_per_m, low, high];
+                (key.estimator.text().to_owned(), key.cutoff_hz, row)
+            })
         });
         Self { rows: rows.collect() }
     }

@@ -1,7 +1,9 @@
 //! What the board has to answer: the console's page as a model. The state that the world decides (has the handle
 //! passed the sign test, is it in the wall) is taken from the telemetry, which is checked on its own.
 
-use crate::board::Board;
+use zwidth::device::Device;
+
+use crate::{board::Board, device};
 
 use super::{
     command::{self, Command},
@@ -166,7 +168,12 @@ impl Model {
     }
 
     fn version(&self) -> String {
-        format!("ok version {}, board {}", env!("CARGO_PKG_VERSION"), self.board.name)
+        let Device { scene_hash, envelope, .. } = device::built_in(self.board);
+        let (name, version) = (self.board.name, env!("CARGO_PKG_VERSION"));
+        let hash = envelope.hash();
+        format!(
+            "ok version {version}, board {name}, scene {name} {scene_hash:08x}, envelope {hash:08x}"
+        )
     }
 
     fn loaded(&self) -> String {

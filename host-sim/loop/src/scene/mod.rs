@@ -25,14 +25,17 @@ use crate::{
 };
 
 mod accelerometer;
+mod board;
 mod check;
 pub mod element;
 mod elements;
 pub mod estimator;
 mod felt;
+pub mod record;
 mod tables;
 
 pub use accelerometer::Accelerometer;
+pub use board::{BoardTable, MotorTable, OnBoard, ReturnTable, SafetyTable, Sign};
 pub use check::ranges;
 pub use elements::Quantisation;
 pub use felt::FeltCurve;
@@ -126,6 +129,18 @@ pub struct Scene {
     /// Optional element: an accelerometer, on the body that carries the encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accelerometer: Option<Accelerometer>,
+    /// The board, for its firmware.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<BoardTable>,
+    /// Limits of the board's supervisor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub safety: Option<SafetyTable>,
+    /// What the motor stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motor: Option<MotorTable>,
+    /// The board's return move between two hits.
+    #[serde(default, rename = "return", skip_serializing_if = "Option::is_none")]
+    pub back: Option<ReturnTable>,
 }
 
 impl NamedScene {

@@ -171,42 +171,7 @@ impl Column {
 
 #[cfg(test)]
 mod tests {
-    use std::{fs, path::Path};
-
     use super::*;
-    use crate::scene::BUILT_IN;
-    use crate::study::sweep::{Plan, sweep};
-
-    /// The cutoff whose rows are made anew; every other one is made by the same code.
-    const CUTOFF_HZ: f64 = 1500.0;
-
-    #[test]
-    fn the_tables_of_the_boards_are_what_a_sweep_of_their_scenes_says() {
-        let table = |name: &str| {
-            let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes");
-            fs::read_to_string(scenes.join(format!("{name}.envelope.csv"))).ok()
-        };
-        // The built-in scenes that have a table are the boards'.
-        let boards: Vec<_> =
-            BUILT_IN.iter().filter_map(|(name, _)| Some((*name, table(name)?))).collect();
-        assert!(boards.len() >= 2, "{}", boards.len());
-        for (board, table) in boards {
-            let scene = NamedScene::load(board).unwrap();
-            let prepared = PreparedScene::new(&scene.scene).unwrap();
-            let plan = Plan { name: board, prepared: &prepared, cutoffs_hz: &[CUTOFF_HZ] };
-            let stop = AtomicBool::new(false);
-            let engine = Engine::lanes();
-            let swept = sweep(engine, &[plan], Numeric::Fixed, 4, &stop, |_| {}).unwrap();
-            let made = envelopes(engine, &prepared, Numeric::Fixed, &swept[0], &stop).unwrap();
-            let made = rows(&scene, &made);
-            let (header, lines) = table.split_once('\n').unwrap();
-            assert_eq!(header, HEADER.trim_end());
-            let of_cutoff = |line: &&str| line.split(',').nth(2) == Some("1500");
-            let committed: Vec<&str> = lines.lines().filter(of_cutoff).collect();
-            assert!(committed.len() >= 10, "{}", committed.len());
-            assert_eq!(made.lines().collect::<Vec<_>>(), committed, "{board}");
-        }
-    }
 
     #[test]
     fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {

@@ -2,6 +2,7 @@
 //! assumed, and the envelope that the firmware takes from it.
 
 pub mod asked;
+pub mod board_envelope;
 pub mod envelope;
 pub mod filters;
 pub mod levers;

@@ -1,0 +1,356 @@
+//! What only a real board needs of a device: the tables `[board]`, `[safety]`, `[motor]` and `[return]`.
+//!
+//! The simulator checks them and ignores them otherwise. Each key may be left out; what is then taken is a guess, made
+//! here from the rest of the scene, and `prepare` says so. The guesses are the paper's device's numbers, scaled.
+
+use serde::{Deserialize, Serialize};
+use zwidth::{
+    experiment::{CalibrationSettings, DutySettings, ReturnSettings},
+    period::PERIODS,
+    safety::SafetySettings,
+    store::{Name, Signs},
+    velocity::{EstimatorName, Sense},
+};
+
+use super::Scene;
+use crate::scene::element::Travel;
+
+/// Board, and what its firmware begins with.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoardTable {
+    /// The board's name.
+    pub name: String,
+    /// Tuning of the estimator on a board to which nothing was ever saved: its cutoff, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cutoff_hz: Option<f64>,
+    /// Estimators that the envelope covers, the first of them in force at first; the scene's own without.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub estimators: Vec<String>,
+    /// Output periods that it covers, samples; `actuator.period` without.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub periods: Vec<u32>,
+    /// Direction of the motor: `-` if a positive command pushes out of the wall.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motor: Option<Sign>,
+    /// Direction of the encoder: `-` if the count falls into the wall.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder: Option<Sign>,
+}
+
+/// A direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sign {
+    /// As it should be.
+    #[serde(rename = "+")]
+    Plus,
+    /// The other way round.
+    #[serde(rename = "-")]
+    Minus,
+}
+
+/// Limits of the supervisor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SafetyTable {
+    /// Speed at which the force goes, m/s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_max_m_per_s: Option<f64>,
+    /// Fastest that the handle can be at all, m/s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_believable_m_per_s: Option<f64>,
+    /// Lowest place at which force may be on, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub travel_low_m: Option<f64>,
+    /// Highest such place, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub travel_high_m: Option<f64>,
+    /// Time over which the force comes in, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ramp_in_s: Option<f64>,
+    /// Force of the sign test, part of full scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sign_test_force: Option<f64>,
+    /// What the sign test has to see, counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sign_test_counts: Option<u32>,
+    /// A handle that moves farther ends a calibration, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration_travel_m: Option<f64>,
+}
+
+/// What the motor stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorTable {
+    /// Force that it can give for ever, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub continuous_force_n: Option<f64>,
+    /// Thermal time constant of its winding, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_constant_s: Option<f64>,
+}
+
+/// The return move between two hits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReturnTable {
+    /// Speed, m/s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_m_per_s: Option<f64>,
+    /// Largest force, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force_n: Option<f64>,
+    /// Stiffness, N/m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stiffness_n_per_m: Option<f64>,
+    /// Damping, N s/m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping_n_s_per_m: Option<f64>,
+    /// Integral gain, N/(m s).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub integral_n_per_m_s: Option<f64>,
+    /// Distance from the start that will do, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance_m: Option<f64>,
+    /// Longest time, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub timeout_s: Option<f64>,
+}
+
+/// What a board needs of a device, whole.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OnBoard {
+    /// Limits of the supervisor.
+    pub safety: SafetySettings,
+    /// A calibration.
+    pub calibration: CalibrationSettings,
+    /// What the motor stands.
+    pub duty: DutySettings,
+    /// The return move.
+    pub back: ReturnSettings,
+    /// Directions.
+    pub signs: Signs,
+    /// Keys that the scene leaves out, and what was taken: `key value`.
+    pub guessed: Vec<String>,
+}
+
+/// Takes keys out of tables, or guesses.
+struct Keys(Vec<String>);
+
+impl Keys {
+    fn or(&mut self, key: &str, given: Option<f64>, guess: f64) -> f64 {
+        given.unwrap_or_else(|| {
+            let guess = zwidth::shorten(guess);
+            self.0.push(format!("{key} {guess}"));
+            guess
+        })
+    }
+}
+
+/// The paper's device, whose numbers the guesses are.
+const PAPER_FULL_SCALE_N: f64 = 5.906;
+/// What the sign test has to see of what the free handle moves by.
+const SIGN_PART: f64 = 0.22;
+/// A quarter of the sign test, s (src/safety/sign.rs has the equation).
+const SIGN_QUARTER_S: f64 = 0.025;
+/// Room beyond start and wall, m.
+const ROOM_M: f64 = 0.04;
+
+impl Scene {
+    /// What the sign test moves the free handle by with that part of full scale, m: 2 f h^2 / m.
+    pub fn sign_test_m(&self, force: f64) -> f64 {
+        2.0 * force * self.full_scale_n() * SIGN_QUARTER_S.powi(2) / self.device.mass_kg
+    }
+
+    /// What a board needs; guesses where the scene says nothing.
+    pub fn on_board(&self) -> OnBoard {
+        let full_n = self.full_scale_n();
+        let count_m = self.encoder.resolution_m;
+        let fastest = 32_766.0 * count_m * self.control.rate_hz;
+        let safety = self.safety.unwrap_or_default();
+        let motor = self.motor.unwrap_or_default();
+        let back = self.back.unwrap_or_default();
+        let mut keys = Keys(vec![]);
+        let [low_m, high_m] = match self.travel {
+            Some(Travel::Spring { low_m, high_m, .. } | Travel::Rigid { low_m, high_m, .. }) => {
+                [low_m, high_m]
+            }
+            None => [self.device.start_position_m - ROOM_M, self.wall.position_m + ROOM_M],
+        };
+        let force = keys.or("safety.sign_test_force", safety.sign_test_force, 0.05);
+        let counts =
+            (SIGN_PART * self.sign_test_m(force) / count_m).round().clamp(10.0, 1_048_576.0);
+        let counts = safety
+            .sign_test_counts
+            .map(f64::from)
+            .unwrap_or_else(|| keys.or("safety.sign_test_counts", None, counts));
+        let speed = keys.or("safety.speed_max_m_per_s", safety.speed_max_m_per_s, fastest.min(1.0));
+        let believable = (5.0 * speed).min(fastest);
+        let settings = SafetySettings {
+            speed_max_m_per_s: speed,
+            speed_believable_m_per_s: keys.or(
+                "safety.speed_believable_m_per_s",
+                safety.speed_believable_m_per_s,
+                believable,
+            ),
+            travel_low_m: keys.or("safety.travel_low_m", safety.travel_low_m, low_m.min(-count_m)),
+            travel_high_m: keys.or(
+                "safety.travel_high_m",
+                safety.travel_high_m,
+                high_m.max(count_m),
+            ),
+            ramp_in_s: keys.or("safety.ramp_in_s", safety.ramp_in_s, 0.2),
+            sign_test_force: force,
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "10 to 2^20"
+            )]
+            sign_test_counts: counts as u32,
+        };
+        let travel_m = f64::max(1e-3, 4.0 * count_m);
+        let calibration = CalibrationSettings {
+            percent: 0.0,
+            rise_percent_per_s: 2.0, // a person can follow it and stop
+            hold_s: 30.0,
+            travel_m: keys.or("safety.calibration_travel_m", safety.calibration_travel_m, travel_m),
+        };
+        let duty = DutySettings {
+            continuous_force_n: keys.or(
+                "motor.continuous_force_n",
+                motor.continuous_force_n,
+                0.7 * full_n,
+            ),
+            time_constant_s: keys.or("motor.time_constant_s", motor.time_constant_s, 30.0),
+        };
+        let (soft, part) = (ReturnSettings::SOFT, f64::min(1.0, full_n / PAPER_FULL_SCALE_N));
+        let tolerance_m = soft.tolerance_m.max(4.0 * count_m);
+        let back = ReturnSettings {
+            start_m: self.device.start_position_m,
+            speed_m_per_s: keys.or("return.speed_m_per_s", back.speed_m_per_s, soft.speed_m_per_s),
+            force_n: keys.or("return.force_n", back.force_n, soft.force_n * part),
+            stiffness_n_per_m: keys.or(
+                "return.stiffness_n_per_m",
+                back.stiffness_n_per_m,
+                soft.stiffness_n_per_m * part,
+            ),
+            damping_n_s_per_m: keys.or(
+                "return.damping_n_s_per_m",
+                back.damping_n_s_per_m,
+                soft.damping_n_s_per_m * part,
+            ),
+            integral_n_per_m_s: keys.or(
+                "return.integral_n_per_m_s",
+                back.integral_n_per_m_s,
+                soft.integral_n_per_m_s * part,
+            ),
+            tolerance_m: keys.or("return.tolerance_m", back.tolerance_m, tolerance_m),
+            timeout_s: keys.or("return.timeout_s", back.timeout_s, soft.timeout_s),
+        };
+        let minus = |sign: fn(&BoardTable) -> Option<Sign>| {
+            self.board.as_ref().and_then(sign) == Some(Sign::Minus)
+        };
+        let signs = Signs {
+            motor_reversed: minus(|board| board.motor),
+            encoder_reversed: minus(|board| board.encoder),
+        };
+        OnBoard { safety: settings, calibration, duty, back, signs, guessed: keys.0 }
+    }
+
+    /// Checks the tables that are there; without any of them a scene need not fit a board.
+    pub(super) fn check_board(&self) -> Result<(), String> {
+        let Self { board, safety, motor, back, .. } = self;
+        if let Some(board) = board {
+            board.check(self)?;
+        }
+        let design = self.design();
+        let OnBoard { safety: limits, calibration, duty, back: returned, .. } = self.on_board();
+        let keyed = |table: &'static str| {
+            move |error: zwidth::SettingsError| {
+                let name = error.parameter;
+                let bare = name.strip_prefix("return_").or(name.strip_prefix("duty_"));
+                let key = match (bare.unwrap_or(name), table) {
+                    ("travel_m", _) => "calibration_travel_m",
+                    (key, _) => key,
+                };
+                crate::range::refused(&format!("{table}.{key}"), error.value, &error.range)
+            }
+        };
+        if safety.is_some() {
+            limits.build(&design).map_err(keyed("safety"))?;
+            calibration.build(&design).map_err(keyed("safety"))?;
+        }
+        if motor.is_some() {
+            duty.build(&design, 0).map_err(keyed("motor"))?;
+        }
+        if back.is_some() {
+            returned.build(&design).map_err(keyed("return"))?;
+        }
+        Ok(())
+    }
+
+    /// The estimators that an envelope for a board covers, the first of them in force at first.
+    ///
+    /// # Errors
+    /// One of them is none, or a board has not what it needs.
+    pub fn board_estimators(&self) -> Result<Vec<EstimatorName>, String> {
+        let named = self.board.as_ref().map_or(&[][..], |board| &board.estimators);
+        let own = self.velocity.settings(0.0).name();
+        let names = named.iter().map(|name| {
+            let known = EstimatorName::ALL.iter().map(|name| name.text());
+            let known = || known.clone().collect::<Vec<_>>().join(", ");
+            name.parse().map_err(|_| format!("board.estimators has `{name}`, allowed {}", known()))
+        });
+        let names: Vec<EstimatorName> = names.collect::<Result<_, _>>()?;
+        let names = if names.is_empty() { vec![own] } else { names };
+        for name in &names {
+            if let Some(sense) = name.missing(&[Sense::Force]) {
+                let (name, sense) = (name.text(), sense.text());
+                return Err(format!("board.estimators has `{name}`, which needs {sense}"));
+            }
+        }
+        Ok(names)
+    }
+
+    /// The output periods that an envelope for a board covers, the scene's own first.
+    pub fn board_periods(&self) -> Vec<u32> {
+        let named = self.board.as_ref().map_or(&[][..], |board| &board.periods);
+        let own = self.actuator.period;
+        std::iter::once(own).chain(named.iter().copied().filter(|&other| other != own)).collect()
+    }
+}
+
+impl BoardTable {
+    fn check(&self, scene: &Scene) -> Result<(), String> {
+        if Name::new(&self.name).is_none() || self.name.is_empty() {
+            let most = Name::LEN;
+            return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
+        }
+        let estimators = scene.board_estimators()?;
+        let twice = |n: usize| estimators.iter().skip(n + 1).any(|other| *other == estimators[n]);
+        if let Some(n) = (0..estimators.len()).find(|&n| twice(n)) {
+            return Err(format!("board.estimators has `{}` twice", estimators[n].text()));
+        }
+        let allowed = PERIODS.map(|period| period.to_string()).join(", ");
+        for period in scene.board_periods() {
+            if !PERIODS.contains(&period) {
+                return Err(format!("board.periods has {period}, allowed {allowed}"));
+            }
+        }
+        if let Some(cutoff_hz) = self.cutoff_hz {
+            let settings = estimators[0].defaults().with_tuning(cutoff_hz);
+            let velocity = super::EstimatorChoice::from(settings);
+            if !velocity.has_cutoff() {
+                let name = estimators[0].text();
+                return Err(format!(
+                    "board.cutoff_hz is {cutoff_hz}, the estimator {name} has none"
+                ));
+            }
+            settings.build(&scene.design()).map_err(|error| {
+                crate::range::refused("board.cutoff_hz", error.value, &error.range)
+            })?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,223 @@
+//! The device record of a scene: what the firmware of a board takes its device from.
+
+use std::path::Path;
+
+use zwidth::{
+    Output, VelocitySettings,
+    device::{
+        Device,
+        record::{BoardFacts, WORDS_MAX, hash_of},
+    },
+    safety::envelope::{Boundary, Envelope},
+    store::{DeviceKey, Name},
+    velocity::Sense,
+};
+
+use super::{BUILT_IN, NamedScene, OnBoard, Quantisation};
+use crate::{error::Error, input, range::within};
+
+/// The board of that name: what its own scene, which is built in, says of it.
+///
+/// # Errors
+/// There is none.
+pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
+    let of = |scene: &NamedScene| scene.scene.board.as_ref().map(|board| board.name.clone());
+    let mut boards = vec![];
+    for &(built_in, _) in BUILT_IN {
+        let scene = NamedScene::load(built_in)?;
+        if of(&scene).as_deref() != Some(built_in) {
+            continue;
+        }
+        if built_in == name {
+            let design = scene.scene.design();
+            return Ok(BoardFacts {
+                name: built_in,
+                rate_hz: design.rate_hz,
+                output: design.output,
+                senses: &[Sense::Force],
+                latency_samples: scene.scene.actuator.latency,
+            });
+        }
+        boards.push(built_in);
+    }
+    Err(Error::Input(format!("the board is `{name}`, allowed {}", boards.join(", "))))
+}
+
+/// A device as a board would have it.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// The device, without an envelope.
+    pub device: Device<'static>,
+    /// What of it the scene leaves out, and what was taken: `key value`.
+    pub guessed: Vec<String>,
+}
+
+impl NamedScene {
+    /// The same device with the board's output, and with its latency where the scene's is shorter.
+    #[must_use]
+    pub fn on(&self, board: &BoardFacts) -> Self {
+        let mut named = self.clone();
+        named.name.truncate(named.name.floor_char_boundary(Name::LEN));
+        let scene = &mut named.scene;
+        scene.output = match board.output {
+            Output::Continuous => None,
+            Output::Dac { bits } => Some(Quantisation::Dac { bits }),
+            Output::Pwm { steps } => Some(Quantisation::Pwm { steps }),
+        };
+        scene.actuator.latency = scene.actuator.latency.max(board.latency_samples);
+        named
+    }
+
+    /// The device on that board, with that estimator in force at first.
+    ///
+    /// # Errors
+    /// [`Error::Input`]: the scene does not go with the board.
+    pub fn prepared(
+        &self,
+        board: &BoardFacts,
+        velocity: VelocitySettings,
+    ) -> Result<Prepared, Error> {
+        let scene = &self.scene;
+        let refuse = |why: String| Error::Input(format!("{}: {why}", self.name));
+        let Some(name) = Name::new(&self.name).filter(|_| !self.name.is_empty()) else {
+            let most = Name::LEN;
+            return Err(refuse(format!(
+                "the device's name is that of its scene file, allowed 1 to {most} bytes"
+            )));
+        };
+        if scene.design().output != board.output {
+            let needed = match board.output {
+                Output::Continuous => "no [output]".to_owned(),
+                Output::Dac { bits } => format!("[output] kind = \"dac\", bits = {bits}"),
+                Output::Pwm { steps } => format!("[output] kind = \"pwm\", steps = {steps}"),
+            };
+            return Err(refuse(format!("the board {} needs {needed}", board.name)));
+        }
+        let on = |key: &str| format!("{key} on the board {}", board.name);
+        within(&on("control.rate_hz"), scene.control.rate_hz, board.rate_hz..=board.rate_hz)
+            .and_then(|()| {
+                let longest = *super::ranges::LATENCY.end();
+                let latency = scene.actuator.latency;
+                within(&on("actuator.latency"), latency, board.latency_samples..=longest)
+            })
+            .map_err(refuse)?;
+        let OnBoard { safety, calibration, duty, back, signs, guessed } = scene.on_board();
+        let text = toml::to_string(scene)
+            .map_err(|error| Error::Internal(format!("{}: {error}", self.name)))?;
+        let mut settings = scene.settings(0.0, 0.0, 0.0);
+        settings.velocity = velocity;
+        let mut hit = scene.hit_settings();
+        hit.push_n = 0.0; // nothing pushes until somebody says so
+        let device = Device {
+            board: Name::of(board.name),
+            key: DeviceKey { name, hash: 0 },
+            scene_hash: hash_of(text.as_bytes()),
+            design: scene.design(),
+            latency_samples: scene.actuator.latency,
+            senses: board.senses,
+            envelope: Envelope::EMPTY,
+            safety,
+            duty,
+            back,
+            calibration,
+            signs,
+            settings,
+            hit,
+            walk: scene.walk_plan(),
+        };
+        let prepared = Prepared { device, guessed };
+        // What the board would say at boot.
+        prepared.record(&[], board).map_err(|error| error.of(&self.name))?;
+        Ok(prepared)
+    }
+}
+
+impl Prepared {
+    /// The bytes of its record with that envelope, which the board takes.
+    ///
+    /// # Errors
+    /// [`Error::Input`]: it is too long, or the board does not take it.
+    pub fn record(
+        &self,
+        boundaries: &[Boundary<'_>],
+        board: &BoardFacts,
+    ) -> Result<Vec<u8>, Error> {
+        let mut words = [0; WORDS_MAX];
+        let words = self.device.to_record(boundaries, &mut words).ok_or_else(|| {
+            let rows: usize = boundaries.iter().map(|boundary| boundary.points.len()).sum();
+            let sector = WORDS_MAX / 256;
+            Error::Input(format!(
+                "the envelope has {rows} rows, and the record has {sector} KiB: leave out values of sweep.cutoffs_hz, \
+                 board.estimators or board.periods"
+            ))
+        })?;
+        Device::from_record(words, board)
+            .map_err(|error| Error::Input(format!("the device record: {error}")))?;
+        Ok(words.iter().flat_map(|word| word.to_le_bytes()).collect())
+    }
+}
+
+/// The words of a record's bytes; a part of a word at the end is left out.
+pub fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
+}
+
+/// Reads a device record. Whether it is one the board says.
+///
+/// # Errors
+/// [`Error::Input`] if it cannot be read, or does not fit a flash sector.
+pub fn load(path: &Path) -> Result<Vec<u8>, Error> {
+    let bytes = input::read(path, input::DEVICE)?;
+    if bytes.len() > 4 * WORDS_MAX {
+        let (path, sector) = (path.display(), WORDS_MAX / 256);
+        return Err(Error::Input(format!("{path} is longer than a record may be, {sector} KiB")));
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zwidth::{
+        safety::envelope::{Key, Point},
+        velocity::EstimatorName,
+    };
+
+    #[test]
+    fn an_envelope_that_does_not_fit_the_sector_is_refused_with_what_to_leave_out() {
+        let scene = NamedScene::load("nucleo-f446re").unwrap();
+        let board = board_facts("nucleo-f446re").unwrap();
+        let velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+        let prepared = scene.prepared(&board, velocity).unwrap();
+        let points = |rows: u32| {
+            let point = |n| Point {
+                damping_n_s_per_m: f64::from(n),
+                stiffness_low_n_per_m: 0.0,
+                stiffness_high_n_per_m: 1.0,
+            };
+            (0..rows).map(point).collect::<Vec<_>>()
+        };
+        let of = |rows| {
+            let key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 };
+            prepared.record(&[Boundary { key, points: &points(rows) }], &board)
+        };
+        assert_eq!(of(1330).map(|bytes| bytes.len()).ok(), Some(4 * WORDS_MAX - 4));
+        let error = of(1331).map(|bytes| bytes.len()).unwrap_err().to_string();
+        assert!(error.contains("the envelope has 1331 rows, and the record has 16 KiB"), "{error}");
+    }
+
+    #[test]
+    fn a_device_takes_from_its_scene_what_a_guess_would_else_be() {
+        let own = NamedScene::load("nucleo-f446re").unwrap();
+        let mut bare = own.clone();
+        (bare.scene.safety, bare.scene.motor, bare.scene.back) = (None, None, None);
+        assert_eq!(own.scene.on_board().guessed, Vec::<String>::new());
+        let (own, bare) = (own.scene.on_board(), bare.scene.on_board());
+        // The paper's device is what the guesses are made from, but for two that are rounded.
+        assert_eq!((own.back, own.calibration), (bare.back, bare.calibration));
+        assert_eq!(own.safety.travel_high_m, bare.safety.travel_high_m);
+        assert!((bare.safety.sign_test_counts as f64 / 200.0 - 1.0).abs() < 0.03);
+        assert!((bare.duty.continuous_force_n / 4.1 - 1.0).abs() < 0.01);
+        assert_eq!(bare.guessed.len(), 17);
+    }
+}

@@ -1,0 +1,303 @@
+//! `prepare`: a scene becomes the device record that a board's firmware takes.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+use zwidth::{Output, device::Device, device::record::BoardFacts, safety::envelope::Boundary};
+
+use super::{Common, progress};
+use crate::{
+    engine::Engine,
+    error::Error,
+    interrupt,
+    output::{files::Outputs, terminal::print_result},
+    scene::{
+        NamedScene, Scene,
+        record::{Prepared, board_facts, words},
+    },
+    study::board_envelope::{Found, Part, board_envelope},
+};
+
+/// Makes the device record of a scene: what turns a board's image into the firmware of this device.
+///
+/// Checks everything that the board would, computes the envelope of walls that are predicted to be stable, and says what the
+/// board will be. The record is a file of its own: built in by ZWIDTH_DEVICE=FILE cargo flash, programmed alone, or taken
+/// by cargo board .. --device FILE.
+#[derive(Debug, Args)]
+pub struct PrepareArgs {
+    /// Built-in scene or scene file; its name becomes the device's.
+    #[arg(required_unless_present = "starter")]
+    scene: Option<String>,
+    /// The board [default: the scene's board.name].
+    #[arg(long, value_name = "NAME", required_unless_present = "scene")]
+    board: Option<String>,
+    /// A first record for a device that nobody has measured: no wall, low limits of speed and heat. With a SCENE, its
+    /// counts and force are taken; without, those of the board's own scene.
+    #[arg(long)]
+    starter: bool,
+}
+
+/// What the board will be.
+#[derive(Serialize)]
+struct Json {
+    device: String,
+    board: &'static str,
+    file: String,
+    bytes: usize,
+    record_hash: String,
+    scene_hash: String,
+    envelope_hash: String,
+    resolution_m: f64,
+    full_scale_n: f64,
+    continuous_force_n: f64,
+    hit_longest_s: f64,
+    speed_max_m_per_s: f64,
+    travel_m: [f64; 2],
+    latency_samples: f64,
+    period_samples: u32,
+    sign_test_expected_counts: f64,
+    sign_test_counts: u32,
+    estimator: &'static str,
+    cutoff_hz: Option<f64>,
+    envelope: Vec<PartJson>,
+    guessed: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct PartJson {
+    estimator: &'static str,
+    period_samples: u32,
+    boundaries: usize,
+    rows: usize,
+    ideal_cutoff_hz: Option<f64>,
+    stiffness_peak_n_per_m: f64,
+}
+
+pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
+    let named = args.scene.as_ref().or(args.board.as_ref());
+    let mut scene = NamedScene::load(named.map_or("", String::as_str))?;
+    let own = scene.scene.board.as_ref().map(|board| board.name.as_str());
+    let Some(board) = args.board.as_deref().or(own) else {
+        return Err(Error::Input(format!("{}: board.name is missing, or --board", scene.name)));
+    };
+    let board = board_facts(board)?;
+    if args.starter {
+        scene = starter(scene, args.scene.is_none(), &board);
+    }
+    let file = common.out.clone().unwrap_or_else(|| beside(&scene));
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let place = outputs.file(&file)?;
+    let parts = if args.starter { vec![] } else { Part::all(&scene.scene)? };
+    let first = first_settings(&scene.scene)?;
+    // What can be refused is refused before the first walk.
+    scene.prepared(&board, first)?;
+    let bar = progress::bar(parts.iter().map(Part::walks).sum());
+    let engine = Engine::from(common.engine);
+    let found = board_envelope(engine, parts, common.numeric, interrupt::flag(), || bar.inc(1))
+        .map_err(|error| error.of(&scene.name))?;
+    bar.finish_and_clear();
+    let asked = scene.scene.board.as_ref().is_some_and(|board| board.cutoff_hz.is_some());
+    let best = found.first().and_then(Found::best).filter(|_| !asked);
+    let prepared = scene.prepared(&board, best.unwrap_or(first))?;
+    let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
+    let bytes = prepared.record(&boundaries, &board)?;
+    outputs.write(place, &bytes)?;
+    outputs.commit()?;
+    let record = words(&bytes);
+    let device = Device::from_record(&record, &board).map_err(Error::input)?;
+    let says = Said { scene: &scene.scene, board, prepared: &prepared, device, found: &found };
+    let json = says.json(&file, bytes.len());
+    print_result(common.json, json, || says.text(&file, bytes.len()))
+}
+
+/// `NAME.device` in the scene's folder, or here for a built-in one.
+fn beside(scene: &NamedScene) -> PathBuf {
+    let folder = scene.files.first().and_then(|file| file.parent()).unwrap_or(Path::new(""));
+    folder.join(format!("{}.device", scene.name))
+}
+
+/// The estimator in force at first, at the scene's cutoff or at the middle of its list.
+fn first_settings(scene: &Scene) -> Result<zwidth::VelocitySettings, Error> {
+    let estimators = scene.board_estimators().map_err(Error::Input)?;
+    let cutoffs = &scene.sweep.cutoffs_hz;
+    let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or_default();
+    let asked = scene.board.as_ref().and_then(|board| board.cutoff_hz);
+    let cutoff_hz = asked.unwrap_or(middle);
+    let own = scene.velocity.settings(cutoff_hz);
+    let first = estimators.first().copied().filter(|first| *first != own.name());
+    let choice = first.map_or(scene.velocity, |first| first.defaults().into());
+    Ok(choice.settings(cutoff_hz))
+}
+
+/// Highest speed with a starter's record, m/s.
+const STARTER_SPEED_M_PER_S: f64 = 0.1;
+/// What the motor is taken to stand for ever, part of full scale.
+const STARTER_CONTINUOUS: f64 = 0.1;
+/// Force of its sign test, part of full scale.
+const STARTER_SIGN_TEST: f64 = 0.02;
+
+/// The scene of a device that nobody has measured.
+fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedScene {
+    named = named.on(board);
+    if is_boards {
+        named.name = "starter".into();
+    }
+    let full_n = named.scene.full_scale_n();
+    let scene = &mut named.scene;
+    let mut safety = scene.safety.unwrap_or_default();
+    safety.speed_max_m_per_s = Some(STARTER_SPEED_M_PER_S);
+    safety.ramp_in_s = Some(1.0);
+    safety.sign_test_force = Some(STARTER_SIGN_TEST);
+    safety.sign_test_counts = None;
+    scene.safety = Some(safety);
+    let mut motor = scene.motor.unwrap_or_default();
+    motor.continuous_force_n = Some(STARTER_CONTINUOUS * full_n);
+    scene.motor = Some(motor);
+    let mut back = scene.back.unwrap_or_default();
+    back.speed_m_per_s = Some(STARTER_SPEED_M_PER_S / 2.0);
+    back.force_n = Some(STARTER_CONTINUOUS * full_n);
+    scene.back = Some(back);
+    named
+}
+
+/// What the board will be, for people and programs.
+struct Said<'a> {
+    scene: &'a Scene,
+    board: BoardFacts,
+    prepared: &'a Prepared,
+    device: Device<'a>,
+    found: &'a [Found],
+}
+
+impl Said<'_> {
+    /// What the free handle moves by in the sign test, counts.
+    fn sign_test_counts(&self) -> f64 {
+        let Device { safety, design, .. } = &self.device;
+        self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m
+    }
+
+    fn json(&self, file: &Path, bytes: usize) -> Json {
+        let Device { key, design, safety, duty, settings, envelope, .. } = &self.device;
+        let part = |found: &Found| PartJson {
+            estimator: found.part.estimator.text(),
+            period_samples: found.part.period,
+            boundaries: found.boundaries().count(),
+            rows: found.rows(),
+            ideal_cutoff_hz: found.sweep.ideal.map(|ideal| ideal.cutoff_hz),
+            stiffness_peak_n_per_m: peak(found),
+        };
+        Json {
+            device: key.name.text().into(),
+            board: self.board.name,
+            file: file.display().to_string(),
+            bytes,
+            record_hash: format!("{:08x}", key.hash),
+            scene_hash: format!("{:08x}", self.device.scene_hash),
+            envelope_hash: format!("{:08x}", envelope.hash()),
+            resolution_m: design.resolution_m,
+            full_scale_n: design.full_scale_n,
+            continuous_force_n: duty.continuous_force_n,
+            hit_longest_s: duty.longest_hit_s(design),
+            speed_max_m_per_s: safety.speed_max_m_per_s,
+            travel_m: [safety.travel_low_m, safety.travel_high_m],
+            latency_samples: self.device.latency_samples,
+            period_samples: design.period,
+            sign_test_expected_counts: self.sign_test_counts(),
+            sign_test_counts: safety.sign_test_counts,
+            estimator: settings.velocity.name().text(),
+            cutoff_hz: cutoff(&self.device),
+            envelope: self.found.iter().map(part).collect(),
+            guessed: self.prepared.guessed.clone(),
+        }
+    }
+
+    fn text(&self, file: &Path, bytes: usize) -> String {
+        let Device { key, design, safety, duty, settings, envelope, .. } = &self.device;
+        let output = match design.output {
+            Output::Continuous => "force without steps".to_owned(),
+            Output::Dac { bits } => format!("DAC of {bits} bits"),
+            Output::Pwm { steps } => format!("PWM of {steps} steps"),
+        };
+        let mm = |metres: f64| zwidth::shorten(1e3 * metres);
+        let (rate, period) = (design.rate_hz, design.period);
+        let cutoff = cutoff(&self.device).map_or_else(String::new, |hz| format!(" at {hz} Hz"));
+        let expected = self.sign_test_counts();
+        let mut lines = vec![
+            format!(
+                "{}: {}, {bytes} bytes, record {:08x}, scene {:08x}, envelope {:08x}",
+                key.name.text(),
+                file.display(),
+                key.hash,
+                self.device.scene_hash,
+                envelope.hash()
+            ),
+            format!(
+                "  board      {}, {output}, {rate} samples a second, an output with every {period}th",
+                self.board.name
+            ),
+            format!(
+                "  position   {} um a count; force only from {} to {} mm, start {} mm, wall {} mm",
+                zwidth::shorten(1e6 * design.resolution_m),
+                mm(safety.travel_low_m),
+                mm(safety.travel_high_m),
+                mm(self.device.back.start_m),
+                mm(settings.wall.position_m)
+            ),
+            format!(
+                "  force      {} N at full command, {} N for ever: a hit takes {:.1} s at most",
+                zwidth::shorten(design.full_scale_n),
+                zwidth::shorten(duty.continuous_force_n),
+                duty.longest_hit_s(design)
+            ),
+            format!(
+                "  speed      off above {} m/s; a faster step than {} m/s is no motion",
+                safety.speed_max_m_per_s, safety.speed_believable_m_per_s
+            ),
+            format!(
+                "  latency    {} samples, {:.1} us",
+                self.device.latency_samples,
+                1e6 * self.device.latency_samples / rate
+            ),
+            format!(
+                "  sign test  {} % of full scale moves the free handle by {expected:.0} counts; {} needed",
+                zwidth::shorten(100.0 * safety.sign_test_force),
+                safety.sign_test_counts
+            ),
+            format!("  estimator  {}{cutoff} at first", settings.velocity.name().text()),
+        ];
+        for found in self.found {
+            let ideal = found.sweep.ideal.map_or_else(
+                || "no stable wall".to_owned(),
+                |ideal| format!("ideal {} Hz, K up to {} N/m", ideal.cutoff_hz, peak(found)),
+            );
+            lines.push(format!(
+                "  envelope   {}, output period {}: {} cutoffs, {} rows; {ideal}",
+                found.part.estimator.text(),
+                found.part.period,
+                found.boundaries().count(),
+                found.rows()
+            ));
+        }
+        if self.found.is_empty() {
+            lines.push("  envelope   none: every wall is refused until unlock envelope".into());
+        }
+        if expected < 2.0 * f64::from(safety.sign_test_counts) {
+            lines.push("  note: the sign test sees little more than it needs, or less".into());
+        }
+        if !self.prepared.guessed.is_empty() {
+            lines.push(format!("  guessed    {}", self.prepared.guessed.join(", ")));
+        }
+        lines.join("\n")
+    }
+}
+
+fn cutoff(device: &Device<'_>) -> Option<f64> {
+    device.settings.velocity.tuning().filter(|(known, _)| known.is_frequency()).map(|(_, hz)| hz)
+}
+
+/// Largest K of any boundary of the walks.
+fn peak(found: &Found) -> f64 {
+    let points = found.boundaries().flat_map(|boundary| boundary.points.to_vec());
+    points.map(|point| point.stiffness_high_n_per_m).fold(0.0, f64::max)
+}

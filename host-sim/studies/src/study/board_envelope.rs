@@ -1,0 +1,140 @@
+//! The envelope of a board's device record: a sweep for every estimator and output period that the scene lists.
+
+use std::sync::atomic::AtomicBool;
+
+use zwidth::{
+    VelocitySettings,
+    safety::envelope::{Boundary, Key, Point},
+    velocity::EstimatorName,
+};
+
+use crate::{
+    engine::Engine,
+    error::Error,
+    scene::Scene,
+    simulation::prepared::{Numeric, PreparedScene},
+    study::{
+        envelope::{Interval, envelopes},
+        sweep::{Plan, SweepResult, ascending, sweep},
+    },
+};
+
+/// Walks per cutoff, as a sweep makes them.
+pub const REPEATS: u32 = 4;
+
+/// An estimator at an output period.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The estimator.
+    pub estimator: EstimatorName,
+    /// Samples per output.
+    pub period: u32,
+    /// The scene with both.
+    scene: Scene,
+    cutoffs_hz: Vec<f64>,
+}
+
+impl Part {
+    /// All that a scene lists.
+    ///
+    /// # Errors
+    /// [`Error::Input`]: a value of the scene cannot go with one of them.
+    pub fn all(scene: &Scene) -> Result<Vec<Self>, Error> {
+        let mut parts = vec![];
+        for estimator in scene.board_estimators().map_err(Error::Input)? {
+            for period in scene.board_periods() {
+                let mut scene = scene.clone();
+                if scene.velocity.settings(0.0).name() != estimator {
+                    scene.velocity = estimator.defaults().into();
+                }
+                scene.actuator.period = period;
+                scene.check().map_err(Error::Input)?;
+                let cutoffs_hz = match scene.velocity.has_cutoff() {
+                    true => ascending(&scene.sweep.cutoffs_hz),
+                    false => vec![0.0],
+                };
+                parts.push(Self { estimator, period, scene, cutoffs_hz });
+            }
+        }
+        Ok(parts)
+    }
+
+    /// Walks that its sweep makes.
+    pub fn walks(&self) -> u64 {
+        self.cutoffs_hz.len() as u64 * u64::from(REPEATS)
+    }
+
+    fn velocity(&self, cutoff_hz: f64) -> VelocitySettings {
+        self.scene.velocity.settings(cutoff_hz)
+    }
+}
+
+/// What a part's sweep found.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// The part.
+    pub part: Part,
+    /// Its sweep.
+    pub sweep: SweepResult,
+    /// Its boundaries.
+    boundaries: Vec<(Key, Vec<Point>)>,
+}
+
+impl Found {
+    /// Its boundaries as the core takes them.
+    pub fn boundaries(&self) -> impl Iterator<Item = Boundary<'_>> {
+        self.boundaries.iter().map(|(key, points)| Boundary { key: *key, points })
+    }
+
+    /// Rows of its table.
+    pub fn rows(&self) -> usize {
+        self.boundaries.iter().map(|(_, points)| points.len()).sum()
+    }
+
+    /// The estimator at the ideal cutoff, if any wall is stable.
+    pub fn best(&self) -> Option<VelocitySettings> {
+        self.sweep.ideal.map(|ideal| self.part.velocity(ideal.cutoff_hz))
+    }
+}
+
+/// The sweeps of all parts; `done` with each walk.
+///
+/// # Errors
+/// A setting is out of range, or `stop` was set.
+pub fn board_envelope(
+    engine: Engine,
+    parts: Vec<Part>,
+    numeric: Numeric,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Vec<Found>, Error> {
+    let mut found = vec![];
+    for part in parts {
+        let prepared = PreparedScene::new(&part.scene)?;
+        prepared.check_approach()?;
+        let plan = Plan { name: "", prepared: &prepared, cutoffs_hz: &part.cutoffs_hz };
+        let results = sweep(engine, &[plan], numeric, REPEATS, stop, |_| done())?;
+        let Some(swept) = results.into_iter().next() else { continue };
+        let mut boundaries = vec![];
+        for envelope in envelopes(engine, &prepared, numeric, &swept, stop)? {
+            let velocity = part.velocity(envelope.cutoff_hz);
+            // The firmware's key has no further parameter: it knows walls for the defaults only.
+            if !velocity.differs_by_tuning_only() {
+                continue;
+            }
+            let key = Key {
+                estimator: part.estimator,
+                cutoff_hz: velocity.tuning().map_or(0.0, |(_, value)| value),
+                period: part.period,
+            };
+            let point = |interval: &Interval| Point {
+                damping_n_s_per_m: interval.damping_n_s_per_m,
+                stiffness_low_n_per_m: interval.low_n_per_m,
+                stiffness_high_n_per_m: interval.high_n_per_m,
+            };
+            boundaries.push((key, envelope.intervals.iter().map(point).collect()));
+        }
+        found.push(Found { part, sweep: swept, boundaries });
+    }
+    Ok(found)
+}

@@ -1,0 +1,202 @@
+//! `prepare`: what the boards' images are built with, and what is refused.
+
+use std::{fs, path::Path};
+
+use host_sim::scene::record::{board_facts, words};
+use serde_json::Value;
+use tempfile::TempDir;
+use zwidth::device::Device;
+
+use crate::cli::{refused, sim};
+
+const NUCLEO: &str = include_str!("../../../scenes/nucleo-f446re.toml");
+
+/// A scene for the NUCLEO with short walks, each `from` replaced by its `to`.
+fn scene(edits: &[(&str, &str)]) -> TempDir {
+    let mut text = NUCLEO.to_owned();
+    let short = [
+        ("stiffness_step_n_per_m = 5000", "stiffness_step_n_per_m = 50000"),
+        ("damping_step_n_s_per_m = 10", "damping_step_n_s_per_m = 200"),
+        ("[50, 100, 200, 500, 1000, 1200, 1500, 1700, 2000, 2500, 3000, 4000]", "[500, 1500]"),
+    ];
+    for (from, to) in short.iter().chain(edits) {
+        assert!(text.contains(from), "{from}");
+        text = text.replacen(from, to, 1);
+    }
+    let folder = TempDir::new().unwrap();
+    fs::write(folder.path().join("mine.toml"), text).unwrap();
+    folder
+}
+
+#[test]
+fn the_records_of_the_images_are_what_their_scenes_give() {
+    let folder = TempDir::new().unwrap();
+    for board in ["nucleo-f446re", "discovery-f407"] {
+        let output = sim(folder.path(), &["prepare", board]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let made = fs::read(folder.path().join(format!("{board}.device"))).unwrap();
+        let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
+        let committed = fs::read(scenes.join(format!("{board}.device"))).unwrap();
+        assert!(
+            made == committed,
+            "scenes/{board}.device is old: cargo sim prepare {board} --out scenes/{board}.device --force"
+        );
+    }
+}
+
+#[test]
+fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
+    let edits = [(
+        "name = \"nucleo-f446re\"",
+        "name = \"nucleo-f446re\"\nestimators = [\"first-order\", \"butterworth\"]\nperiods = [5]\nmotor = \"-\"",
+    )];
+    let folder = scene(&edits);
+    let path = folder.path();
+    let output = sim(path, &["prepare", "mine.toml", "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let record = words(&fs::read(path.join("mine.device")).unwrap());
+    let device = Device::from_record(&record, &board_facts("nucleo-f446re").unwrap()).unwrap();
+    assert_eq!(json["record_hash"], format!("{:08x}", device.key.hash));
+    assert_eq!(json["envelope_hash"], format!("{:08x}", device.envelope.hash()));
+    assert_eq!((device.key.name.text(), device.signs.motor_reversed), ("mine", true));
+    assert_eq!(json["estimator"], "first-order");
+    assert_eq!(device.settings.velocity.name().text(), "first-order");
+    assert_eq!(json["guessed"].as_array().unwrap().len(), 0);
+    let keys: Vec<_> = device
+        .envelope
+        .boundaries()
+        .map(|(key, points)| (key.estimator.text(), key.cutoff_hz, key.period, points.count()))
+        .collect();
+    let of = |n: usize| (keys[n].0, keys[n].1, keys[n].2);
+    assert_eq!(keys.len(), 8, "{keys:?}");
+    assert_eq!([of(0), of(1)], [("first-order", 500.0, 10), ("first-order", 1500.0, 10)]);
+    assert_eq!([of(2), of(7)], [("first-order", 500.0, 5), ("butterworth", 1500.0, 5)]);
+    assert!(keys.iter().all(|(.., rows)| *rows > 0), "{keys:?}");
+    // a comment is no other device; a number is
+    let text = fs::read_to_string(path.join("mine.toml")).unwrap();
+    for (text, same) in [
+        (format!("# the same\n{text}"), true),
+        (text.replace("settle_s = 4.0", "settle_s = 3.0"), false),
+    ] {
+        fs::write(path.join("mine.toml"), text).unwrap();
+        assert!(sim(path, &["prepare", "mine.toml", "--force"]).status.success());
+        let again = words(&fs::read(path.join("mine.device")).unwrap());
+        assert_eq!(again == record, same);
+    }
+}
+
+#[test]
+fn what_is_left_out_is_guessed_and_said_and_a_starter_has_no_walls() {
+    let (device, _) = NUCLEO.split_once("[safety]").unwrap();
+    let folder = TempDir::new().unwrap();
+    let path = folder.path();
+    fs::write(path.join("mine.toml"), device).unwrap();
+    let output = sim(path, &["prepare", "mine.toml", "--starter", "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let guessed = json["guessed"].as_array().unwrap();
+    for key in ["safety.travel_low_m -0.04", "safety.travel_high_m 0.11", "return.timeout_s 10"] {
+        assert!(guessed.iter().any(|said| said == key), "{key}: {guessed:?}");
+    }
+    assert_eq!(
+        (&json["speed_max_m_per_s"], &json["envelope"]),
+        (&0.1.into(), &Value::Array(vec![]))
+    );
+    let output = sim(path, &["prepare", "--starter", "--board", "discovery-f407"]);
+    assert!(output.status.success());
+    assert!(path.join("starter.device").is_file());
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("every wall is refused until unlock envelope"), "{text}");
+}
+
+#[test]
+fn what_does_not_fit_a_board_is_one_line_with_the_key() {
+    for (from, to, wanted) in [
+        (
+            "name = \"nucleo-f446re\"",
+            "name = \"nucleo\"",
+            "the board is `nucleo`, allowed nucleo-f446re, ",
+        ),
+        ("name = \"nucleo-f446re\"", "name = \"\"", "board.name is ``, allowed 1 to 16 bytes"),
+        ("name = \"nucleo-f446re\"", "", "missing field `name`"),
+        ("bits = 12", "bits = 10", "needs [output] kind = \"dac\", bits = 12"),
+        (
+            "latency = 0.115",
+            "latency = 0.1",
+            "actuator.latency on the board nucleo-f446re is 0.1, allowed 0.115",
+        ),
+        (
+            "rate_hz = 10000",
+            "rate_hz = 9000",
+            "control.rate_hz on the board nucleo-f446re is 9000, allowed 10000",
+        ),
+        ("cutoff_hz = 1500", "cutoff_hz = 9000", "board.cutoff_hz is 9000, allowed 0.35 to 4990"),
+        (
+            "cutoff_hz = 1500",
+            "estimators = [\"butter\"]",
+            "board.estimators has `butter`, allowed ",
+        ),
+        (
+            "cutoff_hz = 1500",
+            "estimators = [\"time-stamps\"]",
+            "`time-stamps`, which needs edge times",
+        ),
+        ("cutoff_hz = 1500", "periods = [3]", "board.periods has 3, allowed 1, 2, 5, 10"),
+        ("cutoff_hz = 1500", "motor = \"left\"", "unknown variant `left`"),
+        ("travel_low_m = -0.04", "travel_low_m = 0.01", "safety.travel_low_m is 0.01, allowed -"),
+        ("ramp_in_s = 0.2", "ramp_in_s = 0.0", "safety.ramp_in_s is 0, allowed 0.02 to 10"),
+        (
+            "sign_test_counts = 200",
+            "sign_test_counts = 1",
+            "safety.sign_test_counts is 1, allowed 10 to",
+        ),
+        (
+            "calibration_travel_m = 1e-3",
+            "calibration_travel_m = 1e-9",
+            "safety.calibration_travel_m is 0.000000001",
+        ),
+        (
+            "continuous_force_n = 4.1",
+            "continuous_force_n = 9",
+            "motor.continuous_force_n is 9, allowed",
+        ),
+        (
+            "time_constant_s = 30",
+            "time_constant_s = 0",
+            "motor.time_constant_s is 0, allowed 1 to 3600",
+        ),
+        (
+            "speed_m_per_s = 0.15",
+            "speed_m_per_s = 5",
+            "return.speed_m_per_s is 5, allowed 0.001 to 1",
+        ),
+        (
+            "tolerance_m = 5e-5",
+            "tolerance_m = 5e-7",
+            "return.tolerance_m is 0.0000005, allowed 0.000004 to",
+        ),
+        ("ramp_in_s = 0.2", "rampin_s = 0.2", "unknown field `rampin_s`"),
+        (
+            "travel_high_m = 0.11",
+            "travel_high_m = 0.00001\ntravel_low_x = 1",
+            "unknown field `travel_low_x`",
+        ),
+        (
+            "start_position_m = 0.0",
+            "start_position_m = -0.05",
+            "start_m is -0.05, allowed -0.04 to",
+        ),
+    ] {
+        let folder = scene(&[(from, to)]);
+        let line = refused(folder.path(), &["prepare", "mine.toml"]);
+        assert!(line.contains(wanted), "{line} should say {wanted}");
+    }
+    let folder = scene(&[]);
+    let path = folder.path();
+    fs::rename(path.join("mine.toml"), path.join("a-name-of-17-byte.toml")).unwrap();
+    let line = refused(path, &["prepare", "a-name-of-17-byte.toml"]);
+    assert!(line.contains("allowed 1 to 16 bytes"), "{line}");
+    let line = refused(path, &["prepare", "paper-1um"]);
+    assert!(line.contains("board.name is missing, or --board"), "{line}");
+}

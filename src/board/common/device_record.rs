@@ -1,0 +1,21 @@
+//! The device record, in a flash sector of its own (memory.x): that of the build until another one is programmed there.
+
+use zwidth::device::record::WORDS_MAX;
+
+const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
+
+/// Nothing reads it by this name: what is programmed in its place later must be seen.
+#[used]
+// SAFETY: the section holds nothing else, and memory.x keeps a whole sector for it.
+#[unsafe(link_section = ".device")]
+static BUILT_IN: [u8; BYTES.len()] = *BYTES.as_array().expect("of that length");
+
+// SAFETY: memory.x has this name, at the beginning of a sector of so many words that nothing writes while this runs.
+unsafe extern "C" {
+    safe static _device_record: [u32; WORDS_MAX];
+}
+
+/// The words of the sector.
+pub fn device_record() -> &'static [u32] {
+    &_device_record
+}

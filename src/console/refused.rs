@@ -1,0 +1,112 @@
+//! The console of a board that has no device: its record is not taken, so nothing runs.
+
+use core::fmt;
+
+use super::{Command, LINE_MAX, Line, LineReader, parse, reply::OutOfRange};
+use crate::device::record::{BadRecord, LAYOUT, WORDS_MAX, WORDS_MIN};
+
+/// What a board without a device says, and to which commands.
+pub struct Refused<'a> {
+    board: &'a str,
+    why: &'a BadRecord,
+    reader: LineReader<LINE_MAX>,
+}
+
+/// A line of it.
+pub struct RefusedLine<'a> {
+    board: &'a str,
+    why: &'a BadRecord,
+    command: Option<Command>,
+}
+
+impl<'a> Refused<'a> {
+    /// Of that board, for that reason.
+    pub fn new(board: &'a str, why: &'a BadRecord) -> Self {
+        Self { board, why, reader: LineReader::new() }
+    }
+
+    /// Why nothing runs.
+    pub fn reason(&self) -> RefusedLine<'a> {
+        self.line(None)
+    }
+
+    /// Takes a byte that was typed; the reply if it ends a line.
+    pub fn push(&mut self, byte: u8) -> Option<RefusedLine<'a>> {
+        let command = match self.reader.push(byte)? {
+            Line::Text(text) => parse(text).ok(),
+            Line::TooLong => None,
+        };
+        Some(self.line(command))
+    }
+
+    fn line(&self, command: Option<Command>) -> RefusedLine<'a> {
+        RefusedLine { board: self.board, why: self.why, command }
+    }
+}
+
+impl fmt::Display for RefusedLine<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { board, why, command } = self;
+        match command {
+            Some(Command::Help) => f.write_str("ok help, version, status"),
+            Some(Command::Version) => {
+                let version = env!("CARGO_PKG_VERSION");
+                write!(f, "ok version {version}, board {board}, no device record: {why}")
+            }
+            Some(Command::Status) => write!(f, "ok status off, no device record: {why}"),
+            _ => write!(f, "error: no device record: {why}; nothing runs, see help"),
+        }
+    }
+}
+
+impl fmt::Display for BadRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Blank => f.write_str("there is none"),
+            Self::Foreign => f.write_str("what is in its place is none"),
+            Self::Layout(layout) => {
+                write!(f, "its layout is {layout}, this firmware takes {LAYOUT}")
+            }
+            Self::Length(words) => {
+                write!(f, "its length is {words} words, allowed {} to {WORDS_MAX}", WORDS_MIN)
+            }
+            Self::Damaged => f.write_str("it is damaged: its checksum is wrong"),
+            Self::Board(name) => write!(f, "it is for the board {}", name.text()),
+            Self::Name => f.write_str("a name in it is no text"),
+            Self::Output => f.write_str("its force output is not this board's"),
+            Self::Estimator(id) => write!(f, "its estimator, number {id}, is not in this image"),
+            Self::Envelope => f.write_str("its envelope is no table"),
+            Self::Unfit => f.write_str("the board cannot run its estimator at its output period"),
+            Self::Range(error) => OutOfRange(error).fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for BadRecord {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{string::ToString, vec::Vec};
+
+    #[test]
+    fn every_command_but_three_is_refused_with_the_reason() {
+        let mut console = Refused::new("a-board", &BadRecord::Damaged);
+        let why = "its checksum is wrong";
+        assert!(console.reason().to_string().starts_with("error: no device record: it is damaged"));
+        let mut ask = |line: &str| {
+            let replies: Vec<_> = line.bytes().filter_map(|byte| console.push(byte)).collect();
+            assert_eq!(replies.len(), 1, "{line}");
+            replies[0].to_string()
+        };
+        assert_eq!(ask("help\n"), "ok help, version, status");
+        let status =
+            format_args!("ok status off, no device record: it is damaged: {why}").to_string();
+        assert_eq!(ask("STATUS\n"), status);
+        assert!(ask("version\n").starts_with("ok version"));
+        for line in ["arm\n", "k 1000\n", "save\n", "clear\n", "rubbish\n", &"x".repeat(100)] {
+            let reply = ask(&std::format!("{}\n", line.trim()));
+            assert!(reply.starts_with("error: no device record") && reply.contains(why), "{reply}");
+        }
+    }
+}

@@ -1,0 +1,378 @@
+//! The device record: what makes an image the firmware of a device. `cargo sim prepare` writes it, the board keeps it in a
+//! flash sector of its own.
+//!
+//! Words of 32 bits, least significant byte first; a number is an IEEE 754 double, low word first.
+//!
+//! | words | field |
+//! |---|---|
+//! | 0 | "ZWD" and the version of the layout, 1 |
+//! | 1 | length of the record in words, the last one included |
+//! | 2 | hash of the scene |
+//! | 3 to 6 | board: up to 16 bytes of text, then zeros |
+//! | 7 to 10 | device, that is the scene: the same |
+//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed |
+//! | 12 | samples per output |
+//! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
+//! | 15 | counts that the sign test has to see |
+//! | 16 | number of the estimator |
+//! | 17 to 98 | numbers, see below |
+//! | 99 .. | the [envelope](crate::safety::envelope) |
+//! | last | CRC-32/ISO-HDLC over all words before it: the record's hash |
+//!
+//! The numbers: sample rate Hz, resolution m, force at full command N, latency samples; speed limit and believable speed
+//! m/s, travel low and high m, ramp s, sign test's force as a part of full scale; continuous force N, time constant s;
+//! return move: start m, speed m/s, force N, K N/m, B N s/m, integral N/(m s), tolerance m, timeout s; calibration: rise
+//! %/s, hold s, travel m; eight parameters of the estimator; wall m; hit: settle s, window s, RMS m; walk: K start, step,
+//! cap N/m, B start, step, cap N s/m.
+
+use super::Device;
+use crate::{
+    Design, HitSettings, Output, Settings, SettingsError, WallSettings, crc,
+    experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
+    range::within,
+    safety::{
+        SafetySettings,
+        envelope::{Boundary, Envelope},
+    },
+    store::{DeviceKey, Loaded, Name, Signs, Source},
+    velocity::{EstimatorName, PARAMETERS, Sense},
+};
+
+/// Longest record, words: a flash sector of 16 KiB.
+pub const WORDS_MAX: usize = 4096;
+/// Version of the layout.
+pub const LAYOUT: u8 = 1;
+/// Where the board's name is, bytes.
+pub const BOARD_AT: usize = 12;
+
+const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
+const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
+/// An erased word.
+const BLANK: u32 = u32::MAX;
+/// Words before the numbers, and before the envelope.
+const FIXED: usize = 17;
+const BEFORE_ENVELOPE: usize = FIXED + 2 * NUMBERS;
+
+const PUSH_ONLY: u32 = 1;
+const MOTOR_REVERSED: u32 = 2;
+const ENCODER_REVERSED: u32 = 4;
+
+const NUMBERS: usize = 33 + KEPT;
+/// Parameters of the estimator among them.
+const KEPT: usize = 8;
+// One more is another layout.
+const _: () = assert!(PARAMETERS == KEPT);
+
+/// What a board is, whatever the device on it: a record has to go with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardFacts {
+    /// Its name.
+    pub name: &'static str,
+    /// Samples per second, Hz.
+    pub rate_hz: f64,
+    /// Its force output.
+    pub output: Output,
+    /// What an estimator can look at beside the count.
+    pub senses: &'static [Sense],
+    /// From the counter's reading to the force, samples: at least.
+    pub latency_samples: f64,
+}
+
+/// The hash that a record keeps of its scene's text.
+pub fn hash_of(text: &[u8]) -> u32 {
+    crc::of_bytes(text)
+}
+
+/// Why a board does not take a record; the console says it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BadRecord {
+    /// The sector is erased.
+    Blank,
+    /// It does not begin like a record.
+    Foreign,
+    /// Another version of the layout.
+    Layout(u8),
+    /// It is cut short, or longer than the sector: words.
+    Length(u32),
+    /// Its checksum is wrong.
+    Damaged,
+    /// It is for that board.
+    Board(Name),
+    /// A name is no text.
+    Name,
+    /// Another kind of output.
+    Output,
+    /// This build has no estimator of that number.
+    Estimator(u32),
+    /// The envelope is no table.
+    Envelope,
+    /// The board cannot run its estimator with its output period.
+    Unfit,
+    /// A number of it.
+    Range(SettingsError),
+}
+
+impl From<SettingsError> for BadRecord {
+    fn from(error: SettingsError) -> Self {
+        Self::Range(error)
+    }
+}
+
+/// Shortest record, words.
+pub const WORDS_MIN: usize = BEFORE_ENVELOPE + 1;
+
+/// The words of a record, and those of them that every record has.
+fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
+    let Some(([head, length, ..], _)) = words.split_first_chunk::<FIXED>() else {
+        return Err(BadRecord::Foreign);
+    };
+    match *head {
+        BLANK => return Err(BadRecord::Blank),
+        HEAD => {}
+        other if other & 0x00FF_FFFF == MAGIC => {
+            return Err(BadRecord::Layout((other >> 24) as u8));
+        }
+        _ => return Err(BadRecord::Foreign),
+    }
+    let bad_length = BadRecord::Length(*length);
+    let record = usize::try_from(*length).ok().and_then(|length| words.get(..length));
+    let Some((check, body)) = record.and_then(<[u32]>::split_last) else { return Err(bad_length) };
+    let Some((fixed, rest)) = body.split_first_chunk::<FIXED>() else { return Err(bad_length) };
+    if rest.len() < 2 * NUMBERS || body.len() >= WORDS_MAX {
+        return Err(bad_length);
+    }
+    if crc::of_words(body) != *check {
+        return Err(BadRecord::Damaged);
+    }
+    Ok((fixed, rest, *check))
+}
+
+fn output_of(kind: u32, size: u32) -> Option<Output> {
+    match kind {
+        0 => Some(Output::Continuous),
+        1 => Some(Output::Dac { bits: size }),
+        2 => Some(Output::Pwm { steps: size }),
+        _ => None,
+    }
+}
+
+fn words_of(output: Output) -> [u32; 2] {
+    match output {
+        Output::Continuous => [0, 0],
+        Output::Dac { bits } => [1, bits],
+        Output::Pwm { steps } => [2, steps],
+    }
+}
+
+impl<'a> Device<'a> {
+    /// The device of the record at the front of `words`, on that board. Nothing of it is out of range.
+    ///
+    /// # Errors
+    /// Says what is wrong with it.
+    pub fn from_record(words: &'a [u32], board: &BoardFacts) -> Result<Self, BadRecord> {
+        let device = Self::decode(words, board)?;
+        if device.board.text() != board.name {
+            return Err(BadRecord::Board(device.board));
+        }
+        if device.design.output != board.output {
+            return Err(BadRecord::Output);
+        }
+        within("rate_hz", device.design.rate_hz, board.rate_hz..=board.rate_hz)?;
+        // An envelope for a faster board would hold walls that this one does not.
+        let slowest = f64::MAX;
+        within("latency_samples", device.latency_samples, board.latency_samples..=slowest)?;
+        device.check()?;
+        Ok(device)
+    }
+
+    /// What can be checked before anything runs.
+    fn check(&self) -> Result<(), BadRecord> {
+        let defaults = self.defaults();
+        if self.unfit(&defaults).is_some() {
+            return Err(BadRecord::Unfit);
+        }
+        self.calibration(&defaults, 0.0)?;
+        self.walk.check()?;
+        self.back.build(&self.design)?;
+        let loaded = Loaded { stored: defaults, source: Source::Empty, damaged: 0 };
+        self.start(&loaded, None)?;
+        Ok(())
+    }
+
+    fn decode(words: &'a [u32], board: &BoardFacts) -> Result<Self, BadRecord> {
+        let (fixed, rest, hash) = whole(words)?;
+        let [_, _, scene_hash, b0, b1, b2, b3, d0, d1, d2, d3, flags, period, kind, size, sign, id] =
+            *fixed;
+        let [on, name] = [[b0, b1, b2, b3], [d0, d1, d2, d3]].map(Name::from_words);
+        if on.text().is_empty() || name.text().is_empty() {
+            return Err(BadRecord::Name);
+        }
+        let output = output_of(kind, size).ok_or(BadRecord::Output)?;
+        let estimator = EstimatorName::from_id(id).ok_or(BadRecord::Estimator(id))?;
+        let (numbers, envelope) = rest.split_at_checked(2 * NUMBERS).unwrap_or_default();
+        let mut numbers = numbers.as_chunks::<2>().0.iter();
+        // In the order of `numbers`.
+        let mut next = || match numbers.next() {
+            Some(&[low, high]) => f64::from_bits(u64::from(low) | u64::from(high) << 32),
+            None => f64::NAN,
+        };
+        Ok(Self {
+            board: on,
+            key: DeviceKey { name, hash },
+            scene_hash,
+            design: Design {
+                rate_hz: next(),
+                resolution_m: next(),
+                full_scale_n: next(),
+                period,
+                output,
+            },
+            latency_samples: next(),
+            senses: board.senses,
+            envelope: Envelope::read(envelope).ok_or(BadRecord::Envelope)?,
+            safety: SafetySettings {
+                speed_max_m_per_s: next(),
+                speed_believable_m_per_s: next(),
+                travel_low_m: next(),
+                travel_high_m: next(),
+                ramp_in_s: next(),
+                sign_test_force: next(),
+                sign_test_counts: sign,
+            },
+            duty: DutySettings { continuous_force_n: next(), time_constant_s: next() },
+            back: ReturnSettings {
+                start_m: next(),
+                speed_m_per_s: next(),
+                force_n: next(),
+                stiffness_n_per_m: next(),
+                damping_n_s_per_m: next(),
+                integral_n_per_m_s: next(),
+                tolerance_m: next(),
+                timeout_s: next(),
+            },
+            calibration: CalibrationSettings {
+                percent: 0.0,
+                rise_percent_per_s: next(),
+                hold_s: next(),
+                travel_m: next(),
+            },
+            signs: Signs {
+                motor_reversed: flags & MOTOR_REVERSED != 0,
+                encoder_reversed: flags & ENCODER_REVERSED != 0,
+            },
+            settings: Settings {
+                velocity: estimator.settings(core::array::from_fn(|_| next())),
+                wall: WallSettings {
+                    position_m: next(),
+                    stiffness_n_per_m: 0.0,
+                    damping_n_s_per_m: 0.0,
+                    push_only: flags & PUSH_ONLY != 0,
+                },
+            },
+            hit: HitSettings {
+                push_n: 0.0,
+                settle_s: next(),
+                window_s: next(),
+                rms_limit_m: next(),
+            },
+            walk: WalkSettings {
+                stiffness_start_n_per_m: next(),
+                stiffness_step_n_per_m: next(),
+                stiffness_max_n_per_m: next(),
+                damping_start_n_s_per_m: next(),
+                damping_step_n_s_per_m: next(),
+                damping_max_n_s_per_m: next(),
+            },
+        })
+    }
+
+    /// Its numbers.
+    fn numbers(&self) -> [f64; NUMBERS] {
+        let Self { design, safety, duty, back, calibration, settings, hit, walk, .. } = self;
+        let (_, [p0, p1, p2, p3, p4, p5, p6, p7]) = EstimatorName::of(&settings.velocity);
+        [
+            design.rate_hz,
+            design.resolution_m,
+            design.full_scale_n,
+            self.latency_samples,
+            safety.speed_max_m_per_s,
+            safety.speed_believable_m_per_s,
+            safety.travel_low_m,
+            safety.travel_high_m,
+            safety.ramp_in_s,
+            safety.sign_test_force,
+            duty.continuous_force_n,
+            duty.time_constant_s,
+            back.start_m,
+            back.speed_m_per_s,
+            back.force_n,
+            back.stiffness_n_per_m,
+            back.damping_n_s_per_m,
+            back.integral_n_per_m_s,
+            back.tolerance_m,
+            back.timeout_s,
+            calibration.rise_percent_per_s,
+            calibration.hold_s,
+            calibration.travel_m,
+            p0,
+            p1,
+            p2,
+            p3,
+            p4,
+            p5,
+            p6,
+            p7,
+            settings.wall.position_m,
+            hit.settle_s,
+            hit.window_s,
+            hit.rms_limit_m,
+            walk.stiffness_start_n_per_m,
+            walk.stiffness_step_n_per_m,
+            walk.stiffness_max_n_per_m,
+            walk.damping_start_n_s_per_m,
+            walk.damping_step_n_s_per_m,
+            walk.damping_max_n_s_per_m,
+        ]
+    }
+
+    /// Writes the record of this device with those boundaries, in place of its own envelope, to the front of `words`. A
+    /// record has no wall and no push: K, B and push of the device are left out, and so is its hash.
+    ///
+    /// None if there is no room.
+    pub fn to_record<'b>(
+        &self,
+        boundaries: &[Boundary<'_>],
+        words: &'b mut [u32; WORDS_MAX],
+    ) -> Option<&'b [u32]> {
+        let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+        let flags = flag(self.settings.wall.push_only, PUSH_ONLY)
+            | flag(self.signs.motor_reversed, MOTOR_REVERSED)
+            | flag(self.signs.encoder_reversed, ENCODER_REVERSED);
+        let [kind, size] = words_of(self.design.output);
+        let id = self.settings.velocity.name().id();
+        let (front, rest) = words.split_at_mut(BEFORE_ENVELOPE);
+        let length = BEFORE_ENVELOPE + Envelope::put(boundaries, rest)?.len();
+        let total = u32::try_from(length + 1).ok()?;
+        let fixed = [HEAD, total, self.scene_hash]
+            .into_iter()
+            .chain(self.board.to_words())
+            .chain(self.key.name.to_words())
+            .chain([flags, self.design.period, kind, size, self.safety.sign_test_counts, id]);
+        let numbers = self.numbers().into_iter().flat_map(halves);
+        for (place, word) in front.iter_mut().zip(fixed.chain(numbers)) {
+            *place = word;
+        }
+        let check = crc::of_words(words.get(..length)?);
+        *words.get_mut(length)? = check;
+        words.get(..=length)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
+fn halves(value: f64) -> [u32; 2] {
+    let bits = value.to_bits();
+    [bits as u32, (bits >> 32) as u32]
+}
+
+#[cfg(test)]
+mod tests;

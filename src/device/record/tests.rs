@@ -1,0 +1,182 @@
+//! A record comes back as it was made, and whatever is wrong with one is found and named.
+
+use proptest::prelude::*;
+use std::{string::ToString, vec::Vec};
+
+use super::*;
+use crate::{
+    device::tests::{BOUNDARY, DEVICE},
+    velocity::{EstimatorName, Sense},
+};
+
+const BOARD: BoardFacts = BoardFacts {
+    name: "a-board",
+    rate_hz: 10_000.0,
+    output: Output::Dac { bits: 12 },
+    senses: &[Sense::Force],
+    latency_samples: 0.115,
+};
+
+/// The record of that device, with its envelope.
+fn record(device: &Device<'_>) -> Vec<u32> {
+    device.to_record(&[BOUNDARY], &mut [0; WORDS_MAX]).unwrap().to_vec()
+}
+
+fn refused(words: &[u32]) -> BadRecord {
+    Device::from_record(words, &BOARD).unwrap_err()
+}
+
+/// With its checksum made right.
+fn signed(mut words: Vec<u32>) -> Vec<u32> {
+    let (check, body) = words.split_last_mut().unwrap();
+    *check = crc::of_words(body);
+    words
+}
+
+#[test]
+fn a_record_comes_back_and_erased_flash_behind_it_does_not_matter() {
+    let mut words = record(&DEVICE);
+    assert_eq!(words.len(), 18 + 2 * 41 + 5 + 2 * 3);
+    let hash = *words.last().unwrap();
+    let key = DeviceKey { hash, ..DEVICE.key };
+    let expected = Device { key, ..*DEVICE };
+    assert_eq!(Device::from_record(&words, &BOARD), Ok(expected));
+    words.resize(WORDS_MAX, BLANK);
+    assert_eq!(Device::from_record(&words, &BOARD), Ok(expected));
+    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    assert_eq!(&bytes[BOARD_AT..BOARD_AT + 8], b"a-board\0");
+}
+
+/// Every byte turned to every other value that differs in one bit or in all; the record ends wherever it is cut.
+#[test]
+fn no_record_with_a_wrong_byte_and_none_that_is_cut_short_is_taken() {
+    let words = record(&DEVICE);
+    let mut sector = words.clone();
+    sector.resize(WORDS_MAX, BLANK);
+    for byte in 0..4 * words.len() {
+        for turned in [0xFF, 1, 2, 4, 8, 16, 32, 64, 128u32] {
+            let mut bad = sector.clone();
+            bad[byte / 4] ^= turned << (8 * (byte % 4));
+            let why = refused(&bad);
+            let expected = match byte {
+                0..3 => matches!(why, BadRecord::Foreign),
+                3 => matches!(why, BadRecord::Layout(layout) if layout != LAYOUT),
+                4..8 => matches!(why, BadRecord::Length(_) | BadRecord::Damaged),
+                _ => why == BadRecord::Damaged,
+            };
+            assert!(expected, "byte {byte}: {why}");
+        }
+    }
+    for cut in 0..words.len() {
+        let mut programmed = words[..cut].to_vec();
+        assert_ne!(Device::from_record(&programmed, &BOARD).err(), None, "{cut}");
+        programmed.resize(WORDS_MAX, BLANK);
+        let why = refused(&programmed);
+        let expected = match cut {
+            0 => BadRecord::Blank,
+            1 => BadRecord::Length(BLANK),
+            _ => BadRecord::Damaged,
+        };
+        assert_eq!(why, expected, "{cut}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_whole_record_is_named() {
+    let says = |words: &[u32], text: &str| assert_eq!(refused(words).to_string(), text);
+    let with = |edit: fn(&mut Device<'static>)| {
+        let mut device = *DEVICE;
+        edit(&mut device);
+        record(&device)
+    };
+    says(&[], "what is in its place is none");
+    says(&[BLANK; 100], "there is none");
+    says(&[0; 100], "what is in its place is none");
+    let mut later = record(&DEVICE);
+    later[0] += 1 << 24;
+    says(&signed(later), "its layout is 2, this firmware takes 1");
+    let mut long = record(&DEVICE);
+    long[1] = 5000;
+    says(&signed(long), "its length is 5000 words, allowed 100 to 4096");
+    says(&with(|device| device.board = Name::of("other")), "it is for the board other");
+    says(&with(|device| device.key.name = Name::of("")), "a name in it is no text");
+    says(&with(|device| device.board = Name::of("")), "a name in it is no text");
+    let output = "its force output is not this board's";
+    says(&with(|device| device.design.output = Output::Dac { bits: 10 }), output);
+    let rate = with(|device| device.design.rate_hz = 5e3);
+    says(&rate, "rate_hz is 5000, allowed 10000 to 10000");
+    let fast = refused(&with(|device| device.latency_samples = 0.1)).to_string();
+    assert!(fast.starts_with("latency_samples is 0.1, allowed 0.115 to "), "{fast}");
+    let travel = refused(&with(|device| device.safety.travel_high_m = f64::NAN)).to_string();
+    assert!(travel.starts_with("travel_high_m is nan, allowed "), "{travel}");
+    let period = with(|device| device.design.period = 3);
+    says(&period, "the board cannot run its estimator at its output period");
+    let mut envelope = record(&DEVICE);
+    envelope[BEFORE_ENVELOPE + 4] = 3;
+    says(&signed(envelope), "its envelope is no table");
+    let mut estimator = record(&DEVICE);
+    estimator[FIXED - 1] = 999;
+    says(&signed(estimator), "its estimator, number 999, is not in this image");
+    let mut kind = record(&DEVICE);
+    kind[13] = 3;
+    says(&signed(kind), output);
+}
+
+/// Every number of a device is checked where it begins to count.
+#[test]
+fn a_number_that_is_none_is_refused_wherever_it_stands() {
+    let words = record(&DEVICE);
+    // Parameters of the estimator that it has not.
+    let unused = 24..31;
+    for number in (0..NUMBERS).filter(|number| !unused.contains(number)) {
+        let mut bad = words.clone();
+        let [low, high] = halves(f64::NAN);
+        (bad[FIXED + 2 * number], bad[FIXED + 2 * number + 1]) = (low, high);
+        let why = refused(&signed(bad));
+        assert!(matches!(why, BadRecord::Range(_)), "{number}: {why}");
+    }
+}
+
+#[test]
+fn a_record_that_has_no_room_is_not_made() {
+    let points = [BOUNDARY.points[0]; 1400];
+    let boundary = Boundary { points: &points, ..BOUNDARY };
+    assert_eq!(DEVICE.to_record(&[boundary], &mut [0; WORDS_MAX]), None);
+}
+
+proptest! {
+    #[test]
+    fn every_number_keeps_its_place(numbers in any::<[f64; NUMBERS]>(), words in any::<[u32; 3]>(), signs in any::<[bool; 2]>()) {
+        let mut made = record(&DEVICE);
+        for (n, number) in numbers.into_iter().enumerate() {
+            [made[FIXED + 2 * n], made[FIXED + 2 * n + 1]] = halves(number);
+        }
+        (made[2], made[12], made[15]) = (words[0], words[1], words[2]);
+        made[11] = (u32::from(signs[0]) * MOTOR_REVERSED) | (u32::from(signs[1]) * ENCODER_REVERSED);
+        let made = signed(made);
+        let device = Device::decode(&made, &BOARD).unwrap();
+        prop_assert_eq!(device.key.hash, *made.last().unwrap());
+        let mut sector = [0; WORDS_MAX];
+        let again = device.to_record(&[BOUNDARY], &mut sector).unwrap();
+        // what the estimator has not is not kept
+        let kept = |n: usize| !(FIXED + 2 * 24..FIXED + 2 * 31).contains(&n) && n + 1 < made.len();
+        for n in (0..made.len()).filter(|&n| kept(n)) {
+            prop_assert_eq!(again[n], made[n], "word {}", n);
+        }
+    }
+
+    #[test]
+    fn arbitrary_words_never_panic(words in proptest::collection::vec(any::<u32>(), 0..200)) {
+        let mut words = words;
+        let _ = Device::from_record(&words, &BOARD);
+        if words.len() > 2 {
+            (words[0], words[1]) = (HEAD, u32::try_from(words.len()).unwrap());
+            let _ = Device::from_record(&signed(words), &BOARD);
+        }
+    }
+}
+
+#[test]
+fn an_estimator_of_another_build_has_a_number_that_is_free() {
+    assert_eq!(EstimatorName::from_id(999), None);
+}

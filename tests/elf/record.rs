@@ -1,0 +1,224 @@
+//! Device records: one image takes any, and stays off with a wrong one.
+
+use std::{fs, path::Path};
+
+use host_sim::{
+    scene::{
+        NamedScene,
+        record::{board_facts, words},
+    },
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
+};
+use rayon::prelude::*;
+use virtual_board::{
+    board::{BOARDS, Board, NUCLEO_F446RE},
+    device::{built_in, record},
+    session::Session,
+    world::World,
+};
+use zwidth::{
+    device::{Device, record::WORDS_MAX},
+    experiment::Verdict,
+    store::{DeviceKey, RECORD_WORDS, Stored},
+};
+
+use crate::firmware::{Firmware, ok};
+
+each_board!(
+    an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong,
+    settings_of_another_record_are_not_taken
+);
+each_board!(
+    no_byte_of_a_record_can_be_wrong_and_no_word_missing,
+    ignored: "every byte and word; a sample runs by default"
+);
+
+/// The record of the image, as bytes.
+fn bytes_of(firmware: &Firmware) -> Vec<u8> {
+    let (_, bytes) =
+        firmware.elf.flash.iter().find(|(address, _)| *address == 0x0800_C000).unwrap();
+    bytes.clone()
+}
+
+/// Boots with that record; what the board says first, and after it every command but three is refused.
+fn refused(firmware: &Firmware, record: &[u8]) -> String {
+    let elf = firmware.elf.with_record(record).unwrap();
+    let Firmware { board, table, scene, .. } = firmware;
+    let mut world = World::new(*board, &elf, table, scene, scene.device.rest_position_m).unwrap();
+    world.run(200).unwrap();
+    let said = world.replies.lines().next().unwrap_or_default().to_owned();
+    let why = said.strip_prefix("error: no device record: ").expect(&said);
+    let why = why.strip_suffix("; nothing runs, see help").unwrap().to_owned();
+    for line in ["zero", "unlock envelope", "arm", "hit", "save"] {
+        let reply = world.ask(line).unwrap();
+        assert!(reply.starts_with("error: no device record"), "{line}: {reply}");
+    }
+    assert_eq!(ok(&mut world, "help"), "ok help, version, status");
+    assert_eq!(ok(&mut world, "status"), format!("ok status off, no device record: {why}"));
+    assert!(ok(&mut world, "version").contains(&why));
+    world.run(2_000).unwrap();
+    assert!(!world.powered.amplifier.is_enabled());
+    assert!(!world.powered.mcu.pin(board.wiring.enable));
+    assert_eq!(world.powered.amplifier.command(), 0);
+    assert_eq!((world.powered.mcu.resets(), world.telemetry.len()), (0, 0));
+    why
+}
+
+/// With its checksum made right: what the host's own encoder would write.
+fn signed(board: Board, edit: impl Fn(&mut Device<'static>)) -> Vec<u8> {
+    let mut device = *built_in(board);
+    edit(&mut device);
+    let mut sector = [0; WORDS_MAX];
+    let words = device.to_record(&[], &mut sector).unwrap();
+    words.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+fn an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong(board: Board) {
+    let firmware = &Firmware::of(board);
+    let whole = bytes_of(firmware);
+    let mut later = whole.clone();
+    later[3] += 1;
+    let mut foreign = whole.clone();
+    foreign[0] = b'x';
+    let mut damaged = whole.clone();
+    damaged[100] ^= 1;
+    let other = BOARDS.into_iter().find(|other| *other != board).unwrap();
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
+    let others = fs::read(scenes.join(format!("{}.device", other.name))).unwrap();
+    for (record, why) in [
+        (vec![], "there is none"),
+        (foreign, "what is in its place is none"),
+        (later, "its layout is 2, this firmware takes 1"),
+        (whole[..whole.len() - 4].to_vec(), "it is damaged: its checksum is wrong"),
+        (damaged, "it is damaged: its checksum is wrong"),
+        (others, &format!("it is for the board {}", other.name)),
+        (
+            signed(board, |device| device.safety.ramp_in_s = 0.0),
+            "ramp_in_s is 0, allowed 0.02 to 10",
+        ),
+        (
+            signed(board, |device| device.duty.continuous_force_n = 6.0),
+            "duty_continuous_force_n is 6, allowed 0.304809871324 to 5.906",
+        ),
+        (
+            signed(board, |device| device.design.rate_hz = 5000.0),
+            "rate_hz is 5000, allowed 10000 to 10000",
+        ),
+    ] {
+        assert_eq!(refused(firmware, &record), why);
+    }
+}
+
+fn no_byte_of_a_record_can_be_wrong_and_no_word_missing(board: Board) {
+    let firmware = &Firmware::of(board);
+    let whole = &bytes_of(firmware);
+    (0..whole.len()).into_par_iter().for_each(|byte| {
+        let mut bad = whole.clone();
+        bad[byte] ^= 1 << (byte % 8);
+        refused(firmware, &bad);
+        // Power cut while it was programmed: the rest is erased.
+        if byte % 4 == 0 {
+            refused(firmware, &whole[..byte]);
+        }
+    });
+    println!("{}: {} bytes and {} words", board.name, whole.len(), whole.len() / 4);
+}
+
+/// Settings belong to the record, not to its name.
+fn settings_of_another_record_are_not_taken(board: Board) {
+    let firmware = &Firmware::of(board);
+    let own = built_in(board).defaults();
+    let load = |key: DeviceKey| {
+        let stored = Stored { device: key, push_n: 1.5, ..own };
+        let words: [u32; RECORD_WORDS] = stored.to_words(1);
+        let mut elf = firmware.elf.clone();
+        let bytes = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        elf.flash.push((0x0800_4000, bytes));
+        let Firmware { board, table, scene, .. } = firmware;
+        let mut world =
+            World::new(*board, &elf, table, scene, scene.device.rest_position_m).unwrap();
+        world.run(200).unwrap();
+        let loaded = world.replies.lines().find(|line| line.contains("load")).unwrap().to_owned();
+        (loaded, ok(&mut world, "get").contains("push 1.5 N"))
+    };
+    assert_eq!(load(own.device), ("ok load: newest settings".into(), true));
+    for key in [
+        DeviceKey { hash: own.device.hash ^ 1, ..own.device },
+        DeviceKey { hash: 0, ..own.device },
+        DeviceKey { name: DeviceKey::of("another").name, ..own.device },
+    ] {
+        let other = "ok load: defaults: what was saved is for another device";
+        assert_eq!(load(key), (other.into(), false));
+    }
+}
+
+/// Five devices: mass, counts, force, start and wall of their own.
+fn devices() -> [NamedScene; 5] {
+    let of = |name: &str, mass_kg: f64, count_m: f64, gain_n_per_v: f64, wall_m: f64| {
+        let mut named = NamedScene::load(NUCLEO_F446RE.name).unwrap();
+        named.name = name.into();
+        let scene = &mut named.scene;
+        scene.device.mass_kg = mass_kg;
+        scene.encoder.resolution_m = count_m;
+        scene.actuator.gain_n_per_v = gain_n_per_v;
+        scene.wall.position_m = wall_m;
+        scene.device.rest_position_m = 0.5 * wall_m;
+        scene.wall_hit.push_n = zwidth::shorten(0.4 * scene.full_scale_n());
+        scene.wall_hit.settle_s = 1.0;
+        scene.wall_hit.window_s = 0.5;
+        (scene.safety, scene.motor, scene.back) = (None, None, None);
+        scene.check().unwrap();
+        named
+    };
+    [
+        of("own", 0.416, 1e-6, 0.5906, 0.07),
+        of("light", 0.1, 1e-6, 0.3, 0.03),
+        of("coarse", 0.416, 8e-6, 0.5906, 0.05),
+        of("strong", 2.0, 2e-6, 4.0, 0.04),
+        of("fine", 0.6, 2.5e-7, 0.8, 0.02),
+    ]
+}
+
+/// The hit of the simulator and the board's differ in when they start and in nothing else: RMS and mean are those of the
+/// same wall.
+#[test]
+fn one_image_takes_five_records_and_hits_as_the_simulator_says() {
+    let Firmware { board, elf, .. } = Firmware::of(NUCLEO_F446RE);
+    let facts = board_facts(board.name).unwrap();
+    devices().into_par_iter().for_each(|scene| {
+        let record = record(&scene, board).unwrap();
+        if let Some(record) = &record {
+            let words = words(record);
+            let device = Device::from_record(&words, &facts).unwrap();
+            assert_eq!(device.key.name.text(), scene.name);
+        }
+        let table = virtual_board::log::table(&elf.bytes).unwrap();
+        let elf = record.map_or_else(|| elf.clone(), |record| elf.with_record(&record).unwrap());
+        let session = Session { board, scene, elf, table };
+        let scene = &session.scene.scene;
+        // A wall that is as stiff for each: by force and count.
+        let unit = scene.full_scale_n() / scene.encoder.resolution_m;
+        let wall = [1500.0, (2e-3 * unit).round(), (8e-6 * unit).round()];
+        let (board_hit, mut world) = session.hit(wall).unwrap();
+        let version = ok(&mut world, "version");
+        assert!(version.contains(&format!("scene {} ", session.scene.name)), "{version}");
+        let prepared = PreparedScene::new(scene).unwrap();
+        let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
+        let hit =
+            WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 };
+        let simulated = prepared.report(Numeric::Fixed, &hit).unwrap();
+        let counts = |metres: f64| metres / scene.encoder.resolution_m;
+        let [mean, rms] = [board_hit.mean_m - simulated.mean_m, board_hit.rms_m - simulated.rms_m];
+        println!(
+            "{}: {:?}, mean {:.1} counts behind the surface ({:+.2}), RMS {:.2} counts ({:+.2})",
+            session.scene.name,
+            board_hit.verdict,
+            counts(board_hit.mean_m - scene.wall.position_m),
+            counts(mean),
+            counts(board_hit.rms_m),
+            counts(rms),
+        );
+        assert_eq!((board_hit.verdict, simulated.verdict), (Verdict::Stable, Verdict::Stable));
+        assert!(counts(mean).abs() < 1.0 && counts(rms).abs() < 1.0);
+    });
+}

@@ -1,0 +1,81 @@
+//! The device record in a virtual board's flash.
+
+use std::sync::OnceLock;
+
+use host_sim::{
+    error::Error,
+    scene::{
+        NamedScene,
+        record::{board_facts, words},
+    },
+};
+use zwidth::{VelocitySettings, device::Device};
+
+use crate::{
+    board::{BOARDS, Board},
+    elf::Elf,
+};
+
+/// Name of the place in the image (memory.x), and bytes that it has.
+const SYMBOL: &str = "_device_record";
+const SECTOR: usize = 16 * 1024;
+
+/// The records that the images are built with.
+const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
+    ("nucleo-f446re", include_bytes!("../../scenes/nucleo-f446re.device")),
+    ("discovery-f407", include_bytes!("../../scenes/discovery-f407.device")),
+];
+
+/// First cutoff, as long as the scene names no other, Hz.
+const CUTOFF_HZ: f64 = 1500.0;
+
+impl Elf {
+    /// The image with that record programmed in place of its own; the rest of the sector is erased.
+    ///
+    /// # Errors
+    /// It is an image of before there were records.
+    pub fn with_record(&self, record: &[u8]) -> Result<Self, Error> {
+        let Some(address) = self.address_of(SYMBOL) else {
+            return Err(Error::input(format!(
+                "the image has no place for a device record: {SYMBOL}"
+            )));
+        };
+        let mut elf = self.clone();
+        let mut sector = record.to_vec();
+        sector.resize(SECTOR.max(sector.len()), 0xFF);
+        elf.flash.push((address, sector));
+        Ok(elf)
+    }
+}
+
+/// The device that the image of that board is built with.
+///
+/// # Panics
+/// Never: tests hold that the record is one.
+pub fn built_in(board: Board) -> &'static Device<'static> {
+    static DEVICES: [OnceLock<Device<'static>>; BOARDS.len()] =
+        [const { OnceLock::new() }; BOARDS.len()];
+    let records = BUILT_IN.iter().zip(&DEVICES);
+    let found = records.into_iter().find(|((name, _), _)| *name == board.name);
+    let ((_, bytes), device) = found.expect("every board has a record");
+    device.get_or_init(|| {
+        let words = words(bytes).leak();
+        board_facts(board.name)
+            .and_then(|facts| Device::from_record(words, &facts).map_err(Error::input))
+            .expect("the record of a board is whole")
+    })
+}
+
+/// The record of a scene on that board, without an envelope. None for the board's own scene, which its image has.
+///
+/// # Errors
+/// The scene does not go with the board.
+pub fn record(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
+    if scene.files.is_empty() && scene.name == board.name {
+        return Ok(None);
+    }
+    let facts = board_facts(board.name)?;
+    let asked = scene.scene.board.as_ref().and_then(|table| table.cutoff_hz);
+    let velocity = VelocitySettings::Butterworth { cutoff_hz: asked.unwrap_or(CUTOFF_HZ) };
+    scene.on(&facts).prepared(&facts, velocity)?.record(&[], &facts).map(Some)
+}
