@@ -61,6 +61,11 @@ impl Mind {
                 [view, other].map(|view| View { contact: !view.contact, ..view });
             all = [view, other, there, other_there].map(|view| (view, view)).to_vec();
         }
+        // The wall that a walk tries is in force, until the link has brought the person's back.
+        if self.model.activity == Activity::Walk || self.twin.output() < self.calm_at {
+            let other = |view: View| View { valid: !view.valid, ..view };
+            all.extend(all.clone().into_iter().map(|(seen, newest)| (other(seen), other(newest))));
+        }
         if of_late(self.supply_at) || of_late(self.stop_at) {
             for (seen, newest) in all.clone() {
                 for turn in 1..16u8 {
