@@ -10,7 +10,8 @@ import pytest
 import zwidth
 
 LONG = """
-import sys, zwidth
+import signal, sys, zwidth
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background begins without
 scene = zwidth.Scene.load("paper-1um")
 print("begins", flush=True)
 try:
