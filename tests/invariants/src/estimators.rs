@@ -9,7 +9,7 @@ use zwidth::{
 
 use crate::{
     any::{self, Random},
-    stated::{LSB, stated},
+    stated::{LSB, Resonance, stated},
 };
 
 /// An estimator of the table, tuned.
@@ -140,11 +140,18 @@ crate::properties! {
         let (mut one, mut other) = (Run::at(&tuned, 0), Run::at(&tuned, 0));
         let resonance = stated(&tuned.settings, &tuned.design).resonance;
         let lsb = resonance.map_or(mirror_lsb(tuned.name()).into(), |both| 2.0 * both.rounding);
+        let (mut last, mut fastest) = (0, 0);
         for count in any::counts(&pieces) {
             let senses = random.senses();
+            fastest = fastest.max((count - last).abs());
+            last = count;
             let (velocity, back) = (one.step(count, &senses), other.step(-count, &mirrored(&senses)));
             // where a state saturates it is one LSB farther down than up, which a slow filter keeps
-            if resonance.is_some() && velocity.abs() >= Velocity::LIMIT << Velocity::FRACTION_BITS {
+            let saturates = |both: Resonance| {
+                velocity.abs() >= Velocity::LIMIT << Velocity::FRACTION_BITS
+                    || fastest as f64 * both.inside >= f64::from(Velocity::LIMIT)
+            };
+            if resonance.is_some_and(saturates) {
                 break;
             }
             assert!(f64::from((velocity + back).abs()) <= lsb, "{velocity} and {back}");

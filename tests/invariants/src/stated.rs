@@ -41,6 +41,8 @@ pub struct Resonance {
     pub coefficients: f64,
     /// What it makes of the largest input, at most.
     pub gain: f64,
+    /// The same of what comes before the last section, where a value may saturate unseen; 0 with one section.
+    pub inside: f64,
 }
 
 /// Of two polynomials.
@@ -69,7 +71,7 @@ impl Resonance {
         // the velocity itself is at most the differences times the poles' response and the numerator's magnitudes
         let gain: f64 = poles * b.iter().map(|b| b.abs()).sum::<f64>();
         let coefficients = poles * (3.0 + 2.0 * gain) * 2f64.powi(-30);
-        Self { rounding: 0.5 * shaped + 1.0, coefficients, gain }
+        Self { rounding: 0.5 * shaped + 1.0, coefficients, gain, inside: 0.0 }
     }
 
     /// Of another one behind this one, which raises what this one leaves.
@@ -78,6 +80,7 @@ impl Resonance {
             rounding: self.rounding * next.gain + next.rounding,
             coefficients: self.coefficients * next.gain + next.coefficients * self.gain,
             gain: self.gain * next.gain,
+            inside: self.inside.max(self.gain),
         }
     }
 }
