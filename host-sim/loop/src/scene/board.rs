@@ -327,7 +327,11 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        let estimators = scene.board_estimators()?;
+        // What is not named is the scene's own estimator, which `prepare` judges: without a board it may be any.
+        let estimators = match self.estimators.is_empty() {
+            true => vec![scene.velocity.settings(0.0).name()],
+            false => scene.board_estimators()?,
+        };
         let twice = |n: usize| estimators.iter().skip(n + 1).any(|other| *other == estimators[n]);
         if let Some(n) = (0..estimators.len()).find(|&n| twice(n)) {
             return Err(format!("board.estimators has `{}` twice", estimators[n].text()));
@@ -343,9 +347,12 @@ impl BoardTable {
             let velocity = super::EstimatorChoice::from(settings);
             if !velocity.has_cutoff() {
                 let name = estimators[0].text();
-                return Err(format!(
-                    "board.cutoff_hz is {cutoff_hz}, the estimator {name} has none"
-                ));
+                return match self.estimators.is_empty() {
+                    true => Ok(()), // it is for those that have one
+                    false => Err(format!(
+                        "board.cutoff_hz is {cutoff_hz}, the estimator {name} has none"
+                    )),
+                };
             }
             settings.build(&scene.design()).map_err(|error| {
                 crate::range::refused("board.cutoff_hz", error.value, &error.range)
