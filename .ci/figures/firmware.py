@@ -394,11 +394,23 @@ FUZZ = "tests/elf/fuzz.rs"
 slots(
     "docs/virtual-board.md",
     ("types some {} commands on the NUCLEO. CI types {} on each board, and tries every {}th instant",
-     lambda: constant(FUZZ, r"sessions\(NUCLEO_F446RE, 1, (\d+)\)"), lambda: number(lit(FUZZ, r"sessions\(board, 2, ([\d_]+)\)")),
+     lambda: constant(FUZZ, r"sessions\(NUCLEO_F446RE, \d+, (\d+)\)"), lambda: number(lit(FUZZ, r"sessions\(board, 2, ([\d_]+)\)")),
      lambda: constant(FUZZ, r"fuzz::sweep\(&session\(board\), (\d+), ")),
 )
 slots("docs/telemetry.md", ("## Frame, layout version 1 {} bytes, no padding", const("src/telemetry.rs", "LEN")))
-slots("docs/settings.md", ("layout version 3 {} words of 32 bits, least", const("src/store/record.rs", "RECORD_WORDS")))
+RECORD = "src/store/record.rs"
+
+
+def layout(head, letters):
+    return lambda: constant(RECORD, rf'const {head}: u32 = u32::from_le_bytes\(\*b"{letters}\\x0(\d)"\)')
+
+
+slots(
+    "docs/settings.md",
+    ("layout version {} {} words of 32 bits, least", layout("HEAD", "ZWS"), const(RECORD, "RECORD_WORDS")),
+    ('| 0 | "ZWS" and the version, {} |', layout("HEAD", "ZWS")),
+    ('"ZWP" and the version {}, the sequence', layout("HEAD_FURTHER", "ZWP")),
+)
 
 
 # Faults that are brought about on the release image

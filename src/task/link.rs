@@ -100,7 +100,7 @@ impl Link {
         Self { console, reports, passes: 0 }
     }
 
-    /// Passes on what has come since. Late: `render` drops reports, counted by gaps in telemetry.
+    /// Passes on what has come since. Late: `render` drops reports, seen as gaps in the samples of the telemetry.
     pub fn run(&mut self) {
         while let Some(report) = self.reports.dequeue() {
             self.console.report(&report);
