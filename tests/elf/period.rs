@@ -236,7 +236,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
                 continue;
             }
             assert!(reply.starts_with("ok estimator"), "{reply}");
-            for n in 0..1_000u32 {
+            for n in 0..500u32 {
                 let phase = f64::from(n) / 500.0 * std::f64::consts::TAU;
                 world.hold(middle_m + 0.0053 * 0.5 * (1.0 - phase.cos()), true);
                 world.sample().unwrap();

@@ -99,7 +99,7 @@ fn grid(
 }
 
 #[test]
-#[ignore = "CI runs it, and a longer one"]
+#[ignore = "20 s; CI runs it"]
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
     let (walked, _) = both(NUCLEO_F446RE, |scene| {
         grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.2]);
@@ -109,7 +109,7 @@ fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
 }
 
 #[test]
-#[ignore = "several minutes; a short one runs by default"]
+#[ignore = "minutes: .ci/long walks"]
 fn a_walk_of_60_points_on_each_board_has_the_area_of_the_simulator() {
     std::thread::scope(|scope| {
         for board in BOARDS {
