@@ -3,8 +3,9 @@
 Code of the kind `sh`, and code within a line that begins with a program's name. What is not run: forms with a word in
 capitals (their options must exist), what needs hardware, what takes minutes (its stored result must exist), what
 other parts of .ci run. `<!-- given: COMMAND -->` is run and not shown: what the reader brings. `<!-- board: SCENE -->`
-before a block of console commands types them on the virtual board; what stands to the right of `status` must come. `<!-- file: NAME -->`
-before a block makes that file of it.
+before a block of console commands types them on the virtual board; what stands to the right of a command, and in the lines
+below that begin with a blank, must come in this order, but for the digits of an RMS. `<!-- file: NAME -->` before a block
+makes that file of it.
 """
 
 import functools
@@ -128,8 +129,8 @@ def invariants(command):
 
 def board(scene, block, folder, environment):
     """Types the commands of a block; what stands to the right of one must come."""
-    typed = [re.split(r"\s{2,}", line, maxsplit=1) for line in block if line.strip()]
-    lines = "".join(f"{words[0]}\n" for words in typed)
+    said = [re.split(r"\s{2,}", line, maxsplit=1) for line in block if line.strip()]
+    lines = "".join(f"{words[0]}\n" for words in said if words[0])
     ran = subprocess.run(f"cargo board run {scene}", shell=True, cwd=folder, text=True, input=lines, env=environment,
                          capture_output=True, timeout=SECONDS, check=False)
     if ran.returncode:
@@ -137,13 +138,35 @@ def board(scene, block, folder, environment):
     if "error" in ran.stdout:
         return next(line for line in ran.stdout.split("\n") if "error" in line)
     at = 0
-    for words in typed:
-        for wanted in (words[1].split(", ") if words[0] == "status" and len(words) > 1 else []):
-            found = ran.stdout.find(wanted, at)
+    for command, *wanted in said:
+        # A position in the scene is said in words.
+        for piece in ", ".join(wanted).split(", ") if wanted and not command.startswith("hand ") else []:
+            piece = re.sub(r"^rms .*", "rms ", piece)
+            found = ran.stdout.find(piece, at)
             if found < 0:
-                return f"`{words[0]}` is not answered by {wanted!r}: {ran.stdout[at:][:400]!r}"
+                return f"`{command}` is not answered by {piece!r}: {ran.stdout[at:][:400]!r}"
             at = found
     return None
+
+
+# Options of a command that its page has; those of all commands stand in docs/files.md.
+OPTIONS = {
+    "docs/virtual-board.md": ["board run", "board hit", "board walk", "board serve", "board fuzz"],
+    "docs/faults.md": ["board campaign"],
+    "docs/telemetry.md": ["sim telemetry", "sim replay"],
+}
+COMMON = {"--help", "--version", "--elf", "--threads", "--numeric", "--engine", "--out", "--force", "--json"}
+
+
+def options(name):
+    """What the page should have."""
+    text, missing = (ROOT / name).read_text(), []
+    for command in OPTIONS.get(name, []):
+        known = set(re.findall(r"(?m)^ +(--[a-z-]+)", usage(*command.split()))) - COMMON
+        if not known:
+            missing.append(f"{name}:1: cargo {command} has no options")
+        missing += [f"{name}:1: has no `{option}` of cargo {command}" for option in sorted(known) if not re.search(rf"`[^`\n]*{option}\b", text)]
+    return missing
 
 
 def run(name):
@@ -190,4 +213,4 @@ def run(name):
             failed.append(f"{name}:{line}: `{command}` fails: {why}")
     if count:
         print(f"{name}: {count} commands")
-    return failed
+    return failed + options(name)

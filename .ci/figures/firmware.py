@@ -373,6 +373,48 @@ slots(
     ("counts, but is not limited. {} N and {} s are our guess for the paper's motor", device("continuous_force_n"), device("time_constant_s")),
     ("that rises by {} % of full scale per second, is held for {} s,", scene_constant("rise_percent_per_s"), scene_constant("hold_s")),
 )
+PERIOD = "src/period.rs"
+slots(
+    "docs/firmware.md",
+    ("less a `render` without new settings ({} cycles) that the logger has kept waiting ({}), shared by the samples, less {} for"
+     " the rest of", *[lambda name=name: f"{lit(PERIOD, rf'const {name}: u32 = ([0-9_]+)'):.0f}" for name in ("RENDER", "MASK", "GUARD")]),
+)
+slots(
+    "docs/first-power-up.md",
+    ("| `[return]` | {} m/s, {} N |", device("speed_m_per_s"), device("force_n")),
+)
+slots(
+    "docs/faults.md",
+    ("the estimate is late, by {} s at the lowest, {} Hz; over-speed is",
+     lambda: f"{2**0.5 / (2 * 3.141592653589793 * 1e4 * lit(WIDTH, r'CUTOFF_MIN: f64 = ([0-9.e-]+)')):.1f}",
+     lambda: number(1e4 * lit(WIDTH, r"CUTOFF_MIN: f64 = ([\d.e-]+)"))),
+)
+FUZZED = "virtual-board/src/fuzz"
+slots(
+    "docs/virtual-board.md",
+    ("sessions have some {} |", const(f"{FUZZED}/campaign.rs", "SESSION")),
+    ("in its wall, and every {} cycles of sleep |", const(f"{FUZZED}/instants.rs", "SLEEP")),
+    ("leads the handle there, -1 to 1, at {} m/s and holds", lambda: number(1e4 * lit("virtual-board/src/cli.rs", r"HAND_M: f64 = ([\d.e-]+)"))),
+    ("| `wait SECONDS` | waits, up to {} s |", const("virtual-board/src/cli.rs", "WAIT_MAX_S")),
+)
+LIVE = "live/src"
+
+
+def finger(key):
+    return lambda: number(lit(f"{LIVE}/hub.rs", rf"Finger \{{[^}}]*\b{key}: ([\d.]+)"))
+
+
+slots(
+    "docs/live.md",
+    ("a spring of {} N/m with a damper of {} N s/m and {} N at most.", finger("stiffness_n_per_m"), finger("damping_n_s_per_m"), finger("limit_n")),
+    ("velocity and force in the last {} outputs, Hann", const(f"{LIVE}/server/picture.rs", "SPECTRUM_ROWS")),
+    ("| phase plane | the last {} outputs |", const(f"{LIVE}/server/picture.rs", "PHASE_ROWS")),
+    ("and its noise at {} mm/s from", lambda: number(1e3 * lit(f"{LIVE}/predicted.rs", r"const SPEED: f64 = ([\d.]+)"))),
+    ("its rows, at most {}.", const(f"{LIVE}/server.rs", "ROWS_MAX")),
+    ("does not answer for {} s |", lambda: constant(f"{LIVE}/seats.rs", r"ABSENT: Duration = Duration::from_secs\((\d+)\)")),
+    ("Messages are at most {} bytes, pages at most {}.", lambda: constant(f"{LIVE}/access.rs", r"MESSAGE_MAX: usize = (\d+)"),
+     const(f"{LIVE}/access.rs", "PAGES_MAX")),
+)
 slots(
     "docs/troubleshooting.md",
     ("friction above the return's force ({} N)", soft("force_n")),
