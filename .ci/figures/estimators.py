@@ -748,6 +748,72 @@ slots(
 )
 
 
+def limit_best(limit, unit, push):
+    """Area at the ideal cutoff, that cutoff, and its range."""
+    r = next(r for r in limit_rows("limits-paper-1um.csv", push=push, estimator="scene", limit_unit=unit)
+             if float(r["limit"]) == limit and r["cutoff_hz"] == r["ideal_cutoff_hz"])
+    return [float(r[key]) for key in ("area_n2_s_per_m2", "ideal_cutoff_hz", "ideal_low_hz", "ideal_high_hz")]
+
+
+QUIET = [(5e-6, "m"), (2e-6, "m"), (1e-6, "m"), (5e-7, "m"), (20.0, "dB"), (10.0, "dB"), (0.0, "dB")]
+
+
+def pushes_alike():
+    pairs = [[limit_best(*limit, push) for push in ("motor", "hand")] for limit in QUIET]
+    return all(a[1] == b[1] and abs(a[0] / b[0] - 1) < 0.02 for a, b in pairs)
+
+
+def kept_of_last_rows(limit):
+    """Of the loops with an output every sample: least and most part of the area that is left with amplifier, and with transmission."""
+    found = [r for r in limit_rows("levers-paper-1um.csv", push="motor", estimator="scene", output_period_samples="1")
+             if abs(float(r["limit"]) / limit - 1) < 1e-9 and r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+    area = {(r["loop"], r["between"]): float(r["area_n2_s_per_m2"]) for r in found}
+    parts = [a / area[loop, "as-is"] for (loop, between), a in area.items() if between != "as-is"]
+    return min(parts), max(parts)
+
+
+def felt_best(encoder):
+    return {(r["arm"], r["push"], float(r["limit"])): r for r in rows(f"felt-paper-{encoder}.csv")
+            if r["estimator"] == "scene" and r["cutoff_hz"] == r["ideal_cutoff_hz"]}
+
+
+def within_a_step(encoder):
+    """Of the ideal cutoffs, in the list of those that were tried."""
+    found = felt_best(encoder)
+    tried = sorted({float(r["cutoff_hz"]) for r in rows(f"felt-paper-{encoder}.csv") if r["cutoff_hz"]})
+    place = {key: tried.index(float(r["cutoff_hz"])) for key, r in found.items()}
+    return all(abs(n - place["", "motor", level]) <= 1 for (_, _, level), n in place.items())
+
+
+states(
+    "docs/criteria.md",
+    ("At the paper's limit who pushes decides, and 1200 to 3000 Hz win.", lambda: (
+        min(limit_best(15e-6, "m", push)[2] for push in ("motor", "hand")), max(limit_best(15e-6, "m", push)[3] for push in ("motor", "hand"))
+    ) == (1200, 3000)),
+    ("From 5 um on it no longer matters who pushes,", pushes_alike),
+    ("at 1 um, or felt at 0 to 20 dB, the ideal cutoff is 200 to 500 Hz,", lambda: {
+        limit_best(*limit, "motor")[1] for limit in QUIET if limit[1] == "dB" or limit[0] == 1e-6} == {200, 500}),
+    ("keep a third of the last rows at 1 um, and a half or more at 15 um.", lambda: (
+        all(0.3 < part < 0.4 for part in kept_of_last_rows(1e-6)) and 0.48 < kept_of_last_rows(15e-6)[0])),
+    ("a filter that leads the velocity ([design](design.md)) undoes a part of the loop's latency and goes beyond it.", lambda: (
+        max(float(r["area_n2_s_per_m2"]) for r in rows("design-paper-1um.csv")) > max(
+            float(r["area_n2_s_per_m2"]) for r in limit_rows("limits-paper-1um.csv", push="motor", estimator="true-velocity", limit="0.000015")))),
+    ("from that of the free handle and the motor's push, arm and hand move it by a step of the list of cutoffs at most.",
+     lambda: within_a_step("1um") and within_a_step("2um")),
+    ("Who feels more wants a lower cutoff;", lambda: all(
+        float(of_[*key, -12.0]["cutoff_hz"]) <= float(of_[*key, 0.0]["cutoff_hz"]) <= float(of_[*key, 12.0]["cutoff_hz"])
+        for of_ in map(felt_best, ("1um", "2um")) for key in {key[:2] for key in of_})),
+    ("At 1 um the cutoff is the same in every hand; at 15 um it is not.", lambda: [
+        len({r["cutoff_hz"] for r in limit_rows("limits-paper-1um-arms.csv", estimator="scene", limit=limit)
+             if r["cutoff_hz"] == r["ideal_cutoff_hz"]}) for limit in ("0.000001", "0.000015")][0] == 1),
+)
+slots(
+    "docs/criteria.md",
+    ("Such areas depend on the start by up to {} %.", lambda: f"""{max(100 * (float(measured(f'host/criteria/saturation/{v}/hand/high'))
+        / float(measured(f'host/criteria/saturation/{v}/hand/low')) - 1) for v in ('5.2', '10')):.0f}"""),
+)
+
+
 @block
 def criteria_arms():
     file = "limits-paper-1um-arms.csv"

@@ -9,6 +9,8 @@ use std::{
 
 use tempfile::TempDir;
 
+use crate::page;
+
 /// The paper's scene.
 pub const SCENE: &str = include_str!("../../../scenes/paper-1um.toml");
 
@@ -208,6 +210,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["schema_version"], 2);
     assert_eq!(json["verdict"], "stable");
+    page::has_keys_of("## `hit SCENE", &json);
     for key in ["rms_m", "mean_m", "peak_penetration_m", "saturated_fraction", "contact_fraction"] {
         assert!(json[key].as_f64().unwrap() >= 0.0, "{key}");
     }
@@ -355,6 +358,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
         let limit = row(n)["stiffness_max_n_per_m"].as_f64().unwrap();
         assert!((limit - known).abs() <= 1e-3 * known, "{limit} {known}");
     }
+    page::has_keys_of("## `linear SCENE", &json);
     assert_eq!(row(1)["unstable_at_zero"], true);
     assert_eq!(row(1)["gain_margin_holds"], false);
     assert_eq!(row(3)["gain_margin_holds"], true);
@@ -369,6 +373,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     let k = json["rows"][0]["stiffness_passive_n_per_m"].as_f64().unwrap();
     assert!((k / 110_390.0 - 1.0).abs() < 1e-3, "2 b / T: {k}");
     let left_out = serde_json::json!(["actuator.period", "actuator.latency"]);
+    page::has_keys_of("## `linear SCENE", &json);
     assert_eq!(json["passivity_left_out"], left_out);
     let csv = fs::read_to_string(folder.path().join("p.csv")).unwrap();
     let head = "cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m,";

@@ -5,6 +5,8 @@ use std::{fs, path::Path, process::Command};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::page;
+
 /// A walk of few hits: the search is what is tested.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-2um.toml");
@@ -71,6 +73,9 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
         assert_eq!(row["search_walks"].as_u64().unwrap(), 2 * tried(name) as u64, "{name}");
         assert_eq!(row["search_settled"], tried(name) < 6, "{name}");
     }
+    page::has_keys_of("## Of `compare`", &json);
+    let table = fs::read_to_string(folder.path().join("a/compare.csv")).unwrap();
+    page::has_columns_of("compare.csv", &table);
     // the share is the geometric mean over the three walls and seven frequencies of fidelity.csv
     let fidelity = fs::read_to_string(folder.path().join("a/fidelity.csv")).unwrap();
     let shares = fidelity.lines().filter(|line| line.starts_with("butterworth,"));
@@ -340,6 +345,8 @@ fn peers_are_a_table_for_programs_and_one_for_people() {
     // 13 defaults, the scene's own at two cutoffs, the true velocity; the scene's loop and two boards
     assert_eq!(areas.len(), 3 * 16);
     let csv = fs::read_to_string(folder.path().join("zwidth-out/coarse/peers/peers.csv")).unwrap();
+    page::has_keys_of("### Of `compare --peers`", &json);
+    page::has_columns_of("peers.csv", &csv);
     assert_eq!(csv.lines().count(), 1 + areas.len());
     for (area, line) in areas.iter().zip(csv.lines().skip(1)) {
         assert!(line.contains(area["estimator"].as_str().unwrap()), "{line}");

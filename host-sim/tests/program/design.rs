@@ -5,7 +5,10 @@ use std::fs;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::cli::{refused, scene, sim};
+use crate::{
+    cli::{refused, scene, sim},
+    page,
+};
 
 /// A scene whose walks and hits are short.
 fn coarse() -> TempDir {
@@ -55,6 +58,13 @@ fn a_design_depends_neither_on_threads_nor_engine_and_runs_as_a_scene() {
         assert!((b.iter().sum::<f64>() - 1.0 - a[0] - a[1]).abs() < 1e-14, "a DC gain of one");
         let lead = filter["velocity"]["lead_s"].as_f64().unwrap();
         assert_eq!(filter["delay_s"].as_f64().unwrap(), -lead);
+    }
+    page::has_keys_of("## Of `design`", &one);
+    for name in ["design.csv", "conditions.csv"] {
+        page::has_columns_of(
+            name,
+            &fs::read_to_string(folder.path().join("one").join(name)).unwrap(),
+        );
     }
     // the best one as a scene holds the walls that were promised
     let cutoff = numbers(&filters[0]["sweep"]["cutoffs_hz"])[0].to_string();

@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path, process::Command};
 
+use crate::page;
+
 fn sim() -> Command {
     Command::new(env!("CARGO_BIN_EXE_host-sim"))
 }
@@ -39,6 +41,7 @@ fn rows_are_what_hit_says_and_do_not_depend_on_threads() {
             .unwrap();
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         let json: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+        page::has_keys_of("## `grid SCENE", &json);
         assert_eq!(json["points"], 16);
         let all = ["stable", "unstable", "no_contact", "out_of_range"];
         assert_eq!(all.iter().map(|key| json[key].as_u64().unwrap()).sum::<u64>(), 16);

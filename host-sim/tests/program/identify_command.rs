@@ -15,6 +15,8 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use tempfile::TempDir;
 
+use crate::page;
+
 /// Longest time from a log to a scene, s; measured 0.2 s.
 const LONGEST_S: f64 = 2.0;
 
@@ -111,10 +113,13 @@ fn a_log_becomes_a_scene_that_the_other_commands_take() {
     let folder = folder.path();
     let start = Instant::now();
     let args = ["identify", "log.csv", "--gain", "0.5906", "--out", "mine.toml", "--json"];
-    let json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
+    let mut json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
     let took_s = start.elapsed().as_secs_f64();
     println!("from CSV to scene in {took_s:.2} s");
     assert!(took_s < LONGEST_S);
+    let scene = json["scene"].take(); // its keys are those of docs/scenes.md
+    page::has_keys_of("## `identify LOG", &json);
+    json["scene"] = scene;
     assert_eq!((&json["schema_version"], &json["command"]), (&2.into(), &"identify".into()));
     let paper = NamedScene::load("paper-1um").unwrap().scene;
     for (key, truth) in [

@@ -4,7 +4,10 @@ use std::{collections::BTreeSet, fs};
 
 use tempfile::TempDir;
 
-use crate::cli::{refused, sim};
+use crate::{
+    cli::{refused, sim},
+    page,
+};
 
 /// A short hit and low caps, so that it is quick.
 fn scene() -> String {
@@ -31,6 +34,7 @@ fn a_device_in_other_loops_is_rows_by_what_is_between() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let made = folder.path().join("zwidth-out/my");
     let text = fs::read_to_string(made.join("levers.csv")).unwrap();
+    page::has_columns_of("levers.csv", &text);
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap().split(',').collect();
     let rows: Vec<Vec<&str>> = lines.map(|row| row.split(',').collect()).collect();
@@ -69,6 +73,7 @@ fn a_device_in_other_loops_is_rows_by_what_is_between() {
     assert_eq!(steps, BTreeSet::from(["125"]), "halved once, for the steps of B");
     let summary = fs::read_to_string(made.join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    page::has_keys_of("## `sweep [SCENE..]`", &summary);
     assert_eq!(summary["levers"].as_array().unwrap().len(), 7 * 3 * 2 * 2);
     assert_eq!(summary["levers"][0]["times_the_scene"], 1.0);
     let report = fs::read_to_string(made.join("report.html")).unwrap();

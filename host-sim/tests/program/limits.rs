@@ -4,7 +4,10 @@ use std::fs;
 
 use tempfile::TempDir;
 
-use crate::cli::{refused, sim};
+use crate::{
+    cli::{refused, sim},
+    page,
+};
 
 #[test]
 fn plain_leaves_out_the_limits_and_nothing_else() {
@@ -38,6 +41,9 @@ fn limits_are_rows_by_who_pushes_and_in_whose_hand() {
     let read = |of: &str| fs::read_to_string(folder.path().join(of).join("limits.csv")).unwrap();
     let text = read("out");
     assert_eq!(text, read("core"));
+    page::has_columns_of("limits.csv", &text);
+    let summary = fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
+    page::has_keys_of("## `sweep [SCENE..]`", &serde_json::from_str(&summary).unwrap());
     let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|row| row.split(',').collect()).collect();
     // five limits; motor and hand, without and with the arm, and the worst; two cutoffs and the true velocity
     assert_eq!(rows.len(), 5 * 5 * 3);

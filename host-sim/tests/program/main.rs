@@ -20,6 +20,7 @@ mod hostile;
 mod identify_command;
 mod levers;
 mod limits;
+mod page;
 mod prepare;
 mod telemetry;
 mod trade;

@@ -19,6 +19,8 @@ use host_sim::{
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::page;
+
 /// A walk of few hits, and a hit of few samples.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-1um.toml");
@@ -72,6 +74,10 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
     let json: Value = serde_json::from_str(&one).unwrap();
     assert_eq!(json["schema_version"], 2);
     assert_eq!(json["filters"].as_array().unwrap().len(), Variant::ALL.len());
+    page::has_keys_of("## Of `trade`", &json);
+    for name in ["filters.csv", "plant.csv"] {
+        page::has_columns_of(name, &fs::read_to_string(a.join(name)).unwrap());
+    }
     // the exact step is the cheapest, and nothing that costs more than it is more accurate
     let plant = fs::read_to_string(a.join("plant.csv")).unwrap();
     let best: Vec<&str> = plant.lines().filter(|line| line.contains(",true,")).collect();
