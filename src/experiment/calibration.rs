@@ -278,14 +278,21 @@ mod tests {
         panic!("it never moves");
     }
 
+    /// By how much more than the weight and the friction the force has come while the handle moves by 1 mm, and how far
+    /// the mean of both ways may be off, percent of full scale: docs/tuning.md says so.
+    const LIFTING: f64 = 0.8;
+    const MEAN_OFF: f64 = 0.005;
+
     #[test]
     #[cfg_attr(miri, ignore = "a minute in steps of 1 ms")]
     fn lifting_reads_high_lowering_reads_low_and_their_mean_is_the_weight() {
         for friction_n in [0.0, 0.1] {
             let (up, down) = (weighed(10.0, friction_n, true), weighed(10.0, friction_n, false));
             let least = 100.0 * friction_n / DESIGN.full_scale_n;
-            assert!(up - 10.0 > least + 0.5 && 10.0 - down > least + 0.5, "{up} {down}");
-            assert!((up.midpoint(down) - 10.0).abs() < 0.005, "{up} {down}");
+            for off in [up - 10.0, 10.0 - down] {
+                assert!((off - least - LIFTING).abs() < 0.01, "{up} {down}");
+            }
+            assert!((up.midpoint(down) - 10.0).abs() < MEAN_OFF, "{up} {down}");
         }
     }
 
