@@ -147,7 +147,7 @@ FUZZ = "tests/elf/fuzz.rs"
 slots(
     "docs/virtual-board.md",
     ("types some {} commands on the NUCLEO. CI types {} on each board, and tries every {}th instant",
-     lambda: constant(FUZZ, r"sessions\(NUCLEO_F446RE, \d+, (\d+)\)"), lambda: number(lit(FUZZ, r"sessions\(board, 2, ([\d_]+)\)")),
+     lambda: constant(FUZZ, r"sessions\(NUCLEO_F446RE, \d+, (\d+)\)"), lambda: number(lit(FUZZ, r"sessions\(board, \d+, ([\d_]+)\)")),
      lambda: constant(FUZZ, r"fuzz::sweep\(&session\(board\), (\d+), ")),
 )
 slots("docs/telemetry.md", ("## Frame, layout version 1 {} bytes, no padding", const("src/telemetry.rs", "LEN")))
