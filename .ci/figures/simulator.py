@@ -253,7 +253,7 @@ def theory_oscillation():
     body = []
     for case, rate, known in [("oscillation starts, 10 kHz, B = 0, no latency", "10000", text), ("the same at 1 kHz", "1000", slow)]:
         known = float(known.replace("_", ""))
-        cells = [[float(measured(f"host/closed_loop/{rate}/{kind}/{end}")) for end in ("below", "above")] for kind in ("Fixed", "F64")]
+        cells = [[float(measured(f"host/closed_loop/{rate}/{kind}_{end}")) for end in ("below", "above")] for kind in ("Fixed", "F64")]
         body.append([case, number(known, 1), *[" to ".join(number(k, 1) for k in found) for found in cells]])
     return table(["case", "known K, N/m", "loop with the core, between", "loop with the twin, between"], body)
 

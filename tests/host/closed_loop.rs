@@ -88,7 +88,7 @@ fn oscillations_grow_above_and_decay_below_the_analytic_stiffness() {
             println!("{rate_hz} Hz, {numeric:?}: {bounds:.1?} N/m, {:+.4} %", error * 100.0);
             for (end, stiffness) in ["below", "above"].into_iter().zip(bounds) {
                 crate::figure::figure(
-                    &format!("host/closed_loop/{rate_hz}/{numeric:?}/{end}"),
+                    &format!("host/closed_loop/{rate_hz}/{numeric:?}_{end}"),
                     stiffness,
                 );
             }

@@ -62,7 +62,7 @@ impl Sensing for Blind {
 ///
 /// *Edges*: the last crossing of a count's border, on the cubic through positions and speeds of both
 /// ends (Hermite), with the scene's encoder error. Under a constant force it is off by less than 1e-6 counts for the scenes' devices;
-/// where the force steps by dF within the sample by up to `0.0185 dF T^2 / m`, 0.005 counts for the
+/// where the force steps by dF within the sample by up to `0.0162 dF T^2 / m`, 0.005 counts for the
 /// whole range of the paper's device. With noise or jitter of the readings, which are one number a
 /// sample, edges would not go with the counts: such a scene has none ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
