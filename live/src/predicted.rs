@@ -1,5 +1,5 @@
 //! What the simulator predicts for the page's (K, B) plane: the boundary of one estimator and tuning, by the same walk as
-//! `cargo sim walk`, and the envelope that the image was built with.
+//! `cargo sim walk`, and the envelope that the board has.
 
 use std::sync::atomic::AtomicBool;
 
@@ -10,7 +10,7 @@ use host_sim::{
     study::walk,
 };
 use serde::Serialize;
-use virtual_board::{board::Board, fuzz::envelope::Envelope};
+use virtual_board::{board::Board, device, fuzz::envelope::Envelope};
 use zwidth::{CounterWidth, Sampler, Settings, WallSettings, velocity::EstimatorName};
 
 /// A boundary, for the page.
@@ -24,7 +24,7 @@ pub struct Predicted {
     pub points: Vec<[f64; 2]>,
     /// Area, N^2 s/m^2.
     pub area: f64,
-    /// B, lowest and highest K of the image's envelope.
+    /// B, lowest and highest K of the envelope that the board has.
     pub envelope: Vec<[f64; 3]>,
     /// By how much the velocity comes late while the speed rises evenly, s.
     pub delay_s: Option<f64>,
@@ -42,12 +42,17 @@ pub fn predict(
     cutoff_hz: f64,
     ended: &AtomicBool,
 ) -> Predicted {
+    // Another scene's record, which the virtual board makes by itself, has no envelope.
+    let is_images = matches!(device::record(scene, board), Ok(None));
     let mut predicted = Predicted {
         estimator: estimator.to_owned(),
         cutoff_hz,
         points: vec![],
         area: 0.0,
-        envelope: Envelope::of(board).points(estimator, cutoff_hz),
+        envelope: match is_images {
+            true => Envelope::of(board).points(estimator, cutoff_hz),
+            false => vec![],
+        },
         delay_s: None,
         noise_m_per_s: None,
         error: None,
@@ -150,6 +155,16 @@ mod tests {
         let ended = AtomicBool::new(false);
         let nothing = predict(&scene, NUCLEO_F446RE, "nonsense", 1000.0, &ended);
         assert!(nothing.error.unwrap().contains("nonsense") && nothing.delay_s.is_none());
-        assert!(Envelope::of(NUCLEO_F446RE).points("butterworth", 1500.0).len() > 10);
+    }
+
+    /// The board refuses every wall with the record of another scene: no envelope may be shown then.
+    #[test]
+    fn the_envelope_is_that_of_the_boards_record() {
+        let ended = AtomicBool::new(true);
+        for (name, rows) in [("nucleo-f446re", true), ("paper-1um", false)] {
+            let scene = NamedScene::load(name).unwrap();
+            let predicted = predict(&scene, NUCLEO_F446RE, "butterworth", 1500.0, &ended);
+            assert_eq!(predicted.envelope.len() > 10, rows, "{name}");
+        }
     }
 }
