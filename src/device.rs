@@ -3,8 +3,10 @@
 //! A [`Device`] is what a [device record](record) says, beside what its board is. Here its numbers are checked and turned
 //! into what the loop, the experiments and the supervisor take, together with the settings that a person may change.
 
+pub mod designs;
 pub mod record;
 
+use self::designs::Designs;
 use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
     experiment::{
@@ -39,6 +41,8 @@ pub struct Device<'a> {
     pub senses: &'static [Sense],
     /// The walls that are predicted to be stable.
     pub envelope: Envelope<'a>,
+    /// Its filters with a name.
+    pub designs: Designs<'a>,
     /// Limits of the supervisor. No hit starts outside its travel.
     pub safety: SafetySettings,
     /// What the motor stands.
@@ -259,14 +263,16 @@ impl Device<'_> {
     /// Where the envelope has those settings.
     pub fn key(&self, stored: &Stored) -> Key {
         let velocity = &stored.settings.velocity;
+        let design = self.designs.number_of(velocity);
         Key {
             estimator: velocity.name(),
-            // A table holds for the defaults of the further parameters; of others nothing is known.
-            cutoff_hz: match velocity.differs_by_tuning_only() {
+            // A table holds for a design, or for the defaults of the further parameters; of others nothing is known.
+            cutoff_hz: match design > 0 || velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),
             },
             period: stored.period,
+            design,
         }
     }
 

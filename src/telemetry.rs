@@ -45,6 +45,20 @@ impl Flags {
     /// Not live: a record from before the fault, read out of the black box.
     pub const REPLAY: Self = Self(1024);
 
+    /// Where the number of the design in force begins: 1 to 31 in the order of the device record, 0 for none.
+    pub const DESIGN: u32 = 11;
+
+    /// With that design in force.
+    #[must_use]
+    pub const fn with_design(self, number: u8) -> Self {
+        Self(self.0 & ((1 << Self::DESIGN) - 1) | (number as u16) << Self::DESIGN)
+    }
+
+    /// Number of the design in force; 0: none.
+    pub const fn design(self) -> u8 {
+        (self.0 >> Self::DESIGN) as u8
+    }
+
     /// As bits.
     pub const fn bits(self) -> u16 {
         self.0

@@ -25,7 +25,8 @@ impl<P: Port> Console<P> {
             Command::Help => self.reply(Reply::Help),
             Command::Version => self.version(),
             Command::Status => self.reply(Reply::Status(&situation, &record)),
-            Command::Get => self.reply(Reply::Settings(&stored)),
+            Command::Get => self.reply(Reply::Settings(&stored, &self.device.designs)),
+            Command::Designs => self.reply(Reply::Designs(&self.device.designs)),
             Command::Faults => {
                 self.reply(Reply::Faults(&situation));
                 if situation.status.state == State::Fault {
@@ -64,6 +65,13 @@ impl<P: Port> Console<P> {
                 stored.settings.velocity = name.following(&stored.settings.velocity);
                 self.propose(stored, ChangedSetting::Estimator(name));
             }
+            Command::Design(name) => match self.device.designs.named(&name) {
+                Some(design) => {
+                    stored.settings.velocity = design.velocity;
+                    self.propose(stored, ChangedSetting::Design(name));
+                }
+                None => self.reply(Reply::UnknownDesign(&self.device.designs)),
+            },
             Command::Period(samples) => {
                 match PERIODS.iter().find(|&&period| f64::from(period) == samples) {
                     Some(&period) => {
@@ -135,14 +143,16 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Settings out of flash. Signs, full scale and period are taken over only with the force off.
+    /// Settings out of flash. Signs, full scale, design and period are taken over only with the force off.
     #[inline(never)] // two records and what reads them do not belong on the stack of every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
         let old = &self.stored;
+        let design = |of: &Stored| self.device.designs.number_of(&of.settings.velocity);
         let needs_off = stored.signs != old.signs
             || stored.full_scale_n != old.full_scale_n
-            || stored.period != old.period;
+            || stored.period != old.period
+            || design(&stored) != design(old);
         match is_off(situation) {
             Err(refusal) if needs_off => self.reply(Reply::Refused(refusal)),
             _ => self.propose(stored, ChangedSetting::Loaded(source)),
@@ -209,7 +219,7 @@ impl<P: Port> Console<P> {
         }
         match (device.order(&stored), device.inside(&stored)) {
             (Ok(_), Err(outside)) if self.is_locked() => {
-                self.reply(Reply::Outside(outside, &device.envelope, device.key(&stored)));
+                self.reply(Reply::Outside(outside, device, device.key(&stored)));
             }
             (Ok(_), _) if stored.period != self.stored.period => match device.period(&stored) {
                 Ok(plan) => self.order(Order::Period(plan), Awaited::Period(stored, changed)),

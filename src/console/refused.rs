@@ -75,6 +75,7 @@ impl fmt::Display for BadRecord {
             Self::Name => f.write_str("a name in it is no text"),
             Self::Output => f.write_str("its force output is not this board's"),
             Self::Estimator(id) => write!(f, "its estimator, number {id}, is not in this image"),
+            Self::Designs => f.write_str("its designs are no table"),
             Self::Envelope => f.write_str("its envelope is no table"),
             Self::Unfit => f.write_str("the board cannot run its estimator at its output period"),
             Self::Range(error) => OutOfRange(error).fmt(f),

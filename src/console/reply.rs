@@ -5,11 +5,14 @@ use core::fmt;
 use super::{Decimal, Limit, ParseError, Situation, usages};
 use crate::{
     SettingsError,
-    device::{Device, Unfit},
+    device::{
+        Device, Unfit,
+        designs::{Designs, NamedFilter},
+    },
     period::PERIODS,
     safety::{
         Fault, Refusal,
-        envelope::{Envelope, Key, Outside},
+        envelope::{Key, Outside},
     },
     store::{Source, Stored},
     telemetry::Record,
@@ -31,8 +34,12 @@ pub enum Reply<'a> {
     Word(&'static str, &'a str),
     /// How things stand, with the newest output.
     Status(&'a Situation, &'a Record),
-    /// The settings in force.
-    Settings(&'a Stored),
+    /// The settings in force, of a device with those designs.
+    Settings(&'a Stored, &'a Designs<'a>),
+    /// What a device has.
+    Designs(&'a Designs<'a>),
+    /// There is no such design, but those.
+    UnknownDesign(&'a Designs<'a>),
     /// Settings were loaded.
     Loaded(Source),
     /// The faults.
@@ -45,8 +52,8 @@ pub enum Reply<'a> {
     Range(&'a SettingsError),
     /// Not these settings: the board cannot run them.
     Unfit(Unfit),
-    /// Not this wall, says this table of this key.
-    Outside(Outside, &'a Envelope<'a>, Key),
+    /// Not this wall, says the envelope of this device of this key.
+    Outside(Outside, &'a Device<'a>, Key),
     /// The hardware failed at this.
     Failed(&'a str),
 }
@@ -72,7 +79,15 @@ impl fmt::Display for Reply<'_> {
             Self::Value(name, value, unit) => write!(f, "ok {name} {} {unit}", Decimal(*value)),
             Self::Word(name, word) => write!(f, "ok {name} {word}"),
             Self::Status(now, record) => status(f, now, record),
-            Self::Settings(stored) => settings(f, stored),
+            Self::Settings(stored, designs) => settings(f, stored, designs),
+            Self::Designs(designs) => {
+                f.write_str("ok designs")?;
+                names(f, designs)
+            }
+            Self::UnknownDesign(designs) => {
+                f.write_str("error: unknown design, allowed")?;
+                names(f, designs)
+            }
             Self::Loaded(source) => write!(f, "ok load: {source}"),
             Self::Faults(now) => faults(f, now),
             Self::Parse(error) => write!(f, "error: {error}"),
@@ -92,10 +107,10 @@ impl fmt::Display for Reply<'_> {
                     }
                 }
             }
-            Self::Outside(outside, envelope, key) => {
+            Self::Outside(outside, device, key) => {
                 write!(f, "error: {}", outside.text())?;
                 if *outside == Outside::UnknownKey {
-                    known(f, envelope, key)?;
+                    known(f, device, key)?;
                 }
                 if let Some([low, high]) = outside.allowed() {
                     write!(f, " {} to {}", Limit::Low(low), Limit::High(high))?;
@@ -118,10 +133,22 @@ impl fmt::Display for OutOfRange<'_> {
     }
 }
 
-/// What a table holds beside a key: estimators with their cutoffs.
-fn known(f: &mut fmt::Formatter<'_>, envelope: &Envelope<'_>, key: &Key) -> fmt::Result {
+/// All designs that this build can run.
+fn names(f: &mut fmt::Formatter<'_>, designs: &Designs<'_>) -> fmt::Result {
+    if designs.iter().next().is_none() {
+        return f.write_str(" none");
+    }
+    designs.iter().try_for_each(|(_, NamedFilter { name, .. })| write!(f, " {}", name.text()))
+}
+
+/// What a table holds beside a key: estimators with their cutoffs, and designs.
+fn known(f: &mut fmt::Formatter<'_>, device: &Device<'_>, key: &Key) -> fmt::Result {
     let mut last = None;
-    for key in envelope.beside(key) {
+    for key in device.envelope.beside(key) {
+        if key.design > 0 {
+            write!(f, "; design {}", device.designs.name_of(key.design).text())?;
+            continue;
+        }
         if last != Some(key.estimator) {
             write!(f, "; known: {}", key.estimator.text())?;
             last = Some(key.estimator);
@@ -158,7 +185,7 @@ fn status(f: &mut fmt::Formatter<'_>, now: &Situation, record: &Record) -> fmt::
     Ok(())
 }
 
-fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
+fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored, designs: &Designs<'_>) -> fmt::Result {
     let wall = &stored.settings.wall;
     let plus = |reversed: bool| if reversed { '-' } else { '+' };
     write!(
@@ -201,7 +228,12 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored) -> fmt::Result {
         Decimal(grid.damping_step_n_s_per_m),
         Decimal(grid.damping_max_n_s_per_m),
         stored.period,
-    )
+    )?;
+    if designs.count() == 0 {
+        return Ok(());
+    }
+    let number = designs.number_of(&stored.settings.velocity);
+    write!(f, ", design {}", designs.name_of(number).text())
 }
 
 fn faults(f: &mut fmt::Formatter<'_>, now: &Situation) -> fmt::Result {
@@ -249,15 +281,22 @@ mod tests {
     use crate::{
         Settings, WallSettings,
         console::{Command, REPLY_MAX, Text, allowed},
-        device::tests::DEVICE,
+        device::{
+            designs::{DESIGNS_MAX, tests::NAMED},
+            tests::DEVICE,
+        },
         experiment::{Activity, WalkSettings},
-        safety::{FaultRecord, FaultSet, Inputs, State, Status, envelope::Boundary},
-        store::{DeviceKey, Signs},
+        safety::{
+            FaultRecord, FaultSet, Inputs, State, Status,
+            envelope::{Boundary, Envelope},
+        },
+        store::{DeviceKey, Name, Signs},
         units::{Force, Position, Velocity},
     };
+    use std::vec::Vec;
 
     const fn key(cutoff_hz: f64, period: u32) -> Key {
-        Key { estimator: EstimatorName::Butterworth, cutoff_hz, period }
+        Key { estimator: EstimatorName::Butterworth, cutoff_hz, period, design: 0 }
     }
     const fn boundary(cutoff_hz: f64) -> Boundary<'static> {
         Boundary { key: key(cutoff_hz, 10), points: &[] }
@@ -292,7 +331,7 @@ mod tests {
     fn values_come_back_with_their_unit_and_refusals_with_a_reason() {
         let mut words = [0; 16];
         let words = Envelope::put(&[boundary(1000.0), boundary(1500.0)], &mut words).unwrap();
-        let table = &Envelope::read(words).unwrap();
+        let device = &Device { envelope: Envelope::read(words).unwrap(), ..*DEVICE };
         shows(Reply::Value("k", 2000.0, "N/m"), "ok k 2000 N/m");
         shows(Reply::Word("stream", "on"), "ok stream on");
         shows(Reply::Done("arm"), "ok arm");
@@ -311,18 +350,18 @@ mod tests {
         shows(
             Reply::Outside(
                 Outside::Stiffness { lowest: 0.0, highest: 8000.0 },
-                table,
+                device,
                 key(1000.0, 10),
             ),
             "error: beyond the envelope: k at this b is allowed from 0 to 8000, or unlock envelope",
         );
         shows(
-            Reply::Outside(Outside::UnknownKey, table, key(1234.0, 10)),
+            Reply::Outside(Outside::UnknownKey, device, key(1234.0, 10)),
             "error: no envelope for this device, estimator, cutoff, latency and output period; known: \
              butterworth 1000 1500, or unlock envelope",
         );
         shows(
-            Reply::Outside(Outside::UnknownKey, table, key(1500.0, 1)),
+            Reply::Outside(Outside::UnknownKey, device, key(1500.0, 1)),
             "error: no envelope for this device, estimator, cutoff, latency and output period, or unlock envelope",
         );
         let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
@@ -394,11 +433,21 @@ mod tests {
                 damping_max_n_s_per_m: 1.234_567_890_12e-5,
             },
         };
+        let many: Vec<NamedFilter> = (10..10 + DESIGNS_MAX)
+            .map(|n| NamedFilter {
+                name: Name::new(&std::format!("0123456789abcd{n}")).unwrap(),
+                ..NAMED[0]
+            })
+            .collect();
+        let mut words = [0; 512];
+        let length = Designs::put(&many, &mut words).unwrap();
+        let designs = &Designs::split(many.len(), &words[..length]).unwrap().0;
         for reply in [
             Reply::Status(&now, &output),
             Reply::Faults(&now),
             Reply::Faults(&NOW),
-            Reply::Settings(&stored),
+            Reply::Settings(&stored, designs),
+            Reply::Designs(designs),
             Reply::Loaded(Source::Defaults),
         ] {
             let text = Text::<REPLY_MAX>::of(reply);

@@ -54,6 +54,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Version
         | Command::Status
         | Command::Get
+        | Command::Designs
         | Command::Faults
         | Command::Stream(_)
         | Command::Stop
@@ -70,10 +71,11 @@ const fn needs(command: &Command) -> &'static [Need] {
             &[N::Idle]
         }
         // A turned sign makes every wall pull, another full scale moves every force; what is counted in outputs begins
-        // anew with another period.
+        // anew with another period; another design is another device to the hand.
         Command::MotorReversed(_)
         | Command::EncoderReversed(_)
         | Command::FullScale(_)
+        | Command::Design(_)
         | Command::Period(_) => &[N::Off],
         Command::Wall(_)
         | Command::Cutoff(_)
@@ -141,7 +143,7 @@ pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
 }
 
 /// Whether [`Command::Load`] may now change what takes the force off: the directions of motor or encoder, the full scale,
-/// the output period.
+/// the design, the output period.
 ///
 /// # Errors
 /// The force is on.
@@ -155,11 +157,12 @@ mod tests {
     use crate::{
         console::GridValue,
         safety::{FaultRecord, FaultSet, Inputs},
+        store::Name,
         velocity::EstimatorName,
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 35] = [
+    const COMMANDS: [Command; 37] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -195,6 +198,8 @@ mod tests {
         Command::Further(1, 1.0),
         Command::Period(1.0),
         Command::Alive(200.0),
+        Command::Designs,
+        Command::Design(Name::of("quiet")),
     ];
 
     /// Every situation: 5 states x 4 activities x 2^7 facts.
@@ -255,6 +260,7 @@ mod tests {
                     | Command::Version
                     | Command::Status
                     | Command::Get
+                    | Command::Designs
                     | Command::Faults
                     | Command::Stream(_)
                     | Command::Disarm
@@ -322,11 +328,12 @@ mod tests {
     }
 
     #[test]
-    fn flash_is_written_and_signs_full_scale_and_period_change_only_with_the_force_off() {
+    fn flash_is_written_and_signs_full_scale_design_and_period_change_only_with_the_force_off() {
         for command in [
             Command::MotorReversed(true),
             Command::EncoderReversed(false),
             Command::FullScale(5.0),
+            Command::Design(Name::of("quiet")),
             Command::Period(1.0),
         ] {
             met(command, |now| !now.status.state.is_on());

@@ -10,13 +10,13 @@
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
 //! | 7 to 10 | device, that is the scene: the same |
-//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed |
+//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed; bits 8 to 15: how many designs |
 //! | 12 | samples per output |
 //! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
 //! | 15 | counts that the sign test has to see |
 //! | 16 | number of the estimator |
 //! | 17 to 98 | numbers, see below |
-//! | 99 .. | the [envelope](crate::safety::envelope) |
+//! | 99 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
 //! | last | CRC-32/ISO-HDLC over all words before it: the record's hash |
 //!
 //! The numbers: sample rate Hz, resolution m, force at full command N, latency samples; speed limit and believable speed
@@ -25,7 +25,10 @@
 //! %/s, hold s, travel m; eight parameters of the estimator; wall m; hit: settle s, window s, RMS m; walk: K start, step,
 //! cap N/m, B start, step, cap N s/m.
 
-use super::Device;
+use super::{
+    Device,
+    designs::{Designs, NamedFilter, halves},
+};
 use crate::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings, crc,
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
@@ -49,13 +52,15 @@ const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
 const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
 /// An erased word.
 const BLANK: u32 = u32::MAX;
-/// Words before the numbers, and before the envelope.
+/// Words before the numbers, and before designs and envelope.
 const FIXED: usize = 17;
-const BEFORE_ENVELOPE: usize = FIXED + 2 * NUMBERS;
+const BEFORE_TABLES: usize = FIXED + 2 * NUMBERS;
 
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
+/// Where the number of designs begins.
+const DESIGNS: u32 = 8;
 
 const NUMBERS: usize = 33 + KEPT;
 /// Parameters of the estimator among them.
@@ -104,6 +109,8 @@ pub enum BadRecord {
     Output,
     /// This build has no estimator of that number.
     Estimator(u32),
+    /// The designs are no table.
+    Designs,
     /// The envelope is no table.
     Envelope,
     /// The board cannot run its estimator with its output period.
@@ -119,7 +126,7 @@ impl From<SettingsError> for BadRecord {
 }
 
 /// Shortest record, words.
-pub const WORDS_MIN: usize = BEFORE_ENVELOPE + 1;
+pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
 /// The words of a record, and those of them that every record has.
 fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
@@ -193,6 +200,11 @@ impl<'a> Device<'a> {
         }
         self.calibration(&defaults, 0.0)?;
         self.walk.check()?;
+        for (_, design) in self.designs.iter() {
+            let mut stored = defaults;
+            stored.settings.velocity = design.velocity;
+            self.control(&stored)?;
+        }
         self.back.build(&self.design)?;
         let loaded = Loaded { stored: defaults, source: Source::Empty, damaged: 0 };
         self.start(&loaded, None)?;
@@ -209,7 +221,9 @@ impl<'a> Device<'a> {
         }
         let output = output_of(kind, size).ok_or(BadRecord::Output)?;
         let estimator = EstimatorName::from_id(id).ok_or(BadRecord::Estimator(id))?;
-        let (numbers, envelope) = rest.split_at_checked(2 * NUMBERS).unwrap_or_default();
+        let (numbers, tables) = rest.split_at_checked(2 * NUMBERS).unwrap_or_default();
+        let count = (flags >> DESIGNS & 0xFF) as usize;
+        let (designs, envelope) = Designs::split(count, tables).ok_or(BadRecord::Designs)?;
         let mut numbers = numbers.as_chunks::<2>().0.iter();
         // In the order of `numbers`.
         let mut next = || match numbers.next() {
@@ -230,6 +244,7 @@ impl<'a> Device<'a> {
             latency_samples: next(),
             senses: board.senses,
             envelope: Envelope::read(envelope).ok_or(BadRecord::Envelope)?,
+            designs,
             safety: SafetySettings {
                 speed_max_m_per_s: next(),
                 speed_believable_m_per_s: next(),
@@ -335,23 +350,27 @@ impl<'a> Device<'a> {
         ]
     }
 
-    /// Writes the record of this device with those boundaries, in place of its own envelope, to the front of `words`. A
-    /// record has no wall and no push: K, B and push of the device are left out, and so is its hash.
+    /// Writes the record of this device with those designs and boundaries, in place of its own, to the front of `words`.
+    /// A record has no wall and no push: K, B and push of the device are left out, and so is its hash.
     ///
     /// None if there is no room.
     pub fn to_record<'b>(
         &self,
+        designs: &[NamedFilter],
         boundaries: &[Boundary<'_>],
         words: &'b mut [u32; WORDS_MAX],
     ) -> Option<&'b [u32]> {
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let flags = flag(self.settings.wall.push_only, PUSH_ONLY)
             | flag(self.signs.motor_reversed, MOTOR_REVERSED)
-            | flag(self.signs.encoder_reversed, ENCODER_REVERSED);
+            | flag(self.signs.encoder_reversed, ENCODER_REVERSED)
+            | u32::from(u8::try_from(designs.len()).ok()?) << DESIGNS;
         let [kind, size] = words_of(self.design.output);
         let id = self.settings.velocity.name().id();
-        let (front, rest) = words.split_at_mut(BEFORE_ENVELOPE);
-        let length = BEFORE_ENVELOPE + Envelope::put(boundaries, rest)?.len();
+        let (front, rest) = words.split_at_mut(BEFORE_TABLES);
+        let named = Designs::put(designs, rest)?;
+        let table = Envelope::put(boundaries, rest.get_mut(named..)?)?.len();
+        let length = BEFORE_TABLES + named + table;
         let total = u32::try_from(length + 1).ok()?;
         let fixed = [HEAD, total, self.scene_hash]
             .into_iter()
@@ -366,12 +385,6 @@ impl<'a> Device<'a> {
         *words.get_mut(length)? = check;
         words.get(..=length)
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
-fn halves(value: f64) -> [u32; 2] {
-    let bits = value.to_bits();
-    [bits as u32, (bits >> 32) as u32]
 }
 
 #[cfg(test)]

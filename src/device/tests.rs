@@ -11,13 +11,13 @@ use crate::{
     },
 };
 
-const fn point(damping_n_s_per_m: f64, stiffness_high_n_per_m: f64) -> Point {
+pub(crate) const fn point(damping_n_s_per_m: f64, stiffness_high_n_per_m: f64) -> Point {
     Point { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m }
 }
 
 /// Its envelope: 1500 Hz, 1 kHz.
 pub(crate) const BOUNDARY: Boundary<'static> = Boundary {
-    key: Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 },
+    key: Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10, design: 0 },
     points: &[point(0.0, 4000.0), point(50.0, 20_000.0)],
 };
 
@@ -41,6 +41,7 @@ pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
     latency_samples: 0.115,
     senses: &[Sense::Force],
     envelope: Envelope::read(&ENVELOPE).unwrap(),
+    designs: Designs::NONE,
     safety: SafetySettings {
         speed_max_m_per_s: 1.0,
         speed_believable_m_per_s: 5.0,

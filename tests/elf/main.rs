@@ -56,6 +56,7 @@ mod campaign;
 mod code;
 mod control;
 mod control_path;
+mod designs;
 mod edge_times;
 mod edges;
 mod estimator_cost;

@@ -8,6 +8,7 @@ use virtual_board::{
     world::World,
 };
 use zwidth::{
+    device::{Device, designs::NamedFilter},
     experiment::Order,
     period::{PERIODS, cycles_allowed, leaves_time},
     safety::Request,
@@ -36,13 +37,13 @@ const LOAD: f64 = 0.25;
 
 #[test]
 fn an_output_with_every_sample_is_set_on_the_console() {
-    hit_at(&Firmware::of(BOARDS[0]), 1);
+    hit_at(&Firmware::of(BOARDS[0]), built_in(BOARDS[0]), None, 1);
 }
 
 fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
     let firmware = Firmware::of(board);
     for period in PERIODS {
-        let (watch, sent) = hit_at(&firmware, period);
+        let (watch, sent) = hit_at(&firmware, built_in(board), None, period);
         let [sample, render, link] = [SAMPLE, RENDER, LINK].map(|task| watch.tasks[&task]);
         let outputs = u64::from(period);
         let between = (outputs * board.cycles_per_sample()) as f64;
@@ -92,9 +93,14 @@ fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
     after.flags.contains(flag) && !before.flags.contains(flag)
 }
 
-/// A hit at that period: its tasks, and the part of the frames that came.
-fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
-    let device = built_in(firmware.board);
+/// A hit of that device at that period, with the design of that number and name: its tasks, and the part of the frames that
+/// came.
+pub fn hit_at(
+    firmware: &Firmware,
+    device: &Device,
+    design: Option<(u8, NamedFilter)>,
+    period: u32,
+) -> (Watch, f64) {
     let mut now = device.defaults();
     let settings = |stored: &Stored| Step {
         order: device.order(stored).unwrap(),
@@ -114,6 +120,12 @@ fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
     let plan_before = steps.len();
     now.period = period;
     steps.push(settings(&now));
+    if let Some((_, NamedFilter { name, velocity })) = design {
+        let line = format!("design {}", name.text());
+        assert_eq!(ok(&mut world, &line), format!("ok {line}"));
+        now.settings.velocity = velocity;
+        steps.push(settings(&now));
+    }
     for line in ["wall 0.005", "k 8000", "b 30", "push 2.835", "settle 0.1", "window 0.1"] {
         ok(&mut world, line);
     }
@@ -140,7 +152,14 @@ fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
     world.run(500).unwrap();
     let status = ok(&mut world, "status");
     assert!(status.contains("armed, fault none"), "{status}");
-    let (records, dropped) = records(&mut world);
+    let (mut records, dropped) = records(&mut world);
+    let own = device.designs.number_of(&device.settings.velocity);
+    let number = design.map_or(own, |(number, _)| number);
+    let chosen = records.iter().position(|record| record.flags.design() == number).unwrap();
+    for (n, record) in records.iter_mut().enumerate() {
+        assert_eq!(record.flags.design(), if n < chosen { own } else { number }, "{n}");
+        record.flags = record.flags.with_design(0); // the console's, not that of the tasks
+    }
     let sent = records.len() as f64 / (records.len() as u64 + dropped) as f64;
     assert!(sent > 0.99, "{sent}");
 
@@ -176,7 +195,7 @@ fn hit_at(firmware: &Firmware, period: u32) -> (Watch, f64) {
 
 /// The first frame that is not the core's: its sample, what the core says, and the frame.
 fn first_difference(
-    device: &zwidth::device::Device,
+    device: &Device,
     readings: &[u32],
     records: &[Record],
     orders: Vec<(u64, Order)>,

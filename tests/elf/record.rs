@@ -72,7 +72,7 @@ fn signed(board: Board, edit: impl Fn(&mut Device<'static>)) -> Vec<u8> {
     let mut device = *built_in(board);
     edit(&mut device);
     let mut sector = [0; WORDS_MAX];
-    let words = device.to_record(&[], &mut sector).unwrap();
+    let words = device.to_record(&[], &[], &mut sector).unwrap();
     words.iter().flat_map(|word| word.to_le_bytes()).collect()
 }
 

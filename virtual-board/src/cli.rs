@@ -18,6 +18,7 @@ use host_sim::{
         terminal::{self, note, print_json, print_text},
     },
     scene::{NamedScene, record},
+    study::asked,
 };
 use serde::Serialize;
 use zwidth::period::PERIODS;
@@ -65,9 +66,9 @@ enum Command {
         /// One JSON object on stdout, and nothing else there.
         #[arg(long)]
         json: bool,
-        /// Nominal cutoff, Hz.
+        /// Nominal cutoff, Hz [default: that of SCENE:DESIGN, or the scene's only one].
         #[arg(long)]
-        cutoff: f64,
+        cutoff: Option<f64>,
         /// K, N/m.
         #[arg(long)]
         stiffness: f64,
@@ -92,9 +93,9 @@ enum Command {
     Walk {
         #[command(flatten)]
         common: Common,
-        /// Nominal cutoff, Hz.
+        /// Nominal cutoff, Hz [default: that of SCENE:DESIGN, or the scene's only one].
         #[arg(long)]
-        cutoff: f64,
+        cutoff: Option<f64>,
         /// Write the boundary: cutoff_hz,damping_n_s_per_m,stiffness_n_per_m.
         #[arg(long, value_name = "FILE")]
         csv: Option<PathBuf>,
@@ -109,7 +110,7 @@ enum Command {
 
 #[derive(Args)]
 struct Common {
-    /// A built-in scene or a file.
+    /// A built-in scene or a file; SCENE:DESIGN with that design of it as its estimator.
     scene: String,
     #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
@@ -142,6 +143,7 @@ fn execute(command: Command) -> Result<(), Error> {
         }
         Command::Hit { common, json, cutoff, stiffness, damping } => {
             let (scene, _) = common.open(false)?;
+            let cutoff = cutoff.map_or_else(|| asked::cutoff(&scene, None), Ok)?;
             hit(&common.session(scene)?, [cutoff, stiffness, damping], json)
         }
         Command::Campaign(options) => campaign::report::execute(&options),
@@ -153,6 +155,7 @@ fn execute(command: Command) -> Result<(), Error> {
         Command::Walk { common, cutoff, csv, force, json } => {
             let (scene, mut outputs) = common.open(force)?;
             let csv = outputs.option(csv.as_ref())?;
+            let cutoff = cutoff.map_or_else(|| asked::cutoff(&scene, None), Ok)?;
             walk(&common.session(scene)?, cutoff, csv, outputs, json)
         }
     }

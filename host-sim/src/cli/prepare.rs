@@ -13,7 +13,7 @@ use crate::{
     interrupt,
     output::{files::Outputs, terminal::print_result},
     scene::{
-        NamedScene, Scene,
+        BoardTable, NamedScene, Scene,
         record::{Prepared, board_facts, words},
     },
     study::board_envelope::{Found, Part, board_envelope},
@@ -66,6 +66,8 @@ struct Json {
 
 #[derive(Serialize)]
 struct PartJson {
+    /// `null` where it is the estimator at the scene's cutoffs.
+    design: Option<String>,
     estimator: &'static str,
     period_samples: u32,
     boundaries: usize,
@@ -97,7 +99,8 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let found = board_envelope(engine, parts, common.numeric, interrupt::flag(), || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let asked = scene.scene.board.as_ref().is_some_and(|board| board.cutoff_hz.is_some());
+    let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
+    let asked = scene.scene.board.as_ref().is_some_and(said);
     let best = found.first().and_then(Found::best).filter(|_| !asked);
     let prepared = scene.prepared(&board, best.unwrap_or(first))?;
     let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
@@ -117,8 +120,12 @@ fn beside(scene: &NamedScene) -> PathBuf {
     folder.join(format!("{}.device", scene.name))
 }
 
-/// The estimator in force at first, at the scene's cutoff or at the middle of its list.
+/// What is in force at first: the design that the scene says, or the estimator at its cutoff or at the middle of its list.
 fn first_settings(scene: &Scene) -> Result<zwidth::VelocitySettings, Error> {
+    let design = scene.board.as_ref().and_then(|board| board.design.as_ref());
+    if let Some(design) = design.and_then(|name| scene.designs.get(name)) {
+        return Ok(design.settings());
+    }
     let estimators = scene.board_estimators().map_err(Error::Input)?;
     let cutoffs = &scene.sweep.cutoffs_hz;
     let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or_default();
@@ -180,6 +187,7 @@ impl Said<'_> {
     fn json(&self, file: &Path, bytes: usize) -> Json {
         let Device { key, design, safety, duty, settings, envelope, .. } = &self.device;
         let part = |found: &Found| PartJson {
+            design: found.part.design.as_ref().map(|(name, _)| name.clone()),
             estimator: found.part.estimator.text(),
             period_samples: found.part.period,
             boundaries: found.boundaries().count(),
@@ -271,9 +279,13 @@ impl Said<'_> {
                 || "no stable wall".to_owned(),
                 |ideal| format!("ideal {} Hz, K up to {} N/m", ideal.cutoff_hz, peak(found)),
             );
+            let estimator = found.part.estimator.text();
+            let of = match &found.part.design {
+                None => estimator.to_owned(),
+                Some((name, _)) => format!("design {name} ({estimator})"),
+            };
             lines.push(format!(
-                "  envelope   {}, output period {}: {} cutoffs, {} rows; {ideal}",
-                found.part.estimator.text(),
+                "  envelope   {of}, output period {}: {} cutoffs, {} rows; {ideal}",
                 found.part.period,
                 found.boundaries().count(),
                 found.rows()

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use zwidth::velocity::Biquad;
+use zwidth::{device::designs::DESIGNS_MAX, velocity::Biquad};
 
 use super::{
     SCHEMA_VERSION,
@@ -122,13 +122,23 @@ fn optional(value: Option<f64>) -> String {
     value.map(|value| value.to_string()).unwrap_or_default()
 }
 
+/// Name of the best filter in its scene.
+const BEST: &str = "best";
+
 /// The scene with the best filter, as a file.
 ///
 /// # Errors
 /// It cannot be written as TOML.
 pub fn best_scene(scene: &Scene, study: &Designs) -> Result<String, String> {
     let Some(best) = study.0.filters.first() else { return Err("there is no filter".into()) };
-    let (scene, _) = with_estimator(scene, &best.shape.settings());
+    let settings = best.shape.settings();
+    let (mut scene, _) = with_estimator(scene, &settings);
+    // One that stands there already has its name.
+    scene.designs.remove(BEST);
+    let known = scene.designs.values().any(|design| design.settings() == settings);
+    if !known && scene.designs.len() < DESIGNS_MAX {
+        scene.designs.insert(BEST.into(), settings.into());
+    }
     let tables = toml::to_string(&scene).map_err(|error| error.to_string())?;
     Ok(format!("# The filter is of `cargo sim design`: {}.\n\n{tables}", study.describe(best)))
 }

@@ -71,6 +71,10 @@ fn a_design_depends_neither_on_threads_nor_engine_and_runs_as_a_scene() {
     let output = sim(folder.path(), &["walk", "one/best.toml", "--cutoff", &cutoff, "--json"]);
     let walked: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(walked["area_n2_s_per_m2"], filters[0]["area_n2_s_per_m2"]);
+    let output = sim(folder.path(), &["walk", "one/best.toml:best", "--json"]);
+    let named: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(named["scene"], "best-best");
+    assert_eq!(named["area_n2_s_per_m2"], walked["area_n2_s_per_m2"]);
     for name in ["design.csv", "tried.csv", "conditions.csv", "front.svg", "manifest.json"] {
         let bytes = |of: &str| fs::read(folder.path().join(of).join(name)).unwrap();
         assert!(!bytes("one").is_empty());

@@ -87,6 +87,65 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     }
 }
 
+/// Each design has the walls that the simulator predicts for it as the scene's estimator, at each output period.
+#[test]
+fn a_design_has_rows_of_its_own_for_every_period() {
+    let edits = [(
+        "name = \"nucleo-f446re\"",
+        "name = \"nucleo-f446re\"\nperiods = [5]\ndesign = \"stiff\"",
+    )];
+    let folder = scene(&edits);
+    let path = folder.path();
+    let text = fs::read_to_string(path.join("mine.toml")).unwrap();
+    let stiff = "estimator = \"biquad\"\ncutoff_hz = 555\ndamping = 0.561\nlead_s = 0.0002099\nzero = -0.6651\n";
+    let low = "estimator = \"butterworth\"\ncutoff_hz = 1500\n";
+    fs::write(
+        path.join("mine.toml"),
+        format!("{text}\n[designs.stiff]\n{stiff}[designs.low]\n{low}"),
+    )
+    .unwrap();
+    let output = sim(path, &["prepare", "mine.toml", "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["estimator"], &json["cutoff_hz"]), (&"biquad".into(), &555.0.into()));
+    let parts: Vec<_> =
+        json["envelope"].as_array().unwrap().iter().map(|part| &part["design"]).collect();
+    assert_eq!(
+        parts,
+        [
+            &Value::Null,
+            &Value::Null,
+            &"low".into(),
+            &"low".into(),
+            &"stiff".into(),
+            &"stiff".into()
+        ]
+    );
+    let record = words(&fs::read(path.join("mine.device")).unwrap());
+    let device = Device::from_record(&record, &board_facts("nucleo-f446re").unwrap()).unwrap();
+    let named: Vec<_> = device.designs.iter().map(|(_, design)| design).collect();
+    assert_eq!(named.iter().map(|design| design.name.text()).collect::<Vec<_>>(), ["low", "stiff"]);
+    let rows = |wanted: u8, cutoff: f64, period: u32| {
+        let mut found = device.envelope.boundaries().filter(|(key, _)| {
+            (key.design, key.period) == (wanted, period) && key.cutoff_hz == cutoff
+        });
+        found.next().map(|(_, points)| points.collect::<Vec<_>>()).unwrap()
+    };
+    for period in [10, 5] {
+        assert!(!rows(2, 555.0, period).is_empty());
+        // A design that is one of the scene's cutoffs holds that one's walls.
+        assert_eq!(rows(1, 1500.0, period), rows(0, 1500.0, period));
+    }
+    let mut stored = device.defaults();
+    assert_eq!(device.key(&stored).design, 2);
+    let [.., last] = rows(2, 555.0, 10)[..] else { panic!("no rows") };
+    stored.settings.wall.damping_n_s_per_m = last.damping_n_s_per_m;
+    stored.settings.wall.stiffness_n_per_m = last.stiffness_high_n_per_m;
+    assert_eq!(device.inside(&stored), Ok(()));
+    stored.settings.velocity = stored.settings.velocity.with_parameter(1, 0.57);
+    assert!(device.inside(&stored).is_err());
+}
+
 #[test]
 fn what_is_left_out_is_guessed_and_said_and_a_starter_has_no_walls() {
     let (device, _) = NUCLEO.split_once("[safety]").unwrap();

@@ -18,8 +18,8 @@ use crate::{
     experiment::{Activity, Event, Order, Report, WalkTotals},
     period::outputs_per_ms,
     safety::{Doubled, Refusal, Request},
-    store::{Source, Stored},
-    telemetry::{Frame, Record},
+    store::{Name, Source, Stored},
+    telemetry::{Flags, Frame, Record},
     velocity::EstimatorName,
 };
 use walk::WalkSession;
@@ -55,6 +55,7 @@ pub(super) enum Awaited {
 pub(super) enum ChangedSetting {
     Value(&'static str, f64, &'static str),
     Estimator(EstimatorName),
+    Design(Name),
     Signs(&'static str, bool),
     Loaded(Source),
 }
@@ -66,6 +67,8 @@ pub struct Console<P> {
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
     pub(super) stored: Stored,
+    /// Number of the design that they are; 0: of none.
+    pub(super) design: u8,
     awaited: Option<Awaited>,
     pub(super) latest: Option<Report>,
     walking: Option<WalkSession>,
@@ -97,6 +100,7 @@ impl<P: Port> Console<P> {
             replies: ReplyChannel::new(),
             reader: LineReader::new(),
             stored,
+            design: device.designs.number_of(&stored.settings.velocity),
             awaited: None,
             latest: None,
             walking: None,
@@ -170,10 +174,14 @@ impl<P: Port> Console<P> {
 
     /// Telemetry, if it is on: a frame for each output, or, where outputs are closer than a millisecond, one each
     /// millisecond. A full channel drops it, and its number with it.
-    fn stream(&mut self, record: Record) {
+    fn stream(&mut self, mut record: Record) {
         if !self.streaming {
             self.batch.count = 0;
             return;
+        }
+        // What was in force before a fault is not known any more.
+        if !record.flags.contains(Flags::REPLAY) {
+            record.flags = record.flags.with_design(self.design);
         }
         let most = outputs_per_ms(self.stored.period) as usize;
         if most <= 1 && self.batch.count == 0 {
@@ -248,11 +256,7 @@ impl<P: Port> Console<P> {
         let stored = self.stored;
         match self.device.inside(&stored) {
             Err(outside) if refusal == Refusal::Settings => {
-                self.reply(Reply::Outside(
-                    outside,
-                    &self.device.envelope,
-                    self.device.key(&stored),
-                ));
+                self.reply(Reply::Outside(outside, self.device, self.device.key(&stored)));
             }
             _ => self.reply(Reply::Refused(refusal)),
         }
@@ -293,9 +297,11 @@ impl<P: Port> Console<P> {
     fn keep_changed(&mut self, stored: Stored, changed: ChangedSetting) {
         let signs = self.stored.signs;
         self.stored = stored;
+        self.design = self.device.designs.number_of(&stored.settings.velocity);
         match changed {
             ChangedSetting::Value(name, value, unit) => self.reply(Reply::Value(name, value, unit)),
             ChangedSetting::Estimator(name) => self.reply(Reply::Word("estimator", name.text())),
+            ChangedSetting::Design(name) => self.reply(Reply::Word("design", name.text())),
             ChangedSetting::Signs(name, reversed) => {
                 self.reply(Reply::Word(name, if reversed { "-" } else { "+" }));
             }

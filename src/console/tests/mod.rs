@@ -9,7 +9,7 @@ use std::{
 
 use super::*;
 use crate::{
-    device::tests::DEVICE,
+    device::{Device, tests::DEVICE},
     experiment::{Activity, Event, Order, Promise, Report},
     safety::{Fault, FaultRecord, FaultSet, Inputs, Refusal, Request, State, Status},
     store::{Loaded, Source, Stored},
@@ -18,6 +18,7 @@ use crate::{
 
 mod channel;
 mod commands;
+mod designs;
 mod events;
 mod walk;
 
@@ -98,7 +99,11 @@ struct Bench {
 impl Bench {
     /// After boot, its first order met.
     fn new(status: Status) -> Self {
-        let console = Console::new(Board::default(), &DEVICE, DEVICE.defaults(), Source::Empty);
+        Self::on(&DEVICE, status)
+    }
+
+    fn on(device: &'static Device<'static>, status: Status) -> Self {
+        let console = Console::new(Board::default(), device, device.defaults(), Source::Empty);
         let mut bench = Self { console, status, activity: Activity::None };
         bench.report(Event::Answer(Ok(())));
         bench.take();

@@ -5,7 +5,12 @@ use std::{string::ToString, vec::Vec};
 
 use super::*;
 use crate::{
-    device::tests::{BOUNDARY, DEVICE},
+    VelocitySettings,
+    device::{
+        designs::tests::NAMED,
+        tests::{BOUNDARY, DEVICE, point},
+    },
+    safety::envelope::{Key, Outside},
     velocity::{EstimatorName, Sense},
 };
 
@@ -19,7 +24,7 @@ const BOARD: BoardFacts = BoardFacts {
 
 /// The record of that device, with its envelope.
 fn record(device: &Device<'_>) -> Vec<u32> {
-    device.to_record(&[BOUNDARY], &mut [0; WORDS_MAX]).unwrap().to_vec()
+    device.to_record(&[], &[BOUNDARY], &mut [0; WORDS_MAX]).unwrap().to_vec()
 }
 
 fn refused(words: &[u32]) -> BadRecord {
@@ -112,7 +117,7 @@ fn what_is_wrong_with_a_whole_record_is_named() {
     let period = with(|device| device.design.period = 3);
     says(&period, "the board cannot run its estimator at its output period");
     let mut envelope = record(&DEVICE);
-    envelope[BEFORE_ENVELOPE + 4] = 3;
+    envelope[BEFORE_TABLES + 4] = 3;
     says(&signed(envelope), "its envelope is no table");
     let mut estimator = record(&DEVICE);
     estimator[FIXED - 1] = 999;
@@ -138,10 +143,63 @@ fn a_number_that_is_none_is_refused_wherever_it_stands() {
 }
 
 #[test]
+fn designs_stand_before_the_envelope_and_each_is_checked() {
+    let points = [BOUNDARY.points[1]];
+    let of_design = Boundary { key: Key { design: 2, ..BOUNDARY.key }, points: &points };
+    let made = |designs: &[NamedFilter]| {
+        let mut words = [0; WORDS_MAX];
+        DEVICE.to_record(designs, &[BOUNDARY, of_design], &mut words).unwrap().to_vec()
+    };
+    let words = made(&NAMED);
+    let device = Device::from_record(&words, &BOARD).unwrap();
+    assert_eq!(words.len(), record(&DEVICE).len() + 2 * 21 + 5 + 3);
+    assert!(device.designs.iter().map(|(_, design)| design).eq(NAMED));
+    let again =
+        device.to_record(&NAMED, &[BOUNDARY, of_design], &mut [0; WORDS_MAX]).unwrap().to_vec();
+    assert_eq!(again, words);
+    // One more design than there are words for is a part of the envelope.
+    let mut short = words.clone();
+    short[11] += 1 << DESIGNS;
+    assert_eq!(refused(&signed(short)), BadRecord::Designs);
+    let mut many = words;
+    many[11] |= 0xFF << DESIGNS;
+    assert_eq!(refused(&signed(many)).to_string(), "its designs are no table");
+    let fast =
+        NamedFilter { velocity: VelocitySettings::Butterworth { cutoff_hz: 5000.0 }, ..NAMED[0] };
+    let why = refused(&made(&[NAMED[1], fast])).to_string();
+    assert!(why.starts_with("cutoff_hz is 5000, allowed "), "{why}");
+}
+
+/// The gains that are allowed are those of the design, at every output period of its rows and no other.
+#[test]
+fn a_design_has_its_own_rows_of_the_envelope() {
+    let low = [point(0.0, 100.0), point(50.0, 100.0)];
+    let of_design = Boundary { key: Key { design: 2, ..BOUNDARY.key }, points: &low };
+    let mut words = [0; WORDS_MAX];
+    let words = DEVICE.to_record(&NAMED, &[BOUNDARY, of_design], &mut words).unwrap();
+    let device = Device::from_record(words, &BOARD).unwrap();
+    let mut stored = device.defaults();
+    (stored.settings.wall.stiffness_n_per_m, stored.settings.wall.damping_n_s_per_m) =
+        (100.0, 20.0);
+    stored.settings.velocity = NAMED[1].velocity;
+    assert_eq!(device.key(&stored).design, 2);
+    assert_eq!(device.inside(&stored), Ok(()));
+    stored.settings.wall.stiffness_n_per_m = 101.0;
+    assert_eq!(device.inside(&stored), Err(Outside::Stiffness { lowest: 0.0, highest: 100.0 }));
+    assert_eq!(DEVICE.inside(&stored), Ok(()));
+    stored.settings.wall.stiffness_n_per_m = 1.0;
+    stored.period = 5;
+    assert_eq!(device.inside(&stored), Err(Outside::UnknownKey));
+    // Number 1 has no rows.
+    (stored.period, stored.settings.velocity) = (10, NAMED[0].velocity);
+    assert_eq!(device.inside(&stored), Err(Outside::UnknownKey));
+}
+
+#[test]
 fn a_record_that_has_no_room_is_not_made() {
     let points = [BOUNDARY.points[0]; 1400];
     let boundary = Boundary { points: &points, ..BOUNDARY };
-    assert_eq!(DEVICE.to_record(&[boundary], &mut [0; WORDS_MAX]), None);
+    assert_eq!(DEVICE.to_record(&[], &[boundary], &mut [0; WORDS_MAX]), None);
 }
 
 proptest! {
@@ -157,7 +215,7 @@ proptest! {
         let device = Device::decode(&made, &BOARD).unwrap();
         prop_assert_eq!(device.key.hash, *made.last().unwrap());
         let mut sector = [0; WORDS_MAX];
-        let again = device.to_record(&[BOUNDARY], &mut sector).unwrap();
+        let again = device.to_record(&[], &[BOUNDARY], &mut sector).unwrap();
         // what the estimator has not is not kept
         let kept = |n: usize| !(FIXED + 2 * 24..FIXED + 2 * 31).contains(&n) && n + 1 < made.len();
         for n in (0..made.len()).filter(|&n| kept(n)) {

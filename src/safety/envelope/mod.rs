@@ -1,4 +1,4 @@
-//! Which walls the simulator predicts to be stable, per estimator, cutoff and output period.
+//! Which walls the simulator predicts to be stable, per design or estimator and cutoff, and per output period.
 //!
 //! The table is a part of the [device record](crate::device::record): device and latency are those of the record. At each B
 //! it has an interval of K, and not only its upper end: at large B a soft wall chatters where a stiffer one holds. A
@@ -32,6 +32,9 @@ pub struct Key {
     pub cutoff_hz: f64,
     /// Samples per output.
     pub period: u32,
+    /// Number of the device's [design](crate::device::designs) that the estimator is, with all of its parameters; 0: of
+    /// none, with its further parameters at their defaults.
+    pub design: u8,
 }
 
 /// The boundary for one key, to make a table of.
@@ -165,7 +168,7 @@ impl<'a> Envelope<'a> {
 impl Key {
     fn is(&self, other: &Self) -> bool {
         self.period == other.period
-            && self.estimator == other.estimator
+            && (self.estimator, self.design) == (other.estimator, other.design)
             && same(self.cutoff_hz, other.cutoff_hz)
     }
 }
@@ -204,7 +207,8 @@ mod tests {
         Point { damping_n_s_per_m: b, stiffness_low_n_per_m: low, stiffness_high_n_per_m: high }
     }
 
-    const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 };
+    const KEY: Key =
+        Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10, design: 0 };
 
     const POINTS: [Point; 5] = [
         point(10.0, 0.0, 8000.0),
@@ -266,6 +270,7 @@ mod tests {
             Key { estimator: EstimatorName::ButterworthPrewarped, ..KEY },
             Key { cutoff_hz: 1500.1, ..KEY },
             Key { period: 1, ..KEY },
+            Key { design: 1, ..KEY },
             Key { cutoff_hz: f64::NAN, ..KEY },
         ];
         for key in others {

@@ -1,7 +1,8 @@
 //! A table of boundaries as words of the device record.
 //!
 //! ```text
-//! boundary: number of the estimator, cutoff (an f64, low word first), samples per output, rows,
+//! boundary: number of the estimator, in its upper half that of the design (0: none), cutoff (an f64, low word first),
+//!           samples per output, rows,
 //!           then per row, by rising B: B, lowest K, highest K, each an f32
 //! ```
 //! An interval is rounded inward, so no wall is in the words that was not in the table. A boundary of an estimator that
@@ -12,6 +13,8 @@ use crate::velocity::EstimatorName;
 
 /// Words before the rows of a boundary.
 const HEAD: usize = 5;
+/// Where the number of a design begins in a boundary's first word.
+const DESIGN: u32 = 16;
 /// Words of a row.
 const ROW: usize = 3;
 
@@ -81,7 +84,8 @@ impl<'a> Envelope<'a> {
         for Boundary { key, points } in boundaries {
             let bits = key.cutoff_hz.to_bits();
             let rows = u32::try_from(points.len()).ok()?;
-            for word in [key.estimator.id(), bits as u32, (bits >> 32) as u32, key.period, rows] {
+            let id = key.estimator.id() | u32::from(key.design) << DESIGN;
+            for word in [id, bits as u32, (bits >> 32) as u32, key.period, rows] {
                 push(word)?;
             }
             let last = points.len().saturating_sub(1);
@@ -104,8 +108,9 @@ impl<'a> Envelope<'a> {
             Some(boundary)
         })
         .filter_map(|(id, cutoff_hz, period, rows)| {
-            let estimator = EstimatorName::from_id(id)?;
-            Some((Key { estimator, cutoff_hz, period }, rows))
+            let estimator = EstimatorName::from_id(id & ((1 << DESIGN) - 1))?;
+            let design = u8::try_from(id >> DESIGN).ok()?;
+            Some((Key { estimator, cutoff_hz, period, design }, rows))
         })
     }
 }
@@ -130,7 +135,8 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1234.567, period: 10 };
+    const KEY: Key =
+        Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1234.567, period: 10, design: 3 };
 
     fn point([b, low, high]: [f64; 3]) -> Point {
         Point { damping_n_s_per_m: b, stiffness_low_n_per_m: low, stiffness_high_n_per_m: high }

@@ -7,9 +7,9 @@ use zwidth::{
     velocity::EstimatorName,
 };
 
-use crate::any;
+use crate::{any, limits::device};
 
-const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 };
+const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10, design: 0 };
 
 /// As a record holds it.
 fn held(value: f64) -> f64 {
@@ -67,7 +67,7 @@ fn allows(points: &[Point], k: f64, b: f64) -> Result<(), Outside> {
 
 /// The limits of a refusal, as those read them who see it in a program's errors and at the console.
 fn read(outside: &Outside) -> [[f64; 2]; 2] {
-    let reply = Text::<REPLY_MAX>::of(Reply::Outside(*outside, &Envelope::EMPTY, KEY));
+    let reply = Text::<REPLY_MAX>::of(Reply::Outside(*outside, &device(any::PAPER), KEY));
     [outside.to_string(), reply.as_str().to_owned()].map(|line| {
         let (_, range) = line.split_once("from ").unwrap();
         let range = range.split(',').next().unwrap();

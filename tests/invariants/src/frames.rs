@@ -199,6 +199,11 @@ crate::properties! {
                 sample: before.sample + u64::from(period) * (1 + lost),
                 settings: before.settings + settings,
                 fault: before.fault ^ fault,
+                // the console's own: this device has no design
+                flags: match record.flags.contains(Flags::REPLAY) {
+                    true => record.flags,
+                    false => record.flags.with_design(0),
+                },
                 ..record
             };
             before

@@ -3,7 +3,7 @@
 use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings,
     console::{Decimal, Reply, Text},
-    device::Device,
+    device::{Device, designs::Designs},
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
     safety::{SafetySettings, envelope::Envelope},
     store::{DeviceKey, Name, Signs},
@@ -88,6 +88,7 @@ pub fn device(design: Design) -> Device<'static> {
         latency_samples: 0.1,
         senses: &[],
         envelope: Envelope::EMPTY,
+        designs: Designs::NONE,
         safety: safety(&design),
         duty: DutySettings { continuous_force_n: 0.7 * design.full_scale_n, time_constant_s: 30.0 },
         back: ReturnSettings {

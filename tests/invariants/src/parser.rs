@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 use zwidth::{
     console::{Command, Decimal, LINE_MAX, Line, LineReader, ParseError, REPLY_MAX, Text, parse, usages},
+    device::designs::is_design_name,
     velocity::EstimatorName,
 };
 
@@ -106,6 +107,7 @@ crate::properties! {
         let expected = match (wanted, words.as_slice()) {
             (None, []) => true,
             (None, _) | (Some(_), []) | (Some(_), [_, _, ..]) => false,
+            (Some("NAME"), [word]) if name == "design" => is_design_name(word),
             (Some("NAME"), [word]) => EstimatorName::ALL.iter().any(|name| name.text().eq_ignore_ascii_case(word)),
             (Some(_), [word]) if is_number => is_offered(word) && word.parse::<f64>().is_ok(),
             (Some(choice), [word]) => choice.split('|').any(|known| known.eq_ignore_ascii_case(word)),

@@ -15,11 +15,12 @@ pub enum Form {
     Number,
     Words(&'static [&'static str]),
     Estimator,
+    Design,
 }
 
 /// Every command in the order of `help`: its use.
-pub const COMMANDS: [(&str, Form); 40] = {
-    use Form::{Estimator, Nothing, Number, Words};
+pub const COMMANDS: [(&str, Form); 42] = {
+    use Form::{Design, Estimator, Nothing, Number, Words};
     [
         ("help", Nothing),
         ("version", Nothing),
@@ -35,6 +36,8 @@ pub const COMMANDS: [(&str, Form); 40] = {
         ("tuning VALUE", Number),
         ("tuning2 VALUE", Number),
         ("estimator NAME", Estimator),
+        ("designs", Nothing),
+        ("design NAME", Design),
         ("period SAMPLES", Number),
         ("push NEWTONS", Number),
         ("hit", Nothing),
@@ -115,6 +118,12 @@ pub fn parse(line: &[u8]) -> Result<Command, String> {
                 if super::settings::Settings::estimator_named(&command.word).is_none() {
                     let known = super::settings::Settings::estimators();
                     return Err(format!("unknown estimator, allowed {known}"));
+                }
+            }
+            Form::Design => {
+                let allowed = |byte: &u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
+                if word.len() > 16 || !word.iter().all(allowed) {
+                    return Err("no name of a design: designs lists them".into());
                 }
             }
         }

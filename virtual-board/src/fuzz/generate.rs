@@ -320,6 +320,7 @@ fn any(random: &mut Random, mind: &Mind) -> String {
         }
         Form::Words(words) => random.of(words),
         Form::Estimator => random.of(&["", "none", "difference", "butterworth"]),
+        Form::Design => random.of(&["", "none", "quiet-2", "a_b", "0123456789abcdefg"]),
     };
     match random.below(12) {
         0 => name.to_owned(),

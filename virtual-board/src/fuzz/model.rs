@@ -241,7 +241,7 @@ impl Model {
             "k" | "b" | "push" => walk,
             name if GRID.iter().any(|(known, _)| *known == name) => walk,
             "start" | "settle" | "window" | "rms" => busy,
-            "motor" | "encoder" | "fullscale" | "period" => on,
+            "motor" | "encoder" | "fullscale" | "design" | "period" => on,
             "wall" | "cutoff" | "tuning" | "tuning2" | "estimator" | "load" => {
                 arming.or(walk).or(contact)
             }
@@ -294,6 +294,9 @@ impl Model {
             "version" => return Answer::said(self.version()),
             "status" => return Answer::said(self.status(seen)),
             "get" => return Answer::said(self.settings.text(self.board.name)),
+            // The boards' own scenes have none.
+            "designs" => return Answer::said("ok designs none"),
+            "design" => return Answer::refused("unknown design, allowed none"),
             "faults" if seen.fault == 0 => return Answer::said("ok faults none"),
             "faults" => {
                 let text = format!("ok faults {}", fault_text(seen.fault));

@@ -24,7 +24,10 @@ pub struct BoardTable {
     /// Tuning of the estimator on a board to which nothing was ever saved: its cutoff, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cutoff_hz: Option<f64>,
-    /// Estimators that the envelope covers, the first of them in force at first; the scene's own without.
+    /// Design in force on such a board; the first of the estimators without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub design: Option<String>,
+    /// Estimators that the envelope covers beside the designs, the first of them in force at first; the scene's own without.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimators: Vec<String>,
     /// Output periods that it covers, samples; `actuator.period` without.

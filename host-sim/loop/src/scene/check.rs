@@ -83,6 +83,7 @@ impl Scene {
         self.check_accelerometer()?;
         self.check_senses()?;
         self.check_board()?;
+        self.check_designs()?;
         self.walk_plan().check().map_err(|error| {
             refused(&format!("walk.{}", error.parameter), error.value, &error.range)
         })?;

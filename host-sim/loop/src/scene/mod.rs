@@ -11,7 +11,10 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
-use zwidth::{Design, HitSettings, Output, Settings, WallSettings, experiment::WalkSettings};
+use zwidth::{
+    Design, HitSettings, Output, Settings, WallSettings, device::designs::is_design_name,
+    experiment::WalkSettings,
+};
 
 pub use crate::scene::estimator::EstimatorChoice;
 use crate::{
@@ -27,6 +30,7 @@ use crate::{
 mod accelerometer;
 mod board;
 mod check;
+mod designs;
 pub mod element;
 mod elements;
 pub mod estimator;
@@ -37,6 +41,7 @@ mod tables;
 pub use accelerometer::Accelerometer;
 pub use board::{BoardTable, MotorTable, OnBoard, ReturnTable, SafetyTable, Sign};
 pub use check::ranges;
+pub use designs::DesignTable;
 pub use elements::Quantisation;
 pub use felt::FeltCurve;
 pub use tables::{
@@ -105,6 +110,9 @@ pub struct Scene {
     /// Arms of several people, by name, for studies over them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub arms: BTreeMap<String, Arm>,
+    /// Velocity filters by name, for the board and for `SCENE:NAME`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub designs: BTreeMap<String, DesignTable>,
     /// Optional element: dry friction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
@@ -144,11 +152,18 @@ pub struct Scene {
 }
 
 impl NamedScene {
-    /// The built-in scene of that name, or the scene file at that path.
+    /// The built-in scene of that name, or the scene file at that path; `SCENE:NAME` with its design of that name in place
+    /// of its estimator.
     ///
     /// # Errors
-    /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range.
+    /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range, no such design.
     pub fn load(name_or_path: &str) -> Result<Self, Error> {
+        if let Some((scene, design)) = name_or_path.rsplit_once(':')
+            && is_design_name(design)
+            && !Path::new(name_or_path).exists()
+        {
+            return Self::load(scene)?.with_design(design);
+        }
         if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
             return Self::parse((*name).into(), (*text).into(), name);
         }

@@ -6,6 +6,7 @@ use zwidth::{
     Output, VelocitySettings,
     device::{
         Device,
+        designs::{Designs, NamedFilter},
         record::{BoardFacts, WORDS_MAX, hash_of},
     },
     safety::envelope::{Boundary, Envelope},
@@ -46,8 +47,10 @@ pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
 /// A device as a board would have it.
 #[derive(Clone, Debug)]
 pub struct Prepared {
-    /// The device, without an envelope.
+    /// The device, without designs and envelope.
     pub device: Device<'static>,
+    /// Its filters with a name.
+    pub designs: Vec<NamedFilter>,
     /// What of it the scene leaves out, and what was taken: `key value`.
     pub guessed: Vec<String>,
 }
@@ -116,6 +119,7 @@ impl NamedScene {
             latency_samples: scene.actuator.latency,
             senses: board.senses,
             envelope: Envelope::EMPTY,
+            designs: Designs::NONE,
             safety,
             duty,
             back,
@@ -125,7 +129,7 @@ impl NamedScene {
             hit,
             walk: scene.walk_plan(),
         };
-        let prepared = Prepared { device, guessed };
+        let prepared = Prepared { device, designs: scene.named_filters(), guessed };
         // What the board would say at boot.
         prepared.record(&[], board).map_err(|error| error.of(&self.name))?;
         Ok(prepared)
@@ -143,12 +147,12 @@ impl Prepared {
         board: &BoardFacts,
     ) -> Result<Vec<u8>, Error> {
         let mut words = [0; WORDS_MAX];
-        let words = self.device.to_record(boundaries, &mut words).ok_or_else(|| {
+        let words = self.device.to_record(&self.designs, boundaries, &mut words).ok_or_else(|| {
             let rows: usize = boundaries.iter().map(|boundary| boundary.points.len()).sum();
             let sector = WORDS_MAX / 256;
             Error::Input(format!(
                 "the envelope has {rows} rows, and the record has {sector} KiB: leave out values of sweep.cutoffs_hz, \
-                 board.estimators or board.periods"
+                 board.estimators or board.periods, or designs"
             ))
         })?;
         Device::from_record(words, board)
@@ -198,7 +202,12 @@ mod tests {
             (0..rows).map(point).collect::<Vec<_>>()
         };
         let of = |rows| {
-            let key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10 };
+            let key = Key {
+                estimator: EstimatorName::Butterworth,
+                cutoff_hz: 1500.0,
+                period: 10,
+                design: 0,
+            };
             prepared.record(&[Boundary { key, points: &points(rows) }], &board)
         };
         assert_eq!(of(1330).map(|bytes| bytes.len()).ok(), Some(4 * WORDS_MAX - 4));

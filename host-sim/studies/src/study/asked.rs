@@ -35,7 +35,7 @@ pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
     Ok(prepared)
 }
 
-/// The cutoff that was asked for, Hz, which an estimator that has one needs and another one refuses; 0 stands for
+/// The cutoff that was asked for, Hz, which an estimator that has one needs, unless its scene knows one only, and another one refuses; 0 stands for
 /// none.
 ///
 /// # Errors
@@ -45,6 +45,7 @@ pub fn cutoff(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
     match (estimator.has_cutoff(), asked) {
         (true, Some(cutoff_hz)) => Ok(cutoff_hz),
         (false, None) => Ok(0.0),
+        (true, None) if let [only] = scene.scene.sweep.cutoffs_hz.as_slice() => Ok(*only),
         (true, None) => Err(Error::Input(format!(
             "{}: a cutoff is missing, the estimator {} needs it",
             scene.name,

@@ -1,4 +1,4 @@
-//! The envelope of a board's device record: a sweep for every estimator and output period that the scene lists.
+//! The envelope of a board's device record: a sweep for every estimator, design and output period that the scene lists.
 
 use std::sync::atomic::AtomicBool;
 
@@ -22,11 +22,13 @@ use crate::{
 /// Walks per cutoff, as a sweep makes them.
 pub const REPEATS: u32 = 4;
 
-/// An estimator at an output period.
+/// An estimator or a design at an output period.
 #[derive(Clone, Debug)]
 pub struct Part {
     /// The estimator.
     pub estimator: EstimatorName,
+    /// Name and number of the design that it is.
+    pub design: Option<(String, u8)>,
     /// Samples per output.
     pub period: u32,
     /// The scene with both.
@@ -41,19 +43,30 @@ impl Part {
     /// [`Error::Input`]: a value of the scene cannot go with one of them.
     pub fn all(scene: &Scene) -> Result<Vec<Self>, Error> {
         let mut parts = vec![];
+        let part = |scene: Scene, design: Option<(String, u8)>, period: u32| {
+            let mut scene = scene;
+            scene.actuator.period = period;
+            scene.check().map_err(Error::Input)?;
+            let cutoffs_hz = match scene.velocity.has_cutoff() {
+                true => ascending(&scene.sweep.cutoffs_hz),
+                false => vec![0.0],
+            };
+            let estimator = scene.velocity.settings(0.0).name();
+            Ok::<Self, Error>(Self { estimator, design, period, scene, cutoffs_hz })
+        };
         for estimator in scene.board_estimators().map_err(Error::Input)? {
             for period in scene.board_periods() {
                 let mut scene = scene.clone();
                 if scene.velocity.settings(0.0).name() != estimator {
                     scene.velocity = estimator.defaults().into();
                 }
-                scene.actuator.period = period;
-                scene.check().map_err(Error::Input)?;
-                let cutoffs_hz = match scene.velocity.has_cutoff() {
-                    true => ascending(&scene.sweep.cutoffs_hz),
-                    false => vec![0.0],
-                };
-                parts.push(Self { estimator, period, scene, cutoffs_hz });
+                parts.push(part(scene, None, period)?);
+            }
+        }
+        for (name, number) in scene.designs.keys().zip(1..) {
+            for period in scene.board_periods() {
+                let scene = scene.with_design(name).map_err(Error::Input)?;
+                parts.push(part(scene, Some((name.clone(), number)), period)?);
             }
         }
         Ok(parts)
@@ -118,14 +131,15 @@ pub fn board_envelope(
         let mut boundaries = vec![];
         for envelope in envelopes(engine, &prepared, numeric, &swept, stop)? {
             let velocity = part.velocity(envelope.cutoff_hz);
-            // The firmware's key has no further parameter: it knows walls for the defaults only.
-            if !velocity.differs_by_tuning_only() {
+            // Without a design the firmware's key has no further parameter: it knows walls for the defaults only.
+            if part.design.is_none() && !velocity.differs_by_tuning_only() {
                 continue;
             }
             let key = Key {
                 estimator: part.estimator,
                 cutoff_hz: velocity.tuning().map_or(0.0, |(_, value)| value),
                 period: part.period,
+                design: part.design.as_ref().map_or(0, |(_, number)| *number),
             };
             let point = |interval: &Interval| Point {
                 damping_n_s_per_m: interval.damping_n_s_per_m,

@@ -1,0 +1,151 @@
+//! Designs: chosen by name with the force off, named by replies, saved settings and telemetry.
+
+use std::boxed::Box;
+
+use super::*;
+use crate::{
+    device::{
+        designs::tests::NAMED,
+        record::{BoardFacts, WORDS_MAX},
+        tests::BOUNDARY,
+    },
+    safety::envelope::{Boundary, Key},
+    telemetry::Decoder,
+};
+
+/// [`DEVICE`] with two designs, the second of which has rows.
+fn device() -> &'static Device<'static> {
+    let board = BoardFacts {
+        name: "a-board",
+        rate_hz: DEVICE.design.rate_hz,
+        output: DEVICE.design.output,
+        senses: DEVICE.senses,
+        latency_samples: DEVICE.latency_samples,
+    };
+    let key = Key { design: 2, ..BOUNDARY.key };
+    let words = Box::leak(Box::new([0; WORDS_MAX]));
+    let words = DEVICE.to_record(&NAMED, &[BOUNDARY, Boundary { key, ..BOUNDARY }], words);
+    Box::leak(Box::new(Device::from_record(words.unwrap(), &board).unwrap()))
+}
+
+fn name(bench: &mut Bench) -> String {
+    let said = bench.says("get");
+    said.rsplit_once(", design ").expect(&said).1.to_string()
+}
+
+#[test]
+fn a_device_without_designs_says_so_and_get_is_silent() {
+    let mut bench = Bench::new(OFF);
+    assert_eq!(bench.says("designs"), "ok designs none");
+    assert_eq!(bench.says("design paper"), "error: unknown design, allowed none");
+    assert!(!bench.says("get").contains("design"));
+}
+
+#[test]
+fn a_design_is_taken_whole_and_only_with_the_force_off() {
+    let mut bench = Bench::on(device(), OFF);
+    assert_eq!(bench.says("designs"), "ok designs 0123456789abcdef paper");
+    let unknown = "error: unknown design, allowed 0123456789abcdef paper";
+    assert_eq!(bench.says("design none"), unknown);
+    for (number, design) in bench.console.device.designs.iter() {
+        let line = format!("design {}", design.name.text());
+        let mut wanted = bench.stored();
+        wanted.settings.velocity = design.velocity;
+        let order = bench.orders(&line);
+        assert_eq!(order, bench.console.device.order(&wanted).unwrap());
+        assert_eq!(bench.answer(Ok(())), [format!("ok {line}")]);
+        assert_eq!(bench.stored(), wanted);
+        assert_eq!((name(&mut bench).as_str(), number), (design.name.text(), bench.console.design));
+    }
+    for status in [ARMED, FREE] {
+        bench.status = status;
+        bench.report(Event::None);
+        assert_eq!(bench.says("design paper"), "error: the force is on: disarm first");
+    }
+}
+
+/// Beside the designs the envelope knows one cutoff: any other tuning may be set with the force off, and keeps it off.
+#[test]
+fn free_tuning_needs_the_envelope_unlocked() {
+    let mut bench = Bench::on(device(), OFF);
+    let gains = |bench: &mut Bench| {
+        for line in ["k 1000", "b 20"] {
+            bench.orders(line);
+            bench.answer(Ok(()));
+        }
+    };
+    gains(&mut bench);
+    bench.orders("design paper");
+    bench.answer(Ok(()));
+    assert_eq!(bench.console.device.inside(&bench.stored()), Ok(()));
+    bench.status = ARMED;
+    bench.report(Event::None);
+    let refused = bench.says("cutoff 1499");
+    let known = "; known: butterworth 1500; design paper, or unlock envelope";
+    assert!(refused.starts_with("error: no envelope") && refused.ends_with(known), "{refused}");
+    bench.status = FREE;
+    bench.report(Event::None);
+    bench.orders("cutoff 1499");
+    assert_eq!(bench.answer(Ok(())), ["ok cutoff 1499 Hz"]);
+    assert_eq!(name(&mut bench), "none");
+    // With the force off it is taken, as an order that keeps the force off, and `arm` says why.
+    bench.status = OFF;
+    bench.report(Event::None);
+    let order = bench.orders("cutoff 1498");
+    assert!(matches!(order, Order::LoopParameters(_, crate::experiment::Gains::Outside)));
+    bench.answer(Ok(()));
+    bench.status.inputs.settings_valid = false;
+    bench.report(Event::None);
+    assert!(bench.says("arm").ends_with(known));
+}
+
+#[test]
+fn saved_settings_come_back_as_the_design_they_are() {
+    let mut bench = Bench::on(device(), OFF);
+    bench.orders("design 0123456789abcdef");
+    bench.answer(Ok(()));
+    bench.orders("save");
+    bench.answer(Ok(()));
+    bench.answer(Ok(()));
+    bench.take();
+    bench.orders("cutoff 1500");
+    bench.answer(Ok(()));
+    assert_eq!(name(&mut bench), "paper");
+    // As `design` it waits for the force to be off.
+    bench.status = ARMED;
+    bench.report(Event::None);
+    assert_eq!(bench.says("load"), "error: the force is on: disarm first");
+    bench.status = OFF;
+    bench.report(Event::None);
+    bench.orders("load");
+    bench.answer(Ok(()));
+    assert_eq!(name(&mut bench), "0123456789abcdef");
+}
+
+#[test]
+fn telemetry_has_the_number_of_the_design_but_for_the_black_box() {
+    let mut bench = Bench::on(device(), OFF);
+    let numbers = |bench: &mut Bench| -> Vec<u8> {
+        let frames = std::mem::take(&mut bench.console.port.frames);
+        let mut decoder = Decoder::new();
+        let frames = frames.into_iter().flatten().filter_map(|byte| decoder.push(byte));
+        frames.map(|frame| frame.record.flags.design()).collect()
+    };
+    bench.report(Event::None);
+    numbers(&mut bench);
+    bench.orders("design 0123456789abcdef");
+    bench.answer(Ok(()));
+    bench.report(Event::None);
+    bench.orders("cutoff 500");
+    bench.answer(Ok(()));
+    bench.report(Event::None);
+    // The first settings are those of `paper`; a frame goes out before what its output answered is kept.
+    assert_eq!(numbers(&mut bench), [2, 1, 1, 0]);
+    bench.orders("design paper");
+    bench.answer(Ok(()));
+    let record = Record { flags: crate::telemetry::Flags::REPLAY, ..Record::EMPTY };
+    let (status, activity) = (bench.status, bench.activity);
+    let event = Event::None;
+    bench.console.report(&Report { record, streamed: record, status, activity, event });
+    assert_eq!(numbers(&mut bench), [0, 0]);
+}
