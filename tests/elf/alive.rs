@@ -2,7 +2,7 @@
 
 use virtual_board::board::Board;
 
-use crate::firmware::{Firmware, arm, ok};
+use crate::firmware::{Firmware, ok};
 
 each_board!(the_force_goes_in_time_when_the_host_falls_silent);
 
@@ -10,8 +10,7 @@ each_board!(the_force_goes_in_time_when_the_host_falls_silent);
 /// output after that, at every phase of the word against the outputs.
 fn the_force_goes_in_time_when_the_host_falls_silent(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     for _ in 0..3 {
         ok(&mut world, "alive 200");
         world.run(1_500).unwrap();

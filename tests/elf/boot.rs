@@ -13,7 +13,7 @@ use virtual_board::{
 };
 use zwidth::telemetry::Decoder;
 
-use crate::firmware::{Firmware, arm, ok};
+use crate::firmware::{Firmware, ok};
 
 each_board!(
     no_byte_of_the_image_lies_in_the_settings_sectors,
@@ -60,8 +60,7 @@ fn a_board_boots_with_the_output_off_and_answers(board: Board) {
 
 /// `zero` to `status`: what a person sees, what telemetry says, where the handle is in the end.
 fn session(firmware: &Firmware) -> (Vec<String>, Vec<u8>, u64, u64) {
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     ok(&mut world, "hit");
     world.run(3_000).unwrap();
     let state = (world.position_m().to_bits(), world.powered.mcu.instructions());
@@ -77,8 +76,7 @@ fn two_runs_are_the_same_bit_for_bit(board: Board) {
 
 fn force_reaches_the_plant_and_disarm_takes_it_away(board: Board) {
     let firmware = &Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let free_m = world.position_m();
     ok(&mut world, "hit");
     let mut deepest_m = free_m;

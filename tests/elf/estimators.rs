@@ -14,7 +14,7 @@ use zwidth::{
 
 use crate::{
     edges,
-    firmware::{Firmware, Replay, arm, ok},
+    firmware::{Firmware, Replay, ok},
 };
 
 each_board!(
@@ -45,8 +45,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     };
     let design = Design { output, ..firmware.scene.design() };
     let captured = board.wiring.captured.is_some();
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let middle_m = world.position_m();
     world.hold(middle_m, true);
     world.run(300).unwrap();

@@ -24,9 +24,9 @@ fn server() -> Server {
     Server::start(Session { board, scene, elf, table }, None, 0).unwrap()
 }
 
-/// Reads until `wanted` is in it, 10 s at most.
+/// Reads until `wanted` is in it, 60 s at most.
 fn until(link: &mut RttTcp, channel: usize, text: &mut Vec<u8>, wanted: &str) {
-    let end = Instant::now() + Duration::from_secs(10);
+    let end = Instant::now() + Duration::from_secs(60);
     while !String::from_utf8_lossy(text).contains(wanted) {
         assert!(Instant::now() < end, "{wanted}: {}", String::from_utf8_lossy(text));
         assert_eq!(link.lost(), None);
@@ -46,12 +46,16 @@ fn three_ports_are_a_board() {
     let commands = b"zero\nk 200\nb 2\nwall 0.005\narm\n";
     assert_eq!(link.write(COMMANDS, commands), commands.len());
     until(&mut link, REPLIES, &mut replies, "ok arm");
+    // Never faster than the time here; slower where others want the processor, and for how long nobody knows.
     let begun = Instant::now();
     let before = server.board.seen().time_s;
-    thread::sleep(Duration::from_millis(500));
-    let ran_s = server.board.seen().time_s - before;
-    let here_s = begun.elapsed().as_secs_f64();
-    assert!(ran_s < here_s + 0.05 && ran_s > 0.2 * here_s, "{ran_s} s in {here_s} s");
+    let mut ran_s = 0.0;
+    while ran_s < 0.3 {
+        thread::sleep(Duration::from_millis(20));
+        ran_s = server.board.seen().time_s - before;
+        let here_s = begun.elapsed().as_secs_f64();
+        assert!(ran_s < here_s + 0.05 && here_s < 30.0, "{ran_s} s in {here_s} s");
+    }
     assert!(server.board.seen().enabled);
     link.write(COMMANDS, b"disarm\n");
     until(&mut link, REPLIES, &mut replies, "ok disarm");

@@ -5,7 +5,7 @@ use virtual_board::{
     world::World,
 };
 
-use crate::firmware::{Firmware, arm, ok};
+use crate::firmware::{Firmware, ok};
 
 each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_the_force_off);
 
@@ -14,8 +14,7 @@ each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_
 fn disarm_is_answered_with_the_force_off(board: Board) {
     let firmware = Firmware::of(board);
     for (case, phase) in [(0, 1), (1, 4), (2, 6), (3, 9)] {
-        let mut world = firmware.boot();
-        arm(&mut world);
+        let mut world = firmware.armed();
         match case {
             1 => {
                 ok(&mut world, "hit");
@@ -46,8 +45,7 @@ fn disarm_is_answered_with_the_force_off(board: Board) {
 /// comes after it is not obeyed, but for what ends something.
 fn nothing_changes_without_an_acknowledgement(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let unread = |world: &mut World<'_>, line: &str| {
         world.send(&format!("{line}\n")).unwrap();
         for _ in 0..30 {
@@ -84,8 +82,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
 #[test]
 fn a_walk_ends_when_nobody_reads() {
     let firmware = Firmware::of(NUCLEO_F446RE);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     for line in ["settle 0.7", "window 0.1", "start 0", "kstart 2000", "kstep 1000", "bstart 20"] {
         ok(&mut world, line);
     }

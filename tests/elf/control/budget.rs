@@ -10,7 +10,7 @@ use zwidth::velocity::EstimatorName;
 use super::session_of;
 use crate::{
     figure::figure,
-    firmware::{Firmware, arm, ok, until_armed},
+    firmware::{Firmware, ok, until_armed},
 };
 
 each_board!(
@@ -63,12 +63,11 @@ fn tasks_and_memory_stay_in_their_budget(board: Board) {
     assert!(flash < 256 * 1024);
 }
 
-/// Zero, arm, disarm, faults at every place of the output period, and what ends them: no sample is
+/// Zero, disarm, faults at every place of the output period, and what ends them: no sample is
 /// longer for it. The sums of the session above have none of these.
 fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
     let recover = |world: &mut World<'_>| {
         world.run(30).unwrap();

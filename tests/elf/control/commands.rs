@@ -9,7 +9,7 @@ use zwidth::{
     telemetry::{Decoder, Flags},
 };
 
-use crate::firmware::{Firmware, arm};
+use crate::firmware::Firmware;
 
 /// Lines; on one board, because none of this code is the board's.
 const LINES: usize = 200;
@@ -101,8 +101,7 @@ fn reply(world: &mut World<'_>, line: &str) -> String {
 #[test]
 fn every_command_works_in_any_order_with_garbage_between() {
     let firmware = Firmware::of(NUCLEO_F446RE);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let mut random = Random(1);
     // the third to the last parameter of an estimator are commands of other images
     let has =

@@ -10,7 +10,7 @@ use super::{SAMPLES, session_of};
 use crate::{
     code::{Code, Instruction},
     figure::figure,
-    firmware::{Firmware, arm},
+    firmware::Firmware,
 };
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
@@ -89,8 +89,7 @@ fn a_logger_with_a_critical_section_would_be_noticed() {
         if sections {
             firmware.elf = with_critical_sections(&firmware);
         }
-        let mut world = firmware.boot();
-        arm(&mut world);
+        let mut world = firmware.armed();
         world.powered.mcu.watch_mut().clear();
         for n in 0..4_000 {
             if n % 20 == 0 {

@@ -10,7 +10,7 @@ use zwidth::{
 };
 
 use super::{SAMPLES, session_of};
-use crate::firmware::{Firmware, Replay, arm};
+use crate::firmware::{Firmware, Replay};
 
 each_board!(
     a_change_in_contact_moves_the_force_by_five_per_cent_an_output_at_most,
@@ -59,8 +59,7 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit(board: Board) 
 /// not change there is refused. Random instants and changes are in tests/host/force_step.rs.
 fn a_change_in_contact_moves_the_force_by_five_per_cent_an_output_at_most(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let free_m = world.position_m();
     for n in 1..=106 {
         world.hold(free_m + 50e-6 * f64::from(n), true);

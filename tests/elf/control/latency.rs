@@ -5,7 +5,7 @@ use virtual_board::board::{Board, Force};
 
 use crate::{
     figure::figure,
-    firmware::{Firmware, arm, ok},
+    firmware::{Firmware, ok},
 };
 
 each_board!(commands_reach_their_register_within_the_latency_that_the_simulator_is_given);
@@ -22,8 +22,7 @@ const RESERVE: f64 = 0.2;
 
 fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
     for line in ["settle 0.1", "window 0.1", "kstart 2000", "kstep 4000", "bstart 20"] {
         ok(&mut world, line);

@@ -6,7 +6,7 @@ use virtual_board::{
     world::World,
 };
 
-use crate::firmware::{Firmware, arm, ok};
+use crate::firmware::{Firmware, ok};
 
 each_board!(
     a_channel_whose_buffer_is_not_its_own_is_left_alone,
@@ -23,8 +23,7 @@ fn word(world: &World<'_>, at: u32) -> u32 {
 
 fn a_channel_whose_buffer_is_not_its_own_is_left_alone(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let block = firmware.elf.address_of("_SEGGER_RTT").unwrap();
     let mut symbols = firmware.elf.symbols.iter();
     let (_, render, _) = symbols.find(|(name, ..)| name.contains("local_resource_render")).unwrap();
@@ -65,8 +64,7 @@ fn a_board_without_its_clock_says_so(board: Board) {
 /// The memory protection unit keeps everything out of 256 bytes that the stack has never reached.
 fn the_stack_ends_in_a_guard(board: Board) {
     let firmware = Firmware::of(board);
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let end = firmware.elf.address_of("__sheap").unwrap().next_multiple_of(256);
     let [control, base, size] =
         [0xE000_ED94, 0xE000_ED9C, 0xE000_EDA0].map(|at| world.powered.mcu.peek(at));

@@ -17,10 +17,7 @@ use virtual_board::{
     campaign::fault_case::{Before, FaultCase, fault_cases},
 };
 
-use crate::{
-    figure::figure,
-    firmware::{Firmware, arm},
-};
+use crate::{figure::figure, firmware::Firmware};
 
 each_board!(
     damaged_settings_and_power_cuts_leave_settings_that_were_saved,
@@ -93,8 +90,7 @@ fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> 
 /// A host that stops reading and then floods, with every channel set to blocking, while the force is
 /// on: nothing may happen.
 fn flood(firmware: &Firmware, samples: u32) -> Row {
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
     for channel in 0..3 {
         let Powered { mcu, rtt, .. } = &mut world.powered;

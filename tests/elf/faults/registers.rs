@@ -9,7 +9,7 @@ use virtual_board::{
 
 use crate::{
     figure::figure,
-    firmware::{Firmware, arm, ok},
+    firmware::{Firmware, ok},
 };
 
 each_board!(
@@ -25,8 +25,7 @@ const OFF_S: f64 = 3e-3;
 
 /// Armed, pressed into the wall, in the middle between two outputs.
 fn pressed(firmware: &Firmware) -> World<'_> {
-    let mut world = firmware.boot();
-    arm(&mut world);
+    let mut world = firmware.armed();
     let zero_m = world.position_m();
     world.lead_to(zero_m + 5.3e-3).unwrap();
     world.run(50).unwrap();

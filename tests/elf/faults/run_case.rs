@@ -196,6 +196,9 @@ fn recover(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>) {
     let after = ok(world, "status");
     assert!(after.contains("ok status off, fault none"), "{name}: {after}");
     world.hold(world.position_m(), false);
-    arm(world);
+    for line in ["zero", "unlock envelope", "arm"] {
+        ok(world, line);
+    }
+    world.run(20).unwrap();
     assert!(world.powered.amplifier.is_enabled(), "{name}: it cannot be armed again");
 }
