@@ -122,6 +122,8 @@ slots(
     ("| phase plane | the last {} outputs |", const(f"{LIVE}/server/picture.rs", "PHASE_ROWS")),
     ("and its noise at {} mm/s from", lambda: number(1e3 * lit(f"{LIVE}/predicted.rs", r"const SPEED: f64 = ([\d.]+)"))),
     ("its rows, at most {}.", const(f"{LIVE}/server.rs", "ROWS_MAX")),
+    ("has its [promise](tuning.md#commands), `alive {}`, and takes the force away by itself: fault 34, within {} ms and",
+     const(f"{LIVE}/hub.rs", "PROMISE_MS"), const(f"{LIVE}/hub.rs", "PROMISE_MS")),
     ("does not answer for {} s |", lambda: constant(f"{LIVE}/seats.rs", r"ABSENT: Duration = Duration::from_secs\((\d+)\)")),
     ("Messages are at most {} bytes, pages at most {}.", lambda: constant(f"{LIVE}/access.rs", r"MESSAGE_MAX: usize = (\d+)"),
      const(f"{LIVE}/access.rs", "PAGES_MAX")),
@@ -219,4 +221,140 @@ states(
     ("For each of twelve cutoffs it follows the boundary of the stable walls four times, from starts a quarter of a count apart.",
      lambda: len(constant(STUDY, r"(?m)^cutoffs_hz = \[(.*)\]").split(",")) == 12
      and constant("host-sim/src/cli/sweep.rs", r"default_value_t = (\d+)[^\n]*\n\s+repeat: u32") == "4"),
+)
+
+
+# Times and limits of the safety
+WATCHDOG = "src/board/f4/watchdog.rs"
+PLAN = "src/safety/plan.rs"
+# The independent watchdog's oscillator, kHz: least, nominal, most (data sheets of both chips).
+LSI_KHZ = (17, 32, 47)
+
+
+def reset_ms(name):
+    nominal = lit(WATCHDOG, rf"const {name}: u16 = ([\d_]+)")
+    return [nominal * LSI_KHZ[1] / khz for khz in reversed(LSI_KHZ)]
+
+
+def reset_after(n):
+    return lambda: f"{reset_ms('TIMEOUT_MS')[n]:.0f}"
+
+
+def patience(n):
+    return lambda: f"{reset_ms('PATIENT_MS')[n] / 1e3:.1f}"
+
+
+def watchdog_ms():
+    return number(lit("src/contract.rs", r"OUTPUT_WATCHDOG_US: u32 = (\d+)") / 1e3)
+
+
+def halt_ms():
+    """The longest output period and two samples."""
+    periods = constant("src/period.rs", r"PERIODS: \[u32; 4\] = \[([\d, ]+)\]").split(", ")
+    return number((int(periods[-1]) + 2) / 10)
+
+
+def part(name):
+    """Part of full scale, %."""
+    return lambda: number(100 / lit(PLAN, rf"const {name}: i32 = \(1 << Force::FRACTION_BITS\) / (\d+)"))
+
+
+def plan_ms(name):
+    return lambda: number(1e3 * lit(PLAN, rf"const {name}: f64 = ([\d.]+)"))
+
+
+slots(
+    "ARCHITECTURE.md",
+    ("TIM8 and DMA2 drop enable {} ms after the last one, without the processor ([safety](docs/safety.md)); if the core's clock"
+     " stops, the watchdog's reset, {} to {} ms", watchdog_ms, reset_after(0), reset_after(2)),
+)
+slots(
+    "docs/firmware.md",
+    ("reset after {} ms ({} to {} ms over", reset_after(1), reset_after(0), reset_after(2)),
+    ("by a period: `sample` switches off, fault 20; by {} ms:", watchdog_ms),
+    ("neither position nor velocity asks for | {} % of full scale in a millisecond |", part("SLEW")),
+    ("| sign test; ramp; push without motion | {} ms; `ramp_in_s`; {} ms |", plan_ms("SIGN_TEST_S"), plan_ms("PUSH_S")),
+    ("| stuck `render` | {} ms |", plan_ms("STUCK_S")),
+    ("| halt by a debugger | {} ms |", halt_ms),
+    ("| output watchdog | {} ms after the last output |", watchdog_ms),
+    ("| rate of the samples | over {} outputs,", const(RATE, "OUTPUTS")),
+    ("| return move | its speed over the last {} ms |", const("src/experiment/return_move.rs", "SPAN")),
+    ("| early verdict of a walk | looked for each {} ms |", const("src/experiment/hit_sequence.rs", "LOOK_MS")),
+    ("| a ring of {}, indexed by", const("src/sync/position_ring.rs", "LENGTH")),
+    ("Nothing was compared with silicon. {} samples with commands", const("tests/elf/control/mod.rs", "SAMPLES")),
+    ("push fades by at most {} % of full scale per ms;", part("SLEW")),
+    ("moves the force by at most {} % of full scale per", part("SLEW")),
+    ("A latency of {} samples allows", lambda: constant("src/board/nucleo_f446re.rs", r"LATENCY_SAMPLES: f64 = ([\d.]+)")),
+)
+slots(
+    "docs/safety.md",
+    ("| the output watchdog | TIM8, DMA2, TIM1 | clears MOE | {} ms after", watchdog_ms),
+    ("all pins are inputs, the pull-down is off | {} to {} ms |", reset_after(0), reset_after(2)),
+    ("manuals). {} ms are longer than two output periods", watchdog_ms),
+    ("stop with it: the independent watchdog, {} to {} ms, and contact 2", reset_after(0), reset_after(2)),
+)
+VERDICT = "virtual-board/src/campaign/verdict.rs"
+slots(
+    "docs/faults.md",
+    ("| 13 | push without motion | a force above {} % of full scale for", part("PUSH_FORCE")),
+    ("| 21 | stuck render | no output for {} ms |", plan_ms("STUCK_S")),
+    ("a dead encoder under a `push` of less than {} % of full scale", part("PUSH_FORCE")),
+    ("The watchdog waits for {} s meanwhile (nominal; {} to {} s).", lambda: number(reset_ms("PATIENT_MS")[1] / 1e3), patience(0), patience(2)),
+    ("runs on, and clears the bit {} ms after the last output.", watchdog_ms),
+    ("* a halt shorter than {} ms, whatever", halt_ms),
+    ("| no effect | the force was within {} % of full scale", lambda: number(100 * lit(VERDICT, r"const SAME: f64 = ([\d.]+)"))),
+    ("| bounded | wrong by {} % of full scale at most, or for {} ms at most |", lambda: number(100 * lit(VERDICT, r"const SMALL: f64 = ([\d.]+)")),
+     lambda: number(1e3 * lit(VERDICT, r"const SHORT_S: f64 = ([\d.e-]+)"))),
+    ("what the table above allows, {} ms at least;", lambda: number(1e3 * lit("virtual-board/src/campaign/rows.rs", r"SOON_S: f64 = ([\d.e-]+)"))),
+    ("let go at the fault, over {} mm at most.", lambda: number(1e3 * lit(VERDICT, r"const LET_GO_M: f64 = ([\d.e-]+)"))),
+)
+STATISTICS = "host-sim/loop/src/numerics/statistics.rs"
+
+
+def best():
+    return number(100 * lit(STATISTICS, r"AS_GOOD_AS_BEST: f64 = ([\d.]+)"))
+
+
+slots("README.md", ("lowest whose mean area is at least {} % of the largest;", best))
+slots("docs/start.md", ("whose mean area is at least {} % of the largest.", best))
+
+
+# Records, frames, options
+TELEMETRY = "src/telemetry.rs"
+# Bytes of a CRC.
+CHECK = 4
+
+
+def frame(name):
+    return lit(TELEMETRY, rf"const {name}: usize = (\d+)")
+
+
+slots(
+    "docs/telemetry.md",
+    ("| 36 | 2 | length of the frame, {} to {} |", lambda: number(frame("LEN") + 2 + CHECK), lambda: number(frame("LEN_MAX"))),
+    ("the outputs before the newest, oldest first, {} bytes each:", lambda: number(frame("EARLIER"))),
+)
+PREPARE = "host-sim/src/cli/prepare.rs"
+slots(
+    "docs/device-record.md",
+    ("gives `starter.device`: no wall, off above {} m/s, a motor that", const(PREPARE, "STARTER_SPEED_M_PER_S")),
+    ("stands a tenth of its force, a sign test of {} %.", lambda: number(100 * lit(PREPARE, r"STARTER_SIGN_TEST: f64 = ([\d.]+)"))),
+)
+states(
+    "docs/device-record.md",
+    ("some 1300 rows of envelope", lambda: 1300 < (lit("src/device/record.rs", r"WORDS_MAX: usize = (\d+)") - 100) / 3 < 1350),
+    ("a motor that stands a tenth of its force", lambda: lit(PREPARE, r"STARTER_CONTINUOUS: f64 = ([\d.]+)") == 0.1),
+)
+PROMISE = "src/experiment/promise.rs"
+slots(
+    "docs/tuning.md",
+    ("the promise of the next one within 200 ms ({} to {}):", const(PROMISE, "LEAST_MS"), const(PROMISE, "MOST_MS")),
+    ("each change fades in by {} % of full scale per millisecond at most", part("SLEW")),
+)
+slots(
+    "docs/virtual-board.md",
+    ("the device's rest position, {} mm with the built-in scenes", lambda: number(1e3 * lit("scenes/nucleo-f446re.toml", r"(?m)^rest_position_m = (\S+)"))),
+    ("how many in all, {} by default;", lambda: number(lit("virtual-board/src/fuzz/report.rs", r"default_value_t = ([\d_]+)[^\n]*\n\s+commands: u64"))),
+    ("| `--rtt PORT` | of `serve`: the first of its three ports, {} by default;",
+     lambda: constant("virtual-board/src/cli.rs", r"default_value_t = (\d+)\)\]\s+rtt")),
 )
