@@ -60,23 +60,26 @@ fn below(study: &DesignStudy, peak_db: f64) -> f64 {
     below.map(|filter| filter.area() / 1e6).fold(0.0, f64::max)
 }
 
-/// The independent f64 search's areas, less what fixed point may cost.
+/// Part of an independent `f64` search's area that ours has at least: its budget, starts and fixed point are others.
+const OF_THEIRS: f64 = 0.955;
+
+/// The independent search's areas.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn the_front_holds_the_areas_of_an_independent_search() {
     for (name, wanted) in [
-        ("paper-1um", [(f64::INFINITY, 118.0), (6.0, 83.0), (3.0, 63.0)]),
-        ("paper-2um", [(f64::INFINITY, 96.0), (6.0, 67.0), (3.0, 53.0)]),
+        ("paper-1um", [(f64::INFINITY, 125.0), (6.0, 87.0), (3.0, 66.0)]),
+        ("paper-2um", [(f64::INFINITY, 101.0), (6.0, 70.5), (3.0, 56.0)]),
     ] {
         let study = ask(one(scene(name)), None, 3000, 1);
-        for (peak_db, least) in wanted {
-            let area = below(&study, peak_db);
+        for (peak_db, theirs) in wanted {
+            let (area, least) = (below(&study, peak_db), OF_THEIRS * theirs);
             println!("{name}, motor, {peak_db} dB: {area:.1}, at least {least}");
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
     // with the coarser encoder the other program's 704 is not reached: docs/design.md says what was tried
-    for (name, least) in [("paper-1um", 900.0), ("paper-2um", 600.0)] {
+    for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;
         let area = below(&ask(one(hand), Some(6.0), 3000, 1), 6.0);
@@ -111,7 +114,7 @@ fn two_sections_hold_more_than_one() {
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {
-    for (name, least) in [("paper-1um", 15.0), ("paper-2um", 9.4)] {
+    for (name, theirs) in [("paper-1um", 15.8), ("paper-2um", 9.9)] {
         let mut scene = scene(name);
         scene.wall_hit.rms_limit_m = 1e-6;
         scene.wall_hit.rms_of = RmsOf::Motion;
@@ -119,7 +122,7 @@ fn quiet_walls_have_their_filter_too() {
         scene.walk.stiffness_step_n_per_m = 1000.0;
         scene.walk.damping_start_n_s_per_m = 5.0;
         scene.walk.damping_step_n_s_per_m = 5.0;
-        let area = below(&ask(one(scene), Some(3.0), 3000, 1), 3.0);
+        let (area, least) = (below(&ask(one(scene), Some(3.0), 3000, 1), 3.0), OF_THEIRS * theirs);
         println!("{name}, 1 um of the motion, 3 dB: {area:.2}, at least {least}");
         assert!(area >= least, "{name}: {area}");
     }

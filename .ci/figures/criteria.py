@@ -1,0 +1,269 @@
+"""Who pushes, and what counts as stable."""
+
+from . import block, slots, states
+from .design import design_area
+from .estimators import f, of, tuned
+from .source import m, measured, number, row, rows, significant, table
+
+
+def limit_rows(file, **wanted):
+    return [r for r in rows(file) if all(r[key] == value for key, value in wanted.items())]
+
+
+def limit_name(r):
+    return f"{float(r['limit']) * 1e6:g} um" if r["limit_unit"] == "m" else f"felt, {float(r['limit']):g} dB"
+
+
+def limit_area(r):
+    cut = "> " if int(r["capped_walks"]) else ""
+    star = "*" if r["cutoff_hz"] and r["cutoff_hz"] == r["ideal_cutoff_hz"] else ""
+    millions = float(r["area_n2_s_per_m2"]) * 1e-6
+    return f"{cut}{number(float(f'{millions:.3g}'))}{star}"
+
+
+@block
+def criteria_limits():
+    file = "limits-paper-1um.csv"
+    shown = ["50", "100", "200", "500", "1000", "1500", "2000", "3000", "4000"]
+    wanted = [("1.5e-05", "motor"), ("1.5e-05", "hand"), ("5e-06", "motor"), ("1e-06", "motor"), ("1e-06", "hand"),
+              ("20", "motor"), ("10", "motor"), ("0", "motor")]
+    body = []
+    for limit, push in wanted:
+        found = [r for r in limit_rows(file, push=push, estimator="scene") if float(r["limit"]) == float(limit)]
+        cells = [limit_area(next(r for r in found if float(r["cutoff_hz"]) == float(hz))) for hz in shown]
+        low, high = (f"{float(found[0][f'ideal_{end}_hz']):g}" for end in ("low", "high"))
+        body.append([f"{limit_name(found[0])}, {push}", *cells, low if low == high else f"{low} to {high}"])
+    return table(["limit, push", *shown, "ideal range, Hz"], body)
+
+
+@block
+def criteria_levers(limit, push):
+    """Area at the ideal cutoff, and that cutoff, by loop and what is between."""
+    file, body = "levers-paper-1um.csv", []
+    found = [r for r in limit_rows(file, push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    for of_loop, period in dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found):
+        in_row = [r for r in found if (r["loop"], r["output_period_samples"]) == (of_loop, period)]
+        cells = []
+        for between in ("as-is", "amplifier", "amplifier-and-mode"):
+            of_it = [r for r in in_row if r["between"] == between and r["estimator"] == "scene"]
+            best = next(r for r in of_it if r["cutoff_hz"] == r["ideal_cutoff_hz"])
+            cells.append(f"{plain_area(best)} ({float(best['cutoff_hz']):g} Hz)")
+        told = next(r for r in in_row if r["estimator"] == "true-velocity")
+        body.append([of_loop, period, *cells, plain_area(told)])
+    return table(["loop", "samples an output", "as it is", "amplifier of 1 kHz", "and a transmission of 150 Hz",
+                  "true velocity"], body)
+
+
+@block
+def readme_levers():
+    found = [r for r in limit_rows("levers-paper-1um.csv", push="motor", estimator="scene", limit_unit="m")
+             if float(r["limit"]) == 1e-6 and r["cutoff_hz"] == r["ideal_cutoff_hz"] and r["loop"] != "discovery-f407"]
+    def area(of_loop, period, between):
+        return plain_area(next(r for r in found if (r["loop"], r["output_period_samples"], r["between"]) == (of_loop, period, between)))
+    loops = dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found)
+    return table(["loop", "samples an output", "as it is", "amplifier of 1 kHz, transmission of 150 Hz"],
+                 [["the paper's" if name == "paper-1um" else "NUCLEO-F446RE", period, area(name, period, "as-is"),
+                   area(name, period, "amplifier-and-mode")] for name, period in loops])
+
+
+def plain_area(r):
+    cut, millions = "> " if int(r["capped_walks"]) else "", float(r["area_n2_s_per_m2"]) * 1e-6
+    return f"{cut}{number(float(f'{millions:.3g}'))}"
+
+
+@block
+def criteria_yardstick():
+    file = "limits-paper-1um.csv"
+    body = []
+    for told in limit_rows(file, push="motor", estimator="true-velocity"):
+        own = [r for r in limit_rows(file, push="motor", estimator="scene", limit=told["limit"], limit_unit=told["limit_unit"])
+               if r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+        share = 100 * float(own[0]["share_of_true_velocity"])
+        body.append([limit_name(told), limit_area(own[0]).rstrip("*"), limit_area(told), f"{share:.0f} %"])
+    return table(["limit, motor", "ideal cutoff", "true velocity", "share"], body)
+
+
+def three(key):
+    return number(float(f"{float(measured(f'host/criteria/{key}')):.3g}"))
+
+
+def ends(key):
+    low, high = three(f"{key}/low"), three(f"{key}/high")
+    return low if low == high else f"{low} to {high}"
+
+
+@block
+def criteria_saturation():
+    rows_ = [("10", "motor"), ("20", "motor"), ("100", "motor"), ("5.2", "hand"), ("10", "hand"), ("100", "hand")]
+    return table(["limit of the command, who pushes", "four starts", "twin in `f64`", "independent program"],
+                 [[f"{limit} V, {who}", ends(f"saturation/{limit}/{who}"), three(f"saturation/{limit}/{who}/twin"),
+                   three(f"saturation/{limit}/{who}/independent")] for limit, who in rows_])
+
+
+@block
+def criteria_by_hand():
+    body = []
+    for name in ("butterworth", "kalman-3", "levant-explicit"):
+        motor = f(of("paper-1um", name), "area_n2_s_per_m2", 1e-6, 1)
+        body.append([f"`{name}`, {tuned(of('paper-1um', name))}", motor, ends(f"by_hand/{name}"), three(f"by_hand/{name}/twin"),
+                     three(f"by_hand/{name}/independent")])
+    return table(["estimator", "motor", "hand, four starts", "twin in `f64`", "independent program"], body)
+
+
+@block
+def criteria_felt():
+    body = {}
+    for encoder in ("1um", "2um"):
+        for r in limit_rows(f"felt-paper-{encoder}.csv", estimator="scene"):
+            if r["cutoff_hz"] != r["ideal_cutoff_hz"]:
+                continue
+            who = "the worst of all" if r["push"] == "worst" else f"{r['arm'] or 'free'}, {r['push']}"
+            key = (f"{encoder[0]} um", who)
+            body.setdefault(key, {})[float(r["limit"])] = f"{limit_area(r).rstrip('*')} at {float(r['cutoff_hz']):g}"
+    return table(["encoder", "arm, push", "12 dB more sensitive", "the model", "12 dB less sensitive"],
+                 [[*key, *(cells[level] for level in (-12.0, 0.0, 12.0))] for key, cells in body.items()])
+
+
+@block
+def criteria_felt_design():
+    found = rows("felt-design-paper-1um-0.csv")
+    names = list(dict.fromkeys(r["condition"] for r in found))
+    def of(condition, name):
+        return design_area(row("felt-design-paper-1um-0.csv", condition=condition, filter=name))
+    return table(["who pushes, arm", "Butterworth's best", "designed"],
+                 [[name.replace(" pushes", "").split(", felt")[0], of(name, "butterworth"), of(name, "1")] for name in names])
+
+
+@block
+def criteria_second():
+    body = [[limit, *(m(f"host/criteria/levers/{key}/{which}", 0) for which in ("cells", "within")),
+             f"{float(m(f'host/criteria/levers/{key}/worst_percent')):.1f} %"] for limit, key in [("1 um", "1um"), ("15 um", "15um")]]
+    return table(["limit, motor", "loops", "within 3 %", "farthest off"], body)
+
+
+@block
+def criteria_resolution():
+    body = []
+    for text, level in [("12 dB less sensitive", 12), ("the model", 0), ("12 dB more sensitive", -12)]:
+        cells = []
+        for name in ("paper", "board"):
+            um, hz, b = (float(measured(f"host/criteria/felt/{name}/{level}/{key}")) for key in ("um", "cutoff_hz", "damping"))
+            cells.append(f"{significant(um, 2)} um ({hz:g} Hz, {b:g} N s/m)")
+        body.append([text, *cells])
+    return table(["who feels", "the paper's loop", "with the NUCLEO-F446RE's latency"], body)
+
+
+@block
+def criteria_held():
+    told = [("RMS 5, 2, 1, 0.5 um, both encoders, nine cutoffs", "table_of_limits", "limits"),
+            ("felt 0, 10, 20 dB, both encoders, eight cutoffs", "table_of_levels", "levels"),
+            ("true velocity", "yardstick", "yardstick")]
+    body = []
+    for text, test, key in told:
+        cells = m(f"host/criteria/{key}/cells")
+        # of the yardstick every cell has to be
+        within = cells if key == "yardstick" else m(f"host/criteria/{key}/within")
+        body.append([f"{text} (`criteria::tables::{test}`)", cells, within])
+    return table(["table", "cells above 10^6", "theirs within 3 % of the range of ours"], body)
+
+
+@block
+def criteria_beyond():
+    body = [[cell, *[three(f"limits/{key}/{which}") for which in ("independent", "fixed_low", "fixed_high", "twin_low", "twin_high")]]
+            for cell, key in [("2 um, 1500 Hz, below 5 um", "5um"), ("2 um, 500 Hz, below 1 um", "1um")]]
+    return table(["cell, 10^6", "independent program", "ours, lowest", "highest", "our twin in `f64`, lowest", "highest"], body)
+
+
+def kept(limit, unit):
+    found = limit_rows("limits-paper-1um.csv", push="motor", estimator="scene", limit_unit=unit)
+    found = [r for r in found if float(r["limit"]) == limit]
+    best = max(float(r["area_n2_s_per_m2"]) for r in found)
+    at = next(float(r["area_n2_s_per_m2"]) for r in found if float(r["cutoff_hz"]) == 1500)
+    return f"{100 * at / best:.0f}"
+
+
+slots(
+    "docs/criteria.md",
+    ("where 1500 Hz keeps {} %, or {} %, of the best area.", lambda: kept(1e-6, "m"), lambda: kept(0.0, "dB")),
+    ("At 15 um the area depends on the grid: {} with K from 1000 by 1000", lambda: three("yardstick/paper-1um")),
+    ("1 % in the cutoff is {} % in the area there.", lambda: m("host/criteria/limits/percent_per_percent", 0)),
+)
+
+
+def limit_best(limit, unit, push):
+    """Area at the ideal cutoff, that cutoff, and its range."""
+    r = next(r for r in limit_rows("limits-paper-1um.csv", push=push, estimator="scene", limit_unit=unit)
+             if float(r["limit"]) == limit and r["cutoff_hz"] == r["ideal_cutoff_hz"])
+    return [float(r[key]) for key in ("area_n2_s_per_m2", "ideal_cutoff_hz", "ideal_low_hz", "ideal_high_hz")]
+
+
+QUIET = [(5e-6, "m"), (2e-6, "m"), (1e-6, "m"), (5e-7, "m"), (20.0, "dB"), (10.0, "dB"), (0.0, "dB")]
+
+
+def pushes_alike():
+    pairs = [[limit_best(*limit, push) for push in ("motor", "hand")] for limit in QUIET]
+    return all(a[1] == b[1] and abs(a[0] / b[0] - 1) < 0.02 for a, b in pairs)
+
+
+def kept_of_last_rows(limit):
+    """Of the loops with an output every sample: least and most part of the area that is left with amplifier, and with transmission."""
+    found = [r for r in limit_rows("levers-paper-1um.csv", push="motor", estimator="scene", output_period_samples="1")
+             if abs(float(r["limit"]) / limit - 1) < 1e-9 and r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+    area = {(r["loop"], r["between"]): float(r["area_n2_s_per_m2"]) for r in found}
+    parts = [a / area[loop, "as-is"] for (loop, between), a in area.items() if between != "as-is"]
+    return min(parts), max(parts)
+
+
+def felt_best(encoder):
+    return {(r["arm"], r["push"], float(r["limit"])): r for r in rows(f"felt-paper-{encoder}.csv")
+            if r["estimator"] == "scene" and r["cutoff_hz"] == r["ideal_cutoff_hz"]}
+
+
+def within_a_step(encoder):
+    """Of the ideal cutoffs, in the list of those that were tried."""
+    found = felt_best(encoder)
+    tried = sorted({float(r["cutoff_hz"]) for r in rows(f"felt-paper-{encoder}.csv") if r["cutoff_hz"]})
+    place = {key: tried.index(float(r["cutoff_hz"])) for key, r in found.items()}
+    return all(abs(n - place["", "motor", level]) <= 1 for (_, _, level), n in place.items())
+
+
+states(
+    "docs/criteria.md",
+    ("At the paper's limit who pushes decides, and 1200 to 3000 Hz win.", lambda: (
+        min(limit_best(15e-6, "m", push)[2] for push in ("motor", "hand")), max(limit_best(15e-6, "m", push)[3] for push in ("motor", "hand"))
+    ) == (1200, 3000)),
+    ("From 5 um on it no longer matters who pushes,", pushes_alike),
+    ("at 1 um, or felt at 0 to 20 dB, the ideal cutoff is 200 to 500 Hz,", lambda: {
+        limit_best(*limit, "motor")[1] for limit in QUIET if limit[1] == "dB" or limit[0] == 1e-6} == {200, 500}),
+    ("keep a third of the last rows at 1 um, and a half or more at 15 um.", lambda: (
+        all(0.3 < part < 0.4 for part in kept_of_last_rows(1e-6)) and 0.48 < kept_of_last_rows(15e-6)[0])),
+    ("a filter that leads the velocity ([design](design.md)) undoes a part of the loop's latency and goes beyond it.", lambda: (
+        max(float(r["area_n2_s_per_m2"]) for r in rows("design-paper-1um.csv")) > max(
+            float(r["area_n2_s_per_m2"]) for r in limit_rows("limits-paper-1um.csv", push="motor", estimator="true-velocity", limit="0.000015")))),
+    ("from that of the free handle and the motor's push, arm and hand move it by a step of the list of cutoffs at most.",
+     lambda: within_a_step("1um") and within_a_step("2um")),
+    ("Who feels more wants a lower cutoff;", lambda: all(
+        float(of_[*key, -12.0]["cutoff_hz"]) <= float(of_[*key, 0.0]["cutoff_hz"]) <= float(of_[*key, 12.0]["cutoff_hz"])
+        for of_ in map(felt_best, ("1um", "2um")) for key in {key[:2] for key in of_})),
+    ("At 1 um the cutoff is the same in every hand; at 15 um it is not.", lambda: [
+        len({r["cutoff_hz"] for r in limit_rows("limits-paper-1um-arms.csv", estimator="scene", limit=limit)
+             if r["cutoff_hz"] == r["ideal_cutoff_hz"]}) for limit in ("0.000001", "0.000015")][0] == 1),
+)
+slots(
+    "docs/criteria.md",
+    ("Such areas depend on the start by up to {} %.", lambda: f"""{max(100 * (float(measured(f'host/criteria/saturation/{v}/hand/high'))
+        / float(measured(f'host/criteria/saturation/{v}/hand/low')) - 1) for v in ('5.2', '10')):.0f}"""),
+)
+
+
+@block
+def criteria_arms():
+    file = "limits-paper-1um-arms.csv"
+    body = {}
+    for r in limit_rows(file, estimator="scene"):
+        if r["cutoff_hz"] == r["ideal_cutoff_hz"] and (r["limit_unit"] == "m" or float(r["limit"]) == 0):
+            who = "the worst of all" if r["push"] == "worst" else f"{r['arm'] or 'none'}, {r['push']}"
+            cell = f"{limit_area(r).rstrip('*')} at {float(r['cutoff_hz']):g}"
+            body.setdefault(who, {})[limit_name(r)] = cell
+    names = ["15 um", "1 um", "felt, 0 dB"]
+    return table(["arm, push", *names], [[who, *(cells[name] for name in names)] for who, cells in body.items()])

@@ -1,0 +1,147 @@
+"""Speed against accuracy, and where the arithmetic ends: tables made of what `trade` and a bench have stored."""
+
+import json
+import math
+
+from . import block, slots, states
+from .source import DATA, constant, lit, number, power, row, rows, significant, table  # noqa: F401
+
+FORMS = {"direct-1": "direct 1", "direct-2t": "transposed direct 2", "state-variable": "state-variable", "delta": "delta"}
+FORMATS = {
+    "i32-feedback": "i32, i64 sums, error feedback (the core)", "i32": "i32, i64 sums", "q15-feedback": "Q15, error feedback",
+    "q15": "Q15", "f32": "f32", "f64": "f64", "idsp-dither": "idsp 0.23.1, first-order feedback", "idsp-wide": "idsp, wide state",
+    "cmsis-q31": "CMSIS-DSP Q31", "cmsis-32x64": "CMSIS-DSP Q31, 32x64",
+}
+
+
+def filters(**wanted):
+    return [r for r in rows("trade-filters-paper-1um.csv") if all(r[k] == v for k, v in wanted.items())]
+
+
+@block
+def trade_filters():
+    body, before = [], None
+    for one in json.loads((DATA / "trade-paper-1um.json").read_text())["filters"]:
+        format_, form, good = one["format"], one["form"], one["would_do_hz"]
+        why = "refused" if one["refused_below"] else ", ".join(one["missed_below"])
+        body.append([FORMATS[format_] if format_ != before else "", FORMS[form], number(one["cycles"]), number(one["ram_bytes"]),
+                     f"{good[0]:g} to {good[1]:g}" if good else "none", why])
+        before = format_
+    return table(["format", "form", "cycles", "bytes", "would do, Hz", "misses just below"], body)
+
+
+@block
+def trade_at(cutoff_hz, *variants):
+    """What some filters get wrong at one cutoff."""
+    def cell(r, key, scale=1.0):
+        return significant(float(r[key]) * scale, 2) if r[key] else "-"
+    body = []
+    for variant in variants:
+        format_, form = variant.split("/")
+        r = filters(format=format_, form=form, cutoff_hz=cutoff_hz)[0]
+        if r["refused"]:
+            body.append([f"{FORMATS[format_]}, {FORMS[form]}", r["refused"], *[""] * 5])
+            continue
+        body.append([f"{FORMATS[format_]}, {FORMS[form]}", cell(r, "response_error", 100), cell(r, "cutoff_error", 100),
+                     cell(r, "drift_counts"), cell(r, "bias_m_per_s", 1e3), cell(r, "limit_cycle_m_per_s", 1e3),
+                     cell(r, "area_change", 100)])
+    return table(["filter", "response off by, %", "-3 dB frequency off by, %", "drift in 10^6 samples, counts",
+                  "bias at constant speed, mm/s", "left after a stop, mm/s", "area changes by, %"], body)
+
+
+METHODS = {"exact": "exact", "semi-implicit-euler": "semi-implicit Euler", "rk4": "RK4", "dormand-prince": "Dormand-Prince"}
+
+
+@block
+def trade_plant(name):
+    body = []
+    for r in sorted(rows(f"trade-plant-{name}.csv"), key=lambda r: (list(METHODS).index(r["method"]) if r["method"] in METHODS else 9,
+                                                                  -float(r["setting"] or 0) if "prince" in r["method"] else float(r["setting"] or 0))):
+        what = METHODS.get(r["method"], r["method"])
+        if r["setting"]:
+            value = float(r["setting"])
+            what += f", tolerance {power(value, 1)}" if "prince" in r["method"] else f", {value:g} step{'s' if value > 1 else ''} per sample"
+        if r["refused"]:
+            body.append([what, r["refused"], "", "", ""])
+            continue
+        change = 100 * float(r["area_change"]) if r["area_change"] else None
+        body.append([what, power(float(r["operations_per_s"])) if r["operations_per_s"] else "-",
+                     power(float(r["trajectory_error_m"])) if r["trajectory_error_m"] and float(r["trajectory_error_m"]) else "0",
+                     f"{r['verdicts_wrong']} of {r['verdicts']}", "-" if change is None else "0" if change == 0 else f"{change:+.1f} %"])
+    told = json.loads((DATA / f"trade-{name}.json").read_text())["plant"]
+    body.append(["exact, start moved by a quarter of a count", "-", "-", f"{told['verdicts_chaotic']} of {told['verdicts']}",
+                 f"{100 * told['area_chaotic']:.1f} %"])
+    return table(["method", "operations per simulated s", "trajectory off by, m", "verdicts that differ", "area changes by"], body)
+
+
+@block
+def trade_q15():
+    told = json.loads((DATA / "trade-paper-1um.json").read_text())
+    full_scale = told["q15_full_scale_m_per_s"]
+    w = math.pi * 20.0 / 1e4  # paper's equation (2), not pre-warped
+    b0 = w * w / (1 + math.sqrt(2) * w + w * w)
+    return table(["Q15 on `paper-1um`", "value"], [
+        ["full scale, m/s", significant(full_scale, 3)],
+        ["speed of impact without damping, and with it, m/s", ", ".join(significant(impact(b), 2) for b in (0.0, 5.5195))],
+        ["LSB of the velocity, um/s", significant(full_scale / 2**15 * 1e6, 2)],
+        ["`b0` at 20 Hz, in LSB of 2^-14, the format of its coefficients", significant(b0 * 2**14, 2)],
+    ])
+
+
+def impact(damping):
+    """Speed at 0.07 m of the paper's device, pushed with 2.835 N from 0, by small steps."""
+    x = v = 0.0
+    while x < 0.07:
+        v += 1e-6 * (2.835 - damping * v - 11.0626 * (x - 0.0517)) / 0.416
+        x += 1e-6 * v
+    return v
+
+
+@block
+def extremes_verdicts():
+    body = []
+    pairs = rows("docs/figures/fixed-point-limits.csv")
+    for name, key in [("the core", "differ_fixed"), ("exact, its velocity rounded to the core's LSB", "differ_rounded_velocity")]:
+        worst = max(pairs, key=lambda r: int(r[key]) / int(r["walls"]))
+        body.append([name, f"{100 * int(worst[key]) / int(worst['walls']):.1f} % ({float(worst['resolution_m']) * 1e6:g} um, "
+                     f"{float(worst['cutoff_hz']):g} Hz)", sum(int(r[key]) == 0 for r in pairs)])
+    few = sum(int(r["walls"]) - int(r["stable"]) < 6 for r in pairs)
+    head = ["arithmetic", f"verdicts that differ from exact arithmetic, of {pairs[0]['walls']} walls, at most",
+            f"pairs of resolution and cutoff without any, of {len(pairs)}"]
+    return [*table(head, body), "", f"Pairs with fewer than six unstable walls: {few}."]
+
+
+def far_below_a_count():
+    """Of the stiff plant: (error of the trajectory, change of the area)."""
+    of_integrators = [r for r in rows("trade-plant-paper-1um-stiff.csv") if r["method"] != "exact"]
+    pairs = [(float(r["trajectory_error_m"]), abs(float(r["area_change"]))) for r in of_integrators]
+    far_below = max(change for error, change in pairs if error < 1e-8)
+    some = [change for error, change in pairs if 1e-7 < error < 1e-5]
+    return far_below > 0.8 * min(some) and max(some) < 1.5 * far_below and max(c for _, c in pairs) > 2 * max(some)
+
+
+def would_do(format_, form):
+    """Cutoffs at which it would do."""
+    return {float(r["cutoff_hz"]) for r in filters(format=format_, form=form) if r["would_do"] == "true"}
+
+
+def everywhere(low, *but):
+    """Whether all filters but those would do from there on."""
+    wanted = {float(r["cutoff_hz"]) for r in rows("trade-filters-paper-1um.csv") if float(r["cutoff_hz"]) >= low}
+    forms = {(r["format"], r["form"]) for r in rows("trade-filters-paper-1um.csv")}
+    return all(((wanted <= would_do(*one)) != (one in but)) for one in forms)
+
+
+slots(
+    "docs/trade.md",
+    ("In the direct forms the DC sum of the coefficients rounds to 0 below {} Hz,", lambda: f"{math.sqrt(0.5 / 2**14) / (2 * math.pi) * 1e4:.1f}"),
+)
+states("docs/trade.md", ("errors of the trajectory far below a count move it as much as errors of some counts do, tens of counts more.",
+                         far_below_a_count),
+       ("| 500 Hz and up | all but Q15 in its direct forms without feedback would do;",
+        lambda: everywhere(500, ("q15", "direct-1"), ("q15", "direct-2t"))),
+       ("none is drawn where the exact filter has no area (5 and 10 Hz)", lambda: [
+           float(r["cutoff_hz"]) for r in filters(format="f64", form="direct-1") if float(r["area_n2_s_per_m2"]) == 0] == [5, 10]),
+       ("Its 32x64 form is idsp's wide state to the bit.", lambda: all(
+           a[key] == b[key] for a, b in zip(filters(format="idsp-wide"), filters(format="cmsis-32x64"))
+           for key in a if key not in ("format", "host_ns"))))
