@@ -100,6 +100,7 @@ slots(
     ("found {}, {} and {} without a limit, at 6 and 3 dB (1 um, 15 um, motor), {}, {} and {} with the 2 um encoder, {} by hand "
      "at 6 dB, {} and {} at a limit", *[theirs(name, n) for name in ("paper-1um", "paper-2um") for n in range(3)],
      lambda: constant(THEIRS, r'"paper-1um", OF_THEIRS \* (\d+)'), quiet(0), quiet(1)),
+    ("The best has a peak of {} dB only,", lambda: number(float(rows("design-paper-2um-hand.csv")[0]["gain_peak_db"]), 1)),
     ("asks for {} % of each at least,", lambda: number(100 * lit(THEIRS, r"OF_THEIRS: f64 = ([\d.]+)"))),
     ("a second section is worth {} to {} % with the 1 um encoder and {} to {} % with the 2 um one.", *[
         lambda scene=scene, end=end: ends_of(gains(scene, "-two-no-delay"))[end] for scene in ("paper-1um", "paper-2um") for end in (0, 1)]),

@@ -324,6 +324,16 @@ def stored(file):
     return table(list(rows(file)[0]), [r.values() for r in rows(file)])
 
 
+def chatters_below():
+    """A wall that is stable above others that are not, all of them on the walk's grid."""
+    wall = "paper-2um --cutoffs 4000 --dampings 390 --stiffnesses"
+    soft = sim(f"grid {wall} 2000:2000:40000")
+    return sim(f"grid {wall} 52000")["stable"] == 1 and soft["unstable"] == soft["points"] == 20
+
+
+states("docs/files.md", ("K = 52,000 N/m is stable, everything from 2000 to 40,000 is not", chatters_below))
+
+
 # Columns of the files
 @functools.cache
 def heads():

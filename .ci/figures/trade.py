@@ -132,6 +132,17 @@ def everywhere(low, *but):
     return all(((wanted <= would_do(*one)) != (one in but)) for one in forms)
 
 
+SOAK = "tests/host/soak.rs"
+slots(
+    "docs/extremes.md",
+    ("are those of the first within {} counts; at constant speed the sum of the velocities is the way within {} counts",
+     lambda: constant(SOAK, r"later_mean - mean\)\.abs\(\) < ([\d.]+)"), lambda: constant(SOAK, r"counts < ([\d.]+)")),
+)
+slots(
+    "docs/batch.md",
+    ("runs over the samples up to the next output, at most {}, before the next stage begins.",
+     lambda: constant("host-sim/loop/src/engine/lanes.rs", r"BLOCK: usize = (\d+)")),
+)
 slots(
     "docs/trade.md",
     ("In the direct forms the DC sum of the coefficients rounds to 0 below {} Hz,", lambda: f"{math.sqrt(0.5 / 2**14) / (2 * math.pi) * 1e4:.1f}"),
