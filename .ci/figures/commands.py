@@ -5,7 +5,7 @@ capitals (their options must exist), what needs hardware, what takes minutes (it
 other parts of .ci run. `<!-- given: COMMAND -->` is run and not shown: what the reader brings. `<!-- board: SCENE -->`
 before a block of console commands types them on the virtual board; what stands to the right of a command, and in the lines
 below that begin with a blank, must come in this order, but for the digits of an RMS. `<!-- file: NAME -->` before a block
-makes that file of it.
+makes that file of it, `<!-- append: NAME -->` puts it behind what is there.
 """
 
 import functools
@@ -61,7 +61,7 @@ def shown(text):
             continue
         if given := re.fullmatch(r"<!-- given: (.+) -->", line.strip()):
             yield n, "given", given[1]
-        if before := re.fullmatch(r"<!-- (board|file): (.+) -->", line.strip()):
+        if before := re.fullmatch(r"<!-- (board|file|append): (.+) -->", line.strip()):
             last = before[1], before[2]
         for command in re.findall(r"`([^`]+)`", line):
             if PROGRAM.match(command) and " " in command:
@@ -183,8 +183,9 @@ def run(name):
         if kind == "board":
             why = board(*command, folder, environment)
             command = "console session"
-        elif kind == "file":
-            (folder / command[0]).write_text("\n".join(command[1]) + "\n")
+        elif kind in ("file", "append"):
+            with (folder / command[0]).open("w" if kind == "file" else "a") as file:
+                file.write("\n" * (kind == "append") + "\n".join(command[1]) + "\n")
             continue
         elif kind == "given":
             ran = shell(command, folder, SECONDS, env=environment)
