@@ -19,6 +19,7 @@ MEASURED = DATA / "measured.csv"
 MADE = DATA / "made.csv"
 
 # Commands of minutes: the files that they write, and where these are stored; `json` is what they print.
+SIX = "butterworth,first-order,least-squares-2,tracking-loop,kalman-3,levant-explicit"
 FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
 LONG = {
     "campaign": ("cargo board campaign --random 480 --threads 2", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
@@ -34,6 +35,11 @@ LONG = {
     "compare-paper-1um-accelerometer": (
         "cargo sim compare docs/data/paper-1um-accelerometer.toml --estimators fusion",
         {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
+    **{f"compare-paper-1um-{name}": (
+        f"cargo sim compare paper-1um {words} --estimators {SIX}", {"compare.csv": f"compare-paper-1um-{name}.csv"})
+       for name, words in {"motor-1um": "--limit 1e-6 --rms-of motion", "hand-15um": "--push hand",
+                           "hand-1um": "--limit 1e-6 --rms-of motion --push hand",
+                           "board-1um": "--limit 1e-6 --rms-of motion --latency 0.115"}.items()},
     "peers-paper-1um": ("cargo sim compare paper-1um --peers", {"peers.csv": "peers-paper-1um.csv"}),
     **{f"design-{name}": (f"cargo sim design {words}", {"design.csv": f"design-{name}.csv"}) for name, words in {
         "paper-1um": "paper-1um", "paper-2um": "paper-2um",

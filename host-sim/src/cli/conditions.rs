@@ -1,4 +1,5 @@
-//! Options that put other conditions in the place of a scene's: limit, criterion, who pushes, in whose hand.
+//! Options that put other conditions in the place of a scene's: limit, criterion, who pushes, in whose hand, when the loop
+//! acts.
 
 use clap::{Args, ValueEnum};
 
@@ -26,6 +27,12 @@ pub struct Conditions {
     /// The arm that holds the handle: a name of [arms.NAME] or of a built-in model (heavy, light).
     #[arg(long, value_name = "NAME", conflicts_with = "peers")]
     arm: Option<String>,
+    /// Samples from a reading to its force, in the place of actuator.latency.
+    #[arg(long, value_name = "SAMPLES", allow_negative_numbers = true, conflicts_with = "peers")]
+    latency: Option<f64>,
+    /// Samples per output, in the place of actuator.period.
+    #[arg(long, value_name = "SAMPLES", conflicts_with = "peers")]
+    period: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -84,6 +91,12 @@ impl Conditions {
             let arm = scene.named_arm(name);
             scene.arm = Some(arm.map_err(|error| Error::Input(format!("--arm: {error}")))?);
         }
+        if let Some(latency) = self.latency {
+            scene.actuator.latency = latency;
+        }
+        if let Some(period) = self.period {
+            scene.actuator.period = period;
+        }
         scene.check().map_err(Error::Input)
     }
 
@@ -97,6 +110,8 @@ impl Conditions {
             ("criterion", name(self.criterion.and_then(|value| value.to_possible_value()))),
             ("push", name(self.push.and_then(|value| value.to_possible_value()))),
             ("arm", self.arm.clone()),
+            ("latency", self.latency.map(|latency| latency.to_string())),
+            ("period", self.period.map(|period| period.to_string())),
         ];
         let option =
             |(option, value): (&str, Option<String>)| value.map(|v| format!(" --{option} {v}"));

@@ -282,12 +282,24 @@ fn conditions_of_the_command_line_are_those_of_a_scene() {
     let file = folder.path().join("coarse.toml");
     let text = fs::read_to_string(&file).unwrap();
     let few = ["--json", "--estimators=butterworth", "--budget", "3", "--repeat", "1", "--force"];
-    let asked = [&few[..], &["--limit", "4e-6", "--rms-of", "motion", "--push", "hand"]].concat();
+    let asked = [
+        "--limit",
+        "4e-6",
+        "--rms-of",
+        "motion",
+        "--push",
+        "hand",
+        "--latency",
+        "9.5",
+        "--period",
+        "5",
+    ];
+    let asked = [&few[..], &asked].concat();
     let (code, typed, error) = compare(folder.path(), &asked);
     assert_eq!(code, 0, "{error}");
     let manifest =
         fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/manifest.json"));
-    let command = " --limit 4e-6 --rms-of motion --push hand --damping";
+    let command = " --limit 4e-6 --rms-of motion --push hand --latency 9.5 --period 5 --damping";
     assert!(manifest.unwrap().contains(command));
     let (_, own, _) = compare(folder.path(), &few);
     assert_ne!(typed, own);
@@ -295,12 +307,11 @@ fn conditions_of_the_command_line_are_those_of_a_scene() {
     let limited: String = text
         .replace("[wall_hit]", keys)
         .lines()
-        .map(|line| {
-            if line.starts_with("rms_limit_m") {
-                "rms_limit_m = 4e-6\n".into()
-            } else {
-                format!("{line}\n")
-            }
+        .map(|line| match line.split_once(" = ") {
+            Some(("rms_limit_m", _)) => "rms_limit_m = 4e-6\n".into(),
+            Some(("latency", _)) => "latency = 9.5\n".into(),
+            Some(("period", _)) => "period = 5\n".into(),
+            _ => format!("{line}\n"),
         })
         .collect();
     fs::write(&file, limited).unwrap();
@@ -318,6 +329,8 @@ fn conditions_of_the_command_line_are_those_of_a_scene() {
         ("--limit", "1e-6,felt", "allowed one"),
         ("--arm", "nobody", "--arm: "),
         ("--push", "foot", "hand"),
+        ("--latency", "-1", "actuator.latency is -1, allowed 0"),
+        ("--period", "0", "actuator.period is 0, allowed 1"),
     ] {
         let (code, _, error) = compare(folder.path(), &[option, value]);
         assert!(code == 2 && error.contains(said), "{option}: {error}");
