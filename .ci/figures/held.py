@@ -2,7 +2,7 @@
 
 import math
 
-from . import block, states
+from . import block, slots, states
 from .design import design_area
 from .estimators import cost
 from .source import LONG, m, measured, row, rows, significant, table
@@ -63,6 +63,18 @@ def held_designs():
         holds = "yes" if float(best["area_n2_s_per_m2"]) >= least * 1e6 else "**no**"
         body.append([f"`{command}`", limit, least, design_area(best), holds])
     return table(["command", "gain peak", "asked, 10^6", "found, 10^6", "held"], body)
+
+
+slots(
+    "docs/design.md",
+    ("Walked to B = 4500 ours finds {} (", lambda: significant(float(rows("design-paper-2um-hand-4500.csv")[0]["area_n2_s_per_m2"]) / 1e6, 3)),
+)
+
+
+@block
+def held_times():
+    return table(["command", "processor time, s", "half, s"],
+                 [[f"`{r['command']}`", round(float(r["cpu_s"])), round(float(r["cpu_s"]) / 2)] for r in rows("command-times.csv")])
 
 
 def off(key):

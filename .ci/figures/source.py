@@ -45,6 +45,7 @@ LONG = {
         "paper-1um": "paper-1um", "paper-2um": "paper-2um",
         "paper-1um-hand": "paper-1um --push hand --gain-peak-db 6",
         "paper-2um-hand": "paper-2um --push hand --gain-peak-db 6",
+        "paper-2um-hand-4500": "docs/data/paper-2um-cap-4500.toml --push hand --gain-peak-db 6",
         **{f"{scene}-quiet": f"{scene} --limits 1e-6 --rms-of motion --steps 1000,5 --gain-peak-db 3"
            for scene in ("paper-1um", "paper-2um")},
         **{f"{scene}-two": f"{scene} --sections 2" for scene in ("paper-1um", "paper-2um")},
@@ -59,7 +60,12 @@ LONG = {
                          {"limits.csv": f"felt-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
     **{f"felt-design-{scene}-{level}": (
         f"cargo sim design {scene} --limits felt={level} --push motor,hand --arms none,heavy,light --steps 500,5 --budget 300 "
-        "--repeat 2", {"conditions.csv": f"felt-design-{scene}-{level}.csv"}) for scene, level in [("paper-1um", 0)]},
+        "--repeat 2", {"conditions.csv": f"felt-design-{scene}-{level}.csv", "best.toml": f"felt-design-{scene}-{level}.toml"})
+       for scene, level in [("paper-1um", 0), ("paper-2um", 0)]},
+    # The designed filter under the curve moved up and down.
+    **{f"felt-designed-{scene}": (
+        f"cargo sim sweep docs/data/felt-design-{scene}-0.toml --limits felt=-12,felt=0,felt=12 --arms all --repeat 1",
+        {"limits.csv": f"felt-designed-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
     "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
         f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",
