@@ -379,8 +379,7 @@ def percent(loop, limit, a, b):
 
 
 DIAL_IN = (
-    "**Dial in 500 Hz** where nobody has swept the device (the firmware starts with the paper's 1500 Hz). On the paper's "
-    "device at a limit of 1 um, its area is {} times that of 1500 Hz in the paper's loop and {} times on the board; at 15 um "
+    "On the paper's device at a limit of 1 um, its area is {} times that of 1500 Hz in the paper's loop and {} times on the board; at 15 um "
     "it is {} % and at most {} %.",
     *[lambda loop=loop: times(loop, "1e-06", "butterworth-500", "butterworth-1500") for loop in ("paper-1um", "nucleo-f446re")],
     *[lambda loop=loop: percent(loop, "1.5e-05", "butterworth-500", "butterworth-1500") for loop in ("paper-1um", "nucleo-f446re")],
