@@ -30,7 +30,7 @@ each_board!(
 );
 each_board!(
     a_record_with_a_wrong_byte_or_a_missing_word_is_refused,
-    ignored: "hundreds of boots; CI runs it"
+    ignored: "many boots; CI runs it"
 );
 
 /// The record of the image, as bytes.
@@ -114,18 +114,18 @@ fn an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong(board: Board) 
     }
 }
 
-/// One byte of every 16; the library's tests have each.
+/// One byte of every 128; the library's tests have each.
 fn a_record_with_a_wrong_byte_or_a_missing_word_is_refused(board: Board) {
     let firmware = &Firmware::of(board);
     let whole = &bytes_of(firmware);
-    (0..whole.len()).into_par_iter().step_by(16).for_each(|byte| {
+    (0..whole.len()).into_par_iter().step_by(128).for_each(|byte| {
         let mut bad = whole.clone();
-        bad[(byte + byte / 16 % 16).min(whole.len() - 1)] ^= 1 << (byte / 16 % 8);
+        bad[(byte + byte / 128).min(whole.len() - 1)] ^= 1 << (byte / 128 % 8);
         refused(firmware, &bad, 20);
         // Power cut while it was programmed: the rest is erased.
         refused(firmware, &whole[..byte], 20);
     });
-    println!("{}: {} bytes and as many cuts", board.name, whole.len() / 16);
+    println!("{}: {} bytes and as many cuts", board.name, whole.len() / 128);
 }
 
 /// Settings belong to the record, not to its name.

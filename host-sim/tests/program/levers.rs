@@ -25,7 +25,7 @@ fn scene() -> String {
 }
 
 #[test]
-#[ignore = "84 boundaries; CI runs it"]
+#[ignore = "84 boundaries: .ci/long criteria"]
 fn a_device_in_other_loops_is_rows_by_what_is_between() {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("my.toml"), scene()).unwrap();
