@@ -1,10 +1,11 @@
-//! The device record of the image, and link arguments. They stand here and not in .cargo/config.toml, because an
-//! environment variable RUSTFLAGS silently replaces those and yields an image without vectors.
+//! The device record of the image, the commit that it was built from, and link arguments. Those stand here and not in
+//! .cargo/config.toml, because an environment variable RUSTFLAGS silently replaces those and yields an image without
+//! vectors.
 
 use std::{
     env, fs,
     path::{Path, PathBuf},
-    process,
+    process::{self, Command},
 };
 
 /// First bytes of a device record, and where its board's name is (src/device/record.rs).
@@ -23,6 +24,11 @@ fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     if let Some(board) = board() {
         fs::write(out.join("device.record"), record(&board)).expect("OUT_DIR is writable");
+        let (commit, watched) = commit(Path::new(""));
+        println!("cargo:rustc-env=ZWIDTH_COMMIT={commit}");
+        for path in watched {
+            println!("cargo:rerun-if-changed={}", path.display());
+        }
     }
     fs::copy("memory.x", out.join("memory.x")).expect("OUT_DIR is writable");
     println!("cargo:rustc-link-search={}", out.display());
@@ -53,6 +59,44 @@ fn record(board: &str) -> Vec<u8> {
         refuse(&path, &format!("is the record of a device on {name}, this image is for {board}"));
     }
     bytes
+}
+
+/// What of the package is in an image. The device record beside it has a hash of its own.
+const SOURCES: [&str; 7] =
+    [".cargo", "Cargo.lock", "Cargo.toml", "build.rs", "memory.x", "rust-toolchain.toml", "src"];
+
+/// The commit of the package in that folder, 12 digits, with `-dirty` if what the image is made of is not as committed;
+/// `unknown` without git, as in a source archive, also in one that was unpacked inside another repository. And the files
+/// by which a change is seen. On the host nothing depends on it, so a commit builds the image anew and nothing else.
+pub fn commit(folder: &Path) -> (String, Vec<PathBuf>) {
+    let git = |words: &[&str]| {
+        let mut git = Command::new("git");
+        if folder != Path::new("") {
+            git.current_dir(folder);
+        }
+        let told = git.arg("--no-optional-locks").args(words).output().ok()?;
+        let text = String::from_utf8(told.stdout).ok()?;
+        told.status.success().then(|| text.trim_end().to_owned())
+    };
+    let unknown = || ("unknown".into(), SOURCES.iter().map(|path| folder.join(path)).collect());
+    // Empty: the package is the top of the repository.
+    if git(&["rev-parse", "--show-prefix"]).is_none_or(|prefix| !prefix.is_empty()) {
+        return unknown();
+    }
+    let status = [&["status", "--porcelain", "--untracked-files=all", "--"], &SOURCES[..]].concat();
+    let (Some(hash), Some(changed)) = (git(&["rev-parse", "--short=12", "HEAD"]), git(&status))
+    else {
+        return unknown();
+    };
+    let branch = git(&["symbolic-ref", "--quiet", "HEAD"]);
+    let of_git = ["HEAD", "logs/HEAD", "packed-refs"].into_iter().chain(branch.as_deref());
+    let watched = of_git
+        .filter_map(|name| git(&["rev-parse", "--git-path", name]))
+        .chain(SOURCES.map(String::from))
+        .map(|path| folder.join(path))
+        .filter(|path| path.exists())
+        .collect();
+    (format!("{hash}{}", if changed.is_empty() { "" } else { "-dirty" }), watched)
 }
 
 fn refuse(path: &Path, why: &str) -> ! {

@@ -7,6 +7,9 @@ use crate::{
 
 /// Bytes in; lines, frames and orders out; settings in flash. Nothing here waits, but for flash.
 pub trait Port {
+    /// The commit that the program was built from, see [`Reply::Version`](super::Reply::Version).
+    const COMMIT: &'static str;
+
     /// The next byte that was typed, if there is one.
     fn read(&mut self) -> Option<u8>;
 

@@ -2,12 +2,16 @@
 
 use core::fmt;
 
-use super::{Command, LINE_MAX, Line, LineReader, parse, reply::OutOfRange};
+use super::{
+    Command, LINE_MAX, Line, LineReader, parse,
+    reply::{Built, OutOfRange},
+};
 use crate::device::record::{BadRecord, LAYOUT, WORDS_MAX, WORDS_MIN};
 
 /// What a board without a device says, and to which commands.
 pub struct Refused<'a> {
     board: &'a str,
+    commit: &'a str,
     why: &'a BadRecord,
     reader: LineReader<LINE_MAX>,
 }
@@ -15,14 +19,15 @@ pub struct Refused<'a> {
 /// A line of it.
 pub struct RefusedLine<'a> {
     board: &'a str,
+    commit: &'a str,
     why: &'a BadRecord,
     command: Option<Command>,
 }
 
 impl<'a> Refused<'a> {
-    /// Of that board, for that reason.
-    pub fn new(board: &'a str, why: &'a BadRecord) -> Self {
-        Self { board, why, reader: LineReader::new() }
+    /// Of that board and of a program that was built from that commit, for that reason.
+    pub fn new(board: &'a str, commit: &'a str, why: &'a BadRecord) -> Self {
+        Self { board, commit, why, reader: LineReader::new() }
     }
 
     /// Why nothing runs.
@@ -40,18 +45,17 @@ impl<'a> Refused<'a> {
     }
 
     fn line(&self, command: Option<Command>) -> RefusedLine<'a> {
-        RefusedLine { board: self.board, why: self.why, command }
+        RefusedLine { board: self.board, commit: self.commit, why: self.why, command }
     }
 }
 
 impl fmt::Display for RefusedLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { board, why, command } = self;
+        let Self { board, commit, why, command } = self;
         match command {
             Some(Command::Help) => f.write_str("ok help, version, status"),
             Some(Command::Version) => {
-                let version = env!("CARGO_PKG_VERSION");
-                write!(f, "ok version {version}, board {board}, no device record: {why}")
+                write!(f, "{}, board {board}, no device record: {why}", Built(commit))
             }
             Some(Command::Status) => write!(f, "ok status off, no device record: {why}"),
             _ => write!(f, "error: no device record: {why}; nothing runs, see help"),
@@ -92,7 +96,7 @@ mod tests {
 
     #[test]
     fn every_command_but_three_is_refused_with_the_reason() {
-        let mut console = Refused::new("a-board", &BadRecord::Damaged);
+        let mut console = Refused::new("a-board", "unknown", &BadRecord::Damaged);
         let why = "its checksum is wrong";
         assert!(console.reason().to_string().starts_with("error: no device record: it is damaged"));
         let mut ask = |line: &str| {
@@ -104,7 +108,8 @@ mod tests {
         let status =
             format_args!("ok status off, no device record: it is damaged: {why}").to_string();
         assert_eq!(ask("STATUS\n"), status);
-        assert!(ask("version\n").starts_with("ok version"));
+        let version = concat!("ok version ", env!("CARGO_PKG_VERSION"), ", commit unknown, board ");
+        assert!(ask("version\n").starts_with(version));
         for line in ["arm\n", "k 1000\n", "save\n", "clear\n", "rubbish\n", &"x".repeat(100)] {
             let reply = ask(&std::format!("{}\n", line.trim()));
             assert!(reply.starts_with("error: no device record") && reply.contains(why), "{reply}");

@@ -8,14 +8,15 @@ use crate::{
     device::{
         Device, Unfit,
         designs::{Designs, NamedFilter},
+        record,
     },
     period::PERIODS,
     safety::{
         Fault, Refusal,
         envelope::{Key, Outside},
     },
-    store::{Source, Stored},
-    telemetry::Record,
+    store::{LAYOUT, Source, Stored},
+    telemetry::{Frame, Record},
     velocity::{EstimatorName, Parameter},
 };
 
@@ -24,7 +25,7 @@ use crate::{
 pub enum Reply<'a> {
     /// All commands.
     Help,
-    /// What runs: version, and the device.
+    /// What runs: the version and commit that it was built from, the device, the versions of its layouts.
     Version(&'a str, &'a Device<'a>),
     /// Done.
     Done(&'static str),
@@ -69,11 +70,13 @@ impl fmt::Display for Reply<'_> {
                 }
                 Ok(())
             }
-            Self::Version(version, device) => {
+            Self::Version(commit, device) => {
                 let Device { board, key, scene_hash, envelope, .. } = device;
-                write!(f, "ok version {version}, board {}, ", board.text())?;
+                write!(f, "{}, board {}, ", Built(commit), board.text())?;
                 write!(f, "scene {} {scene_hash:08x}, ", key.name.text())?;
-                write!(f, "envelope {:08x}", envelope.hash())
+                write!(f, "envelope {:08x}, ", envelope.hash())?;
+                let (record, telemetry) = (record::LAYOUT, Frame::VERSION_2);
+                write!(f, "layouts record {record}, settings {LAYOUT}, telemetry {telemetry}")
             }
             Self::Done(name) => write!(f, "ok {name}"),
             Self::Value(name, value, unit) => write!(f, "ok {name} {} {unit}", Decimal(*value)),
@@ -119,6 +122,15 @@ impl fmt::Display for Reply<'_> {
             }
             Self::Failed(what) => write!(f, "error: {what} failed"),
         }
+    }
+}
+
+/// What both `version`s begin with: of the package and of that commit.
+pub(super) struct Built<'a>(pub &'a str);
+
+impl fmt::Display for Built<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, concat!("ok version ", env!("CARGO_PKG_VERSION"), ", commit {}"), self.0)
     }
 }
 
@@ -336,8 +348,9 @@ mod tests {
         shows(Reply::Word("stream", "on"), "ok stream on");
         shows(Reply::Done("arm"), "ok arm");
         shows(
-            Reply::Version("0.1.0", &DEVICE),
-            "ok version 0.1.0, board a-board, scene bench 0badcafe, envelope 6f34aa47",
+            Reply::Version("0123456789ab-dirty", &DEVICE),
+            "ok version 0.1.0, commit 0123456789ab-dirty, board a-board, scene bench 0badcafe, envelope 6f34aa47, \
+             layouts record 1, settings 4, telemetry 2",
         );
         shows(
             Reply::Refused(Refusal::Faulted(Fault::LateRender)),

@@ -15,12 +15,12 @@
 
 mod record;
 
-pub use record::{DeviceKey, Name, RECORD_WORDS, Signs, Stored};
+pub use record::{DeviceKey, LAYOUT, Name, RECORD_WORDS, Signs, Stored};
 
 use core::fmt;
 
 use embedded_storage::nor_flash::NorFlash;
-use record::{Further, further_of_words};
+use record::{Further, further_of_words, looks_like_a_record};
 
 /// One of the two erase blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,7 +66,7 @@ pub enum Source {
     Newest,
     /// Older ones: what was saved after them is damaged, or the save was cut short.
     Older,
-    /// The defaults, because nothing was ever saved.
+    /// The defaults, because nothing was ever saved; another program may have left something there.
     Empty,
     /// The defaults, because all that was saved is damaged.
     Defaults,
@@ -96,7 +96,7 @@ pub struct Loaded {
     pub stored: Stored,
     /// Which they are.
     pub source: Source,
-    /// Damaged or unfinished records in both sectors.
+    /// Damaged or unfinished records in both sectors, and what other programs have left.
     pub damaged: u32,
 }
 
@@ -130,6 +130,8 @@ impl<E> From<E> for SaveError<E> {
 enum Slot {
     Blank,
     Damaged,
+    /// Remains of another program.
+    Foreign,
     Further(u32, Further),
     Record(u32, Stored),
 }
@@ -156,8 +158,10 @@ fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
                 Slot::Record(sequence, stored)
             } else if let Some((sequence, further)) = further_of_words(&words) {
                 Slot::Further(sequence, further)
-            } else {
+            } else if looks_like_a_record(&words) {
                 Slot::Damaged
+            } else {
+                Slot::Foreign
             }
         }
         None => Slot::Damaged,
@@ -171,6 +175,8 @@ struct Content {
     /// Damaged slots, and those of them behind the newest record.
     damaged: u32,
     damaged_behind: u32,
+    /// Damaged slots that hold what once was a record.
+    records: u32,
     /// First slot behind everything that was ever written.
     free: usize,
 }
@@ -192,13 +198,15 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
                     *stored = stored.with_further(&further);
                     content.damaged = content.damaged.saturating_sub(1);
                     content.damaged_behind = content.damaged_behind.saturating_sub(1);
+                    content.records = content.records.saturating_sub(1);
                 }
                 _ => found = Slot::Damaged,
             }
         }
         match found {
             Slot::Blank => continue,
-            Slot::Damaged | Slot::Further(..) => {
+            Slot::Damaged | Slot::Foreign | Slot::Further(..) => {
+                content.records += u32::from(!matches!(found, Slot::Foreign));
                 content.damaged += 1;
                 content.damaged_behind += 1;
             }
@@ -228,12 +236,13 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
 
 /// What was damaged after the newest record was written: a save or an erase that was cut short.
 ///
-/// A sector with valid records was filled before the active one, so its damage is old.
+/// A sector with valid records was filled before the active one, so its damage is old. One with remains of another
+/// program only was not in use yet.
 fn damaged_later(active: &Content, other: &Content) -> u32 {
-    active.damaged_behind + if is_half_erased(other) { other.damaged } else { 0 }
+    active.damaged_behind + if is_half_erased(other) { other.records } else { 0 }
 }
 
-/// Its erase was cut short. The active sector may have room again for a record that needs less.
+/// Its erase was cut short, or it holds what another program has left: it has to be erased first. The active sector may have room again for a record that needs less.
 fn is_half_erased(other: &Content) -> bool {
     other.newest.is_none() && other.damaged > 0
 }
@@ -247,7 +256,7 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
         Some((_, stored)) if stored.device != defaults.device => (defaults, Source::OtherDevice),
         Some((_, stored)) if later == 0 => (stored, Source::Newest),
         Some((_, stored)) => (stored, Source::Older),
-        None if damaged == 0 => (defaults, Source::Empty),
+        None if active.records + other.records == 0 => (defaults, Source::Empty),
         None => (defaults, Source::Defaults),
     };
     Loaded { stored, source, damaged }

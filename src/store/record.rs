@@ -123,8 +123,10 @@ const FURTHER: usize = PARAMETERS - KEPT;
 /// Numbers in a record, two words each.
 const NUMBERS: usize = 17;
 
-/// First word of a record: "ZWS" and the version of the layout.
-const HEAD: u32 = u32::from_le_bytes(*b"ZWS\x04");
+/// Version of the layout.
+pub const LAYOUT: u8 = 4;
+/// First word of a record: "ZWS" and that version.
+const HEAD: u32 = u32::from_le_bytes([b'Z', b'W', b'S', LAYOUT]);
 /// The same of layout 3, which had the flags in a word of their own where the device's hash is now.
 const HEAD_3: u32 = u32::from_le_bytes(*b"ZWS\x03");
 /// The same of layout 2, which was layout 3 with 0 where the output period is, and this period.
@@ -157,6 +159,15 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     }
     *check = crc::of_words(places);
     words
+}
+
+/// Whether those words once were a record, whatever of them is wrong now: three of the first four bytes are left. Any
+/// other words are that with a probability of one in four million.
+pub(super) fn looks_like_a_record(&[head, ..]: &[u32; RECORD_WORDS]) -> bool {
+    let [z, w, kind, version] = head.to_le_bytes();
+    let right =
+        [z == b'Z', w == b'W', matches!(kind, b'S' | b'P'), (1..=LAYOUT).contains(&version)];
+    right.into_iter().filter(|&right| right).count() >= 3
 }
 
 /// Sequence number and content of a record of further parameters, if those words are one.

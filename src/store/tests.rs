@@ -339,16 +339,55 @@ fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
 }
 
 #[test]
-fn a_store_full_of_garbage_gives_the_defaults_and_can_be_used_again() {
-    let mut flash = Mock::<4>::new();
-    for word in &mut flash.words {
-        *word = 0x1234_5678;
+fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
+    // In both sectors, in the first, in the second, at the end of it.
+    for (from, to) in [(0, 2 * WORDS), (0, WORDS), (WORDS, 2 * WORDS), (2 * WORDS - 10, 2 * WORDS)]
+    {
+        for word in [0x1234_5678, 0] {
+            let mut flash = Mock::<4>::new();
+            flash.words[from..to].fill(word);
+            let loaded = load(&mut flash, defaults());
+            assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Empty));
+            assert_eq!(save(&mut flash, &stored(5.0)), Ok(Saved::Written));
+            let loaded = load(&mut flash, defaults());
+            assert_eq!((stiffness(&loaded), loaded.source), (5.0, Source::Newest));
+            assert_eq!(loaded.damaged, 0, "{from}..{to}");
+        }
     }
+}
+
+/// Beside a sector of our own: the newest settings are the newest.
+#[test]
+fn nor_is_it_damage_beside_what_was_saved() {
+    let mut flash = Mock::<4>::new();
+    save(&mut flash, &stored(5.0)).unwrap();
+    flash.words[WORDS..].fill(0x1234_5678);
     let loaded = load(&mut flash, defaults());
-    assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Defaults));
-    assert_eq!(save(&mut flash, &stored(5.0)), Ok(Saved::Written));
-    let loaded = load(&mut flash, defaults());
-    assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (5.0, Source::Newest, 0));
+    assert_eq!((stiffness(&loaded), loaded.source), (5.0, Source::Newest));
+    for n in 6..=9 {
+        assert_eq!(save(&mut flash, &stored(f64::from(n))), Ok(Saved::Written));
+        let loaded = load(&mut flash, defaults());
+        assert_eq!((stiffness(&loaded), loaded.source), (f64::from(n), Source::Newest));
+    }
+    assert_eq!(load(&mut flash, defaults()).damaged, 0);
+}
+
+/// What once was a record is damage, whichever byte of it is wrong, and of a layout that is too new as well.
+#[test]
+fn a_record_that_cannot_be_read_is_damage() {
+    for head in [*b"ZWS\x05", *b"ZWS\x01", *b"XWS\x04", *b"ZWP\x03"] {
+        let mut flash = Mock::<4>::new();
+        save(&mut flash, &stored(5.0)).unwrap();
+        flash.words[0] = u32::from_le_bytes(head);
+        let loaded = load(&mut flash, defaults());
+        assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Defaults), "{head:?}");
+    }
+    for head in [*b"XWT\x04", *b"XWS\x05"] {
+        let mut flash = Mock::<4>::new();
+        save(&mut flash, &stored(5.0)).unwrap();
+        flash.words[0] = u32::from_le_bytes(head);
+        assert_eq!(load(&mut flash, defaults()).source, Source::Empty, "{head:?}");
+    }
 }
 
 /// The words of a record, and those that version 0.1.0 wrote: they are read, and are no device's that has a record.

@@ -29,7 +29,12 @@ struct Channels {
     ordered: u32,
 }
 
+/// What build.rs has found out.
+const COMMIT: &str = env!("ZWIDTH_COMMIT");
+
 impl Port for Channels {
+    const COMMIT: &'static str = COMMIT;
+
     fn read(&mut self) -> Option<u8> {
         let mut byte = [0];
         (self.commands.read(&mut byte) > 0).then_some(byte[0]).filter(|&byte| byte != 0)
@@ -114,7 +119,7 @@ impl Link {
 /// Says what is wrong with the device record, answers what can be answered without one, and stays there with everything
 /// off.
 pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &BadRecord) -> ! {
-    let mut console = Refused::new(board::FACTS.name, why);
+    let mut console = Refused::new(board::FACTS.name, COMMIT, why);
     let mut said = Some(console.reason());
     loop {
         if let Some(line) = said.take() {

@@ -1,6 +1,6 @@
 //! The unmodified release ELF of each board: its layout in flash, its boot, the same run twice.
 
-use std::ops::Range;
+use std::{ops::Range, path::Path};
 
 use host_sim::scene::{
     Criterion, PushBy, RmsOf, Scene,
@@ -14,6 +14,10 @@ use virtual_board::{
 use zwidth::telemetry::Decoder;
 
 use crate::firmware::{Firmware, ok};
+
+#[allow(dead_code, reason = "the rest of it makes files")]
+#[path = "../../build.rs"]
+mod build_script;
 
 each_board!(
     no_byte_of_the_image_lies_in_the_settings_sectors,
@@ -48,6 +52,8 @@ fn a_board_boots_with_the_output_off_and_answers(board: Board) {
     let version = ok(&mut world, "version");
     let name = firmware.board.name;
     assert!(version.contains(&format!(", board {name}, scene {name} ")), "{version}");
+    let (commit, _) = build_script::commit(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")));
+    assert!(version.contains(&format!(", commit {commit}, board ")), "{version}: not {commit}");
     let status = ok(&mut world, "status");
     assert!(status.contains("ok status off, fault none"), "{status}");
     assert!(status.contains("stop closed, supply good"), "{status}");

@@ -13,6 +13,7 @@
 mod figure;
 
 mod closed_loop;
+mod commit;
 mod criteria;
 mod defaults;
 mod design;

@@ -238,7 +238,7 @@ impl<P: Port> Console<P> {
     }
 
     pub(super) fn version(&mut self) {
-        self.reply(Reply::Version(env!("CARGO_PKG_VERSION"), self.device));
+        self.reply(Reply::Version(P::COMMIT, self.device));
     }
 
     pub(super) fn situation(&self) -> Option<(Situation, Record)> {

@@ -37,6 +37,8 @@ struct Board {
 }
 
 impl Port for Board {
+    const COMMIT: &'static str = "0123456789ab";
+
     fn read(&mut self) -> Option<u8> {
         self.typed.pop_front()
     }
@@ -161,5 +163,8 @@ impl Bench {
 fn version() -> String {
     let hash = DEVICE.envelope.hash();
     let version = env!("CARGO_PKG_VERSION");
-    format!("ok version {version}, board a-board, scene bench 0badcafe, envelope {hash:08x}")
+    format!(
+        "ok version {version}, commit 0123456789ab, board a-board, scene bench 0badcafe, envelope {hash:08x}, \
+         layouts record 1, settings 4, telemetry 2"
+    )
 }

@@ -77,6 +77,8 @@ fn bytes(frame: &Frame) -> Vec<u8> {
 struct Listener(Rc<RefCell<Vec<u8>>>);
 
 impl Port for Listener {
+    const COMMIT: &'static str = "unknown";
+
     fn read(&mut self) -> Option<u8> {
         None
     }

@@ -172,7 +172,8 @@ impl Model {
         let (name, version) = (self.board.name, env!("CARGO_PKG_VERSION"));
         let hash = envelope.hash();
         format!(
-            "ok version {version}, board {name}, scene {name} {scene_hash:08x}, envelope {hash:08x}"
+            "ok version {version}, commit COMMIT, board {name}, scene {name} {scene_hash:08x}, envelope {hash:08x}, \
+             layouts record 1, settings 4, telemetry 2"
         )
     }
 
