@@ -124,6 +124,15 @@ mod tests {
     }
 
     #[test]
+    fn zero_is_the_code_of_no_force() {
+        for output in [Output::Dac { bits: 12 }, Output::Pwm { steps: 4500 }, Output::Continuous] {
+            let zero = Actuator::new(output).unwrap().zero();
+            assert_eq!(zero.code(), code(output, Force::ZERO));
+        }
+        assert_eq!(Actuator::new(Output::Dac { bits: 12 }).unwrap().zero().code(), 2048);
+    }
+
+    #[test]
     fn impossible_resolutions_are_refused() {
         assert_eq!(Actuator::new(Output::Dac { bits: 1 }).unwrap_err().parameter, "bits");
         assert_eq!(Actuator::new(Output::Pwm { steps: 0 }).unwrap_err().parameter, "steps");

@@ -140,3 +140,34 @@ impl LoopParameters {
         Drive { wall, force, contact: self.wall.penetration(motion.position) > 0, saturated }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Design, Output, Settings, VelocitySettings, WallSettings};
+
+    /// As the wall has it: the surface itself is not in contact.
+    #[test]
+    fn contact_begins_one_count_behind_the_surface() {
+        let design = Design {
+            rate_hz: 10_000.0,
+            resolution_m: 1e-6,
+            full_scale_n: 5.906,
+            period: 10,
+            output: Output::Continuous,
+        };
+        let wall = WallSettings {
+            position_m: 1e-3,
+            stiffness_n_per_m: 2000.0,
+            damping_n_s_per_m: 0.0,
+            push_only: true,
+        };
+        let velocity = VelocitySettings::Difference {};
+        let control = Settings { velocity, wall }.build(&design).unwrap();
+        for (counts, contact) in [(999, false), (1000, false), (1001, true)] {
+            let position = Position::from_counts(counts);
+            let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
+            assert_eq!(control.render(motion, Force::ZERO).contact, contact, "{counts}");
+        }
+    }
+}
