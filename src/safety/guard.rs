@@ -9,7 +9,7 @@
 
 use core::hint::cold_path;
 
-use super::{Fault, FaultSet, SafetyPlan};
+use super::{Fault, FaultSet, SafetyPlan, Token};
 use crate::{
     CounterWidth, LoopParameters, Motion, Sampled, Sampler,
     units::{Force, Position, Velocity},
@@ -23,8 +23,8 @@ pub struct GuardCommand {
     pub rendered: u32,
     /// [`Guard::events`] that `clear` has dealt with.
     pub acknowledged: u32,
-    /// How often the count was to be zeroed.
-    pub zeros: u32,
+    /// Another one than the last: the count is to be zeroed.
+    pub zeros: Token,
     /// The force last granted, none while off: it has acted since the last sample, but for the time
     /// that the output took.
     pub force: Force,
@@ -48,7 +48,7 @@ impl GuardCommand {
         Self {
             rendered: plan.period.wrapping_neg(), // as if there had been one
             acknowledged: 0,
-            zeros: 0,
+            zeros: Token::FIRST,
             force: Force::ZERO,
             jump: plan.jump,
             speed: GuardCommand::ANY,
@@ -158,7 +158,7 @@ impl GuardView {
 pub struct GuardedSampler {
     sampler: Sampler,
     /// [`GuardCommand::zeros`] that were met.
-    zeros: u32,
+    zeros: Token,
     /// Found, and not in [`Guard`] yet.
     waiting: FaultSet,
     /// Something was found that is not cleared, or waits: the output has to be off.
@@ -170,7 +170,7 @@ impl GuardedSampler {
     pub fn new(counter: u32, width: CounterWidth) -> Self {
         Self {
             sampler: Sampler::new(counter, width),
-            zeros: 0,
+            zeros: Token::FIRST,
             waiting: FaultSet::EMPTY,
             alert: false,
         }
@@ -218,12 +218,14 @@ impl GuardedSampler {
             let report = SampleReport { motion, present: self.waiting };
             return Step { report, due, cut: false, told: false };
         }
-        if down.zeros == self.zeros {
+        // A bit that has flipped asks for no zero: what is zero would be somewhere else from then on, unnoticed.
+        let zeroes = down.zeros.asks_after(self.zeros);
+        self.zeros = down.zeros;
+        if !zeroes {
             let told = self.note(motion.number(), down.acknowledged, guard);
             Step { report: SampleReport { motion, present }, due, cut: told || self.alert, told }
         } else {
-            self.zeros = down.zeros;
-            guard.zeros = down.zeros;
+            guard.zeros = down.zeros.number();
             self.sampler.zero();
             motion.position = self.sampler.position();
             let report = SampleReport { motion, present: self.waiting };
@@ -273,6 +275,7 @@ fn beyond(value: i32, limit: u32) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Design, Output, Settings, VelocitySettings, WallSettings};
 
     #[test]
     fn limits_hold_on_both_sides_and_to_the_count() {
@@ -283,6 +286,55 @@ mod tests {
         }
         for value in [i32::MAX, -i32::MAX, 0, 1, -1] {
             assert!(!beyond(value, GuardCommand::ANY));
+        }
+    }
+
+    /// Any bit of the number that asks for a zero, and of the one that was met last: the count stays where it is. An
+    /// order that is whole is met after it.
+    #[test]
+    fn a_bit_that_flips_asks_for_no_zero() {
+        let design = Design {
+            rate_hz: 10_000.0,
+            resolution_m: 1e-6,
+            full_scale_n: 5.906,
+            period: 10,
+            output: Output::Continuous,
+        };
+        let wall = WallSettings {
+            position_m: 0.1,
+            stiffness_n_per_m: 0.0,
+            damping_n_s_per_m: 0.0,
+            push_only: true,
+        };
+        let control =
+            Settings { velocity: VelocitySettings::Difference {}, wall }.build(&design).unwrap();
+        let asked = Token::FIRST.next();
+        let down = GuardCommand {
+            rendered: 0,
+            acknowledged: 0,
+            zeros: asked,
+            force: Force::ZERO,
+            jump: GuardCommand::ANY,
+            speed: GuardCommand::ANY,
+            stall: true,
+        };
+        let step = |sampler: &mut GuardedSampler, down: &GuardCommand| {
+            let step =
+                sampler.step(&control, 700, &Senses::NONE, down, &mut Guard::NOTHING.clone());
+            assert!(!step.cut);
+            step.report.motion.position.counts()
+        };
+        for bit in 0..32 {
+            let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+            sampler.zeros = asked;
+            let flipped = GuardCommand { zeros: asked.flipped(bit), ..down };
+            assert_eq!(step(&mut sampler, &flipped), 700, "bit {bit}");
+            sampler.zeros = asked.flipped(bit);
+            for _ in 0..3 {
+                assert_eq!(step(&mut sampler, &down), 700, "bit {bit}");
+            }
+            let next = GuardCommand { zeros: asked.next(), ..down };
+            assert_eq!(step(&mut sampler, &next), 0, "bit {bit}");
         }
     }
 

@@ -48,6 +48,7 @@ mod sign;
 mod speed;
 mod stuck_encoder;
 mod supervisor;
+mod token;
 
 pub use blackbox::BlackBox;
 pub use debug_halt::HaltWatch;
@@ -60,6 +61,7 @@ pub use plan::{SLEW, SafetyPlan, SafetySettings};
 pub use rate::RateWatch;
 pub use records::{Inputs, Refusal, Request, Sensed, State, Status};
 pub use supervisor::{Rendered, Supervisor};
+pub use token::Token;
 
 #[cfg(test)]
 mod tests;

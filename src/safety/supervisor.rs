@@ -296,7 +296,7 @@ impl Supervisor {
             State::Armed if self.wall_over_zero => return Err(Refusal::WallThere),
             State::Armed | State::Off | State::Fault => {}
         }
-        self.down.zeros = self.down.zeros.wrapping_add(1);
+        self.down.zeros = self.down.zeros.next();
         Ok(())
     }
 
@@ -337,7 +337,7 @@ impl Supervisor {
 
     /// A zero is asked for that `sample` has not carried out yet.
     fn zero_pending(&self) -> bool {
-        self.down.zeros != self.zeros
+        self.down.zeros.number() != self.zeros
     }
 
     /// Takes note of a zero that `sample` has carried out. The motion was renamed by it, so the

@@ -142,7 +142,7 @@ impl Bench {
             let report = self.scheduler.report(record);
             self.reports.push(report);
         }
-        let zeros = self.scheduler.command().zeros;
+        let zeros = self.scheduler.command().zeros.number();
         if self.guard.zeros != zeros {
             self.guard.zeros = zeros;
             self.zero = self.handle.position().counts();

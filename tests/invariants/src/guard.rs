@@ -58,14 +58,14 @@ crate::properties! {
             assert_eq!(step.due, due);
             assert_eq!(step.report.motion.sample, u64::from(n));
             let answered = due && period > 1;
-            let renamed = down.zeros != zeros;
+            let renamed = down.zeros.number() != zeros;
             if !renamed {
                 assert_eq!(step.cut, !open.is_empty() && !answered, "sample {n}");
             }
             if renamed && !answered {
                 // carried out: the place of this sample is 0 now
-                assert_eq!((guard.zeros, step.report.motion.position.counts()), (down.zeros, 0));
-                zeros = down.zeros;
+                assert_eq!((guard.zeros, step.report.motion.position.counts()), (down.zeros.number(), 0));
+                zeros = down.zeros.number();
             }
             if guard.events != events {
                 assert_eq!(guard.events, events.wrapping_add(1));
@@ -82,8 +82,8 @@ crate::properties! {
                     down.acknowledged = guard.events;
                     open = FaultSet::EMPTY;
                 }
-                if random.below(10) == 0 && down.zeros == zeros {
-                    down.zeros += 1;
+                if random.below(10) == 0 && down.zeros.number() == zeros {
+                    down.zeros = down.zeros.next();
                 }
             }
         }

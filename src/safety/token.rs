@@ -1,0 +1,64 @@
+//! A request by number that no flipped bit can forge.
+
+/// A number of 16 bits and its complement. Another one than the last is a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Token(u32);
+
+impl Token {
+    /// Number 0: nothing was asked for yet.
+    pub const FIRST: Self = Self::of(0);
+
+    const fn of(number: u16) -> Self {
+        Self((!number as u32) << 16 | number as u32)
+    }
+
+    /// The next request.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the lower half")]
+    pub const fn next(self) -> Self {
+        Self::of((self.0 as u16).wrapping_add(1))
+    }
+
+    /// Its number.
+    #[inline(always)]
+    pub const fn number(self) -> u32 {
+        self.0 & 0xFFFF
+    }
+
+    /// Whether it asks for something, after `last`. Of two that were made here the halves differ alike; one bit that has
+    /// flipped in either differs in one half only.
+    #[inline(always)]
+    pub const fn asks_after(self, last: Self) -> bool {
+        let differs = self.0 ^ last.0;
+        differs != 0 && differs == differs.rotate_right(16)
+    }
+}
+
+#[cfg(test)]
+impl Token {
+    /// With that bit flipped.
+    pub(super) const fn flipped(self, bit: u32) -> Self {
+        Self(self.0 ^ 1 << bit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_asks_once_and_no_flipped_bit_does() {
+        let mut token = Token::FIRST;
+        for number in 0..=0x1_0000u32 {
+            let next = token.next();
+            assert_eq!(token.number(), number & 0xFFFF);
+            assert!(next.asks_after(token) && !token.asks_after(token));
+            for bit in 0..32 {
+                let flipped = token.flipped(bit);
+                assert!(!flipped.asks_after(token) && !token.asks_after(flipped), "{number} {bit}");
+            }
+            token = next;
+        }
+        assert_eq!(token, Token::FIRST.next());
+    }
+}
