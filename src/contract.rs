@@ -12,6 +12,7 @@
 //! | [`FaultMemory`] | `render` | the first fault, over a reset |
 //! | [`NorFlash`], [`UpChannel`], [`CommandChannel`] | `link` | settings, telemetry and replies, commands |
 //! | [`OutputWatchdog`] | `render` | enable off, in hardware, when outputs stop |
+//! | [`SelfTest`] | `link` | what the board finds out about itself |
 //! | [`Watchdog`] | `idle` | reset when the tasks stop |
 //!
 //! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0). What
@@ -36,6 +37,7 @@ use crate::{
     Output,
     period::SAMPLES_PER_MS,
     safety::{FaultRecord, FaultSet, ResetCause, Sensed},
+    self_test::{Found, Part},
     units::OutputCode,
     velocity::{Sense, Senses},
 };
@@ -80,6 +82,8 @@ pub trait Board: Sized {
     type OutputWatchdog: OutputWatchdog;
     /// Registers.
     type SetUp: SetUp;
+    /// What it finds out about itself.
+    type SelfTest: SelfTest;
     /// Reset when the tasks stop.
     type Watchdog: Watchdog;
     /// What a reset must not wipe out.
@@ -160,6 +164,8 @@ pub struct Parts<B: Board> {
     pub output_watchdog: B::OutputWatchdog,
     /// Registers.
     pub set_up: B::SetUp,
+    /// What the board finds out about itself.
+    pub self_test: B::SelfTest,
     /// Reset when the tasks stop.
     pub watchdog: B::Watchdog,
     /// What a reset must not wipe out.
@@ -272,6 +278,13 @@ pub trait OutputWatchdog {
     /// An output is out. By `render`, with each, whether force is on or off: so the hardware never acts while
     /// [`Enable::on`] does.
     fn renew(&mut self);
+}
+
+/// Finds out what a board can know of itself.
+pub trait SelfTest {
+    /// Tests that part, with the force off, and leaves everything as it was. By `link`, which is kept for 15 ms at most;
+    /// `render` waits for 30 us at most. Enable is active for a few cycles, at zero force.
+    fn test(&mut self, part: Part) -> Found;
 }
 
 /// Reset, hence everything off, when it is not fed. It has an oscillator of its own, and nothing but a reset stops it.

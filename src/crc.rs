@@ -14,8 +14,13 @@ pub(crate) fn of_bytes(bytes: &[u8]) -> u32 {
 
 /// Of words, each taken with its least significant byte first.
 pub(crate) fn of_words(words: &[u32]) -> u32 {
+    of_pieces([words])
+}
+
+/// Of words in several pieces, as of one.
+pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 {
     let mut digest = TABLE.digest();
-    for word in words {
+    for word in pieces.into_iter().flatten() {
         digest.update(&word.to_le_bytes());
     }
     digest.finalize()

@@ -61,6 +61,7 @@ mod gain;
 pub mod period;
 mod range;
 pub mod safety;
+pub mod self_test;
 mod settings;
 pub mod store;
 pub mod telemetry;

@@ -156,15 +156,15 @@ slots("docs/telemetry.md", ("## Frame, layout version 1 {} bytes, no padding", c
 RECORD = "src/store/record.rs"
 
 
-def layout(head, letters):
-    return lambda: constant(RECORD, rf'const {head}: u32 = u32::from_le_bytes\(\*b"{letters}\\x0(\d)"\)')
+def further_layout():
+    return constant(RECORD, r'const HEAD_FURTHER: u32 = u32::from_le_bytes\(\*b"ZWP\\x0(\d)"\)')
 
 
 slots(
     "docs/settings.md",
-    ("layout version {} {} words of 32 bits, least", layout("HEAD", "ZWS"), const(RECORD, "RECORD_WORDS")),
-    ('| 0 | "ZWS" and the version, {} |', layout("HEAD", "ZWS")),
-    ('"ZWP" and the version {}, the sequence', layout("HEAD_FURTHER", "ZWP")),
+    ("layout version {} {} words of 32 bits, least", const(RECORD, "LAYOUT"), const(RECORD, "RECORD_WORDS")),
+    ('| 0 | "ZWS" and the version, {} |', const(RECORD, "LAYOUT")),
+    ('"ZWP" and the version {}, the sequence', further_layout),
 )
 
 def sizes():

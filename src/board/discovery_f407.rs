@@ -21,7 +21,7 @@ mod f4;
 #[path = "f4/pwm.rs"]
 mod pwm;
 
-use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder, set_up};
+use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder, pin};
 use stm32f4xx_hal::{
     gpio::{Alternate, Pin, Pull},
     pac,
@@ -31,6 +31,7 @@ use stm32f4xx_hal::{
 use zwidth::{
     Output,
     contract::{Parts, RATE_HZ},
+    self_test::Found,
     velocity::Sense,
 };
 
@@ -57,7 +58,11 @@ impl Wiring for DiscoveryF407 {
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
     /// No edge times: PA6 and PA7, where TIM3 would capture them, are the accelerometer's.
-    const ENABLE: set_up::EnablePin = set_up::EnablePin::new('E', 13);
+    const ENABLE: pin::BoardPin = pin::BoardPin::new('E', 13);
+    const STOP: pin::BoardPin = pin::BoardPin::new('E', 15);
+    const CHIP: u32 = 0x413;
+    /// Level 2, below the supply detector's (docs/first-power-up.md).
+    const BROWN_OUT_RESET: u32 = 1;
     const SENSES: &'static [Sense] = &[Sense::Force];
     /// To the PWM period that takes the command over. A pulse stands at the beginning of its period, so a small
     /// force acts up to half a period (0.125) sooner; docs/firmware.md has the measurement.
@@ -65,6 +70,10 @@ impl Wiring for DiscoveryF407 {
     type Force = pwm::Output;
     type Encoder = encoder::Encoder;
     type StopInput = Pin<'E', 15, Alternate<1>>;
+
+    fn test_output() -> Found {
+        pwm::test()
+    }
 
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Selected> {
         let clock = Config::hse(8.MHz()).sysclk(Self::CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz());

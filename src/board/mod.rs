@@ -39,6 +39,7 @@ pub type FaultMemory = <Selected as contract::Board>::FaultMemory;
 pub type Watchdog = <Selected as contract::Board>::Watchdog;
 pub type SetUp = <Selected as contract::Board>::SetUp;
 pub type OutputWatchdog = <Selected as contract::Board>::OutputWatchdog;
+pub type SelfTest = <Selected as contract::Board>::SelfTest;
 pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
 pub type Commands = <Selected as contract::Board>::Commands;

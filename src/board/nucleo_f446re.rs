@@ -26,7 +26,7 @@ mod edges;
 #[path = "f4/mod.rs"]
 mod f4;
 
-use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder, set_up};
+use f4::{Chip, F4, Peripherals, Wires, Wiring, encoder, pin};
 use stm32f4xx_hal::{
     gpio::{Alternate, Pin, Pull},
     pac,
@@ -35,7 +35,7 @@ use stm32f4xx_hal::{
 };
 #[cfg(feature = "time-stamps")]
 use zwidth::contract::RATE_HZ;
-use zwidth::{Output, contract::Parts, velocity::Sense};
+use zwidth::{Output, contract::Parts, self_test::Found, velocity::Sense};
 
 /// The board.
 pub type Selected = F4<NucleoF446re>;
@@ -55,7 +55,11 @@ impl Wiring for NucleoF446re {
     /// Found low below 2.85 to 2.99 V, good again above 2.96 to 3.10 V (data sheet). The board gives 3.3 V.
     const SUPPLY_LEVEL: u8 = 0b110;
     const OUTPUT: Output = Output::Dac { bits: 12 };
-    const ENABLE: set_up::EnablePin = set_up::EnablePin::new('A', 10);
+    const ENABLE: pin::BoardPin = pin::BoardPin::new('A', 10);
+    const STOP: pin::BoardPin = pin::BoardPin::new('B', 12);
+    const CHIP: u32 = 0x421;
+    /// Level 3, below the supply detector's (docs/first-power-up.md).
+    const BROWN_OUT_RESET: u32 = 0;
     const SENSES: &'static [Sense] =
         if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
     /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states), 3 us for its buffer to
@@ -64,6 +68,10 @@ impl Wiring for NucleoF446re {
     type Force = dac::Output;
     type Encoder = encoder::Encoder<EdgeTimes>;
     type StopInput = Pin<'B', 12, Alternate<1>>;
+
+    fn test_output() -> Found {
+        dac::test()
+    }
 
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Selected> {
         let clock = Config::hse(8.MHz())

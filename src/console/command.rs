@@ -82,6 +82,8 @@ pub enum Command {
     MotorReversed(bool),
     /// The encoder is mounted the other way round.
     EncoderReversed(bool),
+    /// Test the board.
+    SelfTest,
     /// The host is there, and will say so again within that time, ms; 0: it promises nothing any more.
     Alive(f64),
 }
@@ -257,6 +259,7 @@ static TABLE: &[Entry] = {
             Word(&[("+", C::EncoderReversed(false)), ("-", C::EncoderReversed(true))]),
         ),
         ("alive", "alive MS", Number(C::Alive)),
+        ("selftest", "selftest", Plain(C::SelfTest)),
     ]
 };
 

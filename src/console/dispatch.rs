@@ -2,7 +2,7 @@
 
 use super::{
     Command, Port, Reply, Situation, allowed, is_off,
-    session::{Awaited, ChangedSetting, Console},
+    session::{Awaited, ChangedSetting, Console, SelfTestStep},
 };
 use crate::{
     Settings,
@@ -139,6 +139,10 @@ impl<P: Port> Console<P> {
                 Err(error) => self.reply(Reply::Range(&error)),
             },
             Command::Save => self.order(Order::Request(Request::Stall(true)), Awaited::Save),
+            // What is zero is lost: the counter is fed by other wires.
+            Command::SelfTest => {
+                self.order(Order::Request(Request::Turn), Awaited::SelfTest(SelfTestStep::BEGIN));
+            }
             Command::Load => self.load(&situation),
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::{
     experiment::Order,
+    self_test::{Found, Part},
     store::{Loaded, Stored},
 };
 
@@ -24,6 +25,9 @@ pub trait Port {
 
     /// The newest settings in flash, or `defaults`.
     fn load(&mut self, defaults: Stored) -> Loaded;
+
+    /// Tests a part of the board, with the force off.
+    fn test(&mut self, part: Part) -> Found;
 
     /// Writes settings to flash, which stalls the processor; says whether they are there now.
     fn save(&mut self, stored: &Stored) -> bool;

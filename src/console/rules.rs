@@ -85,7 +85,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
         // Flash is programmed 32 bits at a time, for which the chip wants 2.7 V: a detector may call somewhat less
         // good, and then a record may be lost, which its CRC tells.
-        Command::Save => &[N::Off, N::Supply],
+        Command::Save | Command::SelfTest => &[N::Off, N::Supply],
         Command::Hit => &[N::NoFault, N::Armed, N::Idle],
         Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],
         Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::Unlocked],
@@ -162,7 +162,7 @@ mod tests {
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 37] = [
+    const COMMANDS: [Command; 38] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -200,6 +200,7 @@ mod tests {
         Command::Alive(200.0),
         Command::Designs,
         Command::Design(Name::of("quiet")),
+        Command::SelfTest,
     ];
 
     /// Every situation: 5 states x 4 activities x 2^7 facts.
@@ -338,6 +339,7 @@ mod tests {
         ] {
             met(command, |now| !now.status.state.is_on());
         }
+        met(Command::SelfTest, |now| !now.status.state.is_on() && now.status.inputs.supply_good);
         met(Command::Save, |now| !now.status.state.is_on() && now.status.inputs.supply_good);
         for now in situations() {
             assert_eq!(is_off(&now).is_ok(), !now.status.state.is_on());

@@ -5,14 +5,15 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     console::{Console, Port, REPLY_MAX, Refused, Text},
-    contract::{CommandChannel as _, UpChannel as _, Watchdog as _},
+    contract::{CommandChannel as _, SelfTest as _, UpChannel as _, Watchdog as _},
     device::{Device, record::BadRecord},
     experiment::{Order, Report},
+    self_test::{Found, Part},
     store::{self, Loaded, SaveError, Source, Stored},
 };
 
 use super::{FLAGS, Numbered, ORDERS, REPORTS};
-use crate::board::{self, Commands, FlashError, SettingsFlash, UpLink, Watchdog};
+use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
 /// copies one.
@@ -24,6 +25,7 @@ struct Channels {
     telemetry: UpLink,
     commands: Commands,
     flash: SettingsFlash,
+    self_test: SelfTest,
     orders: Producer<'static, Numbered, ORDERS>,
     /// Orders so far.
     ordered: u32,
@@ -62,6 +64,10 @@ impl Port for Channels {
         store::load(&mut self.flash, defaults)
     }
 
+    fn test(&mut self, part: Part) -> Found {
+        self.self_test.test(part)
+    }
+
     fn save(&mut self, stored: &Stored) -> bool {
         let saved = store::save(&mut self.flash, stored);
         if let Err(SaveError::Flash(FlashError(status))) = saved {
@@ -94,13 +100,15 @@ impl Link {
     pub(super) fn new(
         link: board::Link,
         flash: SettingsFlash,
+        self_test: SelfTest,
         reports: Consumer<'static, Report, REPORTS>,
         orders: Producer<'static, Numbered, ORDERS>,
         device: &'static Device<'static>,
         (stored, source): (Stored, Source),
     ) -> Self {
         let board::Link { telemetry, replies, commands } = link;
-        let channels = Channels { replies, telemetry, commands, flash, orders, ordered: 0 };
+        let channels =
+            Channels { replies, telemetry, commands, flash, self_test, orders, ordered: 0 };
         let console = Console::new(channels, device, stored, source);
         Self { console, reports, passes: 0 }
     }

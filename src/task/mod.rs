@@ -144,7 +144,15 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     (
         Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in),
         Render::new(outputs, ends, Supervisor::new(safety, fault), control, stored.signs, period),
-        Link::new(board.link, board.settings, reports_out, orders_in, device, (stored, source)),
+        Link::new(
+            board.link,
+            board.settings,
+            board.self_test,
+            reports_out,
+            orders_in,
+            device,
+            (stored, source),
+        ),
         Idle::new(board.watchdog),
     )
 }

@@ -23,7 +23,8 @@ impl Mailbox {
         for (name, ..) in &elf.symbols {
             assert!(!name.contains("panicking"), "{name} is in the image");
         }
-        let chip = Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true };
+        let chip =
+            Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, id: 0x421, over_drive: true };
         let [job, sample, cycles] =
             ["JOB", "SAMPLE", "CYCLES"].map(|name| elf.address_of(name).unwrap());
         let mut mcu = Mcu::new(chip, &elf.flash, Listeners::default());

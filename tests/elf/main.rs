@@ -71,6 +71,7 @@ mod panics;
 mod period;
 mod record;
 mod replay;
+mod self_test;
 mod serve;
 mod snapshots;
 mod twin;

@@ -61,7 +61,7 @@ const fn pin(port: char, number: u8) -> Pin {
 /// The NUCLEO-F446RE, force by the DAC; the default.
 pub const NUCLEO_F446RE: Board = Board {
     name: "nucleo-f446re",
-    chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, over_drive: true },
+    chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, id: 0x421, over_drive: true },
     wiring: Wiring {
         encoder: [pin('A', 0), pin('A', 1)],
         captured: Some([pin('A', 6), pin('A', 7)]),
@@ -75,7 +75,7 @@ pub const NUCLEO_F446RE: Board = Board {
 /// The STM32F407G-DISC1, force by PWM.
 pub const DISCOVERY_F407: Board = Board {
     name: "discovery-f407",
-    chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, over_drive: false },
+    chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, id: 0x413, over_drive: false },
     wiring: Wiring {
         encoder: [pin('A', 15), pin('A', 1)],
         captured: None,

@@ -26,6 +26,18 @@ pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
 /// The same with MOE set. While the break input is active the hardware clears it again.
 const ON: u32 = OFF | 1 << 15;
 
+/// MOE for a moment, which an open emergency stop does not let through: the levels of `pin` then, and after it. With
+/// the tasks masked and the force at zero.
+pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
+    // SAFETY: a documented value of the register.
+    registers().bdtr().write(|w| unsafe { w.bits(ON) });
+    cortex_m::asm::delay(32);
+    let on = pin.is_high();
+    <Enable as contract::Enable>::off();
+    cortex_m::asm::delay(32);
+    (on, pin.is_high())
+}
+
 /// The break input was active: in SR, and it stays there.
 const BREAK: u32 = 1 << 7;
 

@@ -13,8 +13,10 @@ pub mod fault_memory;
 pub mod flash;
 mod interrupts;
 pub mod output_watchdog;
+pub mod pin;
 mod reset;
 pub mod sample_timer;
+pub mod self_test;
 pub mod set_up;
 mod stack_guard;
 pub mod supply;
@@ -31,6 +33,7 @@ use zwidth::{
     Output,
     contract::{Board, Drive, EmergencyStop, Encoder, ForceOutput, Link, Parts, RATE_HZ},
     safety::ResetCause,
+    self_test::Found,
     velocity::Sense,
 };
 
@@ -47,7 +50,13 @@ pub trait Wiring: Sized {
     /// See [`Board::OUTPUT`].
     const OUTPUT: Output;
     /// The pin of enable.
-    const ENABLE: set_up::EnablePin;
+    const ENABLE: pin::BoardPin;
+    /// The pin of the emergency stop.
+    const STOP: pin::BoardPin;
+    /// What tells the chip from others (`DEV_ID` of DBGMCU_IDCODE).
+    const CHIP: u32;
+    /// Level of the brown-out reset for the board's supply (`BOR_LEV` of the option bytes).
+    const BROWN_OUT_RESET: u32;
     /// See [`Board::SENSES`].
     const SENSES: &'static [Sense];
     /// See [`Board::LATENCY_SAMPLES`].
@@ -58,6 +67,9 @@ pub trait Wiring: Sized {
     type Encoder: Encoder;
     /// The emergency stop's pin.
     type StopInput: InputPin;
+
+    /// Sets the force output to values and reads them back, with enable off.
+    fn test_output() -> Found;
 
     /// See [`Board::take`].
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<F4<Self>>;
@@ -81,6 +93,7 @@ impl<W: Wiring> Board for F4<W> {
     type StopInput = W::StopInput;
     type Supply = supply::Supply;
     type DebugHalts = debugger::Halts;
+    type SelfTest = self_test::SelfTest<W>;
     type Watchdog = watchdog::Watchdog;
     type SetUp = set_up::SetUp;
     type OutputWatchdog = output_watchdog::OutputWatchdog;
@@ -201,6 +214,7 @@ impl Chip {
             stop: EmergencyStop::new(stop),
             supply,
             halts: debugger::Halts::new(tim6, timer_hz, RATE_HZ, &mut rcc),
+            self_test: self_test::SelfTest::new(&mut rcc),
             watchdog: watchdog::Watchdog::start(iwdg),
             memory,
             reset_cause,

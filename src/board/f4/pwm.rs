@@ -6,9 +6,10 @@
 //! [`LEAD_CYCLES`] of its sample acts exactly that much after the sample, a later one 25 us later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
-use zwidth::{contract::ForceOutput, units::OutputCode};
+use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
 
-use super::f4::enable;
+use super::super::common::mask;
+use super::f4::{enable, pin::BoardPin};
 
 /// PWM periods per sample.
 pub const PER_SAMPLE: u32 = 4;
@@ -90,4 +91,32 @@ fn set(magnitude: u32, sign: u32) {
         tim1.ccr1().write(|w| w.bits(magnitude));
         tim1.ccr2().write(|w| w.bits(sign));
     }
+}
+
+/// The pins of magnitude and sign.
+const PINS: [BoardPin; 2] = [BoardPin::new('E', 9), BoardPin::new('E', 11)];
+/// Steps from code to code.
+const STEP: usize = 600;
+
+/// Compare values read back, with enable off; a pin that does not stay low reads as all ones.
+pub fn test() -> Found {
+    let read = |code: u32| {
+        // An output of `render` would put zero force in its place.
+        mask::with_lower_tasks_masked(|| {
+            set(code, code);
+            let tim1 = enable::registers();
+            let pair = [tim1.ccr1().read().bits(), tim1.ccr2().read().bits()];
+            let low = PINS.iter().all(|pin| !pin.is_high());
+            set(0, 0);
+            if low {
+                pair.into_iter().max_by_key(|back| back.abs_diff(code)).unwrap_or(0)
+            } else {
+                u32::MAX
+            }
+        })
+    };
+    let top = enable::registers().arr().read().bits() + 1;
+    let codes = (0..=top).step_by(STEP).map(|code| [code, read(code)]);
+    let worst = codes.max_by_key(|[code, read]| code.abs_diff(*read)).unwrap_or_default();
+    Found::Output { worst, allowed: 0 }
 }

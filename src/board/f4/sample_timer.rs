@@ -6,6 +6,8 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
+use super::self_test;
+
 /// The sampling timer. Its update event pends the sampling task, interrupt `TIM5`.
 pub struct SampleTimer(pac::TIM5);
 
@@ -39,6 +41,7 @@ impl contract::SampleTimer for SampleTimer {
 
     #[inline(always)]
     fn acknowledge(&mut self) {
+        self_test::note_reading(self.0.cnt().read().bits());
         // SAFETY: flags are cleared by writing 0, and 1 leaves them alone.
         self.0.sr().write(|w| unsafe { w.bits(!1) });
     }

@@ -12,7 +12,7 @@ use core::{
 
 use zwidth::contract;
 
-use super::output_watchdog;
+use super::{output_watchdog, pin::BoardPin};
 
 /// How [`Encoder::turn`](contract::Encoder::turn) has set TIM2's polarity.
 pub(super) static ENCODER_TURNED: AtomicBool = AtomicBool::new(false);
@@ -98,35 +98,15 @@ fn sum() -> u32 {
 /// What they folded to when all was set up.
 pub struct SetUp {
     expected: Option<u32>,
-    enable: EnablePin,
-}
-
-/// Port and number of the pin of enable.
-#[derive(Clone, Copy)]
-pub struct EnablePin {
-    /// Address of the port.
-    port: u32,
-    /// 0 to 15.
-    number: u32,
-}
-
-impl EnablePin {
-    /// As the data sheet names it.
-    pub const fn new(port: char, number: u32) -> Self {
-        Self { port: GPIOA + 0x400 * (port as u32 - 'A' as u32), number }
-    }
+    enable: BoardPin,
 }
 
 impl SetUp {
     /// Not set up yet.
-    pub const fn new(enable: EnablePin) -> Self {
+    pub const fn new(enable: BoardPin) -> Self {
         Self { expected: None, enable }
     }
 }
-
-/// MODER of a port, and the register that sets and clears its outputs.
-const MODE: u32 = 0x00;
-const SET_CLEAR: u32 = 0x18;
 
 #[inline(always)]
 fn read(address: u32) -> u32 {
@@ -145,13 +125,6 @@ impl contract::SetUp for SetUp {
 
     #[cold]
     fn hold_enable_low(&mut self) {
-        let EnablePin { port, number } = self.enable;
-        let mode = read(port + MODE) & !(0b11 << (2 * number)) | 0b01 << (2 * number);
-        // SAFETY: registers of this chip; low, then an output. Nothing else in this program writes them after `init`.
-        unsafe {
-            ptr::without_provenance_mut::<u32>((port + SET_CLEAR) as usize)
-                .write_volatile(1 << (16 + number));
-            ptr::without_provenance_mut::<u32>((port + MODE) as usize).write_volatile(mode);
-        }
+        self.enable.hold_low();
     }
 }

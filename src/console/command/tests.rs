@@ -58,11 +58,12 @@ fn every_command_is_read() {
         ("encoder -", C::EncoderReversed(true)),
         ("encoder +", C::EncoderReversed(false)),
         ("alive 200", C::Alive(200.0)),
+        ("selftest", C::SelfTest),
         ("  K\t-1e3  ", C::Stiffness(-1000.0)),
     ] {
         assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
     }
-    assert_eq!(usages().count(), if cfg!(feature = "estimators") { 48 } else { 42 });
+    assert_eq!(usages().count(), if cfg!(feature = "estimators") { 49 } else { 43 });
 }
 
 #[test]

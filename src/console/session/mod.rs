@@ -3,6 +3,7 @@
 //! One command at a time: what the output task has to decide is asked of it, and the reply waits for its answer,
 //! which comes with the next output.
 
+mod self_test;
 mod walk;
 
 use core::fmt;
@@ -22,6 +23,7 @@ use crate::{
     telemetry::{Flags, Frame, Record},
     velocity::EstimatorName,
 };
+pub(super) use self_test::SelfTestStep;
 use walk::WalkSession;
 
 /// Bytes that one pass takes at most: the whole channel.
@@ -40,6 +42,8 @@ pub(super) enum Awaited {
     Period(Stored, ChangedSetting),
     /// New settings: what to keep and how to reply.
     Settings(Stored, ChangedSetting),
+    /// Leave to test this part.
+    SelfTest(SelfTestStep),
     /// The end of what was going on.
     Stop,
     /// Leave to write flash.
@@ -280,9 +284,14 @@ impl<P: Port> Console<P> {
                 self.end_walk("stopped");
                 self.reply(Reply::Done("stop"));
             }
+            (Awaited::SelfTest(_), Err(refusal)) => {
+                self.refuse(refusal);
+                self.order(Order::Request(Request::Stall(false)), Awaited::Quiet);
+            }
             (_, Err(refusal)) => self.refuse(refusal),
             (Awaited::Done(name), Ok(())) => self.reply(Reply::Done(name)),
             (Awaited::Period(stored, changed), Ok(())) => self.propose_next(stored, changed),
+            (Awaited::SelfTest(step), Ok(())) => self.test(step),
             (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
             (Awaited::Save, Ok(())) => {
                 let saved = self.port.save(&self.stored);

@@ -65,16 +65,17 @@ fn garbage(random: &mut Random) -> String {
 
 /// What an experiment says by itself.
 fn is_report(line: &str) -> bool {
-    ["walk hit", "walk boundary", "calibrate holds", "ok walk over", "ok calibrate over"]
-        .iter()
-        .chain(&[
-            "ok hit stable",
-            "ok hit unstable",
-            "ok hit no contact",
-            "error: hit",
-            "error: walk",
-        ])
-        .any(|start| line.starts_with(start))
+    [
+        "walk hit",
+        "walk boundary",
+        "selftest ",
+        "calibrate holds",
+        "ok walk over",
+        "ok calibrate over",
+    ]
+    .iter()
+    .chain(&["ok hit stable", "ok hit unstable", "ok hit no contact", "error: hit", "error: walk"])
+    .any(|start| line.starts_with(start))
 }
 
 /// The one reply to a line.

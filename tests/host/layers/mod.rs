@@ -27,7 +27,7 @@ const CORE: &[&[&str]] = &[
     &["contract"],
     &["console"],
     &["device"],
-    &["experiment", "safety", "store", "telemetry"],
+    &["experiment", "safety", "self_test", "store", "telemetry"],
     &["control", "period", "settings", "wall"],
     &["velocity"],
     &["design"],

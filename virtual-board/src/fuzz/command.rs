@@ -19,7 +19,7 @@ pub enum Form {
 }
 
 /// Every command in the order of `help`: its use.
-pub const COMMANDS: [(&str, Form); 42] = {
+pub const COMMANDS: [(&str, Form); 43] = {
     use Form::{Design, Estimator, Nothing, Number, Words};
     [
         ("help", Nothing),
@@ -64,6 +64,7 @@ pub const COMMANDS: [(&str, Form); 42] = {
         ("motor +|-", Words(&["+", "-"])),
         ("encoder +|-", Words(&["+", "-"])),
         ("alive MS", Number),
+        ("selftest", Nothing),
     ]
 };
 

@@ -221,17 +221,6 @@ impl Port for Plain {
     }
 }
 
-/// The same, and counts the accesses.
-#[derive(Debug)]
-pub(super) struct Counted(pub(super) Lazy, pub(super) Arc<AtomicU64>);
-
-impl Port for Counted {
-    fn before(&self) {
-        self.1.fetch_add(1, Relaxed);
-        self.0.advance_to(self.0.clock.now());
-    }
-}
-
 /// A block without a model: its registers store what is written.
 #[derive(Debug)]
 pub(super) struct Storage {

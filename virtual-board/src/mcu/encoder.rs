@@ -148,6 +148,14 @@ impl EncoderInput {
         self.show(&mut edges);
     }
 
+    /// A channel is driven by something else than the encoder.
+    pub(super) fn set_level(&self, channel: usize, high: bool, now: u64) {
+        self.advance_to(now);
+        let mut edges = lock(&self.state);
+        edges.levels[channel & 1] = high;
+        self.drive(&edges);
+    }
+
     /// What was read from the counter.
     pub(super) fn readings(&self) -> Vec<u32> {
         lock(&self.readings).clone()

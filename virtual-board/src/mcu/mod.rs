@@ -6,6 +6,7 @@
 //! here, each where it is done: four priority bits, the vector table's address, TIM1's break input
 //! and automatic output enable, the voltage detector, ITSTATE in a stacked xPSR, time while asleep.
 
+mod bench;
 mod bus;
 mod dma;
 mod encoder;
@@ -35,6 +36,7 @@ use self::{
     soc::{Memories, Soc, WIRED},
     watch::{Step, mend_itstate},
 };
+pub use bench::Bench;
 pub use encoder::EdgeNotes;
 pub use snapshot::Snapshot;
 pub use watch::{Cycles, LINK, RENDER, SAMPLE, Watch};
@@ -55,6 +57,8 @@ pub struct Chip {
     pub core_hz: u64,
     /// Flash, bytes.
     pub flash_bytes: usize,
+    /// What tells it from others (`DEV_ID`).
+    pub id: u32,
     /// Has the regulator's over-drive, which 180 MHz needs.
     pub over_drive: bool,
 }
@@ -100,6 +104,8 @@ pub struct Listeners {
     pub dac: Option<Arc<dyn DacListener>>,
     /// The encoder's A and B are wired to TIM3's channels 1 and 2 as well.
     pub captured: bool,
+    /// What a self-test looks at.
+    pub bench: Arc<Bench>,
     /// Notes of the words of RAM that were read, if those are wanted.
     pub reads: Option<Arc<Vec<AtomicBool>>>,
 }
@@ -434,6 +440,11 @@ impl Mcu {
         self.clock.set(self.now);
         self.soc.supply.set_mv(mv);
         self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
+    }
+
+    /// What a self-test looks at.
+    pub fn bench(&self) -> &Bench {
+        &self.listeners.bench
     }
 
     /// The level of `pin`.

@@ -33,8 +33,8 @@ pub struct Snapshot {
     encoder: EncoderState,
     /// Cycles for which each timer has stood still.
     stood: Vec<u64>,
-    /// The blocks that the emulator has no model of: DBGMCU, DAC, DMA2; what waits in DMA2, its count, and whether it begins.
-    stored: [Vec<u32>; 3],
+    /// The blocks that the emulator has no model of: DBGMCU, DAC, ADC1, DMA2; what waits in DMA2, its count, and whether it begins.
+    stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),
     /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for.
     flags: [bool; 8],
@@ -87,8 +87,8 @@ fn copy(memory: &RamStore) -> Vec<u8> {
 }
 
 impl Soc {
-    fn blocks(&self) -> [&Storage; 3] {
-        [&self.dbgmcu, &self.dac, &self.dma.registers]
+    fn blocks(&self) -> [&Storage; 4] {
+        [&self.dbgmcu, &self.dac, &self.adc, &self.dma.registers]
     }
 
     /// All but flash: what gates a timer's clock before the timer, the core last.

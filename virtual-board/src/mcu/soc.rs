@@ -2,7 +2,7 @@
 
 use std::sync::{
     Arc,
-    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+    atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed},
 };
 
 use rsemu::{
@@ -18,7 +18,8 @@ use rsemu::{
 
 use super::{
     Chip, Listeners, Pin, PinListener, RAM, RAM_BYTES,
-    bus::{Clock, Counted, Dac, Lazy, Plain, Registers, Storage},
+    bench::{Converter, FlashPort, PacePort, WIRES, Wire},
+    bus::{Clock, Dac, Lazy, Plain, Registers, Storage},
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
     main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
@@ -70,6 +71,7 @@ pub(super) struct Soc {
     pub(super) space: Arc<AddressSpace>,
     watchdog: Lazy,
     pub(super) dac: Arc<Storage>,
+    pub(super) adc: Arc<Storage>,
     /// Cycle at which a force was last written, to the DAC or to a compare register.
     pub(super) commanded_at: Arc<AtomicU64>,
     gpio: Vec<Arc<Gpio>>,
@@ -238,6 +240,12 @@ impl Soc {
             (lazy(capture_timer, 2), captured),
         ));
 
+        for (channel, (port, number)) in WIRES.into_iter().enumerate() {
+            let (encoder, clock) = (Arc::clone(&encoder), Arc::clone(clock));
+            let sink = Wire { encoder, channel, clock, bench: Arc::clone(&listeners.bench) };
+            wire(&*gpio[port], &format!("p{number}"), Arc::new(sink));
+        }
+
         let stop = Arc::new(AtomicBool::new(false));
         let supply = Supply::of_mv(supply_mv);
         let supply_line = Arc::new(Flag::default());
@@ -247,6 +255,7 @@ impl Soc {
         supply.connect(id, exti.sink("line16", &[id]).expect(WIRED));
         let exti = lazy(exti, 1);
         let dbgmcu = Storage::new();
+        dbgmcu.set(0, chip.id);
         // Flash and RAM are found in a table, which halves the time of an access; the rest by a search.
         let cover = u64::from(RAM + RAM_BYTES);
         let table = DispatchPolicy::Dense { page_bits: 16, cover };
@@ -278,7 +287,16 @@ impl Soc {
             ),
             0x4000_0400,
         );
-        map(Registers::region(&pace, Plain(pace.clone())), 0x4000_0C00);
+        let bench = &listeners.bench;
+        let port = PacePort {
+            lazy: pace.clone(),
+            clock: Arc::clone(clock),
+            bench: Arc::clone(bench),
+            core_hz: chip.core_hz,
+            option: AtomicU32::new(0),
+            read: AtomicU64::new(0),
+        };
+        map(Registers::region(&pace, port), 0x4000_0C00);
         map(Registers::region(&halt_timer, Plain(halt_timer.clone())), 0x4000_1000);
         map(Registers::region(&output_timer, Plain(output_timer.clone())), 0x4001_0400);
         map(dma.region(), 0x4002_6400);
@@ -296,6 +314,10 @@ impl Soc {
         );
         map(Registers::region(&exti, Plain(exti.clone())), 0x4001_3C00);
         let dac = Storage::new();
+        let adc = Storage::new();
+        let (registers, converted) = (Arc::clone(&adc), Arc::clone(&dac));
+        let converter = Converter { registers, dac: converted, bench: Arc::clone(bench) };
+        map(converter.region(), 0x4001_2000);
         let commanded_at = Arc::new(AtomicU64::new(0));
         let written_at = Arc::clone(&commanded_at);
         map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
@@ -323,7 +345,12 @@ impl Soc {
         };
         map(Registers::region(&rcc, port), 0x4002_3800);
         let flash_touched = Arc::new(AtomicU64::new(0));
-        let port = Counted(flash_registers.clone(), Arc::clone(&flash_touched));
+        let port = FlashPort {
+            lazy: flash_registers.clone(),
+            clock: Arc::clone(&clock),
+            touched: Arc::clone(&flash_touched),
+            bench: Arc::clone(bench),
+        };
         map(Registers::region(&flash_registers, port), 0x4002_3C00);
         map(dbgmcu.region(), 0xE004_2000);
 
@@ -359,6 +386,7 @@ impl Soc {
             supply,
             dbgmcu,
             dac,
+            adc,
             commanded_at,
             gpio,
         }

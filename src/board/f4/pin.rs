@@ -1,0 +1,51 @@
+//! A pin by its port, whatever drives it: its level, and a way to hold it low.
+
+use core::ptr;
+
+/// Port and number of a pin.
+#[derive(Clone, Copy)]
+pub struct BoardPin {
+    /// Address of the port.
+    port: u32,
+    /// 0 to 15.
+    number: u32,
+}
+
+/// GPIOA; the ports follow each other.
+const GPIOA: u32 = 0x4002_0000;
+const PORT_BYTES: u32 = 0x400;
+/// MODER of a port, its inputs, and the register that sets and clears its outputs.
+const MODE: u32 = 0x00;
+const INPUT: u32 = 0x10;
+const SET_CLEAR: u32 = 0x18;
+
+impl BoardPin {
+    /// As the data sheet names it.
+    pub const fn new(port: char, number: u32) -> Self {
+        Self { port: GPIOA + PORT_BYTES * (port as u32 - 'A' as u32), number }
+    }
+
+    fn read(self, offset: u32) -> u32 {
+        let address = (self.port + offset) as usize;
+        // SAFETY: a register of this chip, aligned, whose reading has no effect.
+        unsafe { ptr::read_volatile(ptr::without_provenance::<u32>(address)) }
+    }
+
+    /// Its level.
+    pub fn is_high(self) -> bool {
+        self.read(INPUT) >> self.number & 1 != 0
+    }
+
+    /// Drives it low by its port, whatever its mode was.
+    #[cold]
+    pub fn hold_low(self) {
+        let Self { port, number } = self;
+        let mode = self.read(MODE) & !(0b11 << (2 * number)) | 0b01 << (2 * number);
+        // SAFETY: registers of this chip; low, then an output. Nothing else in this program writes them after `init`.
+        unsafe {
+            ptr::without_provenance_mut::<u32>((port + SET_CLEAR) as usize)
+                .write_volatile(1 << (16 + number));
+            ptr::without_provenance_mut::<u32>((port + MODE) as usize).write_volatile(mode);
+        }
+    }
+}

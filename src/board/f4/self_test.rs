@@ -1,0 +1,222 @@
+//! What the chip and its board find out about themselves. The force is off, and nothing can arm meanwhile: the console
+//! asks part by part, and it alone gives orders.
+//!
+//! | part | how | manual |
+//! |---|---|---|
+//! | chip | `DEV_ID` | RM0390 33.6.1, RM0090 38.6.1 |
+//! | brown-out reset | `BOR_LEV` of FLASH_OPTCR | RM0390 3.8.6, RM0090 3.9.10 |
+//! | image | vectors, CRC from vectors to constants | |
+//! | enable | TIM1_CH3's pin against MOE and the break input | RM0390 16.3.13, RM0090 17.3.13 |
+//! | output | the board's own: `dac.rs`, `pwm.rs` | |
+//! | encoder | PC6 and PC8 give edges to A and B, by two wires | |
+//! | delay | TIM5's count when TIM2's was read | |
+//! | clock | LSI into TIM5's channel 4 (`TI4_RMP`) | RM0390 17.4.21, RM0090 18.4.22 |
+
+use core::{
+    marker::PhantomData,
+    ptr, slice,
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
+};
+
+use stm32f4xx_hal::{pac, rcc::Rcc};
+use zwidth::{
+    contract,
+    self_test::{Delays, EDGES, Found, Part, checksum},
+};
+
+use super::{Wiring, enable, pin::BoardPin};
+use crate::board::common::mask;
+
+/// TIM5's count when `sample` last read the encoder's counter.
+static READ_AT: AtomicU32 = AtomicU32::new(0);
+
+/// By `sample`.
+#[inline(always)]
+pub(super) fn note_reading(ticks: u32) {
+    READ_AT.store(ticks, Relaxed);
+}
+
+/// The two pins of the wires: A, B.
+const WIRES: [u32; 2] = [6, 8];
+
+/// What it needs is switched on at set-up and stays on: its registers' clocks are read back with every output.
+pub struct SelfTest<W>(PhantomData<W>);
+
+impl<W: Wiring> SelfTest<W> {
+    /// Gives clocks to the converter and to the port of the wires.
+    pub fn new(rcc: &mut Rcc) -> Self {
+        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
+        rcc.ahb1enr().modify(|_, w| w.gpiocen().set_bit());
+        Self(PhantomData)
+    }
+}
+
+impl<W: Wiring> contract::SelfTest for SelfTest<W> {
+    fn test(&mut self, part: Part) -> Found {
+        match part {
+            Part::Chip => {
+                // SAFETY: the address is DBGMCU's; this only reads.
+                let id = unsafe { (*pac::DBGMCU::ptr()).idcode().read().dev_id().bits() };
+                Found::Chip { id: id.into(), expected: W::CHIP }
+            }
+            Part::BrownOutReset => {
+                // SAFETY: the address is the flash controller's; this only reads.
+                let options = unsafe { (*pac::FLASH::ptr()).optcr().read().bits() };
+                Found::BrownOutReset { level: options >> 2 & 3, expected: W::BROWN_OUT_RESET }
+            }
+            Part::Image => image(),
+            Part::Enable => enabled(W::ENABLE, || !W::STOP.is_high()),
+            Part::Output => W::test_output(),
+            Part::Encoder => counted(W::CORE_HZ),
+            Part::Delay => delays(W::CORE_HZ),
+            Part::Clock => Found::Clock(oscillator_hz(W::CORE_HZ / 2)),
+        }
+    }
+}
+
+// SAFETY: names of memory.x and of cortex-m-rt's link.x; of their addresses only.
+unsafe extern "C" {
+    safe static __vector_table: [u32; VECTORS];
+    safe static _stext: u32;
+    safe static __sidata: u32;
+    safe static __sdata: u32;
+    safe static __edata: u32;
+}
+
+/// Stack pointer, 15 exceptions, 82 interrupts.
+const VECTORS: usize = 16 + 82;
+/// Where the image may be, and its stack.
+const FLASH: core::ops::Range<u32> = 0x0800_0000..0x0808_0000;
+const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
+
+fn image() -> Found {
+    let vectors = &__vector_table;
+    // SAFETY: the address is the core's; this only reads.
+    let in_force = unsafe { (*cortex_m::peripheral::SCB::PTR).vtor.read() };
+    let stack = vectors.first().is_some_and(|top| RAM.contains(top) && top % 8 == 0);
+    let leads = |&vector: &u32| vector == 0 || vector & 1 == 1 && FLASH.contains(&vector);
+    let rest = vectors.iter().skip(1).position(|vector| !leads(vector));
+    let bad =
+        if in_force != vectors.as_ptr() as u32 || !stack { Some(0) } else { rest.map(|n| n + 1) };
+    let bad_vector = bad.and_then(|number| u32::try_from(number).ok());
+    let code = (&raw const _stext) as usize;
+    let end = (&raw const __sidata) as usize
+        + ((&raw const __edata) as usize - (&raw const __sdata) as usize);
+    // SAFETY: flash from the beginning of the code to the end of the image.
+    let code = unsafe {
+        slice::from_raw_parts(
+            ptr::with_exposed_provenance::<u32>(code),
+            (end - code) / size_of::<u32>(),
+        )
+    };
+    Found::Image { bad_vector, crc: checksum([vectors.as_slice(), code]) }
+}
+
+fn enabled(pin: BoardPin, stop_closed: fn() -> bool) -> Found {
+    mask::with_lower_tasks_masked(|| {
+        crate::board::off();
+        cortex_m::asm::delay(32);
+        let off = pin.is_high();
+        let stop_closed = stop_closed();
+        let (on, after) = enable::blink(pin);
+        Found::Enable { stop_closed, off, on, after }
+    })
+}
+
+/// Core cycles, with those of the loop 22 to 30: more than the input filter's 16.
+const BETWEEN_EDGES: u32 = 6;
+
+/// Edges of A and B one after the other, each a fifth of a microsecond after the last, which interrupts may lengthen.
+fn counted(core_hz: u32) -> Found {
+    // SAFETY: the addresses are GPIOC's, of which only this uses two pins, and TIM2's, of which this reads the count.
+    let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
+    let [a, b] = WIRES;
+    let (high, low) = (|pin: u32| 1 << pin, |pin: u32| 1 << (16 + pin));
+    // SAFETY: two pins low, then outputs; the others stay.
+    unsafe {
+        port.bsrr().write(|w| w.bits(low(a) | low(b)));
+        port.moder().modify(|r, w| w.bits(r.bits() | 0b01 << (2 * a) | 0b01 << (2 * b)));
+    }
+    cortex_m::asm::delay(core_hz / 1_000_000);
+    let count = || counter.cnt().read().bits();
+    let edges = |order: [u32; 4]| {
+        for _ in 0..EDGES / 4 {
+            for level in order {
+                // SAFETY: the two pins only.
+                port.bsrr().write(|w| unsafe { w.bits(level) });
+                cortex_m::asm::delay(BETWEEN_EDGES);
+            }
+        }
+    };
+    let (from, begun) = (count(), cortex_m::peripheral::DWT::cycle_count());
+    edges([high(a), high(b), low(a), low(b)]);
+    let cycles = cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begun);
+    cortex_m::asm::delay(core_hz / 1_000_000);
+    let there = count().wrapping_sub(from).cast_signed();
+    edges([high(b), high(a), low(b), low(a)]);
+    cortex_m::asm::delay(core_hz / 1_000_000);
+    let back = count().wrapping_sub(from).cast_signed();
+    // SAFETY: the two pins are inputs again.
+    port.moder().modify(|r, w| unsafe { w.bits(r.bits() & !(0b11 << (2 * a) | 0b11 << (2 * b))) });
+    let edges = u64::from(EDGES) * u64::from(core_hz);
+    let rate_hz = edges.checked_div(u64::from(cycles)).and_then(|hz| u32::try_from(hz).ok());
+    let rate_hz = rate_hz.unwrap_or(0);
+    Found::Encoder { sent: EDGES, there, back, rate_hz }
+}
+
+/// Looks at what `sample` notes until it has noted often enough.
+fn delays(core_hz: u32) -> Found {
+    let mut times = [0; Delays::SAMPLES];
+    let mut taken = 0;
+    for time in &mut times {
+        READ_AT.store(u32::MAX, Relaxed);
+        let looks = core_hz / zwidth::contract::RATE_HZ; // more than a period's cycles
+        let noted = (0..looks).map(|_| READ_AT.load(Relaxed)).find(|&ticks| ticks != u32::MAX);
+        let Some(noted) = noted else { break };
+        *time = noted;
+        taken += 1;
+    }
+    Found::Delay(Delays::of(times.get(..taken).unwrap_or_default()))
+}
+
+/// Channel 4 is a capture of its own input, at rising edges: CC4S in CCMR2, CC4E in CCER, its flag in SR.
+const CAPTURES: u32 = 0b01 << 8;
+const CAPTURE_ON: u32 = 1 << 12;
+const CAPTURED: u32 = 1 << 4;
+/// That input is LSI: `TI4_RMP` in OR.
+const FROM_LSI: u32 = 0b01 << 6;
+/// Edges that are looked at.
+const PERIODS: u32 = 32;
+
+/// By the timer of the samples. Captures that come late make a distance longer, never shorter, so the least one counts.
+fn oscillator_hz(timer_hz: u32) -> u32 {
+    // SAFETY: the address is TIM5's.
+    let timer = unsafe { &*pac::TIM5::ptr() };
+    // SAFETY: documented values of registers that nothing else uses.
+    unsafe {
+        timer.or().write(|w| w.bits(FROM_LSI));
+        timer.ccmr2_input().write(|w| w.bits(CAPTURES));
+        timer.ccer().write(|w| w.bits(CAPTURE_ON));
+    }
+    let period = timer.arr().read().bits() + 1;
+    let edge = || {
+        let looks = timer_hz / 2_000; // some milliseconds
+        let came = (0..looks / 10).any(|_| timer.sr().read().bits() & CAPTURED != 0);
+        came.then(|| timer.ccr4().read().bits())
+    };
+    let mut last = edge();
+    let mut least = None;
+    for _ in 0..PERIODS {
+        let (Some(before), Some(now)) = (last, edge()) else { break };
+        let ticks = (now + period - before).checked_rem(period).unwrap_or(0);
+        least = Some(least.map_or(ticks, |least: u32| least.min(ticks)));
+        last = Some(now);
+    }
+    // SAFETY: as after set-up.
+    unsafe {
+        timer.ccer().write(|w| w.bits(0));
+        timer.ccmr2_input().write(|w| w.bits(0));
+        timer.or().write(|w| w.bits(0));
+    }
+    least.and_then(|ticks| timer_hz.checked_div(ticks)).unwrap_or(0)
+}

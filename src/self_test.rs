@@ -1,0 +1,339 @@
+//! What a board finds out about itself with the force off, and what it must be.
+//!
+//! A board measures ([`SelfTest`](crate::contract::SelfTest)), part by part; here the numbers are judged and said.
+
+use core::fmt;
+
+use crate::crc;
+
+/// One thing that is tested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The chip is the one that the image is for.
+    Chip,
+    /// The brown-out reset is on.
+    BrownOutReset,
+    /// Vector table and flash.
+    Image,
+    /// The pin of enable, by the program and by the emergency stop.
+    Enable,
+    /// The force output.
+    Output,
+    /// The encoder's counter, fed by the board itself.
+    Encoder,
+    /// When the samples read it.
+    Delay,
+    /// The clock, against the watchdog's oscillator.
+    Clock,
+}
+
+impl Part {
+    /// All, in the order in which they are tested.
+    pub const ALL: [Self; 8] = [
+        Self::Chip,
+        Self::BrownOutReset,
+        Self::Image,
+        Self::Enable,
+        Self::Output,
+        Self::Encoder,
+        Self::Delay,
+        Self::Clock,
+    ];
+
+    /// As it is said.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Chip => "chip",
+            Self::BrownOutReset => "brown-out reset",
+            Self::Image => "image",
+            Self::Enable => "enable",
+            Self::Output => "output",
+            Self::Encoder => "encoder",
+            Self::Delay => "delay",
+            Self::Clock => "clock",
+        }
+    }
+}
+
+/// When samples read the counter, in ticks of the sample timer after its update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delays {
+    /// Samples that were looked at.
+    pub samples: u32,
+    /// The first of them.
+    pub least: u32,
+    /// The last of them.
+    pub most: u32,
+    /// How many came 0, 1, 2, .. times [`Self::BIN`] ticks after the first; the last takes the rest.
+    pub bins: [u32; Self::BINS],
+}
+
+impl Delays {
+    /// Numbers in the histogram.
+    pub const BINS: usize = 8;
+    /// Ticks of each.
+    pub const BIN: u32 = 4;
+    /// Most that the samples may differ by, ticks: half a microsecond. Instructions that cannot be interrupted, and the
+    /// way into the interrupt, differ by less.
+    const SPREAD: u32 = 45;
+    /// Samples that are looked at.
+    pub const SAMPLES: usize = 100;
+
+    /// Of those times.
+    pub fn of(times: &[u32]) -> Self {
+        let least = times.iter().copied().min().unwrap_or_default();
+        let most = times.iter().copied().max().unwrap_or_default();
+        let mut bins = [0; Self::BINS];
+        for time in times {
+            let bin = ((time - least) / Self::BIN) as usize;
+            if let Some(count) = bins.get_mut(bin.min(Self::BINS - 1)) {
+                *count += 1;
+            }
+        }
+        let samples = u32::try_from(times.len()).unwrap_or(u32::MAX);
+        Self { samples, least, most, bins }
+    }
+}
+
+/// What a board has found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// Its chip, and the one that it should be.
+    Chip {
+        /// `DEV_ID`.
+        id: u32,
+        /// The same of the board's chip.
+        expected: u32,
+    },
+    /// Levels of the brown-out reset (`BOR_LEV`): 3 is off.
+    BrownOutReset {
+        /// In the option bytes.
+        level: u32,
+        /// For the board's supply.
+        expected: u32,
+    },
+    /// The image in flash.
+    Image {
+        /// The first vector that leads nowhere, if there is one.
+        bad_vector: Option<u32>,
+        /// CRC-32 of vectors, code and constants.
+        crc: u32,
+    },
+    /// Levels of the pin of enable.
+    Enable {
+        /// The emergency stop was closed.
+        stop_closed: bool,
+        /// With the main output off.
+        off: bool,
+        /// With it switched on, for a few cycles at zero force.
+        on: bool,
+        /// Off again.
+        after: bool,
+    },
+    /// The force output read back.
+    Output {
+        /// The code with the largest difference, and what was read.
+        worst: [u32; 2],
+        /// Largest difference that is right.
+        allowed: u32,
+    },
+    /// Edges that the board gave to its counter by two wires, there and back.
+    Encoder {
+        /// Edges each way.
+        sent: u32,
+        /// Counts after the way there.
+        there: i32,
+        /// Counts after the way back.
+        back: i32,
+        /// Edges per second.
+        rate_hz: u32,
+    },
+    /// When samples read the counter.
+    Delay(Delays),
+    /// The watchdog's oscillator, by this board's clock, Hz; 0 if it does not run.
+    Clock(u32),
+}
+
+/// Edges each way.
+pub const EDGES: u32 = 2000;
+
+/// Checksum of the pieces of an image, one after the other.
+pub fn checksum<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 {
+    crc::of_pieces(pieces)
+}
+
+/// The watchdog's oscillator, Hz: what the data sheets allow.
+const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
+
+impl Found {
+    /// Whether it is as it should be.
+    pub fn is_right(&self) -> bool {
+        match *self {
+            Self::Chip { id, expected } => id == expected,
+            Self::BrownOutReset { level, expected } => level == expected,
+            Self::Image { bad_vector, .. } => bad_vector.is_none(),
+            Self::Enable { stop_closed, off, on, after } => !off && on == stop_closed && !after,
+            Self::Output { worst: [told, read], allowed } => told.abs_diff(read) <= allowed,
+            Self::Encoder { sent, there, back, .. } => there.unsigned_abs() == sent && back == 0,
+            Self::Delay(Delays { samples, least, most, .. }) => {
+                samples as usize == Delays::SAMPLES && most - least <= Delays::SPREAD
+            }
+            Self::Clock(hz) => OSCILLATOR_HZ.contains(&hz),
+        }
+    }
+}
+
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let wrong = !self.is_right();
+        f.write_str(if wrong { "fail, " } else { "pass, " })?;
+        match *self {
+            Self::Chip { id, expected } => {
+                write!(f, "id {id:x}")?;
+                if wrong { write!(f, ", this image is for {expected:x}") } else { Ok(()) }
+            }
+            Self::BrownOutReset { level, expected } => {
+                write!(f, "level {level}")?;
+                if level == 3 {
+                    f.write_str(" is off")?;
+                }
+                if wrong { write!(f, ", this board wants {expected}") } else { Ok(()) }
+            }
+            Self::Image { bad_vector, crc } => match bad_vector {
+                Some(number) => write!(f, "vector {number} leads nowhere"),
+                None => write!(f, "crc {crc:08x}"),
+            },
+            Self::Enable { off: true, .. } => f.write_str("the pin is high with the output off"),
+            Self::Enable { after: true, .. } => f.write_str("the pin stays high"),
+            Self::Enable { stop_closed: true, on: false, .. } => f.write_str("the pin stays low"),
+            Self::Enable { stop_closed: false, on: true, .. } => {
+                f.write_str("the open stop does not hold the pin low")
+            }
+            Self::Enable { stop_closed: true, .. } => f.write_str("stop closed: the pin follows"),
+            Self::Enable { .. } => f.write_str("stop open: the pin stays low"),
+            Self::Output { worst: [told, read], allowed } => {
+                write!(f, "code {told} reads as {read}, allowed is {allowed} more or less")
+            }
+            Self::Encoder { there: 0, back: 0, .. } => {
+                f.write_str("nothing is counted: are both wires there?")
+            }
+            Self::Encoder { sent, there, back, rate_hz } => {
+                write!(
+                    f,
+                    "{sent} edges at {rate_hz} per second and back: {there} and {back} counts"
+                )
+            }
+            Self::Delay(Delays { samples: 0, .. }) => f.write_str("no samples"),
+            Self::Delay(Delays { samples, least, most, bins }) => {
+                write!(
+                    f,
+                    "{samples} samples, {least} to {most} ticks after the timer, by {}:",
+                    Delays::BIN
+                )?;
+                bins.iter().try_for_each(|count| write!(f, " {count}"))
+            }
+            Self::Clock(0) => f.write_str("the watchdog's oscillator does not run"),
+            Self::Clock(hz) => {
+                let (least, most) = OSCILLATOR_HZ.into_inner();
+                write!(f, "the watchdog's oscillator has {hz} Hz, allowed {least} to {most}")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[track_caller]
+    fn says(found: Found, text: &str) {
+        assert_eq!(found.to_string(), text);
+        assert_eq!(found.is_right(), text.starts_with("pass, "));
+    }
+
+    #[test]
+    fn each_part_passes_and_fails_with_what_was_found() {
+        says(Found::Chip { id: 0x421, expected: 0x421 }, "pass, id 421");
+        says(Found::Chip { id: 0x413, expected: 0x421 }, "fail, id 413, this image is for 421");
+        says(Found::BrownOutReset { level: 0, expected: 0 }, "pass, level 0");
+        says(
+            Found::BrownOutReset { level: 3, expected: 1 },
+            "fail, level 3 is off, this board wants 1",
+        );
+        says(Found::BrownOutReset { level: 2, expected: 1 }, "fail, level 2, this board wants 1");
+        says(Found::Image { bad_vector: None, crc: 0xAB }, "pass, crc 000000ab");
+        says(Found::Image { bad_vector: Some(7), crc: 0xAB }, "fail, vector 7 leads nowhere");
+        let output = |read| Found::Output { worst: [1000, read], allowed: 40 };
+        says(output(960), "pass, code 1000 reads as 960, allowed is 40 more or less");
+        says(output(1040), "pass, code 1000 reads as 1040, allowed is 40 more or less");
+        says(output(1041), "fail, code 1000 reads as 1041, allowed is 40 more or less");
+        says(output(959), "fail, code 1000 reads as 959, allowed is 40 more or less");
+        says(
+            Found::Clock(32_000),
+            "pass, the watchdog's oscillator has 32000 Hz, allowed 17000 to 47000",
+        );
+        says(
+            Found::Clock(16_999),
+            "fail, the watchdog's oscillator has 16999 Hz, allowed 17000 to 47000",
+        );
+        says(
+            Found::Clock(47_001),
+            "fail, the watchdog's oscillator has 47001 Hz, allowed 17000 to 47000",
+        );
+        says(Found::Clock(0), "fail, the watchdog's oscillator does not run");
+    }
+
+    #[test]
+    fn enable_follows_a_closed_stop_and_no_open_one() {
+        let enable = |stop_closed, off, on, after| Found::Enable { stop_closed, off, on, after };
+        says(enable(true, false, true, false), "pass, stop closed: the pin follows");
+        says(enable(false, false, false, false), "pass, stop open: the pin stays low");
+        says(enable(true, false, false, false), "fail, the pin stays low");
+        says(enable(false, false, true, false), "fail, the open stop does not hold the pin low");
+        for closed in [false, true] {
+            says(enable(closed, true, closed, false), "fail, the pin is high with the output off");
+            says(enable(closed, false, closed, true), "fail, the pin stays high");
+        }
+    }
+
+    #[test]
+    fn an_encoder_counts_every_edge_in_either_direction_and_comes_back() {
+        let encoder = |there, back| Found::Encoder { sent: 2000, there, back, rate_hz: 5_000_000 };
+        says(
+            encoder(2000, 0),
+            "pass, 2000 edges at 5000000 per second and back: 2000 and 0 counts",
+        );
+        assert!(encoder(-2000, 0).is_right(), "a mounting that counts the other way round");
+        for (there, back) in [(1999, 0), (2000, 1), (-2001, 0), (2000, -4000), (1, 0)] {
+            assert!(!encoder(there, back).is_right(), "{there} {back}");
+        }
+        says(encoder(0, 0), "fail, nothing is counted: are both wires there?");
+    }
+
+    #[test]
+    fn delays_have_their_ends_and_a_histogram() {
+        let mut times = [20; Delays::SAMPLES];
+        times[0] = 23;
+        times[1] = 24;
+        times[2] = 65;
+        let delays = Delays::of(&times);
+        assert_eq!((delays.samples, delays.least, delays.most), (100, 20, 65));
+        assert_eq!(delays.bins, [98, 1, 0, 0, 0, 0, 0, 1]);
+        says(
+            Found::Delay(delays),
+            "pass, 100 samples, 20 to 65 ticks after the timer, by 4: 98 1 0 0 0 0 0 1",
+        );
+        times[2] = 66;
+        assert!(!Found::Delay(Delays::of(&times)).is_right());
+        assert!(!Found::Delay(Delays::of(&times[3..])).is_right(), "samples are missing");
+        says(Found::Delay(Delays::of(&[])), "fail, no samples");
+    }
+
+    #[test]
+    fn every_part_has_a_name_of_its_own() {
+        for (n, part) in Part::ALL.iter().enumerate() {
+            assert!(Part::ALL[..n].iter().all(|other| other.text() != part.text()), "{part:?}");
+        }
+    }
+}

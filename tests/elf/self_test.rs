@@ -1,0 +1,184 @@
+//! `selftest` on the virtual board: what passes when all is well, and what fails when a part of it is not.
+
+use std::sync::atomic::Ordering::Relaxed;
+
+use virtual_board::{board::Board, elf::Elf, world::World};
+use zwidth::self_test::{Part, checksum};
+
+use crate::firmware::{Firmware, arm, ok};
+
+each_board!(
+    a_whole_board_passes_and_has_lost_its_zero,
+    each_part_fails_by_itself,
+    a_self_test_is_refused_while_force_acts
+);
+
+/// A board as the page wants it for a self-test: option bytes set, the two wires in the encoder's place.
+fn prepared<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
+    let Firmware { board, table, scene, .. } = firmware;
+    let mut world = World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap();
+    let bench = world.powered.mcu.bench();
+    bench.wires.store(true, Relaxed);
+    bench.brown_out_reset.store(wanted_level(*board), Relaxed);
+    world.run(200).unwrap();
+    world
+}
+
+fn wanted_level(board: Board) -> u32 {
+    u32::from(board.name == "discovery-f407")
+}
+
+/// The lines of a self-test, the last of them the reply.
+fn lines(world: &mut World<'_>) -> Vec<String> {
+    world.replies.clear();
+    world.send("selftest\n").unwrap();
+    let mut lines = vec![];
+    while lines.last().is_none_or(|line: &String| line.starts_with("selftest ")) {
+        lines.push(world.reply(2_000).unwrap());
+    }
+    lines
+}
+
+/// What is said of each part that fails.
+fn failed(world: &mut World<'_>) -> Vec<String> {
+    let lines = lines(world);
+    assert_eq!(lines.len(), Part::ALL.len() + 1, "{lines:?}");
+    lines[..Part::ALL.len()].iter().filter(|line| line.contains(": fail, ")).cloned().collect()
+}
+
+/// As the board does it: vectors, then from the code to the end of what is copied to RAM.
+fn checksum_of(elf: &Elf) -> u32 {
+    // What lies between two pieces is erased.
+    let byte_at = |address: u32| {
+        let mut pieces = elf.flash.iter();
+        let inside =
+            pieces.find_map(|(start, bytes)| bytes.get(address.checked_sub(*start)? as usize));
+        inside.copied().unwrap_or(0xFF)
+    };
+    let word_at = |address: u32| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte_at(address + n)));
+    let words = |from: u32, to: u32| (from..to).step_by(4).map(word_at).collect::<Vec<_>>();
+    let at = |name: &str| elf.address_of(name).unwrap();
+    let end = at("__sidata") + at("__edata") - at("__sdata");
+    let (vectors, code) = (words(0x0800_0000, 0x0800_0000 + 98 * 4), words(at("_stext"), end));
+    checksum([&vectors[..], &code[..]])
+}
+
+fn a_whole_board_passes_and_has_lost_its_zero(board: Board) {
+    let firmware = &Firmware::of(board);
+    let mut world = prepared(firmware, &firmware.elf);
+    ok(&mut world, "zero");
+    let before = world.powered.amplifier.changes();
+    let lines = lines(&mut world);
+    println!("{}:\n{}", board.name, lines.join("\n"));
+    for (line, part) in lines.iter().zip(Part::ALL) {
+        assert!(line.starts_with(&format!("selftest {}: pass, ", part.text())), "{line}");
+    }
+    assert_eq!(lines.last().unwrap(), "ok selftest");
+    let crc = format!("crc {:08x}", checksum_of(&firmware.elf));
+    assert!(lines.iter().any(|line| line.ends_with(&crc)), "{lines:?}: not {crc}");
+    // Enable is off again, and no fault has come of it.
+    assert!(!world.powered.amplifier.is_enabled());
+    assert!(world.powered.amplifier.changes().disabled_at > before.disabled_at, "enable blinks");
+    assert_eq!(ok(&mut world, "faults"), "ok faults none");
+    assert_eq!(world.ask("arm").unwrap(), "error: not zeroed: use zero first");
+    // The encoder is back, and the board works as before.
+    world.powered.mcu.bench().wires.store(false, Relaxed);
+    world.hold(firmware.scene.device.rest_position_m, false);
+    arm(&mut world);
+    assert_eq!((world.powered.mcu.resets(), world.powered.mcu.hard_faults().len()), (0, 0));
+}
+
+fn each_part_fails_by_itself(board: Board) {
+    let firmware = &Firmware::of(board);
+    let bench = |change: fn(&virtual_board::mcu::Bench)| {
+        let mut world = prepared(firmware, &firmware.elf);
+        change(world.powered.mcu.bench());
+        failed(&mut world)
+    };
+    assert_eq!(bench(|_| {}), [""; 0]);
+    assert_eq!(
+        bench(|bench| bench.brown_out_reset.store(3, Relaxed)),
+        [format!(
+            "selftest brown-out reset: fail, level 3 is off, this board wants {}",
+            wanted_level(board)
+        )]
+    );
+    assert_eq!(
+        bench(|bench| bench.wires.store(false, Relaxed)),
+        ["selftest encoder: fail, nothing is counted: are both wires there?"]
+    );
+    assert_eq!(
+        bench(|bench| bench.oscillator_hz.store(0, Relaxed)),
+        ["selftest clock: fail, the watchdog's oscillator does not run"]
+    );
+    for hz in [12_000, 60_000] {
+        let clock = bench(match hz {
+            12_000 => |bench| bench.oscillator_hz.store(12_000, Relaxed),
+            _ => |bench| bench.oscillator_hz.store(60_000, Relaxed),
+        });
+        assert!(clock.len() == 1 && clock[0].starts_with("selftest clock: fail, "), "{clock:?}");
+    }
+    // Another chip with the same image.
+    let mut other = Firmware { elf: firmware.elf.clone(), ..Firmware::of(board) };
+    other.board.chip.id = 0x419;
+    let chip = failed(&mut prepared(&other, &other.elf));
+    assert!(chip.len() == 1 && chip[0].starts_with("selftest chip: fail, id 419, "), "{chip:?}");
+    // A vector of an interrupt that never comes; a byte of the constants.
+    let mut elf = firmware.elf.clone();
+    let (_, vectors) = elf.flash.iter_mut().find(|(start, _)| *start == 0x0800_0000).unwrap();
+    vectors[4 * 60..4 * 61].copy_from_slice(&0x0900_0001u32.to_le_bytes());
+    let image = failed(&mut prepared(firmware, &elf));
+    assert_eq!(image, ["selftest image: fail, vector 60 leads nowhere"]);
+}
+
+fn a_self_test_is_refused_while_force_acts(board: Board) {
+    let firmware = &Firmware::of(board);
+    let mut world = firmware.boot();
+    arm(&mut world);
+    let off = world.powered.amplifier.changes().disabled_at;
+    assert_eq!(world.ask("selftest").unwrap(), "error: the force is on: disarm first");
+    ok(&mut world, "unlock envelope");
+    ok(&mut world, "hit");
+    assert_eq!(world.ask("selftest").unwrap(), "error: the force is on: disarm first");
+    assert!(world.powered.amplifier.is_enabled());
+    assert_eq!(world.powered.amplifier.changes().disabled_at, off);
+}
+
+/// The registers' own: what the emergency stop, the pin's mode, the DAC and the interrupt's priority make of it.
+#[test]
+fn enable_output_and_delay_fail_by_themselves() {
+    let board = virtual_board::board::NUCLEO_F446RE;
+    let firmware = &Firmware::of(board);
+    let mut world = prepared(firmware, &firmware.elf);
+    world.emergency_stop(true);
+    assert!(
+        lines(&mut world).contains(&"selftest enable: pass, stop open: the pin stays low".into())
+    );
+    world.emergency_stop(false);
+    assert!(
+        lines(&mut world).contains(&"selftest enable: pass, stop closed: the pin follows".into())
+    );
+
+    world.powered.mcu.bench().converter_error.store(41, Relaxed);
+    let output = failed(&mut world);
+    assert!(
+        output.len() == 1 && output[0].starts_with("selftest output: fail, code "),
+        "{output:?}"
+    );
+    world.powered.mcu.bench().converter_error.store(-40, Relaxed);
+    assert_eq!(failed(&mut world), [""; 0]);
+
+    // As low as `link`: no sample comes between its instructions. The check of the registers finds that as well, and
+    // holds enable's pin low.
+    let low = "selftest enable: fail, the pin stays low";
+    let priority = 0xE000_E400 + 48;
+    let word = world.powered.mcu.peek(priority);
+    world.powered.mcu.poke(priority, word | 0xF0 << 16);
+    assert_eq!(failed(&mut world), [low, "selftest delay: fail, no samples"]);
+
+    // The pin is no timer's any more.
+    let mut world = prepared(firmware, &firmware.elf);
+    let mode = world.powered.mcu.peek(0x4002_0000);
+    world.powered.mcu.poke(0x4002_0000, mode & !(0b11 << 20));
+    assert_eq!(failed(&mut world), [low]);
+}

@@ -1,0 +1,189 @@
+//! What a self-test looks at beyond the control: option bytes, the watchdog's oscillator at TIM5's channel 4, the converter
+//! on the DAC's pin, two wires from the port to the encoder's inputs. Neither a reset nor a supply that goes changes them.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64, Ordering::Relaxed},
+};
+
+use rsemu::core::{
+    space::{MemAttrs, MemOps, MemResult, Region},
+    wire::{Level, WireId, WireSink},
+};
+
+use super::{
+    bus::{Clock, Lazy, Port, Storage},
+    encoder::EncoderInput,
+};
+
+/// The board's surroundings.
+#[derive(Debug)]
+pub struct Bench {
+    /// Wires from PC6 to A and from PC8 to B, the encoder is not there.
+    pub wires: AtomicBool,
+    /// Level of the brown-out reset (`BOR_LEV`), 3 as delivered.
+    pub brown_out_reset: AtomicU32,
+    /// The watchdog's oscillator, Hz; 0: it stands still.
+    pub oscillator_hz: AtomicU64,
+    /// What the converter reads too much.
+    pub converter_error: AtomicI32,
+}
+
+impl Default for Bench {
+    fn default() -> Self {
+        Self {
+            wires: AtomicBool::new(false),
+            brown_out_reset: AtomicU32::new(3),
+            oscillator_hz: AtomicU64::new(32_000),
+            converter_error: AtomicI32::new(0),
+        }
+    }
+}
+
+/// The pins of the wires, ports 'C': A and B.
+pub(super) const WIRES: [(usize, u32); 2] = [(2, 6), (2, 8)];
+
+/// One of them.
+pub(super) struct Wire {
+    pub(super) encoder: Arc<EncoderInput>,
+    pub(super) channel: usize,
+    pub(super) clock: Arc<Clock>,
+    pub(super) bench: Arc<Bench>,
+}
+
+impl std::fmt::Debug for Wire {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wire").finish_non_exhaustive()
+    }
+}
+
+impl WireSink for Wire {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        if self.bench.wires.load(Relaxed) {
+            self.encoder.set_level(self.channel, level.is_high(), self.clock.now());
+        }
+    }
+}
+
+/// The flash controller's port, which counts the accesses: `BOR_LEV` in OPTCR.
+#[derive(Debug)]
+pub(super) struct FlashPort {
+    pub(super) lazy: Lazy,
+    pub(super) clock: Arc<Clock>,
+    pub(super) touched: Arc<AtomicU64>,
+    pub(super) bench: Arc<Bench>,
+}
+
+impl Port for FlashPort {
+    fn before(&self) {
+        self.touched.fetch_add(1, Relaxed);
+        self.lazy.advance_to(self.clock.now());
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        let level = self.bench.brown_out_reset.load(Relaxed) & 3;
+        if offset == 0x14 { value & !(3 << 2) | level << 2 } else { value }
+    }
+}
+
+/// TIM5's port: LSI at channel 4 (`TI4_RMP` = 01), captured at its rising edges.
+#[derive(Debug)]
+pub(super) struct PacePort {
+    pub(super) lazy: Lazy,
+    pub(super) clock: Arc<Clock>,
+    pub(super) bench: Arc<Bench>,
+    pub(super) core_hz: u64,
+    /// OR, and the edge that was read last.
+    pub(super) option: AtomicU32,
+    pub(super) read: AtomicU64,
+}
+
+const SR: u64 = 0x10;
+const CCER: u64 = 0x20;
+const CNT: u64 = 0x24;
+const ARR: u64 = 0x2C;
+const CCR4: u64 = 0x40;
+const OR: u64 = 0x50;
+const CAPTURED: u32 = 1 << 4;
+const CAPTURE_ON: u32 = 1 << 12;
+
+impl PacePort {
+    /// The oscillator's last edge: its number, and the cycles since.
+    fn edge(&self) -> Option<(u64, u64)> {
+        let hz = self.bench.oscillator_hz.load(Relaxed);
+        let on = self.option.load(Relaxed) >> 6 & 3 == 1 && self.lazy.peek(CCER) & CAPTURE_ON != 0;
+        let now = u128::from(self.clock.now());
+        let number = (now * u128::from(hz) / u128::from(self.core_hz)) as u64;
+        let at = (u128::from(number) * u128::from(self.core_hz)).div_ceil(u128::from(hz.max(1)));
+        (on && hz > 0).then(|| (number, (now.saturating_sub(at)) as u64))
+    }
+}
+
+impl Port for PacePort {
+    fn before(&self) {
+        self.lazy.advance_to(self.clock.now());
+    }
+
+    fn write(&self, offset: u64, value: u32) -> u32 {
+        if offset == OR {
+            self.option.store(value, Relaxed);
+        }
+        value
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        match (offset, self.edge()) {
+            (OR, _) => self.option.load(Relaxed),
+            (SR, Some((number, _))) if number > self.read.load(Relaxed) => value | CAPTURED,
+            (CCR4, Some((number, since))) => {
+                self.read.store(number, Relaxed);
+                let period = u64::from(self.lazy.peek(ARR)) + 1;
+                let count = u64::from(self.lazy.peek(CNT)) + period;
+                // The timer has half the core's clock, and the oscillator's edge lies within a few periods.
+                ((count - since / 2 % period) % period) as u32
+            }
+            _ => value,
+        }
+    }
+}
+
+/// ADC1, whose fourth input is the DAC's first output: one conversion, done at once. Its buffer gives 0.2 to 3.1 V.
+#[derive(Debug)]
+pub(super) struct Converter {
+    pub(super) registers: Arc<Storage>,
+    pub(super) dac: Arc<Storage>,
+    pub(super) bench: Arc<Bench>,
+}
+
+impl Converter {
+    const SR: u64 = 0x00;
+    const DONE: u32 = 1 << 1;
+    const CR2: u64 = 0x08;
+    const SQR3: u64 = 0x34;
+    const DR: u64 = 0x4C;
+    const START: u32 = 1 << 30 | 1;
+
+    pub(super) fn region(self) -> Region {
+        Region::io("adc", 0x400, Arc::new(self))
+    }
+}
+
+impl MemOps for Converter {
+    fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
+        self.registers.read(offset, into, attributes)
+    }
+
+    fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
+        self.registers.write(offset, from, attributes)?;
+        let starts = self.registers.get(Self::CR2) & Self::START == Self::START;
+        if offset == Self::CR2 && starts && self.registers.get(Self::SQR3) & 31 == 4 {
+            let on = self.dac.get(0x00) & 1 != 0;
+            let code = if on { self.dac.get(0x08) & 0xFFF } else { 0 };
+            let code = i32::try_from(code.clamp(248, 3847)).unwrap_or_default();
+            let read = code + self.bench.converter_error.load(Relaxed);
+            self.registers.set(Self::DR, read.clamp(0, 4095).unsigned_abs());
+            self.registers.set(Self::SR, Self::DONE);
+        }
+        Ok(())
+    }
+}
