@@ -126,6 +126,28 @@ mod tests {
     }
 
     #[test]
+    fn after_every_record_it_holds_the_last_ones_in_order() {
+        let mut ring = BlackBox::<4>::new(1);
+        for n in 0..20 {
+            ring.push(record(n), false);
+            let expected: Vec<u64> = (n.saturating_sub(3)..=n).collect();
+            assert_eq!(samples(&ring), expected);
+            assert!(!ring.is_empty());
+        }
+    }
+
+    #[test]
+    fn from_another_period_on_it_keeps_other_records() {
+        let mut ring = BlackBox::<8>::new(1);
+        ring.push(record(0), false);
+        ring.keep(3);
+        for n in 1..7 {
+            ring.push(record(n), false);
+        }
+        assert_eq!(samples(&ring), [0, 3, 6]);
+    }
+
+    #[test]
     fn at_a_high_rate_it_thins_out_but_keeps_the_last() {
         assert_eq!(BlackBox::<500>::every(10_000, 10), 1);
         assert_eq!(BlackBox::<500>::every(10_000, 1), 10);

@@ -85,8 +85,18 @@ mod tests {
             }
             let each = [(0.0, 0.0), (0.0, f64::from(period) + 2.3), (0.0, 0.0)];
             assert_eq!(outputs(period, &each), [true, false]);
+            let each = [(0.0, 0.0), (0.0, f64::from(period) + 1.9), (0.0, 0.0)];
+            assert_eq!(outputs(period, &each), [false, false], "two samples are none");
             let each = [(0.0, 0.0), (0.0, 1.9), (0.0, 0.0)];
             assert_eq!(outputs(period, &each), [false, false]);
         }
+    }
+    #[test]
+    fn it_keeps_clock_and_sample_of_the_last_output() {
+        let mut watch = HaltWatch::default();
+        watch.found(7, 1234, 10);
+        assert_eq!(watch.last(), (7, 1234));
+        watch.found(47, 1244, 10);
+        assert_eq!(watch.last(), (47, 1244));
     }
 }

@@ -38,6 +38,14 @@ impl<T> Deref for Doubled<T> {
 }
 
 #[cfg(test)]
+impl<T: Copy> Doubled<T> {
+    /// A bit of the copy has flipped: it is another value.
+    pub(super) fn spoil(&mut self, copy: T) {
+        self.copy = copy;
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -289,10 +289,8 @@ mod tests {
         }
     }
 
-    /// Any bit of the number that asks for a zero, and of the one that was met last: the count stays where it is. An
-    /// order that is whole is met after it.
-    #[test]
-    fn a_bit_that_flips_asks_for_no_zero() {
+    /// A wall that is far, and the speed of the last sample.
+    fn free() -> LoopParameters {
         let design = Design {
             rate_hz: 10_000.0,
             resolution_m: 1e-6,
@@ -306,18 +304,74 @@ mod tests {
             damping_n_s_per_m: 0.0,
             push_only: true,
         };
-        let control =
-            Settings { velocity: VelocitySettings::Difference {}, wall }.build(&design).unwrap();
+        Settings { velocity: VelocitySettings::Difference {}, wall }.build(&design).unwrap()
+    }
+
+    const ANYTHING: GuardCommand = GuardCommand {
+        rendered: 0,
+        acknowledged: 0,
+        zeros: Token::FIRST,
+        force: Force::ZERO,
+        jump: GuardCommand::ANY,
+        speed: GuardCommand::ANY,
+        stall: true,
+    };
+
+    /// What is found at the second sample, after the first at 0 counts.
+    fn second(counts: i32, down: GuardCommand) -> FaultSet {
+        let (control, mut guard) = (free(), Guard::NOTHING);
+        let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+        for (n, counts) in [0, counts].into_iter().enumerate() {
+            let step =
+                sampler.step(&control, counts.cast_unsigned(), &Senses::NONE, &down, &mut guard);
+            assert_eq!(step.cut, !guard.causes.is_empty(), "{n}");
+            assert_eq!(step.told, !guard.causes.is_empty(), "{n}");
+        }
+        guard.causes
+    }
+
+    #[test]
+    fn a_jump_and_a_speed_are_found_beyond_their_limit_and_not_at_it() {
+        for sign in [1, -1] {
+            let jump = |counts: i32| second(sign * counts, GuardCommand { jump: 7, ..ANYTHING });
+            assert_eq!(jump(7), FaultSet::EMPTY);
+            assert_eq!(jump(8), FaultSet::EMPTY.with(Fault::CountJump));
+            let down = GuardCommand { speed: 7 << Velocity::FRACTION_BITS, ..ANYTHING };
+            assert_eq!(second(sign * 7, down), FaultSet::EMPTY);
+            assert_eq!(second(sign * 8, down), FaultSet::EMPTY.with(Fault::OverSpeed));
+        }
+    }
+
+    /// An output is late when the one before the due sample is not there; not while flash is written.
+    #[test]
+    fn a_late_output_is_found_with_the_sample_after_the_due_one() {
+        for (rendered, stall, late) in
+            [(0, false, false), (u32::MAX - 9, false, true), (u32::MAX - 9, true, false)]
+        {
+            let (control, mut guard) = (free(), Guard::NOTHING);
+            let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+            let mut due = 0;
+            for n in 0..12 {
+                let rendered = if n <= 9 { n / 10 * 10 } else { rendered };
+                let first = n == 0; // nothing can be there yet
+                let down = GuardCommand { rendered, stall: stall || first, ..ANYTHING };
+                let step = sampler.step(&control, 0, &Senses::NONE, &down, &mut guard);
+                due += u32::from(step.due);
+                assert_eq!(step.cut, late && n == 11, "sample {n}");
+            }
+            assert_eq!(due, 2);
+            let expected = FaultSet::EMPTY.with_if(Fault::LateRender, late);
+            assert_eq!(guard.causes, expected, "rendered {rendered}");
+        }
+    }
+
+    /// Any bit of the number that asks for a zero, and of the one that was met last: the count stays where it is. An
+    /// order that is whole is met after it.
+    #[test]
+    fn a_bit_that_flips_asks_for_no_zero() {
+        let control = free();
         let asked = Token::FIRST.next();
-        let down = GuardCommand {
-            rendered: 0,
-            acknowledged: 0,
-            zeros: asked,
-            force: Force::ZERO,
-            jump: GuardCommand::ANY,
-            speed: GuardCommand::ANY,
-            stall: true,
-        };
+        let down = GuardCommand { zeros: asked, ..ANYTHING };
         let step = |sampler: &mut GuardedSampler, down: &GuardCommand| {
             let step =
                 sampler.step(&control, 700, &Senses::NONE, down, &mut Guard::NOTHING.clone());

@@ -36,7 +36,7 @@ impl State {
 }
 
 /// What the board and the link know, at an output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
     /// The emergency stop is closed: force is possible.
     pub stop_closed: bool,

@@ -142,4 +142,22 @@ mod tests {
         assert_eq!(test(Handle { sign: -1.0, ..HANDLE }).0, SignStep::Failed);
         assert_eq!(test(Handle { sign: 0.0, ..HANDLE }).0, SignStep::Failed);
     }
+    /// Out, in, in and out again; from one to the other in two steps a millisecond apart, at every output period.
+    #[test]
+    fn the_force_goes_out_in_in_and_out_with_a_step_between() {
+        for (period, per_ms, quarter) in [(10, 1, 25), (5, 2, 50), (1, 10, 250)] {
+            let plan = SETTINGS.build(&crate::Design { period, ..DESIGN }).unwrap();
+            let f = plan.sign_force.bits();
+            let mut test = SignTest::new();
+            for (n, force) in [-f, f, f, -f].into_iter().enumerate() {
+                for output in 0..quarter {
+                    let force = if n % 2 == 1 && output < per_ms { 0 } else { force };
+                    let expected = SignStep::Push(Force::saturating_from_bits(force));
+                    let step = test.step(&plan, Position::default());
+                    assert_eq!(step, expected, "period {period} quarter {n} output {output}");
+                }
+            }
+            assert_eq!(test.step(&plan, Position::default()), SignStep::Failed);
+        }
+    }
 }

@@ -84,13 +84,7 @@ impl Supervisor {
             unlocked: Doubled::new(false),
             contact: false,
             wall_over_zero: false,
-            inputs: Inputs {
-                stop_closed: false,
-                supply_good: false,
-                settings_valid: false,
-                halted: false,
-                found: FaultSet::EMPTY,
-            },
+            inputs: Inputs::default(),
             record: Record::EMPTY,
             down: GuardCommand::start(&plan),
             memory: None,
@@ -497,3 +491,7 @@ impl Supervisor {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "tests/supervisor.rs"]
+mod tests;

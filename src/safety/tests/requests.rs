@@ -88,6 +88,13 @@ fn a_zero_that_would_put_the_handle_into_the_wall_is_refused_while_armed() {
     bench.control = control(-0.01, 1e5);
     bench.run(20);
     assert_eq!(bench.ask(Request::Zero), Err(Refusal::Contact));
+
+    let mut bench = Bench::armed();
+    bench.held = true;
+    bench.control = control(0.0, 1e5); // its surface is at 0: the handle will be there, not in it
+    bench.position_m -= 100e-6;
+    bench.run(20);
+    assert_eq!(bench.ask(Request::Zero), Ok(()));
 }
 
 #[test]
@@ -219,4 +226,18 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
     };
     let (told, untold) = (late(true), late(false));
     assert!(told < 0.2 * untold, "{told} {untold}");
+}
+
+/// The surface itself is free: a wall may be put right before the handle, and no count farther.
+#[test]
+fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
+    let mut bench = Bench::armed();
+    bench.held = true;
+    bench.run(20);
+    let at = bench.last.unwrap().record.position.counts();
+    for (counts, expected) in [(at + 1, Ok(())), (at, Ok(())), (at - 1, Err(Refusal::Contact))] {
+        let wall = control(f64::from(counts) * 1e-6, 2000.0);
+        assert_eq!(wall.wall.surface().counts(), counts);
+        assert_eq!(bench.supervisor.may_change(&bench.control, &wall), expected, "{}", counts - at);
+    }
 }

@@ -1,0 +1,63 @@
+//! What only the supervisor's own state shows.
+
+use super::*;
+use crate::{
+    safety::plan::tests::{DESIGN, SETTINGS},
+    units::Velocity,
+};
+
+fn supervisor() -> Supervisor {
+    Supervisor::new(SETTINGS.build(&DESIGN).unwrap(), None)
+}
+
+/// Any one of them that is not what it was is enough.
+#[test]
+fn it_is_whole_until_a_copy_differs() {
+    assert!(supervisor().is_whole());
+    let mut broken = supervisor();
+    broken.state.spoil(State::Armed);
+    assert!(!broken.is_whole());
+    let mut broken = supervisor();
+    let plan = SETTINGS.build(&crate::Design { period: 5, ..DESIGN }).unwrap();
+    broken.plan.spoil(plan);
+    assert!(!broken.is_whole());
+    let mut broken = supervisor();
+    broken.unlocked.spoil(true);
+    assert!(!broken.is_whole());
+}
+
+/// By a report with a cause in it, or by events that were not dealt with.
+#[test]
+fn it_is_cut_by_what_is_there_or_was_not_cleared() {
+    let mut supervisor = supervisor();
+    let (quiet, none) = (SampleReport::BEFORE, Guard::NOTHING);
+    assert!(!supervisor.is_cut(&quiet, &none));
+    let present = FaultSet::EMPTY.with(Fault::CountJump);
+    assert!(supervisor.is_cut(&SampleReport { present, ..quiet }, &none));
+    let told = Guard { events: 1, ..none };
+    assert!(supervisor.is_cut(&quiet, &told));
+    assert!(supervisor.is_cut(&SampleReport { present, ..quiet }, &told));
+    supervisor.down.acknowledged = 1;
+    assert!(!supervisor.is_cut(&quiet, &told));
+    assert!(supervisor.is_cut(&quiet, &none));
+}
+
+/// A fault that is asked for has the last output's facts.
+#[test]
+fn a_trip_keeps_what_the_last_output_was() {
+    let mut supervisor = supervisor();
+    supervisor.record = Record {
+        sample: 1234,
+        position: Position::from_counts(-5),
+        velocity: Velocity::saturating_from_bits(77),
+        force: Force::saturating_from_bits(99),
+        flags: Flags::ON.with_if(Flags::ARMED, true),
+        ..Record::EMPTY
+    };
+    assert_eq!(supervisor.request(Request::Trip(Fault::HostSilent)), Ok(()));
+    let record = supervisor.status().fault.unwrap();
+    assert_eq!(record.fault, Fault::HostSilent);
+    assert_eq!((record.sample, record.position.counts()), (1234, -5));
+    assert_eq!((record.velocity.bits(), record.force.bits()), (77, 99));
+    assert_eq!(record.flags, supervisor.record.flags);
+}
