@@ -109,13 +109,14 @@ const CAPTURE_ON: u32 = 1 << 12;
 
 impl PacePort {
     /// The oscillator's last edge: its number, and the cycles since.
+    #[expect(clippy::cast_possible_truncation, reason = "edges and cycles of one run")]
     fn edge(&self) -> Option<(u64, u64)> {
         let hz = self.bench.oscillator_hz.load(Relaxed);
         let on = self.option.load(Relaxed) >> 6 & 3 == 1 && self.lazy.peek(CCER) & CAPTURE_ON != 0;
         let now = u128::from(self.clock.now());
         let number = (now * u128::from(hz) / u128::from(self.core_hz)) as u64;
         let at = (u128::from(number) * u128::from(self.core_hz)).div_ceil(u128::from(hz.max(1)));
-        (on && hz > 0).then(|| (number, (now.saturating_sub(at)) as u64))
+        (on && hz > 0).then(|| (number, now.saturating_sub(at) as u64))
     }
 }
 
@@ -131,6 +132,10 @@ impl Port for PacePort {
         value
     }
 
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a count is less than the period, 2^32 at most"
+    )]
     fn read(&self, offset: u64, value: u32) -> u32 {
         match (offset, self.edge()) {
             (OR, _) => self.option.load(Relaxed),
