@@ -185,11 +185,10 @@ fn devices() -> [NamedScene; 5] {
 
 /// The hit of the simulator and the board's differ in when they start and in nothing else: RMS and mean are those of the
 /// same wall.
-#[test]
-fn one_image_takes_five_records_and_hits_as_the_simulator_says() {
+fn hits_are_the_simulators(devices: &[NamedScene]) {
     let Firmware { board, elf, .. } = Firmware::of(NUCLEO_F446RE);
     let facts = board_facts(board.name).unwrap();
-    devices().into_par_iter().for_each(|scene| {
+    devices.par_iter().cloned().for_each(|scene| {
         let record = record(&scene, board).unwrap();
         if let Some(record) = &record {
             let words = words(record);
@@ -225,4 +224,15 @@ fn one_image_takes_five_records_and_hits_as_the_simulator_says() {
         assert_eq!((board_hit.verdict, simulated.verdict), (Verdict::Stable, Verdict::Stable));
         assert!(counts(mean).abs() < 1.0 && counts(rms).abs() < 1.0);
     });
+}
+
+#[test]
+fn one_image_takes_records_and_hits_as_the_simulator_says() {
+    hits_are_the_simulators(&devices()[..2]);
+}
+
+#[test]
+#[ignore = "three devices more; CI runs it"]
+fn one_image_takes_five_records() {
+    hits_are_the_simulators(&devices()[2..]);
 }
