@@ -46,10 +46,13 @@ impl Token {
 mod tests {
     use super::*;
 
+    /// All of them, and one more.
+    const NUMBERS: u32 = if cfg!(miri) { 100 } else { 0x1_0000 };
+
     #[test]
     fn each_asks_once_and_no_flipped_bit_does() {
         let mut token = Token::FIRST;
-        for number in 0..=0x1_0000u32 {
+        for number in 0..=NUMBERS {
             let next = token.next();
             assert_eq!(token.number(), number & 0xFFFF);
             assert!(next.asks_after(token) && !token.asks_after(token));
@@ -59,6 +62,6 @@ mod tests {
             }
             token = next;
         }
-        assert_eq!(token, Token::FIRST.next());
+        assert_eq!(token.number(), (NUMBERS + 1) & 0xFFFF);
     }
 }
