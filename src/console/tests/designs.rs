@@ -1,6 +1,6 @@
 //! Designs: chosen by name with the force off, named by replies, saved settings and telemetry.
 
-use std::boxed::Box;
+use std::sync::LazyLock;
 
 use super::*;
 use crate::{
@@ -15,17 +15,25 @@ use crate::{
 
 /// [`DEVICE`] with two designs, the second of which has rows.
 fn device() -> &'static Device<'static> {
-    let board = BoardFacts {
-        name: "a-board",
-        rate_hz: DEVICE.design.rate_hz,
-        output: DEVICE.design.output,
-        senses: DEVICE.senses,
-        latency_samples: DEVICE.latency_samples,
-    };
-    let key = Key { design: 2, ..BOUNDARY.key };
-    let words = Box::leak(Box::new([0; WORDS_MAX]));
-    let words = DEVICE.to_record(&NAMED, &[BOUNDARY, Boundary { key, ..BOUNDARY }], words);
-    Box::leak(Box::new(Device::from_record(words.unwrap(), &board).unwrap()))
+    static WORDS: LazyLock<([u32; WORDS_MAX], usize)> = LazyLock::new(|| {
+        let key = Key { design: 2, ..BOUNDARY.key };
+        let mut words = [0; WORDS_MAX];
+        let rows = [BOUNDARY, Boundary { key, ..BOUNDARY }];
+        let record = DEVICE.to_record(&NAMED, &rows, &mut words).unwrap().len();
+        (words, record)
+    });
+    static NAMED_DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| {
+        let board = BoardFacts {
+            name: "a-board",
+            rate_hz: DEVICE.design.rate_hz,
+            output: DEVICE.design.output,
+            senses: DEVICE.senses,
+            latency_samples: DEVICE.latency_samples,
+        };
+        let (words, record) = &*WORDS;
+        Device::from_record(&words[..*record], &board).unwrap()
+    });
+    &NAMED_DEVICE
 }
 
 fn name(bench: &mut Bench) -> String {
