@@ -286,6 +286,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "70,000 samples on a path that the others take too")]
     fn no_edge_ages_by_samples_for_ever() {
         let mut bench = Bench::new(std::vec![(9_100, false)], 7);
         let ages: Vec<_> = (1..70_000).map(|n| bench.sample(n * 9_000, 3)).collect();

@@ -46,7 +46,7 @@ fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {
         }
     }
     let flips = [1, 2].map(|threads| {
-        let flips = ground.flips((1, 0), 8, threads).unwrap();
+        let flips = ground.flips((1, 0), 4, threads).unwrap();
         flips.into_iter().map(|(at, flip)| (at, flip.what, flip.verdict)).collect::<Vec<_>>()
     });
     assert_eq!(flips[0], flips[1]);

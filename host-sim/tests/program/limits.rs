@@ -10,6 +10,7 @@ use crate::{
 };
 
 #[test]
+#[ignore = "two more reports; CI makes them"]
 fn plain_leaves_out_the_limits_and_nothing_else() {
     let folder = TempDir::new().unwrap();
     let sweep = |out: &str, extra: &[&str]| {

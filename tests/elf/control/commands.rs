@@ -12,7 +12,7 @@ use zwidth::{
 use crate::firmware::Firmware;
 
 /// Lines; on one board, because none of this code is the board's.
-const LINES: usize = 200;
+const LINES: usize = 120;
 
 /// SplitMix64.
 struct Random(u64);
@@ -160,6 +160,6 @@ fn every_command_works_in_any_order_with_garbage_between() {
         records.len()
     );
     assert_eq!(late, 0, "an output was missed");
-    assert!(obeyed > 80 && refused > 50 && changed > 20 && armed > 500);
+    assert!(obeyed > 48 && refused > 30 && changed > 12 && armed > 300);
     assert!(names.len() > 25, "{names:?}");
 }
