@@ -144,6 +144,81 @@ fn every_number_of_a_scene_is_refused_by_name() {
     }
 }
 
+/// Every key below `value` that is no table, as keys.
+fn keys(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
+    match value {
+        toml::Value::Table(table) => table.iter().for_each(|(key, value)| {
+            path.push(key.clone());
+            keys(value, path, found);
+            path.pop();
+        }),
+        _ => found.push(path.clone()),
+    }
+}
+
+/// Each key of a scene left out, misspelled, and of another kind: a line that names it, or, of a key that may be left out,
+/// a scene.
+fn every_key_is_missed(text: &str, may_be_missing: impl Fn(&[String]) -> bool) {
+    let scene = |value: &toml::Value| {
+        NamedScene::parse("test".into(), toml::to_string(value).unwrap(), "test.toml")
+    };
+    let whole: toml::Value = toml::from_str(text).unwrap();
+    scene(&whole).unwrap();
+    let mut places = vec![];
+    keys(&whole, &mut vec![], &mut places);
+    for place in &places {
+        let [tables @ .., key] = place.as_slice() else { continue };
+        let with = |edit: &dyn Fn(&mut toml::Table)| {
+            let mut broken = whole.clone();
+            edit(at(&mut broken, tables).as_table_mut().unwrap());
+            scene(&broken).map_err(|error| error.to_string())
+        };
+        let is_named = |error: &str, key: &str| {
+            // Of a table that has kinds the reader of TOML names the table only.
+            let table = [format!("[{}]", place[0]), format!(" {}: ", place[0])];
+            let named = error.contains(key) || table.iter().any(|table| error.contains(table));
+            named && error.lines().count() == 1 && error.starts_with("test.toml")
+        };
+        let what = place.join(".");
+        let missing = with(&|table| {
+            table.remove(key);
+        });
+        match missing {
+            Ok(_) => assert!(may_be_missing(place), "{what} may be left out"),
+            Err(error) => {
+                assert!(!may_be_missing(place) && is_named(&error, key), "{what}: {error}");
+            }
+        }
+        let wrong = format!("{key}x");
+        let misspelled = with(&|table| {
+            let value = table.remove(key).unwrap();
+            table.insert(wrong.clone(), value);
+        });
+        let error = misspelled.map(|_| ()).expect_err(&what);
+        assert!(is_named(&error, key), "{what} misspelled: {error}");
+        let other = match at(&mut whole.clone(), place) {
+            toml::Value::Boolean(_) => toml::Value::Integer(3),
+            _ => toml::Value::Boolean(true),
+        };
+        let error = with(&|table| drop(table.insert(key.clone(), other.clone())))
+            .map(|_| ())
+            .expect_err(&what);
+        assert!(is_named(&error, key), "{what} of another kind: {error}");
+    }
+}
+
+#[test]
+fn every_key_of_a_scene_is_missed_by_name() {
+    let text = format!("{}\n{ELEMENTS}", include_str!("../../scenes/paper-1um.toml"));
+    let optional = ["board", "safety", "motor", "return", "accelerometer"];
+    every_key_is_missed(&text, |place| {
+        optional.contains(&place[0].as_str())
+            && place[1] != "name"
+            && place[1] != "full_scale_m_per_s2"
+            || place.join(".") == "velocity.prewarp"
+    });
+}
+
 const DESIGN: Design = Design {
     rate_hz: 1e4,
     resolution_m: 1e-6,

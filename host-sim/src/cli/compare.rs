@@ -28,12 +28,13 @@ use crate::{
     output::{
         figure::{self, Curve, Figure, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
+        in_units::{self, InUnits},
         manifest::Manifest,
         report::{self, ReportFigure},
         terminal::print_result,
     },
     range::within,
-    scene::NamedScene,
+    scene::{NamedScene, Units},
     simulation::prepared::Numeric,
 };
 
@@ -129,8 +130,10 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     crate::study::asked::prepare(&scene)?;
     let plan = scene.scene.walk_plan();
     let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
-    if let Some(damping) = args.damping {
-        within("--damping", damping, range).map_err(Error::Input)?;
+    let units = scene.scene.units;
+    let damping = args.damping.map(|damping| units.damping_n_s_per_m(damping));
+    if let Some(damping) = damping {
+        within("--damping", damping, range).map_err(|error| Error::Input(units.text(&error)))?;
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
@@ -142,7 +145,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         common.engine.into(),
         &scene.scene,
         &entries,
-        args.damping,
+        damping,
         budget,
         interrupt::flag(),
         |walks| bar.inc(walks),
@@ -152,6 +155,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let manifest = Manifest::new(command_line(args, common, &scene, &place), &scene);
     write((&mut outputs, to), &scene, &compared, &place, &winners, &manifest)?;
     outputs.commit()?;
+    let mut notes = table::notes(&compared, &place, units);
+    notes.extend(scene.scene.estimated_note());
     let json = Json {
         scene: &scene.name,
         damping_n_s_per_m: place.middle().damping_n_s_per_m,
@@ -160,12 +165,13 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         true_velocity_area_n2_s_per_m2: place.told_area,
         impedance_error_of_loop: compared.first().map(|c| c.fidelity.of_loop),
         estimators: compared.iter().map(|c| json_row(c, &place)).collect(),
-        winners: &winners,
-        notes: table::notes(&compared, &place),
+        winners: &winners.iter().map(|winner| winner.told(units)).collect::<Vec<_>>(),
+        notes,
     };
-    print_result(common.json, json, || {
-        let text = terminal::text(&compared, &place, &winners);
-        format!("{text}\nresults in {}", folder.display())
+    print_result(common.json, InUnits(units, json), || {
+        let text = terminal::text(&compared, &place, &winners, units);
+        let estimated = scene.scene.estimated_note().map_or_else(String::new, |note| note + "\n");
+        format!("{text}{estimated}\nresults in {}", folder.display())
     })
 }
 
@@ -213,11 +219,17 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: 
         "compare {}{estimators}{} --damping {} --budget {} --repeat {} --engine {}",
         scene.name,
         args.conditions.as_typed(),
-        place.middle().damping_n_s_per_m,
+        told_damping(scene, place),
         args.budget,
         args.repeat,
         Engine::from(common.engine).name()
     )
+}
+
+/// B of the middle wall, as it would be typed.
+fn told_damping(scene: &NamedScene, place: &Place) -> f64 {
+    let (_, factor) = scene.scene.units.written("N s/m");
+    Units::told(place.middle().damping_n_s_per_m, factor)
 }
 
 fn write(
@@ -228,6 +240,7 @@ fn write(
     winners: &[Winner],
     manifest: &Manifest,
 ) -> Result<(), Error> {
+    let csv = |table| in_units::csv(scene.scene.units, table);
     let mut figures = vec![];
     for (class, stem) in Class::ALL.into_iter().zip(["zwidth", "zwidth_more"]) {
         if compared.iter().any(|c| c.class() == class) {
@@ -240,10 +253,10 @@ fn write(
             figures.push(ReportFigure { figure, caption });
         }
     }
-    outputs.add(to, "compare.csv", table::csv(compared, place).as_bytes())?;
-    outputs.add(to, "tuning.csv", tuning_csv(compared).as_bytes())?;
-    outputs.add(to, "boundary.csv", boundary_csv(compared).as_bytes())?;
-    outputs.add(to, "fidelity.csv", fidelity_csv(compared).as_bytes())?;
+    outputs.add(to, "compare.csv", csv(table::csv(compared, place)).as_bytes())?;
+    outputs.add(to, "tuning.csv", csv(tuning_csv(compared)).as_bytes())?;
+    outputs.add(to, "boundary.csv", csv(boundary_csv(compared)).as_bytes())?;
+    outputs.add(to, "fidelity.csv", csv(fidelity_csv(compared)).as_bytes())?;
     let page = page(scene, compared, place, winners, &figures, manifest);
     outputs.add(to, "report.html", page.as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(manifest)?)
@@ -279,6 +292,7 @@ fn zwidth(scene: &NamedScene, compared: &[Compared], class: Class) -> Result<Fig
     });
     Ok(figure::zwidth(&ZwidthPlot {
         title: format!("Z-width by estimator, {}, {}", class.text(), scene.name),
+        units: scene.scene.units,
         subtitle: "each at the tuning with the largest area; ideal: the largest of them".into(),
         legend: "Estimator".into(),
         curves: curves.collect(),
@@ -363,6 +377,7 @@ fn page(
     figures: &[ReportFigure],
     manifest: &Manifest,
 ) -> String {
+    let units = scene.scene.units;
     let best = best_of(compared, Class::PositionOnly);
     let class = |c: &Compared| if best == Some(c.entry) { " class=\"ideal\"" } else { "" };
     let tunings = report::table(
@@ -372,15 +387,16 @@ fn page(
     let part = |part: Part| {
         let criteria: Vec<_> = CRITERIA.iter().filter(|criterion| criterion.part == part).collect();
         let mut columns = vec![("Estimator", "")];
-        columns.extend(criteria.iter().map(|criterion| (criterion.name, criterion.unit)));
+        columns.extend(criteria.iter().map(|criterion| (criterion.name, criterion.unit(units))));
         let rows = compared.iter().map(|c| {
             let mut row = vec![c.entry.name()];
-            row.extend(criteria.iter().map(|criterion| criterion.cell(c, place)));
+            row.extend(criteria.iter().map(|criterion| criterion.cell(c, place, units)));
             (class(c), row)
         });
         (part.title(), report::table(&columns, rows))
     };
-    let mut notes = table::notes(compared, place);
+    let mut notes = table::notes(compared, place, units);
+    notes.extend(scene.scene.estimated_note());
     notes.push(format!(
         "Area that is left: at a -3 dB bandwidth {WRONG_BY} times lower and higher, and with a model's \
          mass {} % too small and too large, as a share of the best.",

@@ -18,6 +18,7 @@ use crate::{
     output::{
         design::{ConditionRow, Designs, FilterRow, best_scene},
         files::{MANIFEST, Outputs, json as json_bytes},
+        in_units::{self, InUnits},
         manifest::Manifest,
         terminal::print_result,
     },
@@ -66,7 +67,7 @@ pub struct DesignArgs {
     /// A wall counts as stable only while no output of the window is at the actuator's limit.
     #[arg(long)]
     unsaturated: bool,
-    /// Steps of K and B of the walks, which are also the first ones, N/m and N s/m [default: the scene's].
+    /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: the scene's].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
     /// Filters that the search walks, two walks each in every condition [default: 6000 over their number,
@@ -142,7 +143,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = Outputs::new(common.force, &named.files);
     let to = outputs.folder(&folder, &FILES)?;
-    let engine = Engine::from(common.engine);
+    let (engine, units) = (Engine::from(common.engine), named.scene.units);
     let walks = u64::from(budget) * 2 * question.conditions.len() as u64;
     let bar = progress::bar(walks);
     let study = design(engine, question, interrupt::flag(), |_| bar.inc(1))
@@ -150,9 +151,9 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
         .map_err(|error| error.of(&named.name))?;
     bar.finish_and_clear();
     let manifest = Manifest::new(args.typed(&named.name, budget, common, engine), &named);
-    outputs.add(to, "design.csv", study.csv().as_bytes())?;
-    outputs.add(to, "tried.csv", study.tried_csv().as_bytes())?;
-    outputs.add(to, "conditions.csv", study.conditions_csv().as_bytes())?;
+    outputs.add(to, "design.csv", in_units::csv(units, study.csv()).as_bytes())?;
+    outputs.add(to, "tried.csv", in_units::csv(units, study.tried_csv()).as_bytes())?;
+    outputs.add(to, "conditions.csv", in_units::csv(units, study.conditions_csv()).as_bytes())?;
     let best = best_scene(&named.scene, &study).map_err(Error::Internal)?;
     outputs.add(to, "best.toml", best.as_bytes())?;
     outputs.add_figure(to, "front", &study.figure(&named.name)?)?;
@@ -167,7 +168,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
         tried: study.0.tried.len(),
         notes: study.notes(),
     };
-    print_result(common.json, json, || {
+    print_result(common.json, InUnits(units, json), || {
         format!("{}: {}\n  results in {}", named.name, study.text(), folder.display())
     })
 }
@@ -182,7 +183,7 @@ impl DesignArgs {
         if self.unsaturated {
             base.wall_hit.criterion = Criterion::Unsaturated;
         }
-        if let Some(Pair([k, b])) = self.steps {
+        if let Some([k, b]) = self.steps.map(|steps| steps.at_handle(&base)) {
             let walk = &mut base.walk;
             (walk.stiffness_start_n_per_m, walk.stiffness_step_n_per_m) = (k, k);
             (walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m) = (b, b);

@@ -16,7 +16,7 @@ use crate::{
     engine::{Depth, stream},
     error::Error,
     interrupt,
-    output::{files::Outputs, terminal::print_result},
+    output::{files::Outputs, in_units::Columns, terminal::print_result},
     simulation::prepared::{HitError, WallHit},
     study::asked::prepare,
 };
@@ -63,8 +63,9 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let prepared = prepare(&scene)?;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.csv.as_ref())?;
+    let columns = Columns::new(scene.scene.units, HEADER);
     if let Some(csv) = csv {
-        outputs.write(csv, HEADER.as_bytes())?;
+        outputs.write(csv, columns.header.as_bytes())?;
     }
     let points = walls.count();
     let bar = progress::bar_of(points, "walls");
@@ -98,7 +99,9 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
             let _ = write!(row, "{cutoff_hz},{damping_n_s_per_m},{stiffness_n_per_m},{name},");
             let _ = rms_m.map_or(Ok(()), |rms_m| write!(row, "{rms_m}"));
             row.push('\n');
-            outputs.write(csv, row.as_bytes())
+            let is_rotary = scene.scene.units.is_rotary();
+            let told = if is_rotary { columns.row(&row) } else { std::mem::take(&mut row) };
+            outputs.write(csv, told.as_bytes())
         },
     )?;
     bar.finish_and_clear();

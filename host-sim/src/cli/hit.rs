@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    output::{files::Outputs, terminal::print_result, trace},
+    output::{files::Outputs, in_units, terminal::print_result, trace},
     scene::NamedScene,
     simulation::{
         prepared::{HitReport, WallHit},
@@ -25,10 +25,10 @@ use crate::{
 pub struct HitArgs {
     #[command(flatten)]
     at: AtCutoff,
-    /// Stiffness of the wall, N/m.
+    /// Stiffness of the wall, N/m; of a rotary scene N m/rad.
     #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
     stiffness: f64,
-    /// Damping of the wall, N s/m.
+    /// Damping of the wall, N s/m; of a rotary scene N m s/rad.
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: f64,
     /// Write every sample as CSV.
@@ -63,6 +63,7 @@ struct Json<'a> {
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let (scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
+    let units = scene.scene.units;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.trace.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
@@ -74,7 +75,7 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
         let report = prepared.hit(numeric, &hit, |sample| samples.push(sample))?;
         if let Some(csv) = csv {
-            outputs.write(csv, trace::csv(&samples).as_bytes())?;
+            outputs.write(csv, in_units::csv(units, trace::csv(&samples)).as_bytes())?;
         }
         if let Some(plot) = plot {
             outputs.draw(plot, &trace::figure(&samples, &scene, &hit, &report)?)?;
@@ -129,8 +130,8 @@ fn print(
     if json.criterion != "rms" || json.rms_of != "counts" {
         window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
     }
-    print_result(common.json, &json, || {
-        format!(
+    print_result(common.json, in_units::InUnits(scene.scene.units, &json), || {
+        scene.scene.units.text(&format!(
             "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
              {}, K = {} N/m, B = {} N s/m\n\
              mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %\n\
@@ -146,6 +147,6 @@ fn print(
             json.saturated_fraction * 100.0,
             json.contact_fraction * 100.0,
             note.unwrap_or_default()
-        )
+        ))
     })
 }

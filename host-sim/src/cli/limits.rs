@@ -19,7 +19,7 @@ const FINER: f64 = 4.0;
 #[derive(Clone, Debug, Args)]
 pub struct LimitArgs {
     /// Areas and ideal cutoff for each limit, by motor and by hand, and with the true velocity in place of an estimate: RMS
-    /// limits in m, `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db, and `felt=DB` for one
+    /// limits in m at the handle, `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db, and `felt=DB` for one
     /// level over the threshold, which is the threshold curve moved by as much.
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
@@ -30,10 +30,10 @@ pub struct LimitArgs {
     /// With --limits: what the RMS is taken of.
     #[arg(long, value_enum, default_value_t, requires = "limits")]
     rms_of: RmsOfArg,
-    /// With --limits: steps of K and B of the walks, N/m and N s/m [default: a quarter of the scene's K, half of its B].
+    /// With --limits: steps of K and B of the walks, in the scene's units [default: a quarter of the scene's K, half of its B].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "limits")]
     steps: Option<Pair>,
-    /// With --limits: first K and B of the walks, N/m and N s/m [default: one step].
+    /// With --limits: first K and B of the walks, in the scene's units [default: one step].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "limits")]
     starts: Option<Pair>,
 }
@@ -87,6 +87,14 @@ impl Limits {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair(pub [f64; 2]);
 
+impl Pair {
+    /// In N/m and N s/m, typed in the scene's units.
+    pub fn at_handle(self, scene: &Scene) -> [f64; 2] {
+        let (Self([k, b]), units) = (self, scene.units);
+        [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]
+    }
+}
+
 pub(super) fn parse(text: &str) -> Result<Limits, String> {
     let limit = |one: &str| {
         let one = one.trim();
@@ -132,7 +140,7 @@ impl LimitArgs {
                 Asked::FeltAt(level_db) => vec![Limit::Felt(*level_db)],
             })
             .collect();
-        let walk = finer(&scene.walk, self.steps, self.starts);
+        let walk = finer(scene, self.steps, self.starts);
         check(scene, &limits, walk)?;
         let arms: Vec<String> = match self.arms.as_deref() {
             None => scene.arms.keys().cloned().collect(),
@@ -213,10 +221,12 @@ impl LimitArgs {
 }
 
 /// The walks' own grid: those steps, from those starts.
-pub(super) fn finer(own: &Walk, steps: Option<Pair>, starts: Option<Pair>) -> Walk {
+pub(super) fn finer(scene: &Scene, steps: Option<Pair>, starts: Option<Pair>) -> Walk {
+    let own = &scene.walk;
+    let [steps, starts] = [steps, starts].map(|pair| pair.map(|pair| pair.at_handle(scene)));
     let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
-    let [k_step, b_step] = steps.map_or(default, |Pair(steps)| steps);
-    let [k_start, b_start] = starts.map_or([k_step, b_step], |Pair(starts)| starts);
+    let [k_step, b_step] = steps.unwrap_or(default);
+    let [k_start, b_start] = starts.unwrap_or([k_step, b_step]);
     Walk {
         stiffness_start_n_per_m: k_start,
         stiffness_step_n_per_m: k_step,

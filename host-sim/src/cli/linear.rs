@@ -20,9 +20,10 @@ use crate::{
     output::{
         figure::{self, Curve, ZwidthPlot},
         files::Outputs,
+        in_units::{self, InUnits},
         terminal::print_result,
     },
-    scene::{self, NamedScene},
+    scene::{self, NamedScene, Units},
     simulation::prepared::PreparedScene,
     study::{
         asked::{Walls, linear_loop, prepare},
@@ -127,6 +128,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
             "--cutoffs and --dampings make {points} points, allowed {POINTS_MAX}"
         )));
     }
+    let units = scene.scene.units;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let file = outputs.option(args.csv.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
@@ -137,7 +139,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         .collect();
     let analyses = analyses?;
     if let Some(file) = file {
-        outputs.write(file, csv(&analyses).as_bytes())?;
+        outputs.write(file, in_units::csv(units, csv(&analyses)).as_bytes())?;
     }
     if let Some(plot) = plot {
         outputs.draw(plot, &draw(&scene, &analyses, args.multirate)?)?;
@@ -154,8 +156,9 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         rows: all_rows(&analyses).collect(),
         simulated: analyses.iter().flat_map(simulated_rows).collect(),
     };
-    print_result(common.json, json, || {
-        let mut text = table(&analyses) + &explanation(&analyses, &scene.scene);
+    print_result(common.json, InUnits(units, json), || {
+        let explained = units.text(&explanation(&analyses, &scene.scene));
+        let mut text = table(&analyses, units) + &explained;
         for (what, left_out) in [
             ("not linear, left out", Some(&left_out)),
             ("not part of the passivity condition", passivity_left_out.as_ref()),
@@ -354,6 +357,7 @@ fn draw(
     Ok(figure::zwidth(&ZwidthPlot {
         title: format!("Uncoupled stability, linear, {}", scene.name),
         subtitle,
+        units: scene.scene.units,
         legend: Curve::CUTOFF_LEGEND.into(),
         curves: curves.collect(),
     })?)
@@ -377,24 +381,34 @@ fn gain_margin(row: &Row) -> Option<String> {
     }
 }
 
-fn table(analyses: &[Analysis]) -> String {
-    let mut text =
-        format!("{:>10} {:>10} {:>14}  {}", "cutoff Hz", "B N s/m", "K max N/m", "remark");
+fn table(analyses: &[Analysis], units: Units) -> String {
+    let ((k_unit, k_times), (b_unit, b_times)) = (units.written("N/m"), units.written("N s/m"));
+    let told = |k: f64| match units {
+        Units::Linear => format!("{k:.1}"),
+        Units::Rotary { .. } => format!("{:.4}", k * k_times),
+    };
+    let mut text = format!(
+        "{:>10} {:>10} {:>14}  {}",
+        "cutoff Hz",
+        format!("B {b_unit}"),
+        format!("K max {k_unit}"),
+        "remark"
+    );
     for row in all_rows(analyses) {
         let mut remarks: Vec<String> = vec![];
         remarks.extend(gain_margin(row));
         if let Some(passive) = row.stiffness_passive_n_per_m {
-            remarks.push(format!("passive up to {passive:.1}"));
+            remarks.push(format!("passive up to {}", told(passive)));
         }
         for (from, to) in &row.further_stable_n_per_m {
-            remarks.push(format!("stable again from {from:.1} to {to:.1}"));
+            remarks.push(format!("stable again from {} to {}", told(*from), told(*to)));
         }
         let _ = write!(
             text,
-            "\n{:>10} {:>10} {:>14.1}  {}",
+            "\n{:>10} {:>10} {:>14}  {}",
             row.cutoff_hz,
-            row.damping_n_s_per_m,
-            row.stiffness_max_n_per_m,
+            Units::told(row.damping_n_s_per_m, b_times),
+            told(row.stiffness_max_n_per_m),
             remarks.join("; ")
         );
     }

@@ -17,6 +17,7 @@ use crate::{
     interrupt,
     output::{
         files::{MANIFEST, Outputs, json as json_bytes},
+        in_units::{self, InUnits},
         manifest::Manifest,
         peers::{PeerArea, Peers},
         terminal::print_result,
@@ -41,7 +42,7 @@ pub struct PeerArgs {
     /// With --peers: limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS, requires = "peers")]
     limits: Limits,
-    /// With --peers: steps of K and B, which are also the first ones, N/m and N s/m [default: a quarter of the scene's K,
+    /// With --peers: steps of K and B, which are also the first ones, in the scene's units [default: a quarter of the scene's K,
     /// half of its B].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "peers")]
     steps: Option<Pair>,
@@ -61,6 +62,7 @@ pub fn run(
     common: &Common,
 ) -> Result<(), Error> {
     crate::study::asked::prepare(scene)?;
+    let units = scene.scene.units;
     let felt_db = scene.scene.wall_hit.felt_limit_db;
     let limits = args.limits.0.iter().map(|limit| match limit {
         Asked::Rms(limit_m) => Limit::Rms(*limit_m),
@@ -68,7 +70,7 @@ pub fn run(
         Asked::FeltAt(level_db) => Limit::Felt(*level_db),
     });
     let limits: Vec<Limit> = limits.collect();
-    let walk = finer(&scene.scene.walk, args.steps, None);
+    let walk = finer(&scene.scene, args.steps, None);
     super::limits::check(&scene.scene, &limits, walk)?;
     let velocity = scene.scene.velocity;
     let own_hz = match velocity.has_cutoff() {
@@ -99,11 +101,11 @@ pub fn run(
         .map_err(|error| error.of(&scene.name))?;
     let study = Peers(study);
     bar.finish_and_clear();
-    outputs.add(to, "peers.csv", study.csv().as_bytes())?;
+    outputs.add(to, "peers.csv", in_units::csv(units, study.csv()).as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
     outputs.commit()?;
     let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.0.notes };
-    print_result(common.json, json, || {
+    print_result(common.json, InUnits(units, json), || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
     })
 }

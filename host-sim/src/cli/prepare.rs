@@ -11,7 +11,7 @@ use crate::{
     engine::Engine,
     error::Error,
     interrupt,
-    output::{files::Outputs, terminal::print_result},
+    output::{files::Outputs, in_units::InUnits, terminal::print_result},
     scene::{
         BoardTable, NamedScene, Scene,
         record::{Prepared, board_facts, words},
@@ -62,6 +62,8 @@ struct Json {
     cutoff_hz: Option<f64>,
     envelope: Vec<PartJson>,
     guessed: Vec<String>,
+    /// Keys of the scene that nobody measured.
+    estimated: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -111,7 +113,8 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let device = Device::from_record(&record, &board).map_err(Error::input)?;
     let says = Said { scene: &scene.scene, board, prepared: &prepared, device, found: &found };
     let json = says.json(&file, bytes.len());
-    print_result(common.json, json, || says.text(&file, bytes.len()))
+    let units = scene.scene.units;
+    print_result(common.json, InUnits(units, json), || units.text(&says.text(&file, bytes.len())))
 }
 
 /// `NAME.device` in the scene's folder, or here for a built-in one.
@@ -217,6 +220,7 @@ impl Said<'_> {
             cutoff_hz: cutoff(&self.device),
             envelope: self.found.iter().map(part).collect(),
             guessed: self.prepared.guessed.clone(),
+            estimated: self.scene.estimated_keys(),
         }
     }
 
@@ -300,6 +304,7 @@ impl Said<'_> {
         if !self.prepared.guessed.is_empty() {
             lines.push(format!("  guessed    {}", self.prepared.guessed.join(", ")));
         }
+        lines.extend(self.scene.estimated_note().map(|note| format!("  note: {note}")));
         lines.join("\n")
     }
 }

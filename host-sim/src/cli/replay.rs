@@ -11,7 +11,11 @@ use crate::{
     analysis::{replay::Replayed, telemetry::Capture},
     error::Error,
     input,
-    output::{files::Outputs, terminal::print_result},
+    output::{
+        files::Outputs,
+        in_units::{self, InUnits},
+        terminal::print_result,
+    },
     scene::NamedScene,
 };
 
@@ -91,7 +95,7 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
             })
         })?;
     if let Some(csv) = csv {
-        outputs.write(csv, replayed.csv().as_bytes())?;
+        outputs.write(csv, in_units::csv(scene.units, replayed.csv()).as_bytes())?;
     }
     outputs.commit()?;
     let lsb = scene.encoder.resolution_m * scene.control.rate_hz / 65_536.0;
@@ -107,7 +111,7 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
         board_change_rms_m_per_s: board,
         change_rms_m_per_s: here,
     };
-    print_result(common.json, &json, || {
+    print_result(common.json, InUnits(scene.units, &json), || {
         let later = json.later_s.map_or_else(
             || "nothing moved".to_owned(),
             |later_s| format!("{:.3} ms later than the board's", later_s * 1e3),
@@ -116,7 +120,7 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
             || "never the same to the last bit up to the end".to_owned(),
             |sample| format!("the same to the last bit from sample {sample} to the end"),
         );
-        format!(
+        scene.units.text(&format!(
             "{name}: {} samples from sample {} on, {} at {} Hz\n\
              {later}, {same}\n\
              difference to the board's {:.3e} m/s RMS; from sample to sample {:.3e} m/s, the board's {:.3e} m/s",
@@ -127,6 +131,6 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
             json.difference_rms_m_per_s,
             json.change_rms_m_per_s,
             json.board_change_rms_m_per_s
-        )
+        ))
     })
 }

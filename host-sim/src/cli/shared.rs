@@ -52,9 +52,11 @@ pub struct AtCutoff {
 }
 
 impl AtCutoff {
-    /// The scene, and the hit on a wall that it makes of its walk's start or of `[K, B]`.
+    /// The scene, and the hit on a wall that it makes of its walk's start or of `[K, B]` in the scene's units.
     pub fn load(&self, wall: Option<[f64; 2]>) -> Result<(NamedScene, WallHit), Error> {
         let scene = NamedScene::load(&self.scene)?;
+        let units = scene.scene.units;
+        let wall = wall.map(|[k, b]| [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]);
         let hit = asked::hit(&scene, self.cutoff, wall, self.start.counts(), NAMES)?;
         Ok((scene, hit))
     }
@@ -93,7 +95,7 @@ pub struct AtCutoffs {
     /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO; estimators without a cutoff take none.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
-    /// Dampings B of the wall, N s/m: A,B,C or FROM:STEP:TO.
+    /// Dampings B of the wall, N s/m (of a rotary scene N m s/rad): A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
 }
@@ -113,9 +115,10 @@ impl AtCutoffs {
             Some(List(cutoffs_hz)) => cutoffs_hz.clone(),
             None => vec![asked::cutoff(&scene, None)?],
         };
-        let dampings = self.dampings.0.clone();
+        let units = scene.scene.units;
+        let dampings = self.dampings.0.iter().map(|&b| units.damping_n_s_per_m(b)).collect();
         let start_offset_counts = start.map_or(0.0, Start::counts);
-        let stiffnesses = stiffnesses.to_vec();
+        let stiffnesses = stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect();
         let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
         walls.check(&scene, LISTS)?;
         Ok(Grid { scene, walls })

@@ -18,12 +18,13 @@ use crate::{
     interrupt,
     output::{
         files::{FolderPlace, Outputs},
+        in_units::InUnits,
         levers::LeverStudy,
         limits::LimitStudy,
         sweep::{self as sweep_files, Study, Summary, VariantResult},
         terminal::print_result,
     },
-    scene::{NamedScene, PushBy, STUDY},
+    scene::{NamedScene, PushBy, STUDY, Units},
     simulation::prepared::PreparedScene,
     study::{
         envelope::envelopes,
@@ -62,7 +63,7 @@ pub struct SweepArgs {
 
 #[derive(Serialize)]
 struct Json {
-    scenes: Vec<Summary>,
+    scenes: Vec<InUnits<Summary>>,
 }
 
 /// One scene with what it needs before the walks begin.
@@ -139,7 +140,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             result,
         };
         study.write(&mut outputs, to)?;
-        summaries.push(study.summary());
+        summaries.push(InUnits(study.scene.scene.units, study.summary()));
         tables.push(table(&study, &folder.display().to_string()));
     }
     outputs.commit()?;
@@ -234,6 +235,8 @@ const HEAD: &str = concat!(
 
 /// The range first, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
+    let units = study.scene.scene.units;
+    let [area, stiffness, damping] = ["N^2 s/m^2", "N/m", "N s/m"].map(|unit| units.written(unit));
     let ideal = &study.result.ideal;
     let mut text = String::new();
     let name = &study.scene.name;
@@ -251,18 +254,26 @@ fn table(study: &Study, folder: &str) -> String {
             );
         }
     }
-    text.push_str(HEAD);
+    if units.is_rotary() {
+        let _ = writeln!(
+            text,
+            "     cutoff     -3 dB        area         low        high    peak K     max B, in {}, {} and {}",
+            area.0, stiffness.0, damping.0
+        );
+    } else {
+        text.push_str(HEAD);
+    }
     for row in sweep_files::areas(&study.result) {
         let _ = writeln!(
             text,
             "  {:>9} {:>9.1} {:>11.4e} {:>11.4e} {:>11.4e} {:>9} {:>9}",
             row.cutoff_hz,
             row.true_cutoff_hz,
-            row.area,
-            row.area_low,
-            row.area_high,
-            row.stiffness_peak_n_per_m,
-            row.damping_max_n_s_per_m
+            row.area * area.1,
+            row.area_low * area.1,
+            row.area_high * area.1,
+            Units::told(row.stiffness_peak_n_per_m, stiffness.1),
+            Units::told(row.damping_max_n_s_per_m, damping.1)
         );
     }
     for variant in &study.variants {

@@ -19,6 +19,7 @@ use crate::{
     output::{
         figure::hertz,
         files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
+        in_units::{self, InUnits},
         manifest::Manifest,
         terminal::{headed, print_result},
         trade_figures,
@@ -124,7 +125,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let json = json(&scene, &cutoffs_hz, &bench, &good, &plants);
     write((&mut outputs, to), args, &scene, &filters, &plants, &json)?;
     outputs.commit()?;
-    print_result(common.json, json, || {
+    print_result(common.json, InUnits(scene.scene.units, &json), || {
         let filters = filter_text(&filters, &good, &bench);
         format!("{filters}\n{}\nresults in {}", plant_text(&plants), folder.display())
     })
@@ -208,12 +209,17 @@ fn write(
     });
     let command = format!("trade {}{cutoffs} --repeat {}", scene.name, args.repeat);
     let manifest = Manifest::new(command, scene);
-    outputs.add(to, "filters.csv", table::filters_csv(filters, &bench).as_bytes())?;
-    outputs.add(to, "plant.csv", table::plant_csv(plants).as_bytes())?;
+    let csv = |table| in_units::csv(scene.scene.units, table);
+    outputs.add(to, "filters.csv", csv(table::filters_csv(filters, &bench)).as_bytes())?;
+    outputs.add(to, "plant.csv", csv(table::plant_csv(plants)).as_bytes())?;
     outputs.add_figure(to, "filters", &trade_figures::filters(&scene.name, filters, &bench)?)?;
     outputs.add_figure(to, "cutoffs", &trade_figures::cutoffs(&scene.name, filters)?)?;
     outputs.add_figure(to, "plant", &trade_figures::plants(&scene.name, plants)?)?;
-    outputs.add(to, "summary.json", (headed(json)? + "\n").as_bytes())?;
+    outputs.add(
+        to,
+        "summary.json",
+        (headed(InUnits(scene.scene.units, json))? + "\n").as_bytes(),
+    )?;
     outputs.add(to, MANIFEST, &json_bytes(&manifest)?)
 }
 

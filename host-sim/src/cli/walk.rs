@@ -13,7 +13,7 @@ use super::{
 use crate::{
     error::Error,
     interrupt,
-    output::{files::Outputs, terminal::print_result},
+    output::{files::Outputs, in_units, terminal::print_result},
     study::{
         asked::{self, prepare},
         walk::Boundary,
@@ -45,7 +45,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let (scene, first) = args.at.load(None)?;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let file = outputs.option(args.csv.as_ref())?;
-    let velocity = scene.scene.velocity;
+    let (velocity, units) = (scene.scene.velocity, scene.scene.units);
     let prepared = prepare(&scene)?;
     let boundary = asked::boundary(
         &scene,
@@ -56,7 +56,8 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         interrupt::flag(),
     )?;
     if let Some(file) = file {
-        outputs.write(file, csv(first.cutoff_hz, &boundary).as_bytes())?;
+        let csv = csv(first.cutoff_hz, &boundary);
+        outputs.write(file, in_units::csv(units, csv).as_bytes())?;
     }
     outputs.commit()?;
     let json = Json {
@@ -67,8 +68,8 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         hits: boundary.hits,
         ended_by: boundary.ended.map_or("", Ended::name),
     };
-    print_result(common.json, &json, || {
-        format!(
+    print_result(common.json, in_units::InUnits(units, &json), || {
+        units.text(&format!(
             "{}: area {:.4e} N^2 s/m^2 with {}\n\
              peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
             scene.name,
@@ -78,7 +79,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
             json.damping_max_n_s_per_m,
             json.hits,
             json.ended_by
-        )
+        ))
     })
 }
 

@@ -4,6 +4,7 @@ pub mod design;
 mod draft;
 pub mod figure;
 pub mod files;
+pub mod in_units;
 pub mod levers;
 pub mod limits;
 pub mod manifest;

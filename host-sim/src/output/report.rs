@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 
 use super::figure::{AreaPoint, Figure, escape, hertz, scaled_unit};
-use crate::notation::number;
+use crate::{notation::number, scene::Units};
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--text:#1a1a1a;--quiet:#5a5a5a;--page:#fff;--line:#d0d0d0;--box:#f5f5f5;--accent:#a84a00}
@@ -44,6 +44,8 @@ pub struct Report {
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
     /// Figures in the order in which they are shown.
     pub figures: Vec<ReportFigure>,
+    /// What its tables speak.
+    pub units: Units,
     /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
     /// Areas by limit, as lines of text; empty if nobody asked for them.
@@ -148,15 +150,20 @@ fn areas(report: &Report) -> String {
         return String::new();
     }
     let largest = report.areas.iter().map(|row| row.area_high.max(row.area)).fold(0.0, f64::max);
-    let (factor, unit) = scaled_unit(largest, "N² s/m²");
+    let (unit, area_times) = report.units.written("N² s/m²");
+    let (factor, unit) = scaled_unit(largest * area_times, unit);
+    let factor = factor / area_times;
+    let ((k_unit, k_times), (b_unit, b_times)) =
+        (report.units.written("N/m"), report.units.written("N s/m"));
+    let digits = if report.units.is_rotary() { 4 } else { 0 };
     let columns = [
         ("Cutoff, nominal", "Hz"),
         ("True −3 dB", "Hz"),
         ("Mean area", unit.as_str()),
         ("Lowest", unit.as_str()),
         ("Highest", unit.as_str()),
-        ("Peak K", "N/m"),
-        ("Largest B", "N s/m"),
+        ("Peak K", k_unit),
+        ("Largest B", b_unit),
     ];
     let rows = report.areas.iter().map(|row| {
         let cells = vec![
@@ -165,8 +172,8 @@ fn areas(report: &Report) -> String {
             number(row.area / factor, 3),
             number(row.area_low / factor, 3),
             number(row.area_high / factor, 3),
-            number(row.stiffness_peak_n_per_m, 0),
-            number(row.damping_max_n_s_per_m, 0),
+            number(row.stiffness_peak_n_per_m * k_times, digits),
+            number(row.damping_max_n_s_per_m * b_times, digits),
         ];
         (row_class(report, row.cutoff_hz), cells)
     });
@@ -253,12 +260,14 @@ mod tests {
 
     fn report() -> Report {
         let boundaries = ZwidthPlot {
+            units: Units::Linear,
             title: "Z-width".to_owned(),
             subtitle: String::new(),
             legend: String::new(),
             curves: vec![],
         };
         let areas = AreaPlot {
+            units: Units::Linear,
             title: "Area".to_owned(),
             subtitle: String::new(),
             points: vec![],
@@ -268,6 +277,7 @@ mod tests {
         };
         let figures = [zwidth(&boundaries).unwrap(), area(&areas).unwrap()];
         Report {
+            units: Units::Linear,
             title: "paper-1um <test>".to_owned(),
             ideal_cutoff_hz: Some(1200.0),
             ideal_cutoff_range_hz: Some([1200.0, 1700.0]),

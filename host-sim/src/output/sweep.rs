@@ -11,6 +11,7 @@ use crate::{
         SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
+        in_units::{self, InUnits},
         levers::{LeverStudy, LeverSummary},
         limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
@@ -106,6 +107,9 @@ pub struct Summary {
     ideal_cutoff_range_basis: Option<&'static str>,
     cutoffs: Vec<CutoffSummary>,
     notes: Vec<String>,
+    /// Keys of the scene.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    estimated: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     sensitivity: Vec<VariantSummary>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -156,13 +160,13 @@ fn convention(study: &Study) -> String {
 fn subtitle(study: &Study) -> String {
     let scene = &study.scene.scene;
     let rate_khz = scene.control.rate_hz / 1e3;
-    format!(
+    scene.units.text(&format!(
         "{} um encoder, {rate_khz} kHz sampling, {} kHz output, latency {} samples, RMS limit {} um",
         tidy(scene.encoder.resolution_m * 1e6),
         tidy(rate_khz / f64::from(scene.actuator.period)),
         scene.actuator.latency,
         tidy(scene.wall_hit.rms_limit_m * 1e6),
-    )
+    ))
 }
 
 /// A number without the last digits of a unit conversion.
@@ -185,6 +189,7 @@ impl Study {
             ideal_cutoff_range_basis: ideal.map(|ideal| ideal.basis.name()),
             cutoffs: self.result.cutoffs.iter().map(cutoff_summary).collect(),
             notes: self.notes(),
+            estimated: self.scene.scene.estimated_keys(),
             sensitivity: self.variants.iter().map(variant_summary).collect(),
             limits: self.limits.as_ref().map(LimitStudy::summary).unwrap_or_default(),
             levers: self.levers.as_ref().map(LeverStudy::summary).unwrap_or_default(),
@@ -196,6 +201,8 @@ impl Study {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
         let mut figures = vec![self.zwidth()?, self.area()?];
         figures.extend(self.hit()?);
+        let units = self.scene.scene.units;
+        let csv = |table| in_units::csv(units, table);
         for (stem, shown) in ["zwidth", "area", "hit"].into_iter().zip(&figures) {
             outputs.add_figure(to, stem, &shown.figure)?;
         }
@@ -207,19 +214,19 @@ impl Study {
             outputs.add_figure(to, "levers", &shown.figure)?;
             figures.push(shown);
         }
-        outputs.add(to, "boundary.csv", self.boundary_csv().as_bytes())?;
-        outputs.add(to, "areas.csv", self.areas_csv().as_bytes())?;
-        outputs.add(to, "envelope.csv", self.envelope_csv().as_bytes())?;
+        outputs.add(to, "boundary.csv", csv(self.boundary_csv()).as_bytes())?;
+        outputs.add(to, "areas.csv", csv(self.areas_csv()).as_bytes())?;
+        outputs.add(to, "envelope.csv", csv(self.envelope_csv()).as_bytes())?;
         if !self.variants.is_empty() {
-            outputs.add(to, SENSITIVITY, self.sensitivity_csv().as_bytes())?;
+            outputs.add(to, SENSITIVITY, csv(self.sensitivity_csv()).as_bytes())?;
         }
         if let Some(levers) = &self.levers {
-            outputs.add(to, LEVERS, levers.csv().as_bytes())?;
+            outputs.add(to, LEVERS, csv(levers.csv()).as_bytes())?;
         }
         if let Some(limits) = &self.limits {
-            outputs.add(to, LIMITS, limits.csv().as_bytes())?;
+            outputs.add(to, LIMITS, csv(limits.csv()).as_bytes())?;
         }
-        outputs.add(to, "summary.json", &json(&self.summary())?)?;
+        outputs.add(to, "summary.json", &json(&InUnits(units, self.summary()))?)?;
         outputs.add(to, "report.html", self.report(figures, &manifest).as_bytes())?;
         outputs.add(to, MANIFEST, &json(&manifest)?)
     }
@@ -235,6 +242,7 @@ impl Study {
         let figure = figure::zwidth(&ZwidthPlot {
             title: format!("Z-width, {}", self.scene.name),
             subtitle: subtitle(self),
+            units: self.scene.scene.units,
             legend: Curve::CUTOFF_LEGEND.into(),
             curves: curves.collect(),
         })?;
@@ -252,6 +260,7 @@ impl Study {
         let figure = figure::area(&AreaPlot {
             title: format!("Z-width area over the cutoff, {}", self.scene.name),
             subtitle: subtitle(self),
+            units: self.scene.scene.units,
             points: areas(&self.result).collect(),
             ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
             ideal_range_hz: ideal.map(|ideal| ideal.range_hz),
@@ -294,7 +303,10 @@ impl Study {
     pub fn notes(&self) -> Vec<String> {
         let left_out = self.limits_left_out.iter();
         let left_out = left_out.map(|why| format!("the limit of 1 um is left out: {why}"));
-        self.result.notes().into_iter().chain(left_out).collect()
+        let units = self.scene.scene.units;
+        let estimated = self.scene.scene.estimated_note();
+        let notes = self.result.notes().into_iter().chain(left_out);
+        notes.map(|note| units.text(&note)).chain(estimated).collect()
     }
 
     fn limits_figure(&self) -> Result<Option<ReportFigure>, Error> {
@@ -367,6 +379,7 @@ impl Study {
             ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
             ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
             figures,
+            units: self.scene.scene.units,
             areas: areas(&self.result).collect(),
             limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
             levers: self.levers.as_ref().map(LeverStudy::text).unwrap_or_default(),

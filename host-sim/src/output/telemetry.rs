@@ -34,6 +34,9 @@ pub fn telemetry_figure(
         }
     });
     let [time, position, velocity, force] = match scene {
+        Some(scene) if scene.units.is_rotary() => {
+            ["Time t [s]", "Angle [deg]", "Angular velocity [deg/s]", "Torque [N m]"]
+        }
         Some(_) => ["Time t [s]", "Position x [mm]", "Velocity v [m/s]", "Force F [N]"],
         None => ["Sample n", "Position [counts]", "Velocity [counts/sample]", "Force [%]"],
     };
@@ -69,6 +72,9 @@ fn point(record: &Record, scene: Option<&Scene>) -> TelemetryPoint {
             let velocity_m_per_s = speed * resolution_m * rate_hz;
             let values =
                 [1e3 * counts * resolution_m, velocity_m_per_s, force * scene.full_scale_n()];
+            let [length, speed, newton] =
+                ["mm", "m/s", "N"].map(|unit| scene.units.written(unit).1);
+            let values = [values[0] * length, values[1] * speed, values[2] * newton];
             (sample / rate_hz, values)
         }
     };

@@ -40,12 +40,13 @@ pub fn figure(
     let wall_hit = &scene.scene.wall_hit;
     Ok(hit_trace(&TracePlot {
         title: format!("Wall hit, {}", scene.name),
-        subtitle: format!(
+        units: scene.scene.units,
+        subtitle: scene.scene.units.text(&format!(
             "K = {} N/m, B = {} N s/m, {}",
             hit.stiffness_n_per_m,
             hit.damping_n_s_per_m,
             scene.scene.velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz)
-        ),
+        )),
         rate_hz: trace.rate_hz,
         positions_m: trace.rows.iter().map(|row| row.position_m).collect(),
         wall_m: scene.scene.wall.position_m,

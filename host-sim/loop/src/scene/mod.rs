@@ -1,9 +1,8 @@
 //! Scene files: one device, one controller, one study, in TOML with units in the names.
 //!
 //! Unknown keys are refused, and so is every value outside its range. Each physical element is a
-//! table; an element that is absent is not modelled and costs nothing. A rotary device is described
-//! at its handle through the capstan radius r: mass = J / r^2, damping = c / r^2,
-//! resolution = r * angle per count, gain = k_t k_amp / r.
+//! table; an element that is absent is not modelled and costs nothing. A scene with `[rotary]` speaks rad and N m
+//! ([`rotary`]); inside, all is m and N at the handle.
 
 use std::{
     collections::BTreeMap,
@@ -36,7 +35,9 @@ mod elements;
 pub mod estimator;
 mod felt;
 pub mod record;
+pub mod rotary;
 mod tables;
+pub mod units;
 
 pub use accelerometer::Accelerometer;
 pub use board::{BoardTable, MotorTable, OnBoard, ReturnTable, SafetyTable, Sign};
@@ -48,6 +49,7 @@ pub use tables::{
     Actuator, Criterion, Device, Encoder, LATENCY_KNOWN_MAX, PushBy, RmsOf, Rounding, Sampling,
     Sweep, Walk, Wall, WallHit,
 };
+pub use units::Units;
 
 /// The built-in scenes: name and text.
 pub const BUILT_IN: &[(&str, &str)] = &[
@@ -77,6 +79,9 @@ pub struct NamedScene {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
+    /// Keys whose values nobody has measured or published; reports repeat them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub estimated: Vec<String>,
     /// The mechanical device.
     pub device: Device,
     /// Position sensor.
@@ -149,6 +154,9 @@ pub struct Scene {
     /// The board's return move between two hits.
     #[serde(default, rename = "return", skip_serializing_if = "Option::is_none")]
     pub back: Option<ReturnTable>,
+    /// What its file speaks, and everything that is made of it. A scene that is written speaks m and N.
+    #[serde(skip)]
+    pub units: Units,
 }
 
 impl NamedScene {
@@ -197,14 +205,27 @@ impl NamedScene {
         origin: &str,
         folder: Option<&Path>,
     ) -> Result<Self, Error> {
-        let mut scene: Scene = toml::from_str(&text).map_err(|error| {
+        let at_line = |error: toml::de::Error| {
             let start = error.span().map_or(0, |span| span.start);
             let line = text[..start.min(text.len())].matches('\n').count() + 1;
             let message = error.message().replace('\n', " ");
             Error::Input(format!("{origin}:{line}: {}: {message}", line_of(&text, line)))
-        })?;
+        };
+        let refused =
+            |units: Units, error: &str| Error::Input(format!("{origin}: {}", units.text(error)));
+        let table: toml::Table = toml::from_str(&text).map_err(at_line)?;
+        check_estimated(&table).map_err(|error| refused(Units::Linear, &error))?;
+        let mut scene: Scene = if table.contains_key("rotary") {
+            let read = rotary::at_handle(table).map_err(|error| refused(Units::Linear, &error));
+            let (table, units) = read?;
+            let scene = Scene::deserialize(table);
+            let scene = scene.map_err(|error| refused(units, &in_one_line(&error)))?;
+            Scene { units, ..scene }
+        } else {
+            toml::from_str(&text).map_err(at_line)?
+        };
         let checked = scene.check().and_then(|()| scene.check_start());
-        checked.map_err(|error| Error::Input(format!("{origin}: {error}")))?;
+        checked.map_err(|error| refused(scene.units, &error))?;
         let curve = scene.wall_hit.felt_curve.as_ref();
         let curve = curve.map(|path| folder.unwrap_or(Path::new("")).join(path));
         if let Some(path) = &curve {
@@ -215,6 +236,37 @@ impl NamedScene {
     }
 }
 
+/// Every key of `estimated` is one that the scene has.
+fn check_estimated(scene: &toml::Table) -> Result<(), String> {
+    let keys = scene.get("estimated").and_then(toml::Value::as_array);
+    for key in keys.into_iter().flatten().filter_map(toml::Value::as_str) {
+        // A scene that was made of a rotary one keeps what that says.
+        if key.starts_with("rotary.") && !scene.contains_key("rotary") {
+            continue;
+        }
+        let mut parts = key.split('.');
+        let first = parts.next().and_then(|first| scene.get(first));
+        if parts.try_fold(first, |value, part| Some(value?.get(part))).flatten().is_none() {
+            return Err(format!("estimated has `{key}`, allowed keys that the scene has"));
+        }
+    }
+    Ok(())
+}
+
+/// An error in the tables of a rotary scene at the handle: what, and where, with its own keys.
+fn in_one_line(error: &toml::de::Error) -> String {
+    let text = error.to_string();
+    let place = text.lines().find_map(|line| line.trim().strip_prefix("in "));
+    let place = place.map_or_else(String::new, |place| format!("{}: ", place.trim_matches('`')));
+    let message = error.message().replace('\n', " ");
+    let parts = message.split('`').enumerate();
+    let told = |(n, part): (usize, &str)| match Units::rotary_key(part) {
+        Some(rotary) if n % 2 == 1 => rotary,
+        _ => part.to_owned(),
+    };
+    format!("{place}{}", parts.map(told).collect::<Vec<_>>().join("`"))
+}
+
 /// The line that an error is about, shortened.
 fn line_of(text: &str, line: usize) -> String {
     let line = text.lines().nth(line - 1).unwrap_or_default().trim();
@@ -222,6 +274,23 @@ fn line_of(text: &str, line: usize) -> String {
 }
 
 impl Scene {
+    /// The keys of `estimated`, as its file has them.
+    pub fn estimated_keys(&self) -> Vec<String> {
+        let told = |key: &String| match key.starts_with("rotary.") {
+            true => key.clone(),
+            false => self.units.key(key).map_or_else(|| key.clone(), |(told, _)| told),
+        };
+        self.estimated.iter().map(told).collect()
+    }
+
+    /// What of it is estimated, and what helps, in a sentence.
+    pub fn estimated_note(&self) -> Option<String> {
+        let keys = self.estimated_keys().join(", ");
+        (!keys.is_empty()).then(|| {
+            format!("estimated, neither measured nor published: {keys}; cargo sim identify measures the device's own")
+        })
+    }
+
     /// The linear part of its plant.
     pub fn chain(&self) -> Chain {
         let Self { device, mode, arm, amplifier, .. } = *self;

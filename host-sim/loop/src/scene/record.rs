@@ -14,7 +14,7 @@ use zwidth::{
     velocity::Sense,
 };
 
-use super::{BUILT_IN, NamedScene, OnBoard, Quantisation};
+use super::{BUILT_IN, NamedScene, OnBoard, Quantisation, Scene};
 use crate::{error::Error, input, range::within};
 
 /// The board of that name: what its own scene, which is built in, says of it.
@@ -105,7 +105,9 @@ impl NamedScene {
             })
             .map_err(refuse)?;
         let OnBoard { safety, calibration, duty, back, signs, guessed } = scene.on_board();
-        let text = toml::to_string(scene)
+        // What is known of a value is no other device.
+        let content = Scene { estimated: vec![], ..scene.clone() };
+        let text = toml::to_string(&content)
             .map_err(|error| Error::Internal(format!("{}: {error}", self.name)))?;
         let mut settings = scene.settings(0.0, 0.0, 0.0);
         settings.velocity = velocity;

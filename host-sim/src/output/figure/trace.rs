@@ -1,6 +1,6 @@
 //! The trace of one wall hit, whole and in its measuring window.
 
-use crate::notation::number;
+use crate::{notation::number, scene::Units};
 use plotters::{element::DashedPathElement, prelude::*, style::text_anchor::HPos};
 
 use super::{
@@ -45,6 +45,8 @@ pub struct TracePlot {
     pub title: String,
     /// Second line: scene, resolution, and what else identifies the run.
     pub subtitle: String,
+    /// What its axes speak.
+    pub units: Units,
     /// Samples per second.
     pub rate_hz: f64,
     /// Position at every sample, from t = 0; may end early.
@@ -77,11 +79,14 @@ pub fn hit_trace(plot: &TracePlot) -> Result<Figure, FigureError> {
 
 fn draw(plot: &TracePlot, page: &Page) -> Result<(), FigureError> {
     draw_hit(page, plot)?;
+    let small = plot.units.written("µm");
     let verdict = format!(
-        "Measuring window: {}, RMS of the counts {} µm (limit {} µm)",
+        "Measuring window: {}, RMS of the counts {} {} (limit {} {})",
         plot.verdict,
-        micrometres(plot.rms_m),
-        micrometres(plot.rms_limit_m)
+        micrometres(plot.rms_m * small.1),
+        small.0,
+        micrometres(plot.rms_limit_m * small.1),
+        small.0
     );
     let (verdict, size) = text::fit(&verdict, AXIS_TITLE_SIZE, WIDTH - ZOOM.left - MARGIN);
     let middle = [ZOOM.left, VERDICT_MIDDLE];
@@ -110,9 +115,11 @@ fn draw_hit(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     let end_s = window_end_s.max(plot.positions_m.len() as f64 / plot.rate_hz);
     let [low, high] = range(plot.positions_m.iter().copied().chain([plot.wall_m]));
     let x = Ticks::within(0.0, end_s, MOST_X_TICKS);
-    let y = Ticks::around(low * MM_PER_M, high * MM_PER_M, MOST_Y_TICKS);
+    let (unit, times) = plot.units.written("mm");
+    let per_m = MM_PER_M * times;
+    let y = Ticks::around(low * per_m, high * per_m, MOST_Y_TICKS);
     let mut chart = HIT.chart(page, x, y, X_TITLE_DROP)?;
-    let wall = plot.wall_m * MM_PER_M;
+    let wall = plot.wall_m * per_m;
     let place = |time_s, position_mm| chart.backend_coord(&(time_s, position_mm));
     for (from_s, to_s, name, colour, [behind, strip]) in [
         (0.0, plot.settle_s, "settle", FRAME, SETTLE_OPACITY),
@@ -129,11 +136,12 @@ fn draw_hit(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
             text::write(page, text, middle, HPos::Center, SMALL_SIZE, TEXT)?;
         }
     }
-    let titles = ["Time t [s]", "True position x [mm]"];
+    let position = if plot.units.is_rotary() { "True angle" } else { "True position x" };
+    let titles = ["Time t [s]", &format!("{position} [{unit}]")];
     panel::axes(&mut chart, Grid::Horizontal, titles)?;
     HIT.frame(page)?;
     let samples = plot.positions_m.iter().enumerate();
-    let trace = samples.map(|(n, position_m)| (n as f64 / plot.rate_hz, position_m * MM_PER_M));
+    let trace = samples.map(|(n, position_m)| (n as f64 / plot.rate_hz, position_m * per_m));
     draw_trace(page, &chart, trace, DATA.mix(1.0), LINE_WIDTH)?;
     draw_level(page, &chart, wall)?;
     let height = f64::from(chart.backend_coord(&(0.0, wall)).1) / super::GRID;
@@ -183,6 +191,8 @@ fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     let limit_m = plot.rms_limit_m;
     let ends_m = range(deviations_m().chain([-limit_m, limit_m]));
     let (unit, factor) = small_unit(ends_m);
+    let (unit, times) = plot.units.written(unit);
+    let factor = factor * times;
     let limit = limit_m * factor;
     let [low, high] = ends_m.map(|end_m| end_m * factor);
     let x = Ticks::within(from_s, to_s, MOST_X_TICKS);
@@ -261,6 +271,7 @@ mod tests {
 
     fn plot(positions_m: Vec<f64>) -> TracePlot {
         TracePlot {
+            units: Units::Linear,
             title: "Wall hit".to_owned(),
             subtitle: "K = 50 kN/m".to_owned(),
             rate_hz: RATE_HZ,

@@ -10,7 +10,7 @@ use super::{
     panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     render, text,
 };
-use crate::study::walk::BoundaryPoint;
+use crate::{scene::Units, study::walk::BoundaryPoint};
 
 const HEIGHT: f64 = 400.0;
 const LEFT: f64 = 64.0;
@@ -52,6 +52,8 @@ pub struct ZwidthPlot {
     pub title: String,
     /// Second line: scene, resolution, and what else identifies the run.
     pub subtitle: String,
+    /// What its axes speak.
+    pub units: Units,
     /// Title of the legend.
     pub legend: String,
     /// The boundaries; the colours follow their order.
@@ -109,14 +111,19 @@ pub fn zwidth(plot: &ZwidthPlot) -> Result<Figure, FigureError> {
 fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     let [largest_damping, largest_stiffness] = largest(plot)?;
     let (unit, factor) = match largest_stiffness {
+        _ if plot.units.is_rotary() => {
+            let (unit, times) = plot.units.written("N/m");
+            (unit, 1.0 / times)
+        }
         k if k < KILO_FROM_N_PER_M => ("N/m", 1.0),
         k if k < MEGA_FROM_N_PER_M => ("kN/m", 1e3),
         _ => ("MN/m", 1e6),
     };
+    let (damping_unit, damping_times) = plot.units.written("N s/m");
     let legend = Legend::of(plot);
     let panel =
         Panel { left: LEFT, top: TOP, right: WIDTH - MARGIN - legend.width(), bottom: BOTTOM };
-    let mut x = Ticks::around(0.0, largest_damping, MOST_TICKS);
+    let mut x = Ticks::around(0.0, largest_damping * damping_times, MOST_TICKS);
     let mut y = Ticks::around(0.0, HEADROOM * largest_stiffness / factor, MOST_TICKS);
     let empty = plot.curves.iter().all(|curve| curve.points.is_empty());
     if empty {
@@ -124,7 +131,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
         panel.remark(page, "no stable wall found")?;
     }
     let mut chart = panel.chart(page, x, y, X_TITLE_DROP)?;
-    let titles = ["Damping B [N s/m]", &format!("Stiffness K [{unit}]")];
+    let titles = [&*format!("Damping B [{damping_unit}]"), &format!("Stiffness K [{unit}]")];
     panel::axes(&mut chart, Grid::Both, titles)?;
     panel.frame(page)?;
 
@@ -135,7 +142,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
             if style.ideal == on_top {
                 let place = |point: &BoundaryPoint| {
                     let stiffness = point.stiffness_n_per_m / factor;
-                    chart.backend_coord(&(point.damping_n_s_per_m, stiffness))
+                    chart.backend_coord(&(point.damping_n_s_per_m * damping_times, stiffness))
                 };
                 draw_curve(page, curve.points.iter().map(place).collect(), *style)?;
             }
@@ -289,6 +296,7 @@ mod tests {
 
     fn plot(curves: Vec<Curve>) -> ZwidthPlot {
         ZwidthPlot {
+            units: Units::Linear,
             title: "Z-width \"paper\" & more".to_owned(),
             subtitle: "resolution 1 µm".to_owned(),
             legend: Curve::CUTOFF_LEGEND.into(),

@@ -95,7 +95,8 @@ pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<()
                 "damping_n_s_per_m" => names.damping,
                 other => other,
             };
-            Error::Input(refused(name, error.value, &error.range))
+            let refused = refused(name, error.value, &error.range);
+            Error::Input(scene.scene.units.text(&refused))
         })
 }
 
@@ -147,10 +148,11 @@ pub fn boundary(
             "is unstable with {estimator}; lower walk.stiffness_start_n_per_m or change the estimator's tuning"
         ),
     };
-    Err(Error::Input(format!(
+    let units = scene.scene.units;
+    Err(Error::Input(units.text(&format!(
         "{}: the first point of the walk, K = {} N/m and B = {} N s/m, {reason}",
         scene.name, first.stiffness_n_per_m, first.damping_n_s_per_m
-    )))
+    ))))
 }
 
 /// The linear loop of a scene with its linear elements: with a force at every sample and at once, as in the paper's

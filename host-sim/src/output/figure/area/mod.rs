@@ -11,6 +11,8 @@ use plotters::{
 
 use serde::Serialize;
 
+use crate::scene::Units;
+
 mod cutoffs;
 
 use cutoffs::{ROW_DROP, ROW_PITCH, cutoff_range, draw_labels, labels, rows};
@@ -61,6 +63,8 @@ pub struct AreaPlot {
     pub title: String,
     /// Second line: scene, resolution, and what else identifies the run.
     pub subtitle: String,
+    /// What its axis speaks.
+    pub units: Units,
     /// One point per cutoff, in ascending order of the cutoff.
     pub points: Vec<AreaPoint>,
     /// Nominal cutoff that is marked.
@@ -122,15 +126,17 @@ fn height(plot: &AreaPlot) -> f64 {
 }
 
 fn draw(plot: &AreaPlot, page: &Page) -> Result<(), FigureError> {
-    let largest = check(plot)?;
-    let (factor, unit) = scaled_unit(largest, "N² s/m²");
+    let (unit, times) = plot.units.written("N² s/m²");
+    let largest = check(plot)? * times;
+    let (factor, unit) = scaled_unit(largest, unit);
+    let factor = factor / times;
     let labels = labels(plot);
     let rows = rows(&labels);
     let panel = panel_of(rows);
 
     key(page, plot)?;
     let y = if largest > 0.0 {
-        Ticks::around(0.0, HEADROOM * largest / factor, MOST_TICKS)
+        Ticks::around(0.0, HEADROOM * largest / times / factor, MOST_TICKS)
     } else {
         Ticks::nothing()
     };
@@ -283,6 +289,7 @@ mod tests {
 
     fn plot(points: Vec<AreaPoint>) -> AreaPlot {
         AreaPlot {
+            units: Units::Linear,
             title: "Areas <1 µm>".to_owned(),
             subtitle: "resolution 1 µm".to_owned(),
             points,

@@ -7,7 +7,7 @@ use super::{
     search::{GAIN, LAST_STEP, OF_TWO, WALKS_OF_A_TRY},
     tuned::Edge,
 };
-use crate::numerics::statistics::Repeats;
+use crate::{numerics::statistics::Repeats, scene::Units};
 
 /// Which end of a criterion is good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,9 +76,26 @@ impl Criterion {
     }
 
     /// The value for people.
-    pub fn cell(&self, c: &Compared, place: &Place) -> String {
-        self.value(c, place)
-            .map_or_else(|| "-".into(), |v| crate::notation::number(v * self.scale, self.digits))
+    pub fn cell(&self, c: &Compared, place: &Place, units: Units) -> String {
+        let (_, factor) = units.written(self.unit);
+        let digits = |value: f64| match (factor == 1.0, value.abs()) {
+            (true, _) => self.digits,
+            (false, 100.0..) => 1,
+            (false, 1.0..) => 3,
+            (false, _) => 5,
+        };
+        self.value(c, place).map_or_else(
+            || "-".into(),
+            |v| {
+                let told = v * self.scale * factor;
+                crate::notation::number(told, digits(told))
+            },
+        )
+    }
+
+    /// The unit of that.
+    pub fn unit(&self, units: Units) -> &'static str {
+        units.written(self.unit).0
     }
 }
 
@@ -215,6 +232,14 @@ pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
     found
 }
 
+/// An area, in its unit.
+fn area_text(area: f64, units: Units) -> String {
+    match units.written("N² s/m²") {
+        (unit, factor) if factor != 1.0 => format!("{:.4e} {unit}", area * factor),
+        _ => format!("{:.2} 10^6 N^2 s/m^2", area * 1e-6),
+    }
+}
+
 /// The table as CSV.
 pub fn csv(compared: &[Compared], place: &Place) -> String {
     let keys: Vec<&str> = CRITERIA.iter().map(|criterion| criterion.key).collect();
@@ -247,7 +272,7 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
 }
 
 /// What a reader must know beside the numbers, one sentence each.
-pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
+pub fn notes(compared: &[Compared], place: &Place, units: Units) -> Vec<String> {
     let (k, b) = (place.middle().stiffness_n_per_m, place.middle().damping_n_s_per_m);
     let walls = place.walls.map(|wall| {
         format!("K = {:.0} N/m, B = {} N s/m", wall.stiffness_n_per_m, wall.damping_n_s_per_m)
@@ -281,9 +306,9 @@ pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
         ));
     }
     notes.push(format!(
-        "The true velocity (no noise, quantisation or delay; the counts stay) reaches an area of {:.2} 10^6 N^2 s/m^2 \
-         here: `of true v` is the share of it.",
-        place.told_area * 1e-6
+        "The true velocity (no noise, quantisation or delay; the counts stay) reaches an area of {} here: `of true v` is \
+         the share of it.",
+        area_text(place.told_area, units)
     ));
     let unsettled = compared.iter().filter(|c| !c.tuned.settled).map(|c| c.entry.name());
     let unsettled: Vec<String> = unsettled.collect();
@@ -314,5 +339,5 @@ pub fn notes(compared: &[Compared], place: &Place) -> Vec<String> {
             ));
         }
     }
-    notes
+    notes.into_iter().map(|note| units.text(&note)).collect()
 }

@@ -5,20 +5,20 @@ use super::{
     table::{self, CRITERIA, Parameter, Part},
     winners::{Winner, sentence},
 };
-use crate::notation::number;
+use crate::{notation::number, scene::Units};
 
 /// Columns of the terminal that are used.
 pub const WIDTH: usize = 120;
 
 /// Tables, winners and notes.
-pub fn text(compared: &[Compared], place: &Place, winners: &[Winner]) -> String {
+pub fn text(compared: &[Compared], place: &Place, winners: &[Winner], units: Units) -> String {
     let mut text = String::new();
     tunings(&mut text, compared);
     for part in Part::ALL {
         let criteria: Vec<_> = CRITERIA.iter().filter(|criterion| criterion.part == part).collect();
-        let heads = criteria.iter().map(|criterion| [criterion.name, criterion.unit]);
+        let heads = criteria.iter().map(|criterion| [criterion.name, criterion.unit(units)]);
         let rows = compared.iter().map(|c| {
-            let cells = criteria.iter().map(|criterion| criterion.cell(c, place)).collect();
+            let cells = criteria.iter().map(|criterion| criterion.cell(c, place, units)).collect();
             (c.entry.name(), cells)
         });
         table(&mut text, part.title(), &heads.collect::<Vec<_>>(), &rows.collect::<Vec<_>>());
@@ -28,7 +28,7 @@ pub fn text(compared: &[Compared], place: &Place, winners: &[Winner]) -> String 
         wrapped(&mut text, &sentence(winner));
     }
     text.push_str("\nNotes\n");
-    for note in table::notes(compared, place) {
+    for note in table::notes(compared, place, units) {
         wrapped(&mut text, &note);
     }
     text

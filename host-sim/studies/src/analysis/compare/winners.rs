@@ -4,19 +4,24 @@
 //! that cannot be told apart from it: Welch's t-test does not show their mean to be below 98 % of it, or
 //! it to be below 98 % of theirs where less is better, as in a sweep ([`crate::numerics::statistics`]).
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 use super::{
     Class, Compared, Place,
     table::{Better, CRITERIA, Criterion},
 };
-use crate::numerics::statistics::{AS_GOOD_AS_BEST, Repeats};
+use crate::{
+    numerics::statistics::{AS_GOOD_AS_BEST, Repeats},
+    scene::Units,
+};
 
 /// Who wins a criterion in a class.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Winner {
     /// The criterion.
-    pub criterion: &'static str,
+    pub criterion: Cow<'static, str>,
     /// What the estimators look at: `position_only` or `more_than_position`.
     pub class: &'static str,
     /// The estimator with the best mean, and those with the same.
@@ -28,6 +33,21 @@ pub struct Winner {
     /// Rank of finite difference and Butterworth: 1 and how many of its class are shown to be better;
     /// `null` if it is not in the class or has no value.
     pub butterworth_rank: Option<usize>,
+}
+
+impl Winner {
+    /// With criterion and value in those units.
+    #[must_use]
+    pub fn told(&self, units: Units) -> Self {
+        match units.key(&self.criterion) {
+            None => self.clone(),
+            Some((criterion, factor)) => Self {
+                criterion: criterion.into(),
+                value: Units::told(self.value, factor),
+                ..self.clone()
+            },
+        }
+    }
 }
 
 /// The winner of every criterion that has a good end, in every class that has a member.
@@ -88,7 +108,7 @@ fn ranked(
     };
     let butterworth = repeats.iter().find(|(name, _)| *name == "butterworth");
     Some(Winner {
-        criterion,
+        criterion: criterion.into(),
         class: class.name(),
         best: names(&|r| is_best(r)),
         not_told_apart: names(&|r| !is_best(r) && !beats(best, r)),

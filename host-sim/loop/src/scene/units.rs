@@ -1,0 +1,298 @@
+//! The units that a scene speaks: m and N at the handle, or rad and N m about its axis.
+//!
+//! Inside everything is m and N at the handle. A rotary scene is converted once on the way in, by its handle's radius
+//! ([`Units::to_handle`]), and what leaves, files, figures, texts, once on the way out.
+
+/// What a scene, and everything that is made of it, speaks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Units {
+    /// m and N.
+    #[default]
+    Linear,
+    /// rad and N m, of a handle at this radius.
+    Rotary {
+        /// m.
+        radius_m: f64,
+    },
+}
+
+/// What a number is, by the end of its key.
+struct Suffix {
+    linear: &'static str,
+    rotary: &'static str,
+    /// A rotary value is the linear one times the radius to this power.
+    power: i32,
+}
+
+const fn suffix(linear: &'static str, rotary: &'static str, power: i32) -> Suffix {
+    Suffix { linear, rotary, power }
+}
+
+/// Longer ones before those that they end with.
+const SUFFIXES: &[Suffix] = &[
+    suffix("mass_kg", "inertia_kg_m2", 2),
+    suffix("n2_s_per_m2", "n2_m2_s_per_rad2", 4),
+    suffix("n_per_m_s", "n_m_per_rad_s", 2),
+    suffix("n_s_per_m", "n_m_s_per_rad", 2),
+    suffix("n_per_m", "n_m_per_rad", 2),
+    suffix("n_per_v", "n_m_per_v", 1),
+    suffix("m_per_s2", "rad_per_s2", -1),
+    suffix("m_per_s", "rad_per_s", -1),
+    suffix("n", "n_m", 1),
+    suffix("m", "rad", -1),
+];
+
+/// A unit in a text, as of the other kind, the radius's power, and a factor.
+type Written = (&'static str, &'static str, i32, f64);
+
+const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+/// Units in texts; what people read of an angle is in degrees.
+const WRITTEN: &[Written] = &[
+    ("N^2 s/m^2", "N^2 m^2 s/rad^2", 4, 1.0),
+    ("N² s/m²", "N² m² s/rad²", 4, 1.0),
+    ("10^6 N² s/m²", "N² m² s/rad²", 4, 1e6),
+    ("N s/m", "N m s/rad", 2, 1.0),
+    ("kN/m", "N m/rad", 2, 1e3),
+    ("MN/m", "N m/rad", 2, 1e6),
+    ("N/m", "N m/rad", 2, 1.0),
+    ("mm/s", "deg/s", -1, 1e-3 * DEGREES),
+    ("m/s", "deg/s", -1, DEGREES),
+    ("um", "mdeg", -1, 1e-3 * DEGREES),
+    ("µm", "mdeg", -1, 1e-3 * DEGREES),
+    ("mm", "deg", -1, 1e-3 * DEGREES),
+    ("m", "deg", -1, DEGREES),
+    ("mN", "mN m", 1, 1.0),
+    ("N", "N m", 1, 1.0),
+];
+
+/// Significant digits of a value that comes in: one product's rounding is not seen in it.
+const DIGITS_IN: usize = 15;
+/// Of one that goes out.
+const DIGITS_OUT: usize = 12;
+
+fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
+}
+
+/// Whether `key` ends with the words of `suffix`.
+fn ends(key: &str, suffix: &str) -> bool {
+    key.strip_suffix(suffix).is_some_and(|rest| rest.is_empty() || rest.ends_with(['_', '.']))
+}
+
+/// Phases are angles in both.
+fn is_phase(key: &str) -> bool {
+    ends(key, "phase_rad")
+}
+
+impl Units {
+    fn factor(self, power: i32) -> f64 {
+        match self {
+            Self::Linear => 1.0,
+            Self::Rotary { radius_m } => radius_m.powi(power),
+        }
+    }
+
+    /// Whether they are those of a rotary scene.
+    pub fn is_rotary(self) -> bool {
+        self != Self::Linear
+    }
+
+    /// The rotary scene's key for what is `key` at the handle; `None` if it is the same.
+    pub fn rotary_key(key: &str) -> Option<String> {
+        let found = SUFFIXES.iter().find(|suffix| ends(key, suffix.linear))?;
+        Some(format!("{}{}", key.strip_suffix(found.linear)?, found.rotary))
+    }
+
+    /// What a rotary scene's key is called at the handle, and its value there; `None` if it is the same.
+    pub fn to_handle(self, key: &str, value: f64) -> Option<(String, f64)> {
+        let found = SUFFIXES.iter().find(|suffix| !is_phase(key) && ends(key, suffix.rotary))?;
+        let key = format!("{}{}", key.strip_suffix(found.rotary)?, found.linear);
+        Some((key, rounded(value / self.factor(found.power), DIGITS_IN)))
+    }
+
+    /// A stiffness K as it was typed, N/m.
+    pub fn stiffness_n_per_m(self, typed: f64) -> f64 {
+        self.typed(2, typed)
+    }
+
+    /// A damping B as it was typed, N s/m.
+    pub fn damping_n_s_per_m(self, typed: f64) -> f64 {
+        self.typed(2, typed)
+    }
+
+    fn typed(self, power: i32, typed: f64) -> f64 {
+        match self {
+            Self::Linear => typed,
+            Self::Rotary { .. } => rounded(typed / self.factor(power), DIGITS_IN),
+        }
+    }
+
+    /// The key of a result, and what its numbers are multiplied by; `None` if it is as inside.
+    pub fn key(self, key: &str) -> Option<(String, f64)> {
+        if self == Self::Linear {
+            return None;
+        }
+        let found = SUFFIXES.iter().find(|suffix| ends(key, suffix.linear))?;
+        let renamed = format!("{}{}", key.strip_suffix(found.linear)?, found.rotary);
+        Some((renamed, self.factor(found.power)))
+    }
+
+    /// A number of a result times the factor of [`key`](Self::key).
+    pub fn told(value: f64, factor: f64) -> f64 {
+        if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
+    }
+
+    /// How a unit is written, and what its numbers are multiplied by.
+    pub fn written(self, unit: &'static str) -> (&'static str, f64) {
+        let found = WRITTEN.iter().find(|(linear, ..)| *linear == unit);
+        match found.filter(|_| self.is_rotary()) {
+            Some((_, rotary, power, factor)) => (rotary, factor * self.factor(*power)),
+            None => (unit, 1.0),
+        }
+    }
+
+    /// A text with all that stands in it as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to
+    /// NUMBER`, in these units.
+    pub fn text(self, text: &str) -> String {
+        if !self.is_rotary() {
+            return text.to_owned();
+        }
+        let lines: Vec<String> = text.split('\n').map(|line| self.line(line)).collect();
+        lines.join("\n")
+    }
+
+    fn line(self, line: &str) -> String {
+        if let Some(refusal) = self.refusal(line) {
+            return refusal;
+        }
+        let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+        for word in &mut words {
+            let key = word.trim_end_matches([';', ',', ':']);
+            if let Some(rotary) = Self::rotary_key(key).filter(|_| key.contains('.')) {
+                *word = format!("{rotary}{}", &word[key.len()..]);
+            }
+        }
+        let mut at = 1;
+        while at < words.len() {
+            let rest = words[at..].join(" ");
+            let is_end =
+                |tail: &str| !tail.starts_with(|c: char| c.is_alphanumeric() || "/^*".contains(c));
+            let found = WRITTEN.iter().find(|(unit, ..)| {
+                rest.strip_prefix(unit).is_some_and(|tail| {
+                    is_end(tail) && !tail.starts_with(" m/") && !tail.starts_with(" s/")
+                })
+            });
+            let before = words[at - 1].trim_start_matches(['(', '[']).parse::<f64>();
+            if let (Some(&(unit, rotary, power, factor)), Ok(_)) = (found, before) {
+                let factor = factor * self.factor(power);
+                scale(&mut words[at - 1], factor);
+                if at > 2 && words[at - 2] == "to" {
+                    scale(&mut words[at - 3], factor);
+                }
+                let tail = rest[unit.len()..].to_owned();
+                words.truncate(at);
+                words.push(format!("{rotary}{tail}"));
+                let whole = words.join(" ");
+                words = whole.split(' ').map(str::to_owned).collect();
+                at += rotary.split(' ').count();
+            }
+            at += 1;
+        }
+        words.join(" ")
+    }
+
+    /// `KEY is VALUE, allowed LOW to HIGH`, if that is it.
+    fn refusal(self, line: &str) -> Option<String> {
+        let (before, range) = line.split_once(", allowed ")?;
+        let (key, value) = before.rsplit_once(" is ")?;
+        let (low, high) = range.split_once(" to ")?;
+        let (origin, bare) =
+            key.rsplit_once(' ').map_or(("", key), |(origin, bare)| (origin, bare));
+        let (renamed, factor) = match bare {
+            "--stiffness" | "--stiffnesses" => (bare.to_owned(), self.factor(2)),
+            "--damping" | "--dampings" => (bare.to_owned(), self.factor(2)),
+            bare => self.key(bare)?,
+        };
+        let number = |text: &str| Some(Self::told(text.parse().ok()?, factor));
+        let space = if origin.is_empty() { "" } else { " " };
+        let [low, high] = zwidth::ends(&(number(low)?..=number(high)?));
+        let value = zwidth::shorten(number(value)?);
+        Some(format!("{origin}{space}{renamed} is {value}, allowed {low} to {high}"))
+    }
+}
+
+/// Multiplies the number in a word; it keeps four digits at least, and as many as it had.
+fn scale(word: &mut String, factor: f64) {
+    let bare = word.trim_start_matches(['(', '[']);
+    let Ok(value) = bare.parse::<f64>() else { return };
+    let digits = bare.split(['e', 'E']).next().unwrap_or_default();
+    let digits =
+        digits.trim_start_matches(['-', '0', '.']).chars().filter(char::is_ascii_digit).count();
+    let start = word.len() - bare.len();
+    let scaled = rounded(value * factor, digits.clamp(4, DIGITS_OUT));
+    let text = match bare.contains('e') {
+        true => format!("{scaled:.4e}"),
+        false => scaled.to_string(),
+    };
+    word.replace_range(start.., &text);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PADDLE: Units = Units::Rotary { radius_m: 0.25 };
+
+    #[test]
+    fn keys_and_values_go_to_the_handle_and_back() {
+        for (rotary, value, linear, at_handle) in [
+            ("wall.position_rad", 0.5, "wall.position_m", 0.125),
+            ("stiffness_n_m_per_rad", 1.0, "stiffness_n_per_m", 16.0),
+            ("damping_start_n_m_s_per_rad", 1.0, "damping_start_n_s_per_m", 16.0),
+            ("integral_n_m_per_rad_s", 1.0, "integral_n_per_m_s", 16.0),
+            ("push_n_m", 1.0, "push_n", 4.0),
+            ("speed_max_rad_per_s", 4.0, "speed_max_m_per_s", 1.0),
+            ("inertia_kg_m2", 0.0625, "mass_kg", 1.0),
+        ] {
+            let found = PADDLE.to_handle(rotary, value).unwrap();
+            assert_eq!(found, (linear.to_owned(), at_handle), "{rotary}");
+            let (key, factor) = PADDLE.key(linear).unwrap();
+            assert_eq!((key.as_str(), at_handle * factor), (rotary, value));
+            assert_eq!(Units::rotary_key(linear).as_deref(), Some(rotary));
+            assert_eq!(Units::Linear.key(linear), None);
+        }
+        for same in ["phase_rad", "cutoff_hz", "settle_s", "saturated_fraction", "gain", "hits"] {
+            assert_eq!(PADDLE.to_handle(same, 1.0), None, "{same}");
+            assert_eq!(PADDLE.key(same), None, "{same}");
+        }
+        assert_eq!(Units::Rotary { radius_m: 0.07 }.to_handle("a_rad", 1.2).unwrap().1, 0.084);
+    }
+
+    #[test]
+    fn what_people_read_is_in_the_scenes_units() {
+        for (linear, rotary) in [
+            (
+                "K = 1600 N/m, B = 16 N s/m, butterworth",
+                "K = 100 N m/rad, B = 1 N m s/rad, butterworth",
+            ),
+            ("area 2.5600e2 N^2 s/m^2 with", "area 1.0000e0 N^2 m^2 s/rad^2 with"),
+            ("force only from 0 to 250 mm, start", "force only from 0 to 57.3 deg, start"),
+            ("off above 0.25 m/s; a hit", "off above 57.3 deg/s; a hit"),
+            ("5.906 N at full command, 4 N for ever", "1.4765 N m at full command, 1 N m for ever"),
+            (
+                "x: wall.position_m is 2, allowed -1 to 1",
+                "x: wall.position_rad is 8, allowed -4 to 4",
+            ),
+            ("--stiffness is 32, allowed 0 to 16", "--stiffness is 2, allowed 0 to 1"),
+            (
+                "B reached walk.damping_max_n_s_per_m; cut",
+                "B reached walk.damping_max_n_m_s_per_rad; cut",
+            ),
+            ("2 mistakes, 3 Newtons, 4 Hz", "2 mistakes, 3 Newtons, 4 Hz"),
+        ] {
+            assert_eq!(PADDLE.text(linear), rotary);
+            assert_eq!(Units::Linear.text(linear), linear);
+        }
+    }
+}

@@ -1,0 +1,425 @@
+//! A rotary scene and the scene of the same device described by hand at its handle: the same results, in other units.
+
+use std::{fs, path::Path};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::cli::{refused, sim};
+
+const RADIUS_M: f64 = 0.07;
+/// Results have twelve digits in rotary units.
+const ROUNDING: f64 = 1e-11;
+
+const ROTARY: &str = r#"
+[rotary]
+handle_radius_m = 0.07
+ratio = 13
+counts_per_turn = 4096
+encoder_on = "motor"
+handle_inertia_kg_m2 = 2.1e-4
+motor_inertia_kg_m2 = 1e-6
+damping_n_m_s_per_rad = 5e-4
+stiffness_n_m_per_rad = 0.0196
+rest_angle_rad = 0.4
+start_angle_rad = 0
+torque_constant_n_m_per_a = 0.02
+drive = "current"
+amplifier_a_per_v = 0.5
+
+[encoder]
+rounding = "floor"
+
+[actuator]
+limit_v = 10
+period = 10
+latency = 0.115
+
+[wall]
+position_rad = 0.5
+push_only = true
+
+[wall_hit]
+push_n_m = 0.14
+settle_s = 1.0
+window_s = 0.5
+rms_limit_rad = 4e-4
+
+[walk]
+stiffness_start_n_m_per_rad = 0.49
+stiffness_step_n_m_per_rad = 9.8
+stiffness_max_n_m_per_rad = 490
+damping_start_n_m_s_per_rad = 0.0098
+damping_step_n_m_s_per_rad = 0.049
+damping_max_n_m_s_per_rad = 0.49
+
+[safety]
+speed_max_rad_per_s = 14
+speed_believable_rad_per_s = 70
+travel_low_rad = -0.5
+travel_high_rad = 1
+calibration_travel_rad = 0.02
+
+[motor]
+continuous_force_n_m = 0.7
+
+[return]
+speed_rad_per_s = 2
+tolerance_rad = 1e-3
+"#;
+
+/// The same by hand, as docs/scenes.md says.
+const BY_HAND: &str = r#"
+[device]
+mass_kg = 0.0773469387755102
+damping_n_s_per_m = 0.102040816326531
+stiffness_n_per_m = 4
+rest_position_m = 0.028
+start_position_m = 0
+
+[encoder]
+resolution_m = 8.25989655015345e-06
+rounding = "floor"
+
+[actuator]
+gain_n_per_v = 1.85714285714286
+limit_v = 10
+period = 10
+latency = 0.115
+
+[wall]
+position_m = 0.035
+push_only = true
+
+[wall_hit]
+push_n = 2
+settle_s = 1.0
+window_s = 0.5
+rms_limit_m = 2.8e-5
+
+[walk]
+stiffness_start_n_per_m = 100
+stiffness_step_n_per_m = 2000
+stiffness_max_n_per_m = 100000
+damping_start_n_s_per_m = 2
+damping_step_n_s_per_m = 10
+damping_max_n_s_per_m = 100
+
+[safety]
+speed_max_m_per_s = 0.98
+speed_believable_m_per_s = 4.9
+travel_low_m = -0.035
+travel_high_m = 0.07
+calibration_travel_m = 0.0014
+
+[motor]
+continuous_force_n = 10
+
+[return]
+speed_m_per_s = 0.14
+tolerance_m = 7e-5
+"#;
+
+const BOTH: &str = r#"
+[control]
+rate_hz = 10000
+
+[velocity]
+estimator = "butterworth"
+
+[sweep]
+cutoffs_hz = [200, 1000]
+
+[output]
+kind = "dac"
+bits = 12
+
+[board]
+name = "nucleo-f446re"
+"#;
+
+/// A scene file, the same name in a folder of its own.
+fn scene(of: &str) -> TempDir {
+    let folder = TempDir::new().unwrap();
+    fs::write(folder.path().join("mine.toml"), format!("{of}{BOTH}")).unwrap();
+    folder
+}
+
+/// Names at the handle, those about its axis, and what a number there is multiplied by.
+fn told(key: &str) -> (String, f64) {
+    let (r, one) = (RADIUS_M, 1.0);
+    for (linear, rotary, factor) in [
+        ("n2_s_per_m2", "n2_m2_s_per_rad2", r.powi(4)),
+        ("n_per_m", "n_m_per_rad", r * r),
+        ("n_s_per_m", "n_m_s_per_rad", r * r),
+        ("m_per_s", "rad_per_s", one / r),
+        ("_n", "_n_m", r),
+        ("_m", "_rad", one / r),
+    ] {
+        if let Some(stem) = key.strip_suffix(linear) {
+            return (format!("{stem}{rotary}"), factor);
+        }
+    }
+    (key.into(), if key.starts_with("area") { r.powi(4) } else { one })
+}
+
+#[track_caller]
+fn is_told(at_handle: f64, rotary: f64, factor: f64, what: &str) {
+    let due = at_handle * factor;
+    if factor == 1.0 {
+        assert_eq!(rotary, at_handle, "{what}");
+    } else {
+        assert!((rotary - due).abs() <= ROUNDING * due.abs(), "{what}: {rotary} for {due}");
+    }
+}
+
+#[track_caller]
+fn same_tables(rotary: &Path, by_hand: &Path) {
+    let [rotary_text, hand_text] = [rotary, by_hand].map(|file| fs::read_to_string(file).unwrap());
+    let mut lines = rotary_text.lines().zip(hand_text.lines());
+    let (head, hand_head) = lines.next().unwrap();
+    let columns: Vec<(String, f64)> = hand_head.split(',').map(told).collect();
+    let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(head, names.join(","));
+    assert_eq!(rotary_text.lines().count(), hand_text.lines().count());
+    for (row, hand_row) in lines {
+        for ((cell, hand_cell), (name, factor)) in
+            row.split(',').zip(hand_row.split(',')).zip(&columns)
+        {
+            match (cell.parse(), hand_cell.parse()) {
+                (Ok(cell), Ok(hand_cell)) => is_told(hand_cell, cell, *factor, name),
+                _ => assert_eq!(cell, hand_cell, "{name}"),
+            }
+        }
+    }
+}
+
+#[track_caller]
+fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
+    match (rotary, by_hand) {
+        (Value::Object(rotary), Value::Object(by_hand)) => {
+            assert_eq!(rotary.len(), by_hand.len(), "{what}");
+            for (key, value) in by_hand {
+                let (told_key, mut factor) = told(key);
+                // of the winner of a criterion
+                if let (Some(criterion), "value") = (by_hand.get("criterion"), key.as_str()) {
+                    factor = told(criterion.as_str().unwrap()).1;
+                }
+                let rotary =
+                    rotary.get(&told_key).unwrap_or_else(|| panic!("{what}: no {told_key}"));
+                same_json(rotary, value, factor, key);
+            }
+        }
+        (Value::Array(rotary), Value::Array(by_hand)) => {
+            assert_eq!(rotary.len(), by_hand.len(), "{what}");
+            rotary.iter().zip(by_hand).for_each(|(a, b)| same_json(a, b, factor, what));
+        }
+        (Value::Number(rotary), Value::Number(by_hand)) => {
+            is_told(by_hand.as_f64().unwrap(), rotary.as_f64().unwrap(), factor, what);
+        }
+        (Value::String(rotary), Value::String(by_hand)) if what == "criterion" => {
+            assert_eq!(*rotary, told(by_hand).0);
+        }
+        // in words: by what they are about
+        (Value::String(_), Value::String(_)) if ["notes", "change"].contains(&what) => {}
+        _ => assert_eq!(rotary, by_hand, "{what}"),
+    }
+}
+
+fn run(folder: &Path, args: &[&str]) -> Value {
+    let output = sim(folder, args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap_or_default()
+}
+
+/// Runs a command on both; `tables` are its files.
+#[track_caller]
+fn same(rotary_args: &[&str], hand_args: &[&str], tables: &[&str]) {
+    let (rotary, by_hand) = (scene(ROTARY), scene(BY_HAND));
+    let json = run(rotary.path(), rotary_args);
+    let hand_json = run(by_hand.path(), hand_args);
+    assert!(json.is_object());
+    same_json(&json, &hand_json, 1.0, "result");
+    for table in tables {
+        same_tables(&rotary.path().join(table), &by_hand.path().join(table));
+    }
+}
+
+#[test]
+fn hit_walk_and_grid_are_the_same_in_other_units() {
+    let hit = |k, b| {
+        let wall = ["--cutoff", "1000", "--stiffness", k, "--damping", b, "--trace", "t.csv"];
+        [&["hit", "mine.toml", "--json"], &wall[..]].concat()
+    };
+    same(&hit("4.9", "0.049"), &hit("1000", "10"), &["t.csv"]);
+    let walk = ["walk", "mine.toml", "--cutoff", "1000", "--csv", "w.csv", "--json"];
+    same(&walk, &walk, &["w.csv"]);
+    let grid = |k, b| {
+        [
+            "grid",
+            "mine.toml",
+            "--cutoffs",
+            "1000",
+            "--stiffnesses",
+            k,
+            "--dampings",
+            b,
+            "--csv",
+            "g.csv",
+            "--json",
+        ]
+    };
+    same(&grid("4.9,98", "0.049"), &grid("1000,20000", "10"), &["g.csv"]);
+}
+
+#[test]
+fn a_sweep_is_the_same_in_other_units_and_its_figures_name_them() {
+    let sweep = ["sweep", "mine.toml", "--repeat", "2", "--out", "out", "--json"];
+    let tables = ["areas", "boundary", "envelope", "limits"].map(|name| format!("out/{name}.csv"));
+    same(&sweep, &sweep, &tables.each_ref().map(String::as_str));
+    let rotary = scene(ROTARY);
+    run(rotary.path(), &sweep);
+    let file = |name: &str| fs::read_to_string(rotary.path().join("out").join(name)).unwrap();
+    for (name, units) in [
+        ("zwidth.svg", &["N m/rad", "N m s/rad"][..]),
+        ("area.svg", &["N² m² s/rad²"]),
+        ("hit.svg", &["True angle [deg]", "mdeg", "N m/rad"]),
+        ("report.html", &["N m/rad", "N m s/rad", "N² m² s/rad²", "mdeg encoder"]),
+    ] {
+        let text = file(name);
+        for unit in units {
+            assert!(text.contains(unit), "{name} has no {unit}");
+        }
+        // The report has the tables by limit, which are at the handle.
+        assert!(!text.contains("N/m") || name == "report.html", "{name}");
+    }
+    assert!(file("summary.json").contains("stiffness_peak_n_m_per_rad"));
+}
+
+#[test]
+fn linear_theory_and_a_comparison_are_the_same_in_other_units() {
+    let linear = |b| {
+        let options =
+            ["--cutoffs", "200,1000", "--dampings", b, "--multirate", "--passivity", "--simulated"];
+        [&["linear", "mine.toml", "--csv", "l.csv", "--json"], &options[..]].concat()
+    };
+    same(&linear("0,0.049,0.098"), &linear("0,10,20"), &["l.csv"]);
+    let options = [
+        "--estimators",
+        "butterworth,kalman-2",
+        "--budget",
+        "3",
+        "--repeat",
+        "2",
+        "--out",
+        "out",
+        "--json",
+    ];
+    let compare = [&["compare", "mine.toml"], &options[..]].concat();
+    same(&compare, &compare, &["out/compare.csv", "out/boundary.csv", "out/fidelity.csv"]);
+}
+
+#[test]
+fn a_record_says_the_same_device_in_other_units() {
+    let (rotary, by_hand) = (scene(ROTARY), scene(BY_HAND));
+    let [json, hand_json] =
+        [&rotary, &by_hand].map(|folder| run(folder.path(), &["prepare", "mine.toml", "--json"]));
+    for key in ["scene_hash", "envelope_hash", "sign_test_counts"] {
+        assert_eq!(json[key], hand_json[key], "{key}");
+    }
+    let (full, at_handle) = (&json["full_scale_n_m"], &hand_json["full_scale_n"]);
+    is_told(at_handle.as_f64().unwrap(), full.as_f64().unwrap(), RADIUS_M, "full scale");
+    let text = sim(rotary.path(), &["prepare", "mine.toml", "--force"]).stdout;
+    let text = String::from_utf8(text).unwrap();
+    for part in
+        ["from -28.65 to 57.3 deg", "1.3 N m at full command", "off above 802.1 deg/s", "N m/rad"]
+    {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}
+
+#[test]
+fn what_a_rotary_scene_cannot_have_is_one_line_that_says_it() {
+    let bad = |from: &str, to: &str| {
+        assert!(ROTARY.contains(from), "{from}");
+        let folder = scene(&ROTARY.replacen(from, to, 1));
+        refused(
+            folder.path(),
+            &["hit", "mine.toml", "--cutoff", "500", "--stiffness", "1", "--damping", "0"],
+        )
+    };
+    for (from, to, wanted) in [
+        (
+            "position_rad = 0.5",
+            "position_m = 0.035",
+            "wall.position_m: with [rotary] it is position_rad",
+        ),
+        (
+            "position_rad = 0.5",
+            "position_rad = 2e4",
+            "wall.position_rad is 20000, allowed -14285.714",
+        ),
+        ("ratio = 13", "ratio = 0", "rotary.ratio is 0, allowed 0.001 to 10000"),
+        ("ratio = 13\n", "", "missing field `ratio`"),
+        ("ratio = 13", "ratio = 13\nradius = 1", "unknown field `radius`"),
+        (
+            "drive = \"current\"",
+            "drive = \"voltage\"",
+            "rotary.drive is `voltage`, which takes resistance_ohm",
+        ),
+        ("drive = \"current\"", "drive = \"power\"", "unknown variant `power`"),
+        (
+            "limit_v = 10",
+            "gain_n_per_v = 1\nlimit_v = 10",
+            "actuator.gain_n_per_v: with [rotary] it follows",
+        ),
+        ("[encoder]", "[device]\nmass_kg = 1\n\n[encoder]", "with [rotary] there is no [device]"),
+        ("push_n_m = 0.14", "push_n_m = 2", "wall_hit.push_n_m is 2, allowed -1.3 to 1.3"),
+        (
+            "handle_inertia_kg_m2 = 2.1e-4",
+            "handle_inertia_kg_m2 = 0.9",
+            "device.inertia_kg_m2 is 0.9",
+        ),
+        ("[rotary]", "estimated = [\"rotary.mass\"]\n[rotary]", "estimated has `rotary.mass`"),
+    ] {
+        let line = bad(from, to);
+        assert!(line.contains(wanted) && line.contains("mine.toml"), "{wanted}: {line}");
+    }
+    let folder = scene(&BY_HAND.replacen("position_m = 0.035", "position_rad = 0.5", 1));
+    let line = refused(folder.path(), &["prepare", "mine.toml"]);
+    assert!(line.contains("unknown field `position_rad`"), "{line}");
+    let folder = scene(ROTARY);
+    let line = refused(
+        folder.path(),
+        &["hit", "mine.toml", "--cutoff", "500", "--stiffness", "1e6", "--damping", "0"],
+    );
+    assert!(line.contains("--stiffness is 1000000, allowed 0 to 49000"), "{line}");
+}
+
+/// With a voltage amplifier the back-EMF is damping, and full command is what the supply makes at standstill.
+#[test]
+fn a_voltage_amplifier_damps_by_back_emf() {
+    let voltage = ROTARY
+        .replacen(
+            "drive = \"current\"\namplifier_a_per_v = 0.5",
+            "drive = \"voltage\"\nresistance_ohm = 2\nsupply_v = 10",
+            1,
+        )
+        .replacen("limit_v = 10\n", "", 1);
+    let torque = 13.0 * 0.02_f64;
+    let by_hand = BY_HAND.replacen(
+        "damping_n_s_per_m = 0.102040816326531",
+        &format!(
+            "damping_n_s_per_m = {:.14e}",
+            (5e-4 + torque * torque / 2.0) / (RADIUS_M * RADIUS_M)
+        ),
+        1,
+    );
+    let (rotary, by_hand) = (scene(&voltage), scene(&by_hand));
+    let wall = |k: &'static str, b: &'static str| {
+        ["hit", "mine.toml", "--cutoff", "1000", "--json", "--stiffness", k, "--damping", b]
+    };
+    let json = run(rotary.path(), &wall("4.9", "0.049"));
+    let hand_json = run(by_hand.path(), &wall("1000", "10"));
+    same_json(&json, &hand_json, 1.0, "result");
+}
