@@ -140,7 +140,7 @@ slots(
 )
 slots(
     "docs/faults.md",
-    ("for {} ms outside contact, and the count stayed within less than {}: dead", lambda: number(1e3 * lit("src/safety/plan.rs", r"PUSH_S: f64 = ([\d.]+)")),
+    ("for {} ms outside contact, and the count stayed within less than {}, or moved", lambda: number(1e3 * lit("src/safety/plan.rs", r"PUSH_S: f64 = ([\d.]+)")),
      const("src/safety/plan.rs", "PUSH_COUNTS")),
     ("for at most {} s however often", const("src/experiment/calibration.rs", "LONGEST_S")),
     ("for at most {} ms did not move the count the right way", lambda: number(1e3 * lit("src/safety/plan.rs", r"SIGN_TEST_S: f64 = ([\d.]+)"))),

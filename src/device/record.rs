@@ -5,7 +5,7 @@
 //!
 //! | words | field |
 //! |---|---|
-//! | 0 | "ZWD" and the version of the layout, 1 |
+//! | 0 | "ZWD" and the version of the layout, 2 |
 //! | 1 | length of the record in words, the last one included |
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
@@ -15,12 +15,13 @@
 //! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
 //! | 15 | counts that the sign test has to see |
 //! | 16 | number of the estimator |
-//! | 17 to 98 | numbers, see below |
-//! | 99 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
+//! | 17 to 102 | numbers, see below |
+//! | 103 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
 //! | last | CRC-32/ISO-HDLC over all words before it: the record's hash |
 //!
 //! The numbers: sample rate Hz, resolution m, force at full command N, latency samples; speed limit and believable speed
-//! m/s, travel low and high m, ramp s, sign test's force as a part of full scale; continuous force N, time constant s;
+//! m/s, travel low and high m, ramp s, sign test's force as a part of full scale, heaviest handle kg and
+//! N s/m; continuous force N, time constant s;
 //! return move: start m, speed m/s, force N, K N/m, B N s/m, integral N/(m s), tolerance m, timeout s; calibration: rise
 //! %/s, hold s, travel m; eight parameters of the estimator; wall m; hit: settle s, window s, RMS m; walk: K start, step,
 //! cap N/m, B start, step, cap N s/m.
@@ -44,7 +45,7 @@ use crate::{
 /// Longest record, words: a flash sector of 16 KiB.
 pub const WORDS_MAX: usize = 4096;
 /// Version of the layout.
-pub const LAYOUT: u8 = 1;
+pub const LAYOUT: u8 = 2;
 /// Where the board's name is, bytes.
 pub const BOARD_AT: usize = 12;
 
@@ -62,7 +63,7 @@ const ENCODER_REVERSED: u32 = 4;
 /// Where the number of designs begins.
 const DESIGNS: u32 = 8;
 
-const NUMBERS: usize = 33 + KEPT;
+const NUMBERS: usize = 35 + KEPT;
 /// Parameters of the estimator among them.
 const KEPT: usize = 8;
 // One more is another layout.
@@ -253,6 +254,8 @@ impl<'a> Device<'a> {
                 ramp_in_s: next(),
                 sign_test_force: next(),
                 sign_test_counts: sign,
+                heaviest_mass_kg: next(),
+                heaviest_damping_n_s_per_m: next(),
             },
             duty: DutySettings { continuous_force_n: next(), time_constant_s: next() },
             back: ReturnSettings {
@@ -316,6 +319,8 @@ impl<'a> Device<'a> {
             safety.travel_high_m,
             safety.ramp_in_s,
             safety.sign_test_force,
+            safety.heaviest_mass_kg,
+            safety.heaviest_damping_n_s_per_m,
             duty.continuous_force_n,
             duty.time_constant_s,
             back.start_m,

@@ -50,6 +50,8 @@ pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 200,
+        heaviest_mass_kg: 8.0,
+        heaviest_damping_n_s_per_m: 110.0,
     },
     duty: DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 },
     back: ReturnSettings::SOFT,

@@ -20,6 +20,10 @@ pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
 pub(super) const PUSH_S: f64 = 0.05;
 /// Less than this is no motion, counts: a count that flickers at an edge moves by 1, with noise by 2.
 pub(super) const PUSH_COUNTS: u32 = 3;
+/// Binary places of a count with which the motion of the heaviest handle is kept.
+pub(super) const HEAVIEST_BITS: u32 = 32;
+/// 2^14 counts per output, so that its product with a force fits.
+const YIELDS_MAX: u64 = 1 << 46;
 /// Longest duration of the sign test, s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
 /// Without an output for longer than this `render` counts as stuck, s.
@@ -46,6 +50,11 @@ pub struct SafetySettings {
     pub sign_test_force: f64,
     /// What the sign test has to see, counts: 10 to 2^20. Below 8 quantisation alone could pass it.
     pub sign_test_counts: u32,
+    /// Mass of the heaviest handle that a push may find, with all that may hang on it, kg: 1e-9 to 1e6. A push that
+    /// moves the count by less than it would move that handle is a push without motion.
+    pub heaviest_mass_kg: f64,
+    /// Damping of that handle, N s/m: 0 to 1e6.
+    pub heaviest_damping_n_s_per_m: f64,
 }
 
 impl SafetySettings {
@@ -55,6 +64,10 @@ impl SafetySettings {
     pub const SIGN_TEST_FORCE: RangeInclusive<f64> = 0.001..=0.05;
     /// Allowed thresholds of the sign test, counts.
     pub const SIGN_TEST_COUNTS: RangeInclusive<f64> = 10.0..=1_048_576.0;
+    /// Allowed masses of the heaviest handle, kg.
+    pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-9..=1e6;
+    /// Allowed dampings of that handle, N s/m.
+    pub const HEAVIEST_DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
 
     /// Checks, and converts to counts, samples and outputs.
     ///
@@ -88,6 +101,16 @@ impl SafetySettings {
         within("sign_test_force", self.sign_test_force, Self::SIGN_TEST_FORCE)?;
         let counts = f64::from(self.sign_test_counts);
         within("sign_test_counts", counts, Self::SIGN_TEST_COUNTS)?;
+        within("heaviest_mass_kg", self.heaviest_mass_kg, Self::HEAVIEST_MASS_KG)?;
+        within(
+            "heaviest_damping_n_s_per_m",
+            self.heaviest_damping_n_s_per_m,
+            Self::HEAVIEST_DAMPING_N_S_PER_M,
+        )?;
+        let slows = self.heaviest_damping_n_s_per_m / self.heaviest_mass_kg / design.rate_hz;
+        let yields = design.full_scale_n
+            / (self.heaviest_mass_kg * design.resolution_m)
+            / (design.rate_hz * design.rate_hz);
         let full = f64::from(Force::FULL_SCALE.bits());
         let velocity_lsb = f64::from(1u32 << Velocity::FRACTION_BITS);
         let samples = |seconds: f64| seconds * design.rate_hz;
@@ -102,6 +125,9 @@ impl SafetySettings {
             ),
             sign_counts: self.sign_test_counts.cast_signed(),
             samples: Samples {
+                // At most 1 count.
+                yields: libm::ldexp(yields, HEAVIEST_BITS.cast_signed()) as u32,
+                slows: libm::ldexp(slows, HEAVIEST_BITS.cast_signed()) as u32,
                 ms: design.samples_per_ms(),
                 ramp: libm::ceil(samples(self.ramp_in_s)) as u32,
                 sign_quarter: (samples(SIGN_TEST_S) / 4.0) as u32,
@@ -117,6 +143,9 @@ impl SafetySettings {
 /// Times, in samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Samples {
+    /// [`SafetyPlan::yields`] of a sample's square, and [`SafetyPlan::slows`] of a sample.
+    yields: u32,
+    slows: u32,
     ms: u32,
     ramp: u32,
     sign_quarter: u32,
@@ -128,7 +157,7 @@ impl SafetyPlan {
     /// The same limits with an output each `period` samples.
     pub(crate) fn at(self, period: u32) -> Self {
         let period = period.max(1);
-        let Samples { ms, ramp, sign_quarter, push, stuck } = self.samples;
+        let Samples { yields, slows, ms, ramp, sign_quarter, push, stuck } = self.samples;
         let per_ms = (ms / period).max(1);
         // a part of 5 % that is at most 50 of them, so within 32 bits
         let slew =
@@ -150,6 +179,9 @@ impl SafetyPlan {
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders.max(1),
             sign_quarter: sign_quarter / period,
             push_renders: push.div_ceil(period),
+            // a lighter handle may do less
+            yields: (u64::from(yields) * u64::from(period) * u64::from(period)).min(YIELDS_MAX),
+            slows: slows.saturating_mul(period),
             ..self
         }
     }
@@ -186,6 +218,11 @@ pub struct SafetyPlan {
     pub(super) sign_counts: i32,
     /// Outputs that a push without motion may last.
     pub(super) push_renders: u32,
+    /// What full scale adds to the speed of the heaviest handle from one output to the next, LSB of 2^-32 counts per
+    /// output.
+    pub(super) yields: u64,
+    /// The part of its speed that it loses from one output to the next, LSB of 2^-32.
+    pub(super) slows: u32,
     /// What those in outputs are made of.
     samples: Samples,
 }
@@ -210,6 +247,8 @@ pub(super) mod tests {
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 20,
+        heaviest_mass_kg: 8.0,
+        heaviest_damping_n_s_per_m: 110.0,
     };
 
     #[test]

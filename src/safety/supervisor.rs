@@ -370,12 +370,8 @@ impl Supervisor {
                 ..record
             }));
         }
-        let pushed = self.watch.failed(
-            self.last.force().filter(|_| !self.still),
-            self.contact,
-            up.motion.position,
-            self.plan.push_renders,
-        );
+        let acted = self.last.force().filter(|_| !self.still);
+        let pushed = self.watch.failed(&self.plan, acted, self.contact, up.motion.position);
         let place = up.motion.position.wrapping_since(Position::default());
         let [low, high] = self.plan.travel;
         let acting = outside

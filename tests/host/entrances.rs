@@ -269,6 +269,8 @@ fn every_number_of_the_core_is_refused_by_name() {
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 20,
+        heaviest_mass_kg: 8.0,
+        heaviest_damping_n_s_per_m: 110.0,
     };
     let back = ReturnSettings::SOFT;
     let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };

@@ -86,6 +86,8 @@ impl Loop {
             ramp_in_s: 0.2,
             sign_test_force: 0.05,
             sign_test_counts: 20,
+            heaviest_mass_kg: 8.0,
+            heaviest_damping_n_s_per_m: 110.0,
         };
         let plan = safety.build(&design).unwrap();
         let plant = PlantStep::new(&scene.device, 1.0 / design.rate_hz, 0.0);

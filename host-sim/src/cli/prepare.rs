@@ -4,7 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use zwidth::{Output, device::Device, device::record::BoardFacts, safety::envelope::Boundary};
+use zwidth::{
+    Output,
+    device::{Device, record::BoardFacts},
+    safety::{SafetySettings, envelope::Boundary},
+};
 
 use super::{Common, progress};
 use crate::{
@@ -58,6 +62,8 @@ struct Json {
     period_samples: u32,
     sign_test_expected_counts: f64,
     sign_test_counts: u32,
+    heaviest_mass_kg: f64,
+    heaviest_damping_n_s_per_m: f64,
     estimator: &'static str,
     cutoff_hz: Option<f64>,
     envelope: Vec<PartJson>,
@@ -160,6 +166,9 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     safety.ramp_in_s = Some(1.0);
     safety.sign_test_force = Some(STARTER_SIGN_TEST);
     safety.sign_test_counts = None;
+    // A count that does not move at all is what every device can be asked for.
+    safety.heaviest_mass_kg = Some(*SafetySettings::HEAVIEST_MASS_KG.end());
+    safety.heaviest_damping_n_s_per_m = Some(*SafetySettings::HEAVIEST_DAMPING_N_S_PER_M.end());
     scene.safety = Some(safety);
     let mut motor = scene.motor.unwrap_or_default();
     motor.continuous_force_n = Some(STARTER_CONTINUOUS * full_n);
@@ -216,6 +225,8 @@ impl Said<'_> {
             period_samples: design.period,
             sign_test_expected_counts: self.sign_test_counts(),
             sign_test_counts: safety.sign_test_counts,
+            heaviest_mass_kg: safety.heaviest_mass_kg,
+            heaviest_damping_n_s_per_m: safety.heaviest_damping_n_s_per_m,
             estimator: settings.velocity.name().text(),
             cutoff_hz: cutoff(&self.device),
             envelope: self.found.iter().map(part).collect(),
@@ -275,6 +286,11 @@ impl Said<'_> {
                 "  sign test  {} % of full scale moves the free handle by {expected:.0} counts; {} needed",
                 zwidth::shorten(100.0 * safety.sign_test_force),
                 safety.sign_test_counts
+            ),
+            format!(
+                "  push       above 10 % has to move the count as it would {} kg with {} N s/m",
+                zwidth::shorten(safety.heaviest_mass_kg),
+                zwidth::shorten(safety.heaviest_damping_n_s_per_m)
             ),
             format!("  estimator  {}{cutoff} at first", settings.velocity.name().text()),
         ];

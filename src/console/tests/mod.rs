@@ -174,6 +174,6 @@ fn version() -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!(
         "ok version {version}, commit 0123456789ab, board a-board, scene bench 0badcafe, envelope {hash:08x}, \
-         layouts record 1, settings 4, telemetry 2"
+         layouts record 2, settings 4, telemetry 2"
     )
 }

@@ -265,8 +265,9 @@ fn a_hit_that_cannot_return_says_so() {
     let mut bench = Bench::armed();
     bench.stored.start_m = -0.02;
     bench.met(bench.hit());
-    for _ in 0..20_000 {
-        bench.handle.v = 0.0; // a hand holds it
+    for n in 0..20_000 {
+        // A hand keeps it there and shakes it: one that is held still is a push without motion.
+        bench.handle.v = if n / 20 % 2 == 0 { 0.1 } else { -0.1 };
         bench.output(None);
         if let Event::HitAborted(reason) = bench.reports.last().unwrap().event {
             assert_eq!(reason, AbortReason::NotBack);

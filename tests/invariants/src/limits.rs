@@ -74,6 +74,8 @@ fn safety(design: &Design) -> SafetySettings {
         ramp_in_s: 0.2,
         sign_test_force: 0.05,
         sign_test_counts: 100,
+        heaviest_mass_kg: 8.0,
+        heaviest_damping_n_s_per_m: 110.0,
     }
 }
 

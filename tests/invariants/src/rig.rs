@@ -38,6 +38,8 @@ pub fn wide(design: &Design) -> SafetySettings {
         ramp_in_s: 0.02,
         sign_test_force: 0.05,
         sign_test_counts: 10,
+        heaviest_mass_kg: 1e6,
+        heaviest_damping_n_s_per_m: 1e6,
     }
 }
 

@@ -173,7 +173,7 @@ impl Model {
         let hash = envelope.hash();
         format!(
             "ok version {version}, commit COMMIT, board {name}, scene {name} {scene_hash:08x}, envelope {hash:08x}, \
-             layouts record 1, settings 4, telemetry 2"
+             layouts record 2, settings 4, telemetry 2"
         )
     }
 

@@ -77,6 +77,12 @@ pub struct SafetyTable {
     /// What the sign test has to see, counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sign_test_counts: Option<u32>,
+    /// Mass of the heaviest handle that a push may find, with all that may hang on it, kg.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heaviest_mass_kg: Option<f64>,
+    /// Damping of that handle, N s/m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heaviest_damping_n_s_per_m: Option<f64>,
     /// A handle that moves farther ends a calibration, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration_travel_m: Option<f64>,
@@ -155,6 +161,10 @@ impl Keys {
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// What the sign test has to see of what the free handle moves by.
 const SIGN_PART: f64 = 0.22;
+/// The heaviest handle that a push may find, in masses of the device: a hand on it, and what a guess may be off by.
+const HEAVIEST: f64 = 20.0;
+/// It is damped to this time constant at least, s.
+const HEAVIEST_S: f64 = 0.1;
 /// A quarter of the sign test, s (src/safety/sign.rs has the equation).
 const SIGN_QUARTER_S: f64 = 0.025;
 /// Room beyond start and wall, m.
@@ -190,6 +200,11 @@ impl Scene {
             .unwrap_or_else(|| keys.or("safety.sign_test_counts", None, counts));
         let speed = keys.or("safety.speed_max_m_per_s", safety.speed_max_m_per_s, fastest.min(1.0));
         let believable = (5.0 * speed).min(fastest);
+        let heaviest = keys.or(
+            "safety.heaviest_mass_kg",
+            safety.heaviest_mass_kg,
+            HEAVIEST * self.device.mass_kg,
+        );
         let settings = SafetySettings {
             speed_max_m_per_s: speed,
             speed_believable_m_per_s: keys.or(
@@ -211,6 +226,12 @@ impl Scene {
                 reason = "10 to 2^20"
             )]
             sign_test_counts: counts as u32,
+            heaviest_mass_kg: heaviest,
+            heaviest_damping_n_s_per_m: keys.or(
+                "safety.heaviest_damping_n_s_per_m",
+                safety.heaviest_damping_n_s_per_m,
+                f64::max(HEAVIEST * self.device.damping_n_s_per_m, heaviest / HEAVIEST_S),
+            ),
         };
         let travel_m = f64::max(1e-3, 4.0 * count_m);
         let calibration = CalibrationSettings {

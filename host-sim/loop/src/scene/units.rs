@@ -52,6 +52,7 @@ const WRITTEN: &[Written] = &[
     ("N^2 s/m^2", "N^2 m^2 s/rad^2", 4, 1.0),
     ("N² s/m²", "N² m² s/rad²", 4, 1.0),
     ("10^6 N² s/m²", "N² m² s/rad²", 4, 1e6),
+    ("kg", "kg m^2", 2, 1.0),
     ("N s/m", "N m s/rad", 2, 1.0),
     ("kN/m", "N m/rad", 2, 1e3),
     ("MN/m", "N m/rad", 2, 1e6),
@@ -279,7 +280,7 @@ mod tests {
             ("area 2.5600e2 N^2 s/m^2 with", "area 1.0000e0 N^2 m^2 s/rad^2 with"),
             ("force only from 0 to 250 mm, start", "force only from 0 to 57.3 deg, start"),
             ("off above 0.25 m/s; a hit", "off above 57.3 deg/s; a hit"),
-            ("5.906 N at full command, 4 N for ever", "1.4765 N m at full command, 1 N m for ever"),
+            ("5.906 N at full command, 4 N for ever", "1.476 N m at full command, 1 N m for ever"),
             (
                 "x: wall.position_m is 2, allowed -1 to 1",
                 "x: wall.position_rad is 8, allowed -4 to 4",
