@@ -308,6 +308,17 @@ def identify_summary():
 
 
 @block
+def identify_terms():
+    columns = ("m", "b", "k", "friction", "lag", "offset")
+    body = []
+    for kind, name in [("plain", "none"), ("friction", "friction"), ("lag", "lag"), ("offset", "offset"), ("all", "all three")]:
+        key = f"host/identify_terms/{kind}"
+        cells = [f"{m(f'{key}/{c}_held')} of {m(f'{key}/{c}_of')}" if c in ("m", "b", "k", kind) or kind == "all" else "" for c in columns]
+        body.append([name, *cells, f"{100 * value(f'{key}/pooled'):.1f} %", f"{100 * value(f'{key}/invented'):.1f} %"])
+    return table(["terms that are there", *columns, "pooled", "invented"], body)
+
+
+@block
 def identify_from_board():
     names = ["m", "b", "k"]
     return table(["board", *[f"{n} off by, relative" for n in names], "latency found, samples", "latency of the scene"], [

@@ -17,6 +17,7 @@ TABLES = {
            "grip_stiffness_n_per_m = 900\ngrip_damping_n_s_per_m = 15",
     "cogging": "amplitude_n = 0.1\npitch_m = 0.01\nphase_rad = 0",
     "friction": "coulomb_n = 0.1\nstatic_n = 0.2\nstribeck_speed_m_per_s = 0.01",
+    "offset": "force_n = 0.1",
     "encoder_noise": "rms_m = 1e-7\nseed = 1",
     "encoder_error": "cycle_m = 4e-6\nfirst_m = 0\nsecond_m = 0\nphase_rad = 0",
 }

@@ -21,6 +21,7 @@ const ARM: &str = "[arm]\nmass_kg = 1.2\ndamping_n_s_per_m = 12\nstiffness_n_per
                    grip_damping_n_s_per_m = 25\ngrip_stiffness_n_per_m = 1200\n";
 const FRICTION: &str =
     "[friction]\ncoulomb_n = 0.1\nstatic_n = 0.15\nstribeck_speed_m_per_s = 0.01\n";
+const OFFSET: &str = "[offset]\nforce_n = 0.3\n";
 const COGGING: &str = "[cogging]\namplitude_n = 0.1\npitch_m = 0.004\nphase_rad = 0.3\n";
 const SPRING: &str = "[travel]\nstop = \"spring\"\nlow_m = -0.01\nhigh_m = 0.1\nstiffness_n_per_m = 5e4\n\
                       damping_n_s_per_m = 50\n";
@@ -65,7 +66,8 @@ fn every_element_is_read_and_runs() {
         vec![AMPLIFIER],
         vec![MODE],
         vec![ARM],
-        vec![AMPLIFIER, MODE, ARM],
+        vec![OFFSET],
+        vec![AMPLIFIER, MODE, ARM, OFFSET],
         vec![FRICTION, RK4],
         vec![COGGING, ADAPTIVE],
         vec![SPRING, EULER],
@@ -100,11 +102,53 @@ fn every_element_is_read_and_runs() {
     }
 }
 
+/// A constant force stretches the spring by as much as a rest position that is farther; with an amplifier, an arm and an
+/// integrator too, and a device without a spring gets its acceleration.
+#[test]
+fn an_offset_is_a_rest_position_that_is_farther() {
+    for tables in [
+        vec![],
+        vec![AMPLIFIER],
+        vec![MODE],
+        vec![AMPLIFIER, ARM],
+        vec![RK4],
+        vec![FRICTION, ADAPTIVE],
+    ] {
+        let plant = |scene: &Scene| {
+            let plant = AnyPlant::of(scene, 1e-4, 0.0);
+            let mut state = plant.at_rest(0.0);
+            let mut positions_m = vec![];
+            for n in 0..20_000 {
+                state = plant.advance(&state, if n / 2000 % 2 == 0 { 2.0 } else { -1.0 });
+                positions_m.push(plant.position_m(&state));
+            }
+            positions_m
+        };
+        let pushed = read(&[&tables[..], &[OFFSET]].concat()).unwrap();
+        let mut moved = read(&tables).unwrap();
+        moved.device.rest_position_m += 0.3 / moved.device.stiffness_n_per_m;
+        let [one, other, plain] = [&pushed, &moved, &read(&tables).unwrap()].map(plant);
+        let apart = one.iter().zip(&other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let acts = one.iter().zip(&plain).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-8 && acts > 1e-3, "{tables:?}: {apart:e} {acts:e}");
+    }
+    let mut free = read(&[OFFSET]).unwrap();
+    (free.device.stiffness_n_per_m, free.device.damping_n_s_per_m) = (0.0, 0.0);
+    let plant = AnyPlant::of(&free, 1e-4, 0.0);
+    let mut state = plant.at_rest(0.0);
+    for _ in 0..1000 {
+        state = plant.advance(&state, 0.0);
+    }
+    let speed = 0.3 / free.device.mass_kg * 0.1;
+    assert!((plant.speed_m_per_s(&state) / speed - 1.0).abs() < 1e-12);
+}
+
 #[test]
 fn errors_of_size_zero_change_no_bit() {
     let wall = hit(60_000.0, 300.0);
     let zeroes = [
         JITTER.replace("5e-6", "0"),
+        OFFSET.replace("0.3", "0"),
         ENCODER_NOISE.replace("5e-7", "0"),
         ENCODER_ERROR.replace("3e-7", "0").replace("1e-7", "0"),
     ];
@@ -212,6 +256,10 @@ fn refusals_name_key_value_and_range() {
         (
             vec![&ENCODER_ERROR.replace("3e-7", "1"), RK4],
             "encoder_error.first_m is 1, allowed 0 to",
+        ),
+        (
+            vec![&OFFSET.replace("0.3", "2e5")],
+            "offset.force_n is 200000, allowed -100000 to 100000",
         ),
         (vec![&ENCODER_NOISE.replace("5e-7", "-1")], "encoder_noise.rms_m is -1, allowed 0 to 1"),
         (vec![&ENCODER_NOISE.replace("5e-7", "nan")], "encoder_noise.rms_m is NaN, allowed 0 to 1"),

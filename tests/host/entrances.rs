@@ -30,6 +30,8 @@ stiffness_n_per_m = 20.0
 rest_position_m = 0.05
 grip_damping_n_s_per_m = 25.0
 grip_stiffness_n_per_m = 1200.0
+[offset]
+force_n = 0.05
 [friction]
 coulomb_n = 0.1
 static_n = 0.15

@@ -28,6 +28,7 @@ mod extremes;
 mod filter;
 mod force_step;
 mod identify_accuracy;
+mod identify_terms;
 mod layers;
 mod linear_elements;
 mod paper;

@@ -229,3 +229,28 @@ fn bad_input_is_refused_in_one_line() {
         refused(folder, &args, wanted);
     }
 }
+
+#[test]
+fn terms_are_asked_for_by_name_and_become_elements() {
+    let folder = folder();
+    let folder = folder.path();
+    let plain = ["identify", "log.csv", "--gain", "0.5906", "--json"];
+    let automatic = done(folder, &plain);
+    assert_eq!(done(folder, &[&plain[..], &["--terms", "none"]].concat()), automatic);
+    assert!(!automatic.contains("\"terms\""));
+    refused(folder, &[&plain[..4], &["--offset"]].concat(), "give --rest-position");
+    refused(folder, &[&plain[..4], &["--friction", "--terms", "none"]].concat(), "--terms");
+    refused(folder, &[&plain[..4], &["--encoder-cycle", "2"]].concat(), "--encoder-cycle is 2");
+    // the spring is said to rest 1 mm away: a force holds it there
+    let asked = [&plain[..], &["--rest-position", "0.0507", "--out", "pushed.toml"]].concat();
+    let json: serde_json::Value = serde_json::from_str(&done(folder, &asked)).unwrap();
+    let force_n = json["terms"]["offset_n"]["value"].as_f64().unwrap();
+    assert!((force_n - 11.0626e-3).abs() < 1e-4, "{force_n}");
+    assert_eq!(json["terms"]["tests"][0]["term"], "offset");
+    assert_eq!(json["scene"]["offset"]["force_n"], force_n);
+    assert_eq!(json["scene"]["device"]["rest_position_m"], 0.0507);
+    done(
+        folder,
+        &["hit", "pushed.toml", "--cutoff", "1500", "--stiffness", "2e4", "--damping", "50"],
+    );
+}

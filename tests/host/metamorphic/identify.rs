@@ -1,7 +1,7 @@
 //! Symmetries of `identify`: the same device from records in other units, turned around, moved or made twice.
 
 use host_sim::{
-    analysis::identify::{Estimate, Gain, Identification, Options, Record, identify},
+    analysis::identify::{Estimate, Gain, Identification, Options, Record, Terms, identify},
     plant::{Plant as _, PlantStep},
     scene::{Device, Rounding},
 };
@@ -50,6 +50,9 @@ fn record(dice: &mut Dice) -> (Record, Options) {
         resolution_m: RESOLUTION_M,
         rounding: Rounding::Round,
         limit_v: 10.0,
+        terms: Terms::Auto,
+        rest_position_m: None,
+        cycle_m: None,
     };
     (record, options)
 }

@@ -30,6 +30,7 @@ impl Scene {
         let sample_s = 1.0 / self.control.rate_hz;
         self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
         self.mode.map_or(Ok(()), |mode| mode.check())?;
+        self.offset.map_or(Ok(()), |offset| offset.check())?;
         self.arm.map_or(Ok(()), |arm| arm.check("arm"))?;
         self.arms.iter().try_for_each(|(name, arm)| arm.check(&format!("arms.{name}")))?;
         self.friction.map_or(Ok(()), |friction| friction.check())?;

@@ -22,7 +22,7 @@ use crate::{
     numerics::integrator::Integrator,
     scene::element::{
         Amplifier, Arm, Chain, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode,
-        Nonlinear, Travel,
+        Nonlinear, Offset, Travel,
     },
 };
 
@@ -118,6 +118,9 @@ pub struct Scene {
     /// Velocity filters by name, for the board and for `SCENE:NAME`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub designs: BTreeMap<String, DesignTable>,
+    /// Optional element: a constant force on the device.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<Offset>,
     /// Optional element: dry friction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
@@ -294,7 +297,8 @@ impl Scene {
     /// The linear part of its plant.
     pub fn chain(&self) -> Chain {
         let Self { device, mode, arm, amplifier, .. } = *self;
-        Chain { device, mode, arm, amplifier, hand_n: self.push_n(PushBy::Hand) }
+        let offset_n = self.offset.map_or(0.0, |offset| offset.force_n);
+        Chain { device, mode, arm, amplifier, hand_n: self.push_n(PushBy::Hand), offset_n }
     }
 
     /// What `by` pushes with in a hit, N.

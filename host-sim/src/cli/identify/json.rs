@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::{
-    analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record},
+    analysis::identify::{CONFIDENCE, Estimate, Found, Identification, Options, Record, Tested},
     scene::Scene,
 };
 
@@ -21,6 +21,8 @@ pub(super) struct Json<'a> {
     rest_position_m: Option<Interval>,
     gain_n_per_v: Interval,
     latency_s: Interval,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    terms: Option<TermsJson>,
     initial: Vec<Initial>,
     residual: ResidualJson,
     widening: f64,
@@ -42,6 +44,54 @@ impl From<Estimate> for Interval {
     fn from(estimate: Estimate) -> Self {
         let Estimate { value, white_half_width, .. } = estimate;
         Self { value, low: estimate.low(), high: estimate.high(), white_half_width }
+    }
+}
+
+/// The terms beside mass, damping and spring; absent where there is none.
+#[derive(Serialize)]
+struct TermsJson {
+    friction_n: Option<Interval>,
+    amplifier_lag_s: Option<Interval>,
+    offset_n: Option<Interval>,
+    encoder_error: Option<PhaseJson>,
+    tests: Vec<TestJson>,
+}
+
+#[derive(Serialize)]
+struct PhaseJson {
+    first_m: Interval,
+    second_m: Interval,
+    phase_rad: Interval,
+    cycle_m: Interval,
+}
+
+/// How a term was told from none.
+#[derive(Serialize)]
+struct TestJson {
+    term: &'static str,
+    standard_errors: f64,
+    p: f64,
+}
+
+impl TermsJson {
+    fn new(found: &Found) -> Option<Self> {
+        let test = |tested: &Tested| TestJson {
+            term: tested.term.name(),
+            standard_errors: tested.z,
+            p: tested.p,
+        };
+        (!found.tests.is_empty()).then(|| Self {
+            friction_n: found.friction_n.map(Interval::from),
+            amplifier_lag_s: found.lag_s.map(Interval::from),
+            offset_n: found.offset_n.map(Interval::from),
+            encoder_error: found.phase.map(|phase| PhaseJson {
+                first_m: phase.first_m.into(),
+                second_m: phase.second_m.into(),
+                phase_rad: phase.phase_rad.into(),
+                cycle_m: phase.cycle_m.into(),
+            }),
+            tests: found.tests.iter().map(test).collect(),
+        })
     }
 }
 
@@ -91,6 +141,7 @@ impl<'a> Json<'a> {
             rest_position_m: found.spring.map(|spring| spring.rest_position_m.into()),
             gain_n_per_v: found.gain_n_per_v.into(),
             latency_s: found.latency_s.into(),
+            terms: TermsJson::new(&found.terms),
             initial: initial.collect(),
             residual: ResidualJson {
                 rms_m: residual.rms_m,

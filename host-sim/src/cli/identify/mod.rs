@@ -3,29 +3,38 @@
 mod json;
 
 use std::{
+    f64::consts::TAU,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use self::json::Json;
 use super::Common;
 use crate::{
     analysis::identify::{
         self, CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span,
+        Terms, Tested,
     },
     error::{Error, printable},
     input,
+    numerics::integrator::Integrator,
     output::{
         figure::{self, ResponsePlot},
         files::Outputs,
         terminal::print_result,
     },
     range::within,
-    scene::{NamedScene, Scene, ranges},
+    scene::{
+        NamedScene, Scene,
+        element::{Amplifier, EncoderError, Friction, Offset},
+        ranges,
+    },
 };
 
+/// Allowed `--encoder-cycle`, m, as in a scene.
+const CYCLE_M: std::ops::RangeInclusive<f64> = 1e-8..=1.0;
 /// Allowed `--resolution` beside 0, m, as in a scene.
 const RESOLUTION_M: std::ops::RangeInclusive<f64> = 1e-8..=1e-3;
 
@@ -53,6 +62,15 @@ pub struct IdentifyArgs {
     /// The device has no spring: stiffness 0, no rest position.
     #[arg(long)]
     no_spring: bool,
+    #[command(flatten)]
+    terms: TermArgs,
+    /// Where the spring rests without any other force, m: a constant force can then be told from it.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "no_spring")]
+    rest_position: Option<f64>,
+    /// Travel per cycle of the encoder's signals, m [default: that of the base scene's [encoder_error], else it is
+    /// looked for].
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    encoder_cycle: Option<f64>,
     /// Size of a count, m; 0 for a sensor without counts [default: the base scene's].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     resolution: Option<f64>,
@@ -68,6 +86,45 @@ pub struct IdentifyArgs {
     /// Draw measured against model of the first record (the paper's figure 4); .svg or .png.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+}
+
+/// Which terms are fitted beside mass, damping and spring.
+#[derive(Debug, Args)]
+struct TermArgs {
+    /// `auto`: those terms that the record tells, each by a test; `none`: mass, damping and spring only.
+    #[arg(long, value_enum, default_value_t = TermsName::Auto, value_name = "WHICH")]
+    terms: TermsName,
+    /// Fit Coulomb friction, whatever the test says; with it, only terms that are named.
+    #[arg(long, conflicts_with = "terms")]
+    friction: bool,
+    /// Fit a constant force; needs --rest-position or --no-spring.
+    #[arg(long, conflicts_with = "terms")]
+    offset: bool,
+    /// Fit the first-order lag of the amplifier.
+    #[arg(long, conflicts_with = "terms")]
+    amplifier: bool,
+    /// Fit the periodic error of the encoder.
+    #[arg(long, conflicts_with = "terms")]
+    phase: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum TermsName {
+    Auto,
+    None,
+}
+
+impl TermArgs {
+    fn terms(&self) -> Terms {
+        let Self { terms, friction, offset, amplifier, phase } = *self;
+        if friction || offset || amplifier || phase {
+            return Terms::These { friction, amplifier, offset, phase };
+        }
+        match terms {
+            TermsName::Auto => Terms::Auto,
+            TermsName::None => Terms::NONE,
+        }
+    }
 }
 
 /// The ways to the force per volt; exactly one of them.
@@ -169,6 +226,15 @@ fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Er
     let mut options = Options::of_scene(scene, gain);
     options.fit_latency = args.fit_latency;
     options.spring = !args.no_spring;
+    options.terms = args.terms.terms();
+    options.rest_position_m = args.rest_position;
+    if let Some(rest_m) = args.rest_position {
+        within("--rest-position", rest_m, ranges::POSITION_M).map_err(Error::Input)?;
+    }
+    if let Some(cycle_m) = args.encoder_cycle {
+        within("--encoder-cycle", cycle_m, CYCLE_M).map_err(Error::Input)?;
+        options.cycle_m = Some(cycle_m);
+    }
     if let Some(latency) = args.latency {
         within("--latency", latency, ranges::LATENCY).map_err(Error::Input)?;
         options.latency_s = latency / scene.control.rate_hz;
@@ -229,6 +295,39 @@ fn scene(base: &Scene, found: &Identification, options: &Options, args: &Identif
     if options.resolution_m > 0.0 {
         scene.encoder.resolution_m = options.resolution_m;
     }
+    with_terms(scene, &found.terms)
+}
+
+/// The terms as elements of the scene. What only an integrator can do gets one, with as few steps as it takes.
+fn with_terms(mut scene: Scene, terms: &identify::Found) -> Scene {
+    if let Some(friction) = terms.friction_n {
+        let coulomb_n = friction.value;
+        // Static friction and the fall between the two are not in a record of a moving handle.
+        scene.friction =
+            Some(Friction { coulomb_n, static_n: coulomb_n, stribeck_speed_m_per_s: 1e-3 });
+        if scene.integrator.is_none() {
+            let steps = (0..=12).map(|n| Integrator::Rk4 { steps_per_sample: 1 << n });
+            let mut scenes = steps.map(|steps| Scene { integrator: Some(steps), ..scene.clone() });
+            let found = scenes.find(|scene| scene.check().is_ok());
+            scene.integrator = found
+                .and_then(|scene| scene.integrator)
+                .or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
+        }
+    }
+    if let Some(lag) = terms.lag_s {
+        scene.amplifier = Some(Amplifier { bandwidth_hz: 1.0 / (TAU * lag.value) });
+    }
+    if let Some(offset) = terms.offset_n {
+        scene.offset = Some(Offset { force_n: offset.value });
+    }
+    if let Some(phase) = &terms.phase {
+        scene.encoder_error = Some(EncoderError {
+            cycle_m: phase.cycle_m.value,
+            first_m: phase.first_m.value,
+            second_m: phase.second_m.value.max(0.0),
+            phase_rad: phase.phase_rad.value,
+        });
+    }
     scene
 }
 
@@ -288,6 +387,16 @@ fn rows(found: &Identification, options: &Options) -> Vec<Row> {
     if options.fit_latency {
         rows.push(row("latency", "s", found.latency_s));
     }
+    let terms = &found.terms;
+    rows.extend(terms.friction_n.map(|friction| row("friction", "N", friction)));
+    rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
+    rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
+    if let Some(phase) = &terms.phase {
+        rows.push(row("encoder error", "m", phase.first_m));
+        rows.push(row("  per cycle of", "m", phase.cycle_m));
+        rows.push(row("  phase at 0", "rad", phase.phase_rad));
+        rows.extend((phase.second_m.half_width > 0.0).then(|| row("  twice", "m", phase.second_m)));
+    }
     rows
 }
 
@@ -337,6 +446,10 @@ fn table(records: &[Record], found: &Identification, options: &Options) -> Strin
     let mut text = format!("{}: {count} rows, {percent} % intervals", of_records(records));
     for row in rows(found, options) {
         let _ = write!(text, "\n  {}", row.text());
+    }
+    for Tested { term, z, p } in &found.terms.tests {
+        let _ =
+            write!(text, "\n  {} told from none: {z:.1} standard errors, p = {p:.1e}", term.name());
     }
     let residual = &found.residual;
     let _ = write!(text, "\nresidual {:.3} um RMS", residual.rms_m * 1e6);

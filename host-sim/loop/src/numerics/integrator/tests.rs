@@ -53,6 +53,7 @@ fn each_method_shows_its_order() {
     };
     let full = Chain {
         hand_n: 0.0,
+        offset_n: 0.0,
         amplifier: Some(Amplifier { bandwidth_hz: 60.0 }),
         mode: Some(Mode { mass_kg: 0.15, damping_n_s_per_m: 4.0, stiffness_n_per_m: 6e3 }),
         arm: Some(Arm {

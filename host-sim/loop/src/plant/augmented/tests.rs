@@ -48,6 +48,7 @@ fn parse(line: &str) -> (Chain, f64, Vec<Vec<f64>>) {
         }),
         amplifier: given(11).then(|| Amplifier { bandwidth_hz: value(11) }),
         hand_n: 0.0,
+        offset_n: 0.0,
     };
     let lists =
         cells[13..].iter().map(|cell| cell.split(' ').map(|v| v.parse().unwrap()).collect());

@@ -39,6 +39,8 @@ pub struct Chain {
     pub amplifier: Option<Amplifier>,
     /// Constant force of a hand on the last body of the row, N.
     pub hand_n: f64,
+    /// Constant force on the device, N.
+    pub offset_n: f64,
 }
 
 /// One body: its mass, what holds it to the ground, what holds it to the body before it.
@@ -52,7 +54,7 @@ struct Body {
 impl Chain {
     /// A device alone.
     pub fn alone(device: Device) -> Self {
-        Self { device, mode: None, arm: None, amplifier: None, hand_n: 0.0 }
+        Self { device, mode: None, arm: None, amplifier: None, hand_n: 0.0, offset_n: 0.0 }
     }
 
     /// Number of states.
@@ -124,18 +126,21 @@ impl Chain {
         (a, b)
     }
 
-    /// Acceleration of the last body under the hand's force, by state, -0 elsewhere and without a hand: what is added
-    /// to a sum then leaves all of its bits alone.
+    /// Acceleration of the last body under the hand's force and of the device under its offset, by state, -0 elsewhere
+    /// and without: what is added to a sum then leaves all of its bits alone.
     pub fn hand(&self) -> [f64; STATES_MAX] {
         let mut rates = [NOTHING; STATES_MAX];
         if self.hand_n != 0.0 {
             let (bodies, count) = self.bodies();
             rates[2 * count - 1] = self.hand_n / bodies[count - 1].mass_kg;
         }
+        if self.offset_n != 0.0 {
+            rates[1] += self.offset_n / self.device.mass_kg;
+        }
         rates
     }
 
-    /// What the hand's force adds to the state over `dt`, by state; -0 without a hand.
+    /// What these constant forces add to the state over `dt`, by state; -0 without.
     pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
         fn general<const N: usize>(chain: &Chain, dt: f64) -> [f64; STATES_MAX] {
             let (a, _) = chain.system::<N>();
@@ -143,13 +148,15 @@ impl Chain {
             let (_, moved) = discretise_increment(&a, &SVector::from_fn(|row, _| rates[row]), dt);
             core::array::from_fn(|row| moved.get(row).copied().unwrap_or(NOTHING))
         }
-        if self.hand_n == 0.0 {
+        if self.hand_n == 0.0 && self.offset_n == 0.0 {
             return [NOTHING; STATES_MAX];
         }
         match self.states() {
             2 => {
                 let gamma = self.increment(dt).1;
-                core::array::from_fn(|row| gamma.get(row).map_or(NOTHING, |g| g * self.hand_n))
+                core::array::from_fn(|row| {
+                    gamma.get(row).map_or(NOTHING, |g| g * (self.hand_n + self.offset_n))
+                })
             }
             3 => general::<3>(self, dt),
             4 => general::<4>(self, dt),

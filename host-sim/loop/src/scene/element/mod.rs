@@ -6,6 +6,7 @@
 //! | [`Amplifier`] | `[amplifier]` | exactly |
 //! | [`Mode`] | `[mode]` | exactly |
 //! | [`Arm`] | `[arm]` | exactly |
+//! | [`Offset`] | `[offset]` | exactly |
 //! | [`Friction`] | `[friction]` | by the scene's `[integrator]` |
 //! | [`Cogging`] | `[cogging]` | by the scene's `[integrator]` |
 //! | [`Travel`] | `[travel]` | by the scene's `[integrator]` |
@@ -28,6 +29,7 @@ mod encoder_noise;
 mod friction;
 mod jitter;
 mod mode;
+mod offset;
 mod travel;
 
 pub use amplifier::Amplifier;
@@ -39,6 +41,7 @@ pub use encoder_noise::EncoderNoise;
 pub use friction::Friction;
 pub use jitter::{Glimpse, Jitter};
 pub use mode::Mode;
+pub use offset::Offset;
 pub use travel::{End, REST_SPEED_M_PER_S, Travel};
 
 use crate::range::within;

@@ -4,6 +4,7 @@ use super::{
     Options,
     confidence::{Estimate, Estimates},
     record::Record,
+    terms::{FAMILY_P, Tested, said},
 };
 use crate::{range::refused, scene::ranges};
 
@@ -121,6 +122,45 @@ pub(super) fn not_driven(explained: Option<f64>) -> String {
               moves the handle"
             .into(),
     }
+}
+
+/// A handle that a person holds is neither lighter nor heavier, kg; a force that it feels not larger, N.
+const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
+const USUAL_FORCE_N: f64 = 500.0;
+const USUAL_SPEED_M_PER_S: f64 = 20.0;
+
+/// What cannot be of a device that a person holds, each with the likely cause.
+pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<String> {
+    let mut questions = vec![];
+    if !USUAL_KG.contains(&mass_kg) {
+        questions.push(format!(
+            "a handle of {:.1} g: is --gain in N/V and position_m in m, time_s in s?",
+            1e3 * mass_kg
+        ));
+    }
+    if force_n > USUAL_FORCE_N {
+        questions.push(format!("a force of {force_n:.0} N: is --gain in N/V and voltage_v in V?"));
+    }
+    if speed_m_per_s > USUAL_SPEED_M_PER_S {
+        questions.push(format!(
+            "a speed of {speed_m_per_s:.0} m/s: is position_m in m and time_s in s?"
+        ));
+    }
+    questions
+}
+
+/// Warnings of terms that were asked for and that the record does not tell from none.
+pub(super) fn untold(tests: &[Tested]) -> Vec<String> {
+    let untold = tests.iter().filter(|tested| tested.p >= FAMILY_P);
+    untold
+        .map(|tested| {
+            format!(
+                "the {} cannot be told from 0 ({:.1} standard errors)",
+                said(tested.term),
+                tested.z
+            )
+        })
+        .collect()
 }
 
 /// Refuses estimates that the record does not hold; answers with warnings. `seconds` is the longest record's length.

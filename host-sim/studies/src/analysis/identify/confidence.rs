@@ -14,11 +14,17 @@
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF as _, StudentsT};
+use statrs::distribution::{ContinuousCDF as _, Normal, StudentsT};
 
 use super::{
-    fit::{DAMPING, Layout, MASS, Solution},
-    residual::{HARMONICS, Piece, Residual},
+    fit::Solution,
+    layout::{
+        DAMPING, Layout, MASS,
+        Parameter::{
+            Constant, Cosine, Cycles, Friction, Gain, Lag, Latency, Second, Sine, Stiffness,
+        },
+    },
+    residual::{HARMONICS, Piece, Residual, Weighed},
 };
 
 /// Probability that an interval holds the true value.
@@ -70,22 +76,33 @@ pub(super) struct Estimates {
     pub spring: Option<[Estimate; 2]>,
     pub gain: Option<Estimate>,
     pub latency: Option<Estimate>,
+    pub friction: Option<Estimate>,
+    /// Time constant, s.
+    pub lag: Option<Estimate>,
+    pub offset: Option<Estimate>,
+    /// Encoder error: amplitudes once and twice per cycle, phase at 0, cycle.
+    pub phase: Option<[Estimate; 4]>,
     /// Largest ratio of a stated interval to the one that white noise would give.
     pub widening: f64,
 }
 
-/// The estimates of a solution; `unit_m` is what residuals and positions of `pieces` are counted in.
+/// Standard error of an estimate of many rows.
+pub(super) fn standard_error(estimate: &Estimate) -> f64 {
+    let quantile = Normal::standard().inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
+    estimate.half_width / quantile
+}
+
+/// The estimates of a solution.
 ///
 /// # Errors
 /// The record cannot tell parameters apart: which.
 pub(super) fn estimates(
     solution: &Solution,
     layout: &Layout,
-    pieces: &[Piece<'_>],
-    residual: &Residual,
-    unit_m: f64,
+    weighed: &Weighed,
 ) -> Result<Estimates, String> {
-    let influence = influence(solution, layout, unit_m)?;
+    let (pieces, residual) = (&weighed.pieces()[..], &weighed.found);
+    let influence = influence(solution, layout, weighed.unit_m)?;
     let rows = influence.nrows() as f64;
     let freedom = rows - solution.values.len() as f64;
     let variance =
@@ -110,15 +127,62 @@ pub(super) fn estimates(
         Estimate { value, half_width, white_half_width }
     };
     let [stiffness, constant] = layout.spring_of(values);
+    let free = |parameter| layout.place(parameter).map(|place| values[place]);
     // In the order of the columns of `influence`.
     Ok(Estimates {
         mass: next(values[MASS]),
         damping: next(values[DAMPING]),
-        spring: layout.spring.then(|| [next(stiffness), next(constant / stiffness)]),
-        gain: layout.gain_place().map(|place| next(values[place])),
-        latency: layout.latency_place().map(|place| next(values[place])),
+        spring: layout.spring.then(|| {
+            let stiffness_estimate = next(stiffness);
+            let rest = layout.rest_m.map(Estimate::given);
+            [stiffness_estimate, rest.unwrap_or_else(|| next(constant / stiffness))]
+        }),
+        gain: free(Gain).map(&mut next),
+        latency: free(Latency).map(&mut next),
+        friction: free(Friction).map(&mut next),
+        lag: free(Lag).map(&mut next),
+        offset: layout.terms.offset.then(|| next(free(Constant).unwrap_or_default())),
+        phase: free(Sine).zip(free(Cosine)).map(|(sine, cosine)| {
+            let first = next(sine.hypot(cosine));
+            let second = free(Second).map_or(Estimate::given(0.0), &mut next);
+            let cycles = layout.cycles_per_m.or(free(Cycles)).unwrap_or(1.0);
+            let phase = next(cosine.atan2(sine) - TAU * layout.reference_m * cycles);
+            let known = layout.cycles_per_m.map(|cycles| Estimate::given(1.0 / cycles));
+            [first, second, phase, known.unwrap_or_else(|| next(1.0 / cycles))]
+        }),
         widening,
     })
+}
+
+/// Each estimate as parts of the fitted parameters: the gradient at the solution.
+fn gradients(solution: &Solution, layout: &Layout) -> Vec<Vec<(usize, f64)>> {
+    let values = &solution.values;
+    let place = |parameter| layout.place(parameter);
+    let mut all = vec![vec![(MASS, 1.0)], vec![(DAMPING, 1.0)]];
+    let alone = |place: Option<usize>| place.map(|place| vec![(place, 1.0)]);
+    if let Some(stiffness) = place(Stiffness) {
+        all.push(vec![(stiffness, 1.0)]);
+        if let (None, Some(constant)) = (layout.rest_m, place(Constant)) {
+            let [k, c] = layout.spring_of(values);
+            all.push(vec![(stiffness, -c / (k * k)), (constant, 1.0 / k)]);
+        }
+    }
+    all.extend([Gain, Latency, Friction, Lag].into_iter().filter_map(|one| alone(place(one))));
+    if layout.terms.offset {
+        all.extend(alone(place(Constant)));
+    }
+    if let (Some(sine), Some(cosine)) = (place(Sine), place(Cosine)) {
+        let (s, c) = (values[sine], values[cosine]);
+        let squared = (s * s + c * c).max(f64::MIN_POSITIVE);
+        let amplitude = squared.sqrt();
+        all.push(vec![(sine, s / amplitude), (cosine, c / amplitude)]);
+        all.extend(alone(place(Second)));
+        let mut phase = vec![(sine, -c / squared), (cosine, s / squared)];
+        phase.extend(place(Cycles).map(|place| (place, -TAU * layout.reference_m)));
+        all.push(phase);
+        all.extend(place(Cycles).map(|place| vec![(place, -1.0 / values[place].powi(2))]));
+    }
+    all
 }
 
 /// What a position error of one unit at each row does to each estimate.
@@ -138,20 +202,12 @@ fn influence(solution: &Solution, layout: &Layout, unit_m: f64) -> Result<DMatri
     if smallest * CONDITION_MAX < largest || smallest.is_nan() {
         return Err(indistinguishable(&svd, layout, count));
     }
-    let mut outputs = unit(count, MASS, 1.0).resize_horizontally(2, 0.0);
-    outputs.set_column(1, &unit(count, DAMPING, 1.0));
-    let mut add = |column: DVector<f64>| {
-        let columns = outputs.ncols();
-        outputs.resize_horizontally_mut(columns + 1, 0.0);
-        outputs.set_column(columns, &column);
-    };
-    if let Some(place) = layout.spring_place() {
-        let [k, c] = layout.spring_of(&solution.values);
-        add(unit(count, place, 1.0));
-        add(unit(count, place, -c / (k * k)) + unit(count, place + 1, 1.0 / k));
-    }
-    for place in [layout.gain_place(), layout.latency_place()].into_iter().flatten() {
-        add(unit(count, place, 1.0));
+    let gradients = gradients(solution, layout);
+    let mut outputs = DMatrix::zeros(count, gradients.len());
+    for (column, parts) in gradients.iter().enumerate() {
+        for (place, part) in parts {
+            outputs[(*place, column)] = *part;
+        }
     }
     for (mut row, scale) in outputs.row_iter_mut().zip(&scales) {
         row.unscale_mut(*scale);
@@ -160,10 +216,6 @@ fn influence(solution: &Solution, layout: &Layout, unit_m: f64) -> Result<DMatri
     let half = triangle.transpose().solve_lower_triangular(&outputs).ok_or_else(singular)?;
     let inner = triangle.solve_upper_triangular(&half).ok_or_else(singular)?;
     Ok(jacobian * inner * unit_m)
-}
-
-fn unit(count: usize, place: usize, value: f64) -> DVector<f64> {
-    DVector::from_fn(count, |row, _| if row == place { value } else { 0.0 })
 }
 
 /// Names the parameters along the direction that the record shows least.
@@ -185,12 +237,7 @@ fn indistinguishable(
 }
 
 fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
-    let mut names = vec!["mass", "damping"];
-    if layout.spring {
-        names.extend(["stiffness", "rest position"]);
-    }
-    names.extend(layout.gain_place().map(|_| "force gain"));
-    names.extend(layout.latency_place().map(|_| "latency"));
+    let mut names: Vec<&'static str> = layout.fitted().map(|parameter| parameter.name()).collect();
     while names.len() < count {
         names.extend(["first position", "first speed"]);
     }

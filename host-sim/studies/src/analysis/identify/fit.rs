@@ -1,25 +1,38 @@
 //! Least squares over all parameters and all records at once.
 //!
-//! The parameters are m, b; where they are asked for k and c = k (x0 - reference), the gain, the latency; then
-//! position and speed of each record at its first fitted row. Residual and model are in metres.
+//! The parameters are m, b; where they are asked for k and c = k (x0 - reference), the gain, the latency, and the terms
+//! of [`super::terms`]; then position and speed of each record at its first fitted row. Residual and model are in
+//! metres. Without friction, lag and encoder error the derivatives are exact, else differences of the exact motion.
+
+use std::f64::consts::TAU;
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::{
+    layout::{
+        DAMPING, Layout, MASS,
+        Parameter::{
+            Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine,
+            Stiffness,
+        },
+    },
     model::{Point, Reduced, response},
+    motion::{self, Motion},
     record::Record,
 };
 
 /// Evaluations per parameter before the solver gives up; it needs about five in all.
 const PATIENCE: usize = 50;
+/// The same with terms, where a search that leads nowhere is common and each evaluation longer.
+const PATIENCE_OF_TERMS: usize = 8;
+/// Part of the squares or of the values below which differences of the motion lead no further.
+const TOLERANCE: f64 = 1e-10;
 /// Stands for a model that is not finite: the solver then takes a shorter step.
 const FAR: f64 = 1e100;
 
-pub(super) const MASS: usize = 0;
-pub(super) const DAMPING: usize = 1;
-/// Parameters that every fit has.
-const COMMON: usize = 2;
+/// Change of a parameter that a derivative is taken over, as a part of what it can be told apart by.
+const DIFFERENCE: f64 = 1e-6;
 
 /// A record prepared for the fit.
 #[derive(Clone, Debug)]
@@ -39,63 +52,6 @@ impl Fitted<'_> {
     }
 }
 
-/// Which parameters are fitted, and the values of the others.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Layout {
-    /// The device has a spring; without one k and c are 0.
-    pub spring: bool,
-    /// Force per volt if it is known, N/V.
-    pub gain: Option<f64>,
-    /// Latency if it is known, s.
-    pub latency_s: Option<f64>,
-}
-
-impl Layout {
-    /// Place of the stiffness, if it is fitted; that of c follows.
-    pub(super) fn spring_place(&self) -> Option<usize> {
-        self.spring.then_some(COMMON)
-    }
-
-    /// Place of the gain, if it is fitted.
-    pub(super) fn gain_place(&self) -> Option<usize> {
-        self.gain.is_none().then_some(COMMON + 2 * usize::from(self.spring))
-    }
-
-    /// Place of the latency, if it is fitted.
-    pub(super) fn latency_place(&self) -> Option<usize> {
-        let before = 2 * usize::from(self.spring) + usize::from(self.gain.is_none());
-        self.latency_s.is_none().then_some(COMMON + before)
-    }
-
-    /// Place of a record's first position; its speed follows.
-    pub(super) fn state_place(&self, record: usize) -> usize {
-        let free = 2 * usize::from(self.spring)
-            + usize::from(self.gain.is_none())
-            + usize::from(self.latency_s.is_none());
-        COMMON + free + 2 * record
-    }
-
-    /// Number of parameters.
-    pub(super) fn count(&self, records: usize) -> usize {
-        self.state_place(records)
-    }
-
-    /// k and c.
-    pub(super) fn spring_of(&self, values: &DVector<f64>) -> [f64; 2] {
-        self.spring_place().map_or([0.0; 2], |place| [values[place], values[place + 1]])
-    }
-
-    pub(super) fn gain_of(&self, values: &DVector<f64>) -> f64 {
-        let fitted = self.gain_place().map(|place| values[place]);
-        self.gain.or(fitted).unwrap_or_default()
-    }
-
-    pub(super) fn latency_of(&self, values: &DVector<f64>) -> f64 {
-        let fitted = self.latency_place().map(|place| values[place]);
-        self.latency_s.or(fitted).unwrap_or_default()
-    }
-}
-
 /// The problem, at its current parameters.
 #[derive(Clone, Debug)]
 pub(super) struct Problem<'a> {
@@ -108,34 +64,83 @@ impl Problem<'_> {
     fn reduced(&self, index: usize) -> Reduced {
         let (values, fitted) = (&self.values, &self.records[index]);
         let mass = values[MASS] + fitted.added_kg;
-        let state = self.layout.state_place(index);
         let [stiffness, constant] = self.layout.spring_of(values);
         Reduced {
             w: stiffness / mass,
             d: values[DAMPING] / mass,
             gain: self.layout.gain_of(values) / mass,
             offset: constant / mass,
-            x: values[state],
-            v: values[state + 1],
+            x: values[self.layout.position_place(index)],
+            v: self.layout.speed_place(index).map_or(0.0, |place| values[place]),
             latency: self.layout.latency_of(values) / fitted.record.step_s,
         }
     }
 
-    /// The model at each fitted row of a record; `None` where it is not finite or the mass is not positive.
-    pub(super) fn points(&self, index: usize) -> Option<Vec<Point>> {
+    /// The same with dry friction and a slow amplifier.
+    pub(super) fn motion(&self, index: usize) -> Motion {
+        let Reduced { w, d, gain, offset, x, v, latency } = self.reduced(index);
+        let [friction_n, lag_s] = self.layout.slow_of(&self.values);
+        let mass = self.values[MASS] + self.records[index].added_kg;
+        Motion { w, d, gain, offset, friction: friction_n / mass, lag_s, x, v, latency }
+    }
+
+    /// Adds what the encoder adds to positions from the reference, m.
+    fn add_error(&self, positions_m: &mut [f64]) {
+        let of = |parameter| self.layout.value(parameter, &self.values);
+        let (sine, cosine, second) = (of(Sine), of(Cosine), of(Second));
+        let (cycles_per_m, start) = (self.cycles_per_m(), cosine.atan2(sine));
+        for x in positions_m {
+            let phase = TAU * *x * cycles_per_m;
+            let (sin, cos) = phase.sin_cos();
+            *x += sine * sin + cosine * cos;
+            if second != 0.0 {
+                *x += second * (2.0 * (phase + start)).sin();
+            }
+        }
+    }
+
+    /// Cycles per metre of the encoder's error.
+    pub(super) fn cycles_per_m(&self) -> f64 {
+        self.layout.cycles_per_m.unwrap_or_else(|| self.layout.value(Cycles, &self.values))
+    }
+
+    fn sane(&self, index: usize) -> Option<Reduced> {
         let reduced = self.reduced(index);
         let mass = self.values[MASS];
         let sane = mass > 0.0 && reduced.w.abs() < FAR && reduced.d.abs() < FAR;
-        let points = (sane && self.values.iter().all(|value| value.is_finite()))
-            .then(|| response(self.records[index].record, self.records[index].first, &reduced))?;
+        (sane && self.values.iter().all(|value| value.is_finite())).then_some(reduced)
+    }
+
+    /// The model at each fitted row of a record; `None` where it is not finite or the mass is not positive.
+    fn points(&self, index: usize) -> Option<Vec<Point>> {
+        let reduced = self.sane(index)?;
+        let points = response(self.records[index].record, self.records[index].first, &reduced);
         points.iter().all(|point| point.x.abs() < FAR).then_some(points)
+    }
+
+    /// The reading at each fitted row of a record; `None` where [`points`](Self::points) has none.
+    fn readings(&self, index: usize) -> Option<Vec<f64>> {
+        let Fitted { record, first, .. } = &self.records[index];
+        let terms = self.layout.terms;
+        if terms.plain() {
+            return Some(self.points(index)?.iter().map(|point| point.x).collect());
+        }
+        self.sane(index)?;
+        let mut positions_m = motion::positions(record, *first, &self.motion(index));
+        if terms.phase {
+            self.add_error(&mut positions_m);
+        }
+        positions_m.iter().all(|x| x.abs() < FAR).then_some(positions_m)
     }
 
     /// Rows of the derivatives by the parameters.
     fn fill(&self, index: usize, points: &[Point], top: usize, jacobian: &mut DMatrix<f64>) {
         let reduced = self.reduced(index);
         let mass = self.values[MASS] + self.records[index].added_kg;
-        let state = self.layout.state_place(index);
+        let [stiffness, constant, gain, latency] =
+            [Stiffness, Constant, Gain, Latency].map(|parameter| self.layout.place(parameter));
+        let rest_m = self.layout.rest_m.unwrap_or_default();
+        let position = self.layout.position_place(index);
         for (n, point) in points.iter().enumerate() {
             let row = top + n;
             let by_mass = reduced.w * point.by_w
@@ -144,19 +149,80 @@ impl Problem<'_> {
                 + reduced.offset * point.by_offset;
             jacobian[(row, MASS)] = -by_mass / mass;
             jacobian[(row, DAMPING)] = point.by_d / mass;
-            if let Some(place) = self.layout.spring_place() {
-                jacobian[(row, place)] = point.by_w / mass;
-                jacobian[(row, place + 1)] = point.by_offset / mass;
+            if let Some(place) = stiffness {
+                jacobian[(row, place)] = (point.by_w + rest_m * point.by_offset) / mass;
             }
-            if let Some(place) = self.layout.gain_place() {
+            if let Some(place) = constant {
+                jacobian[(row, place)] = point.by_offset / mass;
+            }
+            if let Some(place) = gain {
                 jacobian[(row, place)] = point.by_gain / mass;
             }
-            if let Some(place) = self.layout.latency_place() {
+            if let Some(place) = latency {
                 jacobian[(row, place)] = point.by_latency / self.records[index].record.step_s;
             }
-            jacobian[(row, state)] = point.by_x;
-            jacobian[(row, state + 1)] = point.by_v;
+            jacobian[(row, position)] = point.by_x;
+            jacobian[(row, position + 1)] = point.by_v;
         }
+    }
+
+    /// Changes of the parameters over which derivatives are taken: parts of the mass, the largest force, the motion.
+    fn differences(&self) -> Vec<f64> {
+        let (mass, gain) = (self.values[MASS], self.layout.gain_of(&self.values));
+        let all = |pick: fn(&Record) -> &[f64]| -> f64 {
+            let largest =
+                |record: &Record| pick(record).iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            self.records
+                .iter()
+                .map(|fitted| largest(fitted.record))
+                .fold(f64::MIN_POSITIVE, f64::max)
+        };
+        let force_n = (gain * all(|record| &record.voltage_v)).abs();
+        let travel_m = self.records.iter().flat_map(|fitted| &fitted.positions_m);
+        let travel_m = travel_m.fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
+        let step_s = self.records[0].record.step_s;
+        let seconds = self.records.iter().map(|fitted| fitted.rows() as f64 * step_s);
+        let seconds = seconds.fold(step_s, f64::max);
+        let of = |parameter| match parameter {
+            Mass => mass,
+            Damping => self.values[DAMPING].abs() + mass / seconds,
+            Stiffness => mass / seconds.powi(2) + force_n / travel_m,
+            Constant | Friction => force_n,
+            Gain => gain.abs(),
+            Latency | Lag => 1e3 * step_s,
+            Sine | Cosine | Second => travel_m,
+            Cycles => 1.0 / travel_m,
+        };
+        let mut all: Vec<f64> =
+            self.layout.fitted().map(|parameter| DIFFERENCE * of(parameter)).collect();
+        for record in 0..self.records.len() {
+            all.push(DIFFERENCE * travel_m);
+            all.extend(
+                self.layout.speed_place(record).map(|_| DIFFERENCE * travel_m / seconds.min(1.0)),
+            );
+        }
+        all
+    }
+
+    /// The derivatives of the residuals by small differences; one-sided, so that friction and lag stay above 0.
+    pub(super) fn by_differences(&self) -> Option<DMatrix<f64>> {
+        let middle = self.stacked()?;
+        let mut jacobian = DMatrix::zeros(self.rows(), self.values.len());
+        for (place, by) in self.differences().into_iter().enumerate() {
+            let mut moved = self.clone();
+            moved.values[place] += by;
+            jacobian.set_column(place, &((moved.stacked()? - &middle) / by));
+        }
+        Some(jacobian)
+    }
+
+    /// All readings of the model, record by record.
+    fn stacked(&self) -> Option<DVector<f64>> {
+        let mut all = Vec::with_capacity(self.rows());
+        for index in 0..self.records.len() {
+            all.extend(self.readings(index)?);
+        }
+        Some(DVector::from_vec(all))
     }
 
     fn rows(&self) -> usize {
@@ -180,16 +246,19 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     fn residuals(&self) -> Option<DVector<f64>> {
         let mut residuals = Vec::with_capacity(self.rows());
         for (index, fitted) in self.records.iter().enumerate() {
-            let Some(points) = self.points(index) else {
+            let Some(readings) = self.readings(index) else {
                 return Some(DVector::from_element(self.rows(), FAR));
             };
             let measured = &fitted.positions_m[fitted.first..];
-            residuals.extend(points.iter().zip(measured).map(|(point, x)| point.x - x));
+            residuals.extend(readings.iter().zip(measured).map(|(reading, x)| reading - x));
         }
         Some(DVector::from_vec(residuals))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
+        if !self.layout.terms.plain() {
+            return self.by_differences();
+        }
         let mut jacobian = DMatrix::zeros(self.rows(), self.values.len());
         let mut top = 0;
         for (index, fitted) in self.records.iter().enumerate() {
@@ -199,6 +268,18 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         }
         jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
     }
+}
+
+/// RMS of the motion about its mean, over all records.
+pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
+    let (mut squares, mut rows) = (0.0, 0.0);
+    for Fitted { positions_m, first, .. } in fitted {
+        let positions = &positions_m[*first..];
+        let mean = positions.iter().sum::<f64>() / positions.len() as f64;
+        squares += positions.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+        rows += positions.len() as f64;
+    }
+    (squares / rows).sqrt()
 }
 
 /// The solution, with residual (measured less model) and derivatives there.
@@ -215,7 +296,12 @@ pub(super) struct Solution {
 /// # Errors
 /// Why the solver ended without a solution.
 pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
-    let solver = LevenbergMarquardt::new().with_patience(PATIENCE);
+    let solver = LevenbergMarquardt::new();
+    let solver = if problem.layout.terms.plain() {
+        solver.with_patience(PATIENCE)
+    } else {
+        solver.with_patience(PATIENCE_OF_TERMS).with_ftol(TOLERANCE).with_xtol(TOLERANCE)
+    };
     let (problem, report) = solver.minimize(problem);
     // At the limit of rounding the solver says so instead of `converged`: it is the minimum all the same.
     let done = report.termination.was_successful()

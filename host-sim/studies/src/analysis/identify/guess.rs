@@ -51,6 +51,72 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
+/// Windows of a record over which motion is fitted by a parabola: short ones for devices that swing, long ones for noise.
+pub(super) const WINDOWS: [usize; 2] = [400, 100];
+/// Fewest rows of a window.
+const WINDOW_ROWS: usize = 20;
+/// Fewest windows in motion.
+const FEWEST_WINDOWS: usize = 12;
+/// A window counts as motion from this part of the fastest one on.
+const IN_MOTION: f64 = 0.02;
+/// Change of the voltage within a window from which it is left out, of the largest voltage.
+const SAME_VOLTAGE: f64 = 0.05;
+
+/// Reduced parameters and friction per mass, for a device that friction may hold: parabolas through short windows of the
+/// record give position, speed and acceleration, and those in motion obey `a = g u - d v - w x + o - f sign(v)`. `None`
+/// without enough of them, or if no force drives it forward.
+pub(super) fn moving(
+    (record, positions_m, first): (&Record, &[f64], usize),
+    latency: f64,
+    spring: bool,
+    windows: usize,
+) -> Option<(Reduced, f64)> {
+    let held = Held::new(record, latency);
+    let rows = ((record.len() - first) / windows).max(WINDOW_ROWS);
+    let half_s = 0.5 * rows as f64 * record.step_s;
+    let most_v = record.voltage_v.iter().fold(0.0, |most: f64, volt| most.max(volt.abs()));
+    let mut windows: Vec<[f64; 4]> = vec![];
+    let mut start = first;
+    while start + rows <= record.len() {
+        let volts = (start..start + rows).map(|row| held.at(row).1);
+        let (low, high) =
+            volts.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), volt| {
+                (low.min(volt), high.max(volt))
+            });
+        if high - low <= SAME_VOLTAGE * most_v {
+            let table = DMatrix::from_fn(rows, 3, |row, power| {
+                ((row as f64 + 0.5) * record.step_s / half_s - 1.0)
+                    .powi(i32::try_from(power).unwrap_or(0))
+            });
+            let measured = DVector::from_column_slice(&positions_m[start..start + rows]);
+            let normal = table.tr_mul(&table);
+            let found = normal.lu().solve(&table.tr_mul(&measured))?;
+            let volt = volts.sum::<f64>() / rows as f64;
+            windows.push([found[0], found[1] / half_s, 2.0 * found[2] / (half_s * half_s), volt]);
+        }
+        start += rows;
+    }
+    let fastest = windows.iter().map(|[_, v, ..]| v.abs()).fold(0.0, f64::max);
+    windows.retain(|[_, v, a, _]| v.abs() > (IN_MOTION * fastest).max(a.abs() * half_s));
+    if windows.len() < FEWEST_WINDOWS {
+        return None;
+    }
+    let columns = if spring { 5 } else { 4 };
+    let table = DMatrix::from_fn(windows.len(), columns, |row, column| {
+        let [x, v, _, volt] = windows[row];
+        [volt, -v, -v.signum(), 1.0, -x][column]
+    });
+    let accelerations =
+        DVector::from_iterator(windows.len(), windows.iter().map(|[_, _, a, _]| *a));
+    let found = table.svd(true, true).solve(&accelerations, 1e-12).ok()?;
+    let w = if spring { found[4].max(0.0) } else { 0.0 };
+    let [gain, d, friction, offset] = [found[0], found[1].max(0.0), found[2].max(0.0), found[3]];
+    let head = &positions_m[first..first + WINDOW_ROWS];
+    let x = head.iter().sum::<f64>() / head.len() as f64;
+    let reduced = Reduced { w, d, gain, offset, x, v: 0.0, latency };
+    (gain > 0.0 && gain.is_finite()).then_some((reduced, friction))
+}
+
 fn integrate(record: &Record, positions_m: &[f64], first: usize, latency: f64) -> Vec<Sums> {
     let held = Held::new(record, latency);
     let dt = record.step_s;

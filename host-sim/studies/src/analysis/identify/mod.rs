@@ -11,32 +11,41 @@
 
 mod checks;
 mod confidence;
+mod cycle;
 mod fit;
 mod gain;
 mod guess;
+mod layout;
+mod missing;
 mod model;
+mod motion;
 mod record;
 mod residual;
+mod search;
 mod telemetry;
+mod terms;
 
 pub use confidence::{CONFIDENCE, Estimate};
 pub use gain::Gain;
 pub use record::{FEWEST_ROWS, Record, Span};
 pub use residual::Residual;
 pub use telemetry::{OutputScale, from_capture, from_capture_csv};
+pub use terms::{FAMILY_P, Found, Phase, Term, Terms, Tested};
+
+use std::f64::consts::TAU;
 
 use nalgebra::DVector;
 
 use crate::scene::{Rounding, Scene};
-use fit::{DAMPING, Fitted, Layout, MASS, Problem, Solution};
-use residual::Piece;
+use fit::Fitted;
+use layout::{DAMPING, Included, Layout, MASS, Parameter};
+use missing::Misfit;
+use search::{Model, Search};
 
 /// Extra room for a latency that is fitted, s.
 const LATENCY_ROOM_S: f64 = 0.01;
 /// A residual beyond this many RMS is an outlier: once in 10^10 rows of Gaussian noise.
 const OUTLIER: f64 = 6.5;
-/// Unit of residuals of a sensor without counts, as a part of the motion: keeps numbers near 1.
-const UNIT_SHARE: f64 = 1e-6;
 
 /// What is known beside the records.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +64,13 @@ pub struct Options {
     pub rounding: Rounding,
     /// Largest command, V.
     pub limit_v: f64,
+    /// Terms beside mass, damping and spring.
+    pub terms: Terms,
+    /// Where the spring rests without any other force, m, if it is known; else x0 is where the handle rests, and takes
+    /// in a constant force.
+    pub rest_position_m: Option<f64>,
+    /// Travel per cycle of the encoder's signals, m, if it is known.
+    pub cycle_m: Option<f64>,
 }
 
 impl Options {
@@ -68,6 +84,9 @@ impl Options {
             resolution_m: scene.encoder.resolution_m,
             rounding: scene.encoder.rounding,
             limit_v: scene.actuator.limit_v,
+            terms: Terms::Auto,
+            rest_position_m: None,
+            cycle_m: scene.encoder_error.map(|error| error.cycle_m),
         }
     }
 }
@@ -100,6 +119,8 @@ pub struct Identification {
     pub gain_n_per_v: Estimate,
     /// Latency, s: without width if it was known.
     pub latency_s: Estimate,
+    /// Terms beside mass, damping and spring.
+    pub terms: Found,
     /// Each record's fit.
     pub fits: Vec<Fit>,
     /// What the fit leaves.
@@ -134,12 +155,20 @@ pub fn identify(records: &[Record], options: &Options) -> Result<Identification,
         }
         _ => vec![0.0; records.len()],
     };
+    let reference_m = records.first().map_or(0.0, mean);
     let layout = Layout {
         spring: options.spring,
+        rest_m: options
+            .rest_position_m
+            .filter(|_| options.spring)
+            .map(|rest_m| rest_m - reference_m),
         gain: options.gain.known_n_per_v()?,
         latency_s: (!options.fit_latency).then_some(options.latency_s),
+        terms: Included::default(),
+        cycles_per_m: None,
+        reference_m,
+        resting: 0,
     };
-    let reference_m = records.first().map_or(0.0, mean);
     let half_count_m = match options.rounding {
         Rounding::Floor => 0.5 * options.resolution_m,
         Rounding::Round => 0.0,
@@ -152,8 +181,13 @@ pub fn identify(records: &[Record], options: &Options) -> Result<Identification,
         fitted.push(Fitted { record, positions_m: positions.collect(), first, added_kg });
     }
     let values = first_values(&fitted, &layout, options)?;
-    let solution = fit::solve(Problem { records: &fitted, layout, values })?;
-    conclude(&fitted, &layout, &solution, options, reference_m)
+    if options.terms.asks(Term::Offset) && options.spring && options.rest_position_m.is_none() {
+        return Err("a constant force moves the place where a spring rests and nothing else: give --rest-position, where \
+                    it rests without that force, or --no-spring"
+            .into());
+    }
+    let (model, tests) = search::choose(&fitted, &layout, values, options)?;
+    conclude(&fitted, &model, tests, options)
 }
 
 fn of(record: &Record, error: &str) -> String {
@@ -191,11 +225,22 @@ fn first_values(
         let latency = options.latency_s / record.step_s;
         let guess = guess::guess(record, positions_m, *first, latency)
             .ok_or_else(|| of(record, "the equation of motion has no solution for this record"))?;
-        if guess.gain <= 0.0 {
-            let alone = guess::without_mass(record, positions_m, *first, latency);
-            return Err(of(record, &checks::not_driven(alone)));
+        if guess.gain > 0.0 {
+            guesses.push(guess);
+            continue;
         }
-        guesses.push(guess);
+        // Friction that holds the handle for a while spoils integrals over it.
+        let held = options.terms.may_have_friction();
+        let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {
+            guess::moving((record, positions_m, *first), latency, options.spring, windows)
+        });
+        match windows.next() {
+            Some((guess, _)) => guesses.push(guess),
+            None => {
+                let alone = guess::without_mass(record, positions_m, *first, latency);
+                return Err(of(record, &checks::not_driven(alone)));
+            }
+        }
     }
     let guess = *guesses.first().ok_or("no record")?;
     let gain = match (layout.gain, options.gain, guesses.as_slice()) {
@@ -213,43 +258,39 @@ fn first_values(
     let mut values = DVector::zeros(layout.count(fitted.len()));
     values[MASS] = mass;
     values[DAMPING] = guess.d * mass;
-    if let Some(place) = layout.spring_place() {
-        values[place] = guess.w * mass;
-        values[place + 1] = guess.offset * mass;
-    }
-    if let Some(place) = layout.gain_place() {
-        values[place] = gain;
-    }
-    if let Some(place) = layout.latency_place() {
-        values[place] = options.latency_s;
+    for (parameter, value) in [
+        (Parameter::Stiffness, guess.w * mass),
+        (Parameter::Constant, guess.offset * mass),
+        (Parameter::Gain, gain),
+        (Parameter::Latency, options.latency_s),
+    ] {
+        if let Some(place) = layout.place(parameter) {
+            values[place] = value;
+        }
     }
     for (index, guess) in guesses.iter().enumerate() {
-        values[layout.state_place(index)] = guess.x;
-        values[layout.state_place(index) + 1] = guess.v;
+        let place = layout.position_place(index);
+        (values[place], values[place + 1]) = (guess.x, guess.v);
     }
     Ok(values)
 }
 
-/// Intervals, residual and verdict of a solution.
+/// Verdict on a model of the records.
 fn conclude(
     fitted: &[Fitted<'_>],
-    layout: &Layout,
-    solution: &Solution,
+    model: &Model,
+    tests: Vec<Tested>,
     options: &Options,
-    reference_m: f64,
 ) -> Result<Identification, String> {
-    let motion_m = motion(fitted);
-    let unit_m =
-        if options.resolution_m > 0.0 { options.resolution_m } else { UNIT_SHARE * motion_m };
-    // A floor quantiser's edges are the counts, a rounding one's lie between them.
-    let edge = if options.rounding == Rounding::Round { 0.5 } else { 0.0 };
+    let Model { layout, solution, weighed, estimates: found, .. } = model;
+    let (values, reference_m) = (&solution.values, layout.reference_m);
+    let residual = weighed.found;
     let mut fits = vec![];
     let mut top = 0;
     for (index, Fitted { positions_m, first, .. }) in fitted.iter().enumerate() {
         let measured = &positions_m[*first..];
         let residual_m = solution.residual_m.rows(top, measured.len());
         top += measured.len();
-        let state = layout.state_place(index);
         fits.push(Fit {
             first: *first,
             model_m: measured
@@ -258,24 +299,13 @@ fn conclude(
                 .map(|(x, residual)| x - residual + reference_m)
                 .collect(),
             residual_m: residual_m.iter().copied().collect(),
-            position_m: solution.values[state] + reference_m,
-            speed_m_per_s: solution.values[state + 1],
+            position_m: values[layout.position_place(index)] + reference_m,
+            speed_m_per_s: layout.speed_place(index).map_or(0.0, |place| values[place]),
         });
     }
-    let in_units = |values: &[f64], shift: f64| -> Vec<f64> {
-        values.iter().map(|value| value / unit_m + shift).collect()
-    };
-    let counted: Vec<[Vec<f64>; 2]> = fits
-        .iter()
-        .map(|fit| [in_units(&fit.residual_m, 0.0), in_units(&fit.model_m, edge)])
-        .collect();
-    let pieces: Vec<Piece<'_>> =
-        counted.iter().map(|[residual, position]| Piece { residual, position }).collect();
-    let residual = Residual::new(&pieces, options.resolution_m, unit_m);
-    checks::explains(residual.rms_m, motion_m)?;
-    let found = confidence::estimates(solution, layout, &pieces, &residual, unit_m)?;
+    checks::explains(residual.rms_m, fit::motion(fitted))?;
     let seconds = fitted.iter().map(|fitted| fitted.rows() as f64 * fitted.record.step_s);
-    let mut warnings = checks::after(&found, seconds.fold(0.0, f64::max))?;
+    let mut warnings = checks::after(found, seconds.fold(0.0, f64::max))?;
     if let Some(latency) = found.latency {
         let room_s = fitted.iter().map(|fitted| fitted.first as f64 * fitted.record.step_s);
         if latency.value > room_s.fold(f64::INFINITY, f64::min) {
@@ -285,7 +315,22 @@ fn conclude(
             ));
         }
     }
-    warnings.extend(of_residual(&residual, found.widening));
+    let volts = fitted.iter().flat_map(|fitted| &fitted.record.voltage_v);
+    let largest_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
+    warnings.extend(checks::questions(
+        found.mass.value,
+        layout.gain_of(values).abs() * largest_v,
+        fastest(fitted),
+    ));
+    warnings.extend(checks::untold(&tests));
+    let search = Search { records: fitted, options };
+    warnings.extend(search.delay_instead(model).map(|rows| {
+        format!(
+            "a latency of {rows:.3} rows explains this as well as the lag of the amplifier: the record is too short or too \
+             noisy to tell them apart"
+        )
+    }));
+    warnings.extend(of_residual(&residual, found.widening, &search, model));
     Ok(Identification {
         mass_kg: found.mass,
         damping_n_s_per_m: found.damping,
@@ -293,10 +338,20 @@ fn conclude(
             stiffness_n_per_m,
             rest_position_m: Estimate { value: rest.value + reference_m, ..rest },
         }),
-        gain_n_per_v: found
-            .gain
-            .unwrap_or_else(|| Estimate::given(layout.gain_of(&solution.values))),
+        gain_n_per_v: found.gain.unwrap_or_else(|| Estimate::given(layout.gain_of(values))),
         latency_s: found.latency.unwrap_or_else(|| Estimate::given(options.latency_s)),
+        terms: Found {
+            friction_n: found.friction,
+            lag_s: found.lag,
+            offset_n: found.offset,
+            phase: found.phase.map(|[first_m, second_m, phase_rad, cycle_m]| Phase {
+                first_m,
+                second_m,
+                phase_rad: Estimate { value: wrapped(phase_rad.value), ..phase_rad },
+                cycle_m,
+            }),
+            tests,
+        },
         fits,
         residual,
         widening: found.widening,
@@ -305,20 +360,28 @@ fn conclude(
     })
 }
 
-/// RMS of the motion about its mean, over all records.
-fn motion(fitted: &[Fitted<'_>]) -> f64 {
-    let (mut squares, mut rows) = (0.0, 0.0);
-    for Fitted { positions_m, first, .. } in fitted {
-        let positions = &positions_m[*first..];
-        let mean = positions.iter().sum::<f64>() / positions.len() as f64;
-        squares += positions.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
-        rows += positions.len() as f64;
-    }
-    (squares / rows).sqrt()
+/// Fastest motion over ten rows, m/s.
+fn fastest(fitted: &[Fitted<'_>]) -> f64 {
+    let of = |fitted: &Fitted<'_>| {
+        let ends = fitted.positions_m.iter().zip(fitted.positions_m.iter().skip(10));
+        let most = ends.map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
+        most / (10.0 * fitted.record.step_s)
+    };
+    fitted.iter().map(of).fold(0.0, f64::max)
+}
+
+/// An angle within half a turn of 0, rad.
+fn wrapped(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
 }
 
 /// What the residual says to a reader.
-fn of_residual(residual: &Residual, widening: f64) -> Vec<String> {
+fn of_residual(
+    residual: &Residual,
+    widening: f64,
+    search: &Search<'_>,
+    model: &Model,
+) -> Vec<String> {
     let mut warnings = vec![];
     if residual.is_bound_by_quantisation() {
         warnings.push(format!(
@@ -326,12 +389,30 @@ fn of_residual(residual: &Residual, widening: f64) -> Vec<String> {
              that and are up to {widening:.1} times those of white noise",
             100.0 * residual.coherence
         ));
+        let misfit = missing::misfit(search.records, model);
+        let said = misfit.map(|misfit| match misfit {
+            Misfit::Larger(is, allowed) => {
+                format!("larger than they allow: {is:.2} counts RMS, {allowed:.2} with this model")
+            }
+            Misfit::Coloured(is, allowed) => format!(
+                "more coloured than they allow: {is:.3} counts RMS of its means over stretches, {allowed:.3} with this model"
+            ),
+        });
+        if let Some(said) = said {
+            warnings.push(format!(
+                "the residual is not quantisation and noise alone but {said}; the intervals do not hold what the model \
+                 lacks; likely missing: {}",
+                missing::likely(search, model)
+            ));
+        }
     } else if !residual.is_white() {
         warnings.push(format!(
             "the residual is not white (autocorrelation {:.3} from row to row, Ljung-Box p = {:.1e}): something is not \
-             modelled (friction, another latency: try --fit-latency); the intervals are up to {widening:.1} times those of white noise and still do not hold what the \
-             model lacks",
-            residual.autocorrelation, residual.whiteness_p
+             modelled; the intervals are up to {widening:.1} times those of white noise and still do not hold what the \
+             model lacks; likely missing: {}",
+            residual.autocorrelation,
+            residual.whiteness_p,
+            missing::likely(search, model)
         ));
     }
     if residual.peak_per_rms > OUTLIER {

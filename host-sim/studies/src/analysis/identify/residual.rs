@@ -16,6 +16,12 @@ use std::f64::consts::{PI, TAU};
 
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 
+use super::{
+    Options,
+    fit::{Fitted, Solution, motion},
+};
+use crate::scene::Rounding;
+
 /// Lags of the Ljung-Box test.
 const LAGS: usize = 20;
 /// A white residual fails once in a thousand records.
@@ -30,6 +36,8 @@ const FEWEST_BLOCKS: usize = 4;
 const BOUND: f64 = 0.2;
 /// Standard errors by which the squared coherence must differ from 0 to be called so.
 const CERTAIN: f64 = 4.0;
+/// Unit of residuals of a sensor without counts, as a part of the motion: keeps numbers near 1.
+const UNIT_SHARE: f64 = 1e-6;
 /// Harmonics of the sawtooth.
 pub(super) const HARMONICS: u32 = 64;
 
@@ -60,6 +68,55 @@ pub struct Residual {
     pub autocorrelation: f64,
     /// Largest residual in terms of the RMS.
     pub peak_per_rms: f64,
+}
+
+/// A fit's residual and modelled positions in units of a count, and what was found in them.
+pub(super) struct Weighed {
+    /// Residual and position of each record.
+    counted: Vec<[Vec<f64>; 2]>,
+    pub found: Residual,
+    /// A count, or a small part of the motion for a sensor without counts, m.
+    pub unit_m: f64,
+}
+
+impl Weighed {
+    pub(super) fn new(
+        records: &[Fitted<'_>],
+        solution: &Solution,
+        options: &Options,
+        reference_m: f64,
+    ) -> Self {
+        let unit_m = if options.resolution_m > 0.0 {
+            options.resolution_m
+        } else {
+            UNIT_SHARE * motion(records)
+        };
+        // A floor quantiser's edges are the counts, a rounding one's lie between them.
+        let edge = if options.rounding == Rounding::Round { 0.5 } else { 0.0 };
+        let mut top = 0;
+        let mut counted = vec![];
+        for Fitted { positions_m, first, .. } in records {
+            let measured = &positions_m[*first..];
+            let left = solution.residual_m.rows(top, measured.len());
+            top += measured.len();
+            let model = measured.iter().zip(left.iter()).map(|(x, left)| x - left + reference_m);
+            counted.push([
+                left.iter().map(|value| value / unit_m + 0.0).collect(),
+                model.map(|value| value / unit_m + edge).collect(),
+            ]);
+        }
+        let pieces: Vec<Piece<'_>> = pieces(&counted);
+        let found = Residual::new(&pieces, options.resolution_m, unit_m);
+        Self { counted, found, unit_m }
+    }
+
+    pub(super) fn pieces(&self) -> Vec<Piece<'_>> {
+        pieces(&self.counted)
+    }
+}
+
+fn pieces(counted: &[[Vec<f64>; 2]]) -> Vec<Piece<'_>> {
+    counted.iter().map(|[residual, position]| Piece { residual, position }).collect()
 }
 
 impl Residual {

@@ -1,0 +1,26 @@
+//! A constant force on the device: gravity on a handle that is not balanced, an amplifier whose zero is not zero.
+//!
+//! ```text
+//! F = force
+//! ```
+//! On a device with a spring it is the same as a rest position that is `force / stiffness` farther. Part of the exact step.
+
+use serde::{Deserialize, Serialize};
+
+use super::Checker;
+
+/// A constant force.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Offset {
+    /// Force, N.
+    pub force_n: f64,
+}
+
+impl Offset {
+    /// # Errors
+    /// Key, value, allowed range.
+    pub fn check(&self) -> Result<(), String> {
+        Checker("offset").within("force_n", self.force_n, -1e5..=1e5)
+    }
+}

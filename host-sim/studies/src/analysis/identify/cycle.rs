@@ -1,0 +1,76 @@
+//! The cycle of the encoder's error: which period over the position stands out of the residual.
+//!
+//! The residual is averaged in bins of the position, and its spectrum over the position taken. The error of an encoder is
+//! a line there; friction, noise and the quantiser are not. A line is measured against the median of its neighbours, so
+//! that a coloured residual does not pass for one. Cycles from eight counts up to a quarter of the travel are looked at.
+
+use super::fit::{Fitted, Solution};
+use crate::numerics::fft::RealSpectrum;
+
+/// Shortest cycle, bins.
+const SHORTEST: usize = 8;
+/// Cycles in the travel, at least.
+const FEWEST: usize = 4;
+/// Most bins.
+const BINS_MAX: f64 = 65_536.0;
+/// Lines on each side that a line is measured against.
+const NEIGHBOURS: usize = 16;
+
+/// The line that stands out most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Line {
+    pub cycles_per_m: f64,
+    /// Number of cycles that were looked at.
+    pub looked_at: f64,
+}
+
+/// The strongest line of the residual, or the known cycle; `None` without a range of positions to look in.
+pub(super) fn strongest(
+    records: &[Fitted<'_>],
+    (solution, unit_m): (&Solution, f64),
+    known_m: Option<f64>,
+) -> Option<Line> {
+    if let Some(cycle_m) = known_m {
+        return Some(Line { cycles_per_m: 1.0 / cycle_m, looked_at: 1.0 });
+    }
+    let positions =
+        || records.iter().flat_map(|fitted| fitted.positions_m[fitted.first..].iter().copied());
+    let ends = positions()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+    let bin_m = unit_m.max((ends.1 - ends.0) / BINS_MAX);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "up to BINS_MAX")]
+    let bin_of = |x: f64| ((x - ends.0) / bin_m) as usize;
+    let bins = bin_of(ends.1) + 1;
+    let mut sums = vec![(0.0, 0.0); bins];
+    for (x, residual_m) in positions().zip(solution.residual_m.iter()) {
+        let (sum, rows) = &mut sums[bin_of(x)];
+        (*sum, *rows) = (*sum + residual_m, *rows + 1.0);
+    }
+    let means: Vec<f64> =
+        sums.iter().map(|(sum, rows)| if *rows > 0.0 { sum / rows } else { 0.0 }).collect();
+    let spectrum = RealSpectrum::new(2 * bins);
+    let length = spectrum.length();
+    // Places per line of the travel.
+    let line = length / bins;
+    let (first, end) = (FEWEST * line, length / SHORTEST);
+    if first + 2 * line >= end {
+        return None;
+    }
+    let powers = spectrum.powers(&means, 0..end);
+    let over_neighbours = |place: usize| {
+        let (low, high) =
+            (place.saturating_sub(NEIGHBOURS * line).max(1), (place + NEIGHBOURS * line).min(end));
+        let mut near = powers[low..high].to_vec();
+        let middle = near.len() / 2;
+        let (_, median, _) = near.select_nth_unstable_by(middle, f64::total_cmp);
+        powers[place] / median.max(f64::MIN_POSITIVE)
+    };
+    let best = (first..end)
+        .map(|place| (place, over_neighbours(place)))
+        .max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    let metres = length as f64 * bin_m;
+    Some(Line {
+        cycles_per_m: best.0 as f64 / metres,
+        looked_at: ((end - first) as f64 / line as f64).max(1.0),
+    })
+}

@@ -1,0 +1,191 @@
+//! Which parameters a fit has, and where they stand in its vector.
+
+use nalgebra::DVector;
+
+use self::Parameter::{
+    Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine, Stiffness,
+};
+
+/// Places of the parameters that every fit has.
+pub(super) const MASS: usize = 0;
+pub(super) const DAMPING: usize = 1;
+/// Parameters of the device, in their order. Position and speed of each record follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Parameter {
+    Mass,
+    Damping,
+    Stiffness,
+    /// k (x0 - reference); the offset force where x0 is known or there is no spring.
+    Constant,
+    Gain,
+    Latency,
+    /// Coulomb friction, N.
+    Friction,
+    /// Time constant of the amplifier, s.
+    Lag,
+    /// Encoder error once per cycle at the reference: its sine and cosine, m.
+    Sine,
+    Cosine,
+    /// Cycles per metre.
+    Cycles,
+    /// Encoder error twice per cycle, m.
+    Second,
+}
+
+/// All of them, in their order.
+pub(super) const PARAMETERS: [Parameter; 12] = [
+    Mass, Damping, Stiffness, Constant, Gain, Latency, Friction, Lag, Sine, Cosine, Cycles, Second,
+];
+
+impl Parameter {
+    /// What an error calls it.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Mass => "mass",
+            Damping => "damping",
+            Stiffness => "stiffness",
+            Constant => "rest position",
+            Gain => "force gain",
+            Latency => "latency",
+            Friction => "friction",
+            Lag => "lag of the amplifier",
+            Sine | Cosine => "encoder error",
+            Cycles => "cycle of the encoder error",
+            Second => "encoder error twice per cycle",
+        }
+    }
+}
+
+/// Which parameters are fitted, and the values of the others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Layout {
+    /// The device has a spring; without one k is 0.
+    pub spring: bool,
+    /// Rest position from the reference if it is known, m.
+    pub rest_m: Option<f64>,
+    /// Force per volt if it is known, N/V.
+    pub gain: Option<f64>,
+    /// Latency if it is known, s.
+    pub latency_s: Option<f64>,
+    /// Terms beside mass, damping and spring.
+    pub terms: Included,
+    /// Cycles per metre of the encoder's signals if they are known.
+    pub cycles_per_m: Option<f64>,
+    /// What positions are measured from, m.
+    pub reference_m: f64,
+    /// Records, by bit, in which friction holds the handle at the first row: their speed there is 0.
+    pub resting: u64,
+}
+
+/// Terms that a layout has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Included {
+    pub friction: bool,
+    pub lag: bool,
+    pub offset: bool,
+    pub phase: bool,
+    /// The second harmonic of the phase error.
+    pub second: bool,
+}
+
+impl Included {
+    /// The model is the paper's: linear, exact with its derivatives.
+    pub(super) fn plain(self) -> bool {
+        !(self.friction || self.lag || self.phase)
+    }
+}
+
+impl Layout {
+    fn has(&self, parameter: Parameter) -> bool {
+        let Included { friction, lag, offset, phase, second } = self.terms;
+        match parameter {
+            Mass | Damping => true,
+            Stiffness => self.spring,
+            Constant => offset || (self.spring && self.rest_m.is_none()),
+            Gain => self.gain.is_none(),
+            Latency => self.latency_s.is_none(),
+            Friction => friction,
+            Lag => lag,
+            Sine | Cosine => phase,
+            Cycles => phase && self.cycles_per_m.is_none(),
+            Second => phase && second,
+        }
+    }
+
+    /// The parameters that are fitted.
+    pub(super) fn fitted(&self) -> impl Iterator<Item = Parameter> {
+        PARAMETERS.into_iter().filter(|parameter| self.has(*parameter))
+    }
+
+    /// Place of a parameter, if it is fitted.
+    pub(super) fn place(&self, parameter: Parameter) -> Option<usize> {
+        self.fitted().position(|fitted| fitted == parameter)
+    }
+
+    /// Place of a record's first position.
+    pub(super) fn position_place(&self, record: usize) -> usize {
+        let before = (0..record).filter(|record| self.rests(*record)).count();
+        self.fitted().count() + 2 * record - before
+    }
+
+    /// Place of its speed there, if it is fitted.
+    pub(super) fn speed_place(&self, record: usize) -> Option<usize> {
+        (!self.rests(record)).then(|| self.position_place(record) + 1)
+    }
+
+    fn rests(&self, record: usize) -> bool {
+        record < 64 && self.resting >> record & 1 == 1
+    }
+
+    /// Number of parameters.
+    pub(super) fn count(&self, records: usize) -> usize {
+        self.position_place(records)
+    }
+
+    pub(super) fn value(&self, parameter: Parameter, values: &DVector<f64>) -> f64 {
+        self.place(parameter).map_or(0.0, |place| values[place])
+    }
+
+    /// k, and the constant force k (x0 - reference) with the offset force.
+    pub(super) fn spring_of(&self, values: &DVector<f64>) -> [f64; 2] {
+        let stiffness = self.value(Stiffness, values);
+        let known = self.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
+        [stiffness, self.place(Constant).map_or(known, |place| known + values[place])]
+    }
+
+    pub(super) fn gain_of(&self, values: &DVector<f64>) -> f64 {
+        self.gain.unwrap_or_else(|| self.value(Gain, values))
+    }
+
+    pub(super) fn latency_of(&self, values: &DVector<f64>) -> f64 {
+        self.latency_s.unwrap_or_else(|| self.value(Latency, values))
+    }
+
+    /// Friction, N, and time constant of the amplifier, s; neither is below 0.
+    pub(super) fn slow_of(&self, values: &DVector<f64>) -> [f64; 2] {
+        [Friction, Lag].map(|parameter| self.value(parameter, values).max(0.0))
+    }
+
+    /// The values of this layout's parameters, each from `other` if it has it and else 0.
+    pub(super) fn taken_from(
+        &self,
+        other: &Self,
+        values: &DVector<f64>,
+        records: usize,
+    ) -> DVector<f64> {
+        let mut taken: Vec<f64> =
+            self.fitted().map(|parameter| other.value(parameter, values)).collect();
+        // c = k (x0 - reference) becomes an offset force where x0 is known, and back.
+        if let Some(place) = self.place(Constant) {
+            let [stiffness, constant] = other.spring_of(values);
+            taken[place] = constant - self.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
+        }
+        for record in 0..records {
+            taken.push(values[other.position_place(record)]);
+            if !self.rests(record) {
+                taken.push(other.speed_place(record).map_or(0.0, |place| values[place]));
+            }
+        }
+        DVector::from_vec(taken)
+    }
+}

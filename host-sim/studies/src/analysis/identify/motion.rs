@@ -1,0 +1,222 @@
+//! The response of a device with dry friction and a slow amplifier, exact between the instants at which it turns.
+//!
+//! ```text
+//! x'' = a - w x - d x' + o - s f     a' = p (g u - a)     s = sign(x'); without a lag a = g u
+//! at rest while |a - w x + o| <= f
+//! ```
+//! u is constant between its changes, so every stretch in one direction is one exact step. Where the speed changes its
+//! sign within a step the instant is found by bisection and Newton's method on the exact solution; where a handle at
+//! rest breaks away, from the closed form of a. So the response is a smooth function of the parameters between such
+//! events, and its derivatives can be had from small differences ([`super::fit`]).
+
+use nalgebra::{SMatrix, SVector};
+
+use super::{model::Held, record::Record};
+use crate::numerics::exact::discretise;
+
+/// Events within one step of the voltage before the rest of it is taken in one go.
+const EVENTS_MAX: usize = 8;
+/// Steps to the instant of an event.
+const SEARCH: usize = 60;
+
+/// The parameters of one record, per mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Motion {
+    /// Stiffness per mass, 1/s^2.
+    pub w: f64,
+    /// Damping per mass, 1/s.
+    pub d: f64,
+    /// Acceleration per volt, m/s^2/V.
+    pub gain: f64,
+    /// Constant acceleration, m/s^2.
+    pub offset: f64,
+    /// Coulomb friction per mass, m/s^2.
+    pub friction: f64,
+    /// Time constant of the amplifier, s; 0 for none.
+    pub lag_s: f64,
+    /// Position at the first fitted row, from the reference, m.
+    pub x: f64,
+    /// Speed there, m/s.
+    pub v: f64,
+    /// From a row's time to its voltage's effect, rows.
+    pub latency: f64,
+}
+
+/// x, v and the amplifier's acceleration.
+type State = SVector<f64, 3>;
+
+/// One exact step.
+struct Step {
+    seconds: f64,
+    phi: SMatrix<f64, 3, 3>,
+    drive: State,
+    constant: State,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Mode {
+    Rest,
+    /// 1 or -1: the sign of the speed.
+    Slides(f64),
+}
+
+impl Motion {
+    fn pole(&self) -> f64 {
+        if self.lag_s > 0.0 { 1.0 / self.lag_s } else { 0.0 }
+    }
+
+    fn step(&self, seconds: f64) -> Step {
+        let pole = self.pole();
+        #[rustfmt::skip]
+        let a = SMatrix::<f64, 3, 3>::new(
+            0.0, 1.0, 0.0,
+            -self.w, -self.d, 1.0,
+            0.0, 0.0, -pole,
+        );
+        let (phi, drive) = discretise(&a, &State::new(0.0, 0.0, pole), seconds);
+        let (_, constant) = discretise(&a, &State::new(0.0, 1.0, 0.0), seconds);
+        Step { seconds, phi, drive, constant }
+    }
+
+    /// What would accelerate a handle at rest.
+    fn net(&self, state: &State) -> f64 {
+        state[2] - self.w * state[0] + self.offset
+    }
+
+    /// The mode in which a handle of speed 0 goes on.
+    fn mode_at_rest(&self, state: &State) -> Mode {
+        let net = self.net(state);
+        if net.abs() <= self.friction { Mode::Rest } else { Mode::Slides(net.signum()) }
+    }
+
+    fn apply(&self, step: &Step, state: &State, drive: f64, sign: f64) -> State {
+        let constant = self.offset - sign * self.friction;
+        step.phi * state + step.drive * drive + step.constant * constant
+    }
+
+    /// Over one step under `volts`.
+    fn advance(&self, step: &Step, state: State, mode: Mode, volts: f64) -> (State, Mode) {
+        let drive = self.gain * volts;
+        let mut state = state;
+        if self.lag_s <= 0.0 {
+            state[2] = drive;
+        }
+        if self.friction <= 0.0 {
+            return (self.apply(step, &state, drive, 0.0), mode);
+        }
+        let (mut mode, mut left_s) = (mode, step.seconds);
+        for _ in 0..EVENTS_MAX {
+            let whole = left_s == step.seconds;
+            match mode {
+                Mode::Rest => {
+                    let Some(after_s) = self.breaks_away(&state, drive, left_s) else {
+                        state[2] = drive + (state[2] - drive) * (-self.pole() * left_s).exp();
+                        return (state, Mode::Rest);
+                    };
+                    state[2] = drive + (state[2] - drive) * (-self.pole() * after_s).exp();
+                    // The drive that goes on to change gives the direction: at the instant itself the net force is f.
+                    let towards = if self.pole() > 0.0 { drive } else { state[2] };
+                    let net = towards - self.w * state[0] + self.offset;
+                    mode = Mode::Slides(net.signum());
+                    left_s -= after_s;
+                }
+                Mode::Slides(sign) => {
+                    let end = if whole {
+                        self.apply(step, &state, drive, sign)
+                    } else {
+                        self.apply(&self.step(left_s), &state, drive, sign)
+                    };
+                    if end[1] * sign >= 0.0 {
+                        return (end, mode);
+                    }
+                    let (after_s, turned) = self.turn(&state, drive, sign, left_s);
+                    state = turned;
+                    mode = self.mode_at_rest(&state);
+                    left_s -= after_s;
+                }
+            }
+            if left_s <= 0.0 {
+                return (state, mode);
+            }
+        }
+        let sign = if let Mode::Slides(sign) = mode { sign } else { return (state, mode) };
+        (self.apply(&self.step(left_s), &state, drive, sign), mode)
+    }
+
+    /// When a handle at rest breaks away within `left_s`.
+    fn breaks_away(&self, state: &State, drive: f64, left_s: f64) -> Option<f64> {
+        let spring = self.offset - self.w * state[0];
+        if (state[2] + spring).abs() > self.friction {
+            return Some(0.0);
+        }
+        let pole = self.pole();
+        let end = drive + (state[2] - drive) * (-pole * left_s).exp();
+        if pole == 0.0 || (end + spring).abs() <= self.friction {
+            return None;
+        }
+        let limit = self.friction.copysign(end + spring) - spring;
+        let share = (limit - drive) / (state[2] - drive);
+        Some((-share.ln() / pole).clamp(0.0, left_s))
+    }
+
+    /// The instant within `left_s` at which the speed is 0 again, and the state there.
+    fn turn(&self, state: &State, drive: f64, sign: f64, left_s: f64) -> (f64, State) {
+        let (mut low, mut high) = (0.0, left_s);
+        let rate = |at: &State| {
+            at[2] - self.w * at[0] - self.d * at[1] + self.offset - sign * self.friction
+        };
+        let mut at_s = {
+            let slope = rate(state);
+            let guess = -state[1] / slope;
+            if guess > low && guess < high { guess } else { 0.5 * (low + high) }
+        };
+        let mut at = *state;
+        for _ in 0..SEARCH {
+            at = self.apply(&self.step(at_s), state, drive, sign);
+            if at[1] * sign > 0.0 {
+                low = at_s
+            } else {
+                high = at_s
+            }
+            let newton = at_s - at[1] / rate(&at);
+            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            if (next - at_s).abs() <= 1e-15 * left_s || at[1] == 0.0 {
+                break;
+            }
+            at_s = next;
+        }
+        at[1] = 0.0;
+        (at_s, at)
+    }
+
+    /// The handle rests at the record's first fitted row, and friction holds it.
+    pub(super) fn begins_at_rest(&self, record: &Record, first: usize) -> bool {
+        let (before, after) = Held::new(record, self.latency).at(first);
+        let held = |volts: f64| {
+            let state = State::new(self.x, 0.0, self.gain * volts);
+            self.mode_at_rest(&state) == Mode::Rest
+        };
+        held(before) && held(after)
+    }
+}
+
+/// Position from row `first` on, from the reference, m.
+pub(super) fn positions(record: &Record, first: usize, motion: &Motion) -> Vec<f64> {
+    let voltages = Held::new(record, motion.latency);
+    let early = motion.step(voltages.fraction * record.step_s);
+    let late = motion.step((1.0 - voltages.fraction) * record.step_s);
+    let start_v = if voltages.fraction > 0.0 { voltages.at(first).0 } else { voltages.at(first).1 };
+    let mut state = State::new(motion.x, motion.v, motion.gain * start_v);
+    let mut mode =
+        if motion.v == 0.0 { motion.mode_at_rest(&state) } else { Mode::Slides(motion.v.signum()) };
+    let mut positions_m = Vec::with_capacity(record.len() - first);
+    for row in first..record.len() {
+        positions_m.push(state[0]);
+        let (before, after) = voltages.at(row);
+        if voltages.fraction > 0.0 {
+            (state, mode) = motion.advance(&early, state, mode, before);
+        }
+        (state, mode) = motion.advance(&late, state, mode, after);
+    }
+    positions_m
+}

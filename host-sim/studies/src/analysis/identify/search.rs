@@ -1,0 +1,450 @@
+//! Which terms are in the model: forward selection by the test of [`super::terms`].
+//!
+//! Forward: of all terms that pass beside those that are in, the one that leaves least, the encoder's
+//! error after all others; until none passes. Then backward: a term that no longer passes beside the others goes.
+
+use levenberg_marquardt::LeastSquaresProblem as _;
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ContinuousCDF as _, Normal};
+
+use super::{
+    Options,
+    confidence::{self, Estimates, standard_error},
+    cycle,
+    fit::{self, Fitted, Problem, Solution},
+    guess,
+    layout::{Included, Layout, Parameter},
+    residual::Weighed,
+    terms::{FAMILY_P, Term, Terms, Tested, said, tail},
+};
+
+/// Friction that a search begins with, as parts of the largest force.
+const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
+/// Lag that a search begins with, rows.
+const LAG_STARTS: [f64; 2] = [0.5, 3.0];
+/// Starts of a search that are followed.
+const STARTS_TAKEN: usize = 3;
+/// A step of the search may bring friction to this part of the largest force.
+const FRICTION_MOST: f64 = 0.5;
+
+/// A model and its fit.
+pub(super) struct Model {
+    pub layout: Layout,
+    pub solution: Solution,
+    pub weighed: Weighed,
+    pub estimates: Estimates,
+    /// Cycles of the encoder's error that were looked at.
+    cycles: f64,
+}
+
+impl Model {
+    fn new(
+        records: &[Fitted<'_>],
+        layout: Layout,
+        solution: Solution,
+        options: &Options,
+        cycles: f64,
+    ) -> Result<Self, String> {
+        let weighed = Weighed::new(records, &solution, options, layout.reference_m);
+        let estimates = confidence::estimates(&solution, &layout, &weighed)?;
+        Ok(Self { layout, solution, weighed, estimates, cycles })
+    }
+
+    fn squares(&self) -> f64 {
+        self.solution.residual_m.norm_squared()
+    }
+
+    /// The test of a term that is in the model, `candidates` of which are tried.
+    fn tested(&self, term: Term, candidates: usize) -> Tested {
+        let Estimates { friction, lag, offset, phase, .. } = self.estimates;
+        let value = match term {
+            Term::Friction => friction,
+            Term::Amplifier => lag,
+            Term::Offset => offset,
+            Term::Phase => phase.map(|[first, ..]| first),
+        };
+        let z = value.map_or(0.0, |value| value.value / standard_error(&value));
+        let p = match term {
+            Term::Friction | Term::Amplifier => tail(z),
+            Term::Offset => 2.0 * tail(z.abs()),
+            Term::Phase => self.cycles * (-0.5 * z * z).exp(),
+        };
+        Tested { term, z, p: (p * candidates as f64).min(1.0) }
+    }
+}
+
+/// The terms that a record can be asked for. The offset is the rest position's unless that is known or there is none.
+fn candidates(layout: &Layout) -> Vec<Term> {
+    let offset = layout.rest_m.is_some() || !layout.spring;
+    Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
+}
+
+/// The model of the records: from `base` with the terms that `options` ask for, or that the records tell.
+///
+/// # Errors
+/// One line: no model describes the records, or they cannot tell parameters apart.
+pub(super) fn choose(
+    records: &[Fitted<'_>],
+    base: &Layout,
+    values: DVector<f64>,
+    options: &Options,
+) -> Result<(Model, Vec<Tested>), String> {
+    let search = Search { records, options };
+    let solved = fit::solve(Problem { records, layout: *base, values: values.clone() });
+    let plain = solved.and_then(|solution| Model::new(records, *base, solution, options, 1.0));
+    if options.terms == Terms::Auto {
+        return search.automatic(base, values, plain);
+    }
+    let model = match plain {
+        Ok(plain) if Term::ALL.iter().all(|term| !options.terms.asks(*term)) => plain,
+        plain => search.asked(base, &values, plain.as_ref().ok())?,
+    };
+    let tests = search.tests(&model, 1);
+    Ok((model, tests))
+}
+
+/// Fits of the same records with more terms or fewer.
+pub(super) struct Search<'a> {
+    pub records: &'a [Fitted<'a>],
+    pub options: &'a Options,
+}
+
+/// Orders in which terms that are asked for are taken in: one that hides another may lead astray if it comes first.
+const ORDERS: [[Term; 4]; 2] = [
+    [Term::Offset, Term::Amplifier, Term::Friction, Term::Phase],
+    [Term::Friction, Term::Amplifier, Term::Offset, Term::Phase],
+];
+
+impl Search<'_> {
+    /// The terms that are asked for, whatever the record tells of them.
+    fn asked(
+        &self,
+        base: &Layout,
+        values: &DVector<f64>,
+        plain: Option<&Model>,
+    ) -> Result<Model, String> {
+        let mut refused = String::new();
+        for order in ORDERS {
+            let mut model: Option<Model> = None;
+            let asked = order.into_iter().filter(|term| self.options.terms.asks(*term));
+            let all = asked.into_iter().all(|term| {
+                let before = model.as_ref().or(plain);
+                let (layout, from) = before.map_or((*base, values.clone()), |before| {
+                    (before.layout, before.solution.values.clone())
+                });
+                let found = self.with(term, &layout, &from, before, false);
+                if found.is_none() {
+                    refused = format!("the record does not show the {}", said(term));
+                }
+                let is_there = found.is_some();
+                model = found;
+                is_there
+            });
+            if let (true, Some(model)) = (all, model) {
+                return Ok(model);
+            }
+        }
+        Err(refused)
+    }
+
+    fn automatic(
+        &self,
+        base: &Layout,
+        values: DVector<f64>,
+        plain: Result<Model, String>,
+    ) -> Result<(Model, Vec<Tested>), String> {
+        let candidates = candidates(base);
+        let passes = |model: &Model, term: Term| model.tested(term, candidates.len()).p < FAMILY_P;
+        let mut model = plain;
+        loop {
+            let (layout, from) = match &model {
+                Ok(model) => (model.layout, model.solution.values.clone()),
+                Err(_) => (*base, values.clone()),
+            };
+            let passing = |of_encoder: bool| {
+                let left = candidates.iter().filter(|term| !term.is_in(layout.terms));
+                let left = left.filter(|term| (**term == Term::Phase) == of_encoder);
+                let tried = left.filter_map(|term| {
+                    let found = self.with(*term, &layout, &from, model.as_ref().ok(), true)?;
+                    passes(&found, *term).then_some(found)
+                });
+                tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
+            };
+            // The encoder's error last: what the motion lacks has lines over the position too.
+            let Some(best) = passing(false).or_else(|| passing(true)) else { break };
+            model = Ok(best);
+        }
+        let mut model = model?;
+        while let Some(gone) =
+            candidates.iter().find(|term| term.is_in(model.layout.terms) && !passes(&model, **term))
+        {
+            let layout = Layout { terms: gone.add(model.layout.terms, false), ..model.layout };
+            model = self.fit(&layout, &model.layout, &model.solution.values, 1.0)?;
+        }
+        let tests = self.tests(&model, candidates.len());
+        Ok((model, tests))
+    }
+
+    fn tests(&self, model: &Model, candidates: usize) -> Vec<Tested> {
+        let inside = Term::ALL.into_iter().filter(|term| term.is_in(model.layout.terms));
+        inside.map(|term| model.tested(term, candidates)).collect()
+    }
+
+    /// The best fit with one more term; `None` if there is none that leaves less. A `likely` one only: one that a
+    /// linear step does not promise enough of is not tried.
+    fn with(
+        &self,
+        term: Term,
+        layout: &Layout,
+        values: &DVector<f64>,
+        before: Option<&Model>,
+        likely: bool,
+    ) -> Option<Model> {
+        if term == Term::Phase {
+            return self.with_phase(layout, before?, likely);
+        }
+        let more = Layout { terms: term.add(layout.terms, true), ..*layout };
+        let start = more.taken_from(layout, values, self.records.len());
+        let mut starts = vec![];
+        if let (Some(model), Some((step, gain))) = (before, self.linear_step(&more, &start)) {
+            let rows = model.solution.residual_m.len() as f64;
+            if likely && gain / (model.squares() / rows) < enough() {
+                return None;
+            }
+            starts.push(self.bounded(&more, step));
+        }
+        if term == Term::Friction {
+            let windows = guess::WINDOWS.into_iter();
+            starts.extend(windows.filter_map(|windows| self.in_motion(&more, &start, windows)));
+        }
+        let parameter = match term {
+            Term::Friction => Some((Parameter::Friction, self.force_n(&more, values))),
+            Term::Amplifier => Some((Parameter::Lag, self.records[0].record.step_s)),
+            _ => None,
+        };
+        if let Some((place, unit)) =
+            parameter.and_then(|(one, unit)| Some((more.place(one)?, unit)))
+        {
+            let shares: &[f64] =
+                if term == Term::Friction { &FRICTION_STARTS } else { &LAG_STARTS };
+            starts.extend(shares.iter().map(|share| {
+                let mut start = start.clone();
+                start[place] = share * unit;
+                start
+            }));
+        }
+        // From those that begin nearest: a far one may end in a valley of its own.
+        let mut starts: Vec<(f64, DVector<f64>)> = starts
+            .into_iter()
+            .filter_map(|start| {
+                let problem = Problem { records: self.records, layout: more, values: start };
+                let squares = problem.residuals()?.norm_squared();
+                Some((squares, problem.values))
+            })
+            .collect();
+        starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        starts.truncate(STARTS_TAKEN);
+        // A term that is asked for and is 0 leaves as much as none, but for rounding.
+        let room = if likely { 1.0 } else { 1.0 + 1e-6 };
+        let most = room * before.map_or(f64::INFINITY, Model::squares);
+        let fits = starts.iter().filter_map(|(_, start)| self.fit(&more, &more, start, 1.0).ok());
+        let fits = fits.filter(|model| model.squares() < most);
+        fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))
+    }
+
+    fn with_phase(&self, layout: &Layout, before: &Model, likely: bool) -> Option<Model> {
+        let seen = self.strongest(before)?;
+        let more = Layout {
+            terms: Term::Phase.add(layout.terms, true),
+            cycles_per_m: Some(seen.cycles_per_m),
+            ..*layout
+        };
+        let start = more.taken_from(layout, &before.solution.values, self.records.len());
+        let (step, gain) = self.linear_step(&more, &start)?;
+        let rows = before.solution.residual_m.len() as f64;
+        if likely && gain / (before.squares() / rows) < enough() + 2.0 * seen.looked_at.ln() {
+            return None;
+        }
+        let mut model = self.fit(&more, &more, &step, seen.looked_at).ok()?;
+        if self.options.cycle_m.is_none() {
+            let free = Layout { cycles_per_m: None, ..more };
+            let mut start = free.taken_from(&more, &model.solution.values, self.records.len());
+            start[free.place(Parameter::Cycles)?] = seen.cycles_per_m;
+            model = self.fit(&free, &free, &start, seen.looked_at).ok()?;
+        }
+        let second =
+            Layout { terms: Included { second: true, ..model.layout.terms }, ..model.layout };
+        let start = second.taken_from(&model.layout, &model.solution.values, self.records.len());
+        if let Some((step, _)) = self.linear_step(&second, &start)
+            && let Ok(twice) = self.fit(&second, &second, &step, seen.looked_at)
+            && let Some([_, amplitude, ..]) = twice.estimates.phase
+            && tail(amplitude.value / standard_error(&amplitude)) < FAMILY_P
+        {
+            model = twice;
+        }
+        (model.squares() < before.squares()).then_some(model)
+    }
+
+    /// The latency, rows, with which a delay in place of the amplifier's lag leaves as little; `None` if the record tells
+    /// one from the other, or the latency is fitted.
+    pub(super) fn delay_instead(&self, model: &Model) -> Option<f64> {
+        let latency_s = model.layout.latency_s.filter(|_| model.layout.terms.lag)?;
+        let [_, lag_s] = model.layout.slow_of(&model.solution.values);
+        let terms = Term::Amplifier.add(model.layout.terms, false);
+        let late = Layout { terms, latency_s: None, ..model.layout };
+        let mut start = late.taken_from(&model.layout, &model.solution.values, self.records.len());
+        start[late.place(Parameter::Latency)?] = latency_s + lag_s;
+        let delayed = self.fit(&late, &late, &start, 1.0).ok()?;
+        let rows = model.solution.residual_m.len() as f64;
+        let more = (delayed.squares() - model.squares()) / (model.squares() / rows);
+        let step_s = self.records[0].record.step_s;
+        (more < enough()).then(|| late.latency_of(&delayed.solution.values) / step_s)
+    }
+
+    /// By how much a term would lessen the sum of squares, linearly.
+    pub(super) fn explains(&self, term: Term, model: &Model) -> Option<f64> {
+        let mut more = Layout { terms: term.add(model.layout.terms, true), ..model.layout };
+        if term == Term::Phase {
+            let seen = self.strongest(model)?;
+            more.cycles_per_m = Some(seen.cycles_per_m);
+        }
+        self.explains_by(&more, model)
+    }
+
+    /// By how much another layout would lessen the sum of squares, linearly.
+    pub(super) fn explains_by(&self, layout: &Layout, model: &Model) -> Option<f64> {
+        let mut start =
+            layout.taken_from(&model.layout, &model.solution.values, self.records.len());
+        if let (Some(place), Some(latency_s)) =
+            (layout.place(Parameter::Latency), model.layout.latency_s)
+        {
+            start[place] = latency_s;
+        }
+        self.linear_step(layout, &start).map(|(_, gain)| gain)
+    }
+
+    fn strongest(&self, model: &Model) -> Option<cycle::Line> {
+        let residual = (&model.solution, model.weighed.unit_m);
+        cycle::strongest(self.records, residual, self.options.cycle_m)
+    }
+
+    /// A fit of `layout` from the values of another one. Where friction holds the handle at the first row, the speed
+    /// there is 0 and no parameter.
+    fn fit(
+        &self,
+        layout: &Layout,
+        of: &Layout,
+        values: &DVector<f64>,
+        cycles: f64,
+    ) -> Result<Model, String> {
+        let records = self.records;
+        let mut layout = *layout;
+        let mut values = layout.taken_from(of, values, records.len());
+        loop {
+            let mut problem = Problem { records, layout, values };
+            let held = Layout { resting: layout.resting | self.resting(&problem), ..layout };
+            if held != layout {
+                problem.values = held.taken_from(&layout, &problem.values, records.len());
+                (problem.layout, layout) = (held, held);
+            }
+            let solution = fit::solve(problem)?;
+            let problem = Problem { records, layout, values: solution.values.clone() };
+            if layout.resting | self.resting(&problem) == layout.resting {
+                return Model::new(records, layout, solution, self.options, cycles);
+            }
+            values = solution.values;
+        }
+    }
+
+    /// Records that begin with a handle that friction holds, by bit: what it still slides is below a count.
+    fn resting(&self, problem: &Problem<'_>) -> u64 {
+        let least_m = self.options.resolution_m.max(1e-9);
+        let rests = |index: usize| {
+            let (motion, fitted) = (problem.motion(index), &self.records[index]);
+            let slides_m = motion.v * motion.v / (2.0 * motion.friction);
+            motion.friction > 0.0
+                && slides_m < least_m
+                && motion.begins_at_rest(fitted.record, fitted.first)
+        };
+        (0..self.records.len().min(64))
+            .filter(|index| rests(*index))
+            .fold(0, |bits, index| bits | 1 << index)
+    }
+
+    /// Values after one step of Gauss and Newton, and by how much it would lessen the sum of squares.
+    fn linear_step(&self, layout: &Layout, values: &DVector<f64>) -> Option<(DVector<f64>, f64)> {
+        let problem = Problem { records: self.records, layout: *layout, values: values.clone() };
+        let residual = -problem.residuals()?;
+        let mut jacobian = problem.by_differences()?;
+        let scales: Vec<f64> = jacobian
+            .column_iter()
+            .map(|column| column.norm())
+            .map(|norm| if norm > 0.0 { norm } else { 1.0 })
+            .collect();
+        for (mut column, scale) in jacobian.column_iter_mut().zip(&scales) {
+            column.unscale_mut(*scale);
+        }
+        let wanted = jacobian.tr_mul(&residual);
+        let normal: DMatrix<f64> = jacobian.tr_mul(&jacobian);
+        let step = normal.svd(true, true).solve(&wanted, 1e-13).ok()?;
+        let gain = wanted.dot(&step);
+        let values = DVector::from_fn(values.len(), |row, _| values[row] + step[row] / scales[row]);
+        values.iter().all(|value| value.is_finite()).then_some((values, gain))
+    }
+
+    /// Values from the windows in motion of the first record.
+    fn in_motion(
+        &self,
+        layout: &Layout,
+        values: &DVector<f64>,
+        windows: usize,
+    ) -> Option<DVector<f64>> {
+        let Fitted { record, positions_m, first, .. } = &self.records[0];
+        let latency = layout.latency_of(values) / record.step_s;
+        let (reduced, friction) =
+            guess::moving((record, positions_m, *first), latency, layout.spring, windows)?;
+        let mass = layout.gain_of(values) / reduced.gain - self.records[0].added_kg;
+        let mut found = values.clone();
+        let rest_m = layout.rest_m.unwrap_or_default();
+        for (parameter, value) in [
+            (Parameter::Mass, mass),
+            (Parameter::Damping, reduced.d * mass),
+            (Parameter::Stiffness, reduced.w * mass),
+            (Parameter::Constant, (reduced.offset - reduced.w * rest_m) * mass),
+            (Parameter::Friction, friction * mass),
+        ] {
+            if let Some(place) = layout.place(parameter) {
+                found[place] = value;
+            }
+        }
+        found[layout.position_place(0)] = reduced.x;
+        if let Some(place) = layout.speed_place(0) {
+            found[place] = 0.0;
+        }
+        (mass > 0.0).then_some(found)
+    }
+
+    /// With mass, friction and lag where they make sense.
+    fn bounded(&self, layout: &Layout, mut values: DVector<f64>) -> DVector<f64> {
+        let most_n = FRICTION_MOST * self.force_n(layout, &values);
+        if let Some(place) = layout.place(Parameter::Friction) {
+            values[place] = values[place].clamp(1e-6 * most_n, most_n);
+        }
+        if let Some(place) = layout.place(Parameter::Lag) {
+            let step_s = self.records[0].record.step_s;
+            values[place] = values[place].clamp(1e-3 * step_s, 100.0 * step_s);
+        }
+        values
+    }
+
+    /// Largest force of the records, N.
+    fn force_n(&self, layout: &Layout, values: &DVector<f64>) -> f64 {
+        let volts = self.records.iter().flat_map(|fitted| &fitted.record.voltage_v);
+        layout.gain_of(values).abs() * volts.fold(0.0, |most: f64, volt| most.max(volt.abs()))
+    }
+}
+
+/// Least drop of the squares, in terms of the mean square, that white noise would call certain.
+fn enough() -> f64 {
+    Normal::standard().inverse_cdf(FAMILY_P / Term::ALL.len() as f64).powi(2)
+}
