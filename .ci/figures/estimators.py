@@ -64,12 +64,23 @@ def left(r):
     return ", ".join(f(r, f"left_when_bandwidth_{end}", 100) for end in ("low", "high"))
 
 
+def share(r):
+    """Of the area that the true velocity has, %; an estimator that is told a force can have more."""
+    return significant(100 * float(r["share_of_true_velocity"]), 2)
+
+
+def true_area(file):
+    """What the true velocity reaches, by the same walks, 10^6 N^2 s/m^2."""
+    r = row(file, estimator="butterworth")
+    return float(r["area_n2_s_per_m2"]) / float(r["share_of_true_velocity"]) / 1e6
+
+
 @block
 def comparison_areas(scene):
     head = ["estimator", "needs", "tuning, second parameter", "walks", "area, 10^6 N^2 s/m^2 (lowest to highest)",
-            "peak K, kN/m", "K at B, kN/m", "largest B, N s/m", "area left at -3 dB /1.2, x1.2, %"]
+            "of the true velocity's, %", "peak K, kN/m", "K at B, kN/m", "largest B, N s/m", "area left at -3 dB /1.2, x1.2, %"]
     return table(head, [
-        [r["estimator"], r["needs"], tuned(r), walks(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1),
+        [r["estimator"], r["needs"], tuned(r), walks(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r),
          f(r, "stiffness_peak_mean_n_per_m", 1e-3, 1), f(r, "stiffness_at_damping_mean_n_per_m", 1e-3, 1),
          f(r, "damping_max_mean_n_s_per_m"), left(r)]
         for r in compared(scene)])
@@ -176,8 +187,10 @@ def comparison_limits(column, scale, digits):
         r = row(at_limit(um), estimator=name)
         cut = column == "area_n2_s_per_m2" and float(r["damping_max_mean_n_s_per_m"]) >= 4000
         return f(r, column, float(scale), int(digits)) + (" (up to the cap of B)" if cut else "")
+    ceiling = [["the true velocity", *[f"{true_area(at_limit(um)):.{digits}f}" for um in (5, 15, 30)]]]
+    ceiling = ceiling if column == "area_n2_s_per_m2" else []
     return table(["estimator", *[f"limit of {um} um" for um in (5, 15, 30)]],
-                 [[name, *[cell(name, um) for um in (5, 15, 30)]] for name in LIMITED])
+                 [[name, *[cell(name, um) for um in (5, 15, 30)]] for name in LIMITED] + ceiling)
 
 
 @block

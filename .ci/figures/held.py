@@ -4,7 +4,7 @@ import math
 
 from . import block, slots, states
 from .design import design_area
-from .estimators import cost
+from .estimators import cost, share, true_area
 from .source import LONG, m, measured, row, rows, significant, table
 
 # Column, stored table, its command's name in LONG.
@@ -29,10 +29,11 @@ def comparison_conditions():
     def cell(file, name):
         found, capped = area(file, name)
         tuning = row(file, estimator=name)
-        return f"{'> ' if capped else ''}{significant(found, 3)} ({ranking(file).index(name) + 1}.)" + (
+        return f"{'> ' if capped else ''}{significant(found, 3)} ({ranking(file).index(name) + 1}.), {share(tuning)} %" + (
             f", {float(tuning['tuning']):.0f} Hz" if tuning["tuning_unit"] == "Hz" else "")
     return table(["estimator", *[text for text, _ in CONDITIONS]],
-                 [[f"`{name}`", *[cell(file, name) for _, file in CONDITIONS]] for name in ASKED])
+                 [[f"`{name}`", *[cell(file, name) for _, file in CONDITIONS]] for name in ASKED]
+                 + [["true velocity", *[significant(true_area(file), 3) for _, file in CONDITIONS]]])
 
 
 states(
