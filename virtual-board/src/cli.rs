@@ -350,6 +350,7 @@ const HAND_M: f64 = 1e-5;
 /// Takes the handle to `place_m` and holds it there.
 fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     let mut at_m = world.position_m();
+    world.hold(at_m, true);
     while at_m != place_m {
         at_m += (place_m - at_m).clamp(-HAND_M, HAND_M);
         world.hold(at_m, true);
