@@ -167,6 +167,8 @@ const HEAVIEST: f64 = 20.0;
 const HEAVIEST_S: f64 = 0.1;
 /// A quarter of the sign test, s (src/safety/sign.rs has the equation).
 const SIGN_QUARTER_S: f64 = 0.025;
+/// Least distances, counts: four, and what a guess may lose where it is shortened.
+const LEAST_COUNTS: f64 = 4.0 * (1.0 + 1e-8);
 /// Room beyond start and wall, m.
 const ROOM_M: f64 = 0.04;
 
@@ -233,7 +235,7 @@ impl Scene {
                 f64::max(HEAVIEST * self.device.damping_n_s_per_m, heaviest / HEAVIEST_S),
             ),
         };
-        let travel_m = f64::max(1e-3, 4.0 * count_m);
+        let travel_m = f64::max(1e-3, LEAST_COUNTS * count_m);
         let calibration = CalibrationSettings {
             percent: 0.0,
             rise_percent_per_s: 2.0, // a person can follow it and stop
@@ -249,7 +251,7 @@ impl Scene {
             time_constant_s: keys.or("motor.time_constant_s", motor.time_constant_s, 30.0),
         };
         let (soft, part) = (ReturnSettings::SOFT, f64::min(1.0, full_n / PAPER_FULL_SCALE_N));
-        let tolerance_m = soft.tolerance_m.max(4.0 * count_m);
+        let tolerance_m = soft.tolerance_m.max(LEAST_COUNTS * count_m);
         let back = ReturnSettings {
             start_m: self.device.start_position_m,
             speed_m_per_s: keys.or("return.speed_m_per_s", back.speed_m_per_s, soft.speed_m_per_s),
