@@ -35,7 +35,7 @@ MINUTES = {
     "cargo board fuzz --instants": "docs/data/fuzz-instants.csv",
     "cargo sim trade identified.toml": "docs/data/trade-plant-paper-1um.csv",
     "cargo sim compare identified.toml": "docs/data/compare-paper-1um.csv",
-    **{command: f"docs/data/{next(iter(files.values()))}" for command, files in LONG.values()},
+    **{command: f"docs/data/{next(iter(files.values()))}" for command, files, *_ in LONG.values()},
 }
 
 
@@ -176,6 +176,8 @@ def run(name):
     folder.mkdir(parents=True)
     shutil.copytree(ROOT / "scenes", folder / "scenes")
     shutil.copytree(ROOT / "docs/data", folder / "docs/data")
+    if (ROOT / "examples").exists():
+        shutil.copytree(ROOT / "examples", folder / "examples")
     environment = {**os.environ, "LANG": "C.UTF-8", "ROOT": str(ROOT)}
     failed, count = [], 0
     for line, kind, command in shown((ROOT / name).read_text()):

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use host_sim::{
     scene::{
-        NamedScene,
+        NamedScene, Scene,
         record::{board_facts, words},
     },
     simulation::prepared::{Numeric, PreparedScene, WallHit},
@@ -183,12 +183,18 @@ fn devices() -> [NamedScene; 5] {
     ]
 }
 
+/// A wall that is as stiff for each device, by force and count: K and B.
+fn as_stiff(scene: &Scene) -> [f64; 2] {
+    let unit = scene.full_scale_n() / scene.encoder.resolution_m;
+    [(2e-3 * unit).round(), (8e-6 * unit).round()]
+}
+
 /// The hit of the simulator and the board's differ in when they start and in nothing else: RMS and mean are those of the
 /// same wall.
-fn hits_are_the_simulators(devices: &[NamedScene]) {
-    let Firmware { board, elf, .. } = Firmware::of(NUCLEO_F446RE);
+fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
+    let Firmware { board, elf, .. } = Firmware::of(board);
     let facts = board_facts(board.name).unwrap();
-    devices.par_iter().cloned().for_each(|scene| {
+    devices.par_iter().cloned().for_each(|(scene, wall)| {
         let record = record(&scene, board).unwrap();
         if let Some(record) = &record {
             let words = words(record);
@@ -199,9 +205,6 @@ fn hits_are_the_simulators(devices: &[NamedScene]) {
         let elf = record.map_or_else(|| elf.clone(), |record| elf.with_record(&record).unwrap());
         let session = Session { board, scene, elf, table };
         let scene = &session.scene.scene;
-        // A wall that is as stiff for each: by force and count.
-        let unit = scene.full_scale_n() / scene.encoder.resolution_m;
-        let wall = [1500.0, (2e-3 * unit).round(), (8e-6 * unit).round()];
         let (board_hit, mut world) = session.hit(wall).unwrap();
         let version = ok(&mut world, "version");
         assert!(version.contains(&format!("scene {} ", session.scene.name)), "{version}");
@@ -222,17 +225,50 @@ fn hits_are_the_simulators(devices: &[NamedScene]) {
             counts(rms),
         );
         assert_eq!((board_hit.verdict, simulated.verdict), (Verdict::Stable, Verdict::Stable));
-        assert!(counts(mean).abs() < 1.0 && counts(rms).abs() < 1.0);
+        // Where it sticks depends on when it starts.
+        let near = if scene.friction.is_some() { 3.0 } else { 1.0 };
+        assert!(counts(mean).abs() < near && counts(rms).abs() < 1.0);
     });
+}
+
+/// Each with its wall.
+fn walls(devices: &[NamedScene]) -> Vec<(NamedScene, [f64; 3])> {
+    let of = |named: &NamedScene| {
+        let [k, b] = as_stiff(&named.scene);
+        (named.clone(), [1500.0, k, b])
+    };
+    devices.iter().map(of).collect()
 }
 
 #[test]
 fn one_image_takes_records_and_hits_as_the_simulator_says() {
-    hits_are_the_simulators(&devices()[..2]);
+    hits_are_the_simulators(NUCLEO_F446RE, &walls(&devices()[..2]));
 }
 
 #[test]
 #[ignore = "three devices more; CI runs it"]
 fn one_image_takes_five_records() {
-    hits_are_the_simulators(&devices()[2..]);
+    hits_are_the_simulators(NUCLEO_F446RE, &walls(&devices()[2..]));
+}
+
+/// The walls are those of `host-sim/tests/program/ready.rs`, in the scene's units.
+#[test]
+#[ignore = "two images; CI runs it"]
+fn ready_devices_hit_as_the_simulator_says() {
+    for board in BOARDS {
+        let ready = [
+            ("epfl-paddle", [500.0, 20.0, 0.1]),
+            ("rice-paddle", [500.0, 20.0, 0.1]),
+            ("hapkit", [500.0, 10.0, 0.05]),
+            ("smartknob", [500.0, 0.2, 0.001]),
+        ];
+        let scenes = ready.into_iter().filter_map(|(name, [cutoff_hz, k, b])| {
+            let named = NamedScene::load(name).unwrap();
+            let units = named.scene.units;
+            let wall = [cutoff_hz, units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)];
+            let is_its = named.scene.board.as_ref().unwrap().name == board.name;
+            is_its.then_some((named, wall))
+        });
+        hits_are_the_simulators(board, &scenes.collect::<Vec<_>>());
+    }
 }

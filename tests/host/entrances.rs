@@ -219,6 +219,17 @@ fn every_key_of_a_scene_is_missed_by_name() {
             && place[1] != "full_scale_m_per_s2"
             || place.join(".") == "velocity.prewarp"
     });
+    let rotary = include_str!("../../scenes/epfl-paddle.toml");
+    let rotary: toml::Table = toml::from_str(rotary).unwrap();
+    let text = toml::to_string(&{
+        let mut rotary = rotary;
+        rotary.remove("estimated");
+        rotary
+    });
+    every_key_is_missed(&text.unwrap(), |place| {
+        optional.contains(&place[0].as_str()) && place[1] != "name"
+            || place.join(".") == "velocity.prewarp"
+    });
 }
 
 const DESIGN: Design = Design {

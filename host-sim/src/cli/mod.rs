@@ -30,7 +30,8 @@ use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
 /// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um, nucleo-f446re,
-/// discovery-f407) or a TOML file; SCENE:DESIGN is the scene with its [designs.DESIGN] as estimator.
+/// discovery-f407, epfl-paddle, rice-paddle, hapkit, smartknob) or a TOML file; SCENE:DESIGN is the scene
+/// with its [designs.DESIGN] as estimator.
 #[derive(Debug, Parser)]
 #[command(name = "host-sim", bin_name = "cargo sim", version, max_term_width = 100)]
 struct Cli {

@@ -22,6 +22,7 @@ mod levers;
 mod limits;
 mod page;
 mod prepare;
+mod ready;
 mod rotary;
 mod telemetry;
 mod trade;

@@ -57,6 +57,10 @@ pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-2um", include_str!("../../../../scenes/paper-2um.toml")),
     ("nucleo-f446re", include_str!("../../../../scenes/nucleo-f446re.toml")),
     ("discovery-f407", include_str!("../../../../scenes/discovery-f407.toml")),
+    ("epfl-paddle", include_str!("../../../../scenes/epfl-paddle.toml")),
+    ("rice-paddle", include_str!("../../../../scenes/rice-paddle.toml")),
+    ("hapkit", include_str!("../../../../scenes/hapkit.toml")),
+    ("smartknob", include_str!("../../../../scenes/smartknob.toml")),
 ];
 
 /// The built-in scenes of the paper's study.

@@ -1,0 +1,132 @@
+"""The ready devices: what each gives, and what limits it."""
+
+import csv
+import json
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+
+from . import block
+from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, table
+
+# Scene, its name on the page.
+DEVICES = {
+    "epfl-paddle": "EPFL haptic paddle", "rice-paddle": "Rice haptic paddle", "hapkit": "Hapkit", "smartknob": "knob like SmartKnob",
+    "nucleo-f446re": "the paper's device", "discovery-f407": "the paper's device",
+}
+ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
+FILE = "devices.csv"
+
+
+def times(text, key, factor):
+    """The scene with that key's number times a factor."""
+    changed, n = re.subn(rf"(?m)^({key} = )([0-9.e-]+)", lambda found: f"{found[1]}{float(found[2]) * factor:g}", text)
+    assert n == 1, (key, n)
+    return changed
+
+
+def without(text, name):
+    return re.sub(rf"(?ms)^\[{name}\]\n.*?(?=^\[|\Z)", "", text)
+
+
+def changes(text):
+    """What could limit a device's walls: the scene with one thing changed."""
+    rotary = "[rotary]" in text
+    yield "encoder four times finer", times(text, *(("counts_per_turn", 4) if rotary else ("resolution_m", 0.25)))
+    yield "an output for every sample", times(text, "period", 0.1).replace("period = 1.0", "period = 1")
+    yield "no latency", times(text, "latency", 0)
+    yield "twice the force", times(text, "supply_v" if "supply_v =" in text else "limit_v", 2)
+    if "[amplifier]" in text:
+        yield "no lag of the amplifier", without(text, "amplifier")
+    if "[friction]" in text:
+        plain = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
+        yield "no friction", without(without(plain, "friction"), "integrator")
+
+
+def sim(folder, words):
+    ran = subprocess.run(f"{programs()}/host-sim {words} --json", shell=True, cwd=folder, text=True, stdout=subprocess.PIPE, check=True)
+    return json.loads(ran.stdout)
+
+
+def swept(folder, text):
+    """The sweep of a scene, and area and peak K at its ideal cutoff."""
+    (Path(folder) / "SCENE.toml").write_text(text)
+    told = sim(folder, "sweep SCENE.toml --plain --repeat 2 --force")["scenes"][0]
+    best = next(c for c in told["cutoffs"] if c["cutoff_hz"] == told["ideal_cutoff_hz"])
+    # In the units of the scene.
+    values = {next(words for words in ("area", "stiffness_peak", "damping_max") if key.startswith(words)): value
+              for key, value in best.items() if re.match(r"area_n|stiffness_peak|damping_max", key)}
+    return told, values
+
+
+def make():
+    """Runs all of it and stores docs/data/devices.csv."""
+    body = []
+    for scene in DEVICES:
+        text = (ROOT / f"scenes/{scene}.toml").read_text()
+        with tempfile.TemporaryDirectory() as folder:
+            told, own = swept(folder, text)
+            low, high = told["ideal_cutoff_range_hz"]
+            compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare")
+            areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
+                     for r in compared["estimators"]}
+            best = max(areas, key=areas.get)
+            tried = {name: swept(folder, changed)[1]["area"] / own["area"] for name, changed in changes(text)}
+            limit = max(tried, key=tried.get)
+            body.append({
+                "scene": scene, "ideal_cutoff_hz": told["ideal_cutoff_hz"], "ideal_low_hz": low, "ideal_high_hz": high,
+                "stiffness_peak": own["stiffness_peak"], "damping_max": own["damping_max"], "best": best,
+                "best_times_butterworth": areas[best] / areas["butterworth"], "limit": limit, "times": tried[limit],
+                **{name.replace(" ", "_"): tried.get(name, "") for name in ALL}})
+    with (DATA / FILE).open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(body[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(body)
+    note_made("cargo sim sweep, compare of each of scenes/*.toml", {"devices": FILE})
+
+
+ALL = ["encoder four times finer", "an output for every sample", "no latency", "twice the force", "no lag of the amplifier", "no friction"]
+LONG["devices"] = ("cargo sim compare SCENE --estimators " + ESTIMATORS + " --budget 16", {"devices": FILE}, make)
+
+
+def units(scene):
+    return ("N m/rad", "N m s/rad") if "[rotary]" in (ROOT / f"scenes/{scene}.toml").read_text() else ("N/m", "N s/m")
+
+
+def hertz(r):
+    low, high = float(r["ideal_low_hz"]), float(r["ideal_high_hz"])
+    return number(low) if low == high else f"{number(low)} to {number(high)}"
+
+
+@block
+def devices():
+    body = []
+    for r in rows(FILE):
+        (k, b), best = units(r["scene"]), float(r["best_times_butterworth"])
+        body.append([f"{DEVICES[r['scene']]}, `{r['scene']}`", hertz(r), f"{number(float(r['stiffness_peak']))} {k}",
+                     f"{number(float(r['damping_max']))} {b}", f"`{r['best']}`, {best:.2f} times"])
+    return table(["device, scene", "ideal cutoff range, Hz", "largest K", "largest B", "best of five, its area against Butterworth's"], body)
+
+
+@block
+def devices_limits():
+    shown = [name for name in ALL if any(r[name.replace(" ", "_")] for r in rows(FILE))]
+    body = []
+    for scene in DEVICES:
+        r = row(FILE, scene=scene)
+        cells = [r[name.replace(" ", "_")] for name in shown]
+        body.append([f"`{scene}`", *(significant(float(cell), 3) + (" **" if name == r["limit"] else "") if cell else "" for name, cell in zip(shown, cells))])
+    body = [[cell.replace(" **", " (most)") for cell in cells] for cells in body]
+    return table(["scene", *shown], body)
+
+
+@block
+def devices_estimated():
+    body = []
+    for scene in DEVICES:
+        text = (ROOT / f"scenes/{scene}.toml").read_text()
+        found = re.search(r"(?ms)^estimated = \[(.*?)\]", text)
+        keys = re.findall(r'"([^"]+)"', found[1]) if found else []
+        body.append([f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"])
+    return table(["scene", "estimated"], body)

@@ -1,0 +1,87 @@
+//! The ready devices of `scenes/`: each gives walls, and says nothing that docs/devices.md does not explain.
+
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::cli::sim;
+
+const PAGE: &str = include_str!("../../../docs/devices.md");
+
+/// Scene, cutoff, K and B of a wall that is well within what it holds, in its units.
+const WALLS: [(&str, [&str; 3]); 6] = [
+    ("epfl-paddle", ["500", "20", "0.1"]),
+    ("rice-paddle", ["500", "20", "0.1"]),
+    ("hapkit", ["500", "10", "0.05"]),
+    ("smartknob", ["500", "0.2", "0.001"]),
+    ("nucleo-f446re", ["1500", "8000", "30"]),
+    ("discovery-f407", ["1500", "8000", "30"]),
+];
+
+fn run(folder: &Path, args: &[&str]) -> Value {
+    let output = sim(folder, args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Remarks that the page explains: code in the first column of its last table, `..` stands for anything.
+fn explained() -> Vec<Vec<&'static str>> {
+    let table = PAGE.split("## Remarks of the programs").nth(1).unwrap();
+    let rows = table.lines().filter(|line| line.starts_with("| `"));
+    let firsts = rows.map(|row| row.split(" | ").next().unwrap());
+    firsts
+        .flat_map(|cell| cell.split('`').skip(1).step_by(2))
+        .map(|code| code.split("..").map(str::trim).collect())
+        .collect()
+}
+
+fn is_explained(note: &str) -> bool {
+    explained().iter().any(|parts| parts.iter().all(|part| note.contains(part)))
+}
+
+#[test]
+fn every_ready_device_holds_a_wall() {
+    let folder = TempDir::new().unwrap();
+    for (scene, [cutoff, k, b]) in WALLS {
+        let wall = ["--cutoff", cutoff, "--stiffness", k, "--damping", b, "--json"];
+        let json = run(folder.path(), &[&["hit", scene], &wall[..]].concat());
+        assert_eq!(json["verdict"], "stable", "{scene}: {json}");
+        assert_eq!(json["window_at_limit_fraction"], 0.0, "{scene}: {json}");
+    }
+}
+
+#[test]
+fn a_remark_that_the_page_does_not_have_is_found() {
+    assert!(is_explained(
+        "500 Hz: B reached walk.damping_max_n_m_s_per_rad in 1 of 4 walks; the area is cut there"
+    ));
+    assert!(!is_explained(
+        "500 Hz: the first point is unstable in 4 of 4 walks; its area counts as 0"
+    ));
+}
+
+#[test]
+#[ignore = "sweeps and comparisons of six devices; CI runs it"]
+fn sweep_comparison_and_record_of_a_ready_device_say_nothing_new() {
+    for (scene, _) in WALLS {
+        let folder = TempDir::new().unwrap();
+        let sweep = ["sweep", scene, "--plain", "--repeat", "1", "--json"];
+        let swept = run(folder.path(), &sweep);
+        let swept = &swept["scenes"][0];
+        assert!(swept["ideal_cutoff_hz"].is_number(), "{scene}: {swept}");
+        assert!(!swept["estimated"].as_array().unwrap().is_empty(), "{scene}");
+        for note in swept["notes"].as_array().unwrap() {
+            let note = note.as_str().unwrap();
+            assert!(is_explained(note) || note.contains("only one walk"), "{scene}: {note}");
+        }
+        let five = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit";
+        let compare =
+            ["compare", scene, "--estimators", five, "--budget", "3", "--repeat", "2", "--json"];
+        let compared = run(folder.path(), &compare);
+        for row in compared["estimators"].as_array().unwrap() {
+            let area = row.as_object().unwrap().iter().find(|(key, _)| key.starts_with("area_n2"));
+            assert!(area.unwrap().1.as_f64().unwrap() > 0.0, "{scene}: {row}");
+        }
+    }
+}
