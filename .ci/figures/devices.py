@@ -130,3 +130,11 @@ def devices_estimated():
         keys = re.findall(r'"([^"]+)"', found[1]) if found else []
         body.append([f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"])
     return table(["scene", "estimated"], body)
+
+
+@block
+def tutorial_walk():
+    predicted, found = ({float(r["damping_n_s_per_m"]): float(r["stiffness_n_per_m"]) for r in rows(f"tutorial-{kind}.csv")}
+                        for kind in ("predicted", "measured"))
+    return table(["B, N s/m", "largest K predicted, N/m", "largest K on the board, N/m"],
+                 [[number(b), number(predicted.get(b, 0.0)), number(found.get(b, 0.0))] for b in sorted(predicted | found)])
