@@ -42,7 +42,8 @@ pub struct LinearArgs {
     /// elements are part of both.
     #[arg(long)]
     multirate: bool,
-    /// Add the largest K that is passive in any hand (Colgate and Schenkel), of the same loop.
+    /// Add the largest K at which no motion of the handle takes energy out of wall and device damping, of the same loop:
+    /// passive whatever holds it, also what changes with time.
     #[arg(long)]
     passivity: bool,
     /// Add the simulated boundary, and say what its points above the linear envelope are.
@@ -102,7 +103,7 @@ struct Row {
     further_stable_n_per_m: Vec<(f64, f64)>,
     /// K > 0 at which roots cross the unit circle: several are where the paper's method picks one.
     phase_crossings: usize,
-    /// Largest K up to which every wall is passive in any hand on a damped mass; 0 if none is; only
+    /// Largest K up to which every wall is passive at its port, on a damped mass; 0 if none is; only
     /// with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     stiffness_passive_n_per_m: Option<f64>,
@@ -171,7 +172,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// What of a scene Colgate and Schenkel's condition, on a damped mass, does not know.
+/// What of a scene the condition of passivity, on a damped mass, does not know.
 fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
         ("actuator.period", !multirate && scene.actuator.period > 1),

@@ -286,7 +286,7 @@ class Linear(_Frozen, _Table):
     gain_margin_holds : ndarray of bool
         Whether the paper's gain-margin method gives the same.
     stiffness_passive_n_per_m : ndarray of float or None
-        Largest K up to which every wall is passive in any hand on a damped mass, if it was asked for; 0 if none is.
+        Largest K up to which no motion takes energy out of wall and damper, if it was asked for; 0 if none is.
     left_out : tuple of str
         Tables of the scene that have no place in a linear analysis.
     """

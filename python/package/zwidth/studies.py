@@ -216,7 +216,7 @@ def linear(
         The loop as it runs, with output period and latency; else a force at every sample and at once, as in the
         paper's equations (3) to (5).
     passivity : bool
-        Add the largest K that is passive in any hand (Colgate and Schenkel).
+        Add the largest K that is passive whatever holds the handle.
 
     Raises
     ------

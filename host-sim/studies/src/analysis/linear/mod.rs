@@ -14,8 +14,8 @@
 //! closed form ([`Boundary`]). The eigenvalues of the monodromy matrix over one period ([`Monodromy`]) are built
 //! by stepping the loop and know nothing of the responses; they say which side of a crossing is stable.
 //!
-//! Passivity ([`passivity`]) is the other, stricter criterion (Colgate and Schenkel): it asks the loop to be
-//! safe in any hand, and ranks cutoffs in the opposite order.
+//! Passivity ([`passivity`]) is the other, stricter criterion (after Colgate and Schenkel): it asks that no motion takes energy
+//! out of the port, and ranks cutoffs in the opposite order.
 //!
 //! A plant with linear elements ([`Elements`]) takes the place of the mass alone in all of it: the amplifier's lag, a
 //! second mode, an arm. Non-linear elements have no place here.
