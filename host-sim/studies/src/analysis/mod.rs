@@ -6,6 +6,7 @@ pub mod design;
 pub mod identify;
 pub mod linear;
 pub mod overview;
+pub mod rendered;
 pub mod replay;
 pub mod telemetry;
 pub mod trade;

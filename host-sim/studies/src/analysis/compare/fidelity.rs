@@ -24,20 +24,12 @@
 use std::f64::consts::PI;
 
 use nalgebra::Complex;
-use zwidth::units::Force;
 
 use super::Wall;
 use crate::{
+    analysis::rendered::{Sine, unlimited},
     error::Error,
-    numerics::random,
-    plant,
     scene::Scene,
-    simulation::{
-        controller::{Controller, Fixed},
-        prepared::WallHit,
-        quantiser::Quantiser,
-        senses::{Full, Handle, Sensing},
-    },
 };
 
 /// Impedances that were rendered: geometric means over walls and frequencies, relative to the commanded
@@ -78,13 +70,6 @@ pub const FLOOR: f64 = 1e-3;
 pub const LEFT_OUT: &str =
     "saturation, push-only, output quantisation, mode, arm, friction, cogging, travel limits";
 
-/// Amplitude of the motion, counts: small, as in a contact, but many counts.
-const AMPLITUDE_COUNTS: f64 = 100.0;
-/// Length of the record, s: two periods of 1 Hz.
-const RECORD_S: f64 = 2.0;
-/// Time before anything is looked at, s.
-const SETTLE_S: f64 = 1.0;
-
 /// Measures the estimator of that scene, at that cutoff, at those walls.
 pub fn measure(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Result<Fidelity, Error> {
     let each = walls.iter().map(|wall| at_wall(scene, cutoff_hz, wall));
@@ -105,19 +90,13 @@ pub fn measure(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Result<Fidelity
 fn at_wall(scene: &Scene, cutoff_hz: f64, at: &Wall) -> Result<Vec<Point>, Error> {
     let wall = &at.hit(cutoff_hz);
     let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
-    let scene = unlimited(scene, wall);
+    let scene = unlimited(scene, wall, FREQUENCIES_HZ[FREQUENCIES_HZ.len() - 1]);
     let mut points = vec![];
-    let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
     for about_hz in FREQUENCIES_HZ {
-        // whole periods in a number of outputs that has no factor in common with theirs (2 and 5)
-        let periods = (RECORD_S * about_hz).round();
-        let mut outputs = (RECORD_S * output_hz).round();
-        while outputs % 2.0 == 0.0 || outputs % 5.0 == 0.0 {
-            outputs -= 1.0;
-        }
-        let frequency_hz = periods * output_hz / outputs;
+        let sine = Sine::new(&scene, wall, about_hz);
+        let frequency_hz = sine.frequency_hz;
         let commanded = Complex::new(k, 2.0 * PI * frequency_hz * b);
-        let [rendered, ideal] = impedances(&scene, wall, frequency_hz, outputs)?;
+        let [rendered, ideal] = impedances(&sine)?;
         let off = [rendered - commanded, rendered - ideal, ideal - commanded];
         let [error, of_estimator, of_loop] = off.map(|off| off.norm() / commanded.norm());
         points.push(Point { wall: *at, frequency_hz, error, of_estimator, of_loop });
@@ -125,102 +104,19 @@ fn at_wall(scene: &Scene, cutoff_hz: f64, at: &Wall) -> Result<Vec<Point>, Error
     Ok(points)
 }
 
-/// The scene with an actuator that nothing here saturates.
-fn unlimited(scene: &Scene, wall: &WallHit) -> Scene {
-    let mut scene = scene.clone();
-    let depth_m = 4.0 * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
-    let [.., highest_hz] = FREQUENCIES_HZ;
-    let fastest = 2.0 * PI * highest_hz * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
-    // noise may add a count per sample to the velocity, several times over
-    let noise = 10.0 * scene.encoder.resolution_m * scene.control.rate_hz;
-    let most_n = wall.stiffness_n_per_m * depth_m + wall.damping_n_s_per_m * (fastest + noise);
-    scene.actuator.limit_v *= (2.0 * most_n / scene.full_scale_n()).max(1.0);
-    scene.output = None;
-    scene.wall.push_only = false; // it would clip at high B, where velocity outweighs depth
-    scene
-}
-
-/// The encoder under a prescribed motion.
-struct Encoder<'a> {
-    scene: &'a Scene,
-    /// Tells this motion's noise from that of others.
-    hit: u64,
-}
-
-impl Encoder<'_> {
-    fn count(&self, sample: u64, position_m: impl Fn(f64) -> f64) -> i32 {
-        let scene = self.scene;
-        #[expect(clippy::cast_precision_loss, reason = "below 2^32")]
-        let mut time = sample as f64;
-        if let Some(jitter) = &scene.jitter {
-            time += jitter.delay_s(jitter.level(self.hit, sample)) * scene.control.rate_hz;
-        }
-        let shown_m = plant::Sensing::of(scene).shown_m(position_m(time), self.hit, sample);
-        Quantiser::of(&scene.encoder).count(shown_m)
-    }
-}
-
-/// Force against the motion over motion at one frequency, N/m, over a record of so many outputs: of the
-/// estimator, and of the true velocity in its place.
-fn impedances(
-    scene: &Scene,
-    wall: &WallHit,
-    frequency_hz: f64,
-    record: f64,
-) -> Result<[Complex<f64>; 2], Error> {
-    let design = scene.design();
-    let (resolution_m, rate_hz) = (design.resolution_m, design.rate_hz);
-    let settings = scene.settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
-    let surface = settings.build(&design).map_err(Error::input)?.wall.surface().counts();
-    let omega = 2.0 * PI * frequency_hz / rate_hz;
-    let centre = f64::from(surface) + 2.0 * AMPLITUDE_COUNTS;
-    let position_m =
-        |sample: f64| (centre + AMPLITUDE_COUNTS * (omega * sample).sin()) * resolution_m;
-    let speed_m_per_s =
-        |sample: f64| AMPLITUDE_COUNTS * omega * (omega * sample).cos() * resolution_m * rate_hz;
-    let handle = |sample: f64| Handle {
-        position_m: position_m(sample),
-        speed_m_per_s: speed_m_per_s(sample),
-    };
-    let encoder = Encoder { scene, hit: random::bits(frequency_hz.to_bits(), 0) };
-    let first = encoder.count(0, position_m);
-    let mut core = Fixed::new(&settings, &design, Force::ZERO, first).map_err(Error::input)?;
-    let mut senses = Full::new(scene);
-    let latency = scene.actuator.latency;
-    let period = f64::from(design.period);
-    let settle = (SETTLE_S * rate_hz / period).round() * period;
-    let end = settle + record * period;
-    let half_step = period / 2.0;
+/// Force against the motion over motion at one frequency, N/m: of the estimator, and of the true velocity in its place.
+fn impedances(sine: &Sine<'_>) -> Result<[Complex<f64>; 2], Error> {
+    let wall = sine.wall;
     let mut sums = [Complex::new(0.0, 0.0); 2];
-    let (mut index, mut sample) = (0u64, 0.0);
-    while sample < end {
-        let count = encoder.count(index, position_m);
-        if core.sample(count, senses.senses()) {
-            let rendered = core.render();
-            senses.granted(rendered.force);
-            let force_n = rendered.output * design.full_scale_n;
-            if sample >= settle {
-                let depth_m = f64::from(count - surface) * resolution_m;
-                let ideal_n = -wall.stiffness_n_per_m * depth_m
-                    - wall.damping_n_s_per_m * speed_m_per_s(sample);
-                // A held step of force acts as if it came at the middle of its hold, with the
-                // gain of a hold.
-                let acts = Complex::from_polar(1.0, -omega * (sample + latency + half_step));
-                for (sum, force_n) in sums.iter_mut().zip([force_n, ideal_n]) {
-                    *sum += acts * force_n;
-                }
-            }
+    sine.run(|output| {
+        let ideal_n = -wall.stiffness_n_per_m * output.depth_m
+            - wall.damping_n_s_per_m * output.speed_m_per_s;
+        for (sum, force_n) in sums.iter_mut().zip([output.force_n, ideal_n]) {
+            *sum += output.acts * force_n;
         }
-        senses.moved(handle(sample), handle(sample + 1.0));
-        (index, sample) = (index + 1, sample + 1.0);
-    }
-    // x = A sin = A (e - e*) / 2j: its coefficient is A / 2j; the wall pushes back, hence the sign
-    let hold = (omega * half_step).sin() / (omega * half_step);
-    let motion = Complex::new(0.0, -AMPLITUDE_COUNTS * resolution_m / 2.0);
-    let lag = scene.amplifier.map_or(Complex::new(1.0, 0.0), |amplifier| {
-        Complex::new(1.0, frequency_hz / amplifier.bandwidth_hz).inv()
-    });
-    Ok(sums.map(|sum| -(sum / record * hold * lag) / motion))
+    })?;
+    // the wall pushes back, hence the sign
+    Ok(sums.map(|sum| -(sum * sine.held()) / sine.motion()))
 }
 
 #[cfg(test)]

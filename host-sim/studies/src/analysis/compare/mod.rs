@@ -6,6 +6,7 @@
 //! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
 //! * [`roughness`](mod@roughness): how rough the force is in contact;
 //! * [`fidelity`]: how far the rendered impedance is from the commanded one;
+//! * [`usable`](mod@usable): the area of the walls that are rendered as commanded, within a limit;
 //! * [`cost`]: cycles and memory on the Cortex-M4;
 //! * [`peers`]: the defaults of other systems, untuned;
 //! * [`table`]: all of it as columns; [`winners`]: who is best by which.
@@ -24,6 +25,7 @@ pub mod signal;
 pub mod table;
 pub mod terminal;
 pub mod tuned;
+pub mod usable;
 pub mod winners;
 
 use std::sync::atomic::AtomicBool;

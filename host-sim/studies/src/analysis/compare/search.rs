@@ -53,7 +53,7 @@ impl Budget {
 
 /// Starts of the walks of a search, counts: the golden section and half a count from it, which no
 /// number of repeats has among its own.
-const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+pub(super) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 /// Walks that the search makes for each tuning that it tries.
 pub const WALKS_OF_A_TRY: u32 = 2;
 /// Tunings that it may try with two parameters, for each that it may try with one.
@@ -160,16 +160,16 @@ fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
 }
 
 /// What was tried so far.
-struct Search {
-    tried: Vec<Tried>,
+pub(super) struct Search {
+    pub(super) tried: Vec<Tried>,
     /// It ended because its steps became small.
-    settled: bool,
+    pub(super) settled: bool,
 }
 
 impl Search {
     /// Tries at most that many tunings (with two axes [`OF_TWO`] times as many). `look` gives the
     /// area of each of several.
-    fn over(
+    pub(super) fn over(
         axes: &Axes,
         tunings: u32,
         look: impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
@@ -244,7 +244,8 @@ impl Search {
         axes.accepts(&settings) && self.tried.iter().all(|tried| tried.settings != settings)
     }
 
-    fn best(&self) -> Option<Tried> {
+    /// The one with the largest area.
+    pub(super) fn best(&self) -> Option<Tried> {
         self.tried.iter().max_by(|a, b| a.area.total_cmp(&b.area)).copied()
     }
 }

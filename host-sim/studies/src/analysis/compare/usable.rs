@@ -1,0 +1,301 @@
+//! Fidelity as a limit: the area of the walls that are stable *and* rendered as they were commanded.
+//!
+//! A wall is usable within a limit where the magnitude of its rendered impedance is off by no more than that, 1 to 30 Hz
+//! ([`Rendered`]). The usable area of a boundary is the part of its area below which the walls are usable; its walks are those
+//! of the plain area, so it costs no further hit. Each estimator is tuned anew for each limit, by the search of
+//! [`search`](super::search) and from the same starts.
+
+use std::{cell::RefCell, sync::atomic::AtomicBool};
+
+use rayon::prelude::*;
+use zwidth::VelocitySettings;
+
+use super::{
+    Entry,
+    axis::Axes,
+    search::{Budget, OF_TWO, STARTS, Search, WALKS_OF_A_TRY},
+    settings_of, with_estimator,
+};
+use crate::{
+    analysis::rendered::Rendered,
+    engine::Engine,
+    error::Error,
+    scene::Scene,
+    simulation::prepared::{Numeric, PreparedScene},
+    study::{
+        sweep::start_offset_counts,
+        walk::{Boundaries, Boundary, BoundaryPoint, walk},
+    },
+};
+
+/// Parts of a column of K whose error is looked at.
+const PARTS: u32 = 100;
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct UsableQuestion {
+    /// The estimators.
+    pub entries: Vec<Entry>,
+    /// Limits of the error, as a share; infinite: any error.
+    pub limits: Vec<f64>,
+    /// What each search may cost.
+    pub budget: Budget,
+}
+
+impl UsableQuestion {
+    /// Most walks that it takes.
+    pub fn most_walks(&self) -> u64 {
+        let search = u64::from(OF_TWO * self.budget.tunings * WALKS_OF_A_TRY);
+        let each = self.limits.len() as u64 * (search + u64::from(self.budget.repeats));
+        self.entries.len() as u64 * each
+    }
+}
+
+/// An estimator at its best tuning for one limit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Usable {
+    /// Which one.
+    pub entry: Entry,
+    /// The limit.
+    pub limit: f64,
+    /// Its settings.
+    pub settings: VelocitySettings,
+    /// The search ended because nothing near is better.
+    pub settled: bool,
+    /// Boundaries of the stable walls, one for each start.
+    pub boundaries: Boundaries,
+    /// The usable part of the area of each, N^2 s/m^2.
+    pub areas: Vec<f64>,
+    /// Largest usable K of any, N/m.
+    pub stiffness_peak_n_per_m: f64,
+    /// Mean error of the stable walls of all, each wall alike.
+    pub error_mean: f64,
+    /// The largest usable K at each B of the first boundary.
+    pub outline: Vec<BoundaryPoint>,
+}
+
+impl Usable {
+    /// Mean of the areas, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        self.repeats().mean
+    }
+
+    /// Mean and spread of the areas.
+    pub fn repeats(&self) -> crate::numerics::statistics::Repeats {
+        crate::numerics::statistics::Repeats::of(self.areas.iter().copied())
+    }
+}
+
+/// What is usable of a boundary, for each limit, and the mean error.
+#[derive(Clone, Debug, Default)]
+struct Parts {
+    areas: Vec<f64>,
+    peaks: Vec<f64>,
+    outlines: Vec<Vec<BoundaryPoint>>,
+    errors: f64,
+}
+
+fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
+    let mut parts = Parts {
+        areas: vec![0.0; limits.len()],
+        peaks: vec![0.0; limits.len()],
+        outlines: vec![vec![]; limits.len()],
+        errors: 0.0,
+    };
+    let sum: f64 = boundary.points.iter().map(|point| point.stiffness_n_per_m).sum();
+    if sum == 0.0 {
+        return parts;
+    }
+    for &BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } in &boundary.points {
+        // so that all columns add up to the boundary's own area
+        let column = boundary.area * stiffness_n_per_m / sum;
+        let mut highest = vec![0.0; limits.len()];
+        for part in 0..PARTS {
+            let at = (f64::from(part) + 0.5) / f64::from(PARTS);
+            let error = rendered.error(at * stiffness_n_per_m, damping_n_s_per_m);
+            parts.errors += error * column / f64::from(PARTS);
+            for (n, _) in limits.iter().enumerate().filter(|(_, limit)| error <= **limit) {
+                parts.areas[n] += column / f64::from(PARTS);
+                highest[n] = f64::from(part + 1) / f64::from(PARTS) * stiffness_n_per_m;
+            }
+        }
+        for (n, stiffness_n_per_m) in highest.into_iter().enumerate().filter(|(_, k)| *k > 0.0) {
+            parts.peaks[n] = parts.peaks[n].max(stiffness_n_per_m);
+            parts.outlines[n].push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
+        }
+    }
+    parts.errors /= boundary.area;
+    parts
+}
+
+/// Tunes every estimator for every limit. `done` is called with the number of walks made.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn usable(
+    engine: Engine,
+    scene: &Scene,
+    question: &UsableQuestion,
+    stop: &AtomicBool,
+    done: impl Fn(u64) + Sync,
+) -> Result<Vec<Usable>, Error> {
+    let of_entry = |&entry: &Entry| of_entry(engine, scene, entry, question, stop, &done);
+    let all: Vec<Result<Vec<Usable>, Error>> =
+        question.entries.par_iter().with_max_len(1).map(of_entry).collect();
+    Ok(all.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
+}
+
+fn of_entry(
+    engine: Engine,
+    scene: &Scene,
+    entry: Entry,
+    question: &UsableQuestion,
+    stop: &AtomicBool,
+    done: &(impl Fn(u64) + Sync),
+) -> Result<Vec<Usable>, Error> {
+    let UsableQuestion { limits, budget, .. } = question;
+    let scene = &entry.told(scene);
+    let walked = |settings: &VelocitySettings, starts: &[f64]| {
+        let (scene, cutoff_hz) = with_estimator(scene, settings);
+        let prepared = PreparedScene::new(&scene)?;
+        let each = |&start: &f64| walk(engine, &prepared, Numeric::Fixed, cutoff_hz, start, stop);
+        let boundaries: Result<Vec<Boundary>, Error> = starts.par_iter().map(each).collect();
+        done(starts.len() as u64);
+        let (rendered, boundaries) = (Rendered::of(&scene, cutoff_hz)?, boundaries?);
+        let of = |boundary: &Boundary| parts(boundary, &rendered, limits);
+        let parts: Vec<Parts> = boundaries.iter().map(of).collect();
+        Ok::<_, Error>((boundaries, parts))
+    };
+    // mean areas of every tuning that any limit's search has tried
+    let known: RefCell<Vec<(VelocitySettings, Vec<f64>)>> = RefCell::default();
+    let find = |settings: &VelocitySettings| -> Option<Vec<f64>> {
+        let known = known.borrow();
+        known.iter().find(|(other, _)| other == settings).map(|(_, areas)| areas.clone())
+    };
+    let look = |limit: usize, settings: &[VelocitySettings]| -> Result<Vec<f64>, Error> {
+        let fresh: Vec<VelocitySettings> =
+            settings.iter().filter(|one| find(one).is_none()).copied().collect();
+        let made: Vec<Result<Vec<f64>, Error>> = fresh
+            .par_iter()
+            .map(|one| {
+                let (_, parts) = walked(one, &STARTS)?;
+                #[expect(clippy::cast_precision_loss, reason = "two")]
+                let mean =
+                    |n: usize| parts.iter().map(|p| p.areas[n]).sum::<f64>() / parts.len() as f64;
+                Ok((0..limits.len()).map(mean).collect())
+            })
+            .collect();
+        for (one, areas) in fresh.into_iter().zip(made) {
+            known.borrow_mut().push((one, areas?));
+        }
+        let area = |one| find(one).and_then(|areas| areas.get(limit).copied()).unwrap_or(0.0);
+        Ok(settings.iter().map(area).collect())
+    };
+    let start = settings_of(entry, scene);
+    let axes = (entry != Entry::AdHoc)
+        .then(|| Axes::new(&start, &scene.design(), scene.device.mass_kg))
+        .flatten();
+    let starts: Vec<f64> =
+        (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
+    let mut found: Vec<Usable> = vec![];
+    for (n, &limit) in limits.iter().enumerate() {
+        let (mut settings, mut settled) = (start, true);
+        if let Some(axes) = &axes {
+            let search = Search::over(axes, budget.tunings, |settings| look(n, settings))?;
+            settings = search.best().map_or(start, |tried| tried.settings);
+            settled = search.settled;
+        }
+        let (boundaries, parts) = walked(&settings, &starts)?;
+        let area: f64 = boundaries.iter().map(|boundary| boundary.area).sum();
+        let errors = parts.iter().zip(&boundaries).map(|(p, b)| p.errors * b.area);
+        found.push(Usable {
+            entry,
+            limit,
+            settings,
+            settled,
+            areas: parts.iter().map(|parts| parts.areas[n]).collect(),
+            stiffness_peak_n_per_m: parts.iter().map(|parts| parts.peaks[n]).fold(0.0, f64::max),
+            error_mean: if area > 0.0 { errors.sum::<f64>() / area } else { 0.0 },
+            outline: parts.first().map(|parts| parts.outlines[n].clone()).unwrap_or_default(),
+            boundaries: boundaries.into_iter().collect(),
+        });
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{NamedScene, estimator::EstimatorChoice};
+    use zwidth::{experiment::Ended, velocity::EstimatorName};
+
+    /// Columns of one height.
+    fn rectangle(stiffness_n_per_m: f64, dampings: u32) -> Boundary {
+        let points = (1..=dampings)
+            .map(|n| BoundaryPoint { damping_n_s_per_m: 10.0 * f64::from(n), stiffness_n_per_m });
+        let area = stiffness_n_per_m * 10.0 * f64::from(dampings);
+        Boundary { points: points.collect(), area, hits: 1, ended: Some(Ended::Closed) }
+    }
+
+    #[test]
+    fn what_is_not_rendered_as_commanded_is_a_sector_of_the_plane() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        scene.velocity = EstimatorChoice::of(&VelocitySettings::Butterworth { cutoff_hz: 200.0 }).0;
+        let rendered = Rendered::of(&scene, 200.0).unwrap();
+        let boundary = rectangle(40_000.0, 40);
+        let limits = [f64::INFINITY, 0.1, 0.05, 1e-6];
+        let parts = parts(&boundary, &rendered, &limits);
+        assert!((parts.areas[0] / boundary.area - 1.0).abs() < 1e-9);
+        assert!(parts.areas[1] < 0.9 * parts.areas[0] && parts.areas[2] < 0.8 * parts.areas[1]);
+        assert_eq!((parts.areas[3], parts.peaks[3], parts.outlines[3].len()), (0.0, 0.0, 0));
+        assert_eq!(parts.peaks[..2], [40_000.0; 2], "at small B any K is rendered");
+        // by hand: K / B of the sector's two edges, the same at every B
+        let within = |ratio: f64| rendered.error(ratio * 100.0, 100.0) <= 0.1;
+        let ratios = (1..200_000).map(|n| 0.02 * f64::from(n));
+        let share = |b: f64| {
+            let inside = ratios.clone().filter(|r| r * b < 40_000.0);
+            let (mut all, mut good) = (0u32, 0u32);
+            for ratio in inside {
+                all += 1;
+                good += u32::from(within(ratio));
+            }
+            f64::from(good) / f64::from(all)
+        };
+        let by_hand: f64 = [50.0, 200.0, 400.0].map(share).iter().sum();
+        let column = |b: f64| {
+            let one = Boundary {
+                points: vec![BoundaryPoint { damping_n_s_per_m: b, stiffness_n_per_m: 40_000.0 }],
+                area: 1.0,
+                ..rectangle(1.0, 1)
+            };
+            super::parts(&one, &rendered, &limits).areas[1]
+        };
+        let here: f64 = [50.0, 200.0, 400.0].map(column).iter().sum();
+        assert!((here - by_hand).abs() < 0.05 && here < 2.9, "{here} {by_hand}");
+    }
+
+    #[test]
+    fn a_stricter_limit_takes_a_faster_filter_and_leaves_less() {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (1.5, 0.5);
+        scene.wall_hit.rms_limit_m = 1e-6;
+        scene.wall_hit.rms_of = crate::scene::RmsOf::Motion;
+        (scene.walk.stiffness_step_n_per_m, scene.walk.damping_step_n_s_per_m) = (4000.0, 40.0);
+        let question = UsableQuestion {
+            entries: vec![Entry::Tuned(EstimatorName::Butterworth)],
+            limits: vec![f64::INFINITY, 0.02],
+            budget: Budget { tunings: 12, repeats: 1 },
+        };
+        let stop = AtomicBool::new(false);
+        let found = usable(Engine::lanes(), &scene, &question, &stop, |_| {}).unwrap();
+        let [any, strict] = &found[..] else { panic!("{found:?}") };
+        assert!(strict.area() < any.area() && strict.area() > 0.0, "{found:?}");
+        let hz = |usable: &Usable| match usable.settings {
+            VelocitySettings::Butterworth { cutoff_hz } => cutoff_hz,
+            _ => 0.0,
+        };
+        assert!(hz(strict) > hz(any), "{} {}", hz(strict), hz(any));
+        assert_eq!(any.area(), any.boundaries.area());
+        assert!(strict.error_mean < any.error_mean);
+    }
+}

@@ -1,0 +1,416 @@
+//! What the sampled loop renders: the handle is moved by a sine inside the wall, and the loop answers with a force.
+//!
+//! The very loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs under a
+//! prescribed motion of [`AMPLITUDE_COUNTS`]; the ratio of the Fourier coefficients of force and motion is the
+//! impedance. Of an estimator that is not linear this is its describing function at that amplitude; of a linear one it is its
+//! frequency response, but for the rounding of the counts. A prescribed motion has no arm: whatever the hand, it feels
+//! the force that answers to the motion. The arm decides which walls are stable.
+//!
+//! **Magnitude.** [`Rendered`] keeps the estimator's answer at [`HZ`], 1 to 30 Hz: `V = a X + c F`, velocity by motion
+//! and by the force that a model is told (`c` is 0 for all but observers). So every wall follows without another run:
+//! ```text
+//! F = -(K X + B V) at the outputs  =>  V = (a - c K) / (1 + c B),   Z = (K + B V) sinc(w T/2) A(w),   T the output period
+//! ```
+//! with A the amplifier. The error of a wall is the largest of `| |Z| / |K + jwB| - 1 |` over these frequencies. Hold and
+//! latency turn the phase and are alike for all estimators, so the error is the estimator's, less than 0.15 % of hold at
+//! 1 kHz apart. Without a model it depends on K / B alone: in the plane of K and B the walls that are not faithful
+//! are a sector from the origin.
+
+use std::f64::consts::PI;
+
+use nalgebra::Complex;
+use zwidth::{units::Force, velocity::Sense};
+
+use crate::{
+    error::Error,
+    numerics::random,
+    plant,
+    scene::Scene,
+    simulation::{
+        controller::{Controller, Fixed},
+        prepared::WallHit,
+        quantiser::Quantiser,
+        senses::{Full, Handle, Sensing},
+    },
+};
+
+/// Amplitude of the motion, counts: small, as in a contact, but many counts.
+pub const AMPLITUDE_COUNTS: f64 = 100.0;
+/// Length of the record, s: two periods of 1 Hz.
+const RECORD_S: f64 = 2.0;
+/// Time before anything is looked at, s.
+const SETTLE_S: f64 = 1.0;
+
+/// Frequencies at which the magnitude is compared, about, Hz: what a hand does.
+pub const HZ: [f64; 12] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 23.0, 30.0];
+/// Spring of the run that shows what an observer makes of the force, N/m: hard enough that the force's LSB is nothing.
+const PROBE_N_PER_M: f64 = 2000.0;
+
+/// The scene with an actuator that nothing here saturates, up to that frequency.
+pub(super) fn unlimited(scene: &Scene, wall: &WallHit, highest_hz: f64) -> Scene {
+    let mut scene = scene.clone();
+    let depth_m = 4.0 * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
+    let fastest = 2.0 * PI * highest_hz * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
+    // noise may add a count per sample to the velocity, several times over
+    let noise = 10.0 * scene.encoder.resolution_m * scene.control.rate_hz;
+    let most_n = wall.stiffness_n_per_m * depth_m + wall.damping_n_s_per_m * (fastest + noise);
+    scene.actuator.limit_v *= (2.0 * most_n / scene.full_scale_n()).max(1.0);
+    scene.output = None;
+    scene.wall.push_only = false; // it would clip at high B, where velocity outweighs depth
+    scene
+}
+
+/// The encoder under a prescribed motion.
+struct Encoder<'a> {
+    scene: &'a Scene,
+    /// Tells this motion's noise from that of others.
+    hit: u64,
+}
+
+impl Encoder<'_> {
+    fn count(&self, sample: u64, position_m: impl Fn(f64) -> f64) -> i32 {
+        let scene = self.scene;
+        #[expect(clippy::cast_precision_loss, reason = "below 2^32")]
+        let mut time = sample as f64;
+        if let Some(jitter) = &scene.jitter {
+            time += jitter.delay_s(jitter.level(self.hit, sample)) * scene.control.rate_hz;
+        }
+        let shown_m = plant::Sensing::of(scene).shown_m(position_m(time), self.hit, sample);
+        Quantiser::of(&scene.encoder).count(shown_m)
+    }
+}
+
+/// The loop under a sine.
+pub(super) struct Sine<'a> {
+    scene: &'a Scene,
+    pub(super) wall: &'a WallHit,
+    /// Outputs of the record.
+    outputs: f64,
+    /// Exact frequency, Hz.
+    pub(super) frequency_hz: f64,
+}
+
+/// An output of the record.
+pub(super) struct Output {
+    /// Turns its force into the fundamental's share; a held step of force acts as if it came at the middle of its hold.
+    pub(super) acts: Complex<f64>,
+    /// Behind the surface, by the counts, m.
+    pub(super) depth_m: f64,
+    /// The motion's own, m/s.
+    pub(super) speed_m_per_s: f64,
+    /// The estimator's, m/s.
+    pub(super) velocity_m_per_s: f64,
+    /// Asked of the actuator, N.
+    pub(super) force_n: f64,
+}
+
+impl<'a> Sine<'a> {
+    /// Of about that frequency: whole periods in a number of outputs that has no factor in common with theirs, so that
+    /// no pattern of counts repeats.
+    pub(super) fn new(scene: &'a Scene, wall: &'a WallHit, about_hz: f64) -> Self {
+        let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
+        let periods = (RECORD_S * about_hz).round();
+        let mut outputs = (RECORD_S * output_hz).round();
+        let common = |mut a: f64, mut b: f64| {
+            while b > 0.0 {
+                (a, b) = (b, a % b);
+            }
+            a > 1.0
+        };
+        while outputs % 2.0 == 0.0 || outputs % 5.0 == 0.0 || common(outputs, periods) {
+            outputs -= 1.0;
+        }
+        Self { scene, wall, outputs, frequency_hz: periods * output_hz / outputs }
+    }
+
+    /// Runs the loop; `each` sees every output of the record.
+    pub(super) fn run(&self, each: impl FnMut(&Output)) -> Result<(), Error> {
+        self.run_at(false, each)
+    }
+
+    /// The same; with `samples`, `each` sees every sample, with the force of the last output.
+    fn run_at(&self, samples: bool, mut each: impl FnMut(&Output)) -> Result<(), Error> {
+        let Self { scene, wall, .. } = self;
+        let design = scene.design();
+        let (resolution_m, rate_hz) = (design.resolution_m, design.rate_hz);
+        let settings =
+            scene.settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
+        let surface = settings.build(&design).map_err(Error::input)?.wall.surface().counts();
+        let omega = self.omega();
+        let centre = f64::from(surface) + 2.0 * AMPLITUDE_COUNTS;
+        let position_m =
+            |sample: f64| (centre + AMPLITUDE_COUNTS * (omega * sample).sin()) * resolution_m;
+        let speed_m_per_s = |sample: f64| {
+            AMPLITUDE_COUNTS * omega * (omega * sample).cos() * resolution_m * rate_hz
+        };
+        let handle = |sample: f64| Handle {
+            position_m: position_m(sample),
+            speed_m_per_s: speed_m_per_s(sample),
+        };
+        let encoder = Encoder { scene, hit: random::bits(self.frequency_hz.to_bits(), 0) };
+        let first = encoder.count(0, position_m);
+        let mut core = Fixed::new(&settings, &design, Force::ZERO, first).map_err(Error::input)?;
+        let mut senses = Full::new(scene);
+        let latency = scene.actuator.latency;
+        let period = f64::from(design.period);
+        let settle = (SETTLE_S * rate_hz / period).round() * period;
+        let end = settle + self.outputs * period;
+        let (mut index, mut sample, mut force_n) = (0u64, 0.0, 0.0);
+        while sample < end {
+            let count = encoder.count(index, position_m);
+            let due = core.sample(count, senses.senses());
+            if due {
+                let rendered = core.render();
+                senses.granted(rendered.force);
+                force_n = rendered.output * design.full_scale_n;
+            }
+            if sample >= settle && (due || samples) {
+                let turn = -omega * (sample + latency + period / 2.0);
+                each(&Output {
+                    acts: Complex::from_polar(1.0, turn),
+                    depth_m: f64::from(count - surface) * resolution_m,
+                    speed_m_per_s: speed_m_per_s(sample),
+                    velocity_m_per_s: core.velocity() * resolution_m * rate_hz,
+                    force_n,
+                });
+            }
+            senses.moved(handle(sample), handle(sample + 1.0));
+            (index, sample) = (index + 1, sample + 1.0);
+        }
+        Ok(())
+    }
+
+    /// Radians per sample.
+    fn omega(&self) -> f64 {
+        2.0 * PI * self.frequency_hz / self.scene.control.rate_hz
+    }
+
+    /// A sum over the record to the force's coefficient: mean, gain of the hold, amplifier.
+    pub(super) fn held(&self) -> Complex<f64> {
+        let half = self.omega() * f64::from(self.scene.actuator.period) / 2.0;
+        let hold = half.sin() / half / self.outputs;
+        self.scene.amplifier.map_or(Complex::new(1.0, 0.0), |amplifier| {
+            Complex::new(1.0, self.frequency_hz / amplifier.bandwidth_hz).inv()
+        }) * hold
+    }
+
+    /// Coefficient of the motion, m: x = A sin = A (e - e*) / 2j.
+    pub(super) fn motion(&self) -> Complex<f64> {
+        Complex::new(0.0, -AMPLITUDE_COUNTS * self.scene.encoder.resolution_m / 2.0)
+    }
+}
+
+/// The estimator's answer at one frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Answer {
+    omega_per_s: f64,
+    /// Counts by motion: 1 but for rounding, error and noise of the encoder.
+    position: Complex<f64>,
+    /// Velocity by motion, 1/s.
+    by_motion: Complex<f64>,
+    /// Velocity by the force it is told, m/s per N.
+    by_force: Complex<f64>,
+    /// Of the hold and the amplifier, with the latency.
+    held: Complex<f64>,
+}
+
+/// What an estimator makes of the motion of a hand, 1 to 30 Hz.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendered {
+    answers: Vec<Answer>,
+}
+
+impl Rendered {
+    /// Of the estimator of that scene, at that cutoff.
+    ///
+    /// # Errors
+    /// A setting is out of range.
+    pub fn of(scene: &Scene, cutoff_hz: f64) -> Result<Self, Error> {
+        let wall = |stiffness_n_per_m| WallHit {
+            cutoff_hz,
+            stiffness_n_per_m,
+            damping_n_s_per_m: 0.0,
+            start_offset_counts: 0.0,
+        };
+        let is_told =
+            scene.velocity.settings(cutoff_hz).name().sense().is_some_and(|s| s == Sense::Force);
+        let (free, spring) = (wall(0.0), wall(PROBE_N_PER_M));
+        let scene = unlimited(scene, &spring, HZ[HZ.len() - 1]);
+        let answer = |about_hz: f64| {
+            let sine = Sine::new(&scene, &free, about_hz);
+            let [position, by_motion, _] = sine.coefficients(is_told)?;
+            let by_force = match is_told {
+                false => Complex::new(0.0, 0.0),
+                true => {
+                    let [_, velocity, force] =
+                        Sine::new(&scene, &spring, about_hz).coefficients(true)?;
+                    (velocity - by_motion) / force
+                }
+            };
+            // the coefficients have the delay of hold and latency in them already
+            let held = sine.held() * sine.outputs;
+            let omega_per_s = 2.0 * PI * sine.frequency_hz;
+            Ok(Answer { omega_per_s, position, by_motion, by_force, held })
+        };
+        HZ.iter()
+            .map(|&hz| answer(hz))
+            .collect::<Result<_, Error>>()
+            .map(|answers| Self { answers })
+    }
+
+    /// Largest relative error of the magnitude of the rendered impedance against K + jwB.
+    pub fn error(&self, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> f64 {
+        let (k, b) = (stiffness_n_per_m, damping_n_s_per_m);
+        let error = |answer: &Answer| {
+            let commanded = k.hypot(answer.omega_per_s * b);
+            (answer.impedance(k, b).norm() / commanded - 1.0).abs()
+        };
+        self.answers.iter().map(error).fold(0.0, f64::max)
+    }
+}
+
+impl Answer {
+    /// N/m.
+    fn impedance(&self, k: f64, b: f64) -> Complex<f64> {
+        let pull = self.by_force * self.position * k;
+        let velocity = (self.by_motion - pull) / (self.by_force * b + 1.0);
+        (self.position * k + velocity * b) * self.held
+    }
+}
+
+impl Sine<'_> {
+    /// Of position, velocity and the force that is granted, over that of the motion. What is not told of a force has
+    /// no period of outputs in it: the mean of all samples is that of the outputs, with less of the counts' ripple.
+    fn coefficients(&self, is_told: bool) -> Result<[Complex<f64>; 3], Error> {
+        let (mut sums, mut count) = ([Complex::new(0.0, 0.0); 3], 0.0);
+        self.run_at(!is_told, |output| {
+            let values = [output.depth_m, output.velocity_m_per_s, output.force_n];
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += output.acts * value;
+            }
+            count += 1.0;
+        })?;
+        Ok(sums.map(|sum| sum / count / self.motion()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        analysis::linear::transfer_function,
+        scene::{NamedScene, estimator::EstimatorChoice},
+    };
+    use zwidth::{VelocitySettings, velocity::EstimatorName};
+
+    fn with(settings: &VelocitySettings) -> (Scene, f64) {
+        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
+        let (velocity, cutoff_hz) = EstimatorChoice::of(settings);
+        scene.velocity = velocity;
+        (scene, cutoff_hz.unwrap_or(0.0))
+    }
+
+    /// Walls on both sides of K = w B, and of the sector's middle.
+    const WALLS: [[f64; 2]; 5] =
+        [[20_000.0, 10.0], [20_000.0, 100.0], [20_000.0, 300.0], [5000.0, 300.0], [0.0, 50.0]];
+
+    /// The same by the estimator's transfer function, at its frequencies.
+    fn linear(scene: &Scene, cutoff_hz: f64, [k, b]: [f64; 2]) -> Option<f64> {
+        let design = scene.design();
+        let of = transfer_function(&scene.velocity.settings(cutoff_hz), &design).unwrap()?;
+        let rendered = Rendered::of(scene, cutoff_hz).unwrap();
+        let error = |answer: &Answer| {
+            let w = answer.omega_per_s;
+            let velocity = of.at(Complex::from_polar(1.0, -w / design.rate_hz));
+            let half = 0.5 * w * f64::from(design.period) / design.rate_hz;
+            let rendered = (velocity * b + k).norm() * half.sin() / half;
+            (rendered / k.hypot(w * b) - 1.0).abs()
+        };
+        Some(rendered.answers.iter().map(error).fold(0.0, f64::max))
+    }
+
+    /// Quantisation of 100 counts leaves so much.
+    const ROUNDING: f64 = 1.5e-3;
+    /// And of one wall alone, by its outputs only, where a damper is most of it; more of what chatters.
+    const ROUNDING_OF_OUTPUTS: f64 = 0.015;
+    const CHATTER: f64 = 0.1;
+
+    #[test]
+    fn every_linear_estimator_renders_what_its_transfer_function_says() {
+        let (mut tried, mut largest) = (0, 0f64);
+        for &name in EstimatorName::ALL {
+            let settings = match name {
+                EstimatorName::Butterworth => VelocitySettings::Butterworth { cutoff_hz: 100.0 },
+                _ => name.defaults(),
+            };
+            let (scene, cutoff_hz) = with(&settings);
+            for wall in WALLS {
+                if let Some(theory) = linear(&scene, cutoff_hz, wall) {
+                    let [k, b] = wall;
+                    let error = Rendered::of(&scene, cutoff_hz).unwrap().error(k, b);
+                    assert!(
+                        (error - theory).abs() < ROUNDING,
+                        "{name:?} {wall:?}: {error} {theory}"
+                    );
+                    (tried, largest) = (tried + 1, largest.max(theory));
+                }
+            }
+        }
+        assert!(tried >= 50 && largest > 0.1, "{tried} {largest}");
+    }
+
+    /// One run of the loop at that very wall, for estimators that are told a force and for those that are not linear.
+    #[test]
+    fn the_walls_follow_from_one_run_as_each_of_them_alone() {
+        let observer = |bandwidth_hz| VelocitySettings::Observer { bandwidth_hz, mass_kg: 0.416 };
+        let mut largest = 0f64;
+        for settings in [
+            observer(12.0),
+            observer(150.0),
+            EstimatorName::LevantExplicit.defaults(),
+            EstimatorName::FoawEnd.defaults(),
+            EstimatorName::Kalman3.defaults(),
+        ] {
+            let (scene, cutoff_hz) = with(&settings);
+            let rendered = Rendered::of(&scene, cutoff_hz).unwrap();
+            for [stiffness_n_per_m, damping_n_s_per_m] in WALLS {
+                let (k, b) = (stiffness_n_per_m, damping_n_s_per_m);
+                let start_offset_counts = 0.0;
+                let wall = WallHit {
+                    cutoff_hz,
+                    stiffness_n_per_m,
+                    damping_n_s_per_m,
+                    start_offset_counts,
+                };
+                let scene = unlimited(&scene, &wall, 30.0);
+                let alone = HZ.map(|hz| {
+                    let sine = Sine::new(&scene, &wall, hz);
+                    let mut sum = Complex::new(0.0, 0.0);
+                    sine.run(|output| sum += output.acts * output.force_n).unwrap();
+                    let rendered = (sum * sine.held() / sine.motion()).norm();
+                    (rendered / k.hypot(2.0 * PI * sine.frequency_hz * b) - 1.0).abs()
+                });
+                let alone = alone.into_iter().fold(0.0, f64::max);
+                let error = rendered.error(k, b);
+                let chatters = matches!(settings, VelocitySettings::LevantExplicit { .. });
+                let rounding = if chatters { CHATTER } else { ROUNDING_OF_OUTPUTS };
+                let near = (error - alone).abs() < rounding + 0.02 * alone;
+                assert!(near, "{settings:?} {k} {b}: {error} {alone}");
+                largest = largest.max(alone);
+            }
+        }
+        assert!(largest > 0.5, "{largest}");
+    }
+
+    #[test]
+    fn without_a_model_the_error_depends_on_the_ratio_of_k_and_b() {
+        let (scene, cutoff_hz) = with(&VelocitySettings::Butterworth { cutoff_hz: 100.0 });
+        let rendered = Rendered::of(&scene, cutoff_hz).unwrap();
+        let one = rendered.error(20_000.0, 100.0);
+        assert!((one / rendered.error(2000.0, 10.0) - 1.0).abs() < 1e-12);
+        // a delay of 2.3 ms: at K = w B half of w times that, at 30 Hz
+        let middle = rendered.error(2.0 * PI * 30.0 * 100.0, 100.0);
+        assert!((middle / (0.5 * 2.0 * PI * 30.0 * 2.3e-3) - 1.0).abs() < 0.15, "{middle}");
+        assert!(rendered.error(1e6, 100.0) < 0.02 && one > 0.1, "{one}");
+    }
+}
