@@ -37,6 +37,7 @@ mod felt;
 pub mod record;
 pub mod rotary;
 mod tables;
+mod uncertainty;
 pub mod units;
 
 pub use accelerometer::Accelerometer;
@@ -49,6 +50,7 @@ pub use tables::{
     Actuator, Criterion, Device, Encoder, LATENCY_KNOWN_MAX, PushBy, RmsOf, Rounding, Sampling,
     Sweep, Walk, Wall, WallHit,
 };
+pub use uncertainty::Uncertainty;
 pub use units::Units;
 
 /// The built-in scenes: name and text.
@@ -149,6 +151,9 @@ pub struct Scene {
     /// Optional element: an accelerometer, on the body that carries the encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accelerometer: Option<Accelerometer>,
+    /// How sure the device is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<Uncertainty>,
     /// The board, for its firmware.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<BoardTable>,

@@ -8,6 +8,7 @@ pub mod filters;
 pub mod levers;
 pub mod limits;
 pub mod loops;
+pub mod probability;
 pub mod sensitivity;
 pub mod sweep;
 pub mod walk;

@@ -1,0 +1,219 @@
+//! How sure the numbers of a device are, and devices drawn by it.
+
+use serde::{Deserialize, Serialize};
+
+use super::Scene;
+use crate::{numerics::random, range::within};
+
+/// Standard deviations of numbers of `[device]` and `[actuator]`, in their units; 0: exactly known. What is drawn is jointly
+/// Gaussian; a device outside the scene's ranges is drawn anew.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Uncertainty {
+    /// Of device.mass_kg.
+    #[serde(default)]
+    pub mass_kg: f64,
+    /// Of device.damping_n_s_per_m.
+    #[serde(default)]
+    pub damping_n_s_per_m: f64,
+    /// Of device.stiffness_n_per_m.
+    #[serde(default)]
+    pub stiffness_n_per_m: f64,
+    /// Of device.rest_position_m.
+    #[serde(default)]
+    pub rest_position_m: f64,
+    /// Of actuator.gain_n_per_v.
+    #[serde(default)]
+    pub gain_n_per_v: f64,
+    /// Of actuator.latency, samples.
+    #[serde(default)]
+    pub latency: f64,
+    /// Correlations of two of these names, -1 to 1; 0 where none is named.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub correlations: Vec<(String, String, f64)>,
+}
+
+/// How many numbers there are.
+const COUNT: usize = 6;
+/// Devices that are drawn for one within the scene's ranges, at most.
+const DRAWS_MAX: u64 = 1000;
+/// Below it a variance that is left over is none.
+const ROUNDING: f64 = 1e-9;
+
+type Matrix = [[f64; COUNT]; COUNT];
+
+impl Uncertainty {
+    /// The keys, in the order of the draws.
+    pub const NAMES: [&str; COUNT] = [
+        "mass_kg",
+        "damping_n_s_per_m",
+        "stiffness_n_per_m",
+        "rest_position_m",
+        "gain_n_per_v",
+        "latency",
+    ];
+
+    fn deviations(&self) -> [f64; COUNT] {
+        [
+            self.mass_kg,
+            self.damping_n_s_per_m,
+            self.stiffness_n_per_m,
+            self.rest_position_m,
+            self.gain_n_per_v,
+            self.latency,
+        ]
+    }
+
+    /// Cholesky's factor of the correlations.
+    fn factor(&self) -> Result<Matrix, String> {
+        let mut wanted: Matrix = [[0.0; COUNT]; COUNT];
+        for (n, row) in wanted.iter_mut().enumerate() {
+            row[n] = 1.0;
+        }
+        for (a, b, correlation) in &self.correlations {
+            let place = |name: &String| {
+                Self::NAMES.iter().position(|known| known == name).ok_or_else(|| {
+                    let allowed = Self::NAMES.join(", ");
+                    format!("uncertainty.correlations: {name} is unknown, allowed {allowed}")
+                })
+            };
+            let (a, b) = (place(a)?, place(b)?);
+            if a == b {
+                return Err(
+                    "uncertainty.correlations: a name stands twice in one, allowed two names"
+                        .into(),
+                );
+            }
+            within("uncertainty.correlations", *correlation, -1.0..=1.0)?;
+            (wanted[a][b], wanted[b][a]) = (*correlation, *correlation);
+        }
+        let mut factor: Matrix = [[0.0; COUNT]; COUNT];
+        for row in 0..COUNT {
+            for column in 0..=row {
+                let done: f64 = (0..column).map(|n| factor[row][n] * factor[column][n]).sum();
+                let left = wanted[row][column] - done;
+                factor[row][column] = if row != column {
+                    if factor[column][column] > 0.0 { left / factor[column][column] } else { 0.0 }
+                } else if left < -ROUNDING {
+                    return Err(
+                        "uncertainty.correlations contradict each other, allowed a positive \
+                                semidefinite matrix"
+                            .into(),
+                    );
+                } else {
+                    left.max(0.0).sqrt()
+                };
+            }
+        }
+        Ok(factor)
+    }
+
+    /// That many deviations of each number, for the n-th device of a seed.
+    fn offsets(&self, seed: u64, n: u64) -> Result<[f64; COUNT], String> {
+        let factor = self.factor()?;
+        let normal: Vec<f64> =
+            (0..COUNT as u64).map(|k| random::gaussian(seed, n * COUNT as u64 + k)).collect();
+        let mut offsets = self.deviations();
+        for (offset, row) in offsets.iter_mut().zip(&factor) {
+            *offset *= row.iter().zip(&normal).map(|(a, b)| a * b).sum::<f64>();
+        }
+        Ok(offsets)
+    }
+}
+
+impl Scene {
+    /// Checks the uncertainty.
+    pub(super) fn check_uncertainty(&self) -> Result<(), String> {
+        let Some(uncertainty) = &self.uncertainty else { return Ok(()) };
+        for (name, value) in Uncertainty::NAMES.iter().zip(uncertainty.deviations()) {
+            within(&format!("uncertainty.{name}"), value, 0.0..=1e9)?;
+        }
+        uncertainty.factor().map(|_| ())
+    }
+
+    /// The n-th device that its `[uncertainty]` draws; the scene itself without one. It depends on seed and n alone.
+    ///
+    /// # Errors
+    /// No draw is within the scene's ranges.
+    pub fn drawn(&self, seed: u64, n: u64) -> Result<Self, String> {
+        let Some(uncertainty) = &self.uncertainty else { return Ok(self.clone()) };
+        for attempt in 0..DRAWS_MAX {
+            let [m, b, k, x, gain, latency] = uncertainty.offsets(seed, n * DRAWS_MAX + attempt)?;
+            let mut scene = self.clone();
+            scene.device.mass_kg += m;
+            scene.device.damping_n_s_per_m += b;
+            scene.device.stiffness_n_per_m += k;
+            scene.device.rest_position_m += x;
+            scene.actuator.gain_n_per_v += gain;
+            scene.actuator.latency += latency;
+            if scene.check().is_ok() {
+                return Ok(scene);
+            }
+        }
+        Err("uncertainty: hardly any device that it draws is within the scene's ranges; lower it"
+            .into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn scene(table: &str) -> Result<Scene, crate::error::Error> {
+        let text = format!("{}\n{table}", include_str!("../../../../scenes/paper-2um.toml"));
+        NamedScene::parse("s".into(), text, "s.toml").map(|named| named.scene)
+    }
+
+    #[test]
+    fn devices_have_the_deviations_and_correlations_that_are_asked_for() {
+        let table = "[uncertainty]\nmass_kg = 0.02\ndamping_n_s_per_m = 0.8\nlatency = 1.0\n\
+                     correlations = [[\"mass_kg\", \"latency\", 0.6]]";
+        let scene = scene(table).unwrap();
+        let count = 20_000u32;
+        let drawn: Vec<[f64; 3]> = (0..u64::from(count))
+            .map(|n| {
+                let one = scene.drawn(7, n).unwrap();
+                assert_eq!(one.device.stiffness_n_per_m, scene.device.stiffness_n_per_m);
+                [
+                    (one.device.mass_kg - scene.device.mass_kg) / 0.02,
+                    (one.device.damping_n_s_per_m - scene.device.damping_n_s_per_m) / 0.8,
+                    one.actuator.latency - scene.actuator.latency,
+                ]
+            })
+            .collect();
+        let mean =
+            |of: &dyn Fn(&[f64; 3]) -> f64| drawn.iter().map(of).sum::<f64>() / f64::from(count);
+        // four standard errors
+        for n in 0..3 {
+            assert!(mean(&|d| d[n]).abs() < 0.029);
+            assert!((mean(&|d| d[n] * d[n]) - 1.0).abs() < 0.04);
+        }
+        assert!((mean(&|d| d[0] * d[2]) - 0.6).abs() < 0.034, "{}", mean(&|d| d[0] * d[2]));
+        assert!(mean(&|d| d[0] * d[1]).abs() < 0.03);
+        assert_eq!(scene.drawn(7, 3).unwrap(), scene.drawn(7, 3).unwrap());
+        assert_ne!(scene.drawn(7, 3).unwrap(), scene.drawn(8, 3).unwrap());
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_refused_in_one_line() {
+        for (table, says) in [
+            ("mass_kg = -0.1", "uncertainty.mass_kg"),
+            ("correlations = [[\"mass_kg\", \"mass\", 0.1]]", "mass is unknown"),
+            ("correlations = [[\"mass_kg\", \"latency\", 1.5]]", "1.5"),
+            ("correlations = [[\"latency\", \"latency\", 0.5]]", "twice"),
+            (
+                "correlations = [[\"mass_kg\", \"latency\", 0.9], [\"mass_kg\", \"gain_n_per_v\", 0.9], \
+                 [\"latency\", \"gain_n_per_v\", -0.9]]",
+                "contradict",
+            ),
+            ("weight = 1.0", "weight"),
+        ] {
+            let error = scene(&format!("[uncertainty]\n{table}")).unwrap_err().to_string();
+            assert!(error.contains(says), "{table}: {error}");
+        }
+        // a tenth of the draws have a negative latency: they are drawn anew
+        let scene = scene("[uncertainty]\nlatency = 8.0").unwrap();
+        assert!((0..200).all(|n| scene.drawn(1, n).unwrap().actuator.latency >= 0.0));
+    }
+}

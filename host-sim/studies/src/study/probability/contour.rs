@@ -1,0 +1,234 @@
+//! The walls at which a share of the draws holds, and a trial of it on fresh draws.
+//!
+//! At each B of a map the contour is the longest run of K at which at least the share holds, between cells by a straight line.
+//! A share of a few draws is rough, and so is its contour. So that of the firmware is fitted once more: fresh draws, each at a place of
+//! its own on the contour, try it with all of its intervals shortened to 70 to 110 % of their length, and the length at which
+//! 95 % hold is taken. What holds along the result is then measured with [`TRIED`] other draws.
+
+use rayon::prelude::*;
+use statrs::distribution::{Beta, ContinuousCDF as _};
+
+use super::{Draws, How, Map, held};
+use crate::{
+    error::Error, numerics::random, simulation::prepared::WallHit, study::envelope::Interval,
+};
+
+/// The share that holds along the firmware's contour.
+pub const SHARE: f64 = 0.95;
+/// Draws that a contour is tried with.
+pub const TRIED: u32 = 2000;
+/// Draws that its length is fitted with.
+const FITTED: u32 = 4000;
+/// Lengths that are tried, of the map's.
+const LENGTHS: [f64; 9] = [0.70, 0.75, 0.80, 0.85, 0.90, 0.95, 1.0, 1.05, 1.10];
+/// A length is fitted as closely as this.
+const LAST: f64 = 0.002;
+/// Where on the contour a draw is tried.
+const PLACES: u64 = 0x5eed_0003;
+/// Chance that the interval of a share misses it.
+const MISS: f64 = 0.05;
+
+/// The intervals of K at which at least `share` of the draws hold, by B, from the first at which any wall is held so to the last without a gap.
+pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
+    let [cells, columns] = map.cells;
+    let of_column = |column: u32| {
+        let at = |cell: u32| f64::from(map.held([cell, column])) / f64::from(map.trials);
+        let [_, damping_n_s_per_m] = map.wall([0, column]);
+        let k = |cell: u32| map.wall([cell, column])[0];
+        // where the line from one cell's share to the next one's crosses
+        let crossing = |inside: u32, outside: u32| {
+            let (a, b) = (at(inside), at(outside));
+            k(inside) + (k(outside) - k(inside)) * ((a - share) / (a - b)).clamp(0.0, 1.0)
+        };
+        let mut longest: Option<Interval> = None;
+        let mut from: Option<u32> = None;
+        for cell in 0..=cells {
+            let holds = cell < cells && at(cell) >= share;
+            match (holds, from) {
+                (true, None) => from = Some(cell),
+                (false, Some(first)) => {
+                    let low_n_per_m = if first == 0 { 0.0 } else { crossing(first, first - 1) };
+                    let last = cell - 1;
+                    let high_n_per_m = if cell == cells { k(last) } else { crossing(last, cell) };
+                    let run = Interval { damping_n_s_per_m, low_n_per_m, high_n_per_m };
+                    if longest.is_none_or(|longest| length(&run) > length(&longest)) {
+                        longest = Some(run);
+                    }
+                    from = None;
+                }
+                _ => {}
+            }
+        }
+        longest
+    };
+    // a wall may need some damping
+    (0..columns).map(of_column).skip_while(Option::is_none).map_while(|one| one).collect()
+}
+
+fn length(interval: &Interval) -> f64 {
+    interval.high_n_per_m - interval.low_n_per_m
+}
+
+/// A contour that was tried.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tried {
+    /// Its intervals.
+    pub intervals: Vec<Interval>,
+    /// Their length over that of the map's contour.
+    pub length: f64,
+    /// Fresh draws that tried it, and those that hold.
+    pub draws: u32,
+    /// Those that hold.
+    pub held: u32,
+}
+
+impl Tried {
+    /// The share that holds, and its 95 % interval (Clopper and Pearson, Biometrika 26, 1934).
+    pub fn share(&self) -> [f64; 3] {
+        let (held, draws) = (f64::from(self.held), f64::from(self.draws));
+        let missed = draws - held;
+        let bound = |a: f64, b: f64, at: f64, else_: f64| match Beta::new(a, b) {
+            Ok(beta) => beta.inverse_cdf(at),
+            Err(_) => else_, // none or all hold
+        };
+        let low = bound(held, missed + 1.0, MISS / 2.0, 0.0);
+        let high = bound(held + 1.0, missed, 1.0 - MISS / 2.0, 1.0);
+        [held / draws, low, high]
+    }
+}
+
+/// A draw at its place: `[K low, K high]` of that place, and B.
+fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
+    #[expect(clippy::cast_precision_loss, reason = "some columns")]
+    let along = random::uniform(PLACES, number) * (intervals.len() as f64 - 1.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a place in the list"
+    )]
+    let before = along.floor() as usize;
+    let (a, b) = (intervals.get(before)?, intervals.get(before + 1).or(intervals.get(before))?);
+    let between = |of: fn(&Interval) -> f64| of(a) + (of(b) - of(a)) * along.fract();
+    let ends = [between(|i| i.low_n_per_m), between(|i| i.high_n_per_m)];
+    Some((ends, between(|i| i.damping_n_s_per_m)))
+}
+
+/// How many of the fresh draws hold at the upper ends of the intervals, at each of those lengths.
+fn tried(
+    how: How<'_>,
+    draws: &Draws,
+    cutoff_hz: f64,
+    intervals: &[Interval],
+    lengths: &[f64],
+    numbers: std::ops::Range<u32>,
+) -> Result<Vec<u32>, Error> {
+    // in parts, since each draw may be a device of its own
+    const PART: usize = 500;
+    let numbers: Vec<u64> = numbers.map(u64::from).collect();
+    let mut counts = vec![0; lengths.len()];
+    for part in numbers.chunks(PART) {
+        let drawn: Vec<_> =
+            part.par_iter().map(|&number| draws.fresh(number)).collect::<Result<_, Error>>()?;
+        let tasks = drawn.iter().zip(part).filter_map(|(drawn, &number)| {
+            let ([low, high], damping_n_s_per_m) = place(intervals, number)?;
+            let hit = |length: &f64| WallHit {
+                cutoff_hz,
+                stiffness_n_per_m: low + length * (high - low),
+                damping_n_s_per_m,
+                start_offset_counts: drawn.starts[0],
+            };
+            Some((&drawn.prepared, lengths.iter().map(hit).collect()))
+        });
+        for held in held(how, &tasks.collect::<Vec<_>>())? {
+            for (count, held) in counts.iter_mut().zip(held) {
+                *count += u32::from(held);
+            }
+        }
+    }
+    Ok(counts)
+}
+
+/// The contour along which [`SHARE`] of the draws hold, fitted and tried on fresh ones; `None` without any wall that holds.
+///
+/// # Errors
+/// A setting is out of range, or the run was interrupted.
+pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, Error> {
+    let intervals = contour(map, SHARE);
+    if intervals.len() < 2 {
+        return Ok(None);
+    }
+    let counts = tried(how, draws, map.cutoff_hz, &intervals, &LENGTHS, 0..FITTED)?;
+    let enough = |count: u32| f64::from(count) >= SHARE * f64::from(FITTED);
+    let [mut length, mut beyond] = bracket(&counts.into_iter().map(enough).collect::<Vec<bool>>());
+    while beyond - length > LAST {
+        let middle = 0.5 * (length + beyond);
+        let count = tried(how, draws, map.cutoff_hz, &intervals, &[middle], 0..FITTED)?[0];
+        if enough(count) { length = middle } else { beyond = middle }
+    }
+    let shorter = |interval: &Interval| Interval {
+        high_n_per_m: interval.low_n_per_m + length * self::length(interval),
+        ..*interval
+    };
+    let intervals: Vec<Interval> = intervals.iter().map(shorter).collect();
+    let held = tried(how, draws, map.cutoff_hz, &intervals, &[1.0], FITTED..FITTED + TRIED)?[0];
+    Ok(Some(Tried { intervals, length, draws: TRIED, held }))
+}
+
+/// The longest of [`LENGTHS`] up to which enough hold, and the next one.
+fn bracket(enough: &[bool]) -> [f64; 2] {
+    let last = LENGTHS.len() - 1;
+    match enough.iter().position(|enough| !enough) {
+        None => [LENGTHS[last]; 2],
+        Some(0) => [LENGTHS[0]; 2],
+        Some(first) => [LENGTHS[first - 1], LENGTHS[first]],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_contour_is_the_longest_run_and_lies_between_cells() {
+        let shares = [[20, 20, 20, 20, 10, 0], [0, 20, 20, 19, 15, 0], [20, 0, 0, 20, 20, 20]];
+        let mut map = Map {
+            cutoff_hz: 500.0,
+            step: [100.0, 10.0],
+            cells: [6, 3],
+            trials: 20,
+            areas: vec![],
+            is_capped: false,
+            held: Default::default(),
+        };
+        for (b, column) in (0..).zip(shares) {
+            for (k, held) in (0..).zip(column) {
+                map.held.insert((k, b), held);
+            }
+        }
+        let of = |share| {
+            let ends = contour(&map, share).into_iter();
+            ends.map(|i| [i.damping_n_s_per_m, i.low_n_per_m, i.high_n_per_m]).collect::<Vec<_>>()
+        };
+        // 20 -> 10 crosses 19 after a tenth of a cell, 0 -> 20 after 19 of 20
+        assert_eq!(of(0.95), [[5.0, 0.0, 360.0], [15.0, 145.0, 350.0], [25.0, 345.0, 550.0]]);
+        assert_eq!(of(0.5)[0], [5.0, 0.0, 450.0]);
+    }
+
+    #[test]
+    fn the_interval_of_a_share_is_that_of_clopper_and_pearson() {
+        let tried = |held, draws| Tried { intervals: vec![], length: 1.0, draws, held }.share();
+        // published: 8 of 10, 44.4 to 97.5 %; 0 of 10, up to 30.8 %
+        let [share, low, high] = tried(8, 10);
+        assert!(share == 0.8 && (low - 0.4439).abs() < 1e-4 && (high - 0.9748).abs() < 1e-4);
+        let [_, low, high] = tried(0, 10);
+        assert!(low == 0.0 && (high - 0.3085).abs() < 1e-4, "{high}");
+    }
+
+    #[test]
+    fn the_length_is_where_the_share_first_falls_below() {
+        let first_four = [true, true, true, true, false, true, false, false, false];
+        assert_eq!(bracket(&first_four), [LENGTHS[3], LENGTHS[4]]);
+        assert_eq!(bracket(&[true; 9]), [1.1; 2]);
+        assert_eq!(bracket(&[false; 9]), [0.7; 2]);
+    }
+}

@@ -1,0 +1,402 @@
+//! How sure a wall holds: the share of starts, and of devices that are drawn, that are stable at it.
+//!
+//! A walk finds one boundary from one start. Near it the verdict depends on the start, by a part of a count, and on numbers
+//! of the device that nobody knows exactly. So every cell of a grid of K and B ([`Map`]) is hit by the same draws, and the share that
+//! holds is the wall's probability; its integral over K and B is an area that counts each wall as far as it holds. A draw's own
+//! area is that of the cells at which it holds: the spread of areas, and of the cutoff that is ideal, is that of the draws.
+//!
+//! The contour of 95 % ([`contour`]) is what a firmware may render. It is made on fresh draws and tried on others.
+
+pub mod contour;
+
+use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+
+use rayon::prelude::*;
+use zwidth::experiment::Verdict;
+
+use super::sweep::SweepResult;
+use crate::{
+    engine::{Depth, Engine, Outcome, Work, run},
+    error::Error,
+    numerics::{random, statistics::AS_GOOD_AS_BEST},
+    scene::Scene,
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+};
+
+/// Cells between 0 and the extent of the walks, in each direction.
+const CELLS: u32 = 40;
+/// How far the map goes beyond the walks at first.
+const BEYOND: f64 = 1.1;
+/// Rows and columns that are added where walls still hold at its edge.
+const MORE: u32 = 8;
+/// Hits of a task: enough to fill the lanes many times.
+const HITS_OF_A_TASK: usize = 512;
+/// Seeds of what is drawn.
+const DEVICES: u64 = 0x5eed_0001;
+const STARTS: u64 = 0x5eed_0002;
+/// The share of draws that a recommendation is for.
+pub const WORST: f64 = 0.05;
+
+/// Who is drawn.
+#[derive(Clone, Debug)]
+pub struct Draws {
+    scene: Scene,
+    /// Devices; 0: the scene's own.
+    devices: u32,
+    /// Starts of each device.
+    starts: u32,
+}
+
+/// A device with the starts of its hits, counts.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    prepared: PreparedScene,
+    starts: Vec<f64>,
+}
+
+impl Draws {
+    /// Of so many devices (0: the scene's own) from so many starts each.
+    ///
+    /// # Errors
+    /// Devices are asked for, and the scene has no `[uncertainty]`.
+    pub fn new(scene: &Scene, devices: u32, starts: u32) -> Result<Self, Error> {
+        if devices > 0 && scene.uncertainty.is_none() {
+            return Err(Error::input(
+                "--uncertain needs a table [uncertainty] of standard deviations in the scene",
+            ));
+        }
+        Ok(Self { scene: scene.clone(), devices, starts })
+    }
+
+    /// How many.
+    pub fn count(&self) -> u32 {
+        self.devices.max(1) * self.starts
+    }
+
+    /// Starts are spread evenly over a count; each device shifts its own.
+    fn all(&self) -> Result<Vec<Drawn>, Error> {
+        (0..u64::from(self.devices.max(1)))
+            .into_par_iter()
+            .map(|n| {
+                let shift = if self.devices > 0 { random::uniform(STARTS, n) } else { 0.5 };
+                let starts =
+                    (0..self.starts).map(|s| (f64::from(s) + shift) / f64::from(self.starts));
+                Ok(Drawn { prepared: self.device(n)?, starts: starts.collect() })
+            })
+            .collect()
+    }
+
+    /// A fresh draw: none of [`all`](Self::all).
+    fn fresh(&self, number: u64) -> Result<Drawn, Error> {
+        let number = u64::from(u32::MAX) + number;
+        Ok(Drawn { prepared: self.device(number)?, starts: vec![random::uniform(STARTS, number)] })
+    }
+
+    fn device(&self, number: u64) -> Result<PreparedScene, Error> {
+        let scene = match self.devices {
+            0 => self.scene.clone(),
+            _ => self.scene.drawn(DEVICES, number).map_err(Error::Input)?,
+        };
+        PreparedScene::new(&scene)
+    }
+}
+
+/// How the hits are run.
+#[derive(Clone, Copy, Debug)]
+pub struct How<'a> {
+    /// Which text runs them.
+    pub engine: Engine,
+    /// In which arithmetic.
+    pub numeric: Numeric,
+    /// Set to end early.
+    pub stop: &'a AtomicBool,
+}
+
+/// Hits of one scene, in order.
+struct List<'a> {
+    hits: &'a [WallHit],
+    next: usize,
+    lanes: Vec<usize>,
+    stop: &'a AtomicBool,
+    held: Vec<Result<bool, Error>>,
+}
+
+impl Work for List<'_> {
+    fn next(&mut self, lane: usize) -> Option<WallHit> {
+        if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
+            return None;
+        }
+        let hit = *self.hits.get(self.next)?;
+        if self.lanes.len() <= lane {
+            self.lanes.resize(lane + 1, 0);
+        }
+        *self.lanes.get_mut(lane)? = self.next;
+        self.next += 1;
+        Some(hit)
+    }
+
+    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        let held = match outcome {
+            Ok(outcome) => Ok(outcome.verdict == Verdict::Stable),
+            Err(HitError::OutOfRange(_)) => Ok(false),
+            Err(error) => Err(error.into()),
+        };
+        if let Some(place) = self.lanes.get(lane).and_then(|&n| self.held.get_mut(n)) {
+            *place = held;
+        }
+    }
+}
+
+/// Whether each wall of each scene holds; on all threads.
+fn held(how: How<'_>, tasks: &[(&PreparedScene, Vec<WallHit>)]) -> Result<Vec<Vec<bool>>, Error> {
+    let chunks: Vec<(usize, &PreparedScene, &[WallHit])> = tasks
+        .iter()
+        .enumerate()
+        .flat_map(|(n, (prepared, hits))| {
+            hits.chunks(HITS_OF_A_TASK).map(move |chunk| (n, *prepared, chunk))
+        })
+        .collect();
+    let made: Vec<(usize, Vec<Result<bool, Error>>)> = chunks
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|(n, prepared, hits)| {
+            let held = hits.iter().map(|_| Ok(false)).collect();
+            let mut list = List { hits, next: 0, lanes: vec![], stop: how.stop, held };
+            run(how.engine, prepared, how.numeric, Depth::Verdict, &mut list);
+            (n, list.held)
+        })
+        .collect();
+    if how.stop.load(std::sync::atomic::Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    let mut all: Vec<Vec<bool>> = tasks.iter().map(|_| vec![]).collect();
+    for (n, part) in made {
+        for one in part {
+            all[n].push(one?);
+        }
+    }
+    Ok(all)
+}
+
+/// Which draws hold at each of those walls, `[K, B]`: by wall, then by draw (devices, each with its starts).
+///
+/// # Errors
+/// A setting is out of range, or the run was interrupted.
+pub fn at_walls(
+    how: How<'_>,
+    draws: &Draws,
+    cutoff_hz: f64,
+    walls: &[[f64; 2]],
+) -> Result<Vec<Vec<bool>>, Error> {
+    holds(how, &draws.all()?, cutoff_hz, walls)
+}
+
+fn holds(
+    how: How<'_>,
+    drawn: &[Drawn],
+    cutoff_hz: f64,
+    walls: &[[f64; 2]],
+) -> Result<Vec<Vec<bool>>, Error> {
+    let hits = |drawn: &Drawn| {
+        let of_wall = |&[stiffness_n_per_m, damping_n_s_per_m]: &[f64; 2]| {
+            drawn.starts.clone().into_iter().map(move |start_offset_counts| WallHit {
+                cutoff_hz,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+                start_offset_counts,
+            })
+        };
+        walls.iter().flat_map(of_wall).collect::<Vec<_>>()
+    };
+    let tasks: Vec<(&PreparedScene, Vec<WallHit>)> =
+        drawn.iter().map(|drawn| (&drawn.prepared, hits(drawn))).collect();
+    let held = held(how, &tasks)?;
+    let of_wall = |wall: usize| {
+        let each = drawn.iter().zip(&held).flat_map(move |(drawn, held)| {
+            let starts = drawn.starts.len();
+            held[wall * starts..(wall + 1) * starts].iter().copied()
+        });
+        each.collect()
+    };
+    Ok((0..walls.len()).map(of_wall).collect())
+}
+
+/// The share that holds, over K and B at one cutoff.
+#[derive(Clone, Debug)]
+pub struct Map {
+    /// Nominal cutoff, Hz.
+    pub cutoff_hz: f64,
+    /// Size of a cell: K, N/m, and B, N s/m. A wall stands in the middle of its cell.
+    pub step: [f64; 2],
+    /// Cells in K and in B.
+    pub cells: [u32; 2],
+    /// Draws.
+    pub trials: u32,
+    /// Of each draw, the area at which it holds, N^2 s/m^2.
+    pub areas: Vec<f64>,
+    /// The map is cut at a cap of `[walk]`.
+    pub is_capped: bool,
+    held: BTreeMap<(u32, u32), u32>,
+}
+
+impl Map {
+    /// The wall of a cell, `[K, B]`.
+    pub fn wall(&self, [k, b]: [u32; 2]) -> [f64; 2] {
+        [(f64::from(k) + 0.5) * self.step[0], (f64::from(b) + 0.5) * self.step[1]]
+    }
+
+    /// How many draws hold there.
+    pub fn held(&self, [k, b]: [u32; 2]) -> u32 {
+        self.held.get(&(k, b)).copied().unwrap_or(0)
+    }
+
+    /// Integral of the share that holds, N^2 s/m^2.
+    pub fn area(&self) -> f64 {
+        let held: u32 = self.held.values().sum();
+        f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
+    }
+
+    /// Share of the cells at which some draws hold and others do not, of those at which any holds.
+    pub fn undecided_share(&self) -> f64 {
+        let any = self.held.values().filter(|held| **held > 0).count();
+        let some = self.held.values().filter(|held| **held > 0 && **held < self.trials).count();
+        #[expect(clippy::cast_precision_loss, reason = "some thousand cells")]
+        let share = some as f64 / any.max(1) as f64;
+        share
+    }
+
+    /// That quantile of the draws' areas, N^2 s/m^2.
+    pub fn quantile(&self, share: f64) -> f64 {
+        quantile(&self.areas, share)
+    }
+}
+
+/// By linear interpolation between the sorted values.
+fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
+    #[expect(clippy::cast_precision_loss, reason = "some thousand draws")]
+    let at = share * last as f64;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a place in the list"
+    )]
+    let below = at.floor() as usize;
+    let above = (below + 1).min(last);
+    sorted[below] + (sorted[above] - sorted[below]) * at.fract()
+}
+
+/// Maps at the cutoffs of a sweep, whose walks say how far they must reach. `done` is called after each.
+///
+/// # Errors
+/// A setting is out of range, or the run was interrupted.
+pub fn maps(
+    how: How<'_>,
+    draws: &Draws,
+    swept: &SweepResult,
+    mut done: impl FnMut(),
+) -> Result<Vec<Map>, Error> {
+    let drawn = draws.all()?;
+    let mut maps = vec![];
+    for cutoff in &swept.cutoffs {
+        let extent =
+            [cutoff.boundaries.stiffness_peak_n_per_m(), cutoff.boundaries.damping_max_n_s_per_m()];
+        maps.push(map(how, draws, &drawn, cutoff.cutoff_hz, extent)?);
+        done();
+    }
+    Ok(maps)
+}
+
+fn map(
+    how: How<'_>,
+    draws: &Draws,
+    drawn: &[Drawn],
+    cutoff_hz: f64,
+    extent: [f64; 2],
+) -> Result<Map, Error> {
+    let walk = &draws.scene.walk;
+    let caps = [walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m];
+    // a boundary of one wall, or of none, still has a map around it
+    let least = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
+    let step = [0, 1].map(|n| BEYOND * extent[n].max(least[n]).min(caps[n]) / f64::from(CELLS));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of some cells")]
+    let most = [0, 1].map(|n| (caps[n] / step[n]).floor().clamp(1.0, 1e4) as u32);
+    let trials = draws.count();
+    let mut map = Map {
+        cutoff_hz,
+        step,
+        cells: [0, 0],
+        trials,
+        areas: vec![0.0; trials as usize],
+        is_capped: false,
+        held: BTreeMap::new(),
+    };
+    let mut wanted = most.map(|most| most.min(CELLS));
+    loop {
+        let fresh: Vec<[u32; 2]> = (0..wanted[1])
+            .flat_map(|b| (0..wanted[0]).map(move |k| [k, b]))
+            .filter(|[k, b]| *k >= map.cells[0] || *b >= map.cells[1])
+            .collect();
+        let walls: Vec<[f64; 2]> = fresh.iter().map(|&cell| map.wall(cell)).collect();
+        for (cell, holds) in fresh.iter().zip(holds(how, drawn, cutoff_hz, &walls)?) {
+            let mut count = 0;
+            for (area, _) in map.areas.iter_mut().zip(&holds).filter(|(_, holds)| **holds) {
+                *area += step[0] * step[1];
+                count += 1;
+            }
+            map.held.insert((cell[0], cell[1]), count);
+        }
+        map.cells = wanted;
+        let at_edge = [0, 1].map(|n| {
+            let last = map.cells[n] - 1;
+            map.held.iter().any(|((k, b), held)| [*k, *b][n] == last && *held > 0)
+        });
+        let further = [0, 1].map(|n| at_edge[n] && map.cells[n] < most[n]);
+        if further == [false; 2] {
+            map.is_capped = at_edge != [false; 2];
+            return Ok(map);
+        }
+        for n in 0..2 {
+            if further[n] {
+                wanted[n] = (wanted[n] + MORE).min(most[n]);
+            }
+        }
+    }
+}
+
+/// What the draws say of the cutoffs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdicts {
+    /// Draws for which each cutoff has the largest area.
+    pub best: Vec<u32>,
+    /// Draws for which each is ideal: the lowest within 2 % of the largest area.
+    pub ideal: Vec<u32>,
+    /// The cutoff whose area is largest in the worst 5 % of the draws; `None` if no wall holds.
+    pub recommended: Option<usize>,
+}
+
+/// Of maps of the same draws, cutoffs ascending.
+pub fn verdicts(maps: &[Map]) -> Verdicts {
+    let (mut best, mut ideal) = (vec![0; maps.len()], vec![0; maps.len()]);
+    let draws = maps.first().map_or(0, |map| map.areas.len());
+    for draw in 0..draws {
+        let area = |map: &Map| map.areas[draw];
+        let largest = maps.iter().map(area).fold(0.0, f64::max);
+        let first = |share: f64| {
+            maps.iter().position(|map| area(map) >= share * largest).filter(|_| largest > 0.0)
+        };
+        for (counts, share) in [(&mut best, 1.0), (&mut ideal, AS_GOOD_AS_BEST)] {
+            if let Some(place) = first(share) {
+                counts[place] += 1;
+            }
+        }
+    }
+    let worst = maps.iter().map(|map| map.quantile(WORST)).enumerate();
+    let recommended = worst.max_by(|(_, a), (_, b)| a.total_cmp(b)).filter(|(_, area)| *area > 0.0);
+    Verdicts { best, ideal, recommended: recommended.map(|(place, _)| place) }
+}
+
+#[cfg(test)]
+mod tests;

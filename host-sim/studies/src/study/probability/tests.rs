@@ -1,0 +1,112 @@
+use super::*;
+use crate::{
+    scene::NamedScene,
+    study::sweep::{Plan, sweep},
+};
+
+fn short() -> Scene {
+    let mut scene = NamedScene::load("paper-2um").unwrap().scene;
+    (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (1.5, 0.5);
+    (scene.walk.stiffness_step_n_per_m, scene.walk.damping_step_n_s_per_m) = (8000.0, 80.0);
+    scene
+}
+
+fn how(engine: Engine, stop: &AtomicBool) -> How<'_> {
+    How { engine, numeric: Numeric::Fixed, stop }
+}
+
+fn uncertain(scene: &Scene) -> Scene {
+    let uncertainty = crate::scene::Uncertainty {
+        mass_kg: 0.1 * scene.device.mass_kg,
+        latency: 2.0,
+        ..Default::default()
+    };
+    Scene { uncertainty: Some(uncertainty), ..scene.clone() }
+}
+
+#[test]
+fn each_wall_holds_for_the_draws_that_hit_it_alone() {
+    let stop = AtomicBool::new(false);
+    let scene = uncertain(&short());
+    let draws = Draws::new(&scene, 3, 2).unwrap();
+    let walls = [[20_000.0, 100.0], [60_000.0, 300.0], [90_000.0, 300.0], [3000.0, 700.0]];
+    let lanes = at_walls(how(Engine::lanes(), &stop), &draws, 1500.0, &walls).unwrap();
+    assert_eq!(lanes, at_walls(how(Engine::Core, &stop), &draws, 1500.0, &walls).unwrap());
+    let mut expected = vec![];
+    for [stiffness_n_per_m, damping_n_s_per_m] in walls {
+        let mut of_wall = vec![];
+        for n in 0..3u64 {
+            let device = PreparedScene::new(&scene.drawn(DEVICES, n).unwrap()).unwrap();
+            for start in 0..2u32 {
+                let start_offset_counts = (f64::from(start) + random::uniform(STARTS, n)) / 2.0;
+                let hit = WallHit {
+                    cutoff_hz: 1500.0,
+                    stiffness_n_per_m,
+                    damping_n_s_per_m,
+                    start_offset_counts,
+                };
+                of_wall.push(device.verdict(Numeric::Fixed, &hit) == Ok(Verdict::Stable));
+            }
+        }
+        expected.push(of_wall);
+    }
+    assert_eq!(lanes, expected);
+    let all = expected.concat();
+    assert!(all.contains(&true) && all.contains(&false), "{all:?}");
+}
+
+#[test]
+fn a_map_reaches_beyond_the_walks_and_adds_up() {
+    let stop = AtomicBool::new(false);
+    let scene = short();
+    let prepared = PreparedScene::new(&scene).unwrap();
+    let plan = Plan { name: "s", prepared: &prepared, cutoffs_hz: &[200.0, 1500.0] };
+    let swept = sweep(Engine::lanes(), &[plan], Numeric::Fixed, 1, &stop, |_| {}).unwrap();
+    let draws = Draws::new(&scene, 0, 2).unwrap();
+    let maps = maps(how(Engine::lanes(), &stop), &draws, &swept[0], || {}).unwrap();
+    for (map, cutoff) in maps.iter().zip(&swept[0].cutoffs) {
+        let mean = map.areas.iter().sum::<f64>() / 2.0;
+        assert!((mean / map.area() - 1.0).abs() < 1e-9 && !map.is_capped);
+        let walked = cutoff.boundaries.area();
+        assert!((map.area() / walked - 1.0).abs() < 0.25, "{} {walked}", map.area());
+        let last = map.cells.map(|cells| cells - 1);
+        assert!((0..map.cells[0]).all(|k| map.held([k, last[1]]) == 0));
+        assert!((0..map.cells[1]).all(|b| map.held([last[0], b]) == 0));
+    }
+    let verdicts = verdicts(&maps);
+    assert_eq!(
+        (verdicts.best, verdicts.ideal, verdicts.recommended),
+        (vec![0, 2], vec![0, 2], Some(1))
+    );
+}
+
+#[test]
+fn the_worst_draws_choose_the_recommendation() {
+    let map = |cutoff_hz: f64, areas: &[f64]| Map {
+        cutoff_hz,
+        step: [1.0, 1.0],
+        cells: [1, 1],
+        trials: 4,
+        areas: areas.to_vec(),
+        is_capped: false,
+        held: BTreeMap::new(),
+    };
+    let maps = [
+        map(500.0, &[50.0, 50.0, 50.0, 50.0]),
+        map(1000.0, &[99.0, 60.0, 80.0, 10.0]),
+        map(2000.0, &[100.0, 70.0, 79.0, 5.0]),
+    ];
+    let verdicts = verdicts(&maps);
+    assert_eq!(verdicts.best, [1, 1, 2]);
+    assert_eq!(verdicts.ideal, [1, 2, 1]);
+    assert_eq!(verdicts.recommended, Some(0));
+    assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), 2.0);
+    assert!((quantile(&[0.0, 10.0], 0.05) - 0.5).abs() < 1e-12);
+}
+
+#[test]
+fn devices_need_a_table_to_be_drawn_by() {
+    assert!(Draws::new(&short(), 4, 1).is_err());
+    assert_eq!(Draws::new(&uncertain(&short()), 4, 2).unwrap().count(), 8);
+    assert_eq!(Draws::new(&short(), 0, 2).unwrap().count(), 2);
+}
