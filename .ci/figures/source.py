@@ -66,6 +66,17 @@ LONG = {
     **{f"felt-designed-{scene}": (
         f"cargo sim sweep docs/data/felt-design-{scene}-0.toml --limits felt=-12,felt=0,felt=12 --arms all --repeat 1",
         {"limits.csv": f"felt-designed-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
+    "usable-paper-1um": ("cargo sim compare paper-1um --usable", {"usable.csv": "usable-paper-1um.csv"}),
+    "usable-paper-1um-caps-doubled": (
+        "cargo sim compare docs/data/paper-1um-caps-doubled.toml --usable", {"usable.csv": "usable-paper-1um-caps-doubled.csv"}),
+    "usable-paper-1um-hand": (
+        "cargo sim compare paper-1um --usable --limit 1e-6 --rms-of motion --push hand --arm heavy",
+        {"usable.csv": "usable-paper-1um-hand.csv"}),
+    **{f"probability-{scene}": (f"cargo sim sweep {scene} --plain --probability", {"summary.json": f"probability-{scene}.json"})
+       for scene in ("paper-1um", "paper-2um")},
+    "probability-paper-2um-uncertain": (
+        "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 40",
+        {"summary.json": "probability-paper-2um-uncertain.json"}),
     "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
         f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",

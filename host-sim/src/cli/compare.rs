@@ -11,6 +11,7 @@ use super::{
     conditions::Conditions,
     peers::{self, PeerArgs},
     progress,
+    usable::{self, Asked, UsableArgs},
 };
 use crate::{
     analysis::compare::{
@@ -63,6 +64,8 @@ pub struct CompareArgs {
     conditions: Conditions,
     #[command(flatten)]
     peers: PeerArgs,
+    #[command(flatten)]
+    usable: UsableArgs,
 }
 
 /// Every file of a result.
@@ -126,6 +129,12 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     if args.peers.peers {
         return peers::run(&args.peers, args.repeat, &scene, common);
     }
+    let budget = Budget { tunings: args.budget, repeats: args.repeat };
+    if let Some(percents) = &args.usable.usable {
+        let named = (!args.estimators.is_empty()).then(|| entries(&args.estimators, &scene));
+        let asked = Asked { entries: named.transpose()?, conditions: &args.conditions, budget };
+        return usable::run(percents, asked, &scene, common);
+    }
     let entries = entries(&args.estimators, &scene)?;
     crate::study::asked::prepare(&scene)?;
     let plan = scene.scene.walk_plan();
@@ -139,7 +148,6 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = Outputs::new(common.force, &scene.files);
     let to = outputs.folder(&folder, &FILES)?;
-    let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) = compare(
         common.engine.into(),

@@ -3,22 +3,34 @@
 use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
+use rayon::prelude::*;
 use serde::Serialize;
 use zwidth::experiment::Verdict;
 
 use super::{
     Common,
+    draws::DrawArgs,
     list::{self, List},
     progress,
     shared::{AtCutoffs, Grid, Start},
 };
 use crate::{
+    analysis::rendered::Rendered,
     engine::{Depth, stream},
     error::Error,
     interrupt,
-    output::{files::Outputs, in_units::Columns, terminal::print_result},
+    output::{
+        SCHEMA_VERSION,
+        files::Outputs,
+        in_units::{self, Columns, InUnits},
+        terminal::print_result,
+    },
+    scene::NamedScene,
     simulation::prepared::{HitError, WallHit},
-    study::asked::prepare,
+    study::{
+        asked::{Walls, prepare},
+        probability::{Draws, How, at_walls},
+    },
 };
 
 /// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
@@ -31,6 +43,12 @@ pub struct GridArgs {
     stiffnesses: List,
     #[command(flatten)]
     start: Start,
+    /// Add how far the rendered impedance is from K + jwB: the largest error of its magnitude from 1 to 30 Hz, the handle
+    /// moved by a sine inside the wall; and how many stable walls are within 5, 10 and 20 %.
+    #[arg(long, conflicts_with = "probability")]
+    impedance: bool,
+    #[command(flatten)]
+    draws: DrawArgs,
     /// Write one row per wall.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -53,9 +71,17 @@ struct Json<'a> {
     points: u64,
     #[serde(flatten)]
     counts: Counts,
+    /// Stable walls within 5, 10 and 20 %; only with `--impedance`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    usable: Option<[u64; 3]>,
 }
 
+/// Errors of the impedance up to which walls are counted.
+const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
+
 const HEADER: &str = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m\n";
+const HEADER_WITH_IMPEDANCE: &str =
+    "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m,impedance_error\n";
 const OUT_OF_RANGE: &str = "out_of_range";
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
@@ -63,10 +89,32 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let prepared = prepare(&scene)?;
     let mut outputs = Outputs::new(common.force, &scene.files);
     let csv = outputs.option(args.csv.as_ref())?;
-    let columns = Columns::new(scene.scene.units, HEADER);
+    if let Some(draws) = args.draws.of(&scene)? {
+        let table = probable(&draws, &scene, &walls, common)?;
+        let units = scene.scene.units;
+        if let Some(csv) = csv {
+            outputs.write(csv, in_units::csv(units, table.csv.clone()).as_bytes())?;
+        }
+        outputs.commit()?;
+        return print_result(common.json, InUnits(units, &table.json), || table.text());
+    }
+    let header = if args.impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
+    let columns = Columns::new(scene.scene.units, header);
     if let Some(csv) = csv {
         outputs.write(csv, columns.header.as_bytes())?;
     }
+    let rendered: Vec<Rendered> = match args.impedance {
+        false => vec![],
+        true => {
+            let of = |&cutoff_hz: &f64| Rendered::of(&scene.scene, cutoff_hz);
+            walls.cutoffs_hz.par_iter().map(of).collect::<Result<_, _>>()?
+        }
+    };
+    let error_of = |wall: &WallHit| {
+        let place = walls.cutoffs_hz.iter().position(|&hz| hz == wall.cutoff_hz)?;
+        Some(rendered.get(place)?.error(wall.stiffness_n_per_m, wall.damping_n_s_per_m))
+    };
+    let mut usable = [0u64; 3];
     let points = walls.count();
     let bar = progress::bar_of(points, "walls");
     let (mut counts, mut row) = (Counts::default(), String::new());
@@ -92,12 +140,19 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
                 Err(_) => counts.out_of_range += 1,
             }
             bar.inc(1);
+            let wall = walls.wall(number);
+            let error = error_of(&wall);
+            for (count, limit) in usable.iter_mut().zip(WITHIN) {
+                *count += u64::from(
+                    name == Verdict::Stable.name() && error.is_some_and(|error| error <= limit),
+                );
+            }
             let Some(csv) = csv else { return Ok(()) };
-            let WallHit { cutoff_hz, damping_n_s_per_m, stiffness_n_per_m, .. } =
-                walls.wall(number);
+            let WallHit { cutoff_hz, damping_n_s_per_m, stiffness_n_per_m, .. } = wall;
             row.clear();
             let _ = write!(row, "{cutoff_hz},{damping_n_s_per_m},{stiffness_n_per_m},{name},");
             let _ = rms_m.map_or(Ok(()), |rms_m| write!(row, "{rms_m}"));
+            let _ = error.map_or(Ok(()), |error| write!(row, ",{error}"));
             row.push('\n');
             let is_rotary = scene.scene.units.is_rotary();
             let told = if is_rotary { columns.row(&row) } else { std::mem::take(&mut row) };
@@ -108,10 +163,108 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     outputs.commit()?;
     let (scene, numeric) = (scene.name.as_str(), common.numeric.name());
     let Counts { stable, unstable, no_contact, out_of_range } = counts;
-    print_result(common.json, Json { scene, numeric, points, counts }, || {
+    let usable = args.impedance.then_some(usable);
+    print_result(common.json, Json { scene, numeric, points, counts, usable }, || {
+        let within = usable.map_or(String::new(), |[five, ten, twenty]| {
+            format!(
+                "; {five}, {ten} and {twenty} stable ones rendered within 5, 10 and 20 % of K + jwB"
+            )
+        });
         format!(
             "{scene}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
-             {out_of_range} out of range"
+             {out_of_range} out of range{within}"
         )
     })
+}
+
+/// How sure each wall is.
+struct Probable<'a> {
+    json: ProbableJson<'a>,
+    csv: String,
+}
+
+#[derive(Serialize)]
+struct ProbableJson<'a> {
+    scene: &'a str,
+    numeric: &'static str,
+    points: u64,
+    draws: u32,
+    /// Walls that 95 %, half and 5 % of the draws hold.
+    held_by_95_percent: u64,
+    held_by_50_percent: u64,
+    held_by_5_percent: u64,
+    /// Mean share that holds.
+    share: f64,
+}
+
+/// Most verdicts that are kept until the end.
+const VERDICTS_MAX: u64 = 100_000_000;
+
+fn probable<'a>(
+    draws: &Draws,
+    scene: &'a NamedScene,
+    walls: &Walls,
+    common: &Common,
+) -> Result<Probable<'a>, Error> {
+    let (points, count) = (walls.count(), draws.count());
+    let verdicts = points.saturating_mul(count.into());
+    if verdicts > VERDICTS_MAX {
+        return Err(Error::Input(format!(
+            "walls and draws make {verdicts} hits, allowed {VERDICTS_MAX}"
+        )));
+    }
+    let (engine, numeric, stop) = (common.engine.into(), common.numeric, interrupt::flag());
+    let how = How { engine, numeric, stop };
+    let mut csv = String::from(
+        "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,held,draws,share,schema_version\n",
+    );
+    let mut shares: Vec<f64> = vec![];
+    let bar = progress::bar_of(points, "walls");
+    let of_cutoff = points / walls.cutoffs_hz.len() as u64;
+    for (n, &cutoff_hz) in (0u64..).zip(&walls.cutoffs_hz) {
+        let numbers = n * of_cutoff..(n + 1) * of_cutoff;
+        let hits: Vec<WallHit> = numbers.map(|number| walls.wall(number)).collect();
+        let wall = |hit: &WallHit| [hit.stiffness_n_per_m, hit.damping_n_s_per_m];
+        let held = at_walls(how, draws, cutoff_hz, &hits.iter().map(wall).collect::<Vec<_>>())?;
+        for (hit, holds) in hits.iter().zip(held) {
+            let held = holds.iter().filter(|holds| **holds).count();
+            #[expect(clippy::cast_precision_loss, reason = "at most 10^8 draws")]
+            let share = held as f64 / f64::from(count);
+            let (b, k) = (hit.damping_n_s_per_m, hit.stiffness_n_per_m);
+            let _ = writeln!(csv, "{cutoff_hz},{b},{k},{held},{count},{share},{SCHEMA_VERSION}");
+            shares.push(share);
+        }
+        bar.inc(of_cutoff);
+    }
+    bar.finish_and_clear();
+    let at_least = |least: f64| shares.iter().filter(|share| **share >= least).count() as u64;
+    #[expect(clippy::cast_precision_loss, reason = "at most 10^8 walls")]
+    let share = shares.iter().sum::<f64>() / points.max(1) as f64;
+    let json = ProbableJson {
+        scene: &scene.name,
+        numeric: numeric.name(),
+        points,
+        draws: count,
+        held_by_95_percent: at_least(0.95),
+        held_by_50_percent: at_least(0.5),
+        held_by_5_percent: at_least(0.05),
+        share,
+    };
+    Ok(Probable { json, csv })
+}
+
+impl Probable<'_> {
+    fn text(&self) -> String {
+        let j = &self.json;
+        format!(
+            "{}: {} walls, {} draws each; 95 % of them hold {}, half {}, 5 % {}; mean share {:.3}",
+            j.scene,
+            j.points,
+            j.draws,
+            j.held_by_95_percent,
+            j.held_by_50_percent,
+            j.held_by_5_percent,
+            j.share
+        )
+    }
 }

@@ -3,6 +3,7 @@
 mod compare;
 mod conditions;
 mod design;
+mod draws;
 mod grid;
 mod hit;
 mod identify;
@@ -17,6 +18,7 @@ mod shared;
 mod sweep;
 mod telemetry;
 mod trade;
+mod usable;
 mod walk;
 
 use std::path::PathBuf;

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common,
+    draws::DrawArgs,
     limits::LimitArgs,
     list::{self, List},
     progress,
@@ -21,6 +22,7 @@ use crate::{
         in_units::InUnits,
         levers::LeverStudy,
         limits::LimitStudy,
+        probability::ProbabilityStudy,
         sweep::{self as sweep_files, Study, Summary, VariantResult},
         terminal::print_result,
     },
@@ -30,8 +32,9 @@ use crate::{
         envelope::envelopes,
         levers::{LeverQuestion, levers, walk_levers},
         limits::{Question, limits},
+        probability::{Draws, How, contour, maps, verdicts},
         sensitivity::{Variant, variants},
-        sweep::{Plan, ascending, sweep},
+        sweep::{Plan, SweepResult, ascending, sweep},
     },
 };
 
@@ -56,6 +59,8 @@ pub struct SweepArgs {
     levers: bool,
     #[command(flatten)]
     limits: LimitArgs,
+    #[command(flatten)]
+    draws: DrawArgs,
     /// Nothing but the scene's own criterion, limit and push; else a limit of 1 um, by motor and by hand, stands beside it.
     #[arg(long, conflicts_with = "limits")]
     plain: bool,
@@ -74,6 +79,7 @@ struct Job {
     variants: Vec<Variant>,
     question: Option<Question>,
     levers: Option<LeverQuestion>,
+    draws: Option<Draws>,
     to: FolderPlace,
     folder: PathBuf,
 }
@@ -96,7 +102,8 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let mut results = results.into_iter();
     let (mut summaries, mut tables) = (vec![], vec![]);
     for job in jobs {
-        let Job { scene, prepared, cutoffs_hz, variants, question, levers, to, folder } = job;
+        let Job { scene, prepared, cutoffs_hz, variants, question, levers, draws, to, folder } =
+            job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -126,9 +133,13 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             results.map(|results| LeverStudy { question, results })
         });
         let levers = levers.transpose().map_err(|error| error.of(&scene.name))?;
+        let how = How { engine, numeric, stop: interrupt::flag() };
+        let probability = draws.map(|draws| probability(how, &draws, &result)).transpose();
+        let probability = probability.map_err(|error| error.of(&scene.name))?;
         let study = Study {
             envelopes,
             levers,
+            probability,
             limits,
             limits_left_out,
             numeric,
@@ -145,6 +156,21 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     }
     outputs.commit()?;
     print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
+}
+
+/// The maps of all cutoffs, and the firmware's contour at the one that is recommended.
+fn probability(
+    how: How<'_>,
+    draws: &Draws,
+    result: &SweepResult,
+) -> Result<ProbabilityStudy, Error> {
+    let bar = progress::bar_of(result.cutoffs.len() as u64, "maps");
+    let maps = maps(how, draws, result, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let verdicts = verdicts(&maps);
+    let recommended = verdicts.recommended.and_then(|place| maps.get(place));
+    let tried = recommended.map(|map| contour::fitted(how, draws, map)).transpose()?.flatten();
+    Ok(ProbabilityStudy { maps, verdicts, tried })
 }
 
 /// Most walks of one sweep: every point of every boundary is kept until the end, some 100 MB for so many.
@@ -189,8 +215,11 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
             })
         });
         let levers = levers.transpose()?;
+        let draws = args.draws.of(&scene)?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
-        jobs.push(Job { scene, prepared, cutoffs_hz, variants, question, levers, to, folder });
+        let job =
+            Job { scene, prepared, cutoffs_hz, variants, question, levers, draws, to, folder };
+        jobs.push(job);
     }
     let walks_of = |job: &Job| {
         let own = job.cutoffs_hz.len() * (1 + job.variants.len()) * args.repeat as usize;
@@ -217,7 +246,7 @@ fn command_line(
     let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
     let plain = if args.plain { " --plain" } else { "" };
     let levers = if args.levers { " --levers" } else { "" };
-    let limits = args.limits.as_typed();
+    let limits = args.limits.as_typed() + &args.draws.as_typed();
     format!(
         "sweep {} --cutoffs {} --repeat {}{sensitivity}{plain}{levers}{limits} --numeric {} --engine {}",
         scene.name,
@@ -284,6 +313,9 @@ fn table(study: &Study, folder: &str) -> String {
     }
     if let Some(levers) = &study.levers {
         let _ = writeln!(text, "  {}", levers.text());
+    }
+    if let Some(probability) = &study.probability {
+        let _ = writeln!(text, "  {}", probability.text());
     }
     for note in study.notes() {
         let _ = writeln!(text, "  note: {note}");

@@ -9,12 +9,14 @@ pub mod levers;
 pub mod limits;
 pub mod manifest;
 pub mod peers;
+pub mod probability;
 pub mod report;
 pub mod sweep;
 pub mod telemetry;
 pub mod terminal;
 pub mod trace;
 pub mod trade_figures;
+pub mod usable;
 
 /// Version of every JSON object that the commands print or write: 2 since areas carry their unit.
 pub const SCHEMA_VERSION: u32 = 2;

@@ -52,6 +52,8 @@ pub struct Report {
     pub limits: String,
     /// Areas in other loops, as lines of text; empty if nobody asked for them.
     pub levers: String,
+    /// How sure the areas are, as lines of text; empty if nobody asked for it.
+    pub probability: String,
     /// Remarks, one sentence each.
     pub notes: Vec<String>,
     /// The scene file as it was read.
@@ -80,6 +82,7 @@ pub fn html(report: &Report) -> String {
             ("Areas", areas(report)),
             ("Limits", scene(&report.limits)),
             ("When the loop acts", scene(&report.levers)),
+            ("How sure", scene(&report.probability)),
             ("Notes", notes(&report.notes)),
             ("Scene", scene(&report.scene)),
             ("Provenance", provenance(&report.provenance)),
@@ -288,6 +291,7 @@ mod tests {
             areas: vec![row(500.0, 2.65e7), row(1200.0, 4.17e7), row(1700.0, 4.55e7)],
             limits: "1 um".to_owned(),
             levers: String::new(),
+            probability: String::new(),
             notes: vec!["a < b".to_owned()],
             scene: "[device]\nname = \"<script>\"\n".to_owned(),
             provenance: vec![("version".to_owned(), "0.1.0 & more".to_owned())],

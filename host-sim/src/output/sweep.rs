@@ -15,6 +15,7 @@ use crate::{
         levers::{LeverStudy, LeverSummary},
         limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
+        probability::{ProbabilityStudy, ProbabilitySummary},
         report::{self, Report, ReportFigure},
         trace,
     },
@@ -30,7 +31,7 @@ use crate::{
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 19] = [
+pub const FILES: [&str; 24] = [
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -49,12 +50,20 @@ pub const FILES: [&str; 19] = [
     LEVERS,
     "levers.svg",
     "levers.png",
+    PROBABILITY,
+    CONTOURS,
+    ENVELOPE95,
+    "probability.svg",
+    "probability.png",
     MANIFEST,
 ];
 
 const SENSITIVITY: &str = "sensitivity.csv";
 const LIMITS: &str = "limits.csv";
 const LEVERS: &str = "levers.csv";
+const PROBABILITY: &str = "probability.csv";
+const CONTOURS: &str = "contours.csv";
+const ENVELOPE95: &str = "envelope95.csv";
 
 /// The result of one variant of a scene.
 #[derive(Clone, Debug)]
@@ -88,6 +97,8 @@ pub struct Study {
     pub limits: Option<LimitStudy>,
     /// Other loops, if they were asked for.
     pub levers: Option<LeverStudy>,
+    /// How sure each wall is, if it was asked for.
+    pub probability: Option<ProbabilityStudy>,
     /// Why the limit that stands beside a plain question is left out.
     pub limits_left_out: Option<String>,
     /// The command that made it.
@@ -116,6 +127,8 @@ pub struct Summary {
     limits: Vec<LimitSummary>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     levers: Vec<LeverSummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    probability: Option<ProbabilitySummary>,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -193,6 +206,7 @@ impl Study {
             sensitivity: self.variants.iter().map(variant_summary).collect(),
             limits: self.limits.as_ref().map(LimitStudy::summary).unwrap_or_default(),
             levers: self.levers.as_ref().map(LeverStudy::summary).unwrap_or_default(),
+            probability: self.probability.as_ref().map(ProbabilityStudy::summary),
         }
     }
 
@@ -213,6 +227,18 @@ impl Study {
         if let Some(shown) = self.levers_figure()? {
             outputs.add_figure(to, "levers", &shown.figure)?;
             figures.push(shown);
+        }
+        if let Some(probability) = &self.probability {
+            if let Some(figure) = probability.figure(&self.scene)? {
+                outputs.add_figure(to, "probability", &figure)?;
+                let caption = ProbabilityStudy::CAPTION.into();
+                figures.push(ReportFigure { figure, caption });
+            }
+            outputs.add(to, PROBABILITY, csv(probability.csv()).as_bytes())?;
+            outputs.add(to, CONTOURS, csv(probability.contours_csv()).as_bytes())?;
+            let rows = envelope::rows(&self.scene, &probability.envelope());
+            let envelope = format!("{}{rows}", envelope::HEADER);
+            outputs.add(to, ENVELOPE95, csv(envelope).as_bytes())?;
         }
         outputs.add(to, "boundary.csv", csv(self.boundary_csv()).as_bytes())?;
         outputs.add(to, "areas.csv", csv(self.areas_csv()).as_bytes())?;
@@ -383,6 +409,7 @@ impl Study {
             areas: areas(&self.result).collect(),
             limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
             levers: self.levers.as_ref().map(LeverStudy::text).unwrap_or_default(),
+            probability: self.probability.as_ref().map(ProbabilityStudy::text).unwrap_or_default(),
             notes,
             scene: self.scene.text.clone(),
             provenance: manifest.facts(),

@@ -24,6 +24,7 @@ mod page;
 mod prepare;
 mod ready;
 mod rotary;
+mod sure;
 mod telemetry;
 mod trade;
 mod walls;

@@ -1,0 +1,43 @@
+//! Options that ask how sure a wall is.
+
+use clap::Args;
+
+use crate::{error::Error, scene::NamedScene, study::probability::Draws};
+
+/// Starts of the scene's own device, and of each that is drawn, unless another number is asked for.
+const STARTS: [u32; 2] = [16, 1];
+
+/// The share of starts, and of devices, at which a wall holds.
+#[derive(Clone, Debug, Args)]
+pub struct DrawArgs {
+    /// How sure each wall is: the share of starts, spread over a count, that hold it; with --uncertain also of devices.
+    #[arg(long)]
+    probability: bool,
+    /// With --probability: draw that many devices by [uncertainty] of the scene.
+    #[arg(long, value_name = "N", requires = "probability", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    uncertain: Option<u32>,
+    /// With --probability: starts of each device [default: 16, or 1 with --uncertain].
+    #[arg(long, value_name = "N", requires = "probability", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    starts_each: Option<u32>,
+}
+
+impl DrawArgs {
+    fn starts(&self) -> u32 {
+        self.starts_each.unwrap_or(STARTS[usize::from(self.uncertain.is_some())])
+    }
+
+    /// Who is drawn; `None` without `--probability`.
+    pub fn of(&self, scene: &NamedScene) -> Result<Option<Draws>, Error> {
+        let draws = || Draws::new(&scene.scene, self.uncertain.unwrap_or(0), self.starts());
+        self.probability.then(draws).transpose().map_err(|error| error.of(&scene.name))
+    }
+
+    /// As on the command line.
+    pub fn as_typed(&self) -> String {
+        if !self.probability {
+            return String::new();
+        }
+        let uncertain = self.uncertain.map_or(String::new(), |n| format!(" --uncertain {n}"));
+        format!(" --probability{uncertain} --starts-each {}", self.starts())
+    }
+}

@@ -1,0 +1,253 @@
+//! What `sweep --probability` writes: maps, contours, the firmware's envelope, a picture, a table for people.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::{
+    SCHEMA_VERSION,
+    figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
+    limits::millions,
+};
+use crate::{
+    scene::NamedScene,
+    study::{
+        envelope::{Envelope, Interval},
+        probability::{
+            Map, Verdicts, WORST,
+            contour::{SHARE, Tried, contour},
+        },
+        walk::BoundaryPoint,
+    },
+};
+
+/// Shares of the contours.
+const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
+
+/// A finished study.
+#[derive(Clone, Debug)]
+pub struct ProbabilityStudy {
+    /// By cutoff, ascending.
+    pub maps: Vec<Map>,
+    /// What the draws say of the cutoffs.
+    pub verdicts: Verdicts,
+    /// The firmware's contour at the recommended cutoff.
+    pub tried: Option<Tried>,
+}
+
+/// In `summary.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProbabilitySummary {
+    draws: u32,
+    /// Largest area in the worst 5 % of the draws.
+    recommended_cutoff_hz: Option<f64>,
+    cutoffs: Vec<CutoffProbability>,
+    contour: Option<ContourSummary>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct CutoffProbability {
+    cutoff_hz: f64,
+    area_n2_s_per_m2: f64,
+    area_5_percent_n2_s_per_m2: f64,
+    area_50_percent_n2_s_per_m2: f64,
+    area_95_percent_n2_s_per_m2: f64,
+    best_share: f64,
+    ideal_share: f64,
+    undecided_share: f64,
+    is_capped: bool,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct ContourSummary {
+    cutoff_hz: f64,
+    length: f64,
+    draws: u32,
+    held: u32,
+    share: f64,
+    share_low: f64,
+    share_high: f64,
+}
+
+impl ProbabilityStudy {
+    /// Below the picture.
+    pub const CAPTION: &str = "Walls at the recommended cutoff that 5, 50 and 95 % of the draws hold, and those of the \
+                               firmware, fitted on fresh draws.";
+
+    fn recommended(&self) -> Option<&Map> {
+        self.verdicts.recommended.and_then(|place| self.maps.get(place))
+    }
+
+    /// For `summary.json`.
+    pub fn summary(&self) -> ProbabilitySummary {
+        let recommended_cutoff_hz = self.recommended().map(|map| map.cutoff_hz);
+        let contour = self.tried.as_ref().zip(recommended_cutoff_hz).map(|(tried, cutoff_hz)| {
+            let [share, share_low, share_high] = tried.share();
+            let Tried { length, draws, held, .. } = *tried;
+            ContourSummary { cutoff_hz, length, draws, held, share, share_low, share_high }
+        });
+        ProbabilitySummary {
+            draws: self.maps.first().map_or(0, |map| map.trials),
+            recommended_cutoff_hz,
+            cutoffs: self.cutoffs(),
+            contour,
+        }
+    }
+
+    fn cutoffs(&self) -> Vec<CutoffProbability> {
+        let counts = self.verdicts.best.iter().zip(&self.verdicts.ideal);
+        let of = |(map, (best, ideal)): (&Map, (&u32, &u32))| {
+            let share = |count: &u32| f64::from(*count) / f64::from(map.trials);
+            CutoffProbability {
+                cutoff_hz: map.cutoff_hz,
+                area_n2_s_per_m2: map.area(),
+                area_5_percent_n2_s_per_m2: map.quantile(WORST),
+                area_50_percent_n2_s_per_m2: map.quantile(0.5),
+                area_95_percent_n2_s_per_m2: map.quantile(1.0 - WORST),
+                best_share: share(best),
+                ideal_share: share(ideal),
+                undecided_share: map.undecided_share(),
+                is_capped: map.is_capped,
+            }
+        };
+        self.maps.iter().zip(counts).map(of).collect()
+    }
+
+    /// `probability.csv`.
+    pub fn csv(&self) -> String {
+        let mut text = String::from(
+            "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,held,draws,share,schema_version\n",
+        );
+        for map in &self.maps {
+            for (b, k) in (0..map.cells[1]).flat_map(|b| (0..map.cells[0]).map(move |k| (b, k))) {
+                let [stiffness, damping] = map.wall([k, b]);
+                let (held, trials) = (map.held([k, b]), map.trials);
+                let _ = writeln!(
+                    text,
+                    "{},{damping},{stiffness},{held},{trials},{},{SCHEMA_VERSION}",
+                    map.cutoff_hz,
+                    f64::from(held) / f64::from(trials)
+                );
+            }
+        }
+        text
+    }
+
+    /// `contours.csv`; the firmware's has the share 95 and `fitted`.
+    pub fn contours_csv(&self) -> String {
+        let mut text = String::from(
+            "cutoff_hz,percent,fitted,damping_n_s_per_m,stiffness_low_n_per_m,stiffness_high_n_per_m,\
+             schema_version\n",
+        );
+        let mut rows = |cutoff_hz: f64, share: f64, fitted: bool, intervals: &[Interval]| {
+            for Interval { damping_n_s_per_m: b, low_n_per_m, high_n_per_m } in intervals {
+                let _ = writeln!(
+                    text,
+                    "{cutoff_hz},{},{fitted},{b},{low_n_per_m},{high_n_per_m},{SCHEMA_VERSION}",
+                    100.0 * share
+                );
+            }
+        };
+        for map in &self.maps {
+            for share in SHARES {
+                rows(map.cutoff_hz, share, false, &contour(map, share));
+            }
+        }
+        if let Some((tried, map)) = self.tried.as_ref().zip(self.recommended()) {
+            rows(map.cutoff_hz, SHARE, true, &tried.intervals);
+        }
+        text
+    }
+
+    /// For the firmware: the fitted contour at the recommended cutoff.
+    pub fn envelope(&self) -> Vec<Envelope> {
+        let tried = self.tried.as_ref().zip(self.recommended());
+        let of = |(tried, map): (&Tried, &Map)| Envelope {
+            cutoff_hz: map.cutoff_hz,
+            intervals: tried.intervals.clone(),
+        };
+        tried.map(of).into_iter().collect()
+    }
+
+    /// The contours at the recommended cutoff.
+    ///
+    /// # Errors
+    /// It cannot be drawn.
+    pub fn figure(&self, scene: &NamedScene) -> Result<Option<Figure>, FigureError> {
+        let Some(map) = self.recommended() else { return Ok(None) };
+        let points = |intervals: &[Interval]| {
+            let upper = intervals.iter().map(|interval| BoundaryPoint {
+                damping_n_s_per_m: interval.damping_n_s_per_m,
+                stiffness_n_per_m: interval.high_n_per_m,
+            });
+            upper.collect()
+        };
+        let curve = |name: String, ideal, intervals: &[Interval]| Curve {
+            detail: format!("{name}, {} Hz", map.cutoff_hz),
+            name,
+            ideal,
+            points: points(intervals),
+        };
+        let mut curves: Vec<Curve> = SHARES
+            .iter()
+            .map(|&share| curve(format!("{} %", 100.0 * share), false, &contour(map, share)))
+            .collect();
+        if let Some(tried) = &self.tried {
+            curves.push(curve("firmware".into(), true, &tried.intervals));
+        }
+        let title = format!("How sure a wall is, {}, {} Hz", scene.name, map.cutoff_hz);
+        let subtitle = format!("largest K that a share of {} draws holds", map.trials);
+        let legend = "Share".into();
+        let units = scene.scene.units;
+        zwidth(&ZwidthPlot { units, title, subtitle, legend, curves }).map(Some)
+    }
+
+    /// The table for people.
+    pub fn text(&self) -> String {
+        let summary = self.summary();
+        let mut text = format!(
+            "how sure: integral of the share of {} draws that hold, and areas of the draws, 10^6 N^2 s/m^2; > cut at a cap\n  {:>9} {:>10} {:>8} {:>8} {:>8} {:>7} {:>7} {:>10}",
+            summary.draws,
+            "cutoff Hz",
+            "integral",
+            "5 %",
+            "50 %",
+            "95 %",
+            "best",
+            "ideal",
+            "undecided"
+        );
+        for c in &summary.cutoffs {
+            let cut = if c.is_capped { ">" } else { "" };
+            let _ = write!(
+                text,
+                "\n  {:>9} {:>10} {:>8} {:>8} {:>8} {:>5.0} % {:>5.0} % {:>8.0} %",
+                c.cutoff_hz,
+                format!("{cut}{}", millions(c.area_n2_s_per_m2)),
+                millions(c.area_5_percent_n2_s_per_m2),
+                millions(c.area_50_percent_n2_s_per_m2),
+                millions(c.area_95_percent_n2_s_per_m2),
+                100.0 * c.best_share,
+                100.0 * c.ideal_share,
+                100.0 * c.undecided_share
+            );
+        }
+        match summary.recommended_cutoff_hz {
+            None => text.push_str("\n  no wall holds"),
+            Some(hz) => {
+                let _ = write!(text, "\n  recommended for the worst 5 % of the draws: {hz} Hz");
+            }
+        }
+        if let Some(contour) = &summary.contour {
+            let _ = write!(
+                text,
+                "\n  envelope95.csv: along it {:.1} % of {} fresh draws hold (95 % interval {:.1} to {:.1} %)",
+                100.0 * contour.share,
+                contour.draws,
+                100.0 * contour.share_low,
+                100.0 * contour.share_high
+            );
+        }
+        text
+    }
+}
