@@ -170,7 +170,7 @@ mod tests {
         let table = "[uncertainty]\nmass_kg = 0.02\ndamping_n_s_per_m = 0.8\nlatency = 1.0\n\
                      correlations = [[\"mass_kg\", \"latency\", 0.6]]";
         let scene = scene(table).unwrap();
-        let count = 20_000u32;
+        let count = 5000u32;
         let drawn: Vec<[f64; 3]> = (0..u64::from(count))
             .map(|n| {
                 let one = scene.drawn(7, n).unwrap();
@@ -186,11 +186,11 @@ mod tests {
             |of: &dyn Fn(&[f64; 3]) -> f64| drawn.iter().map(of).sum::<f64>() / f64::from(count);
         // four standard errors
         for n in 0..3 {
-            assert!(mean(&|d| d[n]).abs() < 0.029);
-            assert!((mean(&|d| d[n] * d[n]) - 1.0).abs() < 0.04);
+            assert!(mean(&|d| d[n]).abs() < 0.057);
+            assert!((mean(&|d| d[n] * d[n]) - 1.0).abs() < 0.08);
         }
-        assert!((mean(&|d| d[0] * d[2]) - 0.6).abs() < 0.034, "{}", mean(&|d| d[0] * d[2]));
-        assert!(mean(&|d| d[0] * d[1]).abs() < 0.03);
+        assert!((mean(&|d| d[0] * d[2]) - 0.6).abs() < 0.066, "{}", mean(&|d| d[0] * d[2]));
+        assert!(mean(&|d| d[0] * d[1]).abs() < 0.057);
         assert_eq!(scene.drawn(7, 3).unwrap(), scene.drawn(7, 3).unwrap());
         assert_ne!(scene.drawn(7, 3).unwrap(), scene.drawn(8, 3).unwrap());
     }

@@ -110,3 +110,56 @@ fn devices_need_a_table_to_be_drawn_by() {
     assert_eq!(Draws::new(&uncertain(&short()), 4, 2).unwrap().count(), 8);
     assert_eq!(Draws::new(&short(), 0, 2).unwrap().count(), 2);
 }
+
+/// Of an independent program: integrals of the share at 1 um, 2000 Hz, and at 2 um, 1500 and 4000 Hz; and over 40 devices (mass
+/// to 5 %, damping to 15 %, latency to 10 %) the cutoff that a walk of each calls ideal: 1200 Hz 22 times, 1500 Hz 16, 1700 Hz 2.
+#[test]
+#[ignore = "200 boundaries and three maps, half a minute"]
+fn areas_and_best_cutoffs_are_those_of_an_independent_program() {
+    let stop = AtomicBool::new(false);
+    let how = how(Engine::lanes(), &stop);
+    for (name, cutoff_hz, known) in [
+        ("paper-1um", 2000.0, 44.2e6),
+        ("paper-2um", 1500.0, 36.0e6),
+        ("paper-2um", 4000.0, 20.2e6),
+    ] {
+        let scene = NamedScene::load(name).unwrap().scene;
+        let prepared = PreparedScene::new(&scene).unwrap();
+        let plan = Plan { name, prepared: &prepared, cutoffs_hz: &[cutoff_hz] };
+        let swept = sweep(how.engine, &[plan], Numeric::Fixed, 1, &stop, |_| {}).unwrap();
+        let draws = Draws::new(&scene, 0, 16).unwrap();
+        let area = maps(how, &draws, &swept[0], || {}).unwrap()[0].area();
+        println!("{name}, {cutoff_hz} Hz: {area:.3e}, known {known:.3e}");
+        assert!((area / known - 1.0).abs() < 0.03, "{name} {cutoff_hz}: {area}");
+    }
+    let mut scene = NamedScene::load("paper-2um").unwrap().scene;
+    scene.uncertainty = Some(crate::scene::Uncertainty {
+        mass_kg: 0.05 * scene.device.mass_kg,
+        damping_n_s_per_m: 0.15 * scene.device.damping_n_s_per_m,
+        latency: 0.1 * scene.actuator.latency,
+        ..Default::default()
+    });
+    let devices: Vec<PreparedScene> =
+        (0..40).map(|n| PreparedScene::new(&scene.drawn(DEVICES, n).unwrap()).unwrap()).collect();
+    // the only ones that are ideal for any of them
+    let cutoffs_hz = &[1000.0, 1200.0, 1500.0, 1700.0, 2000.0];
+    let plans: Vec<Plan<'_>> =
+        devices.iter().map(|prepared| Plan { name: "drawn", prepared, cutoffs_hz }).collect();
+    let swept = sweep(how.engine, &plans, Numeric::Fixed, 1, &stop, |_| {}).unwrap();
+    let mut best: BTreeMap<i64, u32> = BTreeMap::new();
+    let mut areas = vec![];
+    for device in &swept {
+        let ideal = device.ideal.unwrap().cutoff_hz;
+        let at_ideal = device.cutoffs.iter().find(|cutoff| cutoff.cutoff_hz == ideal).unwrap();
+        *best.entry(ideal.to_string().parse().unwrap()).or_default() += 1;
+        areas.push(at_ideal.boundaries.area());
+    }
+    let ends = [0.05, 0.95].map(|share| quantile(&areas, share));
+    println!("best cutoff {best:?}, its area {ends:?}");
+    let of = |hz: i64| best.get(&hz).copied().unwrap_or(0);
+    assert!(of(1200) + of(1500) >= 32 && of(1200) >= 8 && of(1500) >= 8, "{best:?}");
+    assert!(
+        (ends[0] / 28.6e6 - 1.0).abs() < 0.25 && (ends[1] / 56.9e6 - 1.0).abs() < 0.25,
+        "{ends:?}"
+    );
+}
