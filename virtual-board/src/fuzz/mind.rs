@@ -5,6 +5,7 @@ use super::{
     compare::same,
     frames::{Change, Frame},
     model::{Activity, Answer, Effect, View, fault_text},
+    push::Push,
     run::{End, Mind, differs},
     settings::Settings,
 };
@@ -13,10 +14,6 @@ use super::{
 pub(super) const LOW_MV: u32 = 2_800;
 /// Samples for which what the board has seen of the outside is open: two outputs and a half.
 pub(super) const UNSURE: u64 = 25;
-/// Outputs with force but without motion: nearly 50 ms.
-const STILL: u64 = 45;
-/// 10 % of full scale.
-const PUSH: i32 = (1 << 30) / 10;
 /// Nearly 1 m/s, in LSB of the velocity and in counts from output to output.
 const FAST: u32 = 80 * 65_536;
 const FAR: u32 = 900;
@@ -144,7 +141,7 @@ impl Mind {
         self.zero_lost_until = 0;
         self.loses_zero = false;
         self.allowed = Default::default();
-        self.still = (0, 0);
+        self.push = Push::default();
         self.arming = 0;
         self.twin.compared = [0; 2];
     }
@@ -266,10 +263,7 @@ impl Mind {
         {
             return differs(format!("fault {} should have come by sample {at}", fault_text(code)));
         }
-        let pushes = new.on && !new.contact && new.force.abs() > PUSH;
-        let (for_outputs, place) = self.still;
-        let stays = pushes && new.position.abs_diff(place) < 3;
-        self.still = if stays { (for_outputs + 1, place) } else { (0, new.position) };
+        self.push.step(new, gap);
         self.allowed = Default::default();
         Ok(())
     }
@@ -284,7 +278,7 @@ impl Mind {
         let possible = match new.fault {
             10 => jumped,
             11 => self.fastest > FAST,
-            13 => self.still.0 >= STILL,
+            13 => self.push.moves_too_little(),
             14 => (90..=115).contains(&self.armed_after) || self.armed_after == 0 && old.on,
             15 => new.position < low + 1000 || new.position > high - 1000,
             30 => stop,

@@ -5,7 +5,7 @@
 //! | `action` | what is done to a board, and scripts of it |
 //! | `command`, `settings`, `envelope`, `model` | what each line has to be answered with |
 //! | `frames` | telemetry, worked out once more |
-//! | `run`, `check`, `mind`, `compare` | a session, and what it says against all that |
+//! | `run`, `check`, `mind`, `push`, `compare` | a session, and what it says against all that |
 //! | `generate` | sessions at random |
 //! | `shrink` | the shortest session that still fails |
 //! | `campaign` | many of them |
@@ -23,6 +23,7 @@ mod generate;
 mod instants;
 mod mind;
 mod model;
+mod push;
 pub mod report;
 mod run;
 mod settings;

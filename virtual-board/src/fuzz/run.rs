@@ -14,6 +14,7 @@ use super::{
     check::twin,
     frames::{Frame, Twin},
     model::{Model, View},
+    push::Push,
 };
 
 /// Why a session ended early.
@@ -114,8 +115,8 @@ pub struct Mind {
     /// The next frame has to say that the zero is lost.
     pub(super) loses_zero: bool,
     pub(super) allowed: Allowed,
-    /// For fault 13 and 11: outputs with force without motion; the fastest of late.
-    pub(super) still: (u64, i32),
+    /// For fault 13 and 11: what a push has moved; the fastest of late.
+    pub(super) push: Push,
     pub(super) fastest: u32,
     pub(super) arming: u64,
     pub(super) armed_after: u64,
@@ -181,7 +182,7 @@ impl<'a> Run<'a> {
             zero_lost_until: 0,
             loses_zero: false,
             allowed: Allowed::default(),
-            still: (0, 0),
+            push: Push::default(),
             fastest: 0,
             arming: 0,
             armed_after: 0,
