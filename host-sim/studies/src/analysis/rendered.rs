@@ -403,6 +403,33 @@ mod tests {
     }
 
     #[test]
+    fn a_slow_output_and_an_amplifier_take_from_the_magnitude() {
+        let (mut scene, cutoff_hz) = with(&VelocitySettings::Butterworth { cutoff_hz: 1500.0 });
+        let spring = |scene: &Scene| Rendered::of(scene, cutoff_hz).unwrap().error(20_000.0, 0.0);
+        (scene.actuator.period, scene.actuator.latency) = (100, 0.0);
+        let half = PI * Sine::new(&scene, &free(cutoff_hz), 30.0).frequency_hz / 100.0;
+        let held = 1.0 - half.sin() / half;
+        assert!(
+            held > 0.1 && (spring(&scene) - held).abs() < ROUNDING,
+            "{} {held}",
+            spring(&scene)
+        );
+        scene.actuator.period = 10;
+        scene.amplifier = Some(crate::scene::element::Amplifier { bandwidth_hz: 100.0 });
+        let lag = 1.0 - 1.0 / 1f64.hypot(0.3);
+        assert!((spring(&scene) - lag).abs() < 2.0 * ROUNDING, "{} {lag}", spring(&scene));
+    }
+
+    fn free(cutoff_hz: f64) -> WallHit {
+        WallHit {
+            cutoff_hz,
+            stiffness_n_per_m: 0.0,
+            damping_n_s_per_m: 0.0,
+            start_offset_counts: 0.0,
+        }
+    }
+
+    #[test]
     fn without_a_model_the_error_depends_on_the_ratio_of_k_and_b() {
         let (scene, cutoff_hz) = with(&VelocitySettings::Butterworth { cutoff_hz: 100.0 });
         let rendered = Rendered::of(&scene, cutoff_hz).unwrap();
