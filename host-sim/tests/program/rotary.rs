@@ -374,7 +374,7 @@ fn what_a_rotary_scene_cannot_have_is_one_line_that_says_it() {
             "actuator.gain_n_per_v: with [rotary] it follows",
         ),
         ("[encoder]", "[device]\nmass_kg = 1\n\n[encoder]", "with [rotary] there is no [device]"),
-        ("push_n_m = 0.14", "push_n_m = 2", "wall_hit.push_n_m is 2, allowed -1.3 to 1.3"),
+        ("push_n_m = 0.14", "push_n_m = 2", "wall_hit.push_n_m is 2, allowed -1.29999"),
         (
             "handle_inertia_kg_m2 = 2.1e-4",
             "handle_inertia_kg_m2 = 0.9",
