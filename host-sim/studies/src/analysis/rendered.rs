@@ -185,13 +185,19 @@ impl<'a> Sine<'a> {
         2.0 * PI * self.frequency_hz / self.scene.control.rate_hz
     }
 
-    /// A sum over the record to the force's coefficient: mean, gain of the hold, amplifier.
-    pub(super) fn held(&self) -> Complex<f64> {
+    /// Coefficient of the force of a sum over the record.
+    pub(super) fn force_n(&self, sum: Complex<f64>) -> Complex<f64> {
+        let [hold, lag] = self.held();
+        sum / self.outputs * hold * lag
+    }
+
+    /// Gain of the hold, and the amplifier.
+    fn held(&self) -> [Complex<f64>; 2] {
         let half = self.omega() * f64::from(self.scene.actuator.period) / 2.0;
-        let hold = half.sin() / half / self.outputs;
-        self.scene.amplifier.map_or(Complex::new(1.0, 0.0), |amplifier| {
+        let lag = self.scene.amplifier.map_or(Complex::new(1.0, 0.0), |amplifier| {
             Complex::new(1.0, self.frequency_hz / amplifier.bandwidth_hz).inv()
-        }) * hold
+        });
+        [(half.sin() / half).into(), lag]
     }
 
     /// Coefficient of the motion, m: x = A sin = A (e - e*) / 2j.
@@ -248,7 +254,8 @@ impl Rendered {
                 }
             };
             // the coefficients have the delay of hold and latency in them already
-            let held = sine.held() * sine.outputs;
+            let [hold, lag] = sine.held();
+            let held = hold * lag;
             let omega_per_s = 2.0 * PI * sine.frequency_hz;
             Ok(Answer { omega_per_s, position, by_motion, by_force, held })
         };
@@ -387,7 +394,7 @@ mod tests {
                     let sine = Sine::new(&scene, &wall, hz);
                     let mut sum = Complex::new(0.0, 0.0);
                     sine.run(|output| sum += output.acts * output.force_n).unwrap();
-                    let rendered = (sum * sine.held() / sine.motion()).norm();
+                    let rendered = (sine.force_n(sum) / sine.motion()).norm();
                     (rendered / k.hypot(2.0 * PI * sine.frequency_hz * b) - 1.0).abs()
                 });
                 let alone = alone.into_iter().fold(0.0, f64::max);

@@ -116,7 +116,7 @@ fn impedances(sine: &Sine<'_>) -> Result<[Complex<f64>; 2], Error> {
         }
     })?;
     // the wall pushes back, hence the sign
-    Ok(sums.map(|sum| -(sum * sine.held()) / sine.motion()))
+    Ok(sums.map(|sum| -sine.force_n(sum) / sine.motion()))
 }
 
 #[cfg(test)]
