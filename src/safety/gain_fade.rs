@@ -17,6 +17,7 @@
 
 #![deny(clippy::float_arithmetic)]
 
+use super::Doubled;
 use crate::{
     Drive, Motion,
     units::{Demand, Force},
@@ -26,6 +27,11 @@ use crate::{
 /// What the last output was made with, and what is still fading.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GainFade {
+    kept: Doubled<Kept>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Kept {
     wall: Wall,
     /// The push that acted: on its way to the one that is asked for.
     push: Force,
@@ -38,12 +44,18 @@ pub(super) struct GainFade {
 impl GainFade {
     /// Nothing to fade.
     pub fn new(wall: Wall, push: Force) -> Self {
-        Self { wall, push, pushing: false, correction: 0 }
+        Self { kept: Doubled::new(Kept { wall, push, pushing: false, correction: 0 }) }
     }
 
     /// Whether something is fading.
     pub fn is_fading(&self) -> bool {
-        self.pushing || self.correction != 0
+        self.kept.pushing || self.kept.correction != 0
+    }
+
+    /// Whether it is as the last output left it.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.kept.is_whole()
     }
 
     /// The force to give now, where the settings in force ask for `drive`, and a step of `slew` is allowed. `held`
@@ -58,11 +70,12 @@ impl GainFade {
         held: Option<Force>,
         slew: i32,
     ) -> Force {
-        let same = *wall == self.wall;
-        if same && push == self.push && self.correction == 0 && held.is_none() {
+        let kept = &self.kept;
+        let same = *wall == kept.wall;
+        if same && push == kept.push && kept.correction == 0 && held.is_none() {
             return drive.force;
         }
-        let before = self.push.bits();
+        let before = kept.push.bits();
         let step = push.bits().saturating_sub(before).max(-slew).min(slew); // clamp could panic
         let pushed = Force::saturating_from_bits(before + step);
         let rest = i64::from(slew - step.abs());
@@ -71,18 +84,18 @@ impl GainFade {
         let wanted = asked(drive.wall);
         let base = match held {
             Some(force) => i64::from(force.bits()) + i64::from(step),
-            None if same => within(drive.contact, wall, pushed, wanted + self.correction),
+            None if same => within(drive.contact, wall, pushed, wanted + kept.correction),
             None => {
-                let old = &self.wall;
-                let given = asked(old.demand(motion.position, motion.velocity)) + self.correction;
+                let old = &kept.wall;
+                let given = asked(old.demand(motion.position, motion.velocity)) + kept.correction;
                 within(old.penetration(motion.position) > 0, old, pushed, given)
             }
         };
         let difference = base - wanted;
         let force = wanted + difference - difference.max(-rest).min(rest);
         let force = within(drive.contact, wall, pushed, force);
-        (self.wall, self.push, self.pushing) = (*wall, pushed, pushed != push);
-        self.correction = force - wanted;
+        let correction = force - wanted;
+        self.kept.set(Kept { wall: *wall, push: pushed, pushing: pushed != push, correction });
         Demand::from_bits(force).saturate().0
     }
 }
@@ -96,6 +109,16 @@ fn within(contact: bool, wall: &Wall, push: Force, bits: i64) -> i64 {
         (false, _) => push,
         (true, true) => bits.max(-full).min(push),
         (true, false) => bits.max(-full).min(full),
+    }
+}
+
+#[cfg(test)]
+impl GainFade {
+    /// A bit of one of its two walls has flipped.
+    pub(super) fn spoil(&mut self) {
+        let surface = crate::units::Position::from_counts(1 << 17);
+        let wall = Wall { surface, ..self.kept.wall };
+        self.kept.spoil(Kept { wall, ..*self.kept });
     }
 }
 
@@ -188,7 +211,7 @@ mod tests {
             let mut change = GainFade::new(now.0, now.1);
             for (position, velocity, new) in steps {
                 let at = motion(position, velocity / 64);
-                let GainFade { push, correction, .. } = change;
+                let Kept { push, correction, .. } = *change.kept;
                 // the old settings, and nothing that fades in this output
                 let old = drive(&now.0, push, at);
                 let was_in = old.contact;
@@ -202,7 +225,7 @@ mod tests {
                 let step = force - unchanged;
                 // A wall that is taken away (never in contact, see `may_change`) is gone at once.
                 prop_assert!(step.abs() <= i64::from(SLEW) || was_in && !is_in, "{step}");
-                let push = i64::from(change.push.bits());
+                let push = i64::from(change.kept.push.bits());
                 if !is_in {
                     prop_assert_eq!(force, push);
                 } else if push_only {
@@ -215,7 +238,7 @@ mod tests {
                 let _ = give(&mut change, now, at);
             }
             prop_assert!(!change.is_fading());
-            prop_assert_eq!(change.push, now.1);
+            prop_assert_eq!(change.kept.push, now.1);
         }
     }
 }

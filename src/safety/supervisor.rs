@@ -144,7 +144,10 @@ impl Supervisor {
     /// Whether what decides a force is as it was put here. To be asked after each output.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.state.is_whole() && self.plan.is_whole() && self.unlocked.is_whole()
+        self.state.is_whole()
+            && self.plan.is_whole()
+            && self.unlocked.is_whole()
+            && self.fade.as_ref().is_none_or(GainFade::is_whole)
     }
 
     /// Whether the handle is held on purpose, as in a calibration: a push without motion is then no

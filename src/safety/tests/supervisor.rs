@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::{
+    Gain,
     safety::plan::tests::{DESIGN, SETTINGS},
     units::Velocity,
+    wall::Wall,
 };
 
 fn supervisor() -> Supervisor {
@@ -23,6 +25,19 @@ fn it_is_whole_until_a_copy_differs() {
     assert!(!broken.is_whole());
     let mut broken = supervisor();
     broken.unlocked.spoil(true);
+    assert!(!broken.is_whole());
+    let mut broken = supervisor();
+    let wall = Wall {
+        surface: Position::from_counts(100),
+        stiffness: Gain::from_f64(1.0).unwrap(),
+        damping: Gain::from_f64(1.0).unwrap(),
+        push_only: true,
+    };
+    let mut fade = GainFade::new(wall, Force::ZERO);
+    broken.fade = Some(fade);
+    assert!(broken.is_whole());
+    fade.spoil();
+    broken.fade = Some(fade);
     assert!(!broken.is_whole());
 }
 

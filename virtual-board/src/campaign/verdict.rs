@@ -137,8 +137,17 @@ impl Watched {
                 }
                 None if n >= samples || n == samples / 2 && is_right(world, right) => break,
                 None => {}
+                Some(_) if enabled => {
+                    watched.listen(world);
+                    // Without a fault it is an output that was left out: the force may go on.
+                    if watched.code.is_none() {
+                        (watched.off_at, after) = (None, 0);
+                    } else {
+                        watched.back = true;
+                        break;
+                    }
+                }
                 Some(_) => {
-                    watched.back |= enabled;
                     after += 1;
                     if after >= AFTER && (watched.code.is_some() || after >= TOLD) {
                         break;
