@@ -54,6 +54,25 @@ def criteria_levers(limit, push):
 
 
 @block
+def explained(encoder):
+    body = []
+    for r in rows(f"explain-paper-{encoder}.csv"):
+        times = ""
+        if r["times_the_area"]:
+            mean, low, high = (significant(float(r[key]), 3) for key in ("times_the_area", "times_low", "times_high"))
+            times = f"{mean}{'?' if r['better'] == 'unsure' else ''} ({low} to {high})"
+        share = f"{100 * float(r['share_of_core']):.1f}" if r["share_of_core"] else ""
+        cut = "> " if int(r["capped_walks"]) else ""
+        body.append([r["rank"] if r["rank"] != "0" else "", r["what"].replace(";", ","), times,
+                     cut + number(float(f"{float(r['area_n2_s_per_m2']) * 1e-6:.3g}")),
+                     number(float(r["stiffness_peak_n_per_m"]), 0), number(float(r["stiffness_n_per_m"]), 0),
+                     f"{1e3 * float(r['velocity_noise_m_per_s']):.2g}", share])
+    b = float(rows(f"explain-paper-{encoder}.csv")[0]["damping_n_s_per_m"])
+    return table(["rank", "change", "times the area", "area, 10^6 N^2 s/m^2", "peak K, N/m", f"K at B = {b:g}, N/m",
+                  "noise, mm/s", "of the core, %"], body)
+
+
+@block
 def readme_levers():
     found = [r for r in limit_rows("levers-paper-1um.csv", push="motor", estimator="scene", limit_unit="m")
              if float(r["limit"]) == 1e-6 and r["cutoff_hz"] == r["ideal_cutoff_hz"] and r["loop"] != "discovery-f407"]

@@ -40,6 +40,8 @@ LONG = {
        for name, words in {"motor-1um": "--limit 1e-6 --rms-of motion", "hand-15um": "--push hand",
                            "hand-1um": "--limit 1e-6 --rms-of motion --push hand",
                            "board-1um": "--limit 1e-6 --rms-of motion --latency 0.115"}.items()},
+    **{f"explain-{name}": (f"cargo sim explain {name}", {"explain.csv": f"explain-{name}.csv"})
+       for name in ("paper-1um", "paper-2um")},
     "peers-paper-1um": ("cargo sim compare paper-1um --peers", {"peers.csv": "peers-paper-1um.csv"}),
     **{f"design-{name}": (f"cargo sim design {words}", {"design.csv": f"design-{name}.csv"}) for name, words in {
         "paper-1um": "paper-1um", "paper-2um": "paper-2um",

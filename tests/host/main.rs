@@ -24,6 +24,7 @@ mod estimators_linear;
 mod estimators_observers;
 mod estimators_position;
 mod estimators_time_stamps;
+mod explain;
 mod extremes;
 mod filter;
 mod force_step;

@@ -13,25 +13,25 @@ use crate::{
 #[derive(Clone, Debug, Args)]
 pub struct Conditions {
     /// Limit in the place of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
-    #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "peers")]
+    #[arg(long, value_name = "LIMIT", value_parser = one)]
     limit: Option<Limits>,
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
-    #[arg(long, value_enum, conflicts_with = "peers")]
+    #[arg(long, value_enum)]
     rms_of: Option<RmsOfArg>,
     /// When a wall counts as stable, in the place of the scene's.
-    #[arg(long, value_enum, conflicts_with_all = ["peers", "limit"])]
+    #[arg(long, value_enum, conflicts_with = "limit")]
     criterion: Option<CriterionArg>,
     /// Who pushes, in the place of the scene's.
-    #[arg(long, value_enum, conflicts_with = "peers")]
+    #[arg(long, value_enum)]
     push: Option<PushArg>,
     /// The arm that holds the handle: a name of [arms.NAME] or of a built-in model (heavy, light).
-    #[arg(long, value_name = "NAME", conflicts_with = "peers")]
+    #[arg(long, value_name = "NAME")]
     arm: Option<String>,
     /// Samples from a reading to its force, in the place of actuator.latency.
-    #[arg(long, value_name = "SAMPLES", allow_negative_numbers = true, conflicts_with = "peers")]
+    #[arg(long, value_name = "SAMPLES", allow_negative_numbers = true)]
     latency: Option<f64>,
     /// Samples per output, in the place of actuator.period.
-    #[arg(long, value_name = "SAMPLES", conflicts_with = "peers")]
+    #[arg(long, value_name = "SAMPLES")]
     period: Option<u32>,
 }
 

@@ -4,6 +4,7 @@ mod compare;
 mod conditions;
 mod design;
 mod draws;
+mod explain;
 mod grid;
 mod hit;
 mod identify;
@@ -52,6 +53,7 @@ enum Command {
     Linear(linear::LinearArgs),
     Compare(compare::CompareArgs),
     Design(design::DesignArgs),
+    Explain(explain::ExplainArgs),
     Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
@@ -136,6 +138,7 @@ impl Command {
             Self::Sweep(_)
             | Self::Compare(_)
             | Self::Design(_)
+            | Self::Explain(_)
             | Self::Trade(_)
             | Self::Identify(_)
             | Self::Prepare(_) => None,
@@ -165,6 +168,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Linear(args) => linear::run(&args, &common),
         Command::Compare(args) => compare::run(&args, &common),
         Command::Design(args) => design::run(&args, &common),
+        Command::Explain(args) => explain::run(&args, &common),
         Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),

@@ -37,7 +37,7 @@ const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 pub struct PeerArgs {
     /// The defaults of other systems, untuned, beside the scene's own estimator (at 500 and 1500 Hz) and the true velocity:
     /// areas by limit, in the scene's own loop and with the latency of both boards.
-    #[arg(long, conflicts_with_all = ["estimators", "damping", "budget"])]
+    #[arg(long, conflicts_with_all = ["estimators", "damping", "budget", "limit", "rms_of", "criterion", "push", "arm", "latency", "period"])]
     pub peers: bool,
     /// With --peers: limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS, requires = "peers")]

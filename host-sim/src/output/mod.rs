@@ -2,6 +2,7 @@
 
 pub mod design;
 mod draft;
+pub mod explain;
 pub mod figure;
 pub mod files;
 pub mod in_units;

@@ -14,6 +14,7 @@ mod compare;
 mod design;
 mod elements;
 mod engine;
+mod explain;
 mod grid;
 #[cfg(unix)]
 mod hostile;

@@ -3,6 +3,7 @@
 
 pub mod compare;
 pub mod design;
+pub mod explain;
 pub mod identify;
 pub mod linear;
 pub mod overview;

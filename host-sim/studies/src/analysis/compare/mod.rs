@@ -235,6 +235,17 @@ const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 /// else half of what it reaches.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
+/// B at which K is read off: the usual one, or half of what these boundaries reach; a B of the walk's grid.
+pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
+    let plan = scene.walk_plan();
+    let reached = boundaries.map_or(0.0, |boundaries| {
+        boundaries.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
+    });
+    let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
+    let steps = ((0.5 * reached - first) / step).floor().max(0.0);
+    USUAL_DAMPING_N_S_PER_M.clamp(first, first + steps * step)
+}
+
 /// Most walks that comparing `entries` takes.
 pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     let reference = u64::from(!entries.contains(&REFERENCE));
@@ -272,15 +283,8 @@ pub fn compare(
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
     let plan = scene.walk_plan();
-    let damping_n_s_per_m = damping_n_s_per_m.unwrap_or_else(|| {
-        let reached = reference.map_or(0.0, |(_, (_, tuned))| {
-            tuned.boundaries.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
-        });
-        // a B of the grid
-        let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
-        let steps = ((0.5 * reached - first) / step).floor().max(0.0);
-        USUAL_DAMPING_N_S_PER_M.clamp(first, first + steps * step)
-    });
+    let damping_n_s_per_m = damping_n_s_per_m
+        .unwrap_or_else(|| damping_of(reference.map(|(_, (_, tuned))| &tuned.boundaries), scene));
     let walls = [0.5, 1.0, 2.0].map(|times| {
         let damping_n_s_per_m = (times * damping_n_s_per_m)
             .clamp(plan.damping_start_n_s_per_m, plan.damping_max_n_s_per_m);
@@ -319,7 +323,7 @@ pub fn compare(
 }
 
 /// Where the search starts. What is known of the device is told: the observer gets its mass.
-fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
+pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),

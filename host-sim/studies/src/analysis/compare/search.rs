@@ -49,6 +49,11 @@ impl Budget {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
     }
+
+    /// Starts of the walks at the result, counts.
+    fn starts(&self) -> Vec<f64> {
+        (0..self.repeats).map(|repeat| start_offset_counts(repeat, self.repeats)).collect()
+    }
 }
 
 /// Starts of the walks of a search, counts: the golden section and half a count from it, which no
@@ -73,6 +78,72 @@ pub const WRONG_BY: f64 = 1.2;
 /// How much the mass of a model is put wrong.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
+/// What walks, where.
+pub struct Walker<'a, D> {
+    /// What runs the hits.
+    pub engine: Engine,
+    /// The scene; its own estimator does not matter.
+    pub scene: &'a Scene,
+    /// Says that it is to end.
+    pub stop: &'a AtomicBool,
+    /// Called with the number of walks made.
+    pub done: &'a D,
+}
+
+impl<D: Fn(u64) + Sync> Walker<'_, D> {
+    fn walks(&self, settings: &VelocitySettings, starts: &[f64]) -> Result<Boundaries, Error> {
+        let (scene, cutoff_hz) = with_estimator(self.scene, settings);
+        let prepared = PreparedScene::new(&scene)?;
+        let each = |&start: &f64| {
+            walk(self.engine, &prepared, Numeric::Fixed, cutoff_hz, start, self.stop)
+        };
+        let boundaries: Result<Vec<Boundary>, Error> = starts.par_iter().map(each).collect();
+        (self.done)(starts.len() as u64);
+        Ok(boundaries?.into_iter().collect())
+    }
+
+    /// The best tuning from `start` and its boundaries, without what is left of it where it is wrong; as it is if it is
+    /// not free.
+    ///
+    /// # Errors
+    /// The handle does not reach the wall, or `stop` was set.
+    pub fn best(
+        &self,
+        start: &VelocitySettings,
+        is_free: bool,
+        budget: Budget,
+    ) -> Result<(VelocitySettings, Tuned), Error> {
+        let axes = self.axes(start, is_free);
+        let mut tuned = Tuned {
+            tried: vec![],
+            settled: true,
+            boundaries: Boundaries::default(),
+            bandwidth_hz: 0.0,
+            left_when_mistuned: [None; 2],
+            left_when_mass_is_wrong: [None; 2],
+            edges: [None; 2],
+        };
+        let mut best = *start;
+        if let Some(axes) = &axes {
+            let area = |settings: &VelocitySettings| Ok(self.walks(settings, &STARTS)?.area());
+            let look = |settings: &[VelocitySettings]| settings.par_iter().map(area).collect();
+            let search = Search::over(axes, budget.tunings, look)?;
+            best = search.best().map_or(best, |tried| tried.settings);
+            tuned.edges = edges(axes, &best);
+            tuned.settled = search.settled;
+            tuned.tried = search.tried;
+        }
+        tuned.bandwidth_hz = bandwidth_hz(&best, &self.scene.design()).map_err(Error::input)?;
+        tuned.boundaries = self.walks(&best, &budget.starts())?;
+        Ok((best, tuned))
+    }
+
+    fn axes(&self, start: &VelocitySettings, is_free: bool) -> Option<Axes> {
+        let mass_kg = self.scene.device.mass_kg;
+        is_free.then(|| Axes::new(start, &self.scene.design(), mass_kg)).flatten()
+    }
+}
+
 /// Tunes `start` if it is free; else it is walked as it is. `done` is called with the number of walks made.
 ///
 /// # Errors
@@ -86,43 +157,14 @@ pub fn tune(
     stop: &AtomicBool,
     done: &(impl Fn(u64) + Sync),
 ) -> Result<(VelocitySettings, Tuned), Error> {
-    let walks = |settings: &VelocitySettings, starts: &[f64]| -> Result<Boundaries, Error> {
-        let (scene, cutoff_hz) = with_estimator(scene, settings);
-        let prepared = PreparedScene::new(&scene)?;
-        let each = |&start: &f64| walk(engine, &prepared, Numeric::Fixed, cutoff_hz, start, stop);
-        let boundaries: Result<Vec<Boundary>, Error> = starts.par_iter().map(each).collect();
-        done(starts.len() as u64);
-        Ok(boundaries?.into_iter().collect())
-    };
-    let starts: Vec<f64> =
-        (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
-    let design = scene.design();
-    let axes = is_free.then(|| Axes::new(start, &design, scene.device.mass_kg)).flatten();
-    let mut tuned = Tuned {
-        tried: vec![],
-        settled: true,
-        boundaries: Boundaries::default(),
-        bandwidth_hz: 0.0,
-        left_when_mistuned: [None; 2],
-        left_when_mass_is_wrong: [None; 2],
-        edges: [None; 2],
-    };
-    let mut best = *start;
-    if let Some(axes) = &axes {
-        let area = |settings: &VelocitySettings| Ok(walks(settings, &STARTS)?.area());
-        let look = |settings: &[VelocitySettings]| settings.par_iter().map(area).collect();
-        let search = Search::over(axes, budget.tunings, look)?;
-        best = search.best().map_or(best, |tried| tried.settings);
-        tuned.edges = edges(axes, &best);
-        tuned.settled = search.settled;
-        tuned.tried = search.tried;
-    }
-    tuned.bandwidth_hz = bandwidth_hz(&best, &design).map_err(Error::input)?;
-    tuned.boundaries = walks(&best, &starts)?;
+    let walker = Walker { engine, scene, stop, done };
+    let (best, mut tuned) = walker.best(start, is_free, budget)?;
+    let (starts, design) = (budget.starts(), scene.design());
     let area = tuned.boundaries.area();
     let left = |wrong: &VelocitySettings| -> Result<f64, Error> {
-        Ok(walks(wrong, &starts)?.area() / area)
+        Ok(walker.walks(wrong, &starts)?.area() / area)
     };
+    let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
         if let Some((wrong, reached)) = wrong.filter(|_| area > 0.0) {

@@ -1,0 +1,154 @@
+//! `explain`: what limits the walls of a device.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Common, conditions::Conditions, progress};
+use crate::{
+    analysis::{
+        compare::search::Budget,
+        explain::{explain, most_walks},
+    },
+    engine::Engine,
+    error::Error,
+    interrupt,
+    output::{
+        explain::{ExplainReport, Row},
+        files::{MANIFEST, Outputs, json as json_bytes},
+        in_units::{self, InUnits},
+        manifest::Manifest,
+        report::{self, ReportFigure},
+        terminal::print_result,
+    },
+    range::within,
+    scene::{NamedScene, Units},
+    simulation::prepared::Numeric,
+};
+
+/// What limits this device's walls: one element changed at a time (encoder, latency, output, estimator, amplifier,
+/// motor, friction, cogging, accelerometer), each tuned anew; a ranked table with ranges.
+#[derive(Debug, Args)]
+#[command(after_long_help = COLUMNS)]
+pub struct ExplainArgs {
+    /// Built-in scene or scene file.
+    scene: String,
+    /// B at which K is read off, N s/m [default: 100, or half of the largest B that the scene reaches, if that is less].
+    #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
+    damping: Option<f64>,
+    /// Tunings that the search may try for each change, two walks each; with two parameters four times as many.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(3..=1000))]
+    budget: u32,
+    /// Walks at the result of each search, their starts spread over one count.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    repeat: u32,
+    #[command(flatten)]
+    conditions: Conditions,
+}
+
+const COLUMNS: &str = "\
+Columns:
+  rank            one more than the changes that are better for certain; equal where the starts cannot tell
+  change          the element, and what it becomes
+  times the area  area over that of the scene as it is, mean (least to most over the starts); ? not told from 1
+  area            mean area below the boundary; > cut at a cap of [walk]
+  peak K          largest stable K at any B, mean over the starts
+  K at B          largest stable K at the B of --damping, mean over the starts
+  noise           RMS noise of the velocity in motion; times B it is the noise of the force
+  of core %       cycles that the change adds, as a share of a Cortex-M4 at 180 MHz; ? not measured
+  cost            what it takes, in words
+explain.csv has these and more (docs/files.md).";
+
+/// Every file of a result.
+const FILES: [&str; 6] =
+    ["explain.csv", "boundary.csv", "explain.svg", "explain.png", "report.html", MANIFEST];
+
+#[derive(Serialize)]
+struct Json<'a> {
+    scene: &'a str,
+    damping_n_s_per_m: f64,
+    budget: u32,
+    repeats: u32,
+    changes: Vec<Row>,
+    answers: Vec<String>,
+}
+
+pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
+    let mut scene = NamedScene::load(&args.scene)?;
+    args.conditions.apply(&mut scene.scene).map_err(|error| error.of(&scene.name))?;
+    if common.numeric != Numeric::Fixed {
+        return Err(Error::input(
+            "--numeric: explain runs the fixed-point core only, allowed fixed",
+        ));
+    }
+    crate::study::asked::prepare(&scene)?;
+    let plan = scene.scene.walk_plan();
+    let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
+    let units = scene.scene.units;
+    let damping = args.damping.map(|damping| units.damping_n_s_per_m(damping));
+    if let Some(damping) = damping {
+        within("--damping", damping, range).map_err(|error| Error::Input(units.text(&error)))?;
+    }
+    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("explain");
+    let folder = common.out.clone().unwrap_or_else(default);
+    let mut outputs = Outputs::new(common.force, &scene.files);
+    let to = outputs.folder(&folder, &FILES)?;
+    let budget = Budget { tunings: args.budget, repeats: args.repeat };
+    let bar = progress::bar(most_walks(&scene.scene, budget));
+    let engine: Engine = common.engine.into();
+    let found = explain(engine, &scene.scene, damping, budget, interrupt::flag(), |walks| {
+        bar.inc(walks);
+    })
+    .map_err(|error| error.of(&scene.name))?;
+    bar.finish_and_clear();
+    let report = ExplainReport { scene: &scene.name, units, found: &found };
+    let command = format!(
+        "explain {}{} --damping {} --budget {} --repeat {} --engine {}",
+        scene.name,
+        args.conditions.as_typed(),
+        Units::told(found.damping_n_s_per_m, units.written("N s/m").1),
+        args.budget,
+        args.repeat,
+        engine.name()
+    );
+    let manifest = Manifest::new(command, &scene);
+    let figure = report.figure()?;
+    outputs.add_figure(to, "explain", &figure)?;
+    outputs.add(to, "explain.csv", in_units::csv(units, report.csv()).as_bytes())?;
+    outputs.add(to, "boundary.csv", in_units::csv(units, report.boundary_csv()).as_bytes())?;
+    let figures = [ReportFigure {
+        figure,
+        caption: "Boundary of the stable walls: the scene as it is, and its best changes.".into(),
+    }];
+    outputs.add(to, "report.html", page(&scene, &report, &figures, &manifest).as_bytes())?;
+    outputs.add(to, MANIFEST, &json_bytes(&manifest)?)?;
+    outputs.commit()?;
+    let json = Json {
+        scene: &scene.name,
+        damping_n_s_per_m: found.damping_n_s_per_m,
+        budget: args.budget,
+        repeats: args.repeat,
+        changes: report.rows(),
+        answers: report.answers(),
+    };
+    print_result(common.json, InUnits(units, json), || {
+        format!("{}\nresults in {}", report.text(), folder.display())
+    })
+}
+
+fn page(
+    scene: &NamedScene,
+    report: &ExplainReport<'_>,
+    figures: &[ReportFigure],
+    manifest: &Manifest,
+) -> String {
+    let sections = vec![
+        ("Changes", report.html()),
+        ("Answers", report::notes(&report.answers())),
+        ("Scene", report::scene(&scene.text)),
+        ("Provenance", report::provenance(&manifest.facts())),
+    ];
+    let answer = report.answers().join(". ");
+    report::page(&format!("{}: what limits the walls", scene.name), &answer, figures, &sections)
+}

@@ -1,0 +1,379 @@
+//! What may be changed of a device, one element at a time, and what each change costs.
+
+use zwidth::velocity::EstimatorName;
+
+use crate::{
+    analysis::compare::{Cost, cost},
+    numerics::integrator::Integrator,
+    scene::{
+        Accelerometer, Quantisation, Scene,
+        element::{Amplifier, Cogging, Friction},
+    },
+};
+
+/// What a change asks of who makes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Another part.
+    Part,
+    /// Another firmware, or another setting of it.
+    Firmware,
+    /// Nothing to buy: an element that the scene leaves out, as it may be.
+    LeftOut,
+}
+
+impl Kind {
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Part => "part",
+            Self::Firmware => "firmware",
+            Self::LeftOut => "left-out",
+        }
+    }
+}
+
+/// One element changed.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// Name in files.
+    pub name: &'static str,
+    /// For people.
+    pub text: String,
+    /// What it asks for.
+    pub kind: Kind,
+    /// What it costs, in words.
+    pub cost: String,
+    /// Cycles of the Cortex-M4 that it adds in a second; `None` where that was not measured.
+    pub cycles_per_s: Option<f64>,
+    /// The scene with it.
+    pub scene: Scene,
+    /// Estimators of which the best is taken; the scene's own if there is none.
+    pub estimators: Vec<EstimatorName>,
+}
+
+/// Worst cycles of `render` on the faster board, and its clock.
+const RENDER: &str = "elf/control/nucleo-f446re/render_most";
+/// Clock of that board, Hz.
+pub const CLOCK_HZ: f64 = 180e6;
+/// Amplifier that a scene without one may have, Hz.
+const AMPLIFIER_HZ: f64 = 1000.0;
+/// Friction and cogging that a scene without them may have, of the full force.
+const DRY_SHARE: f64 = 0.01;
+/// Bits of the DAC of a scene without `[output]`.
+const DAC_BITS: u32 = 12;
+/// Travel from cog to cog of a scene without `[cogging]`, m.
+const PITCH_M: f64 = 0.005;
+/// A usual accelerometer of silicon.
+const ACCELEROMETER: Accelerometer = Accelerometer {
+    full_scale_m_per_s2: 40.0,
+    resolution_m_per_s2: 0.01,
+    noise_m_per_s2_per_sqrt_hz: 0.001,
+    bias_m_per_s2: 0.0,
+    bandwidth_hz: Some(1000.0),
+};
+
+/// Worst cycles of one output.
+fn render_cycles() -> Option<f64> {
+    let table = include_str!("../../../../../docs/data/measured.csv");
+    let row = table.lines().find(|line| line.split(',').next() == Some(RENDER))?;
+    row.split(',').nth(1)?.parse().ok()
+}
+
+/// Cycles in a second that an estimator adds to the scene's own.
+fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
+    let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
+    let own = cycles(cost::of(scene.velocity.settings(0.0).name()))?;
+    Some((cycles(cost::of(name))? - own) * scene.control.rate_hz)
+}
+
+/// What an estimator costs beside the scene's own.
+pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<f64>) {
+    let cycles_per_s = estimator_cycles(scene, name);
+    let text = match cost::of(name) {
+        Some(Cost { cycles, ram_bytes }) => {
+            format!("{cycles} cycles a sample, {ram_bytes} bytes; no part")
+        }
+        None => "not measured; no part".into(),
+    };
+    (text, cycles_per_s)
+}
+
+/// Gives an integrator to a scene whose new element needs one.
+fn integrated(mut scene: Scene) -> Scene {
+    scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
+    scene
+}
+
+/// The changes of a scene that make another scene which the core takes, in the order of the loop: encoder, velocity,
+/// time, output, amplifier, motor, mechanics.
+pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
+    let mut all = vec![];
+    let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {
+        let mut changed = scene.clone();
+        edit(&mut changed);
+        if changed != *scene && changed.check().is_ok() {
+            all.push(Change {
+                name,
+                text,
+                kind,
+                cost,
+                cycles_per_s: Some(0.0),
+                scene: changed,
+                estimators: vec![],
+            });
+        }
+    };
+    let (part, firmware) = (Kind::Part, Kind::Firmware);
+    for (name, times) in [("encoder-2", 2.0), ("encoder-4", 4.0)] {
+        let resolution_m = scene.encoder.resolution_m / times;
+        let per_mm = 1e-3 / resolution_m;
+        add(
+            name,
+            part,
+            format!("encoder {times} times as fine, {} um", 1e6 * resolution_m),
+            format!("an encoder of {per_mm:.0} counts per mm of handle, and a counter for them"),
+            &|scene| scene.encoder.resolution_m = resolution_m,
+        );
+    }
+    let latency = 0.5 * scene.actuator.latency;
+    add(
+        "latency-half",
+        firmware,
+        format!("half the latency, {latency} samples"),
+        "an output that acts sooner after the reading; no part".into(),
+        &|scene| scene.actuator.latency = latency,
+    );
+    for (name, times) in [("output-2", 2), ("output-10", 10)] {
+        let period = scene.actuator.period / times;
+        if period * times != scene.actuator.period || period == 0 {
+            continue;
+        }
+        add(
+            name,
+            firmware,
+            format!("output {times} times as often, every {period} samples"),
+            "an output stage that takes that many commands a second".into(),
+            &|scene| scene.actuator.period = period,
+        );
+    }
+    let full_n = scene.actuator.gain_n_per_v * scene.actuator.limit_v;
+    match scene.amplifier {
+        Some(amplifier) => {
+            let bandwidth_hz = 2.0 * amplifier.bandwidth_hz;
+            add(
+                "amplifier-2",
+                part,
+                format!("amplifier twice as fast, {bandwidth_hz:.0} Hz"),
+                "another current loop, or a higher supply".into(),
+                &|scene| scene.amplifier = Some(Amplifier { bandwidth_hz }),
+            );
+        }
+        None => add(
+            "amplifier-1khz",
+            Kind::LeftOut,
+            format!("an amplifier of {AMPLIFIER_HZ} Hz, none in the scene"),
+            "what a real amplifier may take".into(),
+            &|scene| scene.amplifier = Some(Amplifier { bandwidth_hz: AMPLIFIER_HZ }),
+        ),
+    }
+    add(
+        "motor-2",
+        part,
+        format!("twice the force, {:.3} N", 2.0 * full_n),
+        "a motor of twice the torque constant, or twice the current".into(),
+        &|scene| scene.actuator.gain_n_per_v *= 2.0,
+    );
+    match scene.output {
+        Some(_) => add(
+            "output-ideal",
+            part,
+            "an output without steps".into(),
+            "a finer DAC or timer".into(),
+            &|scene| scene.output = None,
+        ),
+        None => add(
+            "dac-12",
+            Kind::LeftOut,
+            format!("an output of {DAC_BITS} bits, none in the scene"),
+            "what a DAC may take".into(),
+            &|scene| scene.output = Some(Quantisation::Dac { bits: DAC_BITS }),
+        ),
+    }
+    let dry_n = DRY_SHARE * full_n;
+    match scene.friction {
+        Some(friction) => add(
+            "friction-half",
+            part,
+            format!("half the dry friction, {:.3} N", 0.5 * friction.coulomb_n),
+            "other bearings or another transmission".into(),
+            &|scene| {
+                let (coulomb_n, static_n) = (0.5 * friction.coulomb_n, 0.5 * friction.static_n);
+                scene.friction = Some(Friction { coulomb_n, static_n, ..friction });
+            },
+        ),
+        None => add(
+            "friction-1",
+            Kind::LeftOut,
+            format!("dry friction of {dry_n:.3} N, none in the scene"),
+            "what bearings may add".into(),
+            &|scene| {
+                scene.friction = Some(Friction {
+                    coulomb_n: dry_n,
+                    static_n: dry_n,
+                    stribeck_speed_m_per_s: 1e-3,
+                });
+                *scene = integrated(scene.clone());
+            },
+        ),
+    }
+    match scene.cogging {
+        Some(_) => add(
+            "cogging-none",
+            part,
+            "no cogging".into(),
+            "a motor without iron, or without slots".into(),
+            &|scene| scene.cogging = None,
+        ),
+        None => add(
+            "cogging-1",
+            Kind::LeftOut,
+            format!("cogging of {dry_n:.3} N every {} mm, none in the scene", 1e3 * PITCH_M),
+            "what a motor with slots may add".into(),
+            &|scene| {
+                scene.cogging =
+                    Some(Cogging { amplitude_n: dry_n, pitch_m: PITCH_M, phase_rad: 0.0 });
+                *scene = integrated(scene.clone());
+            },
+        ),
+    }
+    if scene.accelerometer.is_none() {
+        add(
+            "accelerometer",
+            part,
+            "an accelerometer, with fusion".into(),
+            "an accelerometer of silicon on the handle, its wires".into(),
+            &|scene| scene.accelerometer = Some(ACCELEROMETER),
+        );
+    }
+    for change in &mut all {
+        let outputs = |scene: &Scene| scene.control.rate_hz / f64::from(scene.actuator.period);
+        match change.name {
+            "output-2" | "output-10" => {
+                let more = outputs(&change.scene) - outputs(scene);
+                change.cycles_per_s = render_cycles().map(|cycles| cycles * more);
+            }
+            "accelerometer" => {
+                change.estimators = vec![EstimatorName::Fusion];
+                change.cycles_per_s = estimator_cycles(scene, EstimatorName::Fusion);
+            }
+            _ => {}
+        }
+    }
+    let of_estimators = |name, text: &str, cost: String, estimators: &[EstimatorName]| Change {
+        name,
+        text: text.into(),
+        kind: firmware,
+        cost,
+        cycles_per_s: None,
+        scene: scene.clone(),
+        estimators: estimators.to_vec(),
+    };
+    if !estimators.is_empty() {
+        all.push(of_estimators("estimator", "the best estimator", String::new(), estimators));
+    }
+    let observer = EstimatorName::Observer;
+    if scene.velocity.settings(0.0).name() != observer {
+        let (cost, cycles_per_s) = cost_of_estimator(scene, observer);
+        let cost =
+            format!("{cost}; needs the mass, and a hand feels another wall than was asked for");
+        let text = "an observer that is told the force";
+        all.push(Change { cycles_per_s, ..of_estimators("observer", text, cost, &[observer]) });
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::scene::NamedScene;
+
+    fn of(name: &str, edit: impl Fn(&mut Scene)) -> (Scene, Vec<Change>) {
+        let mut scene = NamedScene::load(name).unwrap().scene;
+        edit(&mut scene);
+        let all = changes(&scene, &[EstimatorName::Kalman3]);
+        (scene, all)
+    }
+
+    /// Tables of the scene that differ, by what they print.
+    fn differing(one: &Scene, other: &Scene) -> Vec<String> {
+        let tables = |scene: &Scene| -> BTreeMap<String, String> {
+            let (mut tables, mut name) = (BTreeMap::new(), String::new());
+            for line in format!("{scene:#?}").lines() {
+                if let Some((key, _)) = line.split_once(": ").filter(|_| !line.starts_with("     "))
+                {
+                    name = key.trim().into();
+                }
+                *tables.entry(name.clone()).or_default() += line;
+            }
+            tables
+        };
+        let (one, other) = (tables(one), tables(other));
+        one.keys().filter(|key| one.get(*key) != other.get(*key)).cloned().collect()
+    }
+
+    #[test]
+    fn each_change_is_of_one_element_and_the_core_takes_it() {
+        for name in ["paper-1um", "paper-2um", "nucleo-f446re", "discovery-f407"] {
+            let (scene, all) = of(name, |_| ());
+            assert!(all.len() >= 12, "{name}: {}", all.len());
+            for change in &all {
+                change.scene.check().unwrap();
+                let mut keys = differing(&scene, &change.scene);
+                keys.retain(|key| key != "integrator");
+                let most = usize::from(!["estimator", "observer"].contains(&change.name));
+                assert_eq!(keys.len(), most, "{name} {}: {keys:?}", change.name);
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_scene_has_is_made_better_and_what_it_lacks_is_added() {
+        let (_, plain) = of("paper-1um", |_| ());
+        let (_, rich) = of("paper-1um", |scene| {
+            scene.amplifier = Some(Amplifier { bandwidth_hz: 500.0 });
+            scene.friction =
+                Some(Friction { coulomb_n: 0.1, static_n: 0.2, stribeck_speed_m_per_s: 0.01 });
+            scene.cogging = Some(Cogging { amplitude_n: 0.1, pitch_m: 0.01, phase_rad: 0.0 });
+            scene.integrator = Some(Integrator::Rk4 { steps_per_sample: 2 });
+            scene.output = Some(Quantisation::Dac { bits: 10 });
+            scene.accelerometer = Some(ACCELEROMETER);
+        });
+        let has = |all: &[Change], name: &str| all.iter().any(|change| change.name == name);
+        for (there, absent) in [
+            ("amplifier-2", "amplifier-1khz"),
+            ("friction-half", "friction-1"),
+            ("cogging-none", "cogging-1"),
+            ("output-ideal", "dac-12"),
+        ] {
+            assert!(has(&rich, there) && !has(&rich, absent), "{there}");
+            assert!(has(&plain, absent) && !has(&plain, there), "{absent}");
+        }
+        assert!(has(&plain, "accelerometer") && !has(&rich, "accelerometer"));
+        let fast = rich.iter().find(|change| change.name == "amplifier-2").unwrap();
+        assert_eq!(fast.scene.amplifier.unwrap().bandwidth_hz, 1000.0);
+    }
+
+    #[test]
+    fn an_output_ten_times_as_often_costs_nine_more_renders() {
+        let (_, all) = of("paper-1um", |_| ());
+        let often = all.iter().find(|change| change.name == "output-10").unwrap();
+        let cycles = often.cycles_per_s.unwrap();
+        assert_eq!(cycles, 9000.0 * render_cycles().unwrap());
+        assert!((1000.0..6000.0).contains(&render_cycles().unwrap()));
+        let estimator = cost_of_estimator(&often.scene, EstimatorName::Kalman3);
+        assert!(estimator.1.unwrap() > 1e6 && estimator.0.contains("542 cycles"), "{estimator:?}");
+    }
+}

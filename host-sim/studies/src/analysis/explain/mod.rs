@@ -1,0 +1,279 @@
+//! What limits the walls of a device: one element changed at a time, the velocity filter tuned anew for each.
+//!
+//! The tuning is the search of [`compare`](super::compare), on the area of the boundary; so every change is given its best
+//! filter, and what remains is the element. The estimator itself is one of the elements: all that need the position only are
+//! screened with a short search, the best [`FINALISTS`] are searched as everything else.
+//!
+//! **Ranges.** Each boundary is walked from starts spread over a count, with other noise where the scene has noise. Two
+//! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
+
+mod changes;
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+use zwidth::{VelocitySettings, velocity::EstimatorName};
+
+pub use changes::{CLOCK_HZ, Change, Kind, changes, cost_of_estimator};
+
+use super::compare::{
+    Entry, damping_of,
+    search::{Budget, Walker},
+    settings_of, signal, with_estimator,
+};
+use crate::{
+    engine::Engine, error::Error, numerics::statistics::Repeats, scene::Scene,
+    study::walk::Boundaries,
+};
+
+/// Estimators that are searched in full after the screening.
+const FINALISTS: usize = 2;
+/// Tunings and starts of the screening.
+const SCREENING: Budget = Budget { tunings: 3, repeats: 1 };
+/// Tunings of a plant that is integrated step by step, and takes ten times as long.
+const INTEGRATED_TUNINGS: u32 = 5;
+/// Share of the other's area below which a change must be shown to be, to be called smaller.
+const SAME: f64 = 1.0;
+
+/// A scene with one element changed, and its walls.
+#[derive(Clone, Debug)]
+pub struct Explained {
+    /// What was changed; `None` for the scene as it is.
+    pub change: Option<Change>,
+    /// The estimator, tuned.
+    pub settings: VelocitySettings,
+    /// Its boundaries, one per start.
+    pub boundaries: Boundaries,
+    /// Noise of its velocity in motion, m/s RMS.
+    pub noise_m_per_s: f64,
+    /// The search ended because nothing near is better.
+    pub settled: bool,
+    /// The best tuning lies at an end of what was searched.
+    pub at_edge: bool,
+}
+
+impl Explained {
+    /// Mean and spread of a value of each boundary: mean, smallest, largest.
+    pub fn range(values: &[f64]) -> [f64; 3] {
+        let of = |pick: fn(f64, f64) -> f64| values.iter().copied().reduce(pick).unwrap_or(0.0);
+        [Repeats::of(values.iter().copied()).mean, of(f64::min), of(f64::max)]
+    }
+
+    /// Area, N^2 s/m^2: mean, smallest, largest.
+    pub fn area(&self) -> [f64; 3] {
+        Self::range(&self.boundaries.areas())
+    }
+
+    /// Largest K, N/m: mean, smallest, largest.
+    pub fn stiffness_peak(&self) -> [f64; 3] {
+        Self::range(&self.boundaries.stiffness_peaks_n_per_m())
+    }
+
+    /// K at that B, N/m: mean, smallest, largest.
+    pub fn stiffness_at(&self, damping_n_s_per_m: f64) -> [f64; 3] {
+        Self::range(&self.boundaries.stiffnesses_at(damping_n_s_per_m))
+    }
+
+    /// Times the area of the scene as it is: of the means, and the least and the most that the starts allow.
+    pub fn times(&self, base: &Self) -> Option<[f64; 3]> {
+        let ([mean, low, high], [of, of_low, of_high]) = (self.area(), base.area());
+        (of_low > 0.0).then(|| [mean / of, low / of_high, high / of_low])
+    }
+}
+
+/// What limits the walls of a scene.
+#[derive(Clone, Debug)]
+pub struct Explanation {
+    /// The scene as it is, tuned.
+    pub base: Explained,
+    /// The changes, the largest area first.
+    pub changes: Vec<Explained>,
+    /// B at which K is read off, N s/m.
+    pub damping_n_s_per_m: f64,
+}
+
+impl Explanation {
+    /// Rank of a change: one more than the changes that are better for certain.
+    pub fn rank(&self, place: usize) -> usize {
+        let own = self.changes[place].boundaries.repeats();
+        let better = |other: &&Explained| own.is_below(SAME, &other.boundaries.repeats());
+        1 + self.changes.iter().filter(better).count()
+    }
+
+    /// The best change of a kind.
+    pub fn best_of(&self, kind: Kind) -> Option<&Explained> {
+        let of_kind =
+            |one: &&Explained| one.change.as_ref().is_some_and(|change| change.kind == kind);
+        self.changes.iter().find(of_kind)
+    }
+
+    /// Whether a change is better than the scene as it is, for certain.
+    pub fn is_better(&self, change: &Explained) -> bool {
+        self.base.boundaries.repeats().is_below(SAME, &change.boundaries.repeats())
+    }
+
+    /// Whether it is worse, for certain.
+    pub fn is_worse(&self, change: &Explained) -> bool {
+        change.boundaries.repeats().is_below(SAME, &self.base.boundaries.repeats())
+    }
+}
+
+/// Estimators that take the place of the scene's: those that need the position only, but for its own.
+pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
+    let own = scene.velocity.settings(0.0).name();
+    let named = Entry::usual(scene).into_iter().filter_map(|entry| match entry {
+        Entry::Tuned(name) if name != own => Some(name),
+        _ => None,
+    });
+    named.filter(|name| name.sense().is_none()).collect()
+}
+
+/// Most walks that an explanation takes.
+pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
+    let names = estimators(scene);
+    let changes = changes(scene, &names).len() as u64;
+    (changes + FINALISTS as u64) * budget.most() + names.len() as u64 * SCREENING.most()
+}
+
+/// Walks the scene and every change of it. The answer depends neither on the number of threads nor on `engine`.
+///
+/// # Errors
+/// The handle does not reach the wall, or `stop` was set.
+pub fn explain(
+    engine: Engine,
+    scene: &Scene,
+    damping_n_s_per_m: Option<f64>,
+    budget: Budget,
+    stop: &AtomicBool,
+    done: impl Fn(u64) + Sync,
+) -> Result<Explanation, Error> {
+    let of = |changed: &Scene, start: &VelocitySettings, budget: Budget| {
+        let quick = changed.integrator.is_none() || scene.integrator.is_some();
+        let most = if quick { u32::MAX } else { INTEGRATED_TUNINGS };
+        let budget = Budget { tunings: budget.tunings.min(most), ..budget };
+        Walker { engine, scene: changed, stop, done: &done }.best(start, true, budget)
+    };
+    let conclude = |change: Option<Change>, found: (VelocitySettings, super::compare::Tuned)| {
+        let (settings, tuned) = found;
+        let own = change.as_ref().map_or(scene, |change| &change.scene);
+        let (with, cutoff_hz) = with_estimator(own, &settings);
+        let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
+        Ok(Explained {
+            change,
+            settings,
+            boundaries: tuned.boundaries,
+            noise_m_per_s: signal.noise_in_motion_m_per_s,
+            settled: tuned.settled,
+            at_edge: tuned.edges.iter().any(Option::is_some),
+        })
+    };
+    let cutoff_hz = scene.sweep.cutoffs_hz.first().copied().unwrap_or_default();
+    let own = scene.velocity.settings(cutoff_hz);
+    let names = estimators(scene);
+    let asked: Vec<Option<Change>> =
+        [None].into_iter().chain(changes(scene, &names).into_iter().map(Some)).collect();
+    let explained: Vec<Result<Explained, Error>> = asked
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|change| {
+            let changed = change.as_ref().map_or(scene, |change| &change.scene);
+            let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
+            let start = |name: EstimatorName| settings_of(Entry::Tuned(name), changed);
+            match estimators {
+                [] => conclude(change.clone(), of(changed, &own, budget)?),
+                [name] => conclude(change.clone(), of(changed, &start(*name), budget)?),
+                names => {
+                    let screened: Vec<Result<(f64, EstimatorName), Error>> = names
+                        .par_iter()
+                        .map(|&name| {
+                            let (_, tuned) = of(changed, &start(name), SCREENING)?;
+                            Ok((tuned.boundaries.area(), name))
+                        })
+                        .collect();
+                    let mut screened = screened.into_iter().collect::<Result<Vec<_>, _>>()?;
+                    screened.sort_by(|a, b| b.0.total_cmp(&a.0));
+                    screened.truncate(FINALISTS);
+                    let found: Vec<Result<_, Error>> = screened
+                        .par_iter()
+                        .map(|(_, name)| Ok((*name, of(changed, &start(*name), budget)?)))
+                        .collect();
+                    let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+                    let area =
+                        |found: &(EstimatorName, (VelocitySettings, super::compare::Tuned))| {
+                            found.1.1.boundaries.area()
+                        };
+                    let best = found.into_iter().max_by(|a, b| area(a).total_cmp(&area(b)));
+                    let (name, best) = best.ok_or_else(|| {
+                        Error::Internal("no estimator in place of the scene's".into())
+                    })?;
+                    let (cost, cycles_per_s) = cost_of_estimator(scene, name);
+                    let text = format!("the best estimator, {}", name.text());
+                    let change =
+                        change.clone().map(|change| Change { text, cost, cycles_per_s, ..change });
+                    conclude(change, best)
+                }
+            }
+        })
+        .collect();
+    let mut explained = explained.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let base = explained.remove(0);
+    explained.sort_by(|a, b| b.boundaries.area().total_cmp(&a.boundaries.area()));
+    let damping_n_s_per_m =
+        damping_n_s_per_m.unwrap_or_else(|| damping_of(Some(&base.boundaries), scene));
+    Ok(Explanation { base, changes: explained, damping_n_s_per_m })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    /// A short hit on a coarse grid, so that it is quick.
+    fn scene() -> Scene {
+        let mut scene = NamedScene::load("paper-2um").unwrap().scene;
+        (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (1.0, 0.1);
+        let walk = &mut scene.walk;
+        (walk.stiffness_start_n_per_m, walk.stiffness_step_n_per_m) = (4000.0, 4000.0);
+        (walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m) = (30.0, 30.0);
+        (walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m) = (4e5, 1200.0);
+        scene
+    }
+
+    fn explained(threads: usize) -> Explanation {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (budget, stop) = (Budget { tunings: 3, repeats: 4 }, AtomicBool::new(false));
+        let engine = Engine::lanes();
+        pool.install(|| explain(engine, &scene(), None, budget, &stop, |_| ()).unwrap())
+    }
+
+    #[test]
+    #[ignore = "two explanations take half a minute; .ci/long runs it"]
+    fn threads_change_nothing_and_the_larger_area_stands_first() {
+        let (one, many) = (explained(1), explained(3));
+        assert_eq!(one.base.boundaries, many.base.boundaries);
+        for (place, (a, b)) in one.changes.iter().zip(&many.changes).enumerate() {
+            let name = |one: &Explained| one.change.as_ref().unwrap().name;
+            assert_eq!(name(a), name(b));
+            assert_eq!((&a.boundaries, a.settings), (&b.boundaries, b.settings), "{}", name(a));
+            assert!(one.rank(place) <= place + 1);
+            let before = place.checked_sub(1).map(|before| one.changes[before].area()[0]);
+            assert!(before.is_none_or(|before| before >= a.area()[0]));
+        }
+        // half the latency is more, an amplifier in between less, and both are told from none
+        let of = |name: &str| {
+            let is_it = |one: &&Explained| one.change.as_ref().is_some_and(|c| c.name == name);
+            one.changes.iter().find(is_it).unwrap()
+        };
+        let (soon, slow) = (of("latency-half"), of("amplifier-1khz"));
+        assert!(one.is_better(soon) && !one.is_worse(soon) && one.is_worse(slow));
+        assert!(soon.times(&one.base).unwrap()[1] > 1.5 && slow.times(&one.base).unwrap()[2] < 1.0);
+    }
+
+    #[test]
+    fn a_scene_is_asked_about_position_only_estimators_but_its_own() {
+        let names = estimators(&scene());
+        assert!(names.contains(&EstimatorName::Kalman3) && names.len() > 8);
+        assert!(!names.contains(&EstimatorName::Butterworth));
+        assert!(names.iter().all(|name| name.sense().is_none()));
+    }
+}
