@@ -254,3 +254,22 @@ fn terms_are_asked_for_by_name_and_become_elements() {
         &["hit", "pushed.toml", "--cutoff", "1500", "--stiffness", "2e4", "--damping", "50"],
     );
 }
+
+#[test]
+fn a_plan_is_what_the_console_takes() {
+    let folder = TempDir::new().unwrap();
+    let args = ["identify", "--plan", "--base", "nucleo-f446re", "--json"];
+    let json: serde_json::Value = serde_json::from_str(&done(folder.path(), &args)).unwrap();
+    let lines: Vec<&str> =
+        json["console"].as_array().unwrap().iter().map(|line| line.as_str().unwrap()).collect();
+    assert_eq!(lines.iter().filter(|line| **line == "hit").count(), 4);
+    for line in &lines {
+        let known = line.starts_with("wait ") || zwidth::console::parse(line.as_bytes()).is_ok();
+        assert!(known, "{line}");
+    }
+    assert!(json["guessed"].as_array().unwrap().is_empty());
+    let bare = done(folder.path(), &["identify", "--plan", "--base", "paper-1um"]);
+    assert!(bare.contains("# guessed, not in the scene: safety.travel_low_m"), "{bare}");
+    refused(folder.path(), &["identify", "--plan", "log.csv"], "--plan");
+    refused(folder.path(), &["identify"], "LOG");
+}

@@ -1,6 +1,7 @@
 //! `identify`: the parameters of a device from recorded voltage and position.
 
 mod json;
+mod plan;
 
 use std::{
     f64::consts::TAU,
@@ -46,7 +47,7 @@ const RESOLUTION_M: std::ops::RangeInclusive<f64> = 1e-8..=1e-3;
 pub struct IdentifyArgs {
     /// Records: CSV with the columns time_s,voltage_v,position_m, a telemetry capture, or the CSV that `telemetry`
     /// makes of one. Several records of one device are fitted at once.
-    #[arg(required = true, value_name = "LOG")]
+    #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Scene that gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
     #[arg(long, value_name = "SCENE", default_value = "paper-1um")]
@@ -62,6 +63,10 @@ pub struct IdentifyArgs {
     /// The device has no spring: stiffness 0, no rest position.
     #[arg(long)]
     no_spring: bool,
+    /// No record yet: print the console commands of a designed excitation for the base scene's device, pulses within the
+    /// travel and speed of its [safety] and the force of its [motor].
+    #[arg(long, conflicts_with_all = ["logs", "csv", "plot", "from", "to"])]
+    plan: bool,
     #[command(flatten)]
     terms: TermArgs,
     /// Where the spring rests without any other force, m: a constant force can then be told from it.
@@ -191,6 +196,9 @@ impl GainArgs {
 }
 
 pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
+    if args.plan {
+        return plan::run(args, common);
+    }
     let gain = args.gain.source()?;
     let base = NamedScene::load(&args.base)?;
     let inputs = [&args.logs[..], &base.files].concat();

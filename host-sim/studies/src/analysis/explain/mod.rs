@@ -2,7 +2,7 @@
 //!
 //! The tuning is the search of [`compare`](super::compare), on the area of the boundary; so every change is given its best
 //! filter, and what remains is the element. The estimator itself is one of the elements: all that need the position only are
-//! screened with a short search, the best [`FINALISTS`] are searched as everything else.
+//! screened with a short search, the best two are searched as everything else.
 //!
 //! **Ranges.** Each boundary is walked from starts spread over a count, with other noise where the scene has noise. Two
 //! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
@@ -29,7 +29,7 @@ use crate::{
 /// Estimators that are searched in full after the screening.
 const FINALISTS: usize = 2;
 /// Tunings and starts of the screening.
-const SCREENING: Budget = Budget { tunings: 3, repeats: 1 };
+const SCREENING: Budget = Budget { tunings: 4, repeats: 1 };
 /// Tunings of a plant that is integrated step by step, and takes ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 /// Share of the other's area below which a change must be shown to be, to be called smaller.

@@ -19,6 +19,7 @@ mod layout;
 mod missing;
 mod model;
 mod motion;
+mod plan;
 mod record;
 mod residual;
 mod search;
@@ -27,6 +28,7 @@ mod terms;
 
 pub use confidence::{CONFIDENCE, Estimate};
 pub use gain::Gain;
+pub use plan::{Plan, Pulse, plan};
 pub use record::{FEWEST_ROWS, Record, Span};
 pub use residual::Residual;
 pub use telemetry::{OutputScale, from_capture, from_capture_csv};

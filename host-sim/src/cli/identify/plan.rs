@@ -1,0 +1,106 @@
+//! `identify --plan`: the console commands of a designed excitation.
+
+use serde::Serialize;
+
+use super::IdentifyArgs;
+use crate::{
+    analysis::identify::{Plan, plan},
+    cli::Common,
+    error::Error,
+    output::{in_units::InUnits, terminal::print_result},
+    scene::NamedScene,
+};
+
+#[derive(Serialize)]
+struct Json {
+    scene: String,
+    start_m: f64,
+    pulses: Vec<JsonPulse>,
+    force_rms_n: f64,
+    continuous_force_n: f64,
+    guessed: Vec<String>,
+    console: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct JsonPulse {
+    push_n: f64,
+    seconds: f64,
+    excursion_m: f64,
+    speed_m_per_s: f64,
+}
+
+pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
+    if common.out.is_some() {
+        return Err(Error::input("--out: --plan writes no file"));
+    }
+    let scene = NamedScene::load(&args.base)?;
+    let found = plan(&scene.scene).map_err(|error| Error::Input(error).of(&scene.name))?;
+    let console = console(&found);
+    let guessed: Vec<String> = scene
+        .scene
+        .on_board()
+        .guessed
+        .into_iter()
+        .filter(|key| {
+            ["safety.travel", "safety.speed_max", "motor.continuous"]
+                .iter()
+                .any(|of| key.starts_with(of))
+        })
+        .collect();
+    let pulses = found.pulses.iter().map(|one| JsonPulse {
+        push_n: one.push_n,
+        seconds: one.seconds,
+        excursion_m: one.excursion_m,
+        speed_m_per_s: one.speed_m_per_s,
+    });
+    let json = Json {
+        scene: scene.name.clone(),
+        start_m: found.start_m,
+        pulses: pulses.collect(),
+        force_rms_n: found.rms_n,
+        continuous_force_n: found.continuous_n,
+        guessed: guessed.clone(),
+        console: console.clone(),
+    };
+    let units = scene.scene.units;
+    print_result(common.json, InUnits(units, json), || {
+        let mut text = format!(
+            "# Pulses for {}, planned with its own mass, damping and spring. It moves: keep clear.",
+            scene.name
+        );
+        for one in &found.pulses {
+            text += &units.text(&format!(
+                "\n# {:.3} N for {} s: {:.5} m from the start, {:.3} m/s",
+                one.push_n, one.seconds, one.excursion_m, one.speed_m_per_s
+            ));
+        }
+        text += &units.text(&format!(
+            "\n# force {:.3} N RMS, the motor stands {:.3} N for ever",
+            found.rms_n, found.continuous_n
+        ));
+        for guess in &guessed {
+            text += &format!("\n# guessed, not in the scene: {guess}");
+        }
+        text + "\n" + &console.join("\n")
+    })
+}
+
+/// The lines for the console, as `cargo board run` takes them too.
+fn console(plan: &Plan) -> Vec<String> {
+    let mut lines: Vec<String> = ["zero", "k 0", "b 0", "arm", "wait 1"].map(String::from).to_vec();
+    lines.push(format!("start {:.6}", plan.start_m));
+    let mut length_s = 0.0;
+    for one in &plan.pulses {
+        if one.seconds != length_s {
+            length_s = one.seconds;
+            lines.push(format!("settle {}", 0.5 * length_s));
+            lines.push(format!("window {}", 0.5 * length_s));
+        }
+        lines.push(format!("push {:.4}", one.push_n));
+        lines.push("hit".into());
+        lines.push(format!("wait {}", plan.after_s + 2.0));
+    }
+    lines.push("disarm".into());
+    lines
+}
