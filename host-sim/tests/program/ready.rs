@@ -62,7 +62,7 @@ fn a_remark_that_the_page_does_not_have_is_found() {
 }
 
 #[test]
-#[ignore = "sweeps and comparisons of six devices; CI runs it"]
+#[ignore = "sweeps and comparisons of six devices; .ci/long runs it"]
 fn sweep_comparison_and_record_of_a_ready_device_say_nothing_new() {
     for (scene, _) in WALLS {
         let folder = TempDir::new().unwrap();
