@@ -46,8 +46,11 @@ impl Scene {
         &self.0.text
     }
 
-    /// The scene as the text of a scene file, with every default written out.
+    /// The scene as the text of a scene file, with every default written out; a rotary one as it was read.
     fn to_toml(&self) -> PyResult<String> {
+        if self.0.scene.units.is_rotary() {
+            return Ok(self.0.text.clone());
+        }
         toml::to_string(&self.0.scene).map_err(|error| PyRuntimeError::new_err(error.to_string()))
     }
 

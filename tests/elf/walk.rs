@@ -280,16 +280,18 @@ fn a_handle_that_is_held_back_ends_the_way_back() {
 
 #[test]
 #[ignore = "a return gives up after 10 s; the library's tests have that as well"]
-fn a_hand_that_gives_way_a_little_lets_the_way_back_give_up_by_itself() {
+fn a_hand_that_moves_to_and_fro_lets_the_way_back_give_up_by_itself() {
     let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
     ok(&mut world, "start -0.01");
     ok(&mut world, "hit");
     let held_m = world.position_m();
     let mut lines = vec![];
-    for n in 0..1_200 {
-        world.hold(held_m + if n % 2 == 0 { 5e-6 } else { -5e-6 }, true);
-        lines.extend(lines_after(&mut world, 100));
+    // 0.5 mm in 25 ms: more than the heaviest handle would move by what the return pushes with.
+    for n in 0..12_000u32 {
+        let place = f64::from(((n + 25) % 50).abs_diff(25));
+        world.hold(held_m + 20e-6 * place, true);
+        lines.extend(lines_after(&mut world, 10));
     }
     assert!(lines.iter().any(|l| l.contains("did not come back to the start")), "{lines:?}");
     let status = ok(&mut world, "status");

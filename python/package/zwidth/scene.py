@@ -70,7 +70,7 @@ class Scene:
         return self._native.text
 
     def to_toml(self) -> str:
-        """The scene as the text of a scene file, with every default written out."""
+        """The scene as the text of a scene file, with every default written out; a rotary one as it was read."""
         return self._native.to_toml()
 
     def to_dict(self) -> dict[str, Any]:
