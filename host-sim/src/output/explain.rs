@@ -85,6 +85,22 @@ impl Row {
     fn share(&self) -> String {
         self.share_of_core.map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
     }
+
+    /// What people read of it: rank, change, times the area, area, peak K, K at B, noise, share of the core, cost. Areas,
+    /// stiffnesses and velocities are multiplied by those factors.
+    fn cells(&self, [area, k, v]: [f64; 3]) -> [String; 9] {
+        [
+            if self.rank == 0 { String::new() } else { self.rank.to_string() },
+            self.what.clone(),
+            self.times(),
+            self.area(area),
+            three_digits(k * self.stiffness_peak_n_per_m),
+            three_digits(k * self.stiffness_n_per_m),
+            format!("{:.2e}", v * self.velocity_noise_m_per_s),
+            self.share(),
+            self.cost.clone(),
+        ]
+    }
 }
 
 /// An explanation of a scene of that name.
@@ -293,18 +309,11 @@ impl ExplainReport<'_> {
             "of core %",
         );
         for row in self.rows() {
-            let rank = if row.rank == 0 { String::new() } else { row.rank.to_string() };
+            let [rank, what, times, area, peak, at_damping, noise, share, cost] =
+                row.cells([area, k, v]);
             let _ = write!(
                 text,
-                "\n{rank:>4} {:<52} {:>22} {:>9} {:>9} {:>9} {:>9} {:>9}  {}",
-                row.what,
-                row.times(),
-                row.area(area),
-                three_digits(k * row.stiffness_peak_n_per_m),
-                three_digits(k * row.stiffness_n_per_m),
-                format!("{:.2e}", v * row.velocity_noise_m_per_s),
-                row.share(),
-                row.cost
+                "\n{rank:>4} {what:<52} {times:>22} {area:>9} {peak:>9} {at_damping:>9} {noise:>9} {share:>9}  {cost}",
             );
         }
         for answer in self.answers() {
@@ -329,19 +338,7 @@ impl ExplainReport<'_> {
         ];
         let rows = self.rows().into_iter().map(|row| {
             let class = if row.rank == 0 { " class=\"ideal\"" } else { "" };
-            let rank = if row.rank == 0 { String::new() } else { row.rank.to_string() };
-            let cells = vec![
-                rank,
-                row.what.clone(),
-                row.times(),
-                row.area(area),
-                three_digits(k * row.stiffness_peak_n_per_m),
-                three_digits(k * row.stiffness_n_per_m),
-                format!("{:.2e}", v * row.velocity_noise_m_per_s),
-                row.share(),
-                row.cost.clone(),
-            ];
-            (class, cells)
+            (class, row.cells([area, k, v]).to_vec())
         });
         report::table(&columns, rows)
     }
