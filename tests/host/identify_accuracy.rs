@@ -11,17 +11,17 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use rayon::prelude::*;
 
-const RATE_HZ: f64 = 1e4;
-const RESOLUTION_M: f64 = 1e-6;
-const GAIN_N_PER_V: f64 = 0.5906;
-const SECONDS: f64 = 2.0;
+pub const RATE_HZ: f64 = 1e4;
+pub const RESOLUTION_M: f64 = 1e-6;
+pub const GAIN_N_PER_V: f64 = 0.5906;
+pub const SECONDS: f64 = 2.0;
 /// Pulse, V and s.
-const PULSE_V: f64 = 4.0;
+pub const PULSE_V: f64 = 4.0;
 const PULSE_S: f64 = 0.2;
 
 /// Shape of the voltage.
 #[derive(Clone, Copy, Debug)]
-enum Pulses {
+pub enum Pulses {
     /// +4 V, then -4 V, then nothing.
     Two,
     /// One pulse of 4 V.
@@ -60,7 +60,7 @@ const PLAIN: Made = Made {
     seed: 0,
 };
 
-fn voltage(pulses: Pulses, row: usize) -> f64 {
+pub fn voltage(pulses: Pulses, row: usize) -> f64 {
     let time_s = row as f64 / RATE_HZ - 0.1;
     let turn = (time_s / PULSE_S).floor();
     match (pulses, turn) {
@@ -72,7 +72,7 @@ fn voltage(pulses: Pulses, row: usize) -> f64 {
     }
 }
 
-fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
+pub fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
     let (u, v) = (random.random::<f64>(), random.random::<f64>());
     (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos()
 }

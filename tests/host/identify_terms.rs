@@ -4,7 +4,12 @@
 
 use std::f64::consts::TAU;
 
-use crate::figure::figure;
+use crate::{
+    figure::figure,
+    identify_accuracy::{
+        GAIN_N_PER_V, PULSE_V, Pulses, RATE_HZ, RESOLUTION_M, SECONDS, normal, voltage,
+    },
+};
 use host_sim::{
     analysis::identify::{Estimate, Gain, Identification, Options, Record, Term, Terms, identify},
     numerics::integrator::Integrator,
@@ -17,12 +22,6 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use rayon::prelude::*;
 
-const RATE_HZ: f64 = 1e4;
-const RESOLUTION_M: f64 = 1e-6;
-const GAIN_N_PER_V: f64 = 0.5906;
-const PULSE_V: f64 = 4.0;
-const PULSE_S: f64 = 0.2;
-const SECONDS: f64 = 2.0;
 const NOISE_COUNTS: f64 = 0.5;
 const LATENCY: usize = 3;
 
@@ -79,8 +78,10 @@ impl Truth {
             let read_m = x + self.error.map_or(0.0, |error| error.error_m(x));
             let counts = read_m / RESOLUTION_M + noise_counts * normal(&mut random);
             position_m.push(counts.floor() * RESOLUTION_M);
-            voltage_v.push(voltage(row));
-            let force_n = row.checked_sub(LATENCY).map_or(0.0, |row| GAIN_N_PER_V * voltage(row));
+            voltage_v.push(voltage(Pulses::Two, row));
+            let force_n = row
+                .checked_sub(LATENCY)
+                .map_or(0.0, |row| GAIN_N_PER_V * voltage(Pulses::Two, row));
             state = plant.advance(&state, force_n);
         }
         let (name, start_s, step_s) = ("made".into(), 0.0, 1.0 / RATE_HZ);
@@ -98,20 +99,6 @@ impl Truth {
             ..Options::of_scene(&scene, Gain::Given(GAIN_N_PER_V))
         }
     }
-}
-
-fn voltage(row: usize) -> f64 {
-    let turn = ((row as f64 / RATE_HZ - 0.1) / PULSE_S).floor();
-    match turn {
-        0.0 => PULSE_V,
-        1.0 => -PULSE_V,
-        _ => 0.0,
-    }
-}
-
-fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
-    let (u, v) = (random.random::<f64>(), random.random::<f64>());
-    (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos()
 }
 
 /// Which terms random devices have.
