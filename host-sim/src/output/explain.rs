@@ -86,8 +86,8 @@ impl Row {
         self.share_of_core.map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
     }
 
-    /// What people read of it: rank, change, times the area, area, peak K, K at B, noise, share of the core, cost. Areas,
-    /// stiffnesses and velocities are multiplied by those factors.
+    /// What people read of it: rank, change, times the area, area, peak K, K at B, noise, share of the core, cost.
+    /// Areas, stiffnesses and velocities are multiplied by those factors.
     fn cells(&self, [area, k, v]: [f64; 3]) -> [String; 9] {
         [
             if self.rank == 0 { String::new() } else { self.rank.to_string() },
