@@ -28,7 +28,7 @@ use core::hint::cold_path;
 
 use dsp_fixedpoint::Q32;
 
-use super::{Form, Senses};
+use super::{Form, Senses, kept::kept};
 use crate::units::Velocity;
 
 /// Coefficient with 30 fractional bits: -2 .. 2.
@@ -108,6 +108,8 @@ pub struct BiquadState {
     y: [i32; 2],
     residue: [i32; 2],
 }
+
+kept!(BiquadState { x, y, residue });
 
 #[cfg(test)]
 impl Biquad {

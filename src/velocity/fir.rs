@@ -9,6 +9,7 @@
 use super::{
     Form, Senses,
     history::{History, LENGTH},
+    kept::Bytes,
 };
 use crate::units::Velocity;
 
@@ -36,6 +37,14 @@ impl Form for Fir {
 
     fn at(&self, velocity: Velocity) -> History {
         History::at(velocity)
+    }
+
+    fn put(&self, history: &History, bytes: &mut Bytes<'_>) {
+        history.put_last(u8::try_from(self.window).unwrap_or(u8::MAX), bytes);
+    }
+
+    fn take(&self, rest: &mut &[u8]) -> Option<History> {
+        History::take_last(u8::try_from(self.window).unwrap_or(u8::MAX), rest)
     }
 
     /// Its error against the exact weighted sum is at most half an LSB and 2^-31 of the sum of the

@@ -28,7 +28,7 @@
 
 use core::num::NonZeroU32;
 
-use super::{Form, Senses, history::History};
+use super::{Form, Senses, history::History, kept::Bytes};
 use crate::{
     range::{SettingsError, within},
     units::Velocity,
@@ -156,6 +156,14 @@ impl Form for Foaw {
 
     fn at(&self, velocity: Velocity) -> History {
         History::at(velocity)
+    }
+
+    fn put(&self, history: &History, bytes: &mut Bytes<'_>) {
+        history.put_last(self.window, bytes);
+    }
+
+    fn take(&self, rest: &mut &[u8]) -> Option<History> {
+        History::take_last(self.window, rest)
     }
 
     /// The slope, rounded to the nearest LSB.

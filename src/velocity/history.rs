@@ -2,6 +2,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use super::kept::{Bytes, Kept};
 use crate::units::Velocity;
 
 /// Longest window, in samples.
@@ -24,6 +25,9 @@ pub(super) struct Ring<const LENGTH: usize> {
 impl<const LENGTH: usize> Ring<LENGTH> {
     pub(super) const REST: Self = Self { differences: [0; LENGTH], newest: 0 };
 
+    #[expect(clippy::cast_possible_truncation, reason = "at most 255")]
+    const ALL: u8 = if LENGTH > 255 { 255 } else { LENGTH as u8 };
+
     pub(super) fn push(&mut self, difference: i32) {
         self.newest = self.newest.wrapping_add(1);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 16 bits")]
@@ -38,6 +42,23 @@ impl<const LENGTH: usize> Ring<LENGTH> {
     pub(super) fn back(&self, age: u8) -> i32 {
         let at = usize::from(self.newest.wrapping_sub(age)) % LENGTH;
         self.differences.get(at).copied().map_or(0, i32::from)
+    }
+
+    /// The last `window` of them, oldest first.
+    pub(super) fn put_last(&self, window: u8, bytes: &mut Bytes<'_>) {
+        for age in (0..window).rev() {
+            #[expect(clippy::cast_possible_truncation, reason = "it was put in as 16 bits")]
+            (self.back(age) as i16).put(bytes);
+        }
+    }
+
+    /// With those that [`put_last`](Self::put_last) has written.
+    pub(super) fn take_last(window: u8, rest: &mut &[u8]) -> Option<Self> {
+        let mut ring = Self::REST;
+        for _ in 0..window {
+            ring.push(i16::take(rest)?.into());
+        }
+        Some(ring)
     }
 
     /// As after many samples at that velocity: differences whose sums follow it to within a count.
@@ -58,5 +79,16 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         let newest = (LENGTH - 1) as u8;
         state.newest = newest;
         state
+    }
+}
+
+/// All of it; a form that looks at fewer keeps fewer.
+impl<const LENGTH: usize> Kept for Ring<LENGTH> {
+    fn put(&self, bytes: &mut Bytes<'_>) {
+        self.put_last(Self::ALL, bytes);
+    }
+
+    fn take(rest: &mut &[u8]) -> Option<Self> {
+        Self::take_last(Self::ALL, rest)
     }
 }

@@ -31,7 +31,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, Word};
+use super::{Form, Senses, Word, kept::kept};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
@@ -140,6 +140,8 @@ pub struct KalmanState<W: Word = i64> {
     /// What rounding the last output dropped.
     pub residue: W::Fraction,
 }
+
+kept!(KalmanState { distance, velocity, acceleration, residue });
 
 impl Kalman {
     /// Before the first sample.

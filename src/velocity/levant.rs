@@ -38,7 +38,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses};
+use super::{Form, Senses, kept::kept};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
@@ -117,6 +117,8 @@ pub(super) struct LevantState {
     /// u1.
     velocity: i64,
 }
+
+kept!(LevantState { ahead, velocity });
 
 impl Form for Levant {
     type State = LevantState;

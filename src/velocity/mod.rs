@@ -19,6 +19,7 @@ mod fir;
 mod foaw;
 mod history;
 mod kalman;
+mod kept;
 mod levant;
 mod name;
 mod observer;
@@ -49,7 +50,7 @@ pub use history::WINDOW_MAX;
 pub use kalman::{Kalman, KalmanDesign, KalmanState};
 pub use levant::{Levant, LevantDesign};
 pub use name::UnknownEstimator;
-pub use observer::{Fusion, Observer};
+pub use observer::{Factor, Fusion, Observer, ObserverState};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
 pub use parameter::{Numbers, PARAMETERS, Parameter};
 pub use polynomial::FirDesign;
@@ -61,12 +62,13 @@ pub use window_difference::{DIFFERENCE_WINDOW_MAX, WindowDifference};
 pub use word::Word;
 
 use crate::units::{Position, Velocity};
+use kept::{Bytes, Kept};
 use table::{Kind, Memory};
 
 /// An estimator's integer form: what runs for every sample.
 trait Form {
     /// What the samples leave behind.
-    type State: Copy + core::fmt::Debug;
+    type State: Copy + core::fmt::Debug + Kept;
 
     /// Before the first sample.
     const REST: Self::State;
@@ -76,6 +78,16 @@ trait Form {
 
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
+
+    /// The state as bytes: what a later velocity depends on.
+    fn put(&self, state: &Self::State, bytes: &mut Bytes<'_>) {
+        state.put(bytes);
+    }
+
+    /// The state from the first bytes of `rest`, which goes on behind them; none if they cannot tell.
+    fn take(&self, rest: &mut &[u8]) -> Option<Self::State> {
+        Self::State::take(rest)
+    }
 }
 
 impl Estimator {
@@ -156,6 +168,11 @@ impl Tuned {
         Self { tuning, ..self }
     }
 
+    /// Another number than that of the tuning before.
+    pub const fn number(&self) -> u16 {
+        self.tuning.0
+    }
+
     /// [`Estimator::update`].
     #[inline(always)] // as that
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
@@ -193,6 +210,35 @@ impl State {
         }
     }
 
+    /// [`Tuned::number`] of the estimator that has run.
+    pub const fn number(&self) -> u16 {
+        self.tuning.0
+    }
+
+    /// The position and the velocity of the last sample.
+    pub const fn last(&self) -> (Position, Velocity) {
+        (self.previous, self.velocity)
+    }
+
+    /// What that estimator, which has run, remembers, as bytes; how many. None if there is no room.
+    pub fn put(&self, estimator: &Estimator, place: &mut [u8]) -> Option<usize> {
+        let mut bytes = Bytes::new(place);
+        self.memory.put(estimator, &mut bytes);
+        bytes.used()
+    }
+
+    /// As `estimator` leaves it after a sample with that position and velocity, with those bytes of
+    /// [`put`](Self::put). None if they are not those of the estimator, or its bytes do not tell all.
+    pub fn of(
+        estimator: &Tuned,
+        (previous, velocity): (Position, Velocity),
+        bytes: &[u8],
+    ) -> Option<Self> {
+        let mut rest = bytes;
+        let memory = Memory::take(estimator, &mut rest)?;
+        rest.is_empty().then_some(Self { tuning: estimator.tuning, previous, velocity, memory })
+    }
+
     /// Whatever comes next takes over from the velocity.
     pub fn restart(&mut self) {
         self.tuning = Tuning(u16::MAX); // no form has this number
@@ -206,7 +252,7 @@ impl State {
     }
 
     /// The position of the last sample is called `position` from now on; the velocity stays.
-    pub(crate) fn rebase(&mut self, position: Position) {
+    pub fn rebase(&mut self, position: Position) {
         self.previous = position;
     }
 }

@@ -38,7 +38,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses};
+use super::{Form, Senses, Word, kept::kept};
 use crate::{
     Gain,
     units::{Acceleration, Velocity},
@@ -56,20 +56,22 @@ const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 
 /// A factor in 0 .. 1: `mantissa * 2^-(32 + shift)`, 2^31 <= mantissa < 2^32, for 64-bit values.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Factor {
+pub struct Factor {
     pub(super) mantissa: u32,
     pub(super) shift: u8,
 }
 
-/// An observer in integer form; it knows the force.
+/// An observer in integer form; it knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observer {
-    pub(super) position: Factor,
-    pub(super) velocity: Factor,
-    pub(super) disturbance: Factor,
-    /// Counts per sample^2 with [`POSITION_BITS`], per LSB of
-    /// [`Force`](crate::units::Force); 0 for fusion.
-    pub(super) per_force: Gain,
+pub struct Observer<F = Factor> {
+    /// l1.
+    pub position: F,
+    /// l2; its product has [`VELOCITY_MORE`](Self::VELOCITY_MORE) fractional bits more.
+    pub velocity: F,
+    /// l3; its product has [`DISTURBANCE_MORE`](Self::DISTURBANCE_MORE) fractional bits more.
+    pub disturbance: F,
+    /// Counts per sample^2 with 32 fractional bits, per LSB of [`Force`](crate::units::Force); 0 for fusion.
+    pub per_force: Gain,
 }
 
 /// The same beside an accelerometer.
@@ -78,18 +80,32 @@ pub struct Fusion(pub(super) Observer);
 
 /// What the samples left behind.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ObserverState {
-    /// x - x^.
-    error: i64,
-    velocity: i64,
-    disturbance: i64,
+pub struct ObserverState<W: Word = i64> {
+    /// x - x^, 32 fractional bits.
+    pub error: W,
+    /// v^, 44 fractional bits.
+    pub velocity: W,
+    /// d^, 48 fractional bits.
+    pub disturbance: W,
 }
 
+kept!(ObserverState { error, velocity, disturbance });
+
 impl Factor {
+    /// 2^31 to 2^32.
+    pub const fn mantissa(self) -> u32 {
+        self.mantissa
+    }
+
+    /// Bits beyond 32 by which a product with the mantissa is shifted right.
+    pub const fn shift(self) -> u8 {
+        self.shift
+    }
+
     /// `value` times the factor, with `bits` more fractional bits, at most 31; rounded down.
     /// Saturates at 2^62.
     #[inline]
-    fn apply(self, value: i64, bits: u8) -> i64 {
+    pub(super) fn apply(self, value: i64, bits: u8) -> i64 {
         let mantissa = i64::from(self.mantissa);
         // 96 bits: high * 2^32 + (the low half of low).
         #[expect(clippy::cast_sign_loss, reason = "its low half")]
@@ -120,7 +136,7 @@ impl Form for Observer {
 
     #[inline(never)] // so that the state of the usual estimator stays in registers
     fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
-        self.update(state, difference, self.per_force.apply(senses.force.bits()))
+        self.sample(state, difference, self.per_force.apply(senses.force.bits()))
     }
 }
 
@@ -135,38 +151,59 @@ impl Form for Fusion {
     #[inline(never)] // so that the state of the usual estimator stays in registers
     fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
         const SHIFT: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
-        self.0.update(state, difference, i64::from(senses.acceleration.bits()) << SHIFT)
+        self.0.sample(state, difference, i64::from(senses.acceleration.bits()) << SHIFT)
     }
 }
 
 impl Observer {
-    /// The velocity after a move by `difference` counts, of whose acceleration that is known. `known` is below 2^47: the design sees to it.
+    /// The velocity after a move by `difference` counts.
     #[inline]
-    fn update(&self, state: &mut ObserverState, difference: i32, known: i64) -> Velocity {
+    fn sample(&self, state: &mut ObserverState, difference: i32, known: i64) -> Velocity {
+        let difference = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);
+        let velocity = self.update(state, i64::from(difference), known);
+        #[expect(clippy::cast_possible_truncation, reason = "31 bits, as the velocity is limited")]
+        Velocity::saturating_from_bits(velocity as i32)
+    }
+}
+
+impl<F: Copy> Observer<F> {
+    /// Further fractional bits of the product with l2.
+    pub const VELOCITY_MORE: u8 = 12;
+    /// Further fractional bits of the product with l3.
+    pub const DISTURBANCE_MORE: u8 = 16;
+
+    /// LSB of the velocity after a move by `moved` counts, of whose acceleration `known` is known: 32 fractional bits,
+    /// below 2^47, the design sees to it.
+    #[inline(always)] // into what is compiled for a machine's vectors
+    pub fn update<W: Word<Factor = F>>(
+        &self,
+        state: &mut ObserverState<W>,
+        moved: W,
+        known: W,
+    ) -> W {
         const FROM_VELOCITY: u32 = VELOCITY_BITS - POSITION_BITS;
         const FROM_DISTURBANCE: u32 = DISTURBANCE_BITS - POSITION_BITS;
-        let difference = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
         let acceleration = known + (state.disturbance >> FROM_DISTURBANCE);
         let predicted = (state.velocity >> FROM_VELOCITY) + (acceleration >> 1);
-        let e = (state.error + (difference << POSITION_BITS) - predicted)
-            .clamp(-ERROR_LIMIT, ERROR_LIMIT);
-        state.error = e - self.position.apply(e, 0);
+        let e = (state.error + (moved << POSITION_BITS) - predicted).clamped(ERROR_LIMIT);
+        state.error = e - e.part(self.position, 0);
         // Below 2^59 + 2^59 + 2^58 + 2^62, which is below 2^63.
         let velocity = state.velocity
             + (known << FROM_VELOCITY)
             + (state.disturbance >> (DISTURBANCE_BITS - VELOCITY_BITS))
-            + self.velocity.apply(e, 12);
-        state.velocity = velocity.clamp(-VELOCITY_LIMIT, VELOCITY_LIMIT);
+            + e.part(self.velocity, Self::VELOCITY_MORE);
+        state.velocity = velocity.clamped(VELOCITY_LIMIT);
         state.disturbance = state
             .disturbance
-            .saturating_add(self.disturbance.apply(e, 16))
-            .clamp(-DISTURBANCE_LIMIT, DISTURBANCE_LIMIT);
-        const OUTPUT: u32 = VELOCITY_BITS - Velocity::FRACTION_BITS;
-        #[expect(clippy::cast_possible_truncation, reason = "within 31 bits by the clamp above")]
-        let bits = ((state.velocity + (1 << (OUTPUT - 1))) >> OUTPUT) as i32;
-        Velocity::saturating_from_bits(bits)
+            .saturating(e.part(self.disturbance, Self::DISTURBANCE_MORE))
+            .clamped(DISTURBANCE_LIMIT);
+        state.velocity.rounded(VELOCITY_BITS - Velocity::FRACTION_BITS)
     }
 }
+
+const _: () = assert!(Observer::<Factor>::VELOCITY_MORE as u32 == VELOCITY_BITS - POSITION_BITS);
+const _: () =
+    assert!(Observer::<Factor>::DISTURBANCE_MORE as u32 == DISTURBANCE_BITS - POSITION_BITS);
 
 #[cfg(test)]
 mod tests {

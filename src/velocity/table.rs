@@ -173,6 +173,26 @@ macro_rules! estimators {
                 $($($(#[cfg($on)] $own: <$integer as Form>::REST,)?)*)*
             };
 
+            /// What `estimator` remembers.
+            pub(super) fn put(&self, estimator: &Estimator, bytes: &mut Bytes<'_>) {
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(form) => {
+                        form.put(&self.$($own)? $($shared)?, bytes);
+                    })*)*
+                }
+            }
+
+            /// The same from the first bytes of `rest`.
+            pub(super) fn take(estimator: &Estimator, rest: &mut &[u8]) -> Option<Self> {
+                let mut memory = Self::REST;
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(form) => {
+                        memory.$($own)? $($shared)? = form.take(rest)?;
+                    })*)*
+                }
+                Some(memory)
+            }
+
             /// Warms up `estimator`, as if the handle had always moved at that velocity.
             pub(super) fn restart(&mut self, estimator: &Estimator, velocity: Velocity) {
                 match estimator {

@@ -10,7 +10,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, history::Ring};
+use super::{
+    Form, Senses,
+    history::Ring,
+    kept::{Bytes, kept},
+};
 use crate::{
     range::{SettingsError, within},
     units::Velocity,
@@ -38,6 +42,8 @@ pub(super) struct WindowState {
     sum: i32,
 }
 
+kept!(WindowState { ring, sum });
+
 impl WindowDifference {
     /// Over that many samples, 1 to [`DIFFERENCE_WINDOW_MAX`].
     ///
@@ -59,6 +65,15 @@ impl Form for WindowDifference {
     fn at(&self, velocity: Velocity) -> WindowState {
         let ring = Ring::at(velocity);
         WindowState { ring, sum: (0..self.window).map(|age| ring.back(age)).sum() }
+    }
+
+    fn put(&self, state: &WindowState, bytes: &mut Bytes<'_>) {
+        state.ring.put_last(self.window, bytes);
+    }
+
+    fn take(&self, rest: &mut &[u8]) -> Option<WindowState> {
+        let ring = Ring::take_last(self.window, rest)?;
+        Some(WindowState { ring, sum: (0..self.window).map(|age| ring.back(age)).sum() })
     }
 
     #[inline(never)] // so that the state of the usual estimator stays in registers

@@ -5,6 +5,7 @@
 
 use core::ops::{Add, Shl, Shr, Sub};
 
+use super::Factor;
 use crate::Gain;
 
 /// A signed number of 64 bits, or a vector of them.
@@ -15,6 +16,8 @@ pub trait Word:
 {
     /// A factor, for each number of the vector its own.
     type Gain: Copy;
+    /// A factor below 1, for each number of the vector its own.
+    type Factor: Copy;
     /// 16 bits without sign, for each number of the vector its own.
     type Fraction: Copy;
 
@@ -26,6 +29,13 @@ pub trait Word:
     #[must_use]
     fn times(self, gain: Self::Gain) -> Self;
 
+    /// The product with `bits` more fractional bits, at most 31, rounded down, saturating at 2^62. A vector's factor
+    /// is made for those bits.
+    #[must_use]
+    fn part(self, factor: Self::Factor, bits: u8) -> Self;
+    /// The sum, saturating.
+    #[must_use]
+    fn saturating(self, other: Self) -> Self;
     /// Without the last `bits` bits, rounded to nearest.
     #[must_use]
     fn rounded(self, bits: u32) -> Self;
@@ -40,6 +50,7 @@ pub trait Word:
 
 impl Word for i64 {
     type Gain = Gain;
+    type Factor = Factor;
     type Fraction = u16;
 
     #[inline]
@@ -50,6 +61,16 @@ impl Word for i64 {
     #[inline]
     fn times(self, gain: Gain) -> i64 {
         gain.apply_wide(self)
+    }
+
+    #[inline]
+    fn part(self, factor: Factor, bits: u8) -> i64 {
+        factor.apply(self, bits)
+    }
+
+    #[inline]
+    fn saturating(self, other: i64) -> i64 {
+        self.saturating_add(other)
     }
 
     #[inline]

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use host_sim::{
     analysis::linear::{TransferFunction, transfer_function},
-    simulation::{senses::last_edge, twin::TwinEstimator},
+    simulation::{edge::last_edge, twin::TwinEstimator},
 };
 use proptest::prelude::*;
 use zwidth::{

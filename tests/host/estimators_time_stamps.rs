@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use host_sim::simulation::senses::last_edge;
+use host_sim::simulation::edge::last_edge;
 use proptest::prelude::*;
 use zwidth::{VelocitySettings, units::Velocity, velocity::SPAN_MAX};
 

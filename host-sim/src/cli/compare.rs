@@ -111,8 +111,9 @@ struct JsonRow {
     second_name: Option<&'static str>,
     second_unit: Option<&'static str>,
     second_at_edge: bool,
-    search_walks: usize,
+    search_walks: u32,
     search_settled: bool,
+    hits: u64,
     stable_at_walls: usize,
     #[serde(flatten)]
     criteria: serde_json::Map<String, serde_json::Value>,
@@ -372,6 +373,7 @@ fn json_row(c: &Compared, place: &Place) -> JsonRow {
         second_at_edge: second.is_some_and(|p| p.edge.is_some()),
         search_walks: table::search_walks(c),
         search_settled: c.tuned.settled,
+        hits: c.tuned.hits,
         stable_at_walls: c.contacts.iter().filter(|contact| contact.stable).count(),
         criteria: criteria.collect(),
     }

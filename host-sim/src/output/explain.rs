@@ -51,6 +51,7 @@ pub struct Row {
     search_settled: bool,
     capped_walks: usize,
     walks: usize,
+    hits: u64,
     cycles_per_s: Option<f64>,
     share_of_core: Option<f64>,
     cost: String,
@@ -60,7 +61,7 @@ const HEADER: &str = "rank,change,what,kind,times_the_area,times_low,times_high,
                       area_low_n2_s_per_m2,area_high_n2_s_per_m2,stiffness_peak_n_per_m,stiffness_peak_low_n_per_m,\
                       stiffness_peak_high_n_per_m,damping_n_s_per_m,stiffness_n_per_m,stiffness_low_n_per_m,\
                       stiffness_high_n_per_m,velocity_noise_m_per_s,force_noise_n,estimator,tuning,tuning_unit,\
-                      tuning_at_edge,search_settled,capped_walks,walks,cycles_per_s,share_of_core,cost,schema_version";
+                      tuning_at_edge,search_settled,capped_walks,walks,hits,cycles_per_s,share_of_core,cost,schema_version";
 
 impl Row {
     /// Times the area, with its range; `?` where the starts cannot tell it from 1.
@@ -174,6 +175,7 @@ impl ExplainReport<'_> {
             search_settled: one.settled,
             capped_walks: one.boundaries.capped(),
             walks: one.boundaries.len(),
+            hits: one.hits,
             cycles_per_s,
             share_of_core: cycles_per_s.map(|cycles| cycles / CLOCK_HZ),
             cost: change.map_or(String::new(), |change| change.cost.clone()),
@@ -221,6 +223,7 @@ impl ExplainReport<'_> {
                 row.search_settled.to_string(),
                 row.capped_walks.to_string(),
                 row.walks.to_string(),
+                row.hits.to_string(),
                 option(row.cycles_per_s),
                 option(row.share_of_core),
                 plain(&row.cost),
@@ -319,6 +322,8 @@ impl ExplainReport<'_> {
         for answer in self.answers() {
             let _ = write!(text, "\n{answer}");
         }
+        let hits: u64 = self.rows().iter().map(|row| row.hits).sum();
+        let _ = write!(text, "\n{hits} wall hits");
         text
     }
 

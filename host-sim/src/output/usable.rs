@@ -38,6 +38,7 @@ pub struct UsableArea {
     stiffness_peak_n_per_m: f64,
     impedance_error_mean: f64,
     capped_walks: usize,
+    hits: u64,
 }
 
 /// A finished study.
@@ -69,13 +70,13 @@ impl UsableStudy {
         let mut text = String::from(
             "within_percent,place,estimator,tuning,tuning_unit,second,second_unit,search_settled,\
              area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,stable_area_n2_s_per_m2,\
-             stiffness_peak_n_per_m,impedance_error_mean,capped_walks,walks,schema_version\n",
+             stiffness_peak_n_per_m,impedance_error_mean,capped_walks,walks,hits,schema_version\n",
         );
         let cell = |value: Option<f64>| value.map(|value| value.to_string()).unwrap_or_default();
         for a in self.areas() {
             let _ = writeln!(
                 text,
-                "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{SCHEMA_VERSION}",
+                "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{SCHEMA_VERSION}",
                 cell(a.within_percent),
                 a.place,
                 a.estimator,
@@ -91,7 +92,8 @@ impl UsableStudy {
                 a.stiffness_peak_n_per_m,
                 a.impedance_error_mean,
                 a.capped_walks,
-                self.question.budget.repeats
+                self.question.budget.repeats,
+                a.hits
             );
         }
         text
@@ -152,6 +154,8 @@ impl UsableStudy {
                 );
             }
         }
+        let hits: u64 = self.found.iter().map(|usable| usable.hits).sum();
+        let _ = write!(text, "\n{hits} wall hits");
         for usable in self.found.iter().filter(|usable| !usable.settled) {
             let (who, limit) = (usable.entry.name(), name(usable.limit));
             let _ = write!(
@@ -202,5 +206,6 @@ fn area(place: usize, usable: &Usable) -> UsableArea {
         stiffness_peak_n_per_m: usable.stiffness_peak_n_per_m,
         impedance_error_mean: usable.error_mean,
         capped_walks: usable.boundaries.capped(),
+        hits: usable.hits,
     }
 }

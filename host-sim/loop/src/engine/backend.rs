@@ -113,7 +113,7 @@ impl Backend {
 const VECTORS: usize = 2;
 
 /// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
-/// estimator that looks at nothing but the count and has lanes in that arithmetic.
+/// estimator that looks at nothing but the count, or at the force, and has lanes in that arithmetic.
 pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
     form_for(prepared, numeric).is_some()
 }
@@ -130,7 +130,8 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     );
     let form = Form::of(&prepared.scene().velocity.settings(0.0))?;
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
-    (linear && stated && prepared.sensing() == AnySensing::Blind).then_some(form)
+    let seen = form == Form::Observer || prepared.sensing() == AnySensing::Blind;
+    (linear && stated && seen).then_some(form)
 }
 
 /// Runs all hits of `work` in this thread.

@@ -12,6 +12,7 @@ use super::{
         kalman::Kalman,
         levant::Levant,
         low_pass::{Cascade, LowPass},
+        observer::Observer,
         window::{Adaptive, Sum, Window},
     },
     lanes::{Aligned, Due, LaneController, OutputStage, Row, place},
@@ -48,11 +49,12 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
         Form::LowPass | Form::LikeLowPass => of::<S, Each<LowPass<S>>, R>(simd),
         Form::Cascade => of::<S, Each<Cascade<S>>, R>(simd),
         Form::Kalman => of::<S, Each<Kalman<S>>, R>(simd),
-        Form::Fir => of::<S, Window<S, Sum>, R>(simd),
-        Form::FoawEnd => of::<S, Window<S, Adaptive<false>>, R>(simd),
-        Form::FoawBest => of::<S, Window<S, Adaptive<true>>, R>(simd),
+        Form::Fir => of::<S, Window<S, Sum<S>>, R>(simd),
+        Form::FoawEnd => of::<S, Window<S, Adaptive<S, false>>, R>(simd),
+        Form::FoawBest => of::<S, Window<S, Adaptive<S, true>>, R>(simd),
         Form::LevantExplicit => of::<S, Each<Levant<S, false>>, R>(simd),
         Form::LevantImplicit => of::<S, Each<Levant<S, true>>, R>(simd),
+        Form::Observer => of::<S, Observer<S>, R>(simd),
     }
 }
 
@@ -65,7 +67,7 @@ struct Wall<S: SimdOps> {
 
 /// [`Gain`] in lanes.
 #[derive(Clone, Copy)]
-struct GainLanes<S: SimdOps> {
+pub struct GainLanes<S: SimdOps> {
     mantissa: S::u64s,
     half: S::u64s,
     right: S::u64s,
@@ -76,12 +78,14 @@ struct GainLanes<S: SimdOps> {
 }
 
 impl<S: SimdOps> GainLanes<S> {
-    fn zero(simd: S) -> Self {
+    /// None.
+    pub fn zero(simd: S) -> Self {
         let zero = simd.splat_u64s(0);
         Self { mantissa: zero, half: zero, right: zero, sign: zero, left: zero, bound: zero }
     }
 
-    fn set(&mut self, lane: usize, gain: Gain) {
+    /// Puts a gain into a lane.
+    pub fn set(&mut self, lane: usize, gain: Gain) {
         let shift = gain.shift();
         let right = u64::from(shift.max(0).unsigned_abs());
         let left = u64::from((-shift).max(0).unsigned_abs());
@@ -95,7 +99,7 @@ impl<S: SimdOps> GainLanes<S> {
 
     /// [`Gain::apply`] of 32-bit numbers.
     #[inline(always)]
-    fn apply(&self, simd: S, value: S::u64s) -> S::u64s {
+    pub fn apply(&self, simd: S, value: S::u64s) -> S::u64s {
         let product = simd.add_u64s(simd.product(self.mantissa, value), self.half);
         let biased = simd.add_u64s(product, simd.splat_u64s(SIGN));
         let shifted = simd.sub_u64s(simd.shift_right(biased, self.right), self.sign);
@@ -131,7 +135,9 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         let control = core.control();
         let (vector, place) = place::<S>(lane);
         let gains = &mut self.gains[vector];
-        self.forms[vector].start(self.simd, gains, place, &control.estimator);
+        let actuator = &prepared.scene().actuator;
+        let late = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
+        self.forms[vector].start(self.simd, gains, place, &control.estimator, late);
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());
@@ -154,8 +160,9 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
                 let mut outputs = Aligned([simd.splat_f64s(0.0); R]);
                 if let Some(Due { depth, speed, stage }) = due {
                     for r in 0..R {
-                        outputs.0[r] =
-                            walls[r].output(*simd, depth[r], velocity[r], speed[r], stage);
+                        let force = walls[r].force(*simd, depth[r], velocity[r], speed[r], stage);
+                        forms[r].granted(*simd, &gains[r], force);
+                        outputs.0[r] = output(*simd, force, stage);
                     }
                 }
                 outputs
@@ -171,15 +178,16 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
 }
 
 impl<S: SimdOps> Wall<S> {
+    /// The force that is granted, LSB.
     #[inline(always)]
-    fn output(
+    fn force(
         &self,
         simd: S,
         depth: S::f64s,
         velocity: S::u64s,
         speed: S::f64s,
         stage: &OutputStage<S>,
-    ) -> S::f64s {
+    ) -> S::u64s {
         let zero = simd.splat_u64s(0);
         let inside = simd.greater_than_f64s(depth, simd.splat_f64s(0.0));
         let spring = self.stiffness.apply(simd, simd.to_low(depth));
@@ -195,19 +203,25 @@ impl<S: SimdOps> Wall<S> {
         let wall = simd.select_u64s(inside, total, zero);
         let full = simd.splat_u64s(Force::FULL_SCALE.bits().unsigned_abs().into());
         let wanted = simd.sub_u64s(stage.push_bits, wall);
-        let force = simd.smaller(simd.larger(wanted, simd.sub_u64s(zero, full)), full);
-        let given = match stage.codes {
-            None => force,
-            Some(codes) => {
-                let negative =
-                    simd.select_u64s(simd.is_above(zero, force), simd.splat_u64s(u64::MAX), zero);
-                let scaled = simd.product(signed(simd, force, negative), codes);
-                let rounded = simd.shift_right_30(simd.add_u64s(scaled, simd.splat_u64s(HALF)));
-                signed(simd, rounded, negative)
-            }
-        };
-        simd.mul_f64s(simd.to_float(given), stage.per_code)
+        simd.smaller(simd.larger(wanted, simd.sub_u64s(zero, full)), full)
     }
+}
+
+/// The output that a force becomes, fraction of full scale.
+#[inline(always)]
+fn output<S: SimdOps>(simd: S, force: S::u64s, stage: &OutputStage<S>) -> S::f64s {
+    let zero = simd.splat_u64s(0);
+    let given = match stage.codes {
+        None => force,
+        Some(codes) => {
+            let negative =
+                simd.select_u64s(simd.is_above(zero, force), simd.splat_u64s(u64::MAX), zero);
+            let scaled = simd.product(signed(simd, force, negative), codes);
+            let rounded = simd.shift_right_30(simd.add_u64s(scaled, simd.splat_u64s(HALF)));
+            signed(simd, rounded, negative)
+        }
+    };
+    simd.mul_f64s(simd.to_float(given), stage.per_code)
 }
 
 /// `value`, negated where all bits of `negative` are set.

@@ -210,8 +210,8 @@ fn what_has_no_lanes_runs_all_the_same() {
         Some(Friction { coulomb_n: 0.05, static_n: 0.05, stribeck_speed_m_per_s: 1e-3 });
     friction.integrator =
         Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
-    let observer = Scene { velocity: EstimatorName::Observer.defaults().into(), ..short(paper()) };
-    for mut scene in [friction, observer] {
+    let edges = Scene { velocity: EstimatorName::TimeStamps.defaults().into(), ..short(paper()) };
+    for mut scene in [friction, edges] {
         scene.sweep.cutoffs_hz = vec![800.0];
         let prepared = PreparedScene::new(&scene).unwrap();
         assert!(!lanes_for(&prepared, Numeric::Fixed));
@@ -230,7 +230,8 @@ fn in_lanes() -> impl Iterator<Item = EstimatorName> {
     let all = EstimatorName::ALL.iter().copied();
     all.filter(|name| {
         let scene = with_estimator(paper(), name.defaults());
-        name.sense().is_none() && lanes_for(&PreparedScene::new(&scene).unwrap(), Numeric::Fixed)
+        let has = |scene| lanes_for(&PreparedScene::new(scene).unwrap(), Numeric::Fixed);
+        scene.check().is_ok() && has(&scene)
     })
 }
 
@@ -247,7 +248,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 19] = [
+const IN_LANES: [&str; 20] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
@@ -258,6 +259,7 @@ const IN_LANES: [&str; 19] = [
     "least-squares-1",
     "least-squares-2",
     "tracking-loop",
+    "observer",
     "foaw-end",
     "foaw-best",
     "levant-explicit",

@@ -1,6 +1,7 @@
 //! The sampled loop: plant, encoder, controller, latency, in the order that the design fixes.
 
 pub mod controller;
+pub mod edge;
 mod hit;
 pub mod prepared;
 pub mod quantiser;

@@ -11,7 +11,7 @@ use zwidth::{
 use crate::{
     numerics::random,
     scene::{Accelerometer, LATENCY_KNOWN_MAX, Scene, element::EncoderError},
-    simulation::quantiser::Quantiser,
+    simulation::{edge::last_edge, quantiser::Quantiser},
 };
 
 /// A handle at one instant.
@@ -239,65 +239,6 @@ fn whole(value: f64) -> u32 {
     )]
     let whole = value as u32;
     whole
-}
-
-/// When within the sample (0 to 1) the handle last came over a border into the cell in which it
-/// ends, and whether upwards; `None` if it never left it. Position and speed of both ends, in counts
-/// and samples.
-pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
-    let cell = x1.floor();
-    // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
-    let moved = x1 - x0;
-    let a = v0 + v1 - 2.0 * moved;
-    let b = 3.0 * moved - 2.0 * v0 - v1;
-    let at = |t: f64| x0 + t * (v0 + t * (b + t * a));
-    // From the end back over pieces without a turn.
-    let mut until = 1.0;
-    for from in turns(v0, b, a) {
-        let x = at(from);
-        let border = if x < cell {
-            Some((cell, true))
-        } else if x >= cell + 1.0 {
-            Some((cell + 1.0, false))
-        } else {
-            None
-        };
-        if let Some((border, up)) = border {
-            return Some((crossing(|t| at(t) - border, from, until), up));
-        }
-        until = from;
-    }
-    None
-}
-
-/// Where `v0 + 2 b t + 3 a t^2` is 0 between 0 and 1, latest first, and 0.
-fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
-    let discriminant = b * b - 3.0 * a * v0;
-    let roots = if discriminant > 0.0 {
-        let q = -(b + discriminant.sqrt().copysign(b));
-        let (one, two) = (q / (3.0 * a), v0 / q); // not finite if there is no such root
-        [one.max(two), one.min(two)]
-    } else {
-        [0.0; 2]
-    };
-    roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
-}
-
-/// Halvings of a sample: far below the 2^-16 that an age has.
-const HALVINGS: u32 = 32;
-
-/// Where a monotone function is 0, between two places where it has different signs.
-fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64 {
-    let rises = function(from) < 0.0;
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (from + until);
-        if (function(middle) < 0.0) == rises {
-            from = middle;
-        } else {
-            until = middle;
-        }
-    }
-    until
 }
 
 /// The senses that a run has.

@@ -1,6 +1,7 @@
 //! Studies made of many wall hits: the boundary walk, the sweep over cutoffs, how its answer depends on what was
 //! assumed, and the envelope that the firmware takes from it.
 
+mod ahead;
 pub mod asked;
 pub mod board_envelope;
 pub mod envelope;
@@ -9,6 +10,7 @@ pub mod levers;
 pub mod limits;
 pub mod loops;
 pub mod probability;
+pub mod schedule;
 pub mod sensitivity;
 pub mod sweep;
 pub mod walk;

@@ -1,14 +1,12 @@
 //! The boundary of the stable walls at one cutoff, followed by the core's walk.
 
-use std::{
-    collections::{BTreeMap, VecDeque},
-    sync::atomic::{AtomicBool, Ordering},
-};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 
+use super::walk_lanes::{Queue, Start, walks};
 use crate::{
-    engine::{Depth, Engine, Outcome, Work, run},
+    engine::Engine,
     error::Error,
     numerics::statistics::Repeats,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
@@ -58,6 +56,15 @@ impl FromIterator<Boundary> for Boundaries {
     }
 }
 
+impl IntoIterator for Boundaries {
+    type Item = Boundary;
+    type IntoIter = std::vec::IntoIter<Boundary>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.0.into_iter()
+    }
+}
+
 impl std::ops::Deref for Boundaries {
     type Target = Vec<Boundary>;
 
@@ -80,6 +87,11 @@ impl Boundaries {
     /// Mean area, N^2 s/m^2.
     pub fn area(&self) -> f64 {
         self.repeats().mean
+    }
+
+    /// Hits that all of them took.
+    pub fn hits(&self) -> u64 {
+        self.iter().map(|boundary| boundary.hits).sum()
     }
 
     /// Smallest and largest area, N^2 s/m^2.
@@ -131,6 +143,7 @@ impl Boundaries {
 pub struct Progress {
     walk: Walk,
     boundary: Boundary,
+    last_stiffness: Option<i32>,
     cutoff_hz: f64,
     start_offset_counts: f64,
 }
@@ -140,7 +153,7 @@ impl Progress {
     pub fn new(prepared: &PreparedScene, cutoff_hz: f64, start_offset_counts: f64) -> Self {
         let walk = Walk::new(prepared.scene().walk_plan());
         let boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
-        Self { walk, boundary, cutoff_hz, start_offset_counts }
+        Self { walk, boundary, last_stiffness: None, cutoff_hz, start_offset_counts }
     }
 
     /// The next hit.
@@ -150,10 +163,22 @@ impl Progress {
 
     /// The cell of the next hit: steps of K and of B.
     pub fn place(&self) -> (i32, i32) {
-        place(self.walk.cell())
+        let Cell { stiffness, damping } = self.walk.cell();
+        (stiffness, damping)
     }
 
-    fn hit_at(&self, cell: Cell) -> WallHit {
+    /// Where it is.
+    pub(super) fn walk(&self) -> Walk {
+        self.walk
+    }
+
+    /// The last point of its boundary, steps of K, and how many there are.
+    pub(super) fn last_point(&self) -> Option<(i32, usize)> {
+        self.last_stiffness.map(|stiffness| (stiffness, self.boundary.points.len()))
+    }
+
+    /// The hit of a cell.
+    pub(super) fn hit_at(&self, cell: Cell) -> WallHit {
         WallHit {
             cutoff_hz: self.cutoff_hz,
             stiffness_n_per_m: self.walk.plan().stiffness_n_per_m(cell),
@@ -202,6 +227,7 @@ impl Progress {
             let damping_n_s_per_m = plan.damping_n_s_per_m(cell);
             self.boundary.area += plan.area_n2_s_per_m2(cell);
             self.boundary.points.push(BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m });
+            self.last_stiffness = Some(cell.stiffness);
         }
         self.boundary.ended = step.ended;
         step.ended.map(|_| Ok(self.boundary.clone()))
@@ -222,23 +248,10 @@ pub fn walk(
     start_offset_counts: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    let mut progress = Progress::new(prepared, cutoff_hz, start_offset_counts);
-    let mut known = BTreeMap::new();
-    let touches = |hit: &WallHit| prepared.touches(numeric, hit);
-    loop {
-        while let Some(verdict) = known.remove(&place(progress.walk.cell())) {
-            if let Some(ended) = progress.report(verdict, touches) {
-                return ended;
-            }
-        }
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
-        let cells = ahead(&progress.walk, &known, engine.hits_at_once(prepared, numeric));
-        let mut work =
-            Ahead { progress: &progress, cells, begun: 0, lanes: vec![], known: &mut known };
-        run(engine, prepared, numeric, Depth::Verdict, &mut work);
-    }
+    let starts = [Start { cutoff_hz, start_offset_counts }];
+    let mut found = Err(Error::Interrupted);
+    walks(engine, numeric, &Queue::new(prepared, &starts), stop, |_, boundary| found = boundary);
+    found
 }
 
 /// [`walk`] by other hits, one by one.
@@ -281,71 +294,6 @@ pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -
 
 /// How many times settling and window together a wall is given before it is called unstable for good.
 const SETTLE_LONGER: [f64; 3] = [1.0, 3.0, 10.0];
-
-type Known = BTreeMap<(i32, i32), Result<Verdict, HitError>>;
-
-fn place(cell: Cell) -> (i32, i32) {
-    (cell.stiffness, cell.damping)
-}
-
-/// A walk alone would fill one lane, so the others run what it may ask for next: the cells that are the fewest
-/// unknown verdicts away. The first is the one that it asks for now. Which of them are ever used, and so the
-/// boundary and its count of hits, does not depend on how many there are.
-fn ahead(walk: &Walk, known: &Known, lanes: usize) -> Vec<Cell> {
-    let mut cells: Vec<Cell> = vec![];
-    let mut next = VecDeque::from([*walk]);
-    while let Some(walk) = next.pop_front().filter(|_| cells.len() < lanes) {
-        let cell = walk.cell();
-        let verdicts = match known.get(&place(cell)) {
-            Some(Ok(verdict)) => vec![*verdict],
-            Some(Err(_)) => vec![Verdict::Unstable],
-            None if cells.contains(&cell) => vec![Verdict::Stable, Verdict::Unstable],
-            None => {
-                cells.push(cell);
-                vec![Verdict::Stable, Verdict::Unstable]
-            }
-        };
-        for verdict in verdicts {
-            let mut later = walk;
-            if later.report(verdict).is_ok_and(|step| step.ended.is_none())
-                && next.len() < AHEAD_MAX
-            {
-                next.push_back(later);
-            }
-        }
-    }
-    cells
-}
-
-/// Bounds the look ahead where walks meet in the same cells again.
-const AHEAD_MAX: usize = 1000;
-
-struct Ahead<'a> {
-    progress: &'a Progress,
-    cells: Vec<Cell>,
-    begun: usize,
-    /// Which cell each lane has.
-    lanes: Vec<Cell>,
-    known: &'a mut Known,
-}
-
-impl Work for Ahead<'_> {
-    fn next(&mut self, lane: usize) -> Option<WallHit> {
-        let cell = *self.cells.get(self.begun)?;
-        self.begun += 1;
-        if self.lanes.len() <= lane {
-            self.lanes.resize(lane + 1, cell);
-        }
-        *self.lanes.get_mut(lane)? = cell;
-        Some(self.progress.hit_at(cell))
-    }
-
-    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
-        if let Some(cell) = self.lanes.get(lane) {
-            self.known.insert(place(*cell), outcome.map(|outcome| outcome.verdict));
-        }
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -1,8 +1,17 @@
-//! Walks side by side, a lane each: a walk asks for its next hit once it knows the verdict of the last.
+//! Many walks in the lanes of one thread. A lane runs the next hit of a walk that waits for one; if none waits, it begins
+//! another walk; if there is none, it runs a hit that a walk may ask for later ([`super::ahead`]).
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
+};
 
-use super::walk::{Boundary, Progress};
+use zwidth::experiment::{Cell, Verdict, Walk};
+
+use super::{
+    ahead::{Guide, Walking, likeliest},
+    walk::{Boundary, Progress},
+};
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
@@ -51,50 +60,122 @@ pub fn walks(
     stop: &AtomicBool,
     done: impl FnMut(usize, Result<Boundary, Error>),
 ) {
-    let lanes = vec![];
-    let mut work = Walks { queue, numeric, stop, lanes, done };
+    let (running, lanes, last) = (BTreeMap::new(), vec![], Guide::default());
+    let mut work = Walks { queue, numeric, stop, running, lanes, last, done };
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
+}
+
+/// A walk that has begun.
+struct Running {
+    progress: Progress,
+    guide: Guide,
+    neighbour: Guide,
+    /// Verdicts of cells that it has not come to yet.
+    known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,
+    /// Cells that lanes have.
+    running: Vec<Cell>,
+}
+
+impl Walking for Running {
+    fn walk(&self) -> Walk {
+        self.progress.walk()
+    }
+
+    fn known(&self, cell: Cell) -> Option<Verdict> {
+        let verdict = self.known.get(&place(cell))?;
+        Some(verdict.as_ref().copied().unwrap_or(Verdict::Unstable))
+    }
+
+    fn is_running(&self, cell: Cell) -> bool {
+        self.running.contains(&cell)
+    }
+
+    fn guides(&self) -> [&Guide; 2] {
+        [&self.guide, &self.neighbour]
+    }
+}
+
+fn place(cell: Cell) -> (i32, i32) {
+    (cell.stiffness, cell.damping)
 }
 
 struct Walks<'a, D> {
     queue: &'a Queue<'a>,
     numeric: Numeric,
     stop: &'a AtomicBool,
-    lanes: Vec<Option<(usize, Progress)>>,
+    /// By their place in the queue.
+    running: BTreeMap<usize, Running>,
+    /// The walk and the cell that each lane has.
+    lanes: Vec<Option<(usize, Cell)>>,
+    /// The boundary that was found last.
+    last: Guide,
     done: D,
+}
+
+impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
+    /// What a free lane runs.
+    fn choose(&mut self) -> Option<(usize, Cell)> {
+        let waits = |(number, walk): (&usize, &Running)| {
+            let cell = walk.progress.walk().cell();
+            (!walk.is_running(cell)).then_some((*number, cell))
+        };
+        if let Some(waiting) = self.running.iter().find_map(waits) {
+            return Some(waiting);
+        }
+        if let Some(walk) = self.queue.next() {
+            let Start { cutoff_hz, start_offset_counts } = *self.queue.starts.get(walk)?;
+            let progress = Progress::new(self.queue.prepared, cutoff_hz, start_offset_counts);
+            let cell = progress.walk().cell();
+            let (guide, neighbour) = (Guide::default(), self.last.clone());
+            let (known, running) = (BTreeMap::new(), vec![]);
+            self.running.insert(walk, Running { progress, guide, neighbour, known, running });
+            return Some((walk, cell));
+        }
+        likeliest(self.running.iter().map(|(number, walk)| (*number, walk)))
+    }
+
+    /// Ends a walk.
+    fn end(&mut self, number: usize, ended: Result<Boundary, Error>) {
+        if let Some(walk) = self.running.remove(&number) {
+            self.last = walk.guide;
+        }
+        (self.done)(number, ended);
+    }
 }
 
 impl<D: FnMut(usize, Result<Boundary, Error>)> Work for Walks<'_, D> {
     fn next(&mut self, lane: usize) -> Option<WallHit> {
         if self.lanes.len() <= lane {
-            self.lanes.resize_with(lane + 1, || None);
+            self.lanes.resize(lane + 1, None);
         }
-        let place = self.lanes.get_mut(lane)?;
         if self.stop.load(Ordering::Relaxed) {
-            if let Some((walk, _)) = place.take() {
-                (self.done)(walk, Err(Error::Interrupted));
+            while let Some((&number, _)) = self.running.first_key_value() {
+                self.end(number, Err(Error::Interrupted));
             }
             return None;
         }
-        if place.is_none() {
-            let walk = self.queue.next()?;
-            let Start { cutoff_hz, start_offset_counts } = *self.queue.starts.get(walk)?;
-            *place =
-                Some((walk, Progress::new(self.queue.prepared, cutoff_hz, start_offset_counts)));
-        }
-        place.as_ref().map(|(_, progress)| progress.hit())
+        let (number, cell) = self.choose()?;
+        let walk = self.running.get_mut(&number)?;
+        walk.running.push(cell);
+        self.lanes[lane] = Some((number, cell));
+        Some(walk.progress.hit_at(cell))
     }
 
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
-        let Some(place) = self.lanes.get_mut(lane) else { return };
-        let Some((walk, progress)) = place else { return };
-        let verdict = outcome.map(|outcome| outcome.verdict);
+        let Some((number, cell)) = self.lanes.get_mut(lane).and_then(Option::take) else { return };
+        // a walk that is over no longer asks
+        let Some(walk) = self.running.get_mut(&number) else { return };
+        walk.running.retain(|other| *other != cell);
+        walk.known.insert(place(cell), outcome.map(|outcome| outcome.verdict));
         let prepared = self.queue.prepared;
         let touches = |hit: &WallHit| prepared.touches(self.numeric, hit);
-        if let Some(ended) = progress.report(verdict, touches) {
-            let walk = *walk;
-            *place = None;
-            (self.done)(walk, ended);
+        while let Some(verdict) = walk.known.remove(&place(walk.progress.walk().cell())) {
+            let ended = walk.progress.report(verdict, touches);
+            walk.guide.follow(walk.progress.last_point());
+            if let Some(ended) = ended {
+                self.end(number, ended);
+                return;
+            }
         }
     }
 }

@@ -10,6 +10,7 @@ use super::{
 pub(super) mod kalman;
 pub(super) mod levant;
 pub(super) mod low_pass;
+pub(super) mod observer;
 pub(super) mod window;
 mod word;
 
@@ -34,6 +35,8 @@ pub enum Form {
     LevantExplicit,
     /// The same, implicit.
     LevantImplicit,
+    /// Observer that is told the force.
+    Observer,
 }
 
 impl Form {
@@ -61,6 +64,7 @@ impl Form {
             VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
             VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
             VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
+            VelocitySettings::Observer { .. } => Some(Self::Observer),
             _ => None,
         }
     }
@@ -73,8 +77,15 @@ pub trait VectorForm<S: SimdOps>: Sized {
 
     /// Before the first sample, and coefficients of lanes that are not in use.
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// Puts an estimator at rest into a lane.
-    fn start(&mut self, simd: S, gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
+    /// Puts an estimator at rest into a lane. A force that is granted is told to it so many samples `late`.
+    fn start(
+        &mut self,
+        simd: S,
+        gains: &mut Self::Gains,
+        lane: usize,
+        estimator: &Estimator,
+        late: usize,
+    );
     /// Vectors of it take samples, counts moved since the last one. If an output is `due`, `velocity` becomes that of the
     /// last one, LSB in the lower 32 bits; else it is anything.
     fn take<const R: usize>(
@@ -85,6 +96,9 @@ pub trait VectorForm<S: SimdOps>: Sized {
         due: bool,
         velocity: &mut [S::u64s; R],
     );
+    /// The wall granted forces, LSB, with the last sample that was taken.
+    #[inline(always)]
+    fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
     /// The hit came where these lanes do not do what the estimator does.
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
@@ -117,7 +131,14 @@ impl<S: SimdOps, F: Recursive<S>> VectorForm<S> for Each<F> {
         (Self(rest), gains)
     }
 
-    fn start(&mut self, simd: S, gains: &mut F::Gains, lane: usize, estimator: &Estimator) {
+    fn start(
+        &mut self,
+        simd: S,
+        gains: &mut F::Gains,
+        lane: usize,
+        estimator: &Estimator,
+        _: usize,
+    ) {
         F::tune(gains, lane, estimator);
         let (mut rest, _) = F::at_rest(simd);
         for (word, rest) in self.0.words().zip(rest.words()) {

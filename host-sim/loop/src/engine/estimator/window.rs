@@ -4,7 +4,7 @@
 
 use zwidth::{
     units::Velocity,
-    velocity::{Estimator, Fir, Foaw, WINDOW_MAX},
+    velocity::{Estimator, Foaw, WINDOW_MAX},
 };
 
 use super::VectorForm;
@@ -13,12 +13,12 @@ use crate::engine::{
     simd_ops::{SimdOps, lanes_mut},
 };
 
-/// The last differences of a vector, counts, and what is made of them. All its lanes have one tuning.
+/// The last differences of a vector, counts, and what is made of them.
 pub struct Window<S: SimdOps, K> {
     /// The newest one is before `end`; what it has after that is old.
     past: Vec<S::f64s>,
     end: usize,
-    kind: Option<K>,
+    kind: K,
 }
 
 const LENGTH: usize = WINDOW_MAX as usize;
@@ -27,8 +27,10 @@ const ROOM: usize = 4 * LENGTH;
 
 /// What is made of a window.
 pub trait Kind<S: SimdOps>: Sized {
-    /// Of an estimator, if it is of that kind.
-    fn of(estimator: &Estimator) -> Option<Self>;
+    /// Of no estimator in any lane.
+    fn none(simd: S) -> Self;
+    /// Takes an estimator into a lane.
+    fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
     /// The velocity, a whole number of LSB; `past` ends with the newest difference.
     fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
 }
@@ -37,11 +39,12 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
     type Gains = ();
 
     fn at_rest(simd: S) -> (Self, ()) {
-        (Self { past: vec![simd.splat_f64s(0.0); ROOM], end: LENGTH, kind: None }, ())
+        let past = vec![simd.splat_f64s(0.0); ROOM];
+        (Self { past, end: LENGTH, kind: K::none(simd) }, ())
     }
 
-    fn start(&mut self, _: S, (): &mut (), lane: usize, estimator: &Estimator) {
-        self.kind = K::of(estimator);
+    fn start(&mut self, simd: S, (): &mut (), lane: usize, estimator: &Estimator, _: usize) {
+        self.kind.set(simd, lane, estimator);
         for difference in &mut self.past {
             lanes_mut(difference)[lane] = 0.0;
         }
@@ -67,7 +70,7 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
                 *place = row.0[r];
             }
             *end += moved.len();
-            if let (true, Some(kind), Some(past)) = (due, kind, past.get(*end - LENGTH..*end)) {
+            if let (true, Some(past)) = (due, past.get(*end - LENGTH..*end)) {
                 velocity[r] = simd.to_low(kind.velocity(simd, past));
             }
         }
@@ -78,20 +81,48 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
     }
 }
 
-/// [`Fir`].
-pub struct Sum(Fir);
+/// Differences that each lane looks at.
+#[derive(Default)]
+struct Lengths(Vec<usize>);
 
-impl<S: SimdOps> Kind<S> for Sum {
-    fn of(estimator: &Estimator) -> Option<Self> {
-        if let Estimator::Fir(fir) = estimator { Some(Self(*fir)) } else { None }
+impl Lengths {
+    /// Those of a lane; the longest of all.
+    fn set(&mut self, lane: usize, length: usize) -> usize {
+        if self.0.len() <= lane {
+            self.0.resize(lane + 1, 0);
+        }
+        self.0[lane] = length;
+        self.0.iter().copied().max().unwrap_or(0)
+    }
+}
+
+/// [`Fir`](zwidth::velocity::Fir): the weights of each lane, as many as the longest has.
+pub struct Sum<S: SimdOps> {
+    weights: Vec<S::f64s>,
+    lengths: Lengths,
+}
+
+impl<S: SimdOps> Kind<S> for Sum<S> {
+    fn none(_: S) -> Self {
+        Self { weights: vec![], lengths: Lengths::default() }
+    }
+
+    fn set(&mut self, simd: S, lane: usize, estimator: &Estimator) {
+        let Estimator::Fir(fir) = estimator else { return };
+        let own = fir.weights();
+        let longest = self.lengths.set(lane, own.len());
+        self.weights.resize(longest, simd.splat_f64s(0.0));
+        for (n, weight) in self.weights.iter_mut().enumerate() {
+            lanes_mut(weight)[lane] = own.get(n).map_or(0.0, |weight| f64::from(*weight));
+        }
     }
 
     #[inline(always)]
     fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s {
         const LSB: f64 = 1.0 / (1u32 << (30 - Velocity::FRACTION_BITS)) as f64;
         let mut sum = simd.splat_f64s(0.5 / LSB);
-        for (weight, difference) in self.0.weights().iter().zip(past.iter().rev()) {
-            sum = simd.mul_add_e_f64s(simd.splat_f64s(f64::from(*weight)), *difference, sum);
+        for (weight, difference) in self.weights.iter().zip(past.iter().rev()) {
+            sum = simd.mul_add_e_f64s(*weight, *difference, sum);
         }
         let bits = simd.floor(simd.mul_f64s(sum, simd.splat_f64s(LSB)));
         let limit = f64::from(Velocity::LIMIT << Velocity::FRACTION_BITS);
@@ -100,11 +131,26 @@ impl<S: SimdOps> Kind<S> for Sum {
 }
 
 /// [`Foaw`]: all lanes go through the windows together, until the last of them has found its longest one.
-pub struct Adaptive<const BEST: bool>(Foaw);
+pub struct Adaptive<S: SimdOps, const BEST: bool> {
+    /// Steps of it, a lane each.
+    noise: S::f64s,
+    /// Samples, a lane each.
+    window: S::f64s,
+    lengths: Lengths,
+    longest: usize,
+}
 
-impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<BEST> {
-    fn of(estimator: &Estimator) -> Option<Self> {
-        if let Estimator::Foaw(foaw) = estimator { Some(Self(*foaw)) } else { None }
+impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
+    fn none(simd: S) -> Self {
+        let zero = simd.splat_f64s(0.0);
+        Self { noise: zero, window: zero, lengths: Lengths::default(), longest: 0 }
+    }
+
+    fn set(&mut self, _: S, lane: usize, estimator: &Estimator) {
+        let Estimator::Foaw(foaw) = estimator else { return };
+        lanes_mut(&mut self.noise)[lane] = f64::from(foaw.noise_steps());
+        lanes_mut(&mut self.window)[lane] = f64::from(foaw.window_samples());
+        self.longest = self.lengths.set(lane, foaw.window_samples().into());
     }
 
     #[inline(always)]
@@ -112,7 +158,7 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<BEST> {
         const STEPS: f64 = Foaw::NOISE_STEPS as f64;
         let of = |value: f64| simd.splat_f64s(value);
         let zero = of(0.0);
-        let noise = of(f64::from(self.0.noise_steps()));
+        let noise = self.noise;
         // Bounds of the slope in steps of the noise, fractions as in the core
         let free = f64::from(Foaw::FREE);
         let ([mut low, mut low_over], [mut high, mut high_over]) =
@@ -121,8 +167,9 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<BEST> {
         let (mut s, mut sum, mut moment) = (zero, zero, zero);
         let (mut i, mut triangle, mut pyramid) = (0.0, 0.0, 0.0);
         let mut growing = simd.equal_f64s(zero, zero);
-        for difference in past.iter().rev().take(self.0.window_samples().into()) {
+        for difference in past.iter().rev().take(self.longest) {
             i += 1.0;
+            growing = simd.and_m64s(growing, simd.greater_than_or_equal_f64s(self.window, of(i)));
             s = simd.add_f64s(s, *difference);
             let centre = simd.mul_f64s(s, of(STEPS));
             let [slope, slope_over] = if BEST {

@@ -2,7 +2,10 @@
 
 use std::ops::{Add, Shl, Shr, Sub};
 
-use zwidth::{Gain, velocity::Word};
+use zwidth::{
+    Gain,
+    velocity::{Factor, Word},
+};
 
 use crate::engine::simd_ops::{SimdOps, lanes_mut};
 
@@ -40,6 +43,40 @@ impl<S: SimdOps> LaneGain<S> {
         lanes_mut(&mut self.mantissa)[place] = u64::from(gain.mantissa().unsigned_abs());
         lanes_mut(&mut self.half)[place] = 1u64 << (shift - 1);
         lanes_mut(&mut self.shift)[place] = u64::from(shift);
+    }
+}
+
+/// [`Factor`]s of a vector. Their mantissas have 32 bits, so the numbers are made positive: `PLUS` is added before the
+/// product, and what it makes of the product is taken off again.
+#[derive(Clone, Copy)]
+pub struct LaneFactor<S: SimdOps> {
+    mantissa: S::u64s,
+    shift: S::u64s,
+    less: S::u64s,
+}
+
+/// Numbers below it in magnitude may be multiplied by a [`LaneFactor`].
+const PLUS: u64 = 1 << 47;
+
+impl<S: SimdOps> LaneFactor<S> {
+    /// None.
+    pub fn zero(simd: S) -> Self {
+        let zero = simd.splat_u64s(0);
+        Self { mantissa: zero, shift: zero, less: zero }
+    }
+
+    /// Puts a factor into a lane, for products with `bits` more fractional bits; `false` if lanes cannot have it: then
+    /// `PLUS` does not make a whole number.
+    pub fn set(&mut self, place: usize, factor: Factor, bits: u8) -> bool {
+        // the product is mantissa * number * 2^LEFT / 2^32, to be shifted by as much
+        let shift = i32::from(factor.shift()) + LEFT.cast_signed() - i32::from(bits);
+        let left = 30 - shift; // of 2^47 / 2^17
+        let has = (0..64).contains(&shift) && (0..32).contains(&left);
+        lanes_mut(&mut self.mantissa)[place] = u64::from(factor.mantissa());
+        lanes_mut(&mut self.shift)[place] = u64::from(shift.max(0).unsigned_abs().min(63));
+        lanes_mut(&mut self.less)[place] =
+            u64::from(factor.mantissa()) << left.clamp(0, 31).unsigned_abs();
+        has
     }
 }
 
@@ -93,6 +130,7 @@ impl<S: SimdOps> Shr<u32> for Vector<S> {
 
 impl<S: SimdOps> Word for Vector<S> {
     type Gain = LaneGain<S>;
+    type Factor = LaneFactor<S>;
     type Fraction = Self;
 
     #[inline(always)]
@@ -108,6 +146,23 @@ impl<S: SimdOps> Word for Vector<S> {
         let low = simd.unsigned_product(gain.mantissa, low);
         let carried = simd.add_u64s(high, simd.shift_right(low, simd.splat_u64s(32)));
         self.with(simd.signed_shift_right(simd.add_u64s(carried, gain.half), gain.shift))
+    }
+
+    #[inline(always)]
+    fn part(self, factor: LaneFactor<S>, _: u8) -> Self {
+        let simd = self.simd;
+        let low = simd.add_u64s(self.bits, simd.splat_u64s(PLUS));
+        let low = simd.shift_left(low, simd.splat_u64s(LEFT.into()));
+        let high =
+            simd.unsigned_product(factor.mantissa, simd.shift_right(low, simd.splat_u64s(32)));
+        let low = simd.unsigned_product(factor.mantissa, low);
+        let product = simd.add_u64s(high, simd.shift_right(low, simd.splat_u64s(32)));
+        self.with(simd.sub_u64s(simd.shift_right(product, factor.shift), factor.less))
+    }
+
+    #[inline(always)]
+    fn saturating(self, other: Self) -> Self {
+        self + other
     }
 
     #[inline(always)]

@@ -89,6 +89,10 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
             let lambda_ratio = 0.5 + 2.5 * (tuning * 37.0).fract();
             settings.with_tuning(1.001e-6 * 9.9e9f64.powf(tuning) * unit).with_second(lambda_ratio)
         }
+        VelocitySettings::Observer { .. } => {
+            let mass_kg = scene.device.mass_kg * 10f64.powf(2.0 * (tuning * 37.0).fract() - 1.0);
+            settings.with_tuning(rate_hz * 1.001e-3 * 199f64.powf(tuning)).with_second(mass_kg)
+        }
         VelocitySettings::Biquad { .. } => {
             let damping = 0.1 * 10f64.powf((tuning * 37.0).fract());
             settings.with_tuning(3e-3 * 30f64.powf(tuning) * rate_hz).with_second(damping)
@@ -134,14 +138,33 @@ proptest! {
         scene in scenes(),
         mut hits in walls(),
         name in select(in_lanes().collect::<Vec<_>>()),
-        tuning in 0.0..1.0f64,
+        (tuning, late) in (0.0..1.0f64, any::<bool>()),
     ) {
         let rate_hz = scene.control.rate_hz;
         let velocity = tuned(name, tuning, &scene);
-        let scene = with_estimator(scene, velocity);
+        let mut scene = with_estimator(scene, velocity);
+        scene.actuator.latency_known = name == EstimatorName::Observer && late;
         prop_assume!(scene.check().is_ok());
         for hit in &mut hits {
             hit.cutoff_hz = rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
+        }
+        let prepared = PreparedScene::new(&scene).unwrap();
+        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
+        hold(&prepared, &hits);
+    }
+
+    #[test]
+    fn an_observer_of_any_scene_is_the_same_bit_for_bit(
+        scene in scenes(),
+        mut hits in walls(),
+        (tuning, late) in (0.0..1.0f64, any::<bool>()),
+    ) {
+        let velocity = tuned(EstimatorName::Observer, tuning, &scene);
+        let mut scene = with_estimator(scene, velocity);
+        scene.actuator.latency_known = late;
+        prop_assume!(scene.check().is_ok());
+        for hit in &mut hits {
+            hit.cutoff_hz = 0.1 * scene.control.rate_hz;
         }
         let prepared = PreparedScene::new(&scene).unwrap();
         prop_assert!(lanes_for(&prepared, Numeric::Fixed));

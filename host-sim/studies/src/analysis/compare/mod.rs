@@ -18,6 +18,7 @@ pub mod axis;
 pub mod bandwidth;
 pub mod cost;
 pub mod fidelity;
+mod looked;
 pub mod peers;
 pub mod roughness;
 pub mod search;
@@ -50,6 +51,7 @@ use crate::{
     scene::{LATENCY_KNOWN_MAX, Scene, estimator::EstimatorChoice},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
+        schedule::{Length, longest_first},
         sweep::start_offset_counts,
         walk::{Boundaries, Boundary, walk},
     },
@@ -103,6 +105,13 @@ impl Entry {
             Self::ObserverInTime => "observer told in time".into(),
             Self::AdHoc => format!("first-order at {AD_HOC_HZ} Hz"),
         }
+    }
+
+    /// How long its search takes.
+    fn length(self, engine: Engine, scene: &Scene, stop: &AtomicBool) -> Result<Length, Error> {
+        let start = settings_of(self, scene);
+        let walker = search::Walker { engine, scene: &self.told(scene), stop, done: &|_| () };
+        walker.length(&start)
     }
 
     /// The scene, with what it tells to the estimator.
@@ -271,15 +280,13 @@ pub fn compare(
     if !entries.contains(&REFERENCE) {
         searched.push(REFERENCE);
     }
-    let found: Vec<Result<(VelocitySettings, Tuned), Error>> = searched
-        .par_iter()
-        .with_max_len(1)
-        .map(|&entry| {
-            let start = settings_of(entry, scene);
-            let is_free = entry != Entry::AdHoc;
-            search::tune(engine, &entry.told(scene), &start, is_free, budget, stop, &done)
-        })
-        .collect();
+    let lengths = searched.iter().map(|entry| entry.length(engine, scene, stop));
+    let lengths = lengths.collect::<Result<Vec<_>, Error>>()?;
+    let found = longest_first(&lengths, |n| {
+        let entry = searched[n];
+        let (start, is_free) = (settings_of(entry, scene), entry != Entry::AdHoc);
+        search::tune(engine, &entry.told(scene), &start, is_free, budget, stop, &done)
+    });
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
     let plan = scene.walk_plan();

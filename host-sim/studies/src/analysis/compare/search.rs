@@ -8,29 +8,31 @@
 //! up before, it has not, and the result says so. What is refused, and a whole number that was tried
 //! already, is not tried again.
 //!
-//! The search walks from two starts that are no repeat's; the result is walked again from the starts
-//! of a sweep, so that its area is not the luckiest of many. What is left of it where the tuning is
-//! wrong is walked from the same starts.
+//! The search walks from two starts that are no repeat's, a tuning that can no longer win from the first only
+//! (`looked.rs`); the result is walked again from the starts of a sweep, so that its area is not the luckiest of
+//! many. What is left of it where the tuning is wrong is walked from the same starts.
 
-use std::sync::atomic::AtomicBool;
+use std::{cell::RefCell, sync::atomic::AtomicBool};
 
-use rayon::prelude::*;
 use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 use super::{
     axis::Axes,
     bandwidth::bandwidth_hz,
+    looked::{Look, Looked},
     tuned::{Edge, Tried, Tuned},
     with_estimator,
 };
 use crate::{
-    engine::Engine,
+    engine::{Engine, lanes_for},
     error::Error,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
+        filters::boundaries,
+        schedule::Length,
         sweep::start_offset_counts,
-        walk::{Boundaries, Boundary, walk},
+        walk::{Boundaries, Boundary},
     },
 };
 
@@ -51,7 +53,7 @@ impl Budget {
     }
 
     /// Starts of the walks at the result, counts.
-    fn starts(&self) -> Vec<f64> {
+    pub(super) fn starts(&self) -> Vec<f64> {
         (0..self.repeats).map(|repeat| start_offset_counts(repeat, self.repeats)).collect()
     }
 }
@@ -59,7 +61,7 @@ impl Budget {
 /// Starts of the walks of a search, counts: the golden section and half a count from it, which no
 /// number of repeats has among its own.
 pub(super) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
-/// Walks that the search makes for each tuning that it tries.
+/// Most walks that the search makes for each tuning that it tries.
 pub const WALKS_OF_A_TRY: u32 = 2;
 /// Tunings that it may try with two parameters, for each that it may try with one.
 pub const OF_TWO: u32 = 4;
@@ -91,15 +93,17 @@ pub struct Walker<'a, D> {
 }
 
 impl<D: Fn(u64) + Sync> Walker<'_, D> {
-    fn walks(&self, settings: &VelocitySettings, starts: &[f64]) -> Result<Boundaries, Error> {
-        let (scene, cutoff_hz) = with_estimator(self.scene, settings);
-        let prepared = PreparedScene::new(&scene)?;
-        let each = |&start: &f64| {
-            walk(self.engine, &prepared, Numeric::Fixed, cutoff_hz, start, self.stop)
-        };
-        let boundaries: Result<Vec<Boundary>, Error> = starts.par_iter().map(each).collect();
-        (self.done)(starts.len() as u64);
-        Ok(boundaries?.into_iter().collect())
+    /// Boundaries of tunings of one estimator from those starts.
+    pub(super) fn walks(
+        &self,
+        settings: &[VelocitySettings],
+        starts: &[f64],
+    ) -> Result<Vec<Boundaries>, Error> {
+        let Some(first) = settings.first() else { return Ok(vec![]) };
+        let scenes = [PreparedScene::new(&with_estimator(self.scene, first).0)?];
+        let (numeric, done) = (Numeric::Fixed, |_: &_| (self.done)(1));
+        let made = boundaries(self.engine, &scenes, numeric, settings, starts, self.stop, done)?;
+        Ok(made.into_iter().flatten().collect())
     }
 
     /// The best tuning from `start` and its boundaries, without what is left of it where it is wrong; as it is if it is
@@ -122,23 +126,54 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
             left_when_mistuned: [None; 2],
             left_when_mass_is_wrong: [None; 2],
             edges: [None; 2],
+            hits: 0,
         };
         let mut best = *start;
         if let Some(axes) = &axes {
-            let area = |settings: &VelocitySettings| Ok(self.walks(settings, &STARTS)?.area());
-            let look = |settings: &[VelocitySettings]| settings.par_iter().map(area).collect();
+            let looked: RefCell<Looked<Boundary>> = RefCell::default();
+            let walk = |settings: &[VelocitySettings], start: f64| {
+                let made = self.walks(settings, &[start])?.into_iter();
+                Ok(made.flatten().collect())
+            };
+            let look = |settings: &[_], soon: &[_], best| {
+                let soon = if self.has_lanes(start)? { soon } else { &[] };
+                looked.borrow_mut().look(settings, soon, best, |walked| walked.area, walk)
+            };
             let search = Search::over(axes, budget.tunings, look)?;
+            tuned.hits = looked.borrow().hits;
             best = search.best().map_or(best, |tried| tried.settings);
             tuned.edges = edges(axes, &best);
             tuned.settled = search.settled;
             tuned.tried = search.tried;
         }
         tuned.bandwidth_hz = bandwidth_hz(&best, &self.scene.design()).map_err(Error::input)?;
-        tuned.boundaries = self.walks(&best, &budget.starts())?;
+        tuned.boundaries = self.walks(&[best], &budget.starts())?.pop().unwrap_or_default();
+        tuned.hits += tuned.boundaries.hits();
         Ok((best, tuned))
     }
 
-    fn axes(&self, start: &VelocitySettings, is_free: bool) -> Option<Axes> {
+    /// Whether walks of that estimator are made side by side, whatever the engine.
+    ///
+    /// # Errors
+    /// The scene is out of range with it.
+    pub fn has_lanes(&self, settings: &VelocitySettings) -> Result<bool, Error> {
+        let (scene, _) = with_estimator(self.scene, settings);
+        Ok(lanes_for(&PreparedScene::new(&scene)?, Numeric::Fixed))
+    }
+
+    /// How long the search of that estimator takes.
+    ///
+    /// # Errors
+    /// As [`has_lanes`](Self::has_lanes).
+    pub fn length(&self, start: &VelocitySettings) -> Result<Length, Error> {
+        Ok(match (self.has_lanes(start)?, start.name().parameters()[1]) {
+            (false, _) => Length::Longest,
+            (true, Some(_)) => Length::Long,
+            (true, None) => Length::Short,
+        })
+    }
+
+    pub(super) fn axes(&self, start: &VelocitySettings, is_free: bool) -> Option<Axes> {
         let mass_kg = self.scene.device.mass_kg;
         is_free.then(|| Axes::new(start, &self.scene.design(), mass_kg)).flatten()
     }
@@ -161,27 +196,45 @@ pub fn tune(
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let (starts, design) = (budget.starts(), scene.design());
     let area = tuned.boundaries.area();
-    let left = |wrong: &VelocitySettings| -> Result<f64, Error> {
-        Ok(walker.walks(wrong, &starts)?.area() / area)
-    };
+    let mut wrongs: Vec<(Wrong, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        if let Some((wrong, reached)) = wrong.filter(|_| area > 0.0) {
+        if let Some((wrong, reached)) = wrong {
             // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
             let share = factor.ln() / reached.ln();
-            tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left(&wrong)?));
+            wrongs.push((Wrong::Bandwidth { side, share }, wrong));
         }
     }
     for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
         if let VelocitySettings::Observer { bandwidth_hz, mass_kg } = best {
             let wrong = VelocitySettings::Observer { bandwidth_hz, mass_kg: factor * mass_kg };
-            if area > 0.0 && wrong.build(&design).is_ok() {
-                tuned.left_when_mass_is_wrong[side] = Some(left(&wrong)?);
+            if wrong.build(&design).is_ok() {
+                wrongs.push((Wrong::Mass { side }, wrong));
             }
         }
     }
+    wrongs.retain(|_| area > 0.0);
+    let settings: Vec<VelocitySettings> = wrongs.iter().map(|(_, settings)| *settings).collect();
+    for ((wrong, _), boundaries) in wrongs.iter().zip(walker.walks(&settings, &starts)?) {
+        let left = boundaries.area() / area;
+        tuned.hits += boundaries.hits();
+        match *wrong {
+            Wrong::Bandwidth { side, share } => {
+                tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left));
+            }
+            Wrong::Mass { side } => tuned.left_when_mass_is_wrong[side] = Some(left),
+        }
+    }
     Ok((best, tuned))
+}
+
+/// What is put wrong of a result, downwards (0) or upwards (1).
+enum Wrong {
+    /// The bandwidth; the loss counts by that share.
+    Bandwidth { side: usize, share: f64 },
+    /// The mass of a model.
+    Mass { side: usize },
 }
 
 /// Which parameters of `best` are at an end of what was searched, to within the last step.
@@ -209,12 +262,12 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Tries at most that many tunings (with two axes [`OF_TWO`] times as many). `look` gives the
-    /// area of each of several.
+    /// Tries at most that many tunings (with two axes [`OF_TWO`] times as many). `look` gives what it finds of each of
+    /// several; it is told what comes next if none of them is better, and the largest area so far.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,
-        look: impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
+        look: impl Fn(&[VelocitySettings], &[VelocitySettings], f64) -> Result<Vec<Look>, Error>,
     ) -> Result<Self, Error> {
         let two = axes.second.is_some();
         let (limit, (part, of)) = match two {
@@ -228,8 +281,9 @@ impl Search {
             let along = f64::from(n) / f64::from(columns - 1);
             lines.iter().map(move |&second| [along, second])
         });
-        search.look_at(axes, grid.collect(), limit, &look)?;
+        search.look_at(axes, grid.collect(), &[], limit, &look)?;
         let mut steps = [0.5 / f64::from(columns - 1), 0.5 / f64::from(LINES)];
+        let directions = if two { &DIRECTIONS[..] } else { &DIRECTIONS[..2] };
         let [low, high] = axes.bandwidth_hz;
         let last = if axes.whole { LEAST_STEP } else { LAST_STEP.ln() / (high / low).ln() };
         while let Some(centre) = search.best() {
@@ -238,13 +292,18 @@ impl Search {
                 break;
             }
             let mut better = false;
-            for [dx, dy] in if two { &DIRECTIONS[..] } else { &DIRECTIONS[..2] } {
-                let [x, y] = centre.place;
-                let place = [x + dx * steps[0], y + dy * steps[1]].map(|at| at.clamp(0.0, 1.0));
+            let [x, y] = centre.place;
+            let to = |[dx, dy]: [f64; 2]| {
+                [x + dx * steps[0], y + dy * steps[1]].map(|at| at.clamp(0.0, 1.0))
+            };
+            for (n, &direction) in directions.iter().enumerate() {
+                let place = to(direction);
+                // the way back is walked beside the way there
+                let soon = directions.get(n + 1).filter(|_| n % 2 == 0).map(|next| to(*next));
                 if search.tried.len() >= limit as usize && search.is_new(axes, place) {
                     return Ok(search);
                 }
-                search.look_at(axes, vec![place], limit, &look)?;
+                search.look_at(axes, vec![place], soon.as_slice(), limit, &look)?;
                 better = search.best().is_some_and(|best| best.area > centre.area * (1.0 + GAIN));
                 if better {
                     break;
@@ -262,8 +321,9 @@ impl Search {
         &mut self,
         axes: &Axes,
         places: Vec<[f64; 2]>,
+        soon: &[[f64; 2]],
         limit: u32,
-        look: &impl Fn(&[VelocitySettings]) -> Result<Vec<f64>, Error>,
+        look: &impl Fn(&[VelocitySettings], &[VelocitySettings], f64) -> Result<Vec<Look>, Error>,
     ) -> Result<(), Error> {
         let mut fresh: Vec<([f64; 2], VelocitySettings)> = vec![];
         for place in places {
@@ -275,9 +335,23 @@ impl Search {
             }
         }
         let settings: Vec<VelocitySettings> = fresh.iter().map(|(_, settings)| *settings).collect();
-        let areas = look(&settings)?;
-        let tried = fresh.into_iter().zip(areas);
-        self.tried.extend(tried.map(|((place, settings), area)| Tried { place, settings, area }));
+        let best = self.best().map_or(0.0, |tried| tried.area);
+        let room = (limit as usize).saturating_sub(self.tried.len() + fresh.len());
+        let mut later: Vec<VelocitySettings> = vec![];
+        for place in soon.iter().filter(|place| self.is_new(axes, **place)).take(room) {
+            let next = axes.at(*place);
+            if !settings.contains(&next) {
+                later.push(next);
+            }
+        }
+        let looks = look(&settings, &later, best)?;
+        let tried = fresh.into_iter().zip(looks);
+        self.tried.extend(tried.map(|((place, settings), Look { area, walks })| Tried {
+            place,
+            settings,
+            area,
+            walks,
+        }));
         Ok(())
     }
 
@@ -327,9 +401,9 @@ mod tests {
     ) -> (Vec<[f64; 2]>, [f64; 2], bool) {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let axes = Axes::new(&name.defaults(), &scene.design(), 0.416).unwrap();
-        let look = |settings: &[VelocitySettings]| {
-            Ok(settings.iter().map(|settings| area(first_two(settings))).collect())
-        };
+        let of = |settings: &VelocitySettings| Look { area: area(first_two(settings)), walks: 2 };
+        let look =
+            |settings: &[VelocitySettings], _: &[_], _| Ok(settings.iter().map(of).collect());
         let search = Search::over(&axes, tunings, look).unwrap();
         let looked = search.tried.iter().map(|tried| first_two(&tried.settings));
         let best = first_two(&search.best().unwrap().settings);

@@ -200,8 +200,8 @@ fn worse([low, high]: [Option<f64>; 2]) -> Option<f64> {
 }
 
 /// Walks that the search made.
-pub fn search_walks(c: &Compared) -> usize {
-    c.tuned.tried.len() * WALKS_OF_A_TRY as usize
+pub fn search_walks(c: &Compared) -> u32 {
+    c.tuned.tried.iter().map(|tried| tried.walks).sum()
 }
 
 /// A parameter that was tuned.
@@ -245,7 +245,7 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
     let keys: Vec<&str> = CRITERIA.iter().map(|criterion| criterion.key).collect();
     let mut text = format!(
         "estimator,needs,tuning,tuning_unit,tuning_at_edge,second,second_unit,second_at_edge,\
-         search_walks,search_settled,stable_at_walls,{}\n",
+         search_walks,search_settled,hits,stable_at_walls,{}\n",
         keys.join(",")
     );
     for c in compared {
@@ -258,12 +258,13 @@ pub fn csv(compared: &[Compared], place: &Place) -> String {
         });
         let cells: Vec<String> = cells.collect();
         text.push_str(&format!(
-            "{},{},{},{},{},{},{}\n",
+            "{},{},{},{},{},{},{},{}\n",
             c.entry.name(),
             c.needs(),
             parameters.join(","),
             search_walks(c),
             c.tuned.settled,
+            c.tuned.hits,
             c.contacts.iter().filter(|contact| contact.stable).count(),
             cells.join(",")
         ));
@@ -279,8 +280,8 @@ pub fn notes(compared: &[Compared], place: &Place, units: Units) -> Vec<String> 
     });
     let mut notes = vec![
         format!(
-            "The searches walk from {WALKS_OF_A_TRY} starts that are no repeat's, and settle where no \
-             neighbour is better by more than {} % at steps of {:.0} % of bandwidth or less; with two \
+            "The searches walk from {WALKS_OF_A_TRY} starts that are no repeat's, a tuning that cannot win from the \
+             first only, and settle where no neighbour is better by more than {} % at steps of {:.0} % of bandwidth or less; with two \
              parameters they may try {OF_TWO} times as many tunings as with one.",
             100.0 * GAIN,
             100.0 * (LAST_STEP * LAST_STEP - 1.0)
@@ -309,6 +310,10 @@ pub fn notes(compared: &[Compared], place: &Place, units: Units) -> Vec<String> 
         "The true velocity (no noise, quantisation or delay; the counts stay) reaches an area of {} here: `of true v` is \
          the share of it.",
         area_text(place.told_area, units)
+    ));
+    let hits: u64 = compared.iter().map(|c| c.tuned.hits).sum();
+    notes.push(format!(
+        "{hits} wall hits were asked for: by the searches, at their results, and at the wrong tunings."
     ));
     let unsettled = compared.iter().filter(|c| !c.tuned.settled).map(|c| c.entry.name());
     let unsettled: Vec<String> = unsettled.collect();

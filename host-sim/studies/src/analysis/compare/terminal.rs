@@ -54,7 +54,8 @@ pub fn parameter(parameter: Option<Parameter>) -> String {
 }
 
 fn tunings(text: &mut String, compared: &[Compared]) {
-    let heads = [["needs", ""], ["tuning", ""], ["second parameter", ""], ["walks", ""]];
+    let heads =
+        [["needs", ""], ["tuning", ""], ["second parameter", ""], ["walks", ""], ["hits", ""]];
     let rows = compared.iter().map(|c| {
         let [tuning, second] = table::parameters(c);
         let second = match second {
@@ -62,7 +63,8 @@ fn tunings(text: &mut String, compared: &[Compared]) {
             Some(p) => format!("{} {}", p.name, parameter(second)),
         };
         let walks = format!("{}{}", table::search_walks(c), if c.tuned.settled { "" } else { "+" });
-        (c.entry.name(), vec![c.needs().to_owned(), parameter(tuning), second, walks])
+        let hits = c.tuned.hits.to_string();
+        (c.entry.name(), vec![c.needs().to_owned(), parameter(tuning), second, walks, hits])
     });
     table(
         text,

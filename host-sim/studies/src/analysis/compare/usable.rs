@@ -12,8 +12,8 @@ use zwidth::VelocitySettings;
 
 use super::{
     Entry,
-    axis::Axes,
-    search::{Budget, OF_TWO, STARTS, Search, WALKS_OF_A_TRY},
+    looked::{Looked, Walked},
+    search::{Budget, OF_TWO, Search, WALKS_OF_A_TRY, Walker},
     settings_of, with_estimator,
 };
 use crate::{
@@ -21,11 +21,8 @@ use crate::{
     engine::Engine,
     error::Error,
     scene::Scene,
-    simulation::prepared::{Numeric, PreparedScene},
-    study::{
-        sweep::start_offset_counts,
-        walk::{Boundaries, Boundary, BoundaryPoint, walk},
-    },
+    study::schedule::longest_first,
+    study::walk::{Boundaries, Boundary, BoundaryPoint},
 };
 
 /// Parts of a column of K whose error is looked at.
@@ -72,6 +69,8 @@ pub struct Usable {
     pub error_mean: f64,
     /// The largest usable K at each B of the first boundary.
     pub outline: Vec<BoundaryPoint>,
+    /// Hits that its walks took, but for those that the limits before had made.
+    pub hits: u64,
 }
 
 impl Usable {
@@ -93,6 +92,15 @@ struct Parts {
     peaks: Vec<f64>,
     outlines: Vec<Vec<BoundaryPoint>>,
     errors: f64,
+}
+
+/// A boundary, and what is usable of it.
+type Judged = (Parts, Boundary);
+
+impl Walked for Judged {
+    fn hits(&self) -> u64 {
+        self.1.hits
+    }
 }
 
 fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
@@ -139,9 +147,11 @@ pub fn usable(
     stop: &AtomicBool,
     done: impl Fn(u64) + Sync,
 ) -> Result<Vec<Usable>, Error> {
-    let of_entry = |&entry: &Entry| of_entry(engine, scene, entry, question, stop, &done);
-    let all: Vec<Result<Vec<Usable>, Error>> =
-        question.entries.par_iter().with_max_len(1).map(of_entry).collect();
+    let entries = &question.entries;
+    let lengths = entries.iter().map(|entry| entry.length(engine, scene, stop));
+    let lengths = lengths.collect::<Result<Vec<_>, Error>>()?;
+    let all =
+        longest_first(&lengths, |n| of_entry(engine, scene, entries[n], question, stop, &done));
     Ok(all.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
 }
 
@@ -155,69 +165,64 @@ fn of_entry(
 ) -> Result<Vec<Usable>, Error> {
     let UsableQuestion { limits, budget, .. } = question;
     let scene = &entry.told(scene);
-    let walked = |settings: &VelocitySettings, starts: &[f64]| {
+    let walker = Walker { engine, scene, stop, done };
+    let judged = |settings: &VelocitySettings, boundaries: Boundaries| {
         let (scene, cutoff_hz) = with_estimator(scene, settings);
-        let prepared = PreparedScene::new(&scene)?;
-        let each = |&start: &f64| walk(engine, &prepared, Numeric::Fixed, cutoff_hz, start, stop);
-        let boundaries: Result<Vec<Boundary>, Error> = starts.par_iter().map(each).collect();
-        done(starts.len() as u64);
-        let (rendered, boundaries) = (Rendered::of(&scene, cutoff_hz)?, boundaries?);
-        let of = |boundary: &Boundary| parts(boundary, &rendered, limits);
-        let parts: Vec<Parts> = boundaries.iter().map(of).collect();
-        Ok::<_, Error>((boundaries, parts))
+        let rendered = Rendered::of(&scene, cutoff_hz)?;
+        let of = |boundary: Boundary| (parts(&boundary, &rendered, limits), boundary);
+        Ok::<_, Error>(boundaries.into_iter().map(of).collect::<Vec<Judged>>())
     };
-    // mean areas of every tuning that any limit's search has tried
-    let known: RefCell<Vec<(VelocitySettings, Vec<f64>)>> = RefCell::default();
-    let find = |settings: &VelocitySettings| -> Option<Vec<f64>> {
-        let known = known.borrow();
-        known.iter().find(|(other, _)| other == settings).map(|(_, areas)| areas.clone())
+    let walk = |settings: &[VelocitySettings], start: f64| {
+        let made = walker.walks(settings, &[start])?;
+        let judged: Vec<Result<Vec<Judged>, Error>> =
+            settings.par_iter().zip(made).map(|(one, made)| judged(one, made)).collect();
+        Ok(judged.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
     };
-    let look = |limit: usize, settings: &[VelocitySettings]| -> Result<Vec<f64>, Error> {
-        let fresh: Vec<VelocitySettings> =
-            settings.iter().filter(|one| find(one).is_none()).copied().collect();
-        let made: Vec<Result<Vec<f64>, Error>> = fresh
-            .par_iter()
-            .map(|one| {
-                let (_, parts) = walked(one, &STARTS)?;
-                #[expect(clippy::cast_precision_loss, reason = "two")]
-                let mean =
-                    |n: usize| parts.iter().map(|p| p.areas[n]).sum::<f64>() / parts.len() as f64;
-                Ok((0..limits.len()).map(mean).collect())
-            })
-            .collect();
-        for (one, areas) in fresh.into_iter().zip(made) {
-            known.borrow_mut().push((one, areas?));
-        }
-        let area = |one| find(one).and_then(|areas| areas.get(limit).copied()).unwrap_or(0.0);
-        Ok(settings.iter().map(area).collect())
-    };
+    // every tuning that any limit's search has tried
+    let looked: RefCell<Looked<Judged>> = RefCell::default();
     let start = settings_of(entry, scene);
-    let axes = (entry != Entry::AdHoc)
-        .then(|| Axes::new(&start, &scene.design(), scene.device.mass_kg))
-        .flatten();
-    let starts: Vec<f64> =
-        (0..budget.repeats).map(|repeat| start_offset_counts(repeat, budget.repeats)).collect();
+    let has_lanes = walker.has_lanes(&start)?;
+    let axes = walker.axes(&start, entry != Entry::AdHoc);
+    let mut results: Vec<(VelocitySettings, Vec<Judged>)> = vec![];
     let mut found: Vec<Usable> = vec![];
     for (n, &limit) in limits.iter().enumerate() {
-        let (mut settings, mut settled) = (start, true);
+        let (mut settings, mut settled, mut hits) = (start, true, 0);
         if let Some(axes) = &axes {
-            let search = Search::over(axes, budget.tunings, |settings| look(n, settings))?;
+            let before = looked.borrow().hits;
+            let look = |settings: &[_], soon: &[_], best| {
+                let soon = if has_lanes { soon } else { &[] };
+                looked.borrow_mut().look(settings, soon, best, |(parts, _)| parts.areas[n], walk)
+            };
+            let search = Search::over(axes, budget.tunings, look)?;
             settings = search.best().map_or(start, |tried| tried.settings);
             settled = search.settled;
+            hits = looked.borrow().hits - before;
         }
-        let (boundaries, parts) = walked(&settings, &starts)?;
-        let area: f64 = boundaries.iter().map(|boundary| boundary.area).sum();
-        let errors = parts.iter().zip(&boundaries).map(|(p, b)| p.errors * b.area);
+        let result = match results.iter().find(|(other, _)| *other == settings) {
+            Some((_, result)) => result.clone(),
+            None => {
+                let boundaries = walker.walks(&[settings], &budget.starts())?.pop();
+                let boundaries = boundaries.unwrap_or_default();
+                hits += boundaries.hits();
+                let result = judged(&settings, boundaries)?;
+                results.push((settings, result.clone()));
+                result
+            }
+        };
+        let area: f64 = result.iter().map(|(_, boundary)| boundary.area).sum();
+        let errors = result.iter().map(|(parts, boundary)| parts.errors * boundary.area);
+        let peaks = result.iter().map(|(parts, _)| parts.peaks[n]);
         found.push(Usable {
             entry,
             limit,
             settings,
             settled,
-            areas: parts.iter().map(|parts| parts.areas[n]).collect(),
-            stiffness_peak_n_per_m: parts.iter().map(|parts| parts.peaks[n]).fold(0.0, f64::max),
+            areas: result.iter().map(|(parts, _)| parts.areas[n]).collect(),
+            stiffness_peak_n_per_m: peaks.fold(0.0, f64::max),
             error_mean: if area > 0.0 { errors.sum::<f64>() / area } else { 0.0 },
-            outline: parts.first().map(|parts| parts.outlines[n].clone()).unwrap_or_default(),
-            boundaries: boundaries.into_iter().collect(),
+            outline: result.first().map(|(parts, _)| parts.outlines[n].clone()).unwrap_or_default(),
+            boundaries: result.into_iter().map(|(_, boundary)| boundary).collect(),
+            hits,
         });
     }
     Ok(found)

@@ -22,8 +22,14 @@ use super::compare::{
     settings_of, signal, with_estimator,
 };
 use crate::{
-    engine::Engine, error::Error, numerics::statistics::Repeats, scene::Scene,
-    study::walk::Boundaries,
+    engine::Engine,
+    error::Error,
+    numerics::statistics::Repeats,
+    scene::Scene,
+    study::{
+        schedule::{Length, longest_first},
+        walk::Boundaries,
+    },
 };
 
 /// Estimators that are searched in full after the screening.
@@ -50,6 +56,8 @@ pub struct Explained {
     pub settled: bool,
     /// The best tuning lies at an end of what was searched.
     pub at_edge: bool,
+    /// Hits that its search and its result took; of the best estimator, those of all that were tried.
+    pub hits: u64,
 }
 
 impl Explained {
@@ -158,13 +166,14 @@ pub fn explain(
         let own = change.as_ref().map_or(scene, |change| &change.scene);
         let (with, cutoff_hz) = with_estimator(own, &settings);
         let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
-        Ok(Explained {
+        Ok::<_, Error>(Explained {
             change,
             settings,
             boundaries: tuned.boundaries,
             noise_m_per_s: signal.noise_in_motion_m_per_s,
             settled: tuned.settled,
             at_edge: tuned.edges.iter().any(Option::is_some),
+            hits: tuned.hits,
         })
     };
     let cutoff_hz = scene.sweep.cutoffs_hz.first().copied().unwrap_or_default();
@@ -172,49 +181,56 @@ pub fn explain(
     let names = estimators(scene);
     let asked: Vec<Option<Change>> =
         [None].into_iter().chain(changes(scene, &names).into_iter().map(Some)).collect();
-    let explained: Vec<Result<Explained, Error>> = asked
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|change| {
-            let changed = change.as_ref().map_or(scene, |change| &change.scene);
-            let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
-            let start = |name: EstimatorName| settings_of(Entry::Tuned(name), changed);
-            match estimators {
-                [] => conclude(change.clone(), of(changed, &own, budget)?),
-                [name] => conclude(change.clone(), of(changed, &start(*name), budget)?),
-                names => {
-                    let screened: Vec<Result<(f64, EstimatorName), Error>> = names
-                        .par_iter()
-                        .map(|&name| {
-                            let (_, tuned) = of(changed, &start(name), SCREENING)?;
-                            Ok((tuned.boundaries.area(), name))
-                        })
-                        .collect();
-                    let mut screened = screened.into_iter().collect::<Result<Vec<_>, _>>()?;
-                    screened.sort_by(|a, b| b.0.total_cmp(&a.0));
-                    screened.truncate(FINALISTS);
-                    let found: Vec<Result<_, Error>> = screened
-                        .par_iter()
-                        .map(|(_, name)| Ok((*name, of(changed, &start(*name), budget)?)))
-                        .collect();
-                    let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
-                    let area =
-                        |found: &(EstimatorName, (VelocitySettings, super::compare::Tuned))| {
-                            found.1.1.boundaries.area()
-                        };
-                    let best = found.into_iter().max_by(|a, b| area(a).total_cmp(&area(b)));
-                    let (name, best) = best.ok_or_else(|| {
-                        Error::Internal("no estimator in place of the scene's".into())
-                    })?;
-                    let (cost, cycles_per_s) = cost_of_estimator(scene, name);
-                    let text = format!("the best estimator, {}", name.text());
-                    let change =
-                        change.clone().map(|change| Change { text, cost, cycles_per_s, ..change });
-                    conclude(change, best)
-                }
+    let start = |name: EstimatorName, changed: &Scene| settings_of(Entry::Tuned(name), changed);
+    let length = |change: &Option<Change>| -> Result<Length, Error> {
+        let changed = change.as_ref().map_or(scene, |change| &change.scene);
+        let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
+        let first = estimators.first().map_or(own, |name| start(*name, changed));
+        let own = Walker { engine, scene: changed, stop, done: &done }.length(&first)?;
+        Ok(if estimators.is_empty() { own } else { own.max(Length::Long) })
+    };
+    let lengths = asked.iter().map(length).collect::<Result<Vec<_>, Error>>()?;
+    let explained = longest_first(&lengths, |n| {
+        let change = &asked[n];
+        let changed = change.as_ref().map_or(scene, |change| &change.scene);
+        let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
+        let start = |name: EstimatorName| start(name, changed);
+        match estimators {
+            [] => conclude(change.clone(), of(changed, &own, budget)?),
+            [name] => conclude(change.clone(), of(changed, &start(*name), budget)?),
+            names => {
+                let screened: Vec<Result<(f64, u64, EstimatorName), Error>> = names
+                    .par_iter()
+                    .map(|&name| {
+                        let (_, tuned) = of(changed, &start(name), SCREENING)?;
+                        Ok((tuned.boundaries.area(), tuned.hits, name))
+                    })
+                    .collect();
+                let mut screened = screened.into_iter().collect::<Result<Vec<_>, _>>()?;
+                screened.sort_by(|a, b| b.0.total_cmp(&a.0));
+                let mut hits: u64 = screened.iter().map(|(_, hits, _)| hits).sum();
+                screened.truncate(FINALISTS);
+                let found: Vec<Result<_, Error>> = screened
+                    .par_iter()
+                    .map(|(_, _, name)| Ok((*name, of(changed, &start(*name), budget)?)))
+                    .collect();
+                let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+                let area = |found: &(EstimatorName, (VelocitySettings, super::compare::Tuned))| {
+                    found.1.1.boundaries.area()
+                };
+                hits += found.iter().map(|(_, (_, tuned))| tuned.hits).sum::<u64>();
+                let best = found.into_iter().max_by(|a, b| area(a).total_cmp(&area(b)));
+                let (name, best) = best.ok_or_else(|| {
+                    Error::Internal("no estimator in place of the scene's".into())
+                })?;
+                let (cost, cycles_per_s) = cost_of_estimator(scene, name);
+                let text = format!("the best estimator, {}", name.text());
+                let change =
+                    change.clone().map(|change| Change { text, cost, cycles_per_s, ..change });
+                Ok(Explained { hits, ..conclude(change, best)? })
             }
-        })
-        .collect();
+        }
+    });
     let mut explained = explained.into_iter().collect::<Result<Vec<_>, _>>()?;
     let base = explained.remove(0);
     explained.sort_by(|a, b| b.boundaries.area().total_cmp(&a.boundaries.area()));

@@ -1,0 +1,161 @@
+//! [`Observer`](velocity::Observer) in lanes: the core's own text, over vectors, and the force that it is told.
+
+use zwidth::{
+    units::Force,
+    velocity::{self, Estimator, Factor, ObserverState},
+};
+
+use super::{
+    VectorForm,
+    word::{LaneFactor, Vector},
+};
+use crate::{
+    engine::{
+        fixed::GainLanes,
+        lanes::Row,
+        simd_ops::{SimdOps, lanes, lanes_mut},
+    },
+    scene::LATENCY_KNOWN_MAX,
+};
+
+/// Gains, a lane each.
+#[derive(Clone, Copy)]
+pub struct Gains<S: SimdOps> {
+    observer: velocity::Observer<LaneFactor<S>>,
+    per_force: GainLanes<S>,
+    /// All ones where the lanes do not have the gains.
+    without: S::u64s,
+}
+
+/// What is observed, a lane each, and what the force that was granted makes known of the acceleration.
+pub struct Observer<S: SimdOps> {
+    state: ObserverState<Vector<S>>,
+    /// All that was observed so far, one over the other: beyond twice the limit if one was out of bounds.
+    seen: S::u64s,
+    granted: S::u64s,
+    /// Granted and not told yet: a place for each sample, if the latency is known.
+    ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
+    /// Places in use; 0: told at once.
+    late: usize,
+    next: usize,
+}
+
+/// Of `x - x^` and what is known of the acceleration, 2^12 counts; with a jump of 2^14 counts the error, whose product
+/// is taken, is below 2^47.
+const LIMIT: u64 = 1 << 44;
+/// Further bits of velocity and disturbance: the first is below 2^12 counts per sample, the second below as much.
+const MORE: [u32; 2] = [12, 16];
+
+impl<S: SimdOps> VectorForm<S> for Observer<S> {
+    type Gains = Gains<S>;
+
+    fn at_rest(simd: S) -> (Self, Gains<S>) {
+        let zero = simd.splat_u64s(0);
+        let word = Vector { simd, bits: zero };
+        let state = ObserverState { error: word, velocity: word, disturbance: word };
+        let factor = LaneFactor::zero(simd);
+        let observer = velocity::Observer {
+            position: factor,
+            velocity: factor,
+            disturbance: factor,
+            per_force: zwidth::Gain::default(),
+        };
+        let gains = Gains { observer, per_force: GainLanes::zero(simd), without: zero };
+        let ring = [zero; LATENCY_KNOWN_MAX as usize];
+        (Self { state, seen: zero, granted: zero, ring, late: 0, next: 0 }, gains)
+    }
+
+    fn start(
+        &mut self,
+        _: S,
+        gains: &mut Gains<S>,
+        lane: usize,
+        estimator: &Estimator,
+        late: usize,
+    ) {
+        let Estimator::Observer(observer) = estimator else { return };
+        type Core = velocity::Observer<Factor>;
+        let own = &mut gains.observer;
+        let mut has = observer.per_force.apply(Force::FULL_SCALE.bits()).unsigned_abs() < LIMIT;
+        for (place, factor, bits) in [
+            (&mut own.position, observer.position, 0),
+            (&mut own.velocity, observer.velocity, Core::VELOCITY_MORE),
+            (&mut own.disturbance, observer.disturbance, Core::DISTURBANCE_MORE),
+        ] {
+            has &= place.set(lane, factor, bits);
+        }
+        gains.per_force.set(lane, observer.per_force);
+        lanes_mut(&mut gains.without)[lane] = if has { 0 } else { u64::MAX };
+        self.late = late;
+        let ObserverState { error, velocity, disturbance } = &mut self.state;
+        let words = [&mut error.bits, &mut velocity.bits, &mut disturbance.bits];
+        let other = [&mut self.seen, &mut self.granted];
+        for word in words.into_iter().chain(other).chain(&mut self.ring) {
+            lanes_mut::<_, u64>(word)[lane] = 0;
+        }
+    }
+
+    #[inline(always)]
+    fn take<const R: usize>(
+        forms: &mut [Self; R],
+        simd: S,
+        gains: &[Gains<S>; R],
+        moved: &[Row<S, R>],
+        _: bool,
+        velocity: &mut [S::u64s; R],
+    ) {
+        let (mut state, mut seen) = ([forms[0].state; R], [forms[0].seen; R]);
+        let (mut known, mut last) = ([forms[0].granted; R], *velocity);
+        for r in 0..R {
+            (state[r], seen[r], known[r]) = (forms[r].state, forms[r].seen, forms[r].granted);
+        }
+        for row in moved {
+            for r in 0..R {
+                if forms[r].late > 0 {
+                    known[r] = forms[r].tell();
+                }
+                let moved = Vector { simd, bits: simd.to_low(row.0[r]) };
+                let known = Vector { simd, bits: known[r] };
+                last[r] = gains[r].observer.update(&mut state[r], moved, known).bits;
+                seen[r] = simd.or_u64s(seen[r], near(simd, &state[r]));
+            }
+        }
+        for r in 0..R {
+            (forms[r].state, forms[r].seen) = (state[r], seen[r]);
+        }
+        *velocity = last;
+    }
+
+    #[inline(always)]
+    fn granted(&mut self, simd: S, gains: &Gains<S>, force: S::u64s) {
+        self.granted = gains.per_force.apply(simd, force);
+    }
+
+    fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {
+        let get = |word: &S::u64s| lanes::<_, u64>(word)[lane];
+        get(&self.seen) >= 2 * LIMIT || get(&gains.without) != 0
+    }
+}
+
+impl<S: SimdOps> Observer<S> {
+    /// What is told of the force, a sample on. Before the first sample of a hit this is nothing, as what was granted.
+    #[inline(always)]
+    fn tell(&mut self) -> S::u64s {
+        let Some(place) = self.ring.get_mut(self.next) else { return self.granted };
+        let told = std::mem::replace(place, self.granted);
+        self.next = if self.next + 1 < self.late { self.next + 1 } else { 0 };
+        told
+    }
+}
+
+/// Beyond twice [`LIMIT`] where one of the numbers is out of bounds.
+#[inline(always)]
+fn near<S: SimdOps>(simd: S, state: &ObserverState<Vector<S>>) -> S::u64s {
+    let above = |word: S::u64s, more: u32| simd.add_u64s(word, simd.splat_u64s(LIMIT << more));
+    let [velocity, disturbance] = MORE;
+    let fast = above(state.velocity.bits, velocity);
+    let fast = simd.shift_right(fast, simd.splat_u64s(velocity.into()));
+    let strong = above(state.disturbance.bits, disturbance);
+    let strong = simd.shift_right(strong, simd.splat_u64s(disturbance.into()));
+    simd.or_u64s(above(state.error.bits, 0), simd.or_u64s(fast, strong))
+}

@@ -1,0 +1,105 @@
+//! What an estimator remembers, as bytes: for a reader of telemetry that goes on from there.
+//!
+//! Least significant byte first, no padding. Only what a later velocity depends on, so that two states with the same
+//! bytes say the same to the same counts.
+
+use crate::units::Velocity;
+
+/// Bytes that are being written.
+pub(super) struct Bytes<'a> {
+    place: &'a mut [u8],
+    used: usize,
+}
+
+impl<'a> Bytes<'a> {
+    pub(super) const fn new(place: &'a mut [u8]) -> Self {
+        Self { place, used: 0 }
+    }
+
+    fn put<const N: usize>(&mut self, bytes: [u8; N]) {
+        let place = self.place.get_mut(self.used..).and_then(<[u8]>::first_chunk_mut::<N>);
+        if let Some(place) = place {
+            *place = bytes;
+        }
+        self.used += N;
+    }
+
+    /// How many they are, if there was room for all.
+    pub(super) fn used(&self) -> Option<usize> {
+        (self.used <= self.place.len()).then_some(self.used)
+    }
+}
+
+/// Something that is remembered.
+pub(super) trait Kept: Sized {
+    fn put(&self, bytes: &mut Bytes<'_>);
+
+    /// The same from the first bytes of `rest`, which goes on behind them.
+    fn take(rest: &mut &[u8]) -> Option<Self>;
+}
+
+macro_rules! integers {
+    ($($integer:ty)*) => {$(
+        impl Kept for $integer {
+            fn put(&self, bytes: &mut Bytes<'_>) {
+                bytes.put(self.to_le_bytes());
+            }
+
+            fn take(rest: &mut &[u8]) -> Option<Self> {
+                let (bytes, behind) = rest.split_first_chunk()?;
+                *rest = behind;
+                Some(Self::from_le_bytes(*bytes))
+            }
+        }
+    )*};
+}
+
+integers!(u16 i16 i32 i64);
+
+/// A struct whose fields are all remembered.
+macro_rules! kept {
+    ($name:ident { $($field:ident),* }) => {
+        impl $crate::velocity::kept::Kept for $name {
+            fn put(&self, bytes: &mut $crate::velocity::kept::Bytes<'_>) {
+                $($crate::velocity::kept::Kept::put(&self.$field, bytes);)*
+            }
+
+            fn take(rest: &mut &[u8]) -> Option<Self> {
+                Some(Self { $($field: $crate::velocity::kept::Kept::take(rest)?,)* })
+            }
+        }
+    };
+}
+pub(super) use kept;
+
+impl Kept for () {
+    fn put(&self, _: &mut Bytes<'_>) {}
+
+    fn take(_: &mut &[u8]) -> Option<Self> {
+        Some(())
+    }
+}
+
+impl Kept for Velocity {
+    fn put(&self, bytes: &mut Bytes<'_>) {
+        self.bits().put(bytes);
+    }
+
+    fn take(rest: &mut &[u8]) -> Option<Self> {
+        i32::take(rest).map(Self::saturating_from_bits)
+    }
+}
+
+impl<T: Kept + Copy + Default, const N: usize> Kept for [T; N] {
+    fn put(&self, bytes: &mut Bytes<'_>) {
+        self.iter().for_each(|one| one.put(bytes));
+    }
+
+    fn take(rest: &mut &[u8]) -> Option<Self> {
+        let mut all = [T::default(); N];
+        for place in &mut all {
+            *place = T::take(rest)?;
+        }
+        Some(all)
+    }
+}
