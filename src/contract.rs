@@ -9,6 +9,7 @@
 //! | [`Supply`] | `render`, its own interrupt | off when the supply falls |
 //! | [`DebugHalts`] | `render` | time that passed without samples, and their rate |
 //! | [`SetUp`] | `render` | registers that are not as they were set up |
+//! | [`ReadBack`] | `render` | voltage of the force output, current of the motor |
 //! | [`FaultMemory`] | `render` | the first fault, over a reset |
 //! | [`NorFlash`], [`UpChannel`], [`CommandChannel`] | `link` | settings, telemetry and replies, commands |
 //! | [`OutputWatchdog`] | `render` | enable off, in hardware, when outputs stop |
@@ -36,7 +37,7 @@ use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use crate::{
     Output,
     period::SAMPLES_PER_MS,
-    safety::{FaultRecord, FaultSet, ResetCause, Sensed},
+    safety::{FaultRecord, FaultSet, Readings, ResetCause, Sensed},
     self_test::{Found, Part},
     units::OutputCode,
     velocity::{Sense, Senses},
@@ -82,6 +83,8 @@ pub trait Board: Sized {
     type OutputWatchdog: OutputWatchdog;
     /// Registers.
     type SetUp: SetUp;
+    /// What acts.
+    type ReadBack: ReadBack;
     /// What it finds out about itself.
     type SelfTest: SelfTest;
     /// Reset when the tasks stop.
@@ -164,6 +167,8 @@ pub struct Parts<B: Board> {
     pub output_watchdog: B::OutputWatchdog,
     /// Registers.
     pub set_up: B::SetUp,
+    /// What acts.
+    pub read_back: B::ReadBack,
     /// What the board finds out about itself.
     pub self_test: B::SelfTest,
     /// Reset when the tasks stop.
@@ -270,6 +275,19 @@ pub trait SetUp {
     /// They are not: drives the pin of enable low by its port, whatever the timer and its pin's mode have become. Until
     /// the next reset.
     fn hold_enable_low(&mut self);
+}
+
+/// Reads what acts, by converters.
+pub trait ReadBack {
+    /// Lowest and highest code that the force output surely follows its command to; none: it cannot be read.
+    const SWING: Option<[i32; 2]>;
+
+    /// Begins to read what the last output has put out. By `render`, at the beginning of each: what is written some
+    /// microseconds later is not read.
+    fn begin(&mut self);
+
+    /// What was read. By `render`, with the same output, once it is out.
+    fn finish(&mut self) -> Readings;
 }
 
 /// Enable goes inactive, by hardware alone, when no output has come for [`OUTPUT_WATCHDOG_US`]: the core may stand still,

@@ -93,6 +93,16 @@ impl Sampler {
         self.encoder.position()
     }
 
+    /// Number of the next sample.
+    pub const fn next(&self) -> u64 {
+        self.sample
+    }
+
+    /// What the samples so far left behind.
+    pub const fn state(&self) -> &velocity::State {
+        &self.velocity
+    }
+
     /// Makes the place of the last sample position 0. The velocity goes on as if nothing happened.
     pub fn zero(&mut self) {
         self.encoder.zero();

@@ -16,7 +16,7 @@ use crate::{
     period::{PERIODS, TooSlow, leaves_time},
     range::within,
     safety::{
-        BlackBox, Fault, FaultRecord, SafetyPlan, SafetySettings,
+        BlackBox, CurrentSettings, CurrentWatch, Fault, FaultRecord, SafetyPlan, SafetySettings,
         envelope::{Envelope, Key, Outside},
     },
     store::{DeviceKey, Loaded, Name, Signs, Source, Stored},
@@ -47,6 +47,10 @@ pub struct Device<'a> {
     pub safety: SafetySettings,
     /// What the motor stands.
     pub duty: DutySettings,
+    /// How its amplifier says its current.
+    pub current: CurrentSettings,
+    /// Distance of the handle from the axis of a rotary device, m; 0: it moves straight.
+    pub radius_m: f64,
     /// The return move to the start; the start is that of the settings.
     pub back: ReturnSettings,
     /// A calibration; its force is that of the command.
@@ -91,11 +95,16 @@ pub struct Start {
     pub safety: SafetyPlan,
     /// What goes by the output period.
     pub period: PeriodPlan,
+    /// The motor's current is compared, if its amplifier says it.
+    pub current: Option<CurrentWatch>,
     /// The fault of the last run, that of settings that cannot be used, or both.
     pub fault: Option<FaultRecord>,
 }
 
 impl Device<'_> {
+    /// Largest radius, m.
+    pub const RADIUS_MAX_M: f64 = 10.0;
+
     /// The design with the force at full command that was calibrated.
     ///
     /// # Errors
@@ -108,7 +117,7 @@ impl Device<'_> {
     }
 
     /// The design with what of it is set.
-    fn design(&self, stored: &Stored) -> Result<Design, SettingsError> {
+    pub(crate) fn design(&self, stored: &Stored) -> Result<Design, SettingsError> {
         Ok(Design { period: stored.period, ..self.calibrated(stored.full_scale_n)? })
     }
 
@@ -137,6 +146,7 @@ impl Device<'_> {
         let safety = self.safety.build(&self.design)?;
         let defaults = self.defaults();
         self.period(&defaults)?;
+        let current = self.current.build(self.design.output)?;
         self.hit_sequence(&defaults, false)?;
         let default = self.control(&defaults)?;
         let fits = self.unfit(&loaded.stored).is_none();
@@ -152,7 +162,8 @@ impl Device<'_> {
             (boot, refused) => boot.or(refused),
         };
         let (safety, period) = (safety.at(stored.period), self.period(&stored)?);
-        Ok(Start { stored, source, control: built.unwrap_or(default), safety, period, fault })
+        let control = built.unwrap_or(default);
+        Ok(Start { stored, source, control, safety, period, current, fault })
     }
 
     /// A hit with those settings and what comes before it; `early`: its verdict as soon as it is certain.

@@ -1,16 +1,19 @@
 //! What the board tells: one record per output, and its form on the wire.
 //!
-//! At 1 kHz a frame is one output, layout 1, 40 bytes; where outputs are closer, layout 2 has all of a millisecond, so
-//! that the link has no more frames than at 1 kHz. Least significant byte first; `docs/telemetry.md` has the tables. The
+//! A frame has the outputs of a millisecond and the counts of all its samples, layout 2; every 100 ms it is a key frame,
+//! from which on a reader computes every sample itself. A record of the black box at 1 kHz has layout 1, 40 bytes. Least
+//! significant byte first; `docs/telemetry.md` has the tables. The
 //! sample index is sent whole: its low 32 bits would wrap within a day at 50 kHz and leave every reader to
 //! guess, for 4 bytes less. The CRC covers everything before it, magic included, so that a false
 //! frame in garbage passes once in 2^32 times where the magic happens to stand.
 
 mod decoder;
+mod parts;
 #[cfg(test)]
 mod tests;
 
 pub use decoder::Decoder;
+pub use parts::{FrameWriter, InForce, Key, Parts, STATE_MAX};
 
 use crate::{
     crc,
@@ -122,14 +125,14 @@ impl Frame {
     /// Version of the layout of several.
     pub const VERSION_2: u8 = 2;
     /// Longest frame on the wire, bytes.
-    pub const LEN_MAX: usize = 256;
+    pub const LEN_MAX: usize = 1024;
     /// Most outputs of a frame.
     pub const OUTPUTS: usize = 10;
+    /// Most samples whose counts a frame tells.
+    pub const SAMPLES: usize = 20;
     /// Bytes in front of the newest output's length, and of each output before it.
     const HEAD: usize = 36;
     const EARLIER: usize = 18;
-    /// Part of a frame of layout 2: the outputs before the newest.
-    const PART_EARLIER: u8 = 1;
 }
 
 impl Record {
@@ -176,36 +179,23 @@ impl Frame {
         put(rest, &record.settings.to_le_bytes());
     }
 
-    /// The bytes of outputs that follow each other by `period` samples, layout 2: `earlier`, oldest first, at most
+    /// Begins the bytes of outputs that follow each other by `period` samples, layout 2: `earlier`, oldest first, at most
     /// [`OUTPUTS`](Self::OUTPUTS) less one, then this one. Settings and fault are this one's.
     pub fn encode_after<'a>(
         &self,
         earlier: &[Record],
         period: u8,
         bytes: &'a mut [u8; Self::LEN_MAX],
-    ) -> &'a [u8] {
+    ) -> FrameWriter<'a> {
         let earlier = earlier.get(..Self::OUTPUTS - 1).unwrap_or(earlier);
-        let part = earlier.len() * Self::EARLIER;
-        let length = Self::HEAD + 4 + 2 + part;
         let mut rest: &mut [u8] = bytes;
         self.put_head(&mut rest, Self::VERSION_2);
-        #[expect(clippy::cast_possible_truncation, reason = "at most 9 outputs of 18 bytes")]
-        let (whole, part) = ((length + 4) as u16, part as u8);
-        put(&mut rest, &whole.to_le_bytes());
-        put(&mut rest, &[period, 0]);
-        put(&mut rest, &[Self::PART_EARLIER, part]);
-        for record in earlier {
-            put(&mut rest, &record.position.counts().to_le_bytes());
-            put(&mut rest, &record.velocity.bits().to_le_bytes());
-            put(&mut rest, &record.force.bits().to_le_bytes());
-            put(&mut rest, &record.command.code().to_le_bytes());
-            put(&mut rest, &record.flags.bits().to_le_bytes());
+        put(&mut rest, &[0, 0, period, 0]);
+        let mut writer = FrameWriter::new(bytes, Self::HEAD + 4);
+        if !earlier.is_empty() {
+            writer.earlier(earlier);
         }
-        let check = crc::of_bytes(bytes.get(..length).unwrap_or_default());
-        if let Some(place) = bytes.get_mut(length..).and_then(<[u8]>::first_chunk_mut::<4>) {
-            *place = check.to_le_bytes();
-        }
-        bytes.get(..length + 4).unwrap_or_default()
+        writer
     }
 
     /// The frame in those bytes, if they are one of layout 1.

@@ -105,8 +105,8 @@ slots(
     "docs/virtual-board.md",
     ("sessions have some {} |", const(f"{FUZZED}/campaign.rs", "SESSION")),
     ("in its wall, and every {} cycles of sleep |", const(f"{FUZZED}/instants.rs", "SLEEP")),
-    ("leads the handle there, -1 to 1, at {} m/s and holds", lambda: number(1e4 * lit("virtual-board/src/cli.rs", r"HAND_M: f64 = ([\d.e-]+)"))),
-    ("| `wait SECONDS` | waits, up to {} s |", const("virtual-board/src/cli.rs", "WAIT_MAX_S")),
+    ("leads the handle there, -1 to 1, at {} m/s and holds", lambda: number(1e4 * lit("virtual-board/src/cli/typed.rs", r"HAND_M: f64 = ([\d.e-]+)"))),
+    ("| `wait SECONDS` | waits, up to {} s |", const("virtual-board/src/cli/typed.rs", "WAIT_MAX_S")),
 )
 LIVE = "live/src"
 
@@ -120,7 +120,7 @@ slots(
     ("a spring of {} N/m with a damper of {} N s/m and {} N at most.", finger("stiffness_n_per_m"), finger("damping_n_s_per_m"), finger("limit_n")),
     ("velocity and force in the last {} outputs, Hann", const(f"{LIVE}/server/picture.rs", "SPECTRUM_ROWS")),
     ("| phase plane | the last {} outputs |", const(f"{LIVE}/server/picture.rs", "PHASE_ROWS")),
-    ("and its noise at {} mm/s from", lambda: number(1e3 * lit(f"{LIVE}/predicted.rs", r"const SPEED: f64 = ([\d.]+)"))),
+    ("and its noise at {} mm/s of the handle", lambda: number(1e3 * lit(f"{LIVE}/predicted.rs", r"const SPEED: f64 = ([\d.]+)"))),
     ("its rows, at most {}.", const(f"{LIVE}/server.rs", "ROWS_MAX")),
     ("has its [promise](tuning.md#commands), `alive {}`, and takes the force away by itself: fault 34, within {} ms and",
      const(f"{LIVE}/hub.rs", "PROMISE_MS"), const(f"{LIVE}/hub.rs", "PROMISE_MS")),
@@ -331,7 +331,7 @@ def frame(name):
 
 slots(
     "docs/telemetry.md",
-    ("| 36 | 2 | length of the frame, {} to {} |", lambda: number(frame("LEN") + 2 + CHECK), lambda: number(frame("LEN_MAX"))),
+    ("| 36 | 2 | length of the frame, {} to {} |", lambda: number(frame("LEN") + CHECK), lambda: number(frame("LEN_MAX"))),
     ("the outputs before the newest, oldest first, {} bytes each:", lambda: number(frame("EARLIER"))),
 )
 PREPARE = "host-sim/src/cli/prepare.rs"

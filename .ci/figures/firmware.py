@@ -239,6 +239,16 @@ def registers():
     return table(["board", *head, "allowed"], body)
 
 
+@block
+def acts():
+    dac = ms(value("elf/faults/acts/dac"))
+    body = [["DAC gives 5 % of full scale to all of it more or less", "pressed", dac, "-"]]
+    for part, text in [("1", "full force away from what is asked"), ("-1", "full force the other way"), ("0", "no force")]:
+        both = [ms(value(f"elf/faults/acts/{board}/stuck {part}")) for board in BOARDS]
+        body.append([f"amplifier stuck: {text}", "pressed, its current read", *both])
+    return table(["what", "where", *BOARDS], body)
+
+
 def device(name):
     return lambda: number(lit(DEVICE, rf"(?m)^{name} = (-?[\d._e-]+)"))
 
@@ -347,4 +357,4 @@ def own_tests(*codes):
     return bool(all_) and all_ - campaign == set(codes) and set(codes) <= others
 
 
-states("docs/firmware.md", ("codes 24, 34, 40, 43 and 44 have tests of their own there.", lambda: own_tests(24, 34, 40, 43, 44)))
+states("docs/firmware.md", ("codes 24, 34, 35, 36, 40, 43 and 44 have tests of their own there.", lambda: own_tests(24, 34, 35, 36, 40, 43, 44)))

@@ -3,8 +3,9 @@ import { Console } from "./console.js";
 import { Handle } from "./handle.js";
 import { Link } from "./link.js";
 import { Plane } from "./plane.js";
-import { Plots } from "./plots.js";
+import { Plots, SIGNALS } from "./plots.js";
 import { saveFigures, saveRows } from "./save.js";
+import { Units } from "./units.js";
 
 const by = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -14,6 +15,7 @@ const handle = new Handle(by("handle"), (message) => link.send(message));
 const plane = new Plane(by("plane"), (point, last) => propose(point, last));
 const log = new Console(by("lines"), by("type"), by("line"), (line) => link.command(line));
 
+let units = new Units();
 let hello = null, now = null, settings = {}, asked = "", frame = {}, frames = 0, span = 5, paused = false;
 
 // Stop: before anything else on the page has a say.
@@ -64,17 +66,16 @@ by("pause").onclick = () => { paused = !(now?.view.paused ?? false); look(); };
 new ResizeObserver(() => look()).observe(by("plots"));
 
 // Trigger.
-const UNITS = { 0: ["mm", 1e-3], 1: ["m/s", 1], 2: ["N", 1] };
 function armTrigger() {
   const kind = by("trigger").value;
-  const unit = UNITS[kind];
+  const unit = units[SIGNALS[kind]?.name];
   by("level-label").hidden = !unit;
   by("again").hidden = kind === "off";
-  by("level-unit").textContent = unit?.[0] ?? "";
+  by("level-unit").textContent = unit?.unit ?? "";
   paused = false;
   if (!unit) return link.send({ type: "trigger", on: kind });
   const lsb = [hello.resolution_m, hello.resolution_m * hello.rate_hz / 65536, hello.full_scale_n / 2 ** 30][kind];
-  link.send({ type: "trigger", on: "level", signal: +kind, level: Math.round(by("level").value * unit[1] / lsb), rising: by("rising").value === "1" });
+  link.send({ type: "trigger", on: "level", signal: +kind, level: Math.round(by("level").value / unit.times / lsb), rising: by("rising").value === "1" });
 }
 for (const id of ["trigger", "level", "rising"]) by(id).onchange = armTrigger;
 by("again").onclick = armTrigger;
@@ -97,6 +98,7 @@ by("csv").onclick = async () => { const why = await saveRows(plots, token); if (
 // A point that is dragged: gains in the order in which they stay inside, a few times a second, and at the end.
 let proposed = 0;
 function propose({ k, b }, last) {
+  if (!("k" in settings)) return;
   const time = performance.now();
   if (!last && time - proposed < 200) return;
   proposed = time;
@@ -123,7 +125,7 @@ function show(id, value) {
   if (document.activeElement !== input && value !== undefined && input.value !== `${value}`) input.value = value;
 }
 
-function showSettings() {
+function showSettings(text) {
   for (const input of document.querySelectorAll("[data-set]")) show(input, settings[input.dataset.set]);
   show("estimator", settings.estimator);
   const tuning = tuned();
@@ -133,6 +135,11 @@ function showSettings() {
     by("cutoff-label").firstChild.textContent = `${tuning.name} `;
     by("cutoff-label").querySelector("i").textContent = tuning.unit;
     show("cutoff", value);
+  }
+  if (!units.settings.test(text)) {
+    alarm(`The board says other units than those of the scene ${hello.scene}: give cargo live the scene of its record.`);
+    settings = {};
+    return;
   }
   plane.wall = { k: settings.k ?? 0, b: settings.b ?? 0 };
   plane.draw();
@@ -152,6 +159,11 @@ function alarm(text) {
 link.on("hello", (message) => {
   hello = message;
   plots.rate = hello.rate_hz;
+  units = plots.units = plane.units = handle.units = new Units(hello.radius_m);
+  Object.assign(handle, { fullScale: hello.full_scale_n, low: hello.travel_m[0], high: hello.travel_m[1] });
+  for (const item of document.querySelectorAll("[data-unit]")) item.textContent = units[item.dataset.unit].unit;
+  by("speed").textContent = units.say("slow", hello.noise_speed_m_per_s, (said) => +said.toPrecision(3));
+  plots.make();
   by("board").textContent = `${hello.board} · ${hello.scene}${hello.virtual ? " · virtual" : ""}`;
   by("estimator").replaceChildren(...hello.estimators.map(({ name }) => new Option(name)));
   by("switch-label").hidden = by("handle-figure").hidden = !hello.virtual;
@@ -174,10 +186,10 @@ link.on("lost", () => {
 link.on("refused", ({ why }) => { by("why").textContent = why; by("why").className = "bad"; });
 link.on("predicted", ({ predicted }) => {
   if (`${predicted.estimator} ${predicted.cutoff_hz}` !== asked) return;
-  plane.predicted = predicted;
-  by("area").textContent = predicted.error ?? `${predicted.area.toExponential(3)} N²s/m²`;
+  plane.predicted = units.predicted(predicted);
+  by("area").textContent = predicted.error ?? units.say("area", predicted.area, (said) => said.toExponential(3));
   by("delay").textContent = predicted.delay_s == null ? "–" : `${(predicted.delay_s * 1e3).toFixed(3)} ms`;
-  by("noise").textContent = predicted.noise_m_per_s == null ? "–" : `${(predicted.noise_m_per_s * 1e3).toPrecision(3)} mm/s`;
+  by("noise").textContent = predicted.noise_m_per_s == null ? "–" : units.say("slow", predicted.noise_m_per_s, (said) => said.toPrecision(3));
   plane.draw();
 });
 link.on("state", (state) => {
@@ -220,7 +232,7 @@ link.on("state", (state) => {
   if (state.settings && state.settings !== frame.settings) {
     frame.settings = state.settings;
     settings = parse(state.settings);
-    showSettings();
+    showSettings(state.settings);
   }
   const chip = by("state");
   if (state.lost) {
@@ -267,8 +279,8 @@ function draw() {
 function drawHandle() {
   const record = now?.record;
   if (!record || !hello?.virtual) return;
-  handle.draw({ position: record.position_m, wall: settings.wall ?? .07, force: record.force_n, finger: now.handle?.finger_n, on: record.on, contact: record.contact });
+  handle.draw({ position: record.position_m, wall: settings.wall == null ? hello.wall_m : settings.wall / units.wall.times, force: record.force_n, finger: now.handle?.finger_n, on: record.on, contact: record.contact });
 }
 requestAnimationFrame(draw);
 // For measurements from outside.
-window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, plots, plane, link };
+window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, plots, plane, handle, link };

@@ -1,9 +1,14 @@
-// The device: a handle, the wall, and a finger that pulls through a spring.
-import { context } from "./plots.js";
+// The device: a handle, the wall, and a finger that pulls through a spring; all in m and N at the handle. The device's
+// travel fills it.
+import { context, roundUp } from "./plots.js";
+import { Units } from "./units.js";
+
+// Length of the arrow of the whole force, pixels.
+const ARROW = 83;
 
 export class Handle {
   constructor(canvas, send) {
-    Object.assign(this, { canvas, send, position: 0, wall: .07, force: 0, finger: null, held: false, allowed: false, low: -.01, high: .095 });
+    Object.assign(this, { canvas, send, units: new Units(), fullScale: 1, finger: null, held: false, allowed: false, low: 0, high: 1 });
     canvas.onpointerdown = (event) => {
       if (!this.allowed) return;
       canvas.setPointerCapture(event.pointerId);
@@ -42,9 +47,12 @@ export class Handle {
     // the scale
     d.strokeStyle = style("--line"); d.fillStyle = style("--quiet"); d.textAlign = "center";
     d.beginPath(); d.moveTo(0, height - 18.5); d.lineTo(width, height - 18.5); d.stroke();
-    for (let mm = 0; mm <= this.high * 1e3; mm += 10) {
-      d.beginPath(); d.moveTo(x(mm / 1e3), height - 18); d.lineTo(x(mm / 1e3), height - 13); d.stroke();
-      d.fillText(mm, x(mm / 1e3), height - 3);
+    const { times } = this.units.position;
+    const step = roundUp((this.high - this.low) * times / 16, [1, 2, 5, 10]);
+    for (let n = Math.ceil(this.low * times / step); n * step <= this.high * times; n++) {
+      const at = x(n * step / times);
+      d.beginPath(); d.moveTo(at, height - 18); d.lineTo(at, height - 13); d.stroke();
+      if (at > 12 && at < width - 12) d.fillText(+(n * step).toPrecision(3), at, height - 3);
     }
     // the wall: full where force is on
     const surface = x(wall);
@@ -68,16 +76,21 @@ export class Handle {
     d.fillStyle = contact && on ? style("--orange") : style("--blue");
     d.beginPath(); d.roundRect(at - 11, middle - 24, 11, 48, 3); d.fill();
     // the force on the handle
-    if (Math.abs(force) > .02) {
+    const part = force / this.fullScale;
+    if (Math.abs(part) > .0034) {
       d.strokeStyle = d.fillStyle = style("--orange"); d.lineWidth = 3;
-      const from = at - 5, end = from + force * 14, up = middle - 29;
+      const from = at - 5, end = from + part * ARROW, up = middle - 29;
       d.beginPath(); d.moveTo(from, up); d.lineTo(end, up); d.stroke();
       d.beginPath(); d.moveTo(end + Math.sign(end - from) * 7, up); d.lineTo(end, up - 4); d.lineTo(end, up + 4); d.fill();
     }
     d.fillStyle = style("--text"); d.textAlign = "left"; d.font = "12px system-ui";
-    d.fillText(`${(position * 1e3).toFixed(3)} mm`, 8, 15);
-    d.fillText(`actuator ${force.toFixed(2)} N`, 96, 15);
-    if (finger !== undefined) d.fillText(`finger ${finger.toFixed(2)} N`, 208, 15);
-    if (this.allowed && !this.held) { d.fillStyle = style("--quiet"); d.fillText("drag the handle", 306, 15); }
+    const digits = 2 - Math.min(0, Math.floor(Math.log10(this.fullScale * this.units.force.times)));
+    const newtons = (value) => this.units.say("force", value, (said) => said.toFixed(digits));
+    const texts = [this.units.say("position", position, (said) => said.toFixed(3)), `actuator ${newtons(force)}`];
+    if (finger !== undefined) texts.push(`finger ${newtons(finger)}`);
+    const wide = this.units.rotary ? [110, 150, 140] : [88, 112, 98];
+    let left = 8;
+    texts.forEach((text, n) => { d.fillText(text, left, 15); left += wide[n]; });
+    if (this.allowed && !this.held) { d.fillStyle = style("--quiet"); d.fillText("drag the handle", left, 15); }
   }
 }

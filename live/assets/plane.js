@@ -1,11 +1,13 @@
-// The (K, B) plane: envelope of the image, boundary that the simulator predicts, the board's own walk, the wall in force.
-import { context } from "./plots.js";
+// The (K, B) plane: envelope of the image, boundary that the simulator predicts, the board's own walk, the wall in force;
+// all as the console has them.
+import { context, roundUp } from "./plots.js";
+import { Units } from "./units.js";
 
 const LEFT = 40, BOTTOM = 20, TOP = 6, RIGHT = 8;
 
 export class Plane {
   constructor(canvas, want) {
-    Object.assign(this, { canvas, want, predicted: null, wall: null, walk: [], hits: [], drag: null, allowed: false, ends: [100, 40000] });
+    Object.assign(this, { canvas, want, units: new Units(), predicted: null, wall: null, walk: [], hits: [], drag: null, allowed: false, ends: [100, 40000] });
     canvas.onpointerdown = (event) => {
       if (!this.allowed) return;
       canvas.setPointerCapture(event.pointerId);
@@ -37,12 +39,8 @@ export class Plane {
   fit() {
     const all = [...(this.predicted?.points ?? []), ...(this.predicted?.envelope ?? []).map(([b, , k]) => [b, k]), ...this.walk, ...this.hits];
     if (this.wall) all.push([this.wall.b, this.wall.k]);
-    const round = (value) => {
-      const power = 10 ** Math.floor(Math.log10(value));
-      return [1, 1.5, 2, 3, 4, 5, 6, 8, 10].map((n) => n * power).find((end) => end >= value);
-    };
-    const end = (n, least) => round(Math.max(least, ...all.map((point) => point[n] * 1.08)));
-    this.ends = [end(0, 20), end(1, 2000)];
+    const end = (n, least) => roundUp(Math.max(least, ...all.map((point) => point[n] * 1.08)));
+    this.ends = [end(0, 20 * this.units.b.times), end(1, 2000 * this.units.k.times)];
   }
 
   draw() {
@@ -59,7 +57,7 @@ export class Plane {
       d.beginPath(); d.moveTo(x(b), TOP); d.lineTo(x(b), y(0)); d.moveTo(LEFT, y(k)); d.lineTo(width - RIGHT, y(k)); d.stroke();
       d.fillStyle = style("--quiet");
       d.textAlign = n === 4 ? "right" : "center"; d.fillText(+b.toPrecision(3), x(b), height - 6);
-      d.textAlign = "right"; d.fillText(+(k / 1e3).toPrecision(3), LEFT - 5, y(k) + 4);
+      d.textAlign = "right"; d.fillText(+(k * this.units.axis.times).toPrecision(3), LEFT - 5, y(k) + 4);
     }
     const envelope = this.predicted?.envelope ?? [];
     if (envelope.length) {
@@ -86,7 +84,11 @@ export class Plane {
       this.point(d, x(this.drag.b), y(this.drag.k), style("--blue"), false);
       const right = this.drag.b > bEnd * .6;
       d.fillStyle = style("--text"); d.textAlign = right ? "right" : "left"; d.font = "12px system-ui";
-      d.fillText(`K ${this.drag.k.toPrecision(4)} N/m, B ${this.drag.b.toPrecision(3)} N s/m`, x(this.drag.b) + (right ? -10 : 10), Math.max(y(this.drag.k) - 8, 16));
+      const { k, b } = this.units;
+      const text = `K ${this.drag.k.toPrecision(4)} ${k.unit}, B ${this.drag.b.toPrecision(3)} ${b.unit}`;
+      const long = d.measureText(text).width + 4;
+      const at = right ? Math.max(x(this.drag.b) - 10, long) : Math.min(x(this.drag.b) + 10, width - long);
+      d.fillText(text, at, Math.max(y(this.drag.k) - 8, 16));
     }
   }
 
@@ -97,9 +99,9 @@ export class Plane {
 
   // What the board says of its walk.
   hear(text) {
-    const hit = /^walk hit \d+: k (\S+) N\/m, b (\S+) N s\/m, (\w+)/.exec(text);
+    const hit = this.units.hit.exec(text);
     if (hit) this.hits.push([+hit[2], +hit[1], hit[3] === "stable"]);
-    const found = /^walk boundary \d+: k (\S+) N\/m, b (\S+) N s\/m/.exec(text);
+    const found = this.units.boundary.exec(text);
     if (found) this.walk.push([+found[2], +found[1]]);
     if (text === "ok walk") [this.walk, this.hits] = [[], []];
     if (hit || found) this.draw();

@@ -1,8 +1,11 @@
 // Curves over time, spectrum and phase plane.
-const SIGNALS = [
-  { name: "position, mm", factor: 1e3, colour: "--blue" },
-  { name: "velocity, m/s", factor: 1, colour: "--green" },
-  { name: "force, N", factor: 1, colour: "--orange" },
+import { Units } from "./units.js";
+
+// `least`: what a curve's axis has above and below it at least, at the handle.
+export const SIGNALS = [
+  { name: "position", least: 2e-6, colour: "--blue" },
+  { name: "velocity", least: 1e-3, colour: "--green" },
+  { name: "force", least: 1e-3, colour: "--orange" },
 ];
 const CONTACT = 1, SATURATED = 4, REPLAY = 1024;
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -36,6 +39,7 @@ export class Plots {
     this.spectrumParent = spectrum;
     this.parents = SIGNALS.map(() => parent.appendChild(document.createElement("div")));
     this.rate = 10000;
+    this.units = new Units();
     this.make();
     new ResizeObserver(() => this.resize()).observe(parent);
     new ResizeObserver(() => this.resize()).observe(spectrum);
@@ -54,12 +58,12 @@ export class Plots {
         cursor: { sync: { key: sync.key }, drag: { x: false, y: false }, points: { size: 5 } },
         scales: { x: { time: false }, y: { range: (_, low, high) => {
           if (low == null) return [-1, 1];
-          const room = Math.max((high - low) * .08, n === 0 ? .002 : 1e-3);
+          const room = Math.max((high - low) * .08, signal.least * this.units[signal.name].times);
           return [low - room, high + room];
         } } },
         series: [{}, { stroke: style(signal.colour), width: 1.25, points: { show: false }, spanGaps: false }],
         axes: [axis({ show: true, size: last ? 26 : 8, values: last ? (_, all) => all.map((t) => `${+t.toFixed(4)} s`) : () => [] }),
-          axis({ size: 58, label: signal.name, labelSize: 14, labelFont: "11px system-ui", labelGap: 0, space: 24 })],
+          axis({ size: 58, label: this.label(signal.name), labelSize: 14, labelFont: "11px system-ui", labelGap: 0, space: 24 })],
         hooks: { drawClear: [(plot) => this.shade(plot, n)] },
       }, [[0], [null]], this.parents[n]);
     });
@@ -69,8 +73,8 @@ export class Plots {
       series: [{}, { scale: "v", stroke: style("--green"), width: 1.25, points: { show: false } },
         { scale: "f", stroke: style("--orange"), width: 1.25, points: { show: false } }],
       axes: [axis({ size: 26, values: (_, all) => all.map((f) => f == null ? "" : f >= 1000 ? `${f / 1000} k` : `${f} Hz`) }),
-        axis({ scale: "v", size: 54, label: "velocity, m/s", labelSize: 14, labelFont: "11px system-ui", values: powers }),
-        axis({ scale: "f", side: 1, size: 54, grid: { show: false }, label: "force, N", labelSize: 14, labelFont: "11px system-ui", values: powers })],
+        axis({ scale: "v", size: 54, label: this.label("velocity"), labelSize: 14, labelFont: "11px system-ui", values: powers }),
+        axis({ scale: "f", side: 1, size: 54, grid: { show: false }, label: this.label("force"), labelSize: 14, labelFont: "11px system-ui", values: powers })],
     }, [[1, 10], [1, 1], [1, 1]], this.spectrumParent);
     this.resize();
   }
@@ -80,6 +84,8 @@ export class Plots {
     const { clientWidth, clientHeight } = this.spectrumParent;
     this.spectrum.setSize({ width: clientWidth - 12, height: Math.max(clientHeight - 8, 80) });
   }
+
+  label(name) { return `${name}, ${this.units[name].unit}`; }
 
   columns() { return Math.max(200, Math.min(2000, this.parents[0].clientWidth - 80)); }
 
@@ -113,9 +119,10 @@ export class Plots {
     this.plots.forEach((plot, n) => {
       const [low, high] = seen.ends[n];
       const values = new Array(2 * seen.count);
+      const { times: factor } = this.units[SIGNALS[n].name];
       let turn = 0;
       for (let k = 0; k < seen.count; k++) {
-        const a = low[k] * SIGNALS[n].factor, b = high[k] * SIGNALS[n].factor;
+        const a = low[k] * factor, b = high[k] * factor;
         // The end that is nearer to the last point first, so that a smooth curve stays one.
         const up = k === 0 || Number.isNaN(turn) || Math.abs(a - turn) <= Math.abs(b - turn);
         values[2 * k] = Number.isNaN(a) ? null : up ? a : b;
@@ -129,8 +136,11 @@ export class Plots {
   drawSpectra(bytes) {
     const head = new Uint32Array(bytes, 0, 4), all = new Float32Array(bytes, 16);
     const [, nv, nf] = head;
-    const list = (from, n) => Array.from({ length: n }, (_, k) => [all[2 * (from + k)], Math.max(all[2 * (from + k) + 1], 1e-12)]);
-    const [velocity, force] = [list(0, nv), list(nv, nf)];
+    const list = (name, from, n) => Array.from({ length: n }, (_, k) => {
+      const [hertz, amplitude] = all.subarray(2 * (from + k));
+      return [hertz, Math.max(amplitude * this.units[name].times, 1e-12)];
+    });
+    const [velocity, force] = [list("velocity", 0, nv), list("force", nv, nf)];
     const tables = [velocity, force].map((points) => [points.map((p) => p[0]), points.map((p) => p[1])]);
     this.spectrum.setData(uPlot.join(tables));
   }
@@ -151,14 +161,24 @@ export class Plots {
     drawing.beginPath(); drawing.moveTo(left, py(0)); drawing.lineTo(width - 8, py(0)); drawing.stroke();
     drawing.strokeStyle = style("--line"); drawing.strokeRect(left, 6, width - left - 8, height - bottom - 6);
     drawing.textAlign = "right";
-    for (const value of [va, vb]) drawing.fillText(value.toPrecision(2), left - 4, Math.min(Math.max(py(value) + 4, 14), height - bottom));
-    drawing.textAlign = "left"; drawing.fillText((xa * 1e3).toFixed(3), left, height - 4);
-    drawing.textAlign = "right"; drawing.fillText((xb * 1e3).toFixed(3), width - 8, height - 4);
+    const { position, velocity } = this.units;
+    for (const value of [va, vb]) drawing.fillText(short(value * velocity.times), left - 4, Math.min(Math.max(py(value) + 4, 14), height - bottom));
+    drawing.textAlign = "left"; drawing.fillText((xa * position.times).toFixed(3), left, height - 4);
+    drawing.textAlign = "right"; drawing.fillText((xb * position.times).toFixed(3), width - 8, height - 4);
     drawing.strokeStyle = style("--violet"); drawing.lineWidth = 1.1; drawing.beginPath();
     for (let k = 0; k < count; k++) drawing.lineTo(px(x[k]), py(v[k]));
     drawing.stroke();
     drawing.fillStyle = style("--text"); drawing.beginPath(); drawing.arc(px(x[count - 1]), py(v[count - 1]), 3, 0, 7); drawing.fill();
   }
 }
+
+// The next round number.
+export function roundUp(value, rounds = [1, 1.5, 2, 3, 4, 5, 6, 8, 10]) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return rounds.map((n) => n * power).find((round) => round >= value);
+}
+
+// Two digits, or all before the point.
+function short(value) { return Math.abs(value) < 100 ? value.toPrecision(2) : value.toFixed(0); }
 
 function powers(_, all) { return all.map((value) => value == null ? "" : Math.log10(value) % 1 ? "" : value.toExponential(0)); }

@@ -1,4 +1,6 @@
 // Figures as SVG, the view as CSV.
+import { SIGNALS } from "./plots.js";
+
 function give(name, kind, text) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([text], { type: kind }));
@@ -6,6 +8,8 @@ function give(name, kind, text) {
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
+
+const INK = ["#0b61a4", "#1d7a3e", "#b4540a"];
 
 function panel(title, top, wide, tall, points, colour) {
   const finite = points.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y));
@@ -25,10 +29,10 @@ export function saveFigures(plots, plane, caption) {
   const seen = plots.seen;
   if (!seen) return;
   const curve = (n, factor) => Array.from({ length: 2 * seen.count }, (_, k) => [seen.start + (k >> 1) * seen.bin, seen.ends[n][k % 2][k >> 1] * factor]);
-  const parts = [
-    panel("position, mm, over s", 24, 900, 170, curve(0, 1e3), "#0b61a4"), panel("velocity, m/s, over s", 194, 900, 170, curve(1, 1), "#1d7a3e"),
-    panel("force, N, over s", 364, 900, 170, curve(2, 1), "#b4540a"),
-    panel("predicted boundary: K, N/m, over B, N s/m", 534, 450, 220, plane.predicted?.points ?? [], "#0b61a4"),
+  const signal = ({ name }, n) => panel(`${plots.label(name)}, over s`, 24 + 170 * n, 900, 170, curve(n, plots.units[name].times), INK[n]);
+  const { k, b } = plane.units;
+  const parts = [...SIGNALS.map(signal),
+    panel(`predicted boundary: K, ${k.unit}, over B, ${b.unit}`, 534, 450, 220, plane.predicted?.points ?? [], "#0b61a4"),
   ];
   if (plane.walk.length > 1) parts.push(`<g transform="translate(450 0)">${panel("the board's walk", 534, 450, 220, plane.walk, "#6b3fa0")}</g>`);
   const text = caption.replace(/[&<>]/g, (sign) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[sign]);

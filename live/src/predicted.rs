@@ -13,7 +13,7 @@ use serde::Serialize;
 use virtual_board::{board::Board, device, fuzz::envelope::Envelope};
 use zwidth::{CounterWidth, Sampler, Settings, WallSettings, velocity::EstimatorName};
 
-/// A boundary, for the page.
+/// A boundary, for the page: in m and N at the handle.
 #[derive(Clone, Debug, Serialize)]
 pub struct Predicted {
     /// Estimator.
@@ -71,8 +71,9 @@ pub fn predict(
     predicted
 }
 
-/// Speed at which the noise is measured, m/s, and rise of the speed for the delay, m/s^2.
-const SPEED: f64 = 0.02;
+/// Speed at which the noise is measured, m/s.
+pub const SPEED: f64 = 0.02;
+/// Rise of the speed for the delay, m/s^2.
 const RISE: f64 = 1.0;
 /// Samples that are left out, and looked at.
 const SETTLE: u32 = 5_000;

@@ -57,7 +57,7 @@ assets! {
     "style.css": "text/css", "uPlot.min.css": "text/css", "uPlot.iife.min.js": "text/javascript",
     "app.js": "text/javascript", "link.js": "text/javascript", "plots.js": "text/javascript",
     "plane.js": "text/javascript", "handle.js": "text/javascript", "console.js": "text/javascript",
-    "save.js": "text/javascript", "uPlot.LICENSE": "text/plain"
+    "save.js": "text/javascript", "units.js": "text/javascript", "uPlot.LICENSE": "text/plain"
 }
 const PAGE: &str = include_str!("../assets/index.html");
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
@@ -231,7 +231,7 @@ async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
         let text = format!("from=N and rows=N, at most {ROWS_MAX}");
         return (StatusCode::BAD_REQUEST, text).into_response();
     };
-    let table = picture::table(&app.hub, &app.scale, from, count);
+    let table = picture::table(&app.hub, &app.scale, app.scene.scene.units, from, count);
     ([(header::CONTENT_TYPE, "text/csv")], table).into_response()
 }
 

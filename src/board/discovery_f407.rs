@@ -6,6 +6,7 @@
 //! | encoder B       | PA1  | P1           | TIM2_CH2                            |
 //! | force magnitude | PE9  | P1           | TIM1_CH1, 40 kHz PWM                |
 //! | force sign      | PE11 | P1           | TIM1_CH2, high: away from the wall  |
+//! | motor's current | PB0  | P1           | ADC2_IN8, if the amplifier says it  |
 //! | enable          | PE13 | P1           | TIM1_CH3, active high, low in off   |
 //! | emergency stop  | PE15 | P1           | TIM1_BKIN, closed to ground         |
 //!
@@ -63,6 +64,7 @@ impl Wiring for DiscoveryF407 {
     const CHIP: u32 = 0x413;
     /// Level 2, below the supply detector's (docs/first-power-up.md).
     const BROWN_OUT_RESET: u32 = 1;
+    const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];
     /// To the PWM period that takes the command over. A pulse stands at the beginning of its period, so a small
     /// force acts up to half a period (0.125) sooner; docs/firmware.md has the measurement.
@@ -84,6 +86,7 @@ impl Wiring for DiscoveryF407 {
         let rcc = &mut chip.rcc;
         let a = device.GPIOA.split(rcc);
         let e = device.GPIOE.split(rcc);
+        let _current = device.GPIOB.split(rcc).pb0.into_analog();
         let stop = e.pe15.into_alternate::<1>().internal_resistor(Pull::Up);
         let force = pwm::Output::new(e.pe9, e.pe11, Self::STEPS);
         let _enable = e.pe13.into_alternate::<1>();

@@ -22,6 +22,7 @@ pub use zwidth::contract::{FlashError, RATE_HZ};
 use zwidth::{
     contract::{self, Parts},
     device::record::BoardFacts,
+    safety::OutputWatch,
 };
 
 // The board's own: its parts as the tasks name them.
@@ -38,6 +39,7 @@ pub type Halts = <Selected as contract::Board>::DebugHalts;
 pub type FaultMemory = <Selected as contract::Board>::FaultMemory;
 pub type Watchdog = <Selected as contract::Board>::Watchdog;
 pub type SetUp = <Selected as contract::Board>::SetUp;
+pub type ReadBack = <Selected as contract::Board>::ReadBack;
 pub type OutputWatchdog = <Selected as contract::Board>::OutputWatchdog;
 pub type SelfTest = <Selected as contract::Board>::SelfTest;
 pub type SettingsFlash = <Selected as contract::Board>::Flash;
@@ -52,6 +54,12 @@ pub const FACTS: BoardFacts = BoardFacts {
     senses: <Selected as contract::Board>::SENSES,
     latency_samples: <Selected as contract::Board>::LATENCY_SAMPLES,
 };
+
+/// The check of the force output, if the board can read it.
+pub fn output_watch() -> Option<OutputWatch> {
+    let swing = <ReadBack as contract::ReadBack>::SWING?;
+    OutputWatch::new(FACTS.output, swing).ok()
+}
 
 /// Sets the board up, see [`contract::Board::take`].
 pub fn take(

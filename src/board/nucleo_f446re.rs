@@ -6,7 +6,8 @@
 //! | encoder B       | PA1  | A1, CN8-2         | TIM2_CH2                          |
 //! | encoder A again | PA6  | D12, CN5-5        | TIM3_CH1, with `time-stamps` only |
 //! | encoder B again | PA7  | D11, CN5-4        | TIM3_CH2, with `time-stamps` only |
-//! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.2 .. 3.1 V, zero 1.65 V |
+//! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.2 .. 3.1 V, zero 1.65 V; ADC1 reads it |
+//! | motor's current | PB0  | A3, CN8-4         | ADC2_IN8, if the amplifier says it |
 //! | enable          | PA10 | D2, CN9-3         | TIM1_CH3, active high, low in off |
 //! | emergency stop  | PB12 | CN10-16           | TIM1_BKIN, closed to ground       |
 //!
@@ -60,6 +61,7 @@ impl Wiring for NucleoF446re {
     const CHIP: u32 = 0x421;
     /// Level 3, below the supply detector's (docs/first-power-up.md).
     const BROWN_OUT_RESET: u32 = 0;
+    const SWING: Option<[i32; 2]> = Some(dac::SWING);
     const SENSES: &'static [Sense] =
         if cfg!(feature = "time-stamps") { &[Sense::Force, Sense::Edge] } else { &[Sense::Force] };
     /// 8.5 us to the DAC's register (6.7 us on the virtual board, which has no wait states), 3 us for its buffer to
@@ -84,6 +86,7 @@ impl Wiring for NucleoF446re {
         let a = device.GPIOA.split(rcc);
         let b = device.GPIOB.split(rcc);
         let stop = b.pb12.into_alternate::<1>().internal_resistor(Pull::Up);
+        let _current = b.pb0.into_analog();
         let _enable = a.pa10.into_alternate::<1>();
         let force = dac::Output::new(device.DAC, a.pa4.into_analog(), rcc);
         #[cfg(feature = "time-stamps")]

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::number;
+use super::{number, spoken::Spoken};
 use crate::{
     device::designs::is_design_name, experiment::WalkSettings, store::Name, velocity::EstimatorName,
 };
@@ -162,14 +162,22 @@ pub enum ParseError {
 
 impl fmt::Display for ParseError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.say(f, Spoken::AT_HANDLE)
+    }
+}
+
+impl ParseError {
+    /// In those units.
+    pub(super) fn say(&self, f: &mut fmt::Formatter<'_>, spoken: Spoken) -> fmt::Result {
         match self {
             Self::Unknown => f.write_str("unknown command: help lists them"),
-            Self::Missing(usage) => write!(f, "something is missing: {usage}"),
-            Self::Extra(usage) => write!(f, "too many words: {usage}"),
+            Self::Missing(usage) => write!(f, "something is missing: {}", spoken.usage(usage)),
+            Self::Extra(usage) => write!(f, "too many words: {}", spoken.usage(usage)),
             Self::Number(usage) => {
+                let usage = spoken.usage(usage);
                 write!(f, "not a number of at most 15 digits such as 2000, 0.07 or 1.5e3: {usage}")
             }
-            Self::Word(usage) => write!(f, "unknown word: {usage}"),
+            Self::Word(usage) => write!(f, "unknown word: {}", spoken.usage(usage)),
             Self::Estimator => {
                 f.write_str("unknown estimator, allowed")?;
                 EstimatorName::ALL.iter().try_for_each(|name| write!(f, " {}", name.text()))
@@ -275,6 +283,14 @@ pub fn usages() -> impl Iterator<Item = &'static str> {
 /// # Errors
 /// Says what is allowed.
 pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
+    parse_in(line, Spoken::AT_HANDLE)
+}
+
+/// The same with numbers in those units; a command's are at the handle.
+///
+/// # Errors
+/// Says what is allowed.
+pub fn parse_in(line: &[u8], spoken: Spoken) -> Result<Command, ParseError> {
     let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
     let name = words.next().ok_or(ParseError::Unknown)?;
     let (_, usage, form) = TABLE
@@ -285,7 +301,8 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
         Form::Plain(command) => *command,
         Form::Number(command) => {
             let word = words.next().ok_or(ParseError::Missing(usage))?;
-            command(number::parse(word).ok_or(ParseError::Number(usage))?)
+            let typed = number::parse(word).ok_or(ParseError::Number(usage))?;
+            command(spoken.at_handle(usage, typed))
         }
         Form::Word(known) => {
             let word = words.next().ok_or(ParseError::Missing(usage))?;

@@ -131,7 +131,7 @@ impl<P: Port> Console<P> {
             },
             Command::Stop => self.order(Order::Stop, Awaited::Stop),
             Command::Stream(on) => {
-                self.streaming = on;
+                self.stream.on = on;
                 self.reply(Reply::Word("stream", if on { "on" } else { "off" }));
             }
             Command::Alive(ms) => match Promise::of(ms) {
@@ -229,7 +229,9 @@ impl<P: Port> Console<P> {
                 Ok(plan) => self.order(Order::Period(plan), Awaited::Period(stored, changed)),
                 Err(error) => self.reply(Reply::Range(&error)),
             },
-            (Ok(order), _) => self.order(order, Awaited::Settings(stored, changed)),
+            (Ok(order), _) => {
+                self.order_settings(&stored, order, Awaited::Settings(stored, changed))
+            }
             (Err(error), _) => self.reply(Reply::Range(&error)),
         }
     }
@@ -238,7 +240,7 @@ impl<P: Port> Console<P> {
     #[inline(never)] // it is not needed below `answer`
     pub(super) fn propose_next(&mut self, stored: Stored, changed: ChangedSetting) {
         if let Ok(order) = self.device.order(&stored) {
-            self.order(order, Awaited::Settings(stored, changed));
+            self.order_settings(&stored, order, Awaited::Settings(stored, changed));
         }
     }
 

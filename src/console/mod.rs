@@ -21,8 +21,9 @@ mod reply;
 mod reply_channel;
 mod rules;
 mod session;
+mod spoken;
 
-pub use command::{Command, GridValue, ParseError, parse, usages};
+pub use command::{Command, GridValue, ParseError, parse, parse_in, usages};
 pub use line::{Line, LineReader, Text};
 pub use number::{Decimal, Limit};
 pub use port::Port;
@@ -30,6 +31,7 @@ pub use refused::{Refused, RefusedLine};
 pub use reply::Reply;
 pub use rules::{Situation, allowed, is_off};
 pub use session::Console;
+pub use spoken::Spoken;
 
 #[cfg(test)]
 mod tests;

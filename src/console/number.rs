@@ -61,6 +61,25 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
+/// `value` to the digits that are read, as the simulator converts a scene; as it is beyond [`POWERS`].
+pub(super) fn rounded(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "-324 to 308")]
+    let exponent = DIGITS.cast_signed() - 1 - libm::floor(libm::log10(libm::fabs(value))) as i32;
+    let Some(power) =
+        usize::try_from(exponent.unsigned_abs()).ok().and_then(|place| POWERS.get(place))
+    else {
+        return value;
+    };
+    let scaled = libm::fabs(value);
+    let scaled = if exponent < 0 { scaled / power } else { scaled * power };
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e14 to 1e15")]
+    let shown = decimal(libm::round(scaled) as u64, -exponent).unwrap_or(scaled);
+    if value < 0.0 { -shown } else { shown }
+}
+
 /// One to three digits.
 fn integer(text: &[u8]) -> Option<i32> {
     if !(1..=3).contains(&text.len()) {

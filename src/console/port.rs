@@ -2,8 +2,10 @@
 
 use crate::{
     experiment::Order,
+    safety::GuardedSampler,
     self_test::{Found, Part},
     store::{Loaded, Stored},
+    units::Position,
 };
 
 /// Bytes in; lines, frames and orders out; settings in flash. Nothing here waits, but for flash.
@@ -17,8 +19,12 @@ pub trait Port {
     /// Puts out one line, its end included; says whether anybody has taken it whole.
     fn write_line(&mut self, line: &str) -> bool;
 
-    /// Puts out a frame of telemetry, or drops it.
-    fn write_frame(&mut self, frame: &[u8]);
+    /// Puts out a frame of telemetry, or drops it; says which.
+    fn write_frame(&mut self, frame: &[u8]) -> bool;
+
+    /// The positions of the samples up to `newest`, which is over, oldest first, and the sampler as a sample has left it,
+    /// that one or a later one. None if they are not known any more.
+    fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler>;
 
     /// Passes an order to the output task. Only one is under way, so there is room; says whether there was.
     fn order(&mut self, order: Order) -> bool;

@@ -2,10 +2,7 @@
 
 use core::fmt;
 
-use super::{
-    Command, LINE_MAX, Line, LineReader, parse,
-    reply::{Built, OutOfRange},
-};
+use super::{Command, LINE_MAX, Line, LineReader, parse, reply::Built, spoken::Spoken};
 use crate::device::record::{BadRecord, LAYOUT, WORDS_MAX, WORDS_MIN};
 
 /// What a board without a device says, and to which commands.
@@ -82,7 +79,7 @@ impl fmt::Display for BadRecord {
             Self::Designs => f.write_str("its designs are no table"),
             Self::Envelope => f.write_str("its envelope is no table"),
             Self::Unfit => f.write_str("the board cannot run its estimator at its output period"),
-            Self::Range(error) => OutOfRange(error).fmt(f),
+            Self::Range(error) => Spoken::AT_HANDLE.refusal(error).fmt(f),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{Decimal, Limit, ParseError, Situation, usages};
+use super::{Decimal, ParseError, Situation, spoken::Spoken, usages};
 use crate::{
     SettingsError,
     device::{
@@ -61,12 +61,27 @@ pub enum Reply<'a> {
 
 impl fmt::Display for Reply<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.say(f, Spoken::AT_HANDLE)
+    }
+}
+
+/// A reply in the units of a device.
+pub struct ReplyIn<'a>(pub Reply<'a>, pub Spoken);
+
+impl fmt::Display for ReplyIn<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.say(f, self.1)
+    }
+}
+
+impl Reply<'_> {
+    fn say(&self, f: &mut fmt::Formatter<'_>, spoken: Spoken) -> fmt::Result {
         match self {
             Self::Help => {
                 f.write_str("ok ")?;
                 for (n, usage) in usages().enumerate() {
                     f.write_str(if n > 0 { ", " } else { "" })?;
-                    f.write_str(usage)?;
+                    write!(f, "{}", spoken.usage(usage))?;
                 }
                 Ok(())
             }
@@ -79,10 +94,12 @@ impl fmt::Display for Reply<'_> {
                 write!(f, "layouts record {record}, settings {LAYOUT}, telemetry {telemetry}")
             }
             Self::Done(name) => write!(f, "ok {name}"),
-            Self::Value(name, value, unit) => write!(f, "ok {name} {} {unit}", Decimal(*value)),
+            Self::Value(name, value, unit) => {
+                write!(f, "ok {name} {}", spoken.number(*value, unit))
+            }
             Self::Word(name, word) => write!(f, "ok {name} {word}"),
             Self::Status(now, record) => status(f, now, record),
-            Self::Settings(stored, designs) => settings(f, stored, designs),
+            Self::Settings(stored, designs) => settings(f, stored, designs, spoken),
             Self::Designs(designs) => {
                 f.write_str("ok designs")?;
                 names(f, designs)
@@ -93,9 +110,12 @@ impl fmt::Display for Reply<'_> {
             }
             Self::Loaded(source) => write!(f, "ok load: {source}"),
             Self::Faults(now) => faults(f, now),
-            Self::Parse(error) => write!(f, "error: {error}"),
+            Self::Parse(error) => {
+                f.write_str("error: ")?;
+                error.say(f, spoken)
+            }
             Self::Refused(refusal) => refused(f, *refusal),
-            Self::Range(error) => write!(f, "error: {}", OutOfRange(error)),
+            Self::Range(error) => write!(f, "error: {}", spoken.refusal(error)),
             Self::Unfit(unfit) => {
                 f.write_str("error: ")?;
                 match unfit {
@@ -103,7 +123,7 @@ impl fmt::Display for Reply<'_> {
                         let (name, sense) = (name.text(), sense.text());
                         write!(f, "estimator {name} needs {sense}, which this board has not")
                     }
-                    Unfit::TooSlow(slow) => slow.fmt(f),
+                    Unfit::TooSlow(slow) => write!(f, "{slow}"),
                     Unfit::Period(period) => {
                         write!(f, "period is {}, allowed", Decimal(*period))?;
                         PERIODS.into_iter().try_for_each(|period| write!(f, " {period}"))
@@ -115,8 +135,10 @@ impl fmt::Display for Reply<'_> {
                 if *outside == Outside::UnknownKey {
                     known(f, device, key)?;
                 }
-                if let Some([low, high]) = outside.allowed() {
-                    write!(f, " {} to {}", Limit::Low(low), Limit::High(high))?;
+                if let Some(allowed) = outside.allowed() {
+                    // K and B have the same power of the radius.
+                    let [low, high] = spoken.limits(allowed, "N/m");
+                    write!(f, " {low} to {high}")?;
                 }
                 f.write_str(", or unlock envelope")
             }
@@ -131,17 +153,6 @@ pub(super) struct Built<'a>(pub &'a str);
 impl fmt::Display for Built<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, concat!("ok version ", env!("CARGO_PKG_VERSION"), ", commit {}"), self.0)
-    }
-}
-
-/// A number that is not allowed, as people read it.
-pub(super) struct OutOfRange<'a>(pub &'a SettingsError);
-
-impl fmt::Display for OutOfRange<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let SettingsError { parameter, value, range } = self.0;
-        let (low, high) = (Limit::Low(*range.start()), Limit::High(*range.end()));
-        write!(f, "{parameter} is {}, allowed {low} to {high}", Decimal(*value))
     }
 }
 
@@ -197,15 +208,21 @@ fn status(f: &mut fmt::Formatter<'_>, now: &Situation, record: &Record) -> fmt::
     Ok(())
 }
 
-fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored, designs: &Designs<'_>) -> fmt::Result {
+fn settings(
+    f: &mut fmt::Formatter<'_>,
+    stored: &Stored,
+    designs: &Designs<'_>,
+    spoken: Spoken,
+) -> fmt::Result {
     let wall = &stored.settings.wall;
     let plus = |reversed: bool| if reversed { '-' } else { '+' };
+    let said = |value: f64, unit: &'static str| spoken.number(value, unit);
     write!(
         f,
-        "ok get k {} N/m, b {} N s/m, wall {} m, ",
-        Decimal(wall.stiffness_n_per_m),
-        Decimal(wall.damping_n_s_per_m),
-        Decimal(wall.position_m),
+        "ok get k {}, b {}, wall {}, ",
+        said(wall.stiffness_n_per_m, "N/m"),
+        said(wall.damping_n_s_per_m, "N s/m"),
+        said(wall.position_m, "m"),
     )?;
     let (estimator, values) = EstimatorName::of(&stored.settings.velocity);
     for (parameter, value) in estimator.parameters().into_iter().zip(values) {
@@ -215,30 +232,34 @@ fn settings(f: &mut fmt::Formatter<'_>, stored: &Stored, designs: &Designs<'_>) 
     }
     write!(
         f,
-        "estimator {}, push {} N, {}, device {}, motor {}, encoder {}",
+        "estimator {}, push {}, {}, device {}, motor {}, encoder {}",
         estimator.text(),
-        Decimal(stored.push_n),
+        said(stored.push_n, "N"),
         if wall.push_only { "push only" } else { "two-sided" },
         stored.device.name.text(),
         plus(stored.signs.motor_reversed),
         plus(stored.signs.encoder_reversed),
     )?;
-    let grid = &stored.grid;
     write!(
         f,
-        ", full scale {} N, start {} m, settle {} s, window {} s, rms {} m, walk k {} step {} to {} N/m, b {} step {} to {} N s/m, \
-         period {} samples",
-        Decimal(stored.full_scale_n),
-        Decimal(stored.start_m),
+        ", full scale {}, start {}, settle {} s, window {} s, rms {}",
+        said(stored.full_scale_n, "N"),
+        said(stored.start_m, "m"),
         Decimal(stored.settle_s),
         Decimal(stored.window_s),
-        Decimal(stored.rms_limit_m),
-        Decimal(grid.stiffness_start_n_per_m),
-        Decimal(grid.stiffness_step_n_per_m),
-        Decimal(grid.stiffness_max_n_per_m),
-        Decimal(grid.damping_start_n_s_per_m),
-        Decimal(grid.damping_step_n_s_per_m),
-        Decimal(grid.damping_max_n_s_per_m),
+        said(stored.rms_limit_m, "m"),
+    )?;
+    let grid = &stored.grid;
+    let (k, b) = (|value| spoken.bare(value, "N/m"), |value| spoken.bare(value, "N s/m"));
+    write!(
+        f,
+        ", walk k {} step {} to {}, b {} step {} to {}, period {} samples",
+        k(grid.stiffness_start_n_per_m),
+        k(grid.stiffness_step_n_per_m),
+        said(grid.stiffness_max_n_per_m, "N/m"),
+        b(grid.damping_start_n_s_per_m),
+        b(grid.damping_step_n_s_per_m),
+        said(grid.damping_max_n_s_per_m, "N s/m"),
         stored.period,
     )?;
     if designs.count() == 0 {
@@ -350,7 +371,7 @@ mod tests {
         shows(
             Reply::Version("0123456789ab-dirty", &DEVICE),
             "ok version 0.1.0, commit 0123456789ab-dirty, board a-board, scene bench 0badcafe, envelope 6f34aa47, \
-             layouts record 2, settings 4, telemetry 2",
+             layouts record 3, settings 4, telemetry 2",
         );
         shows(
             Reply::Refused(Refusal::Faulted(Fault::LateRender)),
@@ -383,6 +404,9 @@ mod tests {
 
     #[test]
     fn help_fits_and_names_every_command() {
+        let rotary = Spoken::of(&Device { radius_m: 0.1, ..*DEVICE });
+        let text = Text::<REPLY_MAX>::of(ReplyIn(Reply::Help, rotary));
+        assert!(!text.as_str().contains('~'), "{}", text.as_str());
         let text = Text::<REPLY_MAX>::of(Reply::Help);
         assert!(!text.as_str().contains('~'), "{}", text.as_str());
         for usage in usages() {
@@ -463,9 +487,12 @@ mod tests {
             Reply::Designs(designs),
             Reply::Loaded(Source::Defaults),
         ] {
-            let text = Text::<REPLY_MAX>::of(reply);
-            assert!(!text.as_str().contains(['~', '\n', '?']), "{}", text.as_str());
-            assert!(text.as_str().starts_with("ok "));
+            for radius_m in [0.0, 1.234_567_890_12e-3] {
+                let spoken = Spoken::of(&Device { radius_m, ..*DEVICE });
+                let text = Text::<REPLY_MAX>::of(ReplyIn(reply, spoken));
+                assert!(!text.as_str().contains(['~', '\n', '?']), "{}", text.as_str());
+                assert!(text.as_str().starts_with("ok "));
+            }
         }
         shows(Reply::Faults(&NOW), "ok faults none");
     }

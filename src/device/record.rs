@@ -5,7 +5,7 @@
 //!
 //! | words | field |
 //! |---|---|
-//! | 0 | "ZWD" and the version of the layout, 2 |
+//! | 0 | "ZWD" and the version of the layout, 3 |
 //! | 1 | length of the record in words, the last one included |
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
@@ -15,13 +15,14 @@
 //! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
 //! | 15 | counts that the sign test has to see |
 //! | 16 | number of the estimator |
-//! | 17 to 102 | numbers, see below |
-//! | 103 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
+//! | 17 to 108 | numbers, see below |
+//! | 109 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
 //! | last | CRC-32/ISO-HDLC over all words before it: the record's hash |
 //!
 //! The numbers: sample rate Hz, resolution m, force at full command N, latency samples; speed limit and believable speed
 //! m/s, travel low and high m, ramp s, sign test's force as a part of full scale, heaviest handle kg and
-//! N s/m; continuous force N, time constant s;
+//! N s/m; continuous force N, time constant s; current's voltage at rest and at full
+//! command as parts of the analogue supply; radius of the handle m;
 //! return move: start m, speed m/s, force N, K N/m, B N s/m, integral N/(m s), tolerance m, timeout s; calibration: rise
 //! %/s, hold s, travel m; eight parameters of the estimator; wall m; hit: settle s, window s, RMS m; walk: K start, step,
 //! cap N/m, B start, step, cap N s/m.
@@ -35,7 +36,7 @@ use crate::{
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
     range::within,
     safety::{
-        SafetySettings,
+        CurrentSettings, SafetySettings,
         envelope::{Boundary, Envelope},
     },
     store::{DeviceKey, Loaded, Name, Signs, Source},
@@ -45,7 +46,7 @@ use crate::{
 /// Longest record, words: a flash sector of 16 KiB.
 pub const WORDS_MAX: usize = 4096;
 /// Version of the layout.
-pub const LAYOUT: u8 = 2;
+pub const LAYOUT: u8 = 3;
 /// Where the board's name is, bytes.
 pub const BOARD_AT: usize = 12;
 
@@ -63,7 +64,7 @@ const ENCODER_REVERSED: u32 = 4;
 /// Where the number of designs begins.
 const DESIGNS: u32 = 8;
 
-const NUMBERS: usize = 35 + KEPT;
+const NUMBERS: usize = 38 + KEPT;
 /// Parameters of the estimator among them.
 const KEPT: usize = 8;
 // One more is another layout.
@@ -201,6 +202,7 @@ impl<'a> Device<'a> {
         }
         self.calibration(&defaults, 0.0)?;
         self.walk.check()?;
+        within("radius_m", self.radius_m, 0.0..=Self::RADIUS_MAX_M)?;
         for (_, design) in self.designs.iter() {
             let mut stored = defaults;
             stored.settings.velocity = design.velocity;
@@ -258,6 +260,8 @@ impl<'a> Device<'a> {
                 heaviest_damping_n_s_per_m: next(),
             },
             duty: DutySettings { continuous_force_n: next(), time_constant_s: next() },
+            current: CurrentSettings { rest: next(), full: next() },
+            radius_m: next(),
             back: ReturnSettings {
                 start_m: next(),
                 speed_m_per_s: next(),
@@ -306,7 +310,8 @@ impl<'a> Device<'a> {
 
     /// Its numbers.
     fn numbers(&self) -> [f64; NUMBERS] {
-        let Self { design, safety, duty, back, calibration, settings, hit, walk, .. } = self;
+        let Self { design, safety, duty, current, back, calibration, settings, hit, walk, .. } =
+            self;
         let (_, [p0, p1, p2, p3, p4, p5, p6, p7]) = EstimatorName::of(&settings.velocity);
         [
             design.rate_hz,
@@ -323,6 +328,9 @@ impl<'a> Device<'a> {
             safety.heaviest_damping_n_s_per_m,
             duty.continuous_force_n,
             duty.time_constant_s,
+            current.rest,
+            current.full,
+            self.radius_m,
             back.start_m,
             back.speed_m_per_s,
             back.force_n,

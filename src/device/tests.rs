@@ -54,6 +54,8 @@ pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
         heaviest_damping_n_s_per_m: 110.0,
     },
     duty: DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 },
+    current: CurrentSettings { rest: 0.5, full: 0.8 },
+    radius_m: 0.0,
     back: ReturnSettings::SOFT,
     calibration: CalibrationSettings {
         percent: 0.0,

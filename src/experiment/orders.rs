@@ -9,6 +9,7 @@ use crate::{
     safety::{Refusal, Request, Status},
     store::Signs,
     telemetry::Record,
+    units::Force,
 };
 
 /// What goes on besides the wall.
@@ -106,6 +107,8 @@ pub struct Report {
     pub record: Record,
     /// For telemetry: the same, or one of the black box while that is read out.
     pub streamed: Record,
+    /// What an experiment pushed with at this output.
+    pub push: Force,
     /// What the supervisor thinks.
     pub status: Status,
     /// What else goes on.

@@ -75,6 +75,10 @@ faults! {
     ClockFailure = 33, "clock failure";
     /// The host has broken its promise to send a word in time, while force was on.
     HostSilent = 34, "host silent";
+    /// The voltage of the force output is not what it was told.
+    ForceOutput = 35, "force output";
+    /// The motor's current is not what the force output asks for.
+    MotorCurrent = 36, "motor current";
     /// The settings in force are not valid.
     Settings = 40, "settings";
     /// The program stopped itself.
@@ -194,8 +198,8 @@ mod tests {
         assert_eq!(
             codes,
             [
-                10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 34, 40, 41, 42, 43, 44,
-                45
+                10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 34, 35, 36, 40, 41, 42,
+                43, 44, 45
             ]
         );
         for code in 0..=u8::MAX {

@@ -176,6 +176,17 @@ impl GuardedSampler {
         }
     }
 
+    /// What it guards.
+    pub const fn sampler(&self) -> &Sampler {
+        &self.sampler
+    }
+
+    /// How often the count was zeroed; wraps.
+    #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
+    pub const fn zeros(&self) -> u16 {
+        self.zeros.number() as u16
+    }
+
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
     /// constant rate, with the newest [`GuardCommand`]. `senses` is what the board has beside the count; the
     /// force is that of `down`. `guard` is what was found so far; it is written in its place, and

@@ -69,13 +69,10 @@ impl StuckEncoder {
     ) -> bool {
         let force = force.map_or(0, Force::bits);
         let inward = force > 0;
-        let Some(push) = force.unsigned_abs().checked_sub(PUSH_FORCE.unsigned_abs()) else {
-            self.still.outputs = 0;
-            return false;
-        };
-        if contact || push == 0 || self.still.outputs == 0 || inward != self.inward {
-            let outputs = u32::from(!contact && push > 0);
-            let still = Watched { outputs, ..Watched::at(position) };
+        let push = force.unsigned_abs().saturating_sub(PUSH_FORCE.unsigned_abs());
+        let pushes = !contact && push > 0;
+        if !pushes || self.still.outputs == 0 || inward != self.inward {
+            let still = Watched { outputs: u32::from(pushes), ..Watched::at(position) };
             *self = Self { inward, still, far: still, speed: 0, way: 0 };
             return false;
         }

@@ -1,14 +1,17 @@
-//! Where the handle was at the last samples, for experiments, which need every one of them.
+//! Where the handle was at the last samples, for experiments and telemetry, which need every one of them.
 //!
-//! `sample` writes without a check, by the number of the sample; `render` follows. A place is
-//! written anew [`LENGTH`] samples later: a `render` that is so late has lost its output long ago.
+//! `sample` writes without a check, by the number of the sample; `render` follows, and `link` reads them for telemetry.
+//! A place is written anew [`LENGTH`] samples later: a `render` that is so late has lost its output long ago, and
+//! `link` asks afterwards.
 
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 use zwidth::units::Position;
 
-/// Samples that are kept.
-pub const LENGTH: usize = 64;
+/// Samples that are kept: `link` may be late by all the outputs that wait for it.
+const LENGTH: usize = 256;
+/// Samples that `render` goes back at most.
+pub const FOLLOWED: usize = 32;
 const _: () = assert!(LENGTH.is_power_of_two());
 
 static COUNTS: [AtomicI32; LENGTH] = [const { AtomicI32::new(0) }; LENGTH];
@@ -23,6 +26,20 @@ fn place(sample: u64) -> &'static AtomicI32 {
 #[inline(always)]
 pub fn note(sample: u64, position: Position) {
     place(sample).store(position.counts(), Relaxed);
+}
+
+/// The positions of the samples up to `newest`, which has been noted, oldest first. They are those if no sample came
+/// meanwhile that [`is_kept`] does not allow.
+pub fn read(newest: u64, places: &mut [Position]) {
+    for (place_of, back) in places.iter_mut().rev().zip(0u64..) {
+        let counts = place(newest.wrapping_sub(back)).load(Relaxed);
+        *place_of = Position::from_counts(counts);
+    }
+}
+
+/// Whether the position at `oldest` is not written over before the sample `next` is.
+pub fn is_kept(oldest: u64, next: u64) -> bool {
+    next.saturating_sub(oldest) < LENGTH as u64
 }
 
 /// Follows the samples, one by one.
@@ -40,7 +57,7 @@ impl Follower {
     /// Goes up to `sample`, which has been noted. What is too long ago is left out.
     pub fn follow_to(&mut self, sample: u64) {
         self.end = sample.wrapping_add(1);
-        self.next = self.next.max(self.end.saturating_sub(LENGTH as u64 / 2));
+        self.next = self.next.max(self.end.saturating_sub(FOLLOWED as u64));
     }
 
     /// The position at the next sample, if it is not beyond the one that was followed to.

@@ -8,12 +8,15 @@ use zwidth::{
     contract::{CommandChannel as _, SelfTest as _, UpChannel as _, Watchdog as _},
     device::{Device, record::BadRecord},
     experiment::{Order, Report},
+    safety::GuardedSampler,
     self_test::{Found, Part},
     store::{self, Loaded, SaveError, Source, Stored},
+    units::Position,
 };
 
-use super::{FLAGS, Numbered, ORDERS, REPORTS};
+use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling};
 use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
+use crate::sync::{Viewer, position_ring};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
 /// copies one.
@@ -24,6 +27,7 @@ struct Channels {
     replies: UpLink,
     telemetry: UpLink,
     commands: Commands,
+    sampler: Viewer<Sampling>,
     flash: SettingsFlash,
     self_test: SelfTest,
     orders: Producer<'static, Numbered, ORDERS>,
@@ -47,8 +51,15 @@ impl Port for Channels {
         self.replies.write(line.as_bytes()) || logged
     }
 
-    fn write_frame(&mut self, frame: &[u8]) {
-        self.telemetry.write(frame);
+    fn write_frame(&mut self, frame: &[u8]) -> bool {
+        self.telemetry.write(frame)
+    }
+
+    fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler> {
+        position_ring::read(newest, places);
+        let sampler = self.sampler.read();
+        let oldest = newest.saturating_sub(places.len() as u64);
+        position_ring::is_kept(oldest, sampler.sampler().next()).then_some(sampler)
     }
 
     fn order(&mut self, order: Order) -> bool {
@@ -101,14 +112,22 @@ impl Link {
         link: board::Link,
         flash: SettingsFlash,
         self_test: SelfTest,
-        reports: Consumer<'static, Report, REPORTS>,
+        (reports, sampler): (Consumer<'static, Report, REPORTS>, Viewer<Sampling>),
         orders: Producer<'static, Numbered, ORDERS>,
         device: &'static Device<'static>,
         (stored, source): (Stored, Source),
     ) -> Self {
         let board::Link { telemetry, replies, commands } = link;
-        let channels =
-            Channels { replies, telemetry, commands, flash, self_test, orders, ordered: 0 };
+        let channels = Channels {
+            replies,
+            telemetry,
+            commands,
+            sampler,
+            flash,
+            self_test,
+            orders,
+            ordered: 0,
+        };
         let console = Console::new(channels, device, stored, source);
         Self { console, reports, passes: 0 }
     }

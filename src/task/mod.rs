@@ -8,7 +8,8 @@
 //!           LoopParameters, GuardCommand            Order
 //! ```
 //! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
-//! positions through a [`position_ring`](crate::sync::position_ring). Of all else only the newest counts: `SampleReport` and `Guard` go up
+//! positions through a [`position_ring`](crate::sync::position_ring). `link` takes the positions there too, and looks at the sampler
+//! itself ([`Viewer`](crate::sync::Viewer)). Of all else only the newest counts: `SampleReport` and `Guard` go up
 //! through [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` come down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
@@ -45,7 +46,7 @@ const ORDERS: usize = 2;
 const _: () = {
     let mut periods: &[u32] = &PERIODS;
     while let [period, rest @ ..] = periods {
-        assert!((*period as usize) < position_ring::LENGTH / 2);
+        assert!((*period as usize) < position_ring::FOLLOWED);
         periods = rest;
     }
 };
@@ -108,11 +109,12 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     };
     let loaded = zwidth::store::load(&mut board.settings, device.defaults());
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
-    let Start { stored, source, control, safety, period, fault } = match device.start(&loaded, boot)
-    {
-        Ok(start) => start,
-        Err(error) => link::refuse(board.link, board.watchdog, &error.into()),
-    };
+    let Start { stored, source, control, safety, period, current, fault } =
+        match device.start(&loaded, boot) {
+            Ok(start) => start,
+            Err(error) => link::refuse(board.link, board.watchdog, &error.into()),
+        };
+    let acts = (board::output_watch(), current);
     if let Some(record) = fault {
         // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
         board.memory.write(&record.to_words());
@@ -129,11 +131,13 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         halts,
         output_watchdog,
         set_up,
+        read_back,
         memory,
         ..
     } = board;
     let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
-    let outputs = render::Outputs { drive, stop, supply, halts, output_watchdog, set_up, memory };
+    let outputs =
+        render::Outputs { drive, stop, supply, halts, output_watchdog, set_up, read_back, memory };
     let ends = render::Ends {
         due: due_out,
         guard: guard_out,
@@ -141,14 +145,24 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         orders: orders_out,
         reports: reports_in,
     };
+    let (sample, viewer) =
+        Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in);
     (
-        Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in),
-        Render::new(outputs, ends, Supervisor::new(safety, fault), control, stored.signs, period),
+        sample,
+        Render::new(
+            outputs,
+            ends,
+            Supervisor::new(safety, fault),
+            control,
+            stored.signs,
+            period,
+            acts,
+        ),
         Link::new(
             board.link,
             board.settings,
             board.self_test,
-            reports_out,
+            (reports_out, viewer),
             orders_in,
             device,
             (stored, source),

@@ -6,19 +6,23 @@ use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    contract::{self, DebugHalts as _, FaultMemory as _, OutputWatchdog as _, SetUp as _},
+    contract::{
+        self, DebugHalts as _, FaultMemory as _, OutputWatchdog as _, ReadBack as _, SetUp as _,
+    },
     device::HISTORY,
     experiment::{PeriodPlan, Report, Sampling, Scheduler},
     period,
     safety::{
-        BlackBox, Fault, FaultSet, Guard, GuardCommand, GuardView, MemoryUpdate, OutputCommand,
-        SampleReport, Supervisor,
+        BlackBox, CurrentWatch, Fault, FaultSet, Guard, GuardCommand, GuardView, MemoryUpdate,
+        OutputCommand, OutputWatch, SampleReport, Supervisor, Written,
     },
     store::Signs,
 };
 
 use super::{FLAGS, Numbered, ORDERS, REPORTS};
-use crate::board::{self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, SetUp, Supply};
+use crate::board::{
+    self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, ReadBack, SetUp, Supply,
+};
 use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
 
 /// The longest output period.
@@ -38,6 +42,8 @@ pub struct Outputs {
     pub output_watchdog: OutputWatchdog,
     /// Registers.
     pub set_up: SetUp,
+    /// What acts.
+    pub read_back: ReadBack,
     /// Backup RAM.
     pub memory: FaultMemory,
 }
@@ -88,13 +94,16 @@ pub struct Render {
     /// The positions of all samples.
     positions: Follower,
     scheduler: Scheduler<HISTORY>,
-    /// The amplifier was switched on with the last output.
-    was_on: bool,
     /// Number of the last order that was met.
     met: u32,
     /// What was found wrong after the last output that was checked, and the sample of that one.
     found: FaultSet,
     checked: u32,
+    /// What the last output has put out; none: it was off.
+    written: Option<Written>,
+    /// The checks of what acts.
+    output: Option<OutputWatch>,
+    current: Option<CurrentWatch>,
 }
 
 impl Render {
@@ -105,6 +114,7 @@ impl Render {
         control: LoopParameters,
         signs: Signs,
         PeriodPlan { duty, keep }: PeriodPlan,
+        (output, current): (Option<OutputWatch>, Option<CurrentWatch>),
     ) -> Self {
         let history = BlackBox::new(keep);
         Self {
@@ -113,10 +123,12 @@ impl Render {
             guard: GuardView::NOTHING,
             positions: Follower::new(),
             scheduler: Scheduler::new(supervisor, control, signs, duty, history),
-            was_on: false,
             met: 0,
             found: FaultSet::EMPTY,
             checked: 0,
+            written: None,
+            output,
+            current,
         }
     }
 
@@ -126,10 +138,12 @@ impl Render {
     #[inline(always)]
     pub fn run(&mut self) {
         let Some(up) = self.ends.due.read() else { return };
-        let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
+        let Outputs { drive, stop, supply, halts, read_back, .. } = &mut self.outputs;
+        read_back.begin();
+        let read = self.written.filter(|_| drive.is_on());
         // A halt is found by the longest period whatever the period is: a time, and known to the compiler.
         let sensed = contract::sense(
-            (self.was_on, self.found),
+            (self.written.is_some(), self.found),
             (up.motion.sample, LONGEST),
             drive,
             stop,
@@ -146,7 +160,7 @@ impl Render {
         self.outputs.output_watchdog.renew();
         self.ends.sampling.command(self.scheduler.command());
         FLAGS.rendered.store(up.motion.number(), Relaxed);
-        self.check(up.motion.number());
+        self.check(up.motion.number(), read);
 
         match self.scheduler.take_memory_update() {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
@@ -162,7 +176,7 @@ impl Render {
         {
             self.met = number;
             self.scheduler.meet(order, &mut self.ends.sampling);
-            if self.was_on && self.scheduler.is_off() {
+            if self.written.is_some() && self.scheduler.is_off() {
                 self.put_out(OutputCommand::Off);
             }
         }
@@ -176,16 +190,26 @@ impl Render {
     /// Off at once if what decides about the force is not what it was; the next output says why. An output that the
     /// logger has kept waiting leaves that to a later one, but for a millisecond at most.
     #[inline(always)]
-    fn check(&mut self, number: u32) {
-        if number.wrapping_sub(self.checked) < period::SAMPLES_PER_MS && board::is_late() {
+    fn check(&mut self, number: u32, was: Option<Written>) {
+        let passed = number.wrapping_sub(self.checked);
+        if passed < period::SAMPLES_PER_MS && board::is_late() {
             return;
         }
         self.checked = number;
         let whole = self.scheduler.is_whole(self.ends.sampling.control.newest());
+        // Off since: what was read may be the zero that a task has put out.
+        let was = was.filter(|_| self.outputs.drive.is_on());
+        let read = self.outputs.read_back.finish();
+        let output = self.output.as_mut();
+        let output = output.is_some_and(|watch| watch.follow(was, read.output));
+        let current = self.current.as_mut();
+        let current = current.is_some_and(|watch| watch.follow(was, read.current, passed));
         self.found = FaultSet::EMPTY
             .with_if(Fault::Registers, !self.outputs.set_up.holds())
             .with_if(Fault::Memory, !whole)
-            .with_if(Fault::SampleRate, self.outputs.halts.rate_is_wrong());
+            .with_if(Fault::SampleRate, self.outputs.halts.rate_is_wrong())
+            .with_if(Fault::ForceOutput, output)
+            .with_if(Fault::MotorCurrent, current);
         if !self.found.is_empty() {
             cold_path();
             board::off();
@@ -200,15 +224,15 @@ impl Render {
         match grant {
             OutputCommand::Off => {
                 board::off();
-                self.was_on = false;
+                self.written = None;
             }
             OutputCommand::On(granted) => {
-                if !self.was_on {
+                if self.written.is_none() {
                     self.outputs.drive.on();
-                    self.was_on = true;
                 }
-                let command = granted.command();
-                self.outputs.drive.write(command, self.scheduler.motor_reversed());
+                let (command, mirrored) = (granted.command(), self.scheduler.motor_reversed());
+                self.outputs.drive.write(command, mirrored);
+                self.written = Some(Written { command, mirrored });
             }
         }
     }

@@ -7,18 +7,41 @@ use zwidth::{
 };
 
 use crate::board::{self, Encoder, SampleTimer};
-use crate::sync::{DoubleBufferReader, SeqlockWriter, position_ring};
+use crate::sync::{
+    DoubleBufferReader, Owner, Place, Placed, SeqlockWriter, Shown, Viewer, position_ring,
+};
 
-/// The sampling task. It alone reads the encoder.
-pub struct Sample {
+/// What it works with beside the sampler.
+pub struct Rest {
     encoder: Encoder,
     sample_timer: SampleTimer,
-    sampler: GuardedSampler,
     control: DoubleBufferReader<LoopParameters>,
     down: DoubleBufferReader<GuardCommand>,
     due: SeqlockWriter<SampleReport>,
     guard: SeqlockWriter<Guard>,
 }
+
+/// Where the sampler lies, for telemetry to see.
+pub struct Sampling;
+
+static PLACE: Place<GuardedSampler, Rest> = Place::new();
+
+impl Placed for Sampling {
+    type Shown = GuardedSampler;
+    type Rest = Rest;
+
+    #[inline(always)]
+    fn place() -> &'static Place<GuardedSampler, Rest> {
+        &PLACE
+    }
+
+    fn number(sampler: &GuardedSampler) -> u64 {
+        sampler.sampler().next()
+    }
+}
+
+/// The sampling task. It alone reads the encoder.
+pub struct Sample(Owner<Sampling>);
 
 impl Sample {
     pub(super) fn new(
@@ -29,8 +52,10 @@ impl Sample {
         down: DoubleBufferReader<GuardCommand>,
         due: SeqlockWriter<SampleReport>,
         guard: SeqlockWriter<Guard>,
-    ) -> Self {
-        Self { encoder, sample_timer, sampler, control, down, due, guard }
+    ) -> (Self, Viewer<Sampling>) {
+        let rest = Rest { encoder, sample_timer, control, down, due, guard };
+        let (owner, viewer) = Owner::take(sampler, rest);
+        (Self(owner), viewer)
     }
 
     /// One sample: the count first, because a delay of it is an error of the velocity.
@@ -40,21 +65,22 @@ impl Sample {
     /// `render` sees to it, and the next sample if `render` does not come.
     #[inline(always)]
     pub fn run(&mut self) {
-        let (count, senses) = self.encoder.sense();
-        self.sample_timer.acknowledge();
-        let guard = self.guard.place();
-        let step = self.sampler.step(self.control.get(), count, &senses, self.down.get(), guard);
+        let Shown { shown: sampler, rest } = self.0.get();
+        let (count, senses) = rest.encoder.sense();
+        rest.sample_timer.acknowledge();
+        let guard = rest.guard.place();
+        let step = sampler.step(rest.control.get(), count, &senses, rest.down.get(), guard);
         let motion = step.report.motion;
         let number = motion.number();
         if step.told {
-            self.guard.publish(number);
+            rest.guard.publish(number);
         }
         if step.cut {
             board::off();
         }
         position_ring::note(motion.sample, motion.position);
         if step.due {
-            self.due.write(step.report, number);
+            rest.due.write(step.report, number);
             board::request_render();
         }
     }

@@ -1,6 +1,6 @@
 //! Frames out of a stream.
 
-use super::{Frame, Record};
+use super::{Frame, Parts, Record, parts::kind};
 
 /// Finds the frames in a stream that may begin anywhere and hold anything, of both layouts.
 ///
@@ -8,6 +8,9 @@ use super::{Frame, Record};
 #[derive(Clone, Copy, Debug)]
 pub struct Decoder {
     window: [u8; Frame::LEN_MAX],
+    /// The last frame that was found.
+    last: [u8; Frame::LEN_MAX],
+    length: usize,
     filled: usize,
     next: Option<u32>,
     earlier: [Record; Frame::OUTPUTS - 1],
@@ -32,6 +35,8 @@ impl Decoder {
     pub const fn new() -> Self {
         Self {
             window: [0; Frame::LEN_MAX],
+            last: [0; Frame::LEN_MAX],
+            length: 0,
             filled: 0,
             next: None,
             earlier: [Record::EMPTY; Frame::OUTPUTS - 1],
@@ -62,6 +67,11 @@ impl Decoder {
             if let Some(frame) = frame
                 && self.take_earlier(&frame, length)
             {
+                let both = self.last.get_mut(..length).zip(self.window.get(..length));
+                if let Some((last, taken)) = both {
+                    last.copy_from_slice(taken);
+                }
+                self.length = length;
                 self.pass(length);
                 self.count(&frame);
                 return Some(frame);
@@ -74,6 +84,11 @@ impl Decoder {
     /// The outputs of the last frame before its newest, oldest first.
     pub fn earlier(&self) -> &[Record] {
         self.earlier.get(..self.before).unwrap_or_default()
+    }
+
+    /// What the last frame has beside its outputs.
+    pub fn parts(&self) -> Parts<'_> {
+        Parts::of(self.last.get(..self.length).unwrap_or_default())
     }
 
     /// All outputs of the last frame, oldest first, as frames of their own with its sequence.
@@ -96,7 +111,7 @@ impl Decoder {
                     let behind = taken.get(Frame::HEAD..).and_then(<[u8]>::first_chunk::<2>);
                     let Some(length) = behind else { return Some(Frame::HEAD + 2) };
                     let length = usize::from(u16::from_le_bytes(*length));
-                    if (Frame::LEN + 2..=Frame::LEN_MAX).contains(&length) {
+                    if (Frame::LEN + 4..=Frame::LEN_MAX).contains(&length) {
                         return Some(length);
                     }
                 }
@@ -112,15 +127,11 @@ impl Decoder {
         if self.window.get(2) != Some(&Frame::VERSION_2) {
             return true;
         }
-        let body = self.window.get(Frame::HEAD + 2..length - 4).unwrap_or_default();
-        let Some((&[period, _], mut parts)) = body.split_first_chunk::<2>() else { return false };
+        let frame_bytes = self.window.get(..length).unwrap_or_default();
+        let Some(&period) = frame_bytes.get(Frame::HEAD + 2) else { return false };
+        let parts = Parts::of(frame_bytes);
         // A part that a later image has is passed by.
-        while let Some((&[kind, bytes], behind)) = parts.split_first_chunk::<2>() {
-            let Some((part, behind)) = behind.split_at_checked(bytes.into()) else { return false };
-            parts = behind;
-            if kind != Frame::PART_EARLIER {
-                continue;
-            }
+        for (_, part) in parts.all().filter(|(kind, _)| *kind == kind::EARLIER) {
             let (outputs, rest) = part.as_chunks::<{ Frame::EARLIER }>();
             if !rest.is_empty() || outputs.len() > self.earlier.len() {
                 return false;
@@ -134,7 +145,7 @@ impl Decoder {
             }
             self.before = outputs.len();
         }
-        parts.is_empty()
+        parts.are_whole()
     }
 
     fn count(&mut self, frame: &Frame) {

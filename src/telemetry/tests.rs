@@ -1,6 +1,10 @@
 //! Both layouts, whole, damaged and between garbage.
 
 use super::*;
+use crate::{
+    Design, Output, Settings, WallSettings,
+    velocity::{EstimatorName, PARAMETERS},
+};
 use proptest::prelude::*;
 use std::vec::Vec;
 
@@ -162,7 +166,7 @@ proptest! {
             let bytes = if earlier.is_empty() && n % 2 == 0 {
                 &short[..]
             } else {
-                frame.encode_after(earlier, *period, &mut whole)
+                frame.encode_after(earlier, *period, &mut whole).finish()
             };
             prop_assert!(earlier.is_empty() || bytes.len() == 46 + 18 * earlier.len());
             // one of them is cut in front
@@ -189,7 +193,7 @@ proptest! {
         let outputs: Vec<_> = outputs.iter().map(|frame| frame.record).collect();
         let (newest, earlier) = outputs.split_last().unwrap();
         let mut whole = [0; Frame::LEN_MAX];
-        let bytes = Frame { sequence: 1, record: *newest }.encode_after(earlier, 1, &mut whole);
+        let bytes = Frame { sequence: 1, record: *newest }.encode_after(earlier, 1, &mut whole).finish();
         let length = bytes.len();
         whole[place % length] ^= 1u8 << bit;
         let mut decoder = Decoder::new();
@@ -205,5 +209,97 @@ proptest! {
         let found: Vec<_> = stream.into_iter().filter_map(|b| decoder.push(b)).collect();
         prop_assert_eq!(found, [frame(0), frame(2)]);
         prop_assert_eq!(decoder.dropped, 1);
+    }
+}
+
+fn in_force(
+    number: u16,
+    name: EstimatorName,
+    numbers: [f64; PARAMETERS],
+    output: Output,
+) -> InForce {
+    let design = Design {
+        rate_hz: 1e4,
+        resolution_m: 1e-6,
+        full_scale_n: 5.906 + numbers[0],
+        period: 5,
+        output,
+    };
+    let wall = WallSettings {
+        position_m: numbers[1],
+        stiffness_n_per_m: numbers[2],
+        damping_n_s_per_m: numbers[3],
+        push_only: number.is_multiple_of(2),
+    };
+    InForce { number, design, settings: Settings { velocity: name.settings(numbers), wall } }
+}
+
+prop_compose! {
+    fn moves()(
+        start in any::<i32>(),
+        small in any::<bool>(),
+        moves in prop::collection::vec(
+            prop_oneof![8 => -8i32..8, 4 => -140i32..140, 1 => any::<i32>()], 0..=Frame::SAMPLES
+        ),
+    ) -> Vec<Position> {
+        let moves = moves.into_iter().map(|moved| if small { moved.rem_euclid(16) - 8 } else { moved });
+        let position = |position: &mut i32, moved: i32| {
+            *position = position.wrapping_add(moved);
+            Some(Position::from_counts(*position))
+        };
+        [0].into_iter().chain(moves).scan(start, position).collect()
+    }
+}
+
+proptest! {
+    /// Counts with wraps and escapes, pushes, settings of every estimator and its state come back as they were; a bit
+    /// that flips leaves nothing.
+    #[test]
+    fn every_part_comes_back(
+        frame in frames(), positions in moves(),
+        pushes in prop::collection::vec(-(1i32 << 30)..1 << 30, 1..=Frame::OUTPUTS),
+        name in prop::sample::select(EstimatorName::ALL), numbers in prop::array::uniform8(1.0f64..60.0),
+        output in prop_oneof![
+            Just(Output::Continuous), (2u32..24).prop_map(|bits| Output::Dac { bits }),
+            (2u32..9000).prop_map(|steps| Output::Pwm { steps })
+        ],
+        (number, tuning, zeros) in any::<(u16, u16, u16)>(),
+        memory in prop::collection::vec(any::<u8>(), 0..=STATE_MAX), with_key in any::<bool>(), place in any::<usize>(),
+    ) {
+        let numbers = numbers.map(f64::round);
+        let pushes: Vec<_> = pushes.into_iter().map(Force::saturating_from_bits).collect();
+        let settings = in_force(number, name, numbers, output);
+        // what has no place in the estimator's settings is not told
+        let numbers = EstimatorName::of(&settings.settings.velocity).1;
+        prop_assert_eq!(EstimatorName::of(&name.settings(numbers)).1, numbers);
+        let frame = Frame { record: Record { position: *positions.last().unwrap(), ..frame.record }, ..frame };
+        let key = Key::from_parts(
+            (frame.record.sample, number, tuning, zeros), (positions[0], frame.record.velocity), &memory,
+        );
+        let mut bytes = [0; Frame::LEN_MAX];
+        let mut writer = frame.encode_after(&[], 5, &mut bytes).positions(&positions).pushes(&pushes);
+        if with_key {
+            writer = writer.settings(&settings).key(&key);
+        }
+        let sent = writer.finish().to_vec();
+        let mut decoder = Decoder::new();
+        let found: Vec<_> = sent.iter().filter_map(|byte| decoder.push(*byte)).collect();
+        prop_assert_eq!(found, [frame]);
+        let parts = decoder.parts();
+        let mut places = [Position::default(); Frame::SAMPLES + 1];
+        prop_assert_eq!(parts.positions(frame.record.position, &mut places), &positions[..]);
+        for (n, push) in pushes.iter().enumerate() {
+            prop_assert_eq!(parts.push(n), *push);
+        }
+        prop_assert_eq!(parts.push(pushes.len()), Force::ZERO);
+        let told: Vec<_> = parts.settings().collect();
+        prop_assert_eq!(told, if with_key { std::vec![Some(settings)] } else { std::vec![] });
+        prop_assert_eq!(parts.key(), with_key.then_some(key));
+        let mut flipped = sent.clone();
+        flipped[place / 8 % sent.len()] ^= 1 << (place % 8);
+        let mut decoder = Decoder::new();
+        let found = flipped.iter().filter_map(|byte| decoder.push(*byte)).count();
+        prop_assert_eq!(found + core::iter::from_fn(|| decoder.finish()).count(), 0);
+        prop_assert_eq!(decoder.parts().key(), None);
     }
 }

@@ -293,6 +293,45 @@ mod tests {
         }
     }
 
+    /// Whatever an estimator has seen: from its bytes on it says the same as before.
+    #[test]
+    #[cfg_attr(miri, ignore = "every estimator, 900 samples each")]
+    fn an_estimator_goes_on_from_its_bytes_as_it_went_on() {
+        for name in EstimatorName::ALL {
+            let tuned = Tuned::first(name.defaults().build(&DESIGN).unwrap());
+            let mut state = State::at_rest(Position::default());
+            let senses = Senses {
+                force: crate::units::Force::saturating_from_bits(1 << 28),
+                ..Senses::NONE
+            };
+            let step = |state: &mut State, n: i32| {
+                let count = 40 * n + n % 7 - 2 + n * n % 5;
+                tuned.update(state, Position::from_counts(count), &senses)
+            };
+            for n in 0..700 {
+                step(&mut state, n);
+            }
+            let mut bytes = [0; crate::telemetry::STATE_MAX];
+            let length = state.put(&tuned, &mut bytes).unwrap();
+            let again = State::of(&tuned, state.last(), &bytes[..length]);
+            if name.text() == "time-stamps" {
+                assert!(again.is_none() && length == 0);
+                continue;
+            }
+            let mut again = again.unwrap();
+            assert!(State::of(&tuned, state.last(), &bytes[..length + 1]).is_none(), "{name:?}");
+            assert!(length == 0 || State::of(&tuned, state.last(), &bytes[..length - 1]).is_none());
+            assert!(
+                state.put(&tuned, &mut bytes[..length.saturating_sub(1)]).is_none() || length == 0
+            );
+            let mut twin = state;
+            for n in 700..900 {
+                let expected = step(&mut twin, n);
+                assert_eq!(step(&mut again, n), expected, "{name:?}, sample {n}");
+            }
+        }
+    }
+
     /// docs/estimators.md states them.
     #[test]
     fn states_and_coefficients_are_as_small_as_documented() {

@@ -33,9 +33,9 @@ fn every_velocity_is_the_boards_to_the_last_bit(board: Board) {
     };
     let velocity = scene.velocity.settings(1500.0);
     let control = Settings { velocity, wall }.build(&scene.design()).unwrap();
-    let replayed = Replayed::of(&capture.longest_run(), &control).unwrap();
-    assert!(replayed.records.len() > 9_900, "{}", replayed.records.len());
-    assert_eq!(replayed.same_from(), Some(replayed.records[0].sample));
+    let replayed = Replayed::of(&capture, &control).unwrap();
+    assert!(replayed.len() > 9_900, "{}", replayed.len());
+    assert_eq!(replayed.same_from(), Some(replayed.first));
     let fastest = replayed.velocities.iter().map(|v| v.bits().abs()).max().unwrap();
     assert!(fastest > 15 << 16, "{fastest}");
 }

@@ -6,7 +6,7 @@ use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, VelocitySettings, WallSettings,
     console::{parse, usages},
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
-    safety::SafetySettings,
+    safety::{CurrentSettings, SafetySettings},
     velocity::EstimatorName,
 };
 
@@ -361,6 +361,9 @@ fn every_number_of_the_core_is_refused_by_name() {
     for bad in BAD {
         // By the name of its command.
         named("calibrate", CalibrationSettings { percent: bad, ..calibration }.build(&DESIGN));
+        let sense = CurrentSettings { rest: 0.5, full: 0.8 };
+        named("current_sense_rest", CurrentSettings { rest: bad, ..sense }.build(DESIGN.output));
+        named("current_sense_full", CurrentSettings { full: bad, ..sense }.build(DESIGN.output));
     }
     each_bad!(
         WalkSettings {

@@ -1,10 +1,12 @@
 //! The command line: `cargo board run|hit|walk|serve SCENE`, `cargo board fuzz|campaign`.
 
+mod typed;
+
 use std::{
-    io::{BufRead as _, IsTerminal as _, Read as _},
+    io::IsTerminal as _,
     path::PathBuf,
     process::ExitCode,
-    sync::mpsc::{Receiver, RecvTimeoutError, sync_channel},
+    sync::mpsc::RecvTimeoutError,
     thread,
     time::{Duration, Instant},
 };
@@ -15,6 +17,7 @@ use host_sim::{
     interrupt,
     output::{
         files::{Outputs, Place},
+        in_units::{self, InUnits},
         terminal::{self, note, print_json, print_text},
     },
     scene::{NamedScene, record},
@@ -22,6 +25,8 @@ use host_sim::{
 };
 use serde::Serialize;
 use zwidth::period::PERIODS;
+
+use typed::{place_name, stdin, typed};
 
 use crate::{
     board::{BOARDS, Board, NUCLEO_F446RE},
@@ -34,7 +39,6 @@ use crate::{
     log,
     mcu::{LINK, RENDER, SAMPLE},
     session::{Failed, Session, ask},
-    world::World,
 };
 
 /// Runs the firmware's release ELF in closed loop with a simulated device.
@@ -48,7 +52,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// A console: type the commands that a real board takes. An empty line asks for the status;
-    /// `hand METRES` holds the handle there, `hand off` lets it go, `wait SECONDS` waits.
+    /// `hand METRES` holds the handle there (of a rotary scene `hand RADIANS`), `hand off` lets it go, `wait SECONDS` waits.
     Run {
         #[command(flatten)]
         common: Common,
@@ -69,10 +73,10 @@ enum Command {
         /// Nominal cutoff, Hz [default: that of SCENE:DESIGN, or the scene's only one].
         #[arg(long)]
         cutoff: Option<f64>,
-        /// K, N/m.
+        /// K, N/m; N m/rad of a rotary scene.
         #[arg(long)]
         stiffness: f64,
-        /// B, N s/m.
+        /// B, N s/m; N m s/rad of a rotary scene.
         #[arg(long)]
         damping: f64,
     },
@@ -96,7 +100,7 @@ enum Command {
         /// Nominal cutoff, Hz [default: that of SCENE:DESIGN, or the scene's only one].
         #[arg(long)]
         cutoff: Option<f64>,
-        /// Write the boundary: cutoff_hz,damping_n_s_per_m,stiffness_n_per_m.
+        /// Write the boundary: `cutoff_hz`, then damping and stiffness, whose names have the scene's units.
         #[arg(long, value_name = "FILE")]
         csv: Option<PathBuf>,
         /// Replace FILE if it is there.
@@ -144,7 +148,9 @@ fn execute(command: Command) -> Result<(), Error> {
         Command::Hit { common, json, cutoff, stiffness, damping } => {
             let (scene, _) = common.open(false)?;
             let cutoff = cutoff.map_or_else(|| asked::cutoff(&scene, None), Ok)?;
-            hit(&common.session(scene)?, [cutoff, stiffness, damping], json)
+            let units = scene.scene.units;
+            let wall = [units.stiffness_n_per_m(stiffness), units.damping_n_s_per_m(damping)];
+            hit(&common.session(scene)?, [cutoff, wall[0], wall[1]], json)
         }
         Command::Campaign(options) => campaign::report::execute(&options),
         Command::Fuzz(options) => report::execute(&options),
@@ -178,7 +184,12 @@ impl Common {
         check_period("actuator.period", scene.scene.actuator.period)?;
         let board = board(&self.board)?;
         match &self.device {
-            Some(path) => with_record(board, self.elf.as_ref(), scene, Some(record::load(path)?)),
+            Some(path) => {
+                let bytes = record::load(path)?;
+                device::same_units(&bytes, board, &scene.scene)
+                    .map_err(|text| Error::Input(format!("--device {}: {text}", path.display())))?;
+                with_record(board, self.elf.as_ref(), scene, Some(bytes))
+            }
             None => session(board, self.elf.as_ref(), scene),
         }
     }
@@ -252,11 +263,6 @@ impl From<Failed> for Error {
 const SLICE: u64 = 100;
 /// Samples that are still run after the last line, so that its reply comes.
 const LAST: u64 = 2_000;
-/// Longest `wait`, s.
-const WAIT_MAX_S: f64 = 3600.0;
-
-/// Longest line that is taken, bytes: beyond the firmware's own limit.
-const LINE_MAX: u64 = 1000;
 /// Longest wait between two looks at the interrupt flag.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -275,10 +281,14 @@ fn run(
         outputs.write(capture, &[])?; // a board that says nothing gives an empty file
     }
     let live = std::io::stdin().is_terminal();
+    let units = session.scene.scene.units;
+    let place = place_name(units);
     let lines = stdin();
     let (start, mut samples) = (Instant::now(), 0u64);
     if live {
-        note("type help; hand METRES, hand off, wait SECONDS are not the board's; end with Ctrl-D");
+        note(&format!(
+            "type help; hand {place}, hand off, wait SECONDS are not the board's; end with Ctrl-D"
+        ));
     }
     let mut waiting = 0u64;
     let mut ended = false;
@@ -290,7 +300,7 @@ fn run(
             }
             // From a pipe the next line is waited for, so that a run is the same every time.
             match lines.recv_timeout(if live { Duration::ZERO } else { LOOK }) {
-                Ok(line) => waiting = typed(&mut world, line?.trim())?,
+                Ok(line) => waiting = typed(&mut world, units, line?.trim())?,
                 Err(RecvTimeoutError::Timeout) if live => {}
                 Err(RecvTimeoutError::Timeout) => continue,
                 Err(RecvTimeoutError::Disconnected) => (waiting, ended) = (LAST, true),
@@ -313,78 +323,6 @@ fn run(
             thread::sleep(ahead.min(LOOK));
         }
     }
-}
-
-/// What a person typed: for the board, or for the hand. Returns the samples to wait for.
-fn typed(world: &mut World<'_>, line: &str) -> Result<u64, Error> {
-    let mut words = line.split_whitespace();
-    let number = |text: Option<&str>| text.and_then(|text| text.parse::<f64>().ok());
-    match words.next() {
-        Some("hand") => match words.next() {
-            Some("off") => world.hold(world.position_m(), false),
-            place => match number(place).filter(|place| place.abs() <= 1.0) {
-                Some(place) => move_by_hand(world, place)?,
-                None => print_text("error: hand METRES, -1 to 1, or hand off")?,
-            },
-        },
-        Some("wait") => match number(words.next()).filter(|s| (0.0..=WAIT_MAX_S).contains(s)) {
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "0 to 36 million"
-            )]
-            Some(seconds) => return Ok((seconds * 10_000.0) as u64),
-            None => print_text(&format!("error: wait SECONDS, 0 to {WAIT_MAX_S}"))?,
-        },
-        _ => {
-            let line = if line.is_empty() { "status" } else { line };
-            world.send(&format!("{line}\n")).map_err(Failed::Program)?;
-        }
-    }
-    Ok(SLICE)
-}
-
-/// Speed of the hand, m per sample: 0.1 m/s.
-const HAND_M: f64 = 1e-5;
-
-/// Takes the handle to `place_m` and holds it there.
-fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
-    let mut at_m = world.position_m();
-    world.hold(at_m, true);
-    while at_m != place_m {
-        at_m += (place_m - at_m).clamp(-HAND_M, HAND_M);
-        world.hold(at_m, true);
-        world.run(1).map_err(Failed::Program)?;
-        interrupt::check()?;
-    }
-    Ok(())
-}
-
-/// Lines from the keyboard, until its end. Who types faster than the board takes lines waits.
-fn stdin() -> Receiver<Result<String, Error>> {
-    let (send, receive) = sync_channel(16);
-    thread::spawn(move || {
-        let mut input = std::io::stdin().lock();
-        for number in 1.. {
-            let mut line = vec![];
-            let read = input.by_ref().take(LINE_MAX + 1).read_until(b'\n', &mut line);
-            let what = match (read, line.len() as u64) {
-                (Ok(0), _) => return,
-                (Ok(_), length) if length > LINE_MAX => format!("longer than {LINE_MAX} bytes"),
-                (Ok(_), _) => match String::from_utf8(line) {
-                    Err(_) => "not UTF-8 text".into(),
-                    Ok(line) => match send.send(Ok(line)) {
-                        Ok(()) => continue,
-                        Err(_) => return,
-                    },
-                },
-                (Err(error), _) => format!("cannot be read: {error}"),
-            };
-            let _ = send.send(Err(Error::Input(format!("line {number} of the input is {what}"))));
-            return;
-        }
-    });
-    receive
 }
 
 #[derive(Serialize)]
@@ -424,7 +362,7 @@ fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Error> {
         return print_text(&report.line);
     }
     let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
-    print_json(&HitJson {
+    let json = HitJson {
         scene: &session.scene.name,
         board: session.board.name,
         cutoff_hz,
@@ -434,7 +372,8 @@ fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Error> {
         stable: report.verdict == zwidth::experiment::Verdict::Stable,
         rms_m: report.rms_m,
         mean_m: report.mean_m,
-    })
+    };
+    print_json(InUnits(session.scene.scene.units, json))
 }
 
 fn walk(
@@ -444,6 +383,7 @@ fn walk(
     mut outputs: Outputs,
     json: bool,
 ) -> Result<(), Error> {
+    let units = session.scene.scene.units;
     let begun = Instant::now();
     let mut printed = Ok(());
     let report = session.walk(cutoff_hz, |line| match json {
@@ -462,13 +402,13 @@ fn walk(
         for [b, k] in &report.points {
             text.push_str(&format!("{cutoff_hz},{b},{k}\n"));
         }
-        outputs.write(csv, text.as_bytes())?;
+        outputs.write(csv, in_units::csv(units, text).as_bytes())?;
     }
     outputs.commit()?;
     if !json {
         return Ok(());
     }
-    print_json(&WalkJson {
+    let json = WalkJson {
         scene: &session.scene.name,
         board: session.board.name,
         cutoff_hz,
@@ -478,5 +418,6 @@ fn walk(
         hits: report.hits,
         ended_by: &report.ended_by,
         virtual_s: report.virtual_s,
-    })
+    };
+    print_json(InUnits(units, json))
 }

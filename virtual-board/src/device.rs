@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use host_sim::{
     error::Error,
     scene::{
-        NamedScene,
+        NamedScene, Scene,
         record::{board_facts, words},
     },
 };
@@ -64,6 +64,23 @@ pub fn built_in(board: Board) -> &'static Device<'static> {
             .and_then(|facts| Device::from_record(words, &facts).map_err(Error::input))
             .expect("the record of a board is whole")
     })
+}
+
+/// A board with that record speaks the units of the scene. One that is no record passes: the board says what is wrong.
+///
+/// # Errors
+/// The handles' radii differ.
+pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), String> {
+    let words = words(record);
+    let facts = board_facts(board.name).map_err(|error| error.to_string())?;
+    let Ok(device) = Device::from_record(&words, &facts) else { return Ok(()) };
+    let (has, wanted) = (device.radius_m, scene.units.radius_m());
+    if has == wanted {
+        return Ok(());
+    }
+    Err(format!(
+        "its handle_radius_m is {has}, allowed that of the scene, {wanted} (0: a linear device); the console has its units"
+    ))
 }
 
 /// The record of a scene on that board, without an envelope. None for the board's own scene, which its image has.

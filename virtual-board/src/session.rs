@@ -1,7 +1,7 @@
 //! Experiments as a person runs them: the same commands, typed into a virtual board.
 
 use defmt_decoder::Table;
-use host_sim::scene::{NamedScene, Scene};
+use host_sim::scene::{NamedScene, Scene, Units};
 use zwidth::{
     experiment::Verdict,
     velocity::{EstimatorName, PARAMETERS, Sense},
@@ -62,12 +62,13 @@ pub struct BoardHit {
 impl BoardHit {
     /// # Errors
     /// The line is an error, or no result of a hit.
-    fn read(line: String) -> Result<Self, Failed> {
+    fn read(line: String, units: Units) -> Result<Self, Failed> {
         let Some(rest) = line.strip_prefix("ok hit ") else { return Err(Failed::Refused(line)) };
         let text = rest.split(',').next().unwrap_or_default();
         let verdict = Verdict::ALL.into_iter().find(|verdict| verdict.text() == text);
         let Some(verdict) = verdict else { return Err(Failed::Refused(line)) };
-        let (rms_m, mean_m) = (number(&line, "rms ")?, number(&line, "mean ")?);
+        let metres = |name| Ok::<_, Failed>(units.from_reply("rms_m", number(&line, name)?));
+        let (rms_m, mean_m) = (metres("rms ")?, metres("mean ")?);
         Ok(Self { verdict, rms_m, mean_m, line })
     }
 }
@@ -138,18 +139,19 @@ impl Session {
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
         let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
         let mut world = self.zeroed(if of_edges { World::with_edge_times } else { World::new })?;
+        let said = |key: &str, value: f64| scene.units.command(key, value);
         let before = [
             "unlock envelope".to_owned(),
             format!("period {}", scene.actuator.period),
             format!("estimator {}", estimator.text()),
         ];
         let behind = [
-            format!("wall {}", scene.wall.position_m),
-            format!("start {}", scene.device.start_position_m),
-            format!("push {}", scene.wall_hit.push_n),
+            format!("wall {}", said("position_m", scene.wall.position_m)),
+            format!("start {}", said("start_m", scene.device.start_position_m)),
+            format!("push {}", said("push_n", scene.wall_hit.push_n)),
             format!("settle {}", scene.wall_hit.settle_s),
             format!("window {}", scene.wall_hit.window_s),
-            format!("rms {}", scene.wall_hit.rms_limit_m),
+            format!("rms {}", said("rms_limit_m", scene.wall_hit.rms_limit_m)),
         ];
         for line in before.into_iter().chain(tunings).chain(behind) {
             if !line.is_empty() {
@@ -165,13 +167,15 @@ impl Session {
     /// The firmware refused a value, its hit ended without a verdict, or its program ended.
     pub fn hit(&self, [cutoff_hz, k, b]: [f64; 3]) -> Result<(BoardHit, World<'_>), Failed> {
         let mut world = self.ready(cutoff_hz)?;
+        let units = self.scene.scene.units;
+        let (k, b) = (units.command(K, k), units.command(B, b));
         for line in [format!("k {k}"), format!("b {b}"), "arm".to_owned()] {
             ask(&mut world, &line)?;
         }
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "hit")?;
         let line = world.reply(LINE_SAMPLES)?;
-        Ok((BoardHit::read(line)?, world))
+        Ok((BoardHit::read(line, units)?, world))
     }
 
     /// The boundary walk over the scene's grid; `each` sees every line of it.
@@ -188,13 +192,17 @@ impl Session {
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "walk")?;
         let begun = world.powered.mcu.now();
+        let units = self.scene.scene.units;
+        let at_handle = |key: &str, line: &str, name: &str| {
+            Ok::<_, Failed>(units.from_reply(key, number(line, name)?))
+        };
         let mut points = vec![];
         loop {
             let line = world.reply(LINE_SAMPLES)?;
             world.lines.clear();
             each(&line);
             if line.starts_with("walk boundary") {
-                points.push([number(&line, ", b ")?, number(&line, ": k ")?]);
+                points.push([at_handle(B, &line, ", b ")?, at_handle(K, &line, ": k ")?]);
             } else if line.starts_with("ok walk over") {
                 #[expect(clippy::cast_precision_loss, reason = "for people")]
                 let virtual_s =
@@ -205,9 +213,9 @@ impl Session {
                     reason = "a count of hits"
                 )]
                 return Ok(WalkReport {
-                    area: number(&line, "area ")?,
-                    stiffness_peak_n_per_m: number(&line, "peak k ")?,
-                    damping_max_n_s_per_m: number(&line, "largest b ")?,
+                    area: at_handle("area_n2_s_per_m2", &line, "area ")?,
+                    stiffness_peak_n_per_m: at_handle(K, &line, "peak k ")?,
+                    damping_max_n_s_per_m: at_handle(B, &line, "largest b ")?,
                     hits: number(&line, "hits ")? as u32,
                     points,
                     ended_by: line.rsplit(' ').next().unwrap_or_default().to_owned(),
@@ -220,16 +228,21 @@ impl Session {
     }
 }
 
+/// What K and B are, as keys.
+const K: &str = "stiffness_n_per_m";
+const B: &str = "damping_n_s_per_m";
+
 /// The commands that set a scene's grid: caps first, so that each step lies below its cap.
 fn grid(scene: &Scene) -> [String; 6] {
     let walk = &scene.walk;
+    let said = |key: &str, value: f64| scene.units.command(key, value);
     [
-        format!("kmax {}", walk.stiffness_max_n_per_m),
-        format!("kstart {}", walk.stiffness_start_n_per_m),
-        format!("kstep {}", walk.stiffness_step_n_per_m),
-        format!("bstart {}", walk.damping_start_n_s_per_m),
-        format!("bstep {}", walk.damping_step_n_s_per_m),
-        format!("bmax {}", walk.damping_max_n_s_per_m),
+        format!("kmax {}", said(K, walk.stiffness_max_n_per_m)),
+        format!("kstart {}", said(K, walk.stiffness_start_n_per_m)),
+        format!("kstep {}", said(K, walk.stiffness_step_n_per_m)),
+        format!("bstart {}", said(B, walk.damping_start_n_s_per_m)),
+        format!("bstep {}", said(B, walk.damping_step_n_s_per_m)),
+        format!("bmax {}", said(B, walk.damping_max_n_s_per_m)),
     ]
 }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 use zwidth::{
     Output,
     device::{Device, record::BoardFacts},
-    safety::{SafetySettings, envelope::Boundary},
+    safety::{CurrentSettings, SafetySettings, envelope::Boundary},
 };
 
 use super::{Common, progress};
@@ -64,6 +64,8 @@ struct Json {
     sign_test_counts: u32,
     heaviest_mass_kg: f64,
     heaviest_damping_n_s_per_m: f64,
+    /// At rest and at full command, parts of the analogue supply; null: not read.
+    current_sense: Option<[f64; 2]>,
     estimator: &'static str,
     cutoff_hz: Option<f64>,
     envelope: Vec<PartJson>,
@@ -196,6 +198,12 @@ impl Said<'_> {
         self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m
     }
 
+    /// How the amplifier says its current, at rest and at full command.
+    fn current_sense(&self) -> Option<[f64; 2]> {
+        let CurrentSettings { rest, full } = self.device.current;
+        (self.device.current != CurrentSettings::UNUSED).then_some([rest, full])
+    }
+
     fn json(&self, file: &Path, bytes: usize) -> Json {
         let Device { key, design, safety, duty, settings, envelope, .. } = &self.device;
         let part = |found: &Found| PartJson {
@@ -227,6 +235,7 @@ impl Said<'_> {
             sign_test_counts: safety.sign_test_counts,
             heaviest_mass_kg: safety.heaviest_mass_kg,
             heaviest_damping_n_s_per_m: safety.heaviest_damping_n_s_per_m,
+            current_sense: self.current_sense(),
             estimator: settings.velocity.name().text(),
             cutoff_hz: cutoff(&self.device),
             envelope: self.found.iter().map(part).collect(),
@@ -294,6 +303,11 @@ impl Said<'_> {
             ),
             format!("  estimator  {}{cutoff} at first", settings.velocity.name().text()),
         ];
+        if let Some([rest, full]) = self.current_sense() {
+            lines.push(format!(
+                "  current    read on PB0: {rest} of the analogue supply at rest, {full} at full command"
+            ));
+        }
         for found in self.found {
             let ideal = found.sweep.ideal.map_or_else(
                 || "no stable wall".to_owned(),

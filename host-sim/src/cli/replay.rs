@@ -14,12 +14,13 @@ use crate::{
     output::{
         files::Outputs,
         in_units::{self, InUnits},
+        telemetry::replay_figure,
         terminal::print_result,
     },
     scene::NamedScene,
 };
 
-/// Runs an estimator over the counts of a capture that has every sample (console `period 1`), beside the board's own.
+/// Runs an estimator over the counts of all samples of a capture, beside the board's own.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// File with the bytes of RTT up channel 1 as they came.
@@ -36,6 +37,9 @@ pub struct ReplayArgs {
     /// Write sample, count and both velocities, in the integers of the control.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Draw position and both velocities over time; the ending, .svg or .png, says the format.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -58,6 +62,7 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     inputs.extend(scene.files.iter().cloned());
     let mut outputs = Outputs::new(common.force, &inputs);
     let csv = outputs.option(args.csv.as_ref())?;
+    let plot = outputs.figure(args.plot.as_ref())?;
     let scene = &scene.scene;
     let mut velocity = scene.velocity.settings(args.cutoff);
     if let Some(wanted) = &args.estimator {
@@ -85,17 +90,22 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
         .map_err(|error| Error::Input(error.to_string()))?;
     let bytes = input::read(&args.capture, input::RECORD)?;
     let replayed =
-        Replayed::of(&Capture::decode(&bytes).longest_run(), &control).map_err(|step| {
+        Replayed::of(&Capture::decode(&bytes), &control).map_err(|step| {
             Error::Input(match step {
                 0 => format!("{name}: no telemetry in it; docs/telemetry.md has the layout"),
                 1 => format!("{name}: fewer than 100 samples in a row, too few to replay"),
                 step => format!(
-                    "{name}: an output every {step} samples, allowed 1: say period 1 on the board and record again"
+                    "{name}: a sample in {step} only, allowed every one: record again with an image that tells all of them"
                 ),
             })
         })?;
     if let Some(csv) = csv {
         outputs.write(csv, in_units::csv(scene.units, replayed.csv()).as_bytes())?;
+    }
+    if let Some(plot) = plot {
+        let title = format!("{}, {} Hz beside the board's", velocity.name().text(), args.cutoff);
+        let file = args.capture.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        outputs.draw(plot, &replay_figure(&replayed, [&title, &file], scene)?)?;
     }
     outputs.commit()?;
     let lsb = scene.encoder.resolution_m * scene.control.rate_hz / 65_536.0;
@@ -103,8 +113,8 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     let json = Json {
         estimator: velocity.name().text(),
         cutoff_hz: args.cutoff,
-        samples: replayed.records.len(),
-        first_sample: replayed.records[0].sample,
+        samples: replayed.len(),
+        first_sample: replayed.first,
         same_from_sample: replayed.same_from(),
         difference_rms_m_per_s: replayed.difference() * lsb,
         later_s: replayed.later().map(|samples| samples / scene.control.rate_hz + 0.0), // no minus before a zero

@@ -1,20 +1,20 @@
 //! `telemetry`: a board's binary stream, decoded.
 
-use std::path::PathBuf;
+use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use serde::Serialize;
 
 use super::Common;
 use crate::{
-    analysis::telemetry::Capture,
+    analysis::{recompute::Recomputed, telemetry::Capture},
     error::Error,
     input,
     output::{files::Outputs, telemetry::telemetry_figure, terminal::print_result},
     scene::NamedScene,
 };
 
-/// Decodes a capture of a board's binary telemetry (RTT up channel 1).
+/// Decodes a capture of a board's binary telemetry (RTT up channel 1), and checks every sample by the core.
 #[derive(Debug, Args)]
 pub struct TelemetryArgs {
     /// File with the bytes as they came.
@@ -22,6 +22,9 @@ pub struct TelemetryArgs {
     /// Write every frame as CSV, in the integers of the control.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Write every sample as CSV: position, velocity computed by the core, force.
+    #[arg(long, value_name = "FILE")]
+    samples: Option<PathBuf>,
     /// Draw position, velocity, force and flags over time; the ending, .svg or .png, says the format.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -38,6 +41,62 @@ struct Json {
     first_sample: u64,
     last_sample: u64,
     faults: Vec<u8>,
+    samples: usize,
+    gaps: Vec<(u64, u64)>,
+    computed: u64,
+    velocities_equal: u64,
+    forces_equal: u64,
+    states_equal: u64,
+    unknown: Vec<(u64, u64, &'static str)>,
+    first_difference: Option<Differs>,
+}
+
+#[derive(Serialize)]
+struct Differs {
+    sample: u64,
+    what: &'static str,
+    board: i64,
+    core: i64,
+}
+
+impl Json {
+    /// In words.
+    fn text(&self, name: &str) -> String {
+        let mut text = format!(
+            "{name}: {} frames, {} dropped, {} bytes of garbage, samples {} to {}, fault codes {:?}",
+            self.frames,
+            self.dropped,
+            self.garbage_bytes,
+            self.first_sample,
+            self.last_sample,
+            self.faults
+        );
+        if self.computed > 0 {
+            let _ = write!(
+                text,
+                "\n{} of {} samples computed by the core: {} velocities, {} forces and {} states of the estimator are the \
+                 board's, bit for bit",
+                self.computed,
+                self.samples,
+                self.velocities_equal,
+                self.forces_equal,
+                self.states_equal
+            );
+        }
+        for (from, to) in &self.gaps {
+            let _ = write!(text, "\nmissing: samples {from} to {to}");
+        }
+        for (from, to, why) in &self.unknown {
+            let _ = write!(text, "\nnot computed: samples {from} to {to}: {why}");
+        }
+        if let Some(Differs { sample, what, board, core }) = self.first_difference {
+            let _ = write!(
+                text,
+                "\nthe first that differs: sample {sample}, its {what} is {board} on the board, {core} by the core"
+            );
+        }
+        text
+    }
 }
 
 pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
@@ -47,6 +106,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     inputs.extend(scene.iter().flat_map(|scene| scene.files.iter().cloned()));
     let mut outputs = Outputs::new(common.force, &inputs);
     let csv = outputs.option(args.csv.as_ref())?;
+    let samples = outputs.option(args.samples.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let bytes = input::read(&args.capture, input::RECORD)?;
     let capture = Capture::decode(&bytes);
@@ -56,6 +116,10 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
             "{name}: no telemetry frame of layout 1 or 2 in {length} bytes; docs/telemetry.md has the layout"
         )));
     };
+    let all = Recomputed::of(&capture);
+    if let Some(samples) = samples {
+        outputs.write(samples, all.csv().as_bytes())?;
+    }
     if let Some(csv) = csv {
         outputs.write(csv, capture.csv().as_bytes())?;
     }
@@ -75,16 +139,19 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         first_sample: first.record.sample,
         last_sample: last.record.sample,
         faults: capture.faults(),
+        samples: all.rows.len(),
+        gaps: all.gaps(),
+        computed: all.computed,
+        velocities_equal: all.velocities,
+        forces_equal: all.forces,
+        states_equal: all.states,
+        first_difference: all.first_difference().map(|difference| Differs {
+            sample: difference.sample,
+            what: difference.what,
+            board: difference.board,
+            core: difference.core,
+        }),
+        unknown: all.unknown,
     };
-    print_result(common.json, &json, || {
-        format!(
-            "{name}: {} frames, {} dropped, {} bytes of garbage, samples {} to {}, fault codes {:?}",
-            json.frames,
-            json.dropped,
-            json.garbage_bytes,
-            json.first_sample,
-            json.last_sample,
-            json.faults
-        )
-    })
+    print_result(common.json, &json, || json.text(&name.to_string()))
 }

@@ -1,9 +1,16 @@
 //! A board's telemetry as a figure.
 
-use zwidth::telemetry::{Flags, Record};
+use zwidth::{
+    telemetry::{Flags, Record},
+    units::Velocity,
+};
 
-use super::figure::{self, Figure, TelemetryPlot, TelemetryPoint};
-use crate::{analysis::telemetry::Capture, error::Error, scene::Scene};
+use super::figure::{self, Figure, ReplayPlot, TelemetryPlot, TelemetryPoint};
+use crate::{
+    analysis::{replay::Replayed, telemetry::Capture},
+    error::Error,
+    scene::Scene,
+};
 
 /// Facts that the figure shows, and whether they are bad news.
 const FACTS: [(&str, Flags, bool); 6] = [
@@ -56,6 +63,37 @@ pub fn telemetry_figure(
         points: points.collect(),
     };
     Ok(figure::telemetry(&plot)?)
+}
+
+/// An estimator's velocity beside the board's, in SI units.
+pub fn replay_figure(
+    replayed: &Replayed,
+    [title, file]: [&str; 2],
+    scene: &Scene,
+) -> Result<Figure, Error> {
+    let (resolution_m, rate_hz) = (scene.encoder.resolution_m, scene.control.rate_hz);
+    let [mm, speed] = ["mm", "m/s"].map(|unit| scene.units.written(unit).1);
+    let both = replayed.board.iter().zip(&replayed.velocities);
+    let points =
+        replayed.positions.iter().zip(both).zip(0u32..).map(|((position, (board, here)), n)| {
+            let velocity =
+                |v: &Velocity| f64::from(v.bits()) / 65_536.0 * resolution_m * rate_hz * speed;
+            let position = 1e3 * f64::from(position.counts()) * resolution_m * mm;
+            [f64::from(n) / rate_hz, position, velocity(board), velocity(here)]
+        });
+    let titles = match scene.units.is_rotary() {
+        true => ["Angle [deg]", "Angular velocity [deg/s]"],
+        false => ["Position x [mm]", "Velocity v [m/s]"],
+    };
+    let plot = ReplayPlot {
+        title: title.to_owned(),
+        subtitle: format!("{file}: {} samples from sample {} on", replayed.len(), replayed.first),
+        time_title: "Time t [s]".to_owned(),
+        titles: titles.map(str::to_owned),
+        names: ["the board's".to_owned(), title.split(',').next().unwrap_or(title).to_owned()],
+        points: points.collect(),
+    };
+    Ok(figure::replay(&plot)?)
 }
 
 /// A record on the figure's axes.

@@ -11,137 +11,13 @@ const RADIUS_M: f64 = 0.07;
 /// Results have twelve digits in rotary units.
 const ROUNDING: f64 = 1e-11;
 
-const ROTARY: &str = r#"
-[rotary]
-handle_radius_m = 0.07
-ratio = 13
-counts_per_turn = 4096
-encoder_on = "motor"
-handle_inertia_kg_m2 = 2.1e-4
-motor_inertia_kg_m2 = 1e-6
-damping_n_m_s_per_rad = 5e-4
-stiffness_n_m_per_rad = 0.0196
-rest_angle_rad = 0.4
-start_angle_rad = 0
-torque_constant_n_m_per_a = 0.02
-drive = "current"
-amplifier_a_per_v = 0.5
-
-[encoder]
-rounding = "floor"
-
-[actuator]
-limit_v = 10
-period = 10
-latency = 0.115
-
-[wall]
-position_rad = 0.5
-push_only = true
-
-[wall_hit]
-push_n_m = 0.14
-settle_s = 1.0
-window_s = 0.5
-rms_limit_rad = 4e-4
-
-[walk]
-stiffness_start_n_m_per_rad = 0.49
-stiffness_step_n_m_per_rad = 9.8
-stiffness_max_n_m_per_rad = 490
-damping_start_n_m_s_per_rad = 0.0098
-damping_step_n_m_s_per_rad = 0.049
-damping_max_n_m_s_per_rad = 0.49
-
-[safety]
-speed_max_rad_per_s = 14
-speed_believable_rad_per_s = 70
-travel_low_rad = -0.5
-travel_high_rad = 1
-calibration_travel_rad = 0.02
-
-[motor]
-continuous_force_n_m = 0.7
-
-[return]
-speed_rad_per_s = 2
-tolerance_rad = 1e-3
-"#;
-
-/// The same by hand, as docs/scenes.md says.
-const BY_HAND: &str = r#"
-[device]
-mass_kg = 0.0773469387755102
-damping_n_s_per_m = 0.102040816326531
-stiffness_n_per_m = 4
-rest_position_m = 0.028
-start_position_m = 0
-
-[encoder]
-resolution_m = 8.25989655015345e-06
-rounding = "floor"
-
-[actuator]
-gain_n_per_v = 1.85714285714286
-limit_v = 10
-period = 10
-latency = 0.115
-
-[wall]
-position_m = 0.035
-push_only = true
-
-[wall_hit]
-push_n = 2
-settle_s = 1.0
-window_s = 0.5
-rms_limit_m = 2.8e-5
-
-[walk]
-stiffness_start_n_per_m = 100
-stiffness_step_n_per_m = 2000
-stiffness_max_n_per_m = 100000
-damping_start_n_s_per_m = 2
-damping_step_n_s_per_m = 10
-damping_max_n_s_per_m = 100
-
-[safety]
-speed_max_m_per_s = 0.98
-speed_believable_m_per_s = 4.9
-travel_low_m = -0.035
-travel_high_m = 0.07
-calibration_travel_m = 0.0014
-
-[motor]
-continuous_force_n = 10
-
-[return]
-speed_m_per_s = 0.14
-tolerance_m = 7e-5
-"#;
-
-const BOTH: &str = r#"
-[control]
-rate_hz = 10000
-
-[velocity]
-estimator = "butterworth"
-
-[sweep]
-cutoffs_hz = [200, 1000]
-
-[output]
-kind = "dac"
-bits = 12
-
-[board]
-name = "nucleo-f446re"
-"#;
+const ROTARY: &str = include_str!("paddle/rotary.toml");
+const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 
 /// A scene file, the same name in a folder of its own.
 fn scene(of: &str) -> TempDir {
     let folder = TempDir::new().unwrap();
-    fs::write(folder.path().join("mine.toml"), format!("{of}{BOTH}")).unwrap();
+    fs::write(folder.path().join("mine.toml"), of).unwrap();
     folder
 }
 
@@ -422,4 +298,33 @@ fn a_voltage_amplifier_damps_by_back_emf() {
     let json = run(rotary.path(), &wall("4.9", "0.049"));
     let hand_json = run(by_hand.path(), &wall("1000", "10"));
     same_json(&json, &hand_json, 1.0, "result");
+}
+
+/// What `identify --plan` writes is typed at the console, which takes rad and N m.
+#[test]
+fn a_plan_is_in_the_units_of_the_console() {
+    let plan = |of: &str| {
+        let folder = scene(of);
+        let json = run(folder.path(), &["identify", "--plan", "--base", "mine.toml", "--json"]);
+        let lines = json["console"].as_array().unwrap().iter();
+        lines.map(|line| line.as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    let (rotary, by_hand) = (plan(ROTARY), plan(BY_HAND));
+    assert_eq!(rotary.len(), by_hand.len());
+    let mut converted = 0;
+    for (line, hand_line) in rotary.iter().zip(&by_hand) {
+        let factor = match hand_line.split(' ').next() {
+            Some("start") => 1.0 / RADIUS_M,
+            Some("push") => RADIUS_M,
+            _ => {
+                assert_eq!(line, hand_line);
+                continue;
+            }
+        };
+        let number = |line: &str| line.split(' ').nth(1).unwrap().parse::<f64>().unwrap();
+        let due = number(hand_line) * factor;
+        assert!((number(line) / due - 1.0).abs() < 1e-3, "{line}: {hand_line}");
+        converted += 1;
+    }
+    assert_eq!(converted, 5);
 }

@@ -59,3 +59,106 @@ fn what_is_no_capture_is_bad_input() {
     }
     assert!(!folder.path().join("out.csv").exists());
 }
+
+/// The capture of the virtual board that stands in `examples/`: every sample is the core's; with a bit that flips, a
+/// frame that is lost or another velocity that is found and named, and no other value is said.
+#[test]
+fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
+    let folder = TempDir::new().unwrap();
+    let whole = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/samples.bin")).unwrap();
+    let run = |bytes: &[u8]| {
+        fs::write(folder.path().join("c.bin"), bytes).unwrap();
+        let args = ["telemetry", "c.bin", "--samples", "s.csv", "--json", "--force"];
+        let output = sim(folder.path(), &args);
+        assert!(output.status.success(), "{output:?}");
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let rows = fs::read_to_string(folder.path().join("s.csv")).unwrap();
+        (json, rows.lines().skip(1).map(str::to_owned).collect::<Vec<_>>())
+    };
+    let (json, rows) = run(&whole);
+    let of = |json: &serde_json::Value, key: &str| json[key].as_u64().unwrap();
+    assert!(of(&json, "samples") > 20_000 && json["first_difference"].is_null(), "{json}");
+    assert!(of(&json, "samples") - of(&json, "computed") < 1_000, "{json}");
+    assert_eq!((of(&json, "dropped"), json["gaps"].as_array().unwrap().len()), (0, 0));
+    assert!(of(&json, "states_equal") > 20 && of(&json, "forces_equal") > 500);
+    assert!(json["unknown"].as_array().unwrap().is_empty());
+
+    // Every value that is still said is the one that it was.
+    let subset = |other: &[String]| {
+        let before: std::collections::HashMap<_, _> =
+            rows.iter().map(|row| row.split_once(',').unwrap()).collect();
+        other.iter().filter(|row| !row.contains(",,")).all(|row| {
+            let (sample, rest) = row.split_once(',').unwrap();
+            before.get(sample) == Some(&rest)
+        })
+    };
+    let frames: Vec<usize> =
+        whole.windows(3).enumerate().filter(|(_, w)| *w == b"ZW\x02").map(|(n, _)| n).collect();
+    let (at, next) = (frames[700], frames[701]);
+    for bit in [0, 77, 131, 290, 400] {
+        let mut flipped = whole.clone();
+        flipped[at + bit / 8] ^= 1 << (bit % 8);
+        let (json, rows) = run(&flipped);
+        assert_eq!((of(&json, "dropped"), json["gaps"].as_array().unwrap().len()), (1, 1), "{bit}");
+        assert!(
+            json["first_difference"].is_null() && of(&json, "garbage_bytes") as usize == next - at
+        );
+        assert!(subset(&rows), "{bit}");
+    }
+    // A reader that stops for a while, and goes on in the middle of a frame.
+    let (json, rows) = run(&[&whole[..at + 11], &whole[frames[900] + 9..]].concat());
+    assert_eq!(json["gaps"].as_array().unwrap().len(), 1);
+    assert!(json["first_difference"].is_null() && subset(&rows));
+    // A velocity that is one bit off in a frame whose CRC is right: that output is named.
+    let mut other = whole.clone();
+    let length = next - at;
+    other[at + 20] ^= 1;
+    let crc = crc32(&other[at..next - 4]);
+    other[at + length - 4..next].copy_from_slice(&crc.to_le_bytes());
+    let (json, rows) = run(&other);
+    let sample = u64::from_le_bytes(whole[at + 8..at + 16].try_into().unwrap());
+    assert_eq!(of(&json["first_difference"], "sample"), sample);
+    assert_eq!(json["first_difference"]["what"], "velocity");
+    assert!(subset(&rows) && of(&json, "computed") + 1 >= sample - 1_000);
+}
+
+/// CRC-32 as in zlib, bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            crc >> 1 ^ if crc & 1 != 0 { 0xEDB8_8320 } else { 0 }
+        })
+    })
+}
+
+/// What another estimator would have said to the counts of that capture, and a figure of it.
+#[test]
+fn another_estimator_is_run_over_every_sample_of_a_capture() {
+    let folder = TempDir::new().unwrap();
+    let capture = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/samples.bin");
+    let replay = |more: &[&str]| {
+        let args =
+            [&["replay", capture, "--json", "--scene", "paper-1um", "--force"][..], more].concat();
+        let output = sim(folder.path(), &args);
+        assert!(output.status.success(), "{output:?}");
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    let slow = replay(&[
+        "--estimator",
+        "butterworth",
+        "--cutoff",
+        "100",
+        "--plot",
+        "a.svg",
+        "--csv",
+        "a.csv",
+    ]);
+    assert!(slow["samples"].as_u64().unwrap() > 20_000);
+    // sqrt 2 / w later, but for the board's own
+    let later_s = slow["later_s"].as_f64().unwrap();
+    assert!((1.5e-3..2.3e-3).contains(&later_s), "{later_s}");
+    assert!(slow["change_rms_m_per_s"].as_f64() < slow["board_change_rms_m_per_s"].as_f64());
+    assert!(fs::read_to_string(folder.path().join("a.svg")).unwrap().contains("Velocity v [m/s]"));
+    let rows = fs::read_to_string(folder.path().join("a.csv")).unwrap().lines().count() as u64;
+    assert_eq!(rows, slow["samples"].as_u64().unwrap() + 1);
+}

@@ -2,7 +2,10 @@
 
 use std::fmt::Write as _;
 
-use host_sim::scene::Scene;
+use host_sim::{
+    output::in_units::csv,
+    scene::{Scene, Units},
+};
 use live::{
     history::{Bin, History, SIGNALS},
     hub::Hub,
@@ -150,8 +153,8 @@ fn put<const N: usize>(bytes: &mut Vec<u8>, numbers: [usize; N]) {
     }
 }
 
-/// Rows as a table, in SI units.
-pub fn table(hub: &Hub, scale: &Scale, from: u64, count: u64) -> String {
+/// Rows as a table, in the units of the scene.
+pub fn table(hub: &Hub, scale: &Scale, units: Units, from: u64, count: u64) -> String {
     let history = hub.history();
     let [begin, end] = history.rows();
     let mut text = String::from("time_s,position_m,velocity_m_per_s,force_n,flags\n");
@@ -165,5 +168,5 @@ pub fn table(hub: &Hub, scale: &Scale, from: u64, count: u64) -> String {
         }
         let _ = writeln!(text, ",{}", row.flags);
     }
-    text
+    csv(units, text)
 }

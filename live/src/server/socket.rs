@@ -10,7 +10,7 @@ use futures_util::{
     SinkExt as _, StreamExt as _,
     stream::{SplitSink, SplitStream},
 };
-use live::{access::MESSAGES_PER_S, message::FromPage, seats::Asked, trigger::Watch};
+use live::{access::MESSAGES_PER_S, message::FromPage, predicted, seats::Asked, trigger::Watch};
 use serde_json::json;
 use tokio::{
     sync::mpsc,
@@ -240,9 +240,10 @@ fn pictures(page: &Page, ticks: u32) -> Vec<Vec<u8>> {
     made
 }
 
-/// What does not change.
+/// What does not change: m and N at the handle, and where its axis is.
 fn hello(page: &Page) -> String {
     let App { scene, board, scale, hub, .. } = &*page.app;
+    let limits = scene.scene.on_board().safety;
     let estimator = |name: &EstimatorName| {
         let tuned = name.parameters()[0];
         let tuning =
@@ -262,6 +263,10 @@ fn hello(page: &Page) -> String {
         "rate_hz": scale.rate_hz,
         "resolution_m": scale.resolution_m,
         "full_scale_n": scale.full_scale_n,
+        "radius_m": scene.scene.units.radius_m(),
+        "travel_m": [limits.travel_low_m, limits.travel_high_m],
+        "wall_m": scene.scene.wall.position_m,
+        "noise_speed_m_per_s": predicted::SPEED,
         "estimators": EstimatorName::ALL.iter().map(estimator).collect::<Vec<_>>(),
         "faults": Fault::ALL.iter().map(fault).collect::<Vec<_>>(),
     })

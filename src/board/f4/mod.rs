@@ -14,6 +14,7 @@ pub mod flash;
 mod interrupts;
 pub mod output_watchdog;
 pub mod pin;
+pub mod read_back;
 mod reset;
 pub mod sample_timer;
 pub mod self_test;
@@ -57,6 +58,8 @@ pub trait Wiring: Sized {
     const CHIP: u32;
     /// Level of the brown-out reset for the board's supply (`BOR_LEV` of the option bytes).
     const BROWN_OUT_RESET: u32;
+    /// The force output's converter, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
+    const SWING: Option<[i32; 2]>;
     /// See [`Board::SENSES`].
     const SENSES: &'static [Sense];
     /// See [`Board::LATENCY_SAMPLES`].
@@ -96,6 +99,7 @@ impl<W: Wiring> Board for F4<W> {
     type SelfTest = self_test::SelfTest<W>;
     type Watchdog = watchdog::Watchdog;
     type SetUp = set_up::SetUp;
+    type ReadBack = read_back::Converters<W>;
     type OutputWatchdog = output_watchdog::OutputWatchdog;
     type FaultMemory = fault_memory::FaultMemory;
     type Flash = flash::SettingsFlash;
@@ -211,6 +215,7 @@ impl Chip {
             drive: Drive::new(force, enable),
             output_watchdog,
             set_up: set_up::SetUp::new(W::ENABLE),
+            read_back: read_back::Converters::new(&mut rcc),
             stop: EmergencyStop::new(stop),
             supply,
             halts: debugger::Halts::new(tim6, timer_hz, RATE_HZ, &mut rcc),

@@ -39,13 +39,13 @@ pub(super) fn note_reading(ticks: u32) {
 /// The two pins of the wires: A, B.
 const WIRES: [u32; 2] = [6, 8];
 
-/// What it needs is switched on at set-up and stays on: its registers' clocks are read back with every output.
+/// What it needs is switched on at set-up and stays on: its registers' clocks are read back with every output. The
+/// converter is that of `read_back.rs`.
 pub struct SelfTest<W>(PhantomData<W>);
 
 impl<W: Wiring> SelfTest<W> {
-    /// Gives clocks to the converter and to the port of the wires.
+    /// Gives its clock to the port of the wires.
     pub fn new(rcc: &mut Rcc) -> Self {
-        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit());
         rcc.ahb1enr().modify(|_, w| w.gpiocen().set_bit());
         Self(PhantomData)
     }

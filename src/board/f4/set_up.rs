@@ -2,8 +2,8 @@
 //!
 //! All that the program sets up once and that must not change afterwards, folded into one word: a bit that flips in any
 //! of them changes it. What changes while the program runs is left out by a mask, or is written with every output
-//! (compare values, the DAC's code, DBGMCU). A peripheral without its clock reads as 0 (RM0090 7.2.9), so a lost clock
-//! is found as well.
+//! (compare values, the DAC's code, the converters' CR2, DBGMCU). A peripheral without its clock reads as 0
+//! (RM0090 7.2.9), so a lost clock is found as well.
 
 use core::{
     ptr,
@@ -30,6 +30,7 @@ const GPIOE: u32 = 0x4002_1000;
 const FLASH: u32 = 0x4002_3C00;
 const POWER: u32 = 0x4000_7000;
 const DAC: u32 = 0x4000_7400;
+const ADC: u32 = 0x4001_2000;
 const EXTI: u32 = 0x4001_3C00;
 const SCB: u32 = 0xE000_ED00;
 const NVIC: u32 = 0xE000_E100;
@@ -69,6 +70,11 @@ fn sum() -> u32 {
     fold! { sum,
         TIM1 => [0x00, 0x04, 0x08, 0x18, 0x1C, 0x20, 0x28, 0x2C, 0x30, 0x44 & (!(1 << 15))];
         DAC => [0x00];
+    }
+    // Converters, 1 and 2: CR1, SMPR2, SQR1, SQR3; what they share: CCR.
+    fold! { sum,
+        ADC => [0x04, 0x10, 0x2C, 0x34];
+        ADC + 0x100 => [0x04, 0x10, 0x2C, 0x34, 0x204];
     }
     // Encoder: CR1 but for DIR, SMCR, CCMR1, CCER, PSC, ARR.
     fold! { sum,

@@ -4,6 +4,7 @@
 //! which comes with the next output.
 
 mod self_test;
+mod stream;
 mod walk;
 
 use core::fmt;
@@ -11,19 +12,21 @@ use core::fmt;
 use super::{
     Command, LINE_MAX, Line, LineReader, ParseError, Port, Reply, Situation,
     lines::{CalibrationHolds, CalibrationOver, HitOver},
-    parse,
+    parse_in,
+    reply::ReplyIn,
     reply_channel::ReplyChannel,
+    spoken::Spoken,
 };
 use crate::{
     device::Device,
     experiment::{Activity, Event, Order, Report, WalkTotals},
-    period::outputs_per_ms,
     safety::{Doubled, Refusal, Request},
     store::{Name, Source, Stored},
-    telemetry::{Flags, Frame, Record},
+    telemetry::Record,
     velocity::EstimatorName,
 };
 pub(super) use self_test::SelfTestStep;
+use stream::Stream;
 use walk::WalkSession;
 
 /// Bytes that one pass takes at most: the whole channel.
@@ -83,21 +86,13 @@ pub struct Console<P> {
     /// Between the beginning of a walk and the order after it: only then does the console give orders by itself. Kept
     /// twice: by one bit that flips there is no walk.
     walks: Doubled<bool>,
-    pub(super) streaming: bool,
-    sequence: u32,
-    /// Outputs of the frame that is being filled, where one has several.
-    batch: Batch,
-}
-
-/// Outputs that follow each other, with the same settings and fault.
-struct Batch {
-    outputs: [Record; Frame::OUTPUTS],
-    count: usize,
+    pub(super) stream: Stream,
 }
 
 impl<P: Port> Console<P> {
     /// A console of that device, which starts with these settings.
     pub fn new(port: P, device: &'static Device<'static>, stored: Stored, source: Source) -> Self {
+        let first = device.design(&stored).ok().zip(device.control(&stored).ok());
         let mut console = Self {
             port,
             device,
@@ -111,9 +106,9 @@ impl<P: Port> Console<P> {
             pending_totals: None,
             restore_wall: false,
             walks: Doubled::new(false),
-            streaming: true,
-            sequence: 0,
-            batch: Batch { outputs: [Record::EMPTY; Frame::OUTPUTS], count: 0 },
+            stream: Stream::new(
+                first.as_ref().map(|(design, loop_parameters)| (*design, &stored, loop_parameters)),
+            ),
         };
         console.version();
         console.reply(Reply::Loaded(source));
@@ -125,7 +120,10 @@ impl<P: Port> Console<P> {
 
     /// Takes what happened with an output. To be called for every report, in order.
     pub fn report(&mut self, report: &Report) {
-        self.stream(report.streamed);
+        self.stream(report.streamed, report.push);
+        if let Event::Answer(answer) = report.event {
+            self.stream.answered(answer.is_ok());
+        }
         self.latest = Some(*report);
         match report.event {
             Event::None => {}
@@ -134,17 +132,31 @@ impl<P: Port> Console<P> {
                 self.judged(verdict, &window);
             }
             Event::HitOver(verdict, window) => {
-                self.write(&HitOver(verdict, window, self.device.design.resolution_m));
+                self.write(&HitOver(
+                    verdict,
+                    window,
+                    self.device.design.resolution_m,
+                    self.spoken(),
+                ));
             }
             Event::HitAborted(reason) if self.walking.is_some() => self.end_walk(reason.text()),
             Event::HitAborted(reason) => {
                 self.write(&format_args!("error: hit: {}", reason.text()));
             }
             Event::CalibrationHolds => {
-                self.write(&CalibrationHolds(report.record, self.stored.full_scale_n));
+                self.write(&CalibrationHolds(
+                    report.record,
+                    self.stored.full_scale_n,
+                    self.spoken(),
+                ));
             }
             Event::CalibrationOver(end) => {
-                self.write(&CalibrationOver(end, report.record, self.stored.full_scale_n));
+                self.write(&CalibrationOver(
+                    end,
+                    report.record,
+                    self.stored.full_scale_n,
+                    self.spoken(),
+                ));
             }
         }
     }
@@ -165,7 +177,7 @@ impl<P: Port> Console<P> {
             let line = match self.reader.push(byte) {
                 None => continue,
                 Some(Line::TooLong) => Err(ParseError::TooLong),
-                Some(Line::Text(text)) => parse(text),
+                Some(Line::Text(text)) => parse_in(text, Spoken::of(self.device)),
             };
             return match line {
                 Ok(command @ (Command::Stop | Command::Disarm)) => self.obey(command),
@@ -174,58 +186,6 @@ impl<P: Port> Console<P> {
                 Err(error) => self.reply(Reply::Parse(error)),
             };
         }
-    }
-
-    /// Telemetry, if it is on: a frame for each output, or, where outputs are closer than a millisecond, one each
-    /// millisecond. A full channel drops it, and its number with it.
-    fn stream(&mut self, mut record: Record) {
-        if !self.streaming {
-            self.batch.count = 0;
-            return;
-        }
-        // What was in force before a fault is not known any more.
-        if !record.flags.contains(Flags::REPLAY) {
-            record.flags = record.flags.with_design(self.design);
-        }
-        let most = outputs_per_ms(self.stored.period) as usize;
-        if most <= 1 && self.batch.count == 0 {
-            let frame = self.number(record);
-            return self.port.write_frame(&frame.encode());
-        }
-        let period = u64::from(self.stored.period);
-        let Batch { outputs, count } = &self.batch;
-        if let Some(last) = count.checked_sub(1).and_then(|last| outputs.get(last))
-            && (last.sample.wrapping_add(period), last.settings, last.fault)
-                != (record.sample, record.settings, record.fault)
-        {
-            self.flush();
-        }
-        let Batch { outputs, count } = &mut self.batch;
-        if let Some(place) = outputs.get_mut(*count) {
-            *place = record;
-            *count += 1;
-        }
-        if self.batch.count >= most {
-            self.flush();
-        }
-    }
-
-    /// Sends what is gathered.
-    fn flush(&mut self) {
-        let Batch { outputs, count } = self.batch;
-        self.batch.count = 0;
-        if let Some((newest, earlier)) = outputs.get(..count).and_then(<[Record]>::split_last) {
-            let period = u8::try_from(self.stored.period).unwrap_or(u8::MAX);
-            let mut bytes = [0; Frame::LEN_MAX];
-            let frame = self.number(*newest);
-            self.port.write_frame(frame.encode_after(earlier, period, &mut bytes));
-        }
-    }
-
-    fn number(&mut self, record: Record) -> Frame {
-        let sequence = self.sequence;
-        self.sequence = sequence.wrapping_add(1);
-        Frame { sequence, record }
     }
 
     /// A line waits that nobody has taken.
@@ -238,7 +198,12 @@ impl<P: Port> Console<P> {
     }
 
     pub(super) fn reply(&mut self, reply: Reply<'_>) {
-        self.write(&reply);
+        self.write(&ReplyIn(reply, self.spoken()));
+    }
+
+    /// The units that it speaks.
+    pub(super) fn spoken(&self) -> Spoken {
+        Spoken::of(self.device)
     }
 
     pub(super) fn version(&mut self) {
@@ -264,6 +229,16 @@ impl<P: Port> Console<P> {
             }
             _ => self.reply(Reply::Refused(refusal)),
         }
+    }
+
+    /// Gives the order for those settings, whose answer is then awaited.
+    pub(super) fn order_settings(&mut self, stored: &Stored, order: Order, awaited: Awaited) {
+        if let (Order::LoopParameters(parameters, _), Ok(design)) =
+            (&order, self.device.design(stored))
+        {
+            self.stream.propose(design, stored, parameters);
+        }
+        self.order(order, awaited);
     }
 
     /// Gives an order, whose answer is then awaited.

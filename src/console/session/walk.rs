@@ -58,7 +58,7 @@ impl<P: Port> Console<P> {
             && !self.is_mute()
         {
             self.pending_totals = None;
-            self.write(&lines::WalkOver(totals, Err("nobody read its results")));
+            self.write(&lines::WalkOver(totals, Err("nobody read its results"), self.spoken()));
         }
         if !self.walks.is_whole() {
             self.end_walk("its state is damaged");
@@ -74,7 +74,7 @@ impl<P: Port> Console<P> {
             if core::mem::take(&mut self.restore_wall)
                 && let Ok(order) = self.device.order(&self.stored)
             {
-                self.order(order, Awaited::Quiet);
+                self.order_settings(&{ self.stored }, order, Awaited::Quiet);
                 return true;
             }
             return false;
@@ -87,13 +87,16 @@ impl<P: Port> Console<P> {
             _ if self.replies.is_mute(&mut self.port) => {
                 self.pending_totals = self.walking.take().map(|walking| walking.totals);
             }
-            Next::Wall => match self.device.order(&walking.with_wall(self.stored)) {
-                Ok(order) => self.order(order, Awaited::Cell),
-                Err(error) => {
-                    self.reply(Reply::Range(&error));
-                    self.end_walk("a wall is out of range");
+            Next::Wall => {
+                let stored = walking.with_wall(self.stored);
+                match self.device.order(&stored) {
+                    Ok(order) => self.order_settings(&stored, order, Awaited::Cell),
+                    Err(error) => {
+                        self.reply(Reply::Range(&error));
+                        self.end_walk("a wall is out of range");
+                    }
                 }
-            },
+            }
             Next::Hit => match self.device.hit_sequence(&self.stored, true) {
                 Ok(plan) => self.order(Order::Hit(plan), Awaited::Cell),
                 Err(_) => self.end_walk("a setting is out of range"),
@@ -128,18 +131,23 @@ impl<P: Port> Console<P> {
         let cell = walking.walk.cell();
         let number = walking.totals.hits.saturating_add(1);
         let rms_m = window.rms_counts() * self.device.design.resolution_m;
-        self.write(&lines::CellJudged(number, &plan, cell, verdict, rms_m));
+        self.write(&lines::CellJudged(number, &plan, cell, verdict, rms_m, self.spoken()));
         match walking.walk.report(verdict) {
             Ok(step) => {
                 walking.totals.add(&plan, &step);
                 if let Some(cell) = step.boundary {
-                    self.write(&lines::BoundaryPoint(walking.totals.points, &plan, cell));
+                    self.write(&lines::BoundaryPoint(
+                        walking.totals.points,
+                        &plan,
+                        cell,
+                        self.spoken(),
+                    ));
                 }
                 walking.next = Next::Wall;
                 self.walking = Some(walking);
                 if let Some(ended) = step.ended {
                     self.walking = None;
-                    self.write(&lines::WalkOver(walking.totals, Ok(ended)));
+                    self.write(&lines::WalkOver(walking.totals, Ok(ended), self.spoken()));
                 }
             }
             Err(error) => {
@@ -160,7 +168,7 @@ impl<P: Port> Console<P> {
     /// Ends the walk, if there is one, without a result.
     pub(super) fn end_walk(&mut self, why: &'static str) {
         if let Some(walking) = self.walking.take() {
-            self.write(&lines::WalkOver(walking.totals, Err(why)));
+            self.write(&lines::WalkOver(walking.totals, Err(why), self.spoken()));
         }
     }
 }

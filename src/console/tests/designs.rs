@@ -152,8 +152,6 @@ fn telemetry_has_the_number_of_the_design_but_for_the_black_box() {
     bench.orders("design paper");
     bench.answer(Ok(()));
     let record = Record { flags: crate::telemetry::Flags::REPLAY, ..Record::EMPTY };
-    let (status, activity) = (bench.status, bench.activity);
-    let event = Event::None;
-    bench.console.report(&Report { record, streamed: record, status, activity, event });
+    bench.tell(record, Event::None);
     assert_eq!(numbers(&mut bench), [0, 0]);
 }

@@ -46,8 +46,8 @@ fn a_calibration_says_its_force_when_it_holds_and_when_it_is_over() {
             "ok calibrate over: the handle moved, at 25 %",
         ),
     ] {
-        let (status, activity) = (ARMED, Activity::Calibration);
-        bench.console.report(&Report { record, streamed: record, status, activity, event });
+        (bench.status, bench.activity) = (ARMED, Activity::Calibration);
+        bench.tell(record, event);
         let said = format!("{said} of full scale, code 2560, 1.25 N with full scale 5 N");
         assert_eq!(bench.take().0, [said]);
     }
@@ -63,9 +63,7 @@ fn outputs_of_a_millisecond_share_a_frame() {
     let send = |bench: &mut Bench, samples: &[u64], settings: u16, fault: u8| {
         for &sample in samples {
             let record = Record { sample, settings, fault, ..Record::EMPTY };
-            let Bench { status, activity, .. } = *bench;
-            let event = Event::None;
-            bench.console.report(&Report { record, streamed: record, status, activity, event });
+            bench.tell(record, Event::None);
         }
     };
     let frames = |bench: &mut Bench| {
@@ -84,7 +82,7 @@ fn outputs_of_a_millisecond_share_a_frame() {
         found
     };
     send(&mut bench, &[0, 10, 20], 1, 0);
-    assert_eq!(frames(&mut bench), [0, 10, 20].map(|n| (1, std::vec![n])));
+    assert_eq!(frames(&mut bench), [0, 10, 20].map(|n| (2, std::vec![n])));
     bench.console.stored.period = 2;
     send(&mut bench, &[30, 32, 34, 36, 38, 40], 1, 0);
     assert_eq!(frames(&mut bench), [(2, std::vec![30, 32, 34, 36, 38])]);
@@ -94,7 +92,7 @@ fn outputs_of_a_millisecond_share_a_frame() {
     bench.console.stored.period = 10;
     send(&mut bench, &[80, 90], 2, 20);
     let expected: [(u8, &[u64]); 6] =
-        [(2, &[40]), (2, &[42]), (2, &[44, 46]), (2, &[50]), (2, &[70, 80]), (1, &[90])];
+        [(2, &[40]), (2, &[42]), (2, &[44, 46]), (2, &[50]), (2, &[70, 80]), (2, &[90])];
     let expected = expected.map(|(version, samples)| (version, samples.to_vec()));
     assert_eq!(frames(&mut bench), expected);
     bench.console.stored.period = 1;

@@ -11,16 +11,21 @@ use super::*;
 use crate::{
     device::{Device, tests::DEVICE},
     experiment::{Activity, Event, Order, Promise, Report},
-    safety::{Fault, FaultRecord, FaultSet, Inputs, Refusal, Request, State, Status},
+    safety::{
+        Fault, FaultRecord, FaultSet, GuardedSampler, Inputs, Refusal, Request, State, Status,
+    },
     self_test::{Found, Part},
     store::{Loaded, Source, Stored},
     telemetry::Record,
+    units::{Force, Position},
 };
 
 mod channel;
 mod commands;
 mod designs;
 mod events;
+mod rotary;
+mod stream;
 mod walk;
 
 /// The other side of a console.
@@ -29,6 +34,11 @@ struct Board {
     typed: VecDeque<u8>,
     lines: Vec<String>,
     frames: Vec<Vec<u8>>,
+    /// Where every sample was, and the sampler after the last one.
+    positions: Vec<Position>,
+    sampler: Option<GuardedSampler>,
+    /// The channel of the frames is full.
+    full: bool,
     orders: Vec<Order>,
     flash: Option<Stored>,
     /// Flash does not take anything.
@@ -54,8 +64,18 @@ impl Port for Board {
         !self.deaf
     }
 
-    fn write_frame(&mut self, frame: &[u8]) {
-        self.frames.push(frame.to_vec());
+    fn write_frame(&mut self, frame: &[u8]) -> bool {
+        if !self.full {
+            self.frames.push(frame.to_vec());
+        }
+        !self.full
+    }
+
+    fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler> {
+        let newest = usize::try_from(newest).ok()?;
+        let from = (newest + 1).checked_sub(places.len())?;
+        places.copy_from_slice(self.positions.get(from..=newest)?);
+        self.sampler
     }
 
     fn order(&mut self, order: Order) -> bool {
@@ -122,9 +142,20 @@ impl Bench {
     }
 
     fn report(&mut self, event: Event) {
-        let record = Record { sample: 42, ..Record::EMPTY };
+        self.tell(Record { sample: 42, ..Record::EMPTY }, event);
+    }
+
+    /// An output with that record.
+    fn tell(&mut self, record: Record, event: Event) {
         let Self { status, activity, .. } = *self;
-        self.console.report(&Report { record, streamed: record, status, activity, event });
+        self.console.report(&Report {
+            record,
+            streamed: record,
+            push: Force::ZERO,
+            status,
+            activity,
+            event,
+        });
     }
 
     /// What has been said and ordered since the last call.
@@ -174,6 +205,6 @@ fn version() -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!(
         "ok version {version}, commit 0123456789ab, board a-board, scene bench 0badcafe, envelope {hash:08x}, \
-         layouts record 2, settings 4, telemetry 2"
+         layouts record 3, settings 4, telemetry 2"
     )
 }

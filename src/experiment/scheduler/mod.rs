@@ -54,6 +54,8 @@ pub struct Scheduler<const N: usize> {
     experiment: Experiment,
     /// What it pushes with at the next output.
     push: Force,
+    /// What it pushed with at the last one.
+    pushed: Force,
     duty: Duty,
     duty_plan: DutyPlan,
     history: BlackBox<N>,
@@ -84,6 +86,7 @@ impl<const N: usize> Scheduler<N> {
             motor_reversed: Doubled::new(signs.motor_reversed),
             experiment: Experiment::None,
             push: Force::ZERO,
+            pushed: Force::ZERO,
             duty: Duty::default(),
             duty_plan,
             history,
@@ -139,6 +142,7 @@ impl<const N: usize> Scheduler<N> {
         positions: impl Iterator<Item = Position>,
     ) -> Record {
         let record = Record { settings: self.settings, ..rendered.record };
+        self.pushed = self.push;
         self.history.push(record, record.flags.contains(Flags::FAULT));
         self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
         self.observe(rendered.grant, positions);
@@ -343,7 +347,8 @@ impl<const N: usize> Scheduler<N> {
         };
         let event = core::mem::replace(event, Event::None);
         let streamed = self.replayed().unwrap_or(record);
-        Report { record, streamed, status: self.supervisor.status(), activity, event }
+        let (push, status) = (self.pushed, self.supervisor.status());
+        Report { record, streamed, push, status, activity, event }
     }
 
     /// The next record of the black box in place of the present one, while it is read out.

@@ -4,6 +4,7 @@
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 
+mod acts;
 mod link;
 mod memory;
 mod registers;

@@ -24,7 +24,7 @@ const TIM5: u32 = 0x4000_0C00;
 const OFF_S: f64 = 3e-3;
 
 /// Armed, pressed into the wall, in the middle between two outputs.
-fn pressed(firmware: &Firmware) -> World<'_> {
+pub fn pressed(firmware: &Firmware) -> World<'_> {
     let mut world = firmware.armed();
     let zero_m = world.position_m();
     world.lead_to(zero_m + 5.3e-3).unwrap();

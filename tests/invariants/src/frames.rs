@@ -8,7 +8,7 @@ use zwidth::{
     console::{Console, Port},
     device::Device,
     experiment::{Activity, Event, Order, Report},
-    safety::{FaultSet, Inputs, State, Status},
+    safety::{FaultSet, GuardedSampler, Inputs, State, Status},
     self_test::{Found, Part},
     store::{Loaded, Source, Stored},
     telemetry::{Decoder, Flags, Frame, Record},
@@ -88,8 +88,13 @@ impl Port for Listener {
         true
     }
 
-    fn write_frame(&mut self, frame: &[u8]) {
+    fn write_frame(&mut self, frame: &[u8]) -> bool {
         self.0.borrow_mut().extend(frame);
+        true
+    }
+
+    fn samples(&mut self, _: u64, _: &mut [Position]) -> Option<GuardedSampler> {
+        None
     }
 
     fn order(&mut self, _: Order) -> bool {
@@ -129,7 +134,7 @@ fn report(record: Record) -> Report {
             found: FaultSet::EMPTY,
         },
     };
-    Report { record, streamed: record, status, activity: Activity::None, event: Event::None }
+    Report { record, streamed: record, push: Force::ZERO, status, activity: Activity::None, event: Event::None }
 }
 
 crate::properties! {

@@ -5,7 +5,7 @@ use zwidth::{
     console::{Decimal, Reply, Text},
     device::{Device, designs::Designs},
     experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
-    safety::{SafetySettings, envelope::Envelope},
+    safety::{CurrentSettings, SafetySettings, envelope::Envelope},
     store::{DeviceKey, Name, Signs},
     velocity::EstimatorName,
 };
@@ -93,6 +93,8 @@ pub fn device(design: Design) -> Device<'static> {
         designs: Designs::NONE,
         safety: safety(&design),
         duty: DutySettings { continuous_force_n: 0.7 * design.full_scale_n, time_constant_s: 30.0 },
+        current: CurrentSettings { rest: 0.5, full: 0.8 },
+        radius_m: 0.0,
         back: ReturnSettings {
             start_m: 0.0,
             speed_m_per_s: 0.1,

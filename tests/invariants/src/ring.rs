@@ -8,7 +8,7 @@ use zwidth::units::Position;
 #[path = "../../../src/sync/position_ring.rs"]
 mod position_ring;
 
-use position_ring::{Follower, LENGTH, note};
+use position_ring::{FOLLOWED, Follower, is_kept, note, read};
 
 /// There is one ring.
 static RING: Mutex<()> = Mutex::new(());
@@ -20,7 +20,7 @@ fn place(sample: u64) -> Position {
 
 crate::properties! {
     /// Whenever samples come between its steps, the follower reads the position of every sample up to the one that it
-    /// follows to, in order and once; those are left out that are half a ring old.
+    /// follows to, in order and once; those are left out that are too old.
     followed(300, (first, turns) in (
         prop_oneof![Just(0u64), any::<u32>().prop_map(u64::from)],
         prop::collection::vec((
@@ -29,7 +29,7 @@ crate::properties! {
         ), 1..40),
     )) {
         let _alone = RING.lock().unwrap_or_else(PoisonError::into_inner);
-        let half = LENGTH as u64 / 2;
+        let half = FOLLOWED as u64;
         let mut follower = Follower::new();
         // up to the first sample there is nothing to read
         let (mut noted, mut next) = (first, first);
@@ -61,6 +61,21 @@ crate::properties! {
             }
             assert_eq!(follower.read(), None);
             next = last + 1;
+        }
+    }
+
+    /// Positions that are read together are those of their samples, or said to be kept no longer.
+    read_together(300, (first, newest, since) in (any::<u32>().prop_map(u64::from), 0u64..400, 0u64..400)) {
+        let _alone = RING.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = first + newest + 1 + since;
+        (first..next).for_each(|sample| note(sample, place(sample)));
+        let mut places = [Position::default(); 21];
+        read(first + newest, &mut places);
+        for (position, back) in places.iter().rev().zip(0..) {
+            let sample = (first + newest).wrapping_sub(back);
+            if sample >= first && sample <= first + newest && is_kept(sample, next) {
+                assert_eq!(*position, place(sample), "{back} back");
+            }
         }
     }
 }

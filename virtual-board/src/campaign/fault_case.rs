@@ -2,7 +2,7 @@
 
 use super::{no_processor::NO_PROCESSOR, place::flip_word};
 use crate::{
-    elf::Elf,
+    elf::{Elf, SAMPLE_STATE},
     mcu::{LINK, RENDER, SAMPLE},
     session::{Failed, ask},
     world::{Ended, World},
@@ -427,7 +427,7 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
 
 /// Where `sample` has the position: in the encoder and in the estimator. Found with the handle held for a while.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
-    let (from, size) = elf.place_of("local_resource_sample")?;
+    let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();
     world.hold(world.position_m(), true);
     world.run(20)?;

@@ -5,7 +5,7 @@ use super::fault_case::{
     AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US, SAMPLE_US,
 };
 use crate::{
-    elf::Elf,
+    elf::{Elf, SAMPLE_STATE},
     mcu::{AfterHalt, SAMPLE},
     session::Failed,
     world::{Ended, World},
@@ -186,7 +186,7 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
 
 /// The word of `sample` that counts the samples until the next output: 9 down to 0, over and over.
 fn until_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
-    let (from, size) = elf.place_of("local_resource_sample")?;
+    let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();
     for _ in 0..21 {
         world.sample()?;

@@ -1,6 +1,9 @@
 //! Where a bit can flip: what the program reads of RAM, the core's registers, the peripherals' registers.
 
-use crate::{elf::Elf, world::World};
+use crate::{
+    elf::{Elf, SAMPLE_STATE},
+    world::World,
+};
 
 /// A part of the chip's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -54,7 +57,7 @@ impl Region {
     /// Of a static, by its name.
     fn of(symbol: &str) -> Self {
         let has = |parts: &[&str]| parts.iter().any(|part| symbol.contains(part));
-        if has(&["local_resource_sample"]) {
+        if has(&[SAMPLE_STATE]) {
             Self::Sample
         } else if has(&["local_resource_render"]) {
             Self::Render
@@ -80,7 +83,7 @@ pub struct Places {
 /// Registers of a block: its name, its base, and offsets.
 type Block = (&'static str, u32, &'static [u16]);
 
-const BLOCKS: [Block; 18] = [
+const BLOCKS: [Block; 19] = [
     ("RCC", 0x4002_3800, &[0x00, 0x04, 0x08, 0x30, 0x40, 0x44, 0x50, 0x60, 0x64]),
     ("PWR", 0x4000_7000, &[0x00]),
     ("FLASH", 0x4002_3C00, &[0x00]),
@@ -102,6 +105,11 @@ const BLOCKS: [Block; 18] = [
     ("TIM8", 0x4001_0400, &[0x00, 0x04, 0x08, 0x0C, 0x24, 0x28, 0x2C]),
     ("DMA2", 0x4002_6400, &[0x28, 0x2C, 0x30, 0x34, 0x3C]),
     ("DAC", 0x4000_7400, &[0x00, 0x08, 0x2C]),
+    (
+        "ADC",
+        0x4001_2000,
+        &[0x04, 0x08, 0x10, 0x2C, 0x34, 0x4C, 0x104, 0x108, 0x110, 0x12C, 0x134, 0x14C, 0x304],
+    ),
     ("EXTI", 0x4001_3C00, &[0x00, 0x04, 0x08, 0x0C]),
     ("DBGMCU", 0xE004_2000, &[0x04, 0x08, 0x0C]),
     ("SCB", 0xE000_ED00, &[0x08, 0x0C, 0x10, 0x14, 0x18, 0x1C, 0x20, 0x24, 0x94]),

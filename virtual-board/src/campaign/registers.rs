@@ -12,6 +12,7 @@ const TIM1: u32 = 0x4001_0000;
 const TIM2: u32 = 0x4000_0000;
 const TIM5: u32 = 0x4000_0C00;
 const TIM6: u32 = 0x4000_1000;
+const ADC: u32 = 0x4001_2000;
 const TIM8: u32 = 0x4001_0400;
 const DMA2_STREAM1: u32 = 0x4002_6428;
 const NVIC_PRIORITIES: u32 = 0xE000_E400;
@@ -73,6 +74,7 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),
+        ("ADC2's channel", ADC + 0x134, Flip(1 << 3), true),
         ("a second interrupt", 0xE000_E104, Be(1 << 23), true),
     ];
     match board.wiring.force {
@@ -80,6 +82,7 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
             ("enable's pin a GPIO", GPIOA, Flip(0b11 << 20), true),
             ("DAC off", 0x4000_7400, Flip(1), true),
             ("DAC's pin", GPIOA, Flip(0b11 << 8), true),
+            ("ADC1's channel", ADC + 0x34, Flip(1), true),
         ]),
         Force::Pwm { .. } => rows.extend([
             ("enable's pin a GPIO", GPIOE, Flip(0b11 << 26), true),

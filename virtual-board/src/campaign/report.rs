@@ -6,7 +6,7 @@ use clap::Args;
 use host_sim::{
     error::Error,
     output::terminal::{note, print_json, print_text},
-    scene::NamedScene,
+    scene::{MotorTable, NamedScene},
 };
 use serde::Serialize;
 
@@ -43,6 +43,9 @@ pub struct Campaign {
     /// The number of the first of them, to do one again.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     first: u64,
+    /// The amplifier says its current: half the analogue supply at rest, 80 % of it at full command.
+    #[arg(long)]
+    current_sense: bool,
     /// Worker threads; the results do not depend on it. Default: all cores.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
@@ -121,7 +124,7 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
         .threads
         .map_or_else(|| thread::available_parallelism().map_or(1, NonZero::get), usize::from);
     let chosen =
-        boards.iter().map(|&board| chosen(board, &options.rows)).collect::<Result<Vec<_>, _>>()?;
+        boards.iter().map(|&board| chosen(board, options)).collect::<Result<Vec<_>, _>>()?;
     let mut json = Json {
         command: "campaign",
         seed: options.seed,
@@ -133,7 +136,7 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     };
     let mut wrong = Vec::new();
     for (board, chosen) in boards.into_iter().zip(chosen) {
-        let session = cli::session(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;
+        let session = cli::session(board, options.elf.as_ref(), scene(board, options)?)?;
         let ground = Ground::new(&session, &chosen)?;
         let mut counts = Counts::new();
         for (row, situation, verdict) in ground.rows(&chosen, threads)? {
@@ -197,17 +200,33 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     if wrong.is_empty() { Ok(()) } else { Err(Error::Internal(wrong.join("; "))) }
 }
 
+/// The board's own device, or the same with an amplifier that says its current.
+fn scene(board: Board, options: &Campaign) -> Result<NamedScene, Error> {
+    let mut named = NamedScene::load(board.name)?;
+    if options.current_sense {
+        let motor = named.scene.motor.unwrap_or_default();
+        let (rest, full) = (Some(0.5), Some(0.8));
+        named.scene.motor =
+            Some(MotorTable { current_sense_rest: rest, current_sense_full: full, ..motor });
+        named.name = "current-sense".into();
+    }
+    Ok(named)
+}
+
 /// The rows of that list.
-fn chosen(board: Board, list: &[String]) -> Result<Vec<Row>, Error> {
-    let all = rows(board);
-    let asked: Vec<String> = list.iter().map(|name| slug(name)).collect();
+fn chosen(board: Board, options: &Campaign) -> Result<Vec<Row>, Error> {
+    let all = rows(board, options.current_sense);
+    let asked: Vec<String> = options.rows.iter().map(|name| slug(name)).collect();
     match asked.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["all"] => return Ok(all),
         ["none"] => return Ok(Vec::new()),
         _ => {}
     }
-    let of_any_board =
-        BOARDS.map(rows).into_iter().flatten().map(|row| row.slug()).collect::<Vec<_>>();
+    let of_any_board = BOARDS
+        .iter()
+        .flat_map(|&board| rows(board, false))
+        .map(|row| row.slug())
+        .collect::<Vec<_>>();
     if let Some(name) = asked.iter().find(|name| !of_any_board.contains(name)) {
         let mut known = of_any_board;
         known.dedup();
@@ -334,7 +353,7 @@ mod tests {
     #[test]
     fn names_of_rows_are_unique_and_can_be_typed() {
         for board in BOARDS {
-            let mut slugs: Vec<_> = rows(board).iter().map(Row::slug).collect();
+            let mut slugs: Vec<_> = rows(board, false).iter().map(Row::slug).collect();
             let count = slugs.len();
             slugs.sort();
             slugs.dedup();

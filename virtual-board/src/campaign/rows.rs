@@ -69,8 +69,8 @@ pub fn slug(name: &str) -> String {
     words.collect::<Vec<_>>().join("-")
 }
 
-/// All of a board.
-pub fn rows(board: Board) -> Vec<Row> {
+/// All of a board, whose amplifier says its current or not.
+pub fn rows(board: Board, current_sense: bool) -> Vec<Row> {
     let cases = fault_cases().into_iter().map(|case| {
         let limit_s = (case.limit_us * 1e-6).max(SOON_S + GRID_S);
         let mut row = Row::of(case.name, limit_s, move |elf: &Elf, world: &mut World<'_>| {
@@ -94,5 +94,5 @@ pub fn rows(board: Board) -> Vec<Row> {
             Ok(begun)
         })
     });
-    cases.chain(registers).chain(outside()).collect()
+    cases.chain(registers).chain(outside(board, current_sense)).collect()
 }

@@ -28,6 +28,8 @@ pub struct Frame {
     pub fault: u8,
     /// An experiment pushes, or did so a moment ago.
     pub busy: bool,
+    /// How many samples its counts go back, and by how much the position moved in them; of layout 2.
+    pub moved: Option<(u64, i32)>,
 }
 
 /// Bits of the flags.
@@ -46,19 +48,36 @@ pub mod flag {
 }
 
 impl Frame {
-    pub const BYTES: usize = 40;
+    /// Takes the first frame off `bytes`, of one output in either layout, if it is there as a whole.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn take(bytes: &mut Vec<u8>) -> Result<Option<Self>, String> {
+        let length = match bytes.get(..3) {
+            None => return Ok(None),
+            Some(b"ZW\x01") => 40,
+            Some(b"ZW\x02") => match bytes.get(36..38) {
+                None => return Ok(None),
+                Some(length) => usize::from(u16::from_le_bytes([length[0], length[1]])),
+            },
+            Some(other) => return Err(format!("a frame begins with {other:02x?}")),
+        };
+        if bytes.len() < length {
+            return Ok(None);
+        }
+        let frame: Vec<u8> = bytes.drain(..length).collect();
+        Self::read(&frame).map(Some)
+    }
 
     /// Reads one frame.
     ///
     /// # Errors
     /// What is wrong with it.
-    pub fn read(bytes: &[u8; Self::BYTES]) -> Result<Self, String> {
+    pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let word = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|n| bytes[at + n]));
         let half = |at: usize| u16::from_le_bytes([0, 1].map(|n| bytes[at + n]));
-        if bytes[..3] != *b"ZW\x01" {
-            return Err(format!("a frame begins with {:02x?}", &bytes[..3]));
-        }
-        if crc(&bytes[..36]) != word(36) {
+        let body = bytes.len() - 4;
+        if crc(&bytes[..body]) != word(body) {
             return Err("a frame's CRC is wrong".into());
         }
         Ok(Self {
@@ -72,12 +91,51 @@ impl Frame {
             settings: half(34),
             fault: bytes[3],
             busy: false,
+            moved: if bytes[2] == 2 { moved(&bytes[40..body])? } else { None },
         })
     }
 
     pub fn is(&self, flag: u16) -> bool {
         self.flags & flag != 0
     }
+}
+
+/// How many samples the counts of a frame go back, and the sum of them, if its parts have any.
+fn moved(mut parts: &[u8]) -> Result<Option<(u64, i32)>, String> {
+    let mut found = None;
+    while let [kind, length, rest @ ..] = parts {
+        let (part, behind) =
+            rest.split_at_checked((*length).into()).ok_or("a part of a frame is cut")?;
+        parts = behind;
+        let mut steps: Vec<i32> = Vec::new();
+        match kind {
+            2 => {
+                let mut at = 0;
+                while at < part.len() {
+                    let wide = part[at] == 0x80;
+                    let step = match part.get(at + 1..at + 5) {
+                        Some(bytes) if wide => i32::from_le_bytes([0, 1, 2, 3].map(|n| bytes[n])),
+                        _ if wide => return Err("an escape is cut".into()),
+                        _ => part[at].cast_signed().into(),
+                    };
+                    steps.push(step);
+                    at += if wide { 5 } else { 1 };
+                }
+            }
+            3 => {
+                for both in part {
+                    let signed = |bits: u8| i32::from(bits) - if bits > 7 { 16 } else { 0 };
+                    steps.extend([signed(both & 15), signed(both >> 4)]);
+                }
+            }
+            _ => continue,
+        }
+        let sum = steps.iter().fold(0i32, |sum, step| sum.wrapping_add(*step));
+        if found.replace((steps.len() as u64, sum)).is_some() {
+            return Err("a frame has its counts twice".into());
+        }
+    }
+    Ok(found)
 }
 
 /// CRC-32 as in zlib, bit by bit.
@@ -429,6 +487,7 @@ mod tests {
             settings: 35,
             fault: 0,
             busy: false,
+            moved: None,
         });
         for output in [9940, 9980] {
             twin.change(output, Change::Parameters(parameters));

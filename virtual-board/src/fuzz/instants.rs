@@ -202,9 +202,9 @@ fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
         if world.powered.amplifier.is_enabled() {
             return Err("enable is active again".into());
         }
-        let frames = world.telemetry.as_chunks::<{ Frame::BYTES }>().0;
-        for bytes in frames {
-            let fault = Frame::read(bytes)?.fault;
+        let mut frames = 0;
+        while let Some(Frame { fault, .. }) = Frame::take(&mut world.telemetry)? {
+            frames += 1;
             if fault != 0 {
                 return if fault == code {
                     Ok(())
@@ -213,7 +213,7 @@ fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
                 };
             }
         }
-        if event == Event::Reset && !frames.is_empty() {
+        if event == Event::Reset && frames > 0 {
             return Err("no fault after the reset".into());
         }
     }

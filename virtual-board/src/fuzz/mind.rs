@@ -133,6 +133,7 @@ impl Mind {
         self.asked.clear();
         (self.waited, self.saving) = (0, false);
         self.begun.clear();
+        self.told = None;
         self.sequence = None;
         self.replayed = None;
         self.jumped_at = None;

@@ -98,7 +98,7 @@ impl Answer {
 }
 
 /// Names of the faults, as their page has them.
-pub const FAULTS: [(u8, &str); 22] = [
+pub const FAULTS: [(u8, &str); 24] = [
     (10, "count jump"),
     (11, "over-speed"),
     (12, "out of range"),
@@ -115,6 +115,8 @@ pub const FAULTS: [(u8, &str); 22] = [
     (32, "debugger halt"),
     (33, "clock failure"),
     (34, "host silent"),
+    (35, "force output"),
+    (36, "motor current"),
     (40, "settings"),
     (41, "panic"),
     (42, "hard fault"),
@@ -173,7 +175,7 @@ impl Model {
         let hash = envelope.hash();
         format!(
             "ok version {version}, commit COMMIT, board {name}, scene {name} {scene_hash:08x}, envelope {hash:08x}, \
-             layouts record 2, settings 4, telemetry 2"
+             layouts record 3, settings 4, telemetry 2"
         )
     }
 

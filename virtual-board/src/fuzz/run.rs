@@ -96,6 +96,8 @@ pub struct Mind {
     pub(super) saving: bool,
     /// Bytes of a frame that is not whole yet; the number of the next one.
     pub(super) begun: Vec<u8>,
+    /// The last sample whose count was told, and where it was.
+    pub(super) told: Option<(u64, i32)>,
     pub(super) sequence: Option<u32>,
     /// Frames of the black box that came since it was asked for.
     pub(super) replayed: Option<u64>,
@@ -168,6 +170,7 @@ impl<'a> Run<'a> {
             waited: 0,
             saving: false,
             begun: Vec::new(),
+            told: None,
             sequence: None,
             replayed: None,
             now: 0,
@@ -318,9 +321,21 @@ impl<'a> Run<'a> {
         self.mind.twin.read(readings);
         let bytes = std::mem::take(&mut self.world.telemetry);
         self.mind.begun.extend(bytes);
-        while let Some((bytes, _)) = self.mind.begun.split_first_chunk::<{ Frame::BYTES }>() {
-            let frame = Frame::read(bytes).map_err(End::Difference)?;
-            self.mind.begun.drain(..Frame::BYTES);
+        while let Some(frame) = Frame::take(&mut self.mind.begun).map_err(End::Difference)? {
+            if let Some((samples, moved)) = frame.moved {
+                let before = frame.sample.checked_sub(samples);
+                if let Some((sample, position)) = self.mind.told
+                    && before == Some(sample)
+                    && frame.position.wrapping_sub(position) != moved
+                {
+                    let text = format!(
+                        "sample {}: counts add up to {moved}, the position was {position}",
+                        frame.sample
+                    );
+                    return differs(text);
+                }
+                self.mind.told = Some((frame.sample, frame.position));
+            }
             self.frame(frame)?;
         }
         let replies = std::mem::take(&mut self.world.replies);

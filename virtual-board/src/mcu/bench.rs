@@ -1,18 +1,15 @@
-//! What a self-test looks at beyond the control: option bytes, the watchdog's oscillator at TIM5's channel 4, the converter
-//! on the DAC's pin, two wires from the port to the encoder's inputs. Neither a reset nor a supply that goes changes them.
+//! What a self-test looks at beyond the control: option bytes, the watchdog's oscillator at TIM5's channel 4, errors of DAC
+//! and converter, what the amplifier says of its current, two wires from the port to the encoder's inputs. Neither a reset nor a supply that goes changes them.
 
 use std::sync::{
     Arc,
     atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicU64, Ordering::Relaxed},
 };
 
-use rsemu::core::{
-    space::{MemAttrs, MemOps, MemResult, Region},
-    wire::{Level, WireId, WireSink},
-};
+use rsemu::core::wire::{Level, WireId, WireSink};
 
 use super::{
-    bus::{Clock, Lazy, Port, Storage},
+    bus::{Clock, Lazy, Port},
     encoder::EncoderInput,
 };
 
@@ -27,6 +24,12 @@ pub struct Bench {
     pub oscillator_hz: AtomicU64,
     /// What the converter reads too much.
     pub converter_error: AtomicI32,
+    /// What the DAC gives too much, codes.
+    pub dac_error: AtomicI32,
+    /// The converters do not answer.
+    pub converters_stand: AtomicBool,
+    /// What the amplifier says of its current, codes of the converter.
+    pub current: AtomicU32,
 }
 
 impl Default for Bench {
@@ -36,6 +39,9 @@ impl Default for Bench {
             brown_out_reset: AtomicU32::new(3),
             oscillator_hz: AtomicU64::new(32_000),
             converter_error: AtomicI32::new(0),
+            dac_error: AtomicI32::new(0),
+            converters_stand: AtomicBool::new(false),
+            current: AtomicU32::new(0),
         }
     }
 }
@@ -149,46 +155,5 @@ impl Port for PacePort {
             }
             _ => value,
         }
-    }
-}
-
-/// ADC1, whose fourth input is the DAC's first output: one conversion, done at once. Its buffer gives 0.2 to 3.1 V.
-#[derive(Debug)]
-pub(super) struct Converter {
-    pub(super) registers: Arc<Storage>,
-    pub(super) dac: Arc<Storage>,
-    pub(super) bench: Arc<Bench>,
-}
-
-impl Converter {
-    const SR: u64 = 0x00;
-    const DONE: u32 = 1 << 1;
-    const CR2: u64 = 0x08;
-    const SQR3: u64 = 0x34;
-    const DR: u64 = 0x4C;
-    const START: u32 = 1 << 30 | 1;
-
-    pub(super) fn region(self) -> Region {
-        Region::io("adc", 0x400, Arc::new(self))
-    }
-}
-
-impl MemOps for Converter {
-    fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
-        self.registers.read(offset, into, attributes)
-    }
-
-    fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
-        self.registers.write(offset, from, attributes)?;
-        let starts = self.registers.get(Self::CR2) & Self::START == Self::START;
-        if offset == Self::CR2 && starts && self.registers.get(Self::SQR3) & 31 == 4 {
-            let on = self.dac.get(0x00) & 1 != 0;
-            let code = if on { self.dac.get(0x08) & 0xFFF } else { 0 };
-            let code = i32::try_from(code.clamp(248, 3847)).unwrap_or_default();
-            let read = code + self.bench.converter_error.load(Relaxed);
-            self.registers.set(Self::DR, read.clamp(0, 4095).unsigned_abs());
-            self.registers.set(Self::SR, Self::DONE);
-        }
-        Ok(())
     }
 }

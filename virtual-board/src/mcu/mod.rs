@@ -8,6 +8,7 @@
 
 mod bench;
 mod bus;
+mod converter;
 mod dma;
 mod encoder;
 mod inject;

@@ -33,7 +33,7 @@ pub struct Snapshot {
     encoder: EncoderState,
     /// Cycles for which each timer has stood still.
     stood: Vec<u64>,
-    /// The blocks that the emulator has no model of: DBGMCU, DAC, ADC1, DMA2; what waits in DMA2, its count, and whether it begins.
+    /// The blocks that the emulator has no model of: DBGMCU, DAC, ADCs, DMA2; what waits in DMA2, its count, and whether it begins.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),
     /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for.

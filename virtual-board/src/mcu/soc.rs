@@ -18,8 +18,9 @@ use rsemu::{
 
 use super::{
     Chip, Listeners, Pin, PinListener, RAM, RAM_BYTES,
-    bench::{Converter, FlashPort, PacePort, WIRES, Wire},
+    bench::{FlashPort, PacePort, WIRES, Wire},
     bus::{Clock, Dac, Lazy, Plain, Registers, Storage},
+    converter::Converters,
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
     main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
@@ -315,10 +316,15 @@ impl Soc {
         map(Registers::region(&exti, Plain(exti.clone())), 0x4001_3C00);
         let dac = Storage::new();
         let adc = Storage::new();
-        let (registers, converted) = (Arc::clone(&adc), Arc::clone(&dac));
-        let converter = Converter { registers, dac: converted, bench: Arc::clone(bench) };
-        map(converter.region(), 0x4001_2000);
         let commanded_at = Arc::new(AtomicU64::new(0));
+        let converters = Converters {
+            registers: Arc::clone(&adc),
+            dac: Arc::clone(&dac),
+            written_at: Arc::clone(&commanded_at),
+            clock: Arc::clone(clock),
+            bench: Arc::clone(bench),
+        };
+        map(converters.region(), 0x4001_2000);
         let written_at = Arc::clone(&commanded_at);
         map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
         let open = Arc::clone(&stop);

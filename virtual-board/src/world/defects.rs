@@ -1,6 +1,6 @@
 //! What is wrong outside of the chip, and what the motor does meanwhile.
 
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, sync::atomic::Ordering::Relaxed};
 
 use super::World;
 
@@ -11,6 +11,10 @@ pub struct Defects {
     pub count: Option<CountDefect>,
     /// While it is enabled the amplifier gives this part of full scale, whatever it is told.
     pub stuck: Option<f64>,
+    /// The DAC gives so much too much, part of full scale.
+    pub dac: f64,
+    /// The converters do not answer.
+    pub converters_stand: bool,
 }
 
 /// A count that is not that of the handle: `at + offset + ratio (count - at) + per_sample (samples - since)`.
@@ -58,6 +62,7 @@ pub struct Seen {
 
 impl Defects {
     pub(super) fn given(&self, told: f64, enabled: bool) -> f64 {
+        let told = if enabled { told + self.dac } else { told };
         self.stuck.filter(|_| enabled).unwrap_or(told)
     }
 
@@ -83,6 +88,9 @@ impl Swing {
     }
 }
 
+/// Of the filter between an amplifier's voltage for its current and the board, s: 1.6 kHz.
+const SENSE_S: f64 = 1e-4;
+
 impl World<'_> {
     /// Swings the handle about where it is, from now on, until it is held or led.
     pub fn swing(&mut self, amplitude_m: f64, rate_hz: f64) {
@@ -95,6 +103,18 @@ impl World<'_> {
         let at = self.encoder.count(self.shown_m());
         let defect = CountDefect { at, since: self.samples, offset, ratio, per_sample };
         self.defects.count = Some(defect);
+    }
+
+    /// What the converters see of it, the amplifier's voltage behind a filter that the PWM's ripple needs.
+    pub(super) fn show(&mut self, given: f64) {
+        self.filtered += (given - self.filtered) * (1.0 - (-self.step_s / SENSE_S).exp());
+        let bench = self.powered.mcu.bench();
+        #[expect(clippy::cast_possible_truncation, reason = "at most 4096")]
+        let codes = |part: f64, range: f64| (part * range).round() as i32;
+        bench.dac_error.store(codes(self.defects.dac, 2047.0), Relaxed);
+        bench.converters_stand.store(self.defects.converters_stand, Relaxed);
+        let current = self.current.rest + self.filtered * (self.current.full - self.current.rest);
+        bench.current.store(codes(current, 4096.0).max(0).unsigned_abs(), Relaxed);
     }
 
     /// The step that ends at cycle `at`.

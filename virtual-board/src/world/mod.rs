@@ -17,6 +17,8 @@ use host_sim::{
     simulation::quantiser::{self, Quantiser},
 };
 
+use zwidth::safety::CurrentSettings;
+
 use crate::{
     amplifier,
     board::{Board, Powered},
@@ -51,6 +53,10 @@ pub struct World<'a> {
     samples: u64,
     stepped: u64,
     full_scale_n: f64,
+    /// How the amplifier says its current.
+    current: CurrentSettings,
+    /// The motor's current behind a filter, part of full scale.
+    filtered: f64,
     /// The handle is held where it is, or led at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
@@ -93,6 +99,7 @@ pub struct Snapshot {
     motor_reversed: bool,
     swapped_at: Option<i32>,
     defects: Defects,
+    filtered: f64,
     seen: Option<Vec<Seen>>,
     log: Vec<u8>,
     moved_to: u64,
@@ -213,6 +220,8 @@ impl<'a> World<'a> {
             samples: 0,
             stepped: 0,
             full_scale_n: scene.full_scale_n(),
+            current: scene.on_board().current,
+            filtered: 0.0,
             held: Some(start_m),
             led_m_per_s: 0.0,
             finger: None,
@@ -244,6 +253,7 @@ impl<'a> World<'a> {
             motor_reversed: self.motor_reversed,
             swapped_at: self.swapped_at,
             defects: self.defects,
+            filtered: self.filtered,
             seen: self.seen.clone(),
             log: self.log.begun.clone(),
             moved_to: self.moved_to,
@@ -267,6 +277,7 @@ impl<'a> World<'a> {
         self.motor_reversed = from.motor_reversed;
         self.swapped_at = from.swapped_at;
         self.defects = from.defects;
+        self.filtered = from.filtered;
         self.seen.clone_from(&from.seen);
         self.log.begun.clone_from(&from.log);
         self.moved_to = from.moved_to;
@@ -373,6 +384,7 @@ impl<'a> World<'a> {
         self.powered.mcu.settle_to(to);
         let given = self.powered.amplifier.mean_until(to, from);
         let given = self.defects.given(given, self.powered.amplifier.is_enabled());
+        self.show(given);
         let given = if self.motor_reversed { -given } else { given };
         let force_n = given * self.full_scale_n;
         if self.seen.is_some() {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use zwidth::{
     experiment::{CalibrationSettings, DutySettings, ReturnSettings},
     period::PERIODS,
-    safety::SafetySettings,
+    safety::{CurrentSettings, SafetySettings},
     store::{Name, Signs},
     velocity::{EstimatorName, Sense},
 };
@@ -98,6 +98,22 @@ pub struct MotorTable {
     /// Thermal time constant of its winding, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_constant_s: Option<f64>,
+    /// What the amplifier's voltage for its current is without current, part of the board's analogue supply.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub current_sense_rest: Option<f64>,
+    /// The same at full command.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub current_sense_full: Option<f64>,
+}
+
+impl MotorTable {
+    /// Without these keys the input is not used.
+    fn current(&self) -> CurrentSettings {
+        CurrentSettings {
+            rest: self.current_sense_rest.unwrap_or_default(),
+            full: self.current_sense_full.unwrap_or_default(),
+        }
+    }
 }
 
 /// The return move between two hits.
@@ -136,6 +152,8 @@ pub struct OnBoard {
     pub calibration: CalibrationSettings,
     /// What the motor stands.
     pub duty: DutySettings,
+    /// How the amplifier says its current.
+    pub current: CurrentSettings,
     /// The return move.
     pub back: ReturnSettings,
     /// Directions.
@@ -281,7 +299,8 @@ impl Scene {
             motor_reversed: minus(|board| board.motor),
             encoder_reversed: minus(|board| board.encoder),
         };
-        OnBoard { safety: settings, calibration, duty, back, signs, guessed: keys.0 }
+        let current = motor.current();
+        OnBoard { safety: settings, calibration, duty, current, back, signs, guessed: keys.0 }
     }
 
     /// Checks the tables that are there; without any of them a scene need not fit a board.
@@ -291,7 +310,8 @@ impl Scene {
             board.check(self)?;
         }
         let design = self.design();
-        let OnBoard { safety: limits, calibration, duty, back: returned, .. } = self.on_board();
+        let OnBoard { safety: limits, calibration, duty, current, back: returned, .. } =
+            self.on_board();
         let keyed = |table: &'static str| {
             move |error: zwidth::SettingsError| {
                 let name = error.parameter;
@@ -309,6 +329,7 @@ impl Scene {
         }
         if motor.is_some() {
             duty.build(&design, 0).map_err(keyed("motor"))?;
+            current.build(design.output).map_err(keyed("motor"))?;
         }
         if back.is_some() {
             returned.build(&design).map_err(keyed("return"))?;

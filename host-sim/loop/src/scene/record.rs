@@ -104,7 +104,7 @@ impl NamedScene {
                 within(&on("actuator.latency"), latency, board.latency_samples..=longest)
             })
             .map_err(refuse)?;
-        let OnBoard { safety, calibration, duty, back, signs, guessed } = scene.on_board();
+        let OnBoard { safety, calibration, duty, current, back, signs, guessed } = scene.on_board();
         // What is known of a value is no other device.
         let content = Scene { estimated: vec![], ..scene.clone() };
         let text = toml::to_string(&content)
@@ -124,6 +124,8 @@ impl NamedScene {
             designs: Designs::NONE,
             safety,
             duty,
+            current,
+            radius_m: scene.units.radius_m(),
             back,
             calibration,
             signs,
@@ -212,9 +214,9 @@ mod tests {
             };
             prepared.record(&[Boundary { key, points: &points(rows) }], &board)
         };
-        assert_eq!(of(1329).map(|bytes| bytes.len()).ok(), Some(4 * WORDS_MAX));
-        let error = of(1330).map(|bytes| bytes.len()).unwrap_err().to_string();
-        assert!(error.contains("the envelope has 1330 rows, and the record has 16 KiB"), "{error}");
+        assert_eq!(of(1327).map(|bytes| bytes.len()).ok(), Some(4 * WORDS_MAX));
+        let error = of(1328).map(|bytes| bytes.len()).unwrap_err().to_string();
+        assert!(error.contains("the envelope has 1328 rows, and the record has 16 KiB"), "{error}");
     }
 
     #[test]

@@ -94,6 +94,14 @@ impl Units {
         }
     }
 
+    /// Radius of the handle, m; 0: it moves straight.
+    pub fn radius_m(self) -> f64 {
+        match self {
+            Self::Linear => 0.0,
+            Self::Rotary { radius_m } => radius_m,
+        }
+    }
+
     /// Whether they are those of a rotary scene.
     pub fn is_rotary(self) -> bool {
         self != Self::Linear
@@ -142,6 +150,19 @@ impl Units {
     /// A number of a result times the factor of [`key`](Self::key).
     pub fn told(value: f64, factor: f64) -> f64 {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
+    }
+
+    /// A number at the handle, as a board's console takes it: `key` says what it is. Fifteen digits, all that it reads.
+    pub fn command(self, key: &str, at_handle: f64) -> String {
+        match self.key(key) {
+            Some((_, factor)) => rounded(at_handle * factor, DIGITS_IN).to_string(),
+            None => at_handle.to_string(),
+        }
+    }
+
+    /// A number that a board's console has said, at the handle.
+    pub fn from_reply(self, key: &str, said: f64) -> f64 {
+        self.key(key).map_or(said, |(_, factor)| said / factor)
     }
 
     /// How a unit is written, and what its numbers are multiplied by.

@@ -8,7 +8,7 @@ use crate::{
     cli::Common,
     error::Error,
     output::{in_units::InUnits, terminal::print_result},
-    scene::NamedScene,
+    scene::{NamedScene, Units},
 };
 
 #[derive(Serialize)]
@@ -36,7 +36,8 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     }
     let scene = NamedScene::load(&args.base)?;
     let found = plan(&scene.scene).map_err(|error| Error::Input(error).of(&scene.name))?;
-    let console = console(&found);
+    let units = scene.scene.units;
+    let console = console(&found, units);
     let guessed: Vec<String> = scene
         .scene
         .on_board()
@@ -47,6 +48,7 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
                 .iter()
                 .any(|of| key.starts_with(of))
         })
+        .map(|key| units.key(&key).map_or(key, |(renamed, _)| renamed))
         .collect();
     let pulses = found.pulses.iter().map(|one| JsonPulse {
         push_n: one.push_n,
@@ -63,7 +65,6 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
         guessed: guessed.clone(),
         console: console.clone(),
     };
-    let units = scene.scene.units;
     print_result(common.json, InUnits(units, json), || {
         let mut text = format!(
             "# Pulses for {}, planned with its own mass, damping and spring. It moves: keep clear.",
@@ -86,10 +87,21 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
+/// A number at the handle for the console: with so many decimals there, or with five digits about the axis.
+fn said(units: Units, key: &str, at_handle: f64, decimals: usize) -> String {
+    match units.key(key) {
+        None => format!("{at_handle:.decimals$}"),
+        Some((_, factor)) => {
+            let digits = format!("{:.4e}", at_handle * factor);
+            digits.parse().map_or(digits, |value: f64| value.to_string())
+        }
+    }
+}
+
 /// The lines for the console, as `cargo board run` takes them too.
-fn console(plan: &Plan) -> Vec<String> {
+fn console(plan: &Plan, units: Units) -> Vec<String> {
     let mut lines: Vec<String> = ["zero", "k 0", "b 0", "arm", "wait 1"].map(String::from).to_vec();
-    lines.push(format!("start {:.6}", plan.start_m));
+    lines.push(format!("start {}", said(units, "start_m", plan.start_m, 6)));
     let mut length_s = 0.0;
     for one in &plan.pulses {
         if one.seconds != length_s {
@@ -97,7 +109,7 @@ fn console(plan: &Plan) -> Vec<String> {
             lines.push(format!("settle {}", 0.5 * length_s));
             lines.push(format!("window {}", 0.5 * length_s));
         }
-        lines.push(format!("push {:.4}", one.push_n));
+        lines.push(format!("push {}", said(units, "push_n", one.push_n, 4)));
         lines.push("hit".into());
         lines.push(format!("wait {}", plan.after_s + 2.0));
     }

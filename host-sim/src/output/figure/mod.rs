@@ -41,7 +41,7 @@ use page::{Page, Recorder};
 pub use area::{AreaPlot, AreaPoint, area};
 pub(crate) use axis::{hertz, scaled_unit};
 pub use response::{ResponsePlot, pulse_response};
-pub use telemetry::{TelemetryPlot, TelemetryPoint, telemetry};
+pub use telemetry::{ReplayPlot, TelemetryPlot, TelemetryPoint, replay, telemetry};
 pub(crate) use text::escape;
 pub use trace::{TracePlot, hit_trace};
 pub use trade::{Mark, TradePanel, TradePlot, TradeSeries, trade};

@@ -146,6 +146,77 @@ fn bar(
     panel::rect(page, from..to, middle - BAR / 2.0..middle + BAR / 2.0, colour.mix(BAR_OPACITY))
 }
 
+/// What [`replay`] draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReplayPlot {
+    /// First line above the plot.
+    pub title: String,
+    /// Second line: what identifies the capture.
+    pub subtitle: String,
+    /// Title of the axis of time, with its unit.
+    pub time_title: String,
+    /// Titles of the two panels, with their units.
+    pub titles: [String; 2],
+    /// Names of the board's velocity and of the other.
+    pub names: [String; 2],
+    /// Time, position, the board's velocity and the other.
+    pub points: Vec<[f64; 4]>,
+}
+
+/// Draws position, and below it both velocities over time.
+///
+/// # Errors
+/// [`FigureError`] if a number is NaN or infinite, or there are no samples.
+pub fn replay(plot: &ReplayPlot) -> Result<Figure, FigureError> {
+    if plot.points.is_empty() {
+        return Err(FigureError::NoSamples);
+    }
+    for value in plot.points.iter().flatten() {
+        plottable("velocity", *value)?;
+    }
+    let height = panel_top(2) + PANEL_HEIGHT + X_TITLE_DROP + 12.0;
+    Figure::new([&plot.title, &plot.subtitle], height, &|page| draw_replay(plot, page))
+}
+
+fn draw_replay(plot: &ReplayPlot, page: &Page) -> Result<(), FigureError> {
+    let [from, to] = range(plot.points.iter().map(|point| point[0]));
+    let to = to.max(from + SHORTEST);
+    let curves = [&[(1, DATA)][..], &[(2, DATA), (3, ACCENT)]];
+    for ((index, curves), title) in curves.into_iter().enumerate().zip(&plot.titles) {
+        let top = panel_top(index);
+        // The second one is twice as high.
+        let times = index as f64 + 1.0;
+        let panel = Panel { left: LEFT, top, right: RIGHT, bottom: top + times * PANEL_HEIGHT };
+        let values =
+            plot.points.iter().flat_map(|point| curves.iter().map(|(place, _)| point[*place]));
+        let [low, high] = range(values);
+        let x = Ticks::within(from, to, MOST_X_TICKS);
+        let y = Ticks::around(low, high, MOST_Y_TICKS);
+        let mut chart = panel.chart(page, x, y, GAP - 4.0)?;
+        panel::axes(&mut chart, Grid::Both, ["", title])?;
+        for (place, colour) in curves {
+            let points = plot.points.iter().map(|point| (point[0], point[*place]));
+            draw_trace(page, &chart, points, colour.mix(1.0), LINE_WIDTH)?;
+        }
+        panel.frame(page)?;
+    }
+    let bottom = panel_top(1) + 2.0 * PANEL_HEIGHT + GAP;
+    let middle = f64::midpoint(LEFT, RIGHT);
+    text::write(
+        page,
+        &plot.time_title,
+        [middle, bottom + 8.0],
+        HPos::Center,
+        AXIS_TITLE_SIZE,
+        TEXT,
+    )?;
+    let rows = [(LEFT, HPos::Left, DATA), (RIGHT, HPos::Right, ACCENT)];
+    for (name, (x, side, colour)) in plot.names.iter().zip(rows) {
+        text::write(page, name, [x, bottom + 8.0], side, SMALL_SIZE, colour)?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

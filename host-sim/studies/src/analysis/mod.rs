@@ -7,6 +7,7 @@ pub mod explain;
 pub mod identify;
 pub mod linear;
 pub mod overview;
+pub mod recompute;
 pub mod rendered;
 pub mod replay;
 pub mod telemetry;

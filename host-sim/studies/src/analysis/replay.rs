@@ -2,7 +2,15 @@
 
 use std::fmt::Write as _;
 
-use zwidth::{CounterWidth, LoopParameters, Sampler, telemetry::Record, units::Velocity};
+use zwidth::{
+    CounterWidth, LoopParameters, Sampler,
+    units::{Position, Velocity},
+};
+
+use super::{
+    recompute::{Recomputed, Row},
+    telemetry::Capture,
+};
 
 /// Longest delay between two estimators that is looked for, samples.
 const LAG: usize = 500;
@@ -14,36 +22,66 @@ const LEAST: usize = 100;
 /// An estimator beside the one that the board had.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replayed {
-    /// Samples that follow each other, as the board has recorded them.
-    pub records: Vec<Record>,
+    /// The first of the samples, which follow each other.
+    pub first: u64,
+    /// Position of each.
+    pub positions: Vec<Position>,
+    /// The board's own velocity of each: told with an output, or computed from its keys and counts.
+    pub board: Vec<Velocity>,
     /// What the estimator says to each.
     pub velocities: Vec<Velocity>,
 }
 
 impl Replayed {
-    /// Runs it over the longest stretch of `run` in which no sample is missing, from rest.
+    /// Runs it over the longest stretch of a capture in which no sample is missing, from rest.
     ///
     /// # Errors
-    /// The run has no such stretch: how many samples there are from output to output.
-    pub fn of(run: &[Record], control: &LoopParameters) -> Result<Self, u64> {
-        let follows = |a: &Record, b: &Record| b.sample == a.sample.wrapping_add(1);
-        let longest = run.chunk_by(follows).max_by_key(|stretch| stretch.len()).unwrap_or_default();
-        let Some(first) = longest.first().filter(|_| longest.len() >= LEAST) else {
-            let steps = run.windows(2).map(|pair| pair[1].sample - pair[0].sample);
+    /// The capture has no such stretch: how many samples there are from one to the next that it tells.
+    pub fn of(capture: &Capture, control: &LoopParameters) -> Result<Self, u64> {
+        Self::of_rows(&Recomputed::of(capture).rows, control)
+    }
+
+    fn of_rows(rows: &[Row], control: &LoopParameters) -> Result<Self, u64> {
+        let known: Vec<(u64, Position, Velocity)> = rows
+            .iter()
+            .filter_map(|row| Some((row.sample, row.position, row.told.or(row.velocity)?)))
+            .collect();
+        let longest =
+            known.chunk_by(|a, b| b.0 == a.0.wrapping_add(1)).max_by_key(|stretch| stretch.len());
+        let Some((longest, &[first, ..])) =
+            longest.filter(|longest| longest.len() >= LEAST).map(|longest| (longest, longest))
+        else {
+            let steps = known.windows(2).map(|pair| pair[1].0.saturating_sub(pair[0].0));
             return Err(steps.min().unwrap_or(0));
         };
-        let counter = |record: &Record| record.position.counts().cast_unsigned();
-        let mut sampler = Sampler::new(counter(first), CounterWidth::Bits32);
-        let says = |record| sampler.sample(control, counter(record)).motion.velocity;
-        let velocities = longest.iter().map(says).collect();
-        Ok(Self { records: longest.to_vec(), velocities })
+        let counter = |position: Position| position.counts().cast_unsigned();
+        let mut sampler = Sampler::new(counter(first.1), CounterWidth::Bits32);
+        let says = |&(_, position, _): &(u64, Position, Velocity)| {
+            sampler.sample(control, counter(position)).motion.velocity
+        };
+        Ok(Self {
+            first: first.0,
+            positions: longest.iter().map(|known| known.1).collect(),
+            board: longest.iter().map(|known| known.2).collect(),
+            velocities: longest.iter().map(says).collect(),
+        })
+    }
+
+    /// Samples.
+    pub fn len(&self) -> usize {
+        self.velocities.len()
+    }
+
+    /// There are none.
+    pub fn is_empty(&self) -> bool {
+        self.velocities.is_empty()
     }
 
     /// First sample from which on both say the same to the last bit, up to the end.
     pub fn same_from(&self) -> Option<u64> {
-        let both = self.records.iter().zip(&self.velocities).rev();
-        let same = both.take_while(|(record, velocity)| record.velocity == **velocity);
-        same.last().map(|(record, _)| record.sample)
+        let both = self.board.iter().zip(&self.velocities).rev();
+        let same = both.take_while(|(board, here)| board == here).count() as u64;
+        (same > 0).then(|| self.first + self.len() as u64 - same)
     }
 
     /// RMS of the difference to the board's, LSB.
@@ -83,17 +121,17 @@ impl Replayed {
 
     /// The board's and the estimator's, LSB, once it has settled.
     fn pairs(&self) -> impl Iterator<Item = [f64; 2]> {
-        let both =
-            self.records.iter().zip(&self.velocities).skip(SETTLE.min(self.records.len() / 10));
-        both.map(|(record, here)| [record.velocity, *here].map(|v| f64::from(v.bits())))
+        let both = self.board.iter().zip(&self.velocities).skip(SETTLE.min(self.len() / 10));
+        both.map(|(board, here)| [board, here].map(|v| f64::from(v.bits())))
     }
 
     /// As a table, in the integers of the control.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,board_velocity_lsb,velocity_lsb\n");
-        for (record, velocity) in self.records.iter().zip(&self.velocities) {
-            let (count, board) = (record.position.counts(), record.velocity.bits());
-            let _ = writeln!(text, "{},{count},{board},{}", record.sample, velocity.bits());
+        let both = self.board.iter().zip(&self.velocities);
+        for ((sample, position), (board, here)) in (self.first..).zip(&self.positions).zip(both) {
+            let _ =
+                writeln!(text, "{sample},{},{},{}", position.counts(), board.bits(), here.bits());
         }
         text
     }
@@ -107,7 +145,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use zwidth::{Settings, VelocitySettings, WallSettings, units::Position};
+    use zwidth::{Settings, VelocitySettings, WallSettings};
 
     fn control(cutoff_hz: f64) -> LoopParameters {
         let scene = crate::scene::NamedScene::load("paper-1um").unwrap().scene;
@@ -121,8 +159,13 @@ mod tests {
         Settings { velocity, wall }.build(&scene.design()).unwrap()
     }
 
+    fn row(sample: u64, counts: i32, velocity: Velocity) -> Row {
+        let position = Position::from_counts(counts);
+        Row { sample, position, velocity: None, force: None, told: Some(velocity) }
+    }
+
     /// What a board with that cutoff would record of a handle that swings at 5 Hz, from its 1000th sample on.
-    fn recorded(cutoff_hz: f64, samples: u32) -> Vec<Record> {
+    fn recorded(cutoff_hz: f64, samples: u32) -> Vec<Row> {
         let control = control(cutoff_hz);
         let mut sampler = Sampler::new(0, CounterWidth::Bits32);
         let record = |n: u32| {
@@ -131,7 +174,7 @@ mod tests {
             let counts = place.floor() as i32;
             let motion = sampler.sample(&control, counts.cast_unsigned()).motion;
             let (sample, velocity) = (motion.sample, motion.velocity);
-            Record { sample, position: Position::from_counts(counts), velocity, ..Record::EMPTY }
+            row(sample, counts, velocity)
         };
         (0..samples).map(record).skip(1_000).collect()
     }
@@ -139,11 +182,11 @@ mod tests {
     #[test]
     fn the_same_estimator_says_the_same_and_a_slower_one_later() {
         let run = recorded(500.0, 20_000);
-        let same = Replayed::of(&run, &control(500.0)).unwrap();
+        let same = Replayed::of_rows(&run, &control(500.0)).unwrap();
         assert!(same.difference() < 3e3, "{}", same.difference());
         assert!(same.later().unwrap().abs() < 0.05);
         // A second-order Butterworth is late by sqrt 2 / w.
-        let slow = Replayed::of(&run, &control(100.0)).unwrap();
+        let slow = Replayed::of_rows(&run, &control(100.0)).unwrap();
         let wanted = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 100.0 - 1.0 / 500.0) * 1e4;
         let later = slow.later().unwrap();
         assert!((later - wanted).abs() < 0.2, "{later}, {wanted}");
@@ -156,28 +199,27 @@ mod tests {
     fn from_rest_it_is_the_same_from_the_first_sample_and_one_bit_ends_that() {
         let control = control(500.0);
         let mut sampler = Sampler::new(7, CounterWidth::Bits32);
-        let mut run: Vec<Record> = (0..500u32)
+        let mut run: Vec<Row> = (0..500u32)
             .map(|n| {
                 let count = 7 + n * n / 40;
                 let motion = sampler.sample(&control, count).motion;
-                let position = Position::from_counts(count.cast_signed());
                 let (sample, velocity) = (motion.sample, motion.velocity);
-                Record { sample, position, velocity, ..Record::EMPTY }
+                row(sample, count.cast_signed(), velocity)
             })
             .collect();
-        assert_eq!(Replayed::of(&run, &control).unwrap().same_from(), Some(0));
-        run[300].velocity = Velocity::saturating_from_bits(run[300].velocity.bits() ^ 1);
-        assert_eq!(Replayed::of(&run, &control).unwrap().same_from(), Some(301));
+        assert_eq!(Replayed::of_rows(&run, &control).unwrap().same_from(), Some(0));
+        run[300].told = run[300].told.map(|v| Velocity::saturating_from_bits(v.bits() ^ 1));
+        assert_eq!(Replayed::of_rows(&run, &control).unwrap().same_from(), Some(301));
     }
 
     #[test]
     fn a_capture_without_every_sample_says_how_many_are_missing() {
-        let tenth: Vec<Record> = recorded(500.0, 9_000).into_iter().step_by(10).collect();
-        assert_eq!(Replayed::of(&tenth, &control(500.0)), Err(10));
+        let tenth: Vec<Row> = recorded(500.0, 9_000).into_iter().step_by(10).collect();
+        assert_eq!(Replayed::of_rows(&tenth, &control(500.0)), Err(10));
         // Of two stretches the longer one counts.
         let mut run = recorded(500.0, 9_000);
         run.remove(3_000);
-        let replayed = Replayed::of(&run, &control(500.0)).unwrap();
-        assert_eq!((replayed.records.len(), replayed.records[0].sample), (4_999, 4_001));
+        let replayed = Replayed::of_rows(&run, &control(500.0)).unwrap();
+        assert_eq!((replayed.len(), replayed.first), (4_999, 4_001));
     }
 }

@@ -2,33 +2,81 @@
 
 use std::{collections::BTreeSet, fmt::Write as _};
 
-use zwidth::telemetry::{Decoder, Flags, Frame, Record};
+use zwidth::{
+    telemetry::{Decoder, Flags, Frame, InForce, Key, Record},
+    units::{Force, Position},
+};
+
+/// A frame as a whole.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chunk {
+    /// Its place in the stream.
+    pub sequence: u32,
+    /// Its outputs, oldest first.
+    pub outputs: Vec<Record>,
+    /// What an experiment pushed with at each.
+    pub pushes: Vec<Force>,
+    /// Positions of the samples up to its newest output, and of the one before them, oldest first; none of a frame whose
+    /// outputs are all samples, or of layout 1.
+    pub positions: Vec<Position>,
+    /// Settings that it tells, of estimators that this build has.
+    pub settings: Vec<InForce>,
+    /// The sampler's state, of a key frame.
+    pub key: Option<Key>,
+}
 
 /// All frames of a capture, and what was between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
     /// The frames, in the order in which they came; one for each output of a frame that has several.
     pub frames: Vec<Frame>,
+    /// The same frame by frame, with the counts of all samples.
+    pub chunks: Vec<Chunk>,
     /// Frames that are missing between them, as their sequence tells.
     pub dropped: u64,
     /// Bytes that belong to no frame.
     pub garbage_bytes: u64,
 }
 
+impl Chunk {
+    /// The frame that the decoder has just found.
+    fn of(decoder: &Decoder, newest: Frame) -> Self {
+        let parts = decoder.parts();
+        let outputs: Vec<Record> = decoder.outputs(newest).map(|frame| frame.record).collect();
+        let mut places = [Position::default(); Frame::SAMPLES + 1];
+        Self {
+            sequence: newest.sequence,
+            pushes: (0..outputs.len()).map(|n| parts.push(n)).collect(),
+            positions: parts.positions(newest.record.position, &mut places).to_vec(),
+            settings: parts.settings().flatten().collect(),
+            key: parts.key(),
+            outputs,
+        }
+    }
+}
+
 impl Capture {
     /// Decodes a capture that may begin and end anywhere and hold anything.
     pub fn decode(bytes: &[u8]) -> Self {
         let mut decoder = Decoder::new();
-        let mut frames = Vec::new();
-        for byte in bytes {
-            if let Some(frame) = decoder.push(*byte) {
-                frames.extend(decoder.outputs(frame));
-            }
-        }
-        while let Some(frame) = decoder.finish() {
+        let (mut frames, mut chunks) = (Vec::new(), Vec::new());
+        let mut bytes = bytes.iter();
+        loop {
+            let byte = bytes.next();
+            let found = match byte {
+                Some(byte) => decoder.push(*byte),
+                None => decoder.finish(),
+            };
+            let Some(frame) = found else {
+                if byte.is_none() {
+                    break;
+                }
+                continue;
+            };
             frames.extend(decoder.outputs(frame));
+            chunks.push(Chunk::of(&decoder, frame));
         }
-        Self { frames, dropped: decoder.dropped, garbage_bytes: decoder.garbage }
+        Self { frames, chunks, dropped: decoder.dropped, garbage_bytes: decoder.garbage }
     }
 
     /// Codes of the faults that were latched during the capture, rising.
@@ -88,7 +136,7 @@ impl Capture {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use zwidth::units::{Force, Position, Velocity};
+    use zwidth::units::Velocity;
 
     fn frame(sequence: u32, fault: u8) -> Frame {
         Frame {

@@ -1,0 +1,466 @@
+//! Every sample of a capture once more, by the core: from the keys and the counts that the board has told.
+//!
+//! Between two keys every velocity follows from the counts, and every force from the settings. What the board says of
+//! its outputs, and the state in its next key, must be the same to the last bit. Where they are not, the first sample
+//! that differs is named, and nothing is said of those behind it up to the next key.
+
+use std::{
+    collections::HashMap,
+    fmt::{self, Write as _},
+    ops::Range,
+};
+
+use zwidth::{
+    LoopParameters, Motion,
+    telemetry::{Flags, InForce, Key, Record},
+    units::{Force, Position, Velocity},
+    velocity::{self, Senses, Tuned},
+};
+
+use super::telemetry::{Capture, Chunk};
+
+/// Largest move of the sample with which the count was zeroed, which nobody tells: counts.
+const ZEROED_MOVE: i32 = 500;
+
+/// One sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Its number.
+    pub sample: u64,
+    /// Position.
+    pub position: Position,
+    /// Velocity, where it could be computed.
+    pub velocity: Option<Velocity>,
+    /// Force that acts from the last output on; none before the first one.
+    pub force: Option<Force>,
+    /// Velocity that the board says of an output.
+    pub told: Option<Velocity>,
+}
+
+/// What differs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The first sample that does.
+    pub sample: u64,
+    /// What of it.
+    pub what: &'static str,
+    /// What the board says, and the core: bits.
+    pub board: i64,
+    /// See `board`.
+    pub core: i64,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { sample, what, board, core } = self;
+        write!(f, "sample {sample}: {what} is {board} on the board, {core} by the core")
+    }
+}
+
+/// A capture, computed again.
+#[derive(Clone, Debug, Default)]
+pub struct Recomputed {
+    /// Every sample whose count was told, in order.
+    pub rows: Vec<Row>,
+    /// Stretches in which no sample is missing, as places in `rows`.
+    pub stretches: Vec<Range<usize>>,
+    /// Samples whose velocity was computed.
+    pub computed: u64,
+    /// Outputs whose velocity was compared.
+    pub velocities: u64,
+    /// Outputs whose force was compared.
+    pub forces: u64,
+    /// Keys whose state was compared with the one that was computed up to there.
+    pub states: u64,
+    /// Changes of the estimator or its tuning that were followed, and how often the count was zeroed.
+    pub changes: u64,
+    /// What differs, in order.
+    pub differences: Vec<Difference>,
+    /// Stretches between two keys of which nothing can be said, and why: first and last sample.
+    pub unknown: Vec<(u64, u64, &'static str)>,
+}
+
+/// A sample of a stretch, with its output.
+#[derive(Clone, Copy)]
+struct Told {
+    sample: u64,
+    position: Position,
+    output: Option<(Record, Force)>,
+}
+
+/// What a reset ends.
+#[derive(Default)]
+struct Run {
+    told: Vec<Told>,
+    keys: Vec<Key>,
+    settings: HashMap<u16, (InForce, Option<LoopParameters>)>,
+}
+
+impl Recomputed {
+    /// Of a capture.
+    pub fn of(capture: &Capture) -> Self {
+        let mut all = Self::default();
+        let mut run = Run::default();
+        for chunk in &capture.chunks {
+            let Some(newest) = chunk.outputs.last() else { continue };
+            if newest.flags.contains(Flags::REPLAY) {
+                continue;
+            }
+            if run.told.last().is_some_and(|last| newest.sample < last.sample) {
+                all.take(&std::mem::take(&mut run));
+            }
+            if !all.add(&mut run, chunk) {
+                all.take(&std::mem::take(&mut run));
+            }
+        }
+        all.take(&run);
+        all
+    }
+
+    /// Samples that are missing between those that were told: first and last of each gap.
+    pub fn gaps(&self) -> Vec<(u64, u64)> {
+        let ends = self.stretches.windows(2).filter_map(|pair| {
+            let [before, after] = [self.rows.get(pair[0].end - 1)?, self.rows.get(pair[1].start)?];
+            (after.sample > before.sample).then(|| (before.sample + 1, after.sample - 1))
+        });
+        ends.collect()
+    }
+
+    /// One row per sample, in the integers of the control: velocity in 2^-16 counts per sample, empty where it could not
+    /// be computed; the force that acts from the last output on, in 2^-30 of full scale.
+    pub fn csv(&self) -> String {
+        let mut text = String::from("sample,position_counts,velocity_q16,force_q30,output\n");
+        for Row { sample, position, velocity, force, told } in &self.rows {
+            let velocity =
+                velocity.map_or_else(String::new, |velocity| velocity.bits().to_string());
+            let force = force.map_or_else(String::new, |force| force.bits().to_string());
+            let (counts, output) = (position.counts(), u8::from(told.is_some()));
+            let _ = writeln!(text, "{sample},{counts},{velocity},{force},{output}");
+        }
+        text
+    }
+
+    /// The first sample that differs.
+    pub fn first_difference(&self) -> Option<&Difference> {
+        self.differences.first()
+    }
+
+    /// The samples of a chunk; false if a count is another one than it was.
+    fn add(&mut self, run: &mut Run, chunk: &Chunk) -> bool {
+        for settings in &chunk.settings {
+            run.settings.insert(
+                settings.number,
+                (*settings, settings.settings.build(&settings.design).ok()),
+            );
+        }
+        run.keys.extend(chunk.key);
+        let Some(newest) = chunk.outputs.last().map(|record| record.sample) else { return true };
+        let mut samples: Vec<Told> = match chunk.positions.len() {
+            0 => chunk
+                .outputs
+                .iter()
+                .map(|r| Told { sample: r.sample, position: r.position, output: None })
+                .collect(),
+            n => (0..n as u64)
+                .zip(&chunk.positions)
+                .map(|(k, &position)| Told {
+                    sample: newest + 1 + k - n as u64,
+                    position,
+                    output: None,
+                })
+                .collect(),
+        };
+        let mut same = true;
+        for (record, push) in chunk.outputs.iter().zip(&chunk.pushes) {
+            let Some(told) = samples.iter_mut().find(|told| told.sample == record.sample) else {
+                continue;
+            };
+            if told.position != record.position {
+                self.differ(
+                    record.sample,
+                    "count",
+                    record.position.counts(),
+                    told.position.counts(),
+                );
+                same = false;
+            }
+            told.output = Some((*record, *push));
+        }
+        let known = run.told.last().copied();
+        for told in samples {
+            match known {
+                Some(last) if told.sample == last.sample && told.position != last.position => {
+                    self.differ(
+                        told.sample,
+                        "count",
+                        told.position.counts(),
+                        last.position.counts(),
+                    );
+                    same = false;
+                }
+                Some(last) if told.sample <= last.sample => {}
+                _ => run.told.push(told),
+            }
+        }
+        same
+    }
+
+    fn differ(
+        &mut self,
+        sample: u64,
+        what: &'static str,
+        board: impl Into<i64>,
+        core: impl Into<i64>,
+    ) {
+        self.differences.push(Difference { sample, what, board: board.into(), core: core.into() });
+    }
+
+    /// Everything up to a reset, or to the end.
+    fn take(&mut self, run: &Run) {
+        for stretch in run.told.chunk_by(|a, b| b.sample == a.sample + 1) {
+            let begin = self.rows.len();
+            let mut force = None;
+            for told in stretch {
+                if let Some((record, _)) = told.output {
+                    force = Some(record.force);
+                }
+                let (sample, position) = (told.sample, told.position);
+                let told = told.output.map(|(record, _)| record.velocity);
+                self.rows.push(Row { sample, position, velocity: None, force, told });
+            }
+            self.stretches.push(begin..self.rows.len());
+            self.stretch(run, stretch, begin);
+        }
+    }
+
+    /// From key to key.
+    fn stretch(&mut self, run: &Run, stretch: &[Told], begin: usize) {
+        let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return };
+        let place = |key: &Key| usize::try_from(key.sample - first.sample).unwrap_or(usize::MAX);
+        let keys: Vec<&Key> = run
+            .keys
+            .iter()
+            .filter(|key| (first.sample..=last.sample).contains(&key.sample))
+            .collect();
+        for (n, key) in keys.iter().enumerate() {
+            let at = place(key);
+            let next = keys.get(n + 1);
+            let until = next.map_or(stretch.len() - 1, |next| place(next));
+            let tuned = |key: &Key| {
+                let (_, parameters) = run.settings.get(&key.settings)?;
+                parameters.as_ref().map(|parameters| parameters.estimator)
+            };
+            let Some(estimator) = tuned(key) else {
+                self.unknown.push((
+                    key.sample,
+                    stretch[until].sample,
+                    "settings that were not told",
+                ));
+                continue;
+            };
+            let last = (key.position, key.velocity);
+            let Some(state) = velocity::State::of(&estimator, last, key.memory()) else {
+                self.unknown.push((
+                    key.sample,
+                    stretch[until].sample,
+                    "an estimator of more than counts",
+                ));
+                continue;
+            };
+            let samples = &stretch[at..=until];
+            let path = match next {
+                Some(next) if (next.tuning, next.zeros) != (key.tuning, key.zeros) => {
+                    self.changes += 1;
+                    let Some(after) = tuned(next) else { continue };
+                    let change = (next.tuning != key.tuning).then(|| after.after(&estimator));
+                    let Some(path) = followed(samples, state, (&estimator, change), key, next)
+                    else {
+                        let why = "a change between two keys that nothing explains";
+                        self.unknown.push((key.sample, stretch[until].sample, why));
+                        continue;
+                    };
+                    path
+                }
+                _ => follow(samples, state, (&estimator, None), None),
+            };
+            self.compare(run, samples, &path.velocities, begin + at);
+            if let Some(next) = next {
+                self.states += 1;
+                let (_, velocity) = path.state.last();
+                if velocity != next.velocity {
+                    self.differ(next.sample, "velocity", next.velocity.bits(), velocity.bits());
+                } else if !is(&path, next) {
+                    self.differ(next.sample, "state of the estimator", 1, 0);
+                }
+            }
+        }
+    }
+
+    /// Keeps what was computed, up to the first output that says something else.
+    fn compare(&mut self, run: &Run, samples: &[Told], velocities: &[Velocity], begin: usize) {
+        for (n, (told, &velocity)) in samples.iter().zip(velocities).enumerate() {
+            if let Some((record, push)) = told.output {
+                if record.velocity != velocity {
+                    self.differ(told.sample, "velocity", record.velocity.bits(), velocity.bits());
+                    return;
+                }
+                self.velocities += u64::from(n > 0);
+                let motion = Motion { sample: told.sample, position: told.position, velocity };
+                if n > 0 && !self.force(run, &record, motion, push) {
+                    return;
+                }
+            }
+            if let Some(row) = self.rows.get_mut(begin + n) {
+                self.computed += u64::from(row.velocity.is_none());
+                row.velocity = Some(velocity);
+            }
+        }
+    }
+
+    /// Whether the force of an output is the core's, where nothing but wall and push decides it.
+    fn force(&mut self, run: &Run, record: &Record, motion: Motion, push: Force) -> bool {
+        let Some((_, Some(parameters))) = run.settings.get(&record.settings) else { return true };
+        let (flags, drive) = (record.flags, parameters.render(motion, push));
+        let differs = if flags.contains(Flags::CONTACT) != drive.contact {
+            Some(("contact", i64::from(!drive.contact), i64::from(drive.contact)))
+        } else if !flags.contains(Flags::ON) {
+            (record.force != Force::ZERO).then_some((
+                "force while off",
+                record.force.bits().into(),
+                0,
+            ))
+        } else if !flags.contains(Flags::ARMED) || flags.contains(Flags::CHANGING) {
+            return true; // the supervisor's fade and ramp
+        } else if record.force != drive.force {
+            Some(("force", record.force.bits().into(), drive.force.bits().into()))
+        } else {
+            let (board, core) =
+                (record.command.code(), parameters.actuator.command(drive.force).code());
+            (board != core).then_some(("command", board.into(), core.into()))
+        };
+        if let Some((what, board, core)) = differs {
+            self.differ(motion.sample, what, board, core);
+            return false;
+        }
+        self.forces += 1;
+        true
+    }
+}
+
+/// What the core says to some samples.
+struct Path {
+    velocities: Vec<Velocity>,
+    state: velocity::State,
+    estimator: Tuned,
+}
+
+/// Whether the state at its end is that of the key.
+fn is(path: &Path, key: &Key) -> bool {
+    let mut memory = [0; zwidth::telemetry::STATE_MAX];
+    let length = path.state.put(&path.estimator, &mut memory);
+    path.state.last() == (key.position, key.velocity)
+        && length.is_some_and(|length| memory.get(..length) == Some(key.memory()))
+}
+
+/// The path from the state after the first of those samples. The estimator changes with the sample at `change`'s place,
+/// the count is zeroed with that at `zero`'s, which moved by so much.
+fn follow(
+    samples: &[Told],
+    mut state: velocity::State,
+    (before, change): (&Tuned, Option<(usize, Tuned)>),
+    zero: Option<(usize, i32)>,
+) -> Path {
+    let mut velocities = vec![state.last().1];
+    let mut estimator = *before;
+    let mut force = samples
+        .first()
+        .and_then(|told| told.output)
+        .map_or(Force::ZERO, |(record, _)| record.force);
+    for (n, told) in samples.iter().enumerate().skip(1) {
+        if let Some((at, after)) = change
+            && at == n
+        {
+            estimator = after;
+        }
+        let senses = Senses { force, ..Senses::NONE };
+        let velocity = if let Some((at, moved)) = zero
+            && at == n
+        {
+            let (before, _) = state.last();
+            let velocity = estimator.update(
+                &mut state,
+                Position::from_counts(before.counts().wrapping_add(moved)),
+                &senses,
+            );
+            state.rebase(told.position);
+            velocity
+        } else {
+            estimator.update(&mut state, told.position, &senses)
+        };
+        velocities.push(velocity);
+        if let Some((record, _)) = told.output {
+            force = record.force;
+        }
+    }
+    Path { velocities, state, estimator }
+}
+
+/// The path to a key with another tuning, or before which the count was zeroed: a change is in force with the sample
+/// after an output, unless only a later one ends in the key's state; which move a zero has swallowed that state tells
+/// too. None if nothing ends in it, or several later ones that differ.
+fn followed(
+    samples: &[Told],
+    state: velocity::State,
+    (before, change): (&Tuned, Option<Tuned>),
+    key: &Key,
+    next: &Key,
+) -> Option<Path> {
+    let places = 1..samples.len();
+    let fits = |path: &Path| {
+        let outputs = samples.iter().zip(&path.velocities);
+        is(path, next)
+            && outputs.clone().all(|(told, velocity)| {
+                told.output.is_none_or(|(record, _)| record.velocity == *velocity)
+            })
+    };
+    let changes: Vec<Option<(usize, Tuned)>> = match change {
+        None => vec![None],
+        // In force from the sample after an output on; the next output has the new number of the settings.
+        Some(after) => {
+            let new = samples.iter().position(|told| {
+                told.output.is_some_and(|(record, _)| record.settings == next.settings)
+            });
+            let most = new.unwrap_or(samples.len() - 1);
+            let old = samples[..most].iter().rposition(|told| told.output.is_some()).unwrap_or(0);
+            (old + 1..=most).map(|at| Some((at, after))).collect()
+        }
+    };
+    let zeros: Vec<Option<(usize, i32)>> = if next.zeros == key.zeros {
+        vec![None]
+    } else {
+        let zeroed = places.filter(|&n| samples[n].position == Position::default());
+        let moves: Vec<i32> = (0..=ZEROED_MOVE).flat_map(|d| [d, -d]).collect();
+        // The first sample at zero that was not there before, else any.
+        let first: Vec<usize> = zeroed.take(20).collect();
+        moves.iter().flat_map(|&moved| first.iter().map(move |&at| Some((at, moved)))).collect()
+    };
+    let mut found: Option<Path> = None;
+    for change in &changes {
+        for zero in &zeros {
+            let path = follow(samples, state, (before, *change), *zero);
+            if !fits(&path) {
+                continue;
+            }
+            // By the board's timing it is the sample after the output; what forgets at once cannot tell.
+            if zero.is_some() || change == &changes[0] {
+                return Some(path);
+            }
+            match &found {
+                Some(other) if other.velocities != path.velocities => return None,
+                Some(_) => {}
+                None => found = Some(path),
+            }
+        }
+    }
+    found
+}

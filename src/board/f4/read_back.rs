@@ -1,0 +1,98 @@
+//! ADC1 reads the DAC's pin (PA4, ADC12_IN4), ADC2 the amplifier's voltage for its current (PB0, ADC12_IN8).
+//!
+//! One conversion at a time, begun by the program (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3): 28 cycles of
+//! sampling and 12 of conversion at 22.5 or 21 MHz, some 1.8 us. The flag of its end is cleared by reading the data, so
+//! a converter that stands still has no answer.
+
+use core::marker::PhantomData;
+
+use stm32f4xx_hal::{pac, rcc::Rcc};
+use zwidth::{contract::ReadBack, safety::Readings};
+
+use super::Wiring;
+
+/// On, and begin.
+const ON: u32 = 1;
+const BEGIN: u32 = 1 << 30 | ON;
+/// End of conversion.
+const DONE: u32 = 1 << 1;
+/// 28 cycles of sampling, three bits per channel.
+const SAMPLING: u32 = 0b010;
+
+/// Both.
+pub struct Converters<W>(PhantomData<W>);
+
+/// ADC2, which has the registers of ADC1.
+#[inline(always)]
+fn current_sense() -> &'static pac::adc1::RegisterBlock {
+    // SAFETY: the address is ADC2's, which only this file uses.
+    unsafe { &*pac::ADC2::ptr() }
+}
+
+/// ADC1.
+#[inline(always)]
+pub fn output_sense() -> &'static pac::adc1::RegisterBlock {
+    // SAFETY: the address is ADC1's, which this file and the self-test use.
+    unsafe { &*pac::ADC1::ptr() }
+}
+
+impl<W: Wiring> Converters<W> {
+    /// Both on, with their clock a quarter of APB2's; ADC1 where the force output can be read.
+    pub fn new(rcc: &mut Rcc) -> Self {
+        rcc.apb2enr().modify(|_, w| w.adc1en().set_bit().adc2en().set_bit());
+        // SAFETY: documented values: the clock's divider; one conversion of channel 4 and of channel 8; on.
+        unsafe {
+            (*pac::ADC_COMMON::ptr()).ccr().write(|w| w.bits(0b01 << 16));
+            if W::SWING.is_some() {
+                set_up(output_sense(), 4);
+            }
+            set_up(current_sense(), 8);
+        }
+        Self(PhantomData)
+    }
+}
+
+/// # Safety
+/// Nothing else uses that converter.
+unsafe fn set_up(adc: &pac::adc1::RegisterBlock, channel: u32) {
+    // SAFETY: documented values.
+    unsafe {
+        adc.smpr2().write(|w| w.bits(SAMPLING << (3 * channel)));
+        adc.sqr1().write(|w| w.bits(0));
+        adc.sqr3().write(|w| w.bits(channel));
+        adc.cr2().write(|w| w.bits(ON));
+    }
+}
+
+/// Begins a conversion.
+#[inline(always)]
+pub fn begin(adc: &pac::adc1::RegisterBlock) {
+    // SAFETY: a documented value.
+    adc.cr2().write(|w| unsafe { w.bits(BEGIN) });
+}
+
+/// What was read, if it is there.
+#[inline(always)]
+pub fn answer(adc: &pac::adc1::RegisterBlock) -> Option<u16> {
+    let done = adc.sr().read().bits() & DONE != 0;
+    #[expect(clippy::cast_possible_truncation, reason = "12 bits")]
+    done.then(|| adc.dr().read().bits() as u16)
+}
+
+impl<W: Wiring> ReadBack for Converters<W> {
+    const SWING: Option<[i32; 2]> = W::SWING;
+
+    #[inline(always)]
+    fn begin(&mut self) {
+        if W::SWING.is_some() {
+            begin(output_sense());
+        }
+        begin(current_sense());
+    }
+
+    #[inline(always)]
+    fn finish(&mut self) -> Readings {
+        let output = if W::SWING.is_some() { answer(output_sense()) } else { None };
+        Readings { output, current: answer(current_sense()) }
+    }
+}

@@ -1,0 +1,219 @@
+//! Telemetry: a frame for each output, or, where outputs are closer than a millisecond, one each millisecond; with the
+//! counts of all samples, and now and then a key, from which a reader can compute every sample himself.
+
+use super::Console;
+use crate::{
+    Design, LoopParameters,
+    console::Port,
+    period::{SAMPLES_PER_MS, outputs_per_ms},
+    store::Stored,
+    telemetry::{Flags, Frame, InForce, Key, Record},
+    units::{Force, Position},
+    velocity::Tuned,
+};
+
+/// Longest time between two keys, samples: 100 ms.
+const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
+
+/// What is streamed, and how far.
+pub(in crate::console) struct Stream {
+    /// It is on.
+    pub(in crate::console) on: bool,
+    sequence: u32,
+    /// Outputs of the frame that is being filled: they follow each other, with the same settings and fault.
+    outputs: [Record; Frame::OUTPUTS],
+    /// What an experiment pushed with at them.
+    pushes: [Force; Frame::OUTPUTS],
+    count: usize,
+    /// The last sample whose count was told.
+    told: Option<u64>,
+    /// The last key that was told.
+    key: Option<Mark>,
+    /// Settings that were accepted last, and those that an order is under way for.
+    accepted: Option<Chosen>,
+    proposed: Option<Chosen>,
+}
+
+/// What makes another key necessary when it changes.
+#[derive(Clone, Copy)]
+struct Mark {
+    sample: u64,
+    tuning: u16,
+    zeros: u16,
+    settings: u16,
+}
+
+/// Settings, and the estimator that was made of them.
+#[derive(Clone, Copy)]
+struct Chosen {
+    in_force: InForce,
+    tuned: Tuned,
+}
+
+impl Stream {
+    /// On, at the first sample, with these settings.
+    pub(super) fn new(first: Option<(Design, &Stored, &LoopParameters)>) -> Self {
+        let chosen = |(design, stored, parameters): (Design, &Stored, &LoopParameters)| Chosen {
+            in_force: InForce { number: 0, design, settings: stored.settings },
+            tuned: parameters.estimator,
+        };
+        Self {
+            on: true,
+            sequence: 0,
+            outputs: [Record::EMPTY; Frame::OUTPUTS],
+            pushes: [Force::ZERO; Frame::OUTPUTS],
+            count: 0,
+            told: None,
+            key: None,
+            accepted: first.map(chosen),
+            proposed: None,
+        }
+    }
+
+    /// An order for those settings is under way: the output task will number them so, and put them in force so.
+    pub(super) fn propose(&mut self, design: Design, stored: &Stored, parameters: &LoopParameters) {
+        self.proposed = self.accepted.map(|Chosen { in_force, tuned }| Chosen {
+            in_force: InForce {
+                number: in_force.number.wrapping_add(1),
+                design,
+                settings: stored.settings,
+            },
+            tuned: parameters.estimator.after(&tuned),
+        });
+    }
+
+    /// An order was answered.
+    pub(super) fn answered(&mut self, met: bool) {
+        if let Some(chosen) = self.proposed.take()
+            && met
+        {
+            self.accepted = Some(chosen);
+        }
+    }
+
+    fn number(&mut self, record: Record) -> Frame {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        Frame { sequence, record }
+    }
+}
+
+impl<P: Port> Console<P> {
+    /// Telemetry, if it is on. A full channel drops it, and its number with it.
+    pub(super) fn stream(&mut self, mut record: Record, push: Force) {
+        if !self.stream.on {
+            self.stream.count = 0;
+            return;
+        }
+        // What was in force before a fault is not known any more.
+        if !record.flags.contains(Flags::REPLAY) {
+            record.flags = record.flags.with_design(self.design);
+        }
+        let most = outputs_per_ms(self.stored.period) as usize;
+        let period = u64::from(self.stored.period);
+        let Stream { outputs, count, .. } = &self.stream;
+        if let Some(last) = count.checked_sub(1).and_then(|last| outputs.get(last))
+            && (last.sample.wrapping_add(period), last.settings, last.fault)
+                != (record.sample, record.settings, record.fault)
+        {
+            self.flush();
+        }
+        let Stream { outputs, pushes, count, .. } = &mut self.stream;
+        if let (Some(place), Some(pushed)) = (outputs.get_mut(*count), pushes.get_mut(*count)) {
+            (*place, *pushed) = (record, push);
+            *count += 1;
+        }
+        if self.stream.count >= most {
+            self.flush();
+        }
+    }
+
+    /// Sends what is gathered.
+    #[inline(never)] // its frame is not needed below `report`
+    fn flush(&mut self) {
+        let Stream { outputs, pushes, count, .. } = self.stream;
+        self.stream.count = 0;
+        let Some((newest, earlier)) = outputs.get(..count).and_then(<[Record]>::split_last) else {
+            return;
+        };
+        let frame = self.stream.number(*newest);
+        let mut bytes = [0; Frame::LEN_MAX];
+        let period = u8::try_from(self.stored.period).unwrap_or(u8::MAX);
+        if newest.flags.contains(Flags::REPLAY) {
+            let sent = if earlier.is_empty() {
+                self.port.write_frame(&frame.encode())
+            } else {
+                self.port.write_frame(frame.encode_after(earlier, period, &mut bytes).finish())
+            };
+            if !sent {
+                self.stream.key = None;
+            }
+            return;
+        }
+        let mut writer = frame.encode_after(earlier, period, &mut bytes);
+        // Samples that nobody was told of; after a gap those of a millisecond.
+        let told = self.stream.told;
+        let since = told.map_or(u64::MAX, |told| newest.sample.wrapping_sub(told));
+        let follows = since <= Frame::SAMPLES as u64;
+        let samples = if follows { since } else { newest.sample.min(SAMPLES_PER_MS.into()) };
+        let mut places = [Position::default(); Frame::SAMPLES + 1];
+        let places = places.get_mut(..=usize::try_from(samples).unwrap_or_default());
+        let key = if let Some(places) = places
+            && let Some(sampler) = self.port.samples(newest.sample, places)
+        {
+            if period > 1 || samples != count as u64 {
+                writer = writer.positions(places);
+            }
+            self.stream.told = Some(newest.sample);
+            self.stream.key_of((sampler.sampler(), sampler.zeros()), follows)
+        } else {
+            self.stream.told = None;
+            None
+        };
+        writer = writer.pushes(pushes.get(..count).unwrap_or_default());
+        if let Some((mark, key)) = key {
+            self.stream.key = Some(mark);
+            let Stream { accepted, proposed, .. } = &self.stream;
+            let all =
+                [accepted.as_ref(), proposed.as_ref().filter(|_| key.settings != mark.settings)];
+            for chosen in all.into_iter().flatten() {
+                writer = writer.settings(&chosen.in_force);
+            }
+            writer = writer.key(&key);
+        }
+        if !self.port.write_frame(writer.finish()) {
+            // What it had told comes again.
+            (self.stream.told, self.stream.key) = (told, None);
+        }
+    }
+}
+
+impl Stream {
+    /// The key that is to be told with this frame, if one is.
+    fn key_of(
+        &self,
+        (sampler, zeros): (&crate::Sampler, u16),
+        follows: bool,
+    ) -> Option<(Mark, Key)> {
+        let accepted = self.accepted.as_ref()?;
+        let state = sampler.state();
+        let mark = Mark {
+            sample: sampler.next().wrapping_sub(1),
+            tuning: state.number(),
+            zeros,
+            settings: accepted.in_force.number,
+        };
+        let same = |last: &Mark| {
+            (last.tuning, last.zeros, last.settings) == (mark.tuning, mark.zeros, mark.settings)
+                && mark.sample.wrapping_sub(last.sample) < KEY_EVERY
+        };
+        if follows && self.key.as_ref().is_some_and(same) {
+            return None;
+        }
+        let ran = [self.proposed.as_ref(), Some(accepted)];
+        let ran =
+            ran.into_iter().flatten().rev().find(|chosen| chosen.tuned.number() == mark.tuning)?;
+        let key = Key::of((mark.sample, zeros), state, ran.in_force.number, &ran.tuned)?;
+        Some((mark, key))
+    }
+}

@@ -1,0 +1,342 @@
+//! What acts, read back: the voltage of the force output, and the current of the motor.
+//!
+//! Both are looked at once per output, at its beginning: what the output before it has put out has had its whole period
+//! to settle. See docs/safety.md.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use core::hint::cold_path;
+
+use crate::{
+    Output,
+    actuator::Actuator,
+    period::SAMPLES_PER_MS,
+    range::{SettingsError, within},
+    units::OutputCode,
+};
+
+/// What an output has put out: its command, and whether it is mirrored about zero force.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// The command.
+    pub command: OutputCode,
+    /// The motor is mounted the other way round.
+    pub mirrored: bool,
+}
+
+impl Written {
+    /// Codes away from zero force, as the hardware has them.
+    #[inline]
+    fn codes(self, zero: i32) -> i32 {
+        let codes = self.command.code() - zero;
+        if self.mirrored { -codes } else { codes }
+    }
+}
+
+/// What converters have read, of [`Readings::RANGE`] codes each; none: no answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Readings {
+    /// Voltage of the force output.
+    pub output: Option<u16>,
+    /// The amplifier's voltage for its current.
+    pub current: Option<u16>,
+}
+
+impl Readings {
+    /// 12 bits of the analogue supply.
+    pub const RANGE: i32 = 4096;
+}
+
+/// Compares the force output with what it was told, on boards that can read it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutputWatch {
+    zero: i32,
+    /// The output follows its command between these codes.
+    swing: [i32; 2],
+    misses: u8,
+}
+
+impl OutputWatch {
+    /// Most that a reading may be off by, codes: 2 % of the range. Offset, gain and linearity of a DAC and a converter
+    /// are some 1 % together, and a wrong force below 5 % of full scale is bounded.
+    pub const ALLOWED: i32 = 82;
+    /// Wrong readings in a row: a single one may be a disturbance.
+    pub const MISSES: u8 = 2;
+
+    /// For that output; `swing`: lowest and highest code that it surely reaches.
+    ///
+    /// # Errors
+    /// There is no such output.
+    pub fn new(output: Output, swing: [i32; 2]) -> Result<Self, SettingsError> {
+        Ok(Self { zero: Actuator::new(output)?.zero().code(), swing, misses: 0 })
+    }
+
+    /// Takes a reading of what was `written`; none: there is nothing to compare with, the output is off. Whether it is
+    /// wrong.
+    #[inline]
+    pub fn follow(&mut self, written: Option<Written>, read: Option<u16>) -> bool {
+        let Some(written) = written else {
+            self.misses = 0;
+            return false;
+        };
+        let code = self.zero + written.codes(self.zero);
+        let [low, high] = self.swing;
+        let least = code.min(high) - Self::ALLOWED;
+        let most = code.max(low) + Self::ALLOWED;
+        if read.is_some_and(|read| (least..=most).contains(&i32::from(read))) {
+            self.misses = 0;
+            return false;
+        }
+        cold_path();
+        self.misses = self.misses.saturating_add(1);
+        self.misses >= Self::MISSES
+    }
+}
+
+/// How an amplifier says its current: a voltage on the board's input for it, as a part of the analogue supply.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CurrentSettings {
+    /// Without current.
+    pub rest: f64,
+    /// With the current that the highest command asks for; the lowest command mirrors it about `rest`. Both 0: the input
+    /// is not used.
+    pub full: f64,
+}
+
+impl CurrentSettings {
+    /// The input is not used.
+    pub const UNUSED: Self = Self { rest: 0.0, full: 0.0 };
+    /// Least part from rest to full scale: its quarter is some 30 codes.
+    pub const LEAST: f64 = 0.03;
+
+    /// In integers; none if the input is not used.
+    ///
+    /// # Errors
+    /// A voltage is outside the supply, or they are too close.
+    #[cfg_attr(not(test), expect(clippy::float_arithmetic, reason = "at set-up"))]
+    pub fn build(&self, output: Output) -> Result<Option<CurrentWatch>, SettingsError> {
+        let Self { rest, full } = *self;
+        if *self == Self::UNUSED {
+            return Ok(None);
+        }
+        within("current_sense_rest", rest, Self::LEAST..=1.0 - Self::LEAST)?;
+        let room = rest.min(1.0 - rest);
+        let range = if full < rest {
+            rest - room..=rest - Self::LEAST
+        } else {
+            rest + Self::LEAST..=rest + room
+        };
+        within("current_sense_full", full, range)?;
+        let actuator = Actuator::new(output)?;
+        let codes = |part: f64| part * f64::from(Readings::RANGE);
+        #[expect(clippy::cast_possible_truncation, reason = "at most 2^12 times 2^16")]
+        let integer = |number: f64| libm::round(number) as i32;
+        let full = codes(full - rest);
+        let unit = f64::from(1 << CurrentWatch::SLOPE_BITS);
+        Ok(Some(CurrentWatch {
+            zero: actuator.zero().code(),
+            rest: integer(codes(rest)),
+            slope: integer(full * unit / f64::from(actuator.codes_per_full_scale())),
+            allowed: integer(libm::fabs(full) * CurrentWatch::ALLOWED),
+            mean: 0,
+        }))
+    }
+}
+
+/// Compares the motor's current with what the output asks for: a difference of more than a quarter of full scale, in the
+/// mean over some 13 ms.
+///
+/// The mean forgets: `mean += T (error - mean) / 12.8 ms` with each output of the period T. A difference of x times full
+/// scale is found after `12.8 ms ln(x / (x - 1/4))`: 3.7 ms for full scale, 8.9 ms for half of it. An amplifier that
+/// follows with a time constant of 1 ms makes a mean of at most `2 * 1 / 12.8` = 16 % of full scale, at a step from one
+/// end to the other, and so is no fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CurrentWatch {
+    zero: i32,
+    rest: i32,
+    slope: i32,
+    allowed: i32,
+    /// Mean error, codes, with [`Self::MEAN_BITS`] more bits.
+    mean: i32,
+}
+
+impl CurrentWatch {
+    /// Most that the mean may be, part of full scale.
+    pub const ALLOWED: f64 = 0.25;
+    /// Bits behind the point of the slope.
+    const SLOPE_BITS: u32 = 16;
+    /// The mean's time, 2^7 samples: 12.8 ms.
+    const MEAN_BITS: u32 = 7;
+
+    /// Takes a reading of what was `written`, with so many samples since the one before; none: the output is off. Whether
+    /// the current is wrong. A converter that does not answer reads as 0.
+    #[inline]
+    pub fn follow(&mut self, written: Option<Written>, read: Option<u16>, samples: u32) -> bool {
+        let Some(written) = written else {
+            self.mean = 0;
+            return false;
+        };
+        let asked = i64::from(self.slope) * i64::from(written.codes(self.zero));
+        #[expect(clippy::cast_possible_truncation, reason = "at most the range of the converter")]
+        let expected = self.rest + (asked >> Self::SLOPE_BITS) as i32;
+        let error = i32::from(read.unwrap_or(0)) - expected;
+        let weight = samples.min(SAMPLES_PER_MS).cast_signed();
+        self.mean += weight * (error - (self.mean >> Self::MEAN_BITS));
+        (self.mean >> Self::MEAN_BITS).abs() > self.allowed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DAC: Output = Output::Dac { bits: 12 };
+    const SWING: [i32; 2] = [248, 3847];
+
+    fn written(code: i32, mirrored: bool) -> Option<Written> {
+        Some(Written { command: OutputCode(code), mirrored })
+    }
+
+    /// Whether two readings in a row are wrong.
+    fn wrong(code: i32, mirrored: bool, read: i32) -> bool {
+        let mut watch = OutputWatch::new(DAC, SWING).unwrap();
+        let read = u16::try_from(read).ok();
+        assert!(!watch.follow(written(code, mirrored), read));
+        watch.follow(written(code, mirrored), read)
+    }
+
+    #[test]
+    fn an_output_that_is_off_by_more_than_2_percent_twice_in_a_row_is_wrong() {
+        for code in [300, 1000, 2048, 3000, 3800] {
+            for (off, expected) in [(0, false), (82, false), (83, true), (1000, true)] {
+                assert_eq!(wrong(code, false, code + off), expected, "{code} {off}");
+                assert_eq!(wrong(code, false, code - off), expected, "{code} {off}");
+            }
+            assert!(!wrong(code, true, 4096 - code));
+        }
+        let mut watch = OutputWatch::new(DAC, SWING).unwrap();
+        for read in [Some(0), Some(2100), None, Some(2000), Some(4095)] {
+            assert!(!watch.follow(written(2048, false), read), "one in a row");
+            assert!(!watch.follow(written(2048, false), Some(2048)));
+        }
+        assert!(!watch.follow(written(2048, false), None));
+        assert!(watch.follow(written(2048, false), None), "a converter that does not answer");
+        assert!(watch.follow(written(2048, false), Some(0)), "and so on");
+        assert!(!watch.follow(None, Some(0)), "off");
+        assert!(!watch.follow(written(2048, false), Some(0)), "begins anew");
+    }
+
+    #[test]
+    fn beyond_its_swing_an_output_may_stay_at_it_or_go_on() {
+        for read in [3847 - 82, 3847, 4000, 4095] {
+            assert!(!wrong(4095, false, read), "{read}");
+        }
+        assert!(wrong(4095, false, 3847 - 83));
+        for read in [0, 100, 248, 248 + 82] {
+            assert!(!wrong(1, false, read), "{read}");
+        }
+        assert!(wrong(1, false, 248 + 83));
+    }
+
+    const SENSE: CurrentSettings = CurrentSettings { rest: 0.5, full: 0.8 };
+
+    /// The reading of an amplifier that gives that part of full scale.
+    fn reading(settings: CurrentSettings, part: f64) -> Option<u16> {
+        let part = settings.rest + part * (settings.full - settings.rest);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 4095")]
+        Some((part * 4096.0) as u16)
+    }
+
+    /// Outputs of that many samples until a difference of that part of full scale is found, within a second.
+    fn found_s(
+        output: Output,
+        settings: CurrentSettings,
+        told: f64,
+        given: f64,
+        samples: u32,
+    ) -> Option<f64> {
+        let mut watch = settings.build(output).unwrap().unwrap();
+        let actuator = Actuator::new(output).unwrap();
+        #[expect(clippy::cast_possible_truncation, reason = "a code")]
+        let code = actuator.zero().code()
+            + (told * f64::from(actuator.codes_per_full_scale())).round() as i32;
+        let period_s = f64::from(samples) * 1e-4;
+        (1..=10_000 / samples)
+            .find(|_| watch.follow(written(code, false), reading(settings, given), samples))
+            .map(|outputs| f64::from(outputs) * period_s)
+    }
+
+    #[test]
+    fn a_current_that_is_not_asked_for_is_found_within_the_stated_time() {
+        let falling = CurrentSettings { rest: 0.5, full: 0.05 };
+        for output in [DAC, Output::Pwm { steps: 4200 }] {
+            for settings in [SENSE, falling] {
+                for samples in [1, 2, 5, 10] {
+                    for (told, given) in
+                        [(0.0, 1.0), (0.4, -1.0), (1.0, 0.0), (0.5, 0.0), (0.0, -0.3)]
+                    {
+                        let x = f64::abs(told - given);
+                        let expected = 12.8e-3 * (x / (x - 0.25)).ln();
+                        let found = found_s(output, settings, told, given, samples).unwrap();
+                        assert!(
+                            found < 1.15 * expected + 1.5e-3,
+                            "{x} {samples} {found} {expected}"
+                        );
+                        assert!(
+                            found > 0.75 * expected - 1.5e-3,
+                            "{x} {samples} {found} {expected}"
+                        );
+                    }
+                    assert_eq!(found_s(output, settings, 0.0, 0.24, samples), None);
+                    assert_eq!(found_s(output, settings, -1.0, -0.77, samples), None);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_amplifier_of_160_hz_is_no_fault_whatever_it_is_told() {
+        for samples in [1u32, 10] {
+            // steps from one end to the other, as often as may be
+            for half in [1, 3, 10, 30, 100] {
+                let mut watch = SENSE.build(DAC).unwrap().unwrap();
+                let (mut given, step_s) = (0.0, f64::from(samples) * 1e-4);
+                for output in 0..2000 {
+                    let told = if output / half % 2 == 0 { 1.0 } else { -1.0 };
+                    given += (told - given) * (1.0 - (-step_s / 1e-3_f64).exp());
+                    let code = if told > 0.0 { 4095 } else { 1 };
+                    assert!(!watch.follow(written(code, false), reading(SENSE, given), samples));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_mirrored_motor_has_the_current_the_other_way_round() {
+        let mut watch = SENSE.build(DAC).unwrap().unwrap();
+        assert!((0..1000).all(|_| !watch.follow(written(4095, true), reading(SENSE, -1.0), 10)));
+        let silent = (0..10).any(|_| watch.follow(written(4095, true), None, 10));
+        assert!(silent, "a converter that does not answer");
+        assert!(!watch.follow(None, None, 10));
+    }
+
+    #[test]
+    fn voltages_that_cannot_be_are_refused() {
+        assert_eq!(CurrentSettings::UNUSED.build(DAC), Ok(None));
+        for (rest, full, name) in [
+            (0.0, 0.3, "current_sense_rest"),
+            (0.98, 0.9, "current_sense_rest"),
+            (f64::NAN, 0.3, "current_sense_rest"),
+            (0.5, 1.01, "current_sense_full"),
+            (0.3, 0.61, "current_sense_full"), // full force the other way would be below 0
+            (0.8, 0.59, "current_sense_full"),
+            (0.5, 0.48, "current_sense_full"),
+            (0.5, 0.5, "current_sense_full"),
+            (0.5, f64::NAN, "current_sense_full"),
+        ] {
+            let error = CurrentSettings { rest, full }.build(DAC).unwrap_err();
+            assert_eq!(error.parameter, name, "{rest} {full}");
+        }
+        assert!(CurrentSettings { rest: 0.3, full: 0.6 }.build(DAC).unwrap().is_some());
+    }
+}

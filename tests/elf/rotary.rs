@@ -1,0 +1,104 @@
+//! A rotary scene and the scene of the same device at its handle, on the same image: the same hit, count by count, and the
+//! same texts but for their units.
+
+use std::path::Path;
+
+use host_sim::scene::NamedScene;
+use virtual_board::{board::Board, device::record, session::Session};
+use zwidth::telemetry::{Decoder, Flags, Frame};
+
+use crate::firmware::{Firmware, ok};
+
+each_board!(a_rotary_device_hits_as_the_same_one_at_its_handle);
+
+const RADIUS_M: f64 = 0.07;
+
+/// Units at the handle and about the axis; what is said there is what is said here times the radius to that power.
+const UNITS: [(&str, &str, i32); 4] =
+    [(" N s/m", " N m s/rad", 2), (" N/m", " N m/rad", 2), (" N", " N m", 1), (" m", " rad", -1)];
+
+/// A scene, and what is typed into its board.
+type Typed = (&'static str, [&'static str; 6]);
+const LINEAR: Typed =
+    ("by-hand.toml", ["wall 0.035", "k 1000", "b 10", "push 0.7", "rms 2.8e-5", "start 0"]);
+const ROTARY: Typed =
+    ("rotary.toml", ["wall 0.5", "k 4.9", "b 0.049", "push 0.049", "rms 4e-4", "start 0"]);
+/// Samples between two lines, whatever their replies take.
+const SLOT: u64 = 500;
+
+/// One hit: what is said of it and of what was typed, and its telemetry from `arm` on.
+fn hit(board: Board, (file, typed): Typed) -> (Vec<String>, Vec<Frame>) {
+    let Firmware { elf, table, .. } = Firmware::of(board);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-sim/tests/program/paddle");
+    let mut scene = NamedScene::load(folder.join(file).to_str().unwrap()).unwrap();
+    scene.name = "paddle".into();
+    let elf = elf.with_record(&record(&scene, board).unwrap().unwrap()).unwrap();
+    let session = Session { board, scene, elf, table };
+    let mut world = session.boot_at_zero().unwrap();
+    let slot = SLOT * world.powered.board.cycles_per_sample();
+    let mut said = vec![];
+    for line in [&["unlock envelope", "settle 0.4", "window 0.2"][..], &typed, &["arm"]].concat() {
+        let next = (world.powered.mcu.now() / slot + 1) * slot;
+        world.run_to(next).unwrap();
+        if line == "arm" {
+            world.telemetry.clear();
+        }
+        said.push(ok(&mut world, line));
+    }
+    world.run(6_000).unwrap();
+    let next = (world.powered.mcu.now() / slot + 1) * slot;
+    world.run_to(next).unwrap();
+    ok(&mut world, "hit");
+    said.push(world.reply(60_000).unwrap());
+    let mut decoder = Decoder::new();
+    let bytes = std::mem::take(&mut world.telemetry);
+    let frames = bytes.into_iter().filter_map(|byte| decoder.push(byte)).collect();
+    said.extend([ok(&mut world, "get"), world.ask("k 1e9").unwrap()]);
+    (said, frames)
+}
+
+/// What is said at the handle, said about the axis.
+#[track_caller]
+fn is_told(at_handle: &str, rotary: &str) {
+    let (linear_parts, parts) = (at_handle.split(", "), rotary.split(", "));
+    assert_eq!(linear_parts.clone().count(), parts.clone().count(), "{at_handle}: {rotary}");
+    for (linear, said) in linear_parts.zip(parts) {
+        let Some((unit, other, power)) = UNITS.iter().find(|(unit, ..)| linear.ends_with(unit))
+        else {
+            assert_eq!(linear, said);
+            continue;
+        };
+        let said = said.strip_suffix(other).unwrap_or_else(|| panic!("{linear}: {said}"));
+        let words = linear.strip_suffix(unit).unwrap().split(' ');
+        assert_eq!(words.clone().count(), said.split(' ').count(), "{linear}: {said}");
+        for (word, said) in words.zip(said.split(' ')) {
+            match (word.parse::<f64>(), said.parse::<f64>()) {
+                (Ok(number), Ok(told)) => {
+                    let due = number * RADIUS_M.powi(*power);
+                    assert!((told - due).abs() <= 1e-9 * due.abs(), "{linear}: {said}");
+                }
+                _ => assert_eq!(word, said, "{linear}"),
+            }
+        }
+    }
+}
+
+fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
+    let (linear, linear_frames) = hit(board, LINEAR);
+    let (rotary, frames) = hit(board, ROTARY);
+    println!("{}: {rotary:?}, {} frames", board.name, frames.len());
+    assert!(
+        frames.len() > 1000 && frames.iter().any(|one| one.record.flags.contains(Flags::CONTACT))
+    );
+    let pairs = frames.iter().zip(&linear_frames);
+    let differ = pairs.clone().find(|(one, other)| one.record != other.record);
+    assert_eq!((differ, frames.len()), (None, linear_frames.len()));
+    let ([linear @ .., refused], [rotary @ .., rotary_refused]) = (&linear[..], &rotary[..]) else {
+        panic!("nothing was said")
+    };
+    assert_eq!(linear.len(), rotary.len());
+    linear.iter().zip(rotary).for_each(|(linear, said)| is_told(linear, said));
+    assert!(rotary.iter().any(|line| line.starts_with("ok hit stable, rms ")), "{rotary:?}");
+    assert_eq!(refused, "error: stiffness_n_per_m is 1000000000, allowed 0 to 10000000");
+    assert_eq!(rotary_refused, "error: stiffness_n_m_per_rad is 1000000000, allowed 0 to 49000");
+}
