@@ -40,4 +40,4 @@ mod tests;
 pub const LINE_MAX: usize = 64;
 
 /// Longest reply, bytes; `help` is the longest.
-pub const REPLY_MAX: usize = 640;
+pub const REPLY_MAX: usize = 768;
