@@ -7,7 +7,7 @@ use host_sim::{
     engine::Engine,
     scene::{EstimatorChoice, NamedScene},
     simulation::prepared::{Numeric, PreparedScene},
-    study::walk,
+    study::{boundary, walk},
 };
 use serde::Serialize;
 use virtual_board::{board::Board, device, fuzz::envelope::Envelope};
@@ -62,7 +62,7 @@ pub fn predict(
     }
     match boundary(scene, estimator, cutoff_hz, ended) {
         Ok(found) => {
-            let point = |p: &walk::BoundaryPoint| [p.damping_n_s_per_m, p.stiffness_n_per_m];
+            let point = |p: &boundary::BoundaryPoint| [p.damping_n_s_per_m, p.stiffness_n_per_m];
             predicted.points = found.points.iter().map(point).collect();
             predicted.area = found.area;
         }
@@ -124,7 +124,7 @@ fn boundary(
     estimator: &str,
     cutoff_hz: f64,
     ended: &AtomicBool,
-) -> Result<walk::Boundary, String> {
+) -> Result<boundary::Boundary, String> {
     let mut scene = scene.scene.clone();
     let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator);
     let name = name.ok_or_else(|| format!("there is no estimator {estimator}"))?;

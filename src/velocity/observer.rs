@@ -38,7 +38,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, Word, kept::kept};
+use super::{Form, Senses, Word, factor::Factor, kept::kept};
 use crate::{
     Gain,
     units::{Acceleration, Velocity},
@@ -53,13 +53,6 @@ const ERROR_LIMIT: i64 = 1 << (POSITION_BITS + 22);
 const VELOCITY_LIMIT: i64 = (Velocity::LIMIT as i64) << VELOCITY_BITS;
 /// 2^14 counts per sample^2.
 const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
-
-/// A factor in 0 .. 1: `mantissa * 2^-(32 + shift)`, 2^31 <= mantissa < 2^32, for 64-bit values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Factor {
-    pub(super) mantissa: u32,
-    pub(super) shift: u8,
-}
 
 /// An observer in integer form; it knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,40 +83,6 @@ pub struct ObserverState<W: Word = i64> {
 }
 
 kept!(ObserverState { error, velocity, disturbance });
-
-impl Factor {
-    /// 2^31 to 2^32.
-    pub const fn mantissa(self) -> u32 {
-        self.mantissa
-    }
-
-    /// Bits beyond 32 by which a product with the mantissa is shifted right.
-    pub const fn shift(self) -> u8 {
-        self.shift
-    }
-
-    /// `value` times the factor, with `bits` more fractional bits, at most 31; rounded down.
-    /// Saturates at 2^62.
-    #[inline]
-    pub(super) fn apply(self, value: i64, bits: u8) -> i64 {
-        let mantissa = i64::from(self.mantissa);
-        // 96 bits: high * 2^32 + (the low half of low).
-        #[expect(clippy::cast_sign_loss, reason = "its low half")]
-        let low = (value as u64 & 0xFFFF_FFFF) * u64::from(self.mantissa);
-        #[expect(clippy::cast_possible_wrap, reason = "below 2^32")]
-        let high = (value >> 32) * mantissa + (low >> 32) as i64;
-        // value * mantissa / 2^(32 + shift - bits)
-        if self.shift >= bits {
-            return high >> (self.shift - bits).min(63);
-        }
-        let left = (bits - self.shift).min(31);
-        let limit = 1i64 << (62 - left);
-        let rest = (low & 0xFFFF_FFFF) >> (32 - left);
-        #[expect(clippy::cast_possible_wrap, reason = "below 2^31")]
-        let rest = rest as i64;
-        (high.clamp(-limit, limit - 1) << left) + rest
-    }
-}
 
 impl Form for Observer {
     type State = ObserverState;

@@ -7,7 +7,10 @@
 //! constant disturbance and leaves no trace in the velocity. The crossover is where the position
 //! begins to count for less than the acceleration.
 
-use super::observer::{Factor, Observer, POSITION_BITS};
+use super::{
+    factor::Factor,
+    observer::{Observer, POSITION_BITS},
+};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
@@ -83,18 +86,4 @@ fn gains(
     let p = 1.0 - less;
     let square = less * less;
     Ok([less * (1.0 + p + p * p), 1.5 * square * (1.0 + p), square * less])
-}
-
-impl Factor {
-    /// The nearest factor to a value in 2^-32 .. 1.
-    fn of(value: f64) -> Self {
-        // value = fraction * 2^exponent, 0.5 <= fraction < 1, exponent <= 0
-        let (fraction, exponent) = libm::frexp(value);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "saturating: 2^31 to 2^32, and 0 to 32"
-        )]
-        Self { mantissa: libm::round(libm::scalbn(fraction, 32)) as u32, shift: -exponent as u8 }
-    }
 }

@@ -5,7 +5,7 @@
 
 use core::ops::{Add, Shl, Shr, Sub};
 
-use super::Factor;
+use super::factor::Factor;
 use crate::Gain;
 
 /// A signed number of 64 bits, or a vector of them.

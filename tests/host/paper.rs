@@ -8,8 +8,8 @@ use host_sim::{
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
+        boundary::{Boundary, BoundaryPoint},
         sweep::{Plan, SweepResult, sweep},
-        walk::{Boundary, BoundaryPoint},
     },
 };
 

@@ -27,7 +27,7 @@ use crate::{
     simulation::prepared::PreparedScene,
     study::{
         asked::{Walls, linear_loop, prepare},
-        walk::BoundaryPoint,
+        boundary::BoundaryPoint,
     },
 };
 

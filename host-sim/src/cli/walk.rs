@@ -16,7 +16,7 @@ use crate::{
     output::{files::Outputs, in_units, terminal::print_result},
     study::{
         asked::{self, prepare},
-        walk::Boundary,
+        boundary::Boundary,
     },
 };
 

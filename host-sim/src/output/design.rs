@@ -19,7 +19,7 @@ use crate::{
         },
     },
     scene::Scene,
-    study::walk::Boundaries,
+    study::boundary::Boundaries,
 };
 
 /// `[velocity]` of a scene.

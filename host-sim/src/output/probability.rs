@@ -12,12 +12,12 @@ use super::{
 use crate::{
     scene::NamedScene,
     study::{
+        boundary::BoundaryPoint,
         envelope::{Envelope, Interval},
         probability::{
             Map, Verdicts, WORST,
             contour::{SHARE, Tried, contour},
         },
-        walk::BoundaryPoint,
     },
 };
 

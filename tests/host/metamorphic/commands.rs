@@ -7,8 +7,9 @@ use host_sim::{
     scene::{Device, NamedScene, Scene, Walk},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
+        boundary::Boundary,
         sweep::{Plan, start_offset_counts, sweep},
-        walk::{Boundary, walk},
+        walk::walk,
     },
 };
 use zwidth::experiment::{Ended, Verdict};
@@ -92,7 +93,7 @@ fn walked(
 }
 
 fn pairs(boundary: &Boundary) -> Vec<[f64; 2]> {
-    let pair = |point: &host_sim::study::walk::BoundaryPoint| {
+    let pair = |point: &host_sim::study::boundary::BoundaryPoint| {
         [point.damping_n_s_per_m, point.stiffness_n_per_m]
     };
     boundary.points.iter().map(pair).collect()

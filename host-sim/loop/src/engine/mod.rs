@@ -39,6 +39,7 @@ mod backend;
 mod estimator;
 mod fixed;
 mod float;
+mod gain;
 mod lanes;
 mod scheduler;
 mod simd_ops;

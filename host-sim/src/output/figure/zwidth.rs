@@ -10,7 +10,7 @@ use super::{
     panel::{self, AXIS_TITLE_SIZE, Grid, Panel, SMALL_SIZE, X_TITLE_DROP, stroke},
     render, text,
 };
-use crate::{scene::Units, study::walk::BoundaryPoint};
+use crate::{scene::Units, study::boundary::BoundaryPoint};
 
 const HEIGHT: f64 = 400.0;
 const LEFT: f64 = 64.0;

@@ -14,7 +14,7 @@ use crate::{
     engine::Engine,
     error::Error,
     simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
-    study::walk::{BoundaryPoint, walk},
+    study::{boundary::BoundaryPoint, walk::walk},
 };
 
 /// A point of the simulated boundary and what the hit there showed.

@@ -2,7 +2,10 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::walk::{Boundary, settles_in_s, walk};
+use super::{
+    boundary::Boundary,
+    walk::{settles_in_s, walk},
+};
 use crate::{
     analysis::linear::{Device, Elements, Loop, transfer_function},
     engine::Engine,

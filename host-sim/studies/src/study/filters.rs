@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use zwidth::VelocitySettings;
 
 use super::{
+    boundary::{Boundaries, Boundary},
     sweep::on_all_threads,
-    walk::{Boundaries, Boundary},
     walk_lanes::{Queue, Start, walks},
 };
 use crate::{

@@ -13,10 +13,10 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use super::{
+    boundary::Boundaries,
     limits::{Limit, LimitResult, Question, Situation, limits},
     loops::boards,
     sweep::{CutoffResult, SweepResult, ascending},
-    walk::Boundaries,
 };
 use crate::{
     engine::Engine,

@@ -15,8 +15,8 @@ use std::{
 use zwidth::experiment::Verdict;
 
 use super::{
+    boundary::{Boundaries, Boundary, Progress},
     sweep::{CutoffResult, SweepResult, ascending, on_all_threads, start_offset_counts},
-    walk::{Boundaries, Boundary, Progress},
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},

@@ -4,6 +4,7 @@
 mod ahead;
 pub mod asked;
 pub mod board_envelope;
+pub mod boundary;
 pub mod envelope;
 pub mod filters;
 pub mod levers;

@@ -18,8 +18,11 @@ use crate::{
     engine::Engine,
     error::Error,
     simulation::prepared::{Numeric, PreparedScene},
-    study::walk::{Boundaries, Boundary, first_hit, settles_in_s},
     study::walk_lanes::{Queue, Start, walks},
+    study::{
+        boundary::{Boundaries, Boundary},
+        walk::{first_hit, settles_in_s},
+    },
 };
 
 /// All boundaries at one cutoff.

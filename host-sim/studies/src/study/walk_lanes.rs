@@ -10,7 +10,7 @@ use zwidth::experiment::{Cell, Verdict, Walk};
 
 use super::{
     ahead::{Guide, Walking, likeliest},
-    walk::{Boundary, Progress},
+    boundary::{Boundary, Progress},
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},

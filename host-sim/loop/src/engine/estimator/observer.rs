@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     engine::{
-        fixed::GainLanes,
+        gain::GainLanes,
         lanes::Row,
         simd_ops::{SimdOps, lanes, lanes_mut},
     },

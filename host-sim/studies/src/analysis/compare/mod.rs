@@ -51,9 +51,10 @@ use crate::{
     scene::{LATENCY_KNOWN_MAX, Scene, estimator::EstimatorChoice},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
+        boundary::{Boundaries, Boundary},
         schedule::{Length, longest_first},
         sweep::start_offset_counts,
-        walk::{Boundaries, Boundary, walk},
+        walk::walk,
     },
 };
 

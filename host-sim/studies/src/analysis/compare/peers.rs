@@ -16,9 +16,9 @@ use crate::{
     scene::{NamedScene, RmsOf, Scene, Walk},
     simulation::prepared::Numeric,
     study::{
+        boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation, limits},
         loops::boards,
-        walk::Boundaries,
     },
 };
 

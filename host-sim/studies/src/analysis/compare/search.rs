@@ -29,10 +29,10 @@ use crate::{
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
+        boundary::{Boundaries, Boundary},
         filters::boundaries,
         schedule::Length,
         sweep::start_offset_counts,
-        walk::{Boundaries, Boundary},
     },
 };
 
@@ -58,9 +58,6 @@ impl Budget {
     }
 }
 
-/// Starts of the walks of a search, counts: the golden section and half a count from it, which no
-/// number of repeats has among its own.
-pub(super) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 /// Most walks that the search makes for each tuning that it tries.
 pub const WALKS_OF_A_TRY: u32 = 2;
 /// Tunings that it may try with two parameters, for each that it may try with one.
@@ -385,6 +382,7 @@ fn even(parts: u32) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::looked::STARTS;
     use super::*;
     use crate::scene::NamedScene;
 

@@ -3,7 +3,7 @@
 
 use zwidth::VelocitySettings;
 
-use crate::study::walk::Boundaries;
+use crate::study::boundary::Boundaries;
 
 /// A tuning that was tried.
 #[derive(Clone, Copy, Debug, PartialEq)]

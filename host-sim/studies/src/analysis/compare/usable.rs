@@ -21,8 +21,8 @@ use crate::{
     engine::Engine,
     error::Error,
     scene::Scene,
+    study::boundary::{Boundaries, Boundary, BoundaryPoint},
     study::schedule::longest_first,
-    study::walk::{Boundaries, Boundary, BoundaryPoint},
 };
 
 /// Parts of a column of K whose error is looked at.

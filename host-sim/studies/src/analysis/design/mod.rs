@@ -34,9 +34,9 @@ use crate::{
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
+        boundary::{Boundaries, Boundary},
         filters::boundaries,
         sweep::start_offset_counts,
-        walk::{Boundaries, Boundary},
     },
 };
 

@@ -27,8 +27,8 @@ use crate::{
     numerics::statistics::Repeats,
     scene::Scene,
     study::{
+        boundary::Boundaries,
         schedule::{Length, longest_first},
-        walk::Boundaries,
     },
 };
 

@@ -15,10 +15,7 @@ use crate::{
         controller::{Controller, ControllerOutput, Fixed},
         prepared::{HitError, PreparedScene},
     },
-    study::{
-        sweep::start_offset_counts,
-        walk::{Boundary, walk_with},
-    },
+    study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
 };
 
 /// The core with its finite difference, and a filter of any format behind that. Wall, saturation and output codes

@@ -1,0 +1,54 @@
+//! A factor below 1 for numbers of 64 bits.
+
+/// A factor in 0 .. 1: `mantissa * 2^-(32 + shift)`, 2^31 <= mantissa < 2^32, for 64-bit values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Factor {
+    mantissa: u32,
+    shift: u8,
+}
+
+impl Factor {
+    /// 2^31 to 2^32.
+    pub const fn mantissa(self) -> u32 {
+        self.mantissa
+    }
+
+    /// Bits beyond 32 by which a product with the mantissa is shifted right.
+    pub const fn shift(self) -> u8 {
+        self.shift
+    }
+
+    /// `value` times the factor, with `bits` more fractional bits, at most 31; rounded down.
+    /// Saturates at 2^62.
+    #[inline]
+    pub(super) fn apply(self, value: i64, bits: u8) -> i64 {
+        let mantissa = i64::from(self.mantissa);
+        // 96 bits: high * 2^32 + (the low half of low).
+        #[expect(clippy::cast_sign_loss, reason = "its low half")]
+        let low = (value as u64 & 0xFFFF_FFFF) * u64::from(self.mantissa);
+        #[expect(clippy::cast_possible_wrap, reason = "below 2^32")]
+        let high = (value >> 32) * mantissa + (low >> 32) as i64;
+        // value * mantissa / 2^(32 + shift - bits)
+        if self.shift >= bits {
+            return high >> (self.shift - bits).min(63);
+        }
+        let left = (bits - self.shift).min(31);
+        let limit = 1i64 << (62 - left);
+        let rest = (low & 0xFFFF_FFFF) >> (32 - left);
+        #[expect(clippy::cast_possible_wrap, reason = "below 2^31")]
+        let rest = rest as i64;
+        (high.clamp(-limit, limit - 1) << left) + rest
+    }
+
+    /// The nearest factor to a value in 2^-32 .. 1.
+    pub(super) fn of(value: f64) -> Self {
+        // value = fraction * 2^exponent, 0.5 <= fraction < 1, exponent <= 0
+        let (fraction, exponent) = libm::frexp(value);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "saturating: 2^31 to 2^32, and 0 to 32"
+        )]
+        Self { mantissa: libm::round(libm::scalbn(fraction, 32)) as u32, shift: -exponent as u8 }
+    }
+}
