@@ -16,8 +16,8 @@ use sim_studies::{
     analysis::linear::{Boundary as LinearBoundary, StiffnessLimit, passivity::Passivity},
     study::{
         asked::{self, Names, Walls},
+        boundary::Boundary,
         sweep::{self as study, Plan},
-        walk::Boundary,
     },
 };
 use zwidth::experiment::{Ended, Verdict};
