@@ -62,7 +62,6 @@ const MANY: u64 = 10_000;
 
 #[derive(Serialize)]
 struct Json {
-    command: &'static str,
     seed: u64,
     rows: Vec<RowJson>,
     classes: Vec<ClassJson>,
@@ -126,7 +125,6 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     let chosen =
         boards.iter().map(|&board| chosen(board, options)).collect::<Result<Vec<_>, _>>()?;
     let mut json = Json {
-        command: "campaign",
         seed: options.seed,
         rows: Vec::new(),
         classes: Vec::new(),

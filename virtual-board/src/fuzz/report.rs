@@ -6,7 +6,6 @@ use clap::Args;
 use host_sim::{
     error::Error,
     output::{
-        SCHEMA_VERSION,
         terminal::{note, print_json, print_text},
     },
     scene::NamedScene,
@@ -50,8 +49,6 @@ pub struct Fuzz {
 
 #[derive(Serialize)]
 struct Json<'a> {
-    schema_version: u32,
-    command: &'static str,
     board: &'static str,
     seed: u64,
     sessions: u64,
@@ -111,8 +108,6 @@ pub fn execute(options: &Fuzz) -> Result<(), Error> {
 
 #[derive(Serialize)]
 struct SweepJson {
-    schema_version: u32,
-    command: &'static str,
     board: &'static str,
     events: [&'static str; 3],
     instants: u64,
@@ -136,8 +131,6 @@ fn instants_of(session: &Session, json: bool, threads: usize) -> Result<(), Erro
         let wrong =
             wrong.into_iter().map(|Wrong { event, cycle, what }| WrongJson { event, cycle, what });
         print_json(&SweepJson {
-            schema_version: SCHEMA_VERSION,
-            command: "fuzz",
             board: name,
             events: EVENTS.map(|(_, name)| name),
             instants,
@@ -200,8 +193,6 @@ fn print(seed: u64, board: Board, outcome: &Outcome, virtual_s: f64) -> Result<(
         script: failure.actions.iter().map(ToString::to_string).collect(),
     });
     print_json(&Json {
-        schema_version: SCHEMA_VERSION,
-        command: "fuzz",
         board: board.name,
         seed,
         sessions: outcome.sessions,
