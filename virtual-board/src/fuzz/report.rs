@@ -5,9 +5,7 @@ use std::{num::NonZero, path::PathBuf, thread};
 use clap::Args;
 use host_sim::{
     error::Error,
-    output::{
-        terminal::{note, print_json, print_text},
-    },
+    output::terminal::{note, print_json, print_text},
     scene::NamedScene,
 };
 use serde::Serialize;
