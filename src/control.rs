@@ -93,6 +93,12 @@ impl Sampler {
         self.encoder.position()
     }
 
+    /// Whether position 0 is where it was put.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.encoder.is_whole()
+    }
+
     /// Number of the next sample.
     pub const fn next(&self) -> u64 {
         self.sample
@@ -130,6 +136,14 @@ impl Sampler {
             self.until_due -= 1;
         }
         Sampled { motion: Motion { sample, position, velocity }, due }
+    }
+}
+
+#[cfg(test)]
+impl Sampler {
+    /// A bit of the count at position 0 has flipped.
+    pub(crate) fn spoil_origin(&mut self) {
+        self.encoder.spoil_origin();
     }
 }
 

@@ -3,9 +3,8 @@
 import re
 
 from . import block, slots, states
-from .source import ROOT, constant, lit, m, measured, number, power, rows, significant, table
+from .source import BOARDS, ROOT, constant, lit, m, measured, number, power, rows, significant, table
 
-BOARDS = ["nucleo-f446re", "discovery-f407"]
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
 DEVICE = "scenes/nucleo-f446re.toml"
 

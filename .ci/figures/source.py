@@ -22,8 +22,8 @@ MADE = DATA / "made.csv"
 SIX = "butterworth,first-order,least-squares-2,tracking-loop,kalman-3,levant-explicit"
 FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
 LONG = {
-    "campaign": ("cargo board campaign --random 480 --threads 2", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
-                                                        "left": "campaign-left.csv"}),
+    "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
+                                                         "left": "campaign-left.csv"}),
     "compare-paper-1um": ("cargo sim compare paper-1um", {
         "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",
         "tuning.csv": "compare-paper-1um-tuning.csv", "json": "compare-paper-1um.json"}),
@@ -236,20 +236,54 @@ def take_measured(change):
 
 
 # Classes of a fault, in the order of `cargo board campaign`.
+BOARDS = ["nucleo-f446re", "discovery-f407"]
 CLASSES = ["no_effect", "bounded", "off_in_time", "off_late", "unnoticed"]
 
 
-def campaign(command, files):
-    """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed."""
+# So many random flips at a time; what is done is kept below target until all of them are.
+CHUNK = 2000
+
+
+def told_by(command):
+    """What a campaign prints with --json; that it found something wrong does not stop it."""
     ran = subprocess.run(f"{command} --json", shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
     if not ran.stdout:
         raise SystemExit(ran.returncode)
-    told, _ = json.JSONDecoder().raw_decode(ran.stdout)  # an error may follow
-    named = [row for row in told["rows"] if row["region"] is None]
-    left = [row for row in told["rows"] if row["region"] is not None and row["class"] in CLASSES[3:]]
-    regions = [{"board": r["board"], "region": r["region"] or "all", **{c: r["counts"].get(c, 0) for c in CLASSES},
-                **{f"{c}_{end}": r[c][n] for c in CLASSES[3:] for n, end in ((1, "low"), (2, "high"))}}
-               for r in told["random"]]
+    return json.JSONDecoder().raw_decode(ran.stdout)[0]  # an error may follow
+
+
+def campaign(command, files):
+    """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed.
+
+    In parts, each kept in target/campaign/COMMIT: the same command goes on where it was ended.
+    """
+    flips = int(re.search(r"--random (\d+)", command)[1])
+    command = command.replace(f" --random {flips}", "")
+    kept = ROOT / "target/campaign" / commit().rstrip("+")
+    kept.mkdir(parents=True, exist_ok=True)
+    parts = [("rows", command)]
+    parts += [(f"{board}-{first}", f"{command} --board {board} --rows none --first {first} --random {min(CHUNK, flips - first)}")
+              for first in range(0, flips, CHUNK) for board in BOARDS]
+    told = []
+    for name, part in parts:
+        path = kept / f"{name}.json"
+        if not path.exists():
+            text = json.dumps(told_by(part))
+            path.with_suffix(".new").write_text(text)
+            path.with_suffix(".new").rename(path)
+        told.append(json.loads(path.read_text()))
+    named = told[0]["rows"]
+    left = [row for part in told[1:] for row in part["rows"] if row["class"] in CLASSES[3:]]
+    left.sort(key=lambda row: BOARDS.index(row["board"]))
+    sums = {}
+    for row in (row for part in told[1:] for row in part["random"]):
+        of_region = sums.setdefault((row["board"], row["region"] or "all"), dict.fromkeys(CLASSES, 0))
+        for name in CLASSES:
+            of_region[name] += row["counts"].get(name, 0)
+    regions = [{"board": board, "region": region, **counts,
+                **{f"{name}_{end}": value for name in CLASSES[3:]
+                   for end, value in zip(("low", "high"), wilson(counts[name], sum(counts.values())))}}
+               for (board, region), counts in sorted(sums.items(), key=lambda item: BOARDS.index(item[0][0]))]
     columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
     for key, body in (("rows", named), ("random", regions), ("left", left)):
         with (DATA / files[key]).open("w", newline="") as file:
@@ -257,6 +291,15 @@ def campaign(command, files):
             writer = csv.DictWriter(file, head, lineterminator="\n", extrasaction="ignore")
             writer.writeheader()
             writer.writerows(body)
+
+
+def wilson(hits, trials):
+    """Wilson's 95 % interval of a share."""
+    z = 1.959963984540054
+    share, whole = hits / trials, 1 + z * z / trials
+    middle = (share + z * z / (2 * trials)) / whole
+    half = z / whole * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 def run_long(name):

@@ -176,7 +176,8 @@ impl FaultSet {
             & (Fault::CountJump.bit()
                 | Fault::OutOfRange.bit()
                 | Fault::PushWithoutMotion.bit()
-                | Fault::SignTestFailed.bit())
+                | Fault::SignTestFailed.bit()
+                | Fault::Memory.bit())
             != 0
     }
 

@@ -17,6 +17,8 @@
 
 #![deny(clippy::float_arithmetic)]
 
+use core::hint::cold_path;
+
 use super::Doubled;
 use crate::{
     Drive, Motion,
@@ -74,6 +76,10 @@ impl GainFade {
         let same = *wall == kept.wall;
         if same && push == kept.push && kept.correction == 0 && held.is_none() {
             return drive.force;
+        }
+        if !kept.is_whole() {
+            cold_path();
+            return drive.force; // nothing is put over the broken one: what asks `is_whole` finds it
         }
         let before = kept.push.bits();
         let step = push.bits().saturating_sub(before).max(-slew).min(slew); // clamp could panic
@@ -188,6 +194,20 @@ mod tests {
             let wanted = drive(&hard, Force::ZERO, at).force;
             assert_eq!(give(&mut change, (hard, Force::ZERO), at), wanted);
         }
+    }
+
+    /// What is broken acts on no output, and stays broken for the check after it, while the force moves on.
+    #[test]
+    fn a_broken_one_is_neither_used_nor_mended() {
+        let (soft, hard) = (wall(0, 0.0, 0.0), wall(0, 1e9, 0.0));
+        let at = motion(100, 0);
+        let mut change = GainFade::new(soft, Force::ZERO);
+        give(&mut change, (hard, Force::ZERO), at);
+        assert!(change.is_fading() && change.is_whole());
+        change.spoil();
+        let asked = drive(&hard, Force::ZERO, at).force;
+        assert_eq!(give(&mut change, (hard, Force::ZERO), at), asked);
+        assert!(!change.is_whole());
     }
 
     proptest! {

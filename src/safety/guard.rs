@@ -211,14 +211,17 @@ impl GuardedSampler {
         }
         let jumped = beyond(motion.position.wrapping_since(before), down.jump);
         let fast = beyond(motion.velocity.bits(), down.speed);
-        let quiet = !jumped && !fast && down.zeros == self.zeros && !self.alert;
+        let whole = self.sampler.is_whole();
+        let quiet = !jumped && !fast && whole && down.zeros == self.zeros && !self.alert;
         if quiet {
             let report = SampleReport { motion, present: FaultSet::EMPTY };
             return Step { report, due, cut: false, told: false };
         }
         cold_path();
-        let present =
-            FaultSet::EMPTY.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
+        let present = FaultSet::EMPTY
+            .with_if(Fault::CountJump, jumped)
+            .with_if(Fault::OverSpeed, fast)
+            .with_if(Fault::Memory, !whole);
         if !present.is_empty() {
             self.waiting = self.waiting.union(present);
             self.alert = true;
@@ -351,6 +354,30 @@ mod tests {
             assert_eq!(second(sign * 7, down), FaultSet::EMPTY);
             assert_eq!(second(sign * 8, down), FaultSet::EMPTY.with(Fault::OverSpeed));
         }
+    }
+
+    /// A flipped bit of the count at position 0 would move every wall. `zero` puts it right.
+    #[test]
+    fn a_moved_origin_is_told_with_every_sample_until_the_next_zero() {
+        let (control, mut guard) = (free(), Guard::NOTHING);
+        let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+        let mut down = ANYTHING;
+        let mut step = |sampler: &mut GuardedSampler, down: &mut GuardCommand| {
+            let step = sampler.step(&control, 700, &Senses::NONE, down, &mut guard);
+            down.acknowledged = guard.events; // as `clear` would at once
+            step.cut
+        };
+        assert!(!step(&mut sampler, &mut down));
+        sampler.sampler.spoil_origin();
+        for _ in 0..3 {
+            assert!(step(&mut sampler, &mut down));
+        }
+        down.zeros = Token::FIRST.next();
+        assert!(step(&mut sampler, &mut down), "found with the sample of the zero");
+        assert_eq!(sampler.sampler.position().counts(), 0);
+        assert!(step(&mut sampler, &mut down), "and noted after it");
+        assert!(!step(&mut sampler, &mut down));
+        assert_eq!(guard.causes, FaultSet::EMPTY.with(Fault::Memory));
     }
 
     /// An output is late when the one before the due sample is not there; not while flash is written.

@@ -76,9 +76,9 @@ fn sum() -> u32 {
         ADC => [0x04, 0x10, 0x2C, 0x34];
         ADC + 0x100 => [0x04, 0x10, 0x2C, 0x34, 0x204];
     }
-    // Encoder: CR1 but for DIR, SMCR, CCMR1, CCER, PSC, ARR.
+    // Encoder: CR1 but for DIR, CR2, SMCR, CCMR1, CCER, PSC, ARR.
     fold! { sum,
-        TIM2 => [0x00 & (!(1 << 4)), 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
+        TIM2 => [0x00 & (!(1 << 4)), 0x04, 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
     }
     // Samples, the clock beside them, the output watchdog: CR1, DIER, PSC, ARR.
     fold! { sum,

@@ -43,6 +43,17 @@ enum Experiment {
     Calibration(Calibration),
 }
 
+impl Experiment {
+    #[inline(always)]
+    fn activity(&self) -> Activity {
+        match self {
+            Self::None => Activity::None,
+            Self::Hit(_) => Activity::Hit,
+            Self::Calibration(_) => Activity::Calibration,
+        }
+    }
+}
+
 /// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
 pub struct Scheduler<const N: usize> {
     supervisor: Supervisor,
@@ -52,6 +63,8 @@ pub struct Scheduler<const N: usize> {
     settings: u16,
     motor_reversed: Doubled<bool>,
     experiment: Experiment,
+    /// Which of them it is: a flipped bit begins none.
+    activity: Activity,
     /// What it pushes with at the next output.
     push: Force,
     /// What it pushed with at the last one.
@@ -85,6 +98,7 @@ impl<const N: usize> Scheduler<N> {
             settings: 0,
             motor_reversed: Doubled::new(signs.motor_reversed),
             experiment: Experiment::None,
+            activity: Activity::None,
             push: Force::ZERO,
             pushed: Force::ZERO,
             duty: Duty::default(),
@@ -109,7 +123,8 @@ impl<const N: usize> Scheduler<N> {
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
-        signs && *sampled == self.parameters && self.supervisor.is_whole()
+        let begun = self.experiment.activity() == self.activity;
+        signs && begun && *sampled == self.parameters && self.supervisor.is_whole()
     }
 
     /// The output that answers `up`, with what the guard found. Put it out, then call [`follow`](Self::follow).
@@ -196,9 +211,14 @@ impl<const N: usize> Scheduler<N> {
         self.news = news;
     }
 
+    fn set(&mut self, experiment: Experiment) {
+        self.activity = experiment.activity();
+        self.experiment = experiment;
+    }
+
     /// No experiment any more, without a word.
     fn stop(&mut self) {
-        self.experiment = Experiment::None;
+        self.set(Experiment::None);
         self.push = Force::ZERO;
         self.supervisor.expect_still(false);
     }
@@ -299,13 +319,13 @@ impl<const N: usize> Scheduler<N> {
                 Err(Refusal::NotArmed)
             }
             Order::Hit(plan) => {
-                self.experiment = Experiment::Hit(HitSequence::new(plan));
+                self.set(Experiment::Hit(HitSequence::new(plan)));
                 Ok(())
             }
             Order::Calibrate(plan) => {
                 match &mut self.experiment {
                     Experiment::Calibration(calibration) => calibration.retarget(plan),
-                    _ => self.experiment = Experiment::Calibration(Calibration::new(plan)),
+                    _ => self.set(Experiment::Calibration(Calibration::new(plan))),
                 }
                 self.supervisor.expect_still(true);
                 Ok(())
@@ -335,11 +355,7 @@ impl<const N: usize> Scheduler<N> {
     /// if there is room for it: what is full loses records, never events.
     #[inline(always)]
     pub fn report(&mut self, record: Record) -> Report {
-        let activity = match self.experiment {
-            Experiment::None => Activity::None,
-            Experiment::Hit(_) => Activity::Hit,
-            Experiment::Calibration(_) => Activity::Calibration,
-        };
+        let activity = self.activity;
         // The news first: they may be the end of what a `stop` is answered for.
         let event = match &mut self.news {
             Event::None => &mut self.answer,

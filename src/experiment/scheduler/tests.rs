@@ -352,3 +352,14 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     };
     assert!(bench.scheduler.is_ready());
 }
+
+/// A flipped bit makes an experiment of none, or another of one: what is kept beside it differs.
+#[test]
+fn an_experiment_that_nobody_began_is_found_after_the_output() {
+    let mut bench = Bench::new();
+    let scheduler = &mut bench.scheduler;
+    let sampled = scheduler.parameters;
+    assert!(scheduler.is_whole(&sampled));
+    scheduler.activity = Activity::Hit;
+    assert!(!scheduler.is_whole(&sampled));
+}

@@ -3,7 +3,7 @@
 use super::rows::{Row, SOON_S};
 use crate::{
     board::{Board, Force},
-    elf::Elf,
+    elf::{Elf, SAMPLE_STATE},
     session::{Failed, ask},
     world::World,
 };
@@ -64,6 +64,7 @@ fn everywhere() -> Vec<Row> {
             .never_free(moves)
             .never_in_contact(moves),
         Row::of("motor's sign in memory", SOON_S, motor_sign),
+        Row::of("encoder's origin in memory", SOON_S, origin),
         Row::of("RTT: up 1 larger", SOON_S, |elf, world| channel(elf, world, 8, 1 << 16)),
         Row::of("RTT: up 1 elsewhere", SOON_S, |elf, world| {
             let (render, _) = elf.place_of("local_resource_render")?;
@@ -142,5 +143,36 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
         place.ok_or_else(|| Failed::Refused("nothing in `render` turns with the motor".into()))?;
     world.restore(&before);
     world.powered.mcu.write(from + u32::try_from(place).unwrap_or_default(), &[1]);
+    Ok(world.powered.mcu.now())
+}
+
+/// A bit of the count at position 0, worth 128 counts: found by zeroing at other counts with the force off, as the first
+/// of two words that are each other's complement.
+fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let before = world.snapshot();
+    let (from, size) = elf.place_of(SAMPLE_STATE)?;
+    let mut seen = Vec::new();
+    ask(world, "disarm")?;
+    for offset in [40, 110, 70] {
+        counts(world, offset, 1.0, 0.0)?;
+        world.run(37)?;
+        ask(world, "zero")?;
+        world.run(37)?;
+        let mut bytes = vec![0; size as usize];
+        world.powered.mcu.read(from, &mut bytes);
+        let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
+        seen.push(words.collect::<Vec<_>>());
+    }
+    let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
+    let pairs = |a: usize, b: usize| seen.iter().all(|words| words[a] == !words[b]);
+    let words = seen[0].len();
+    let place = (0..words).find(|&a| turns(a) && (0..words).any(|b| pairs(a, b)));
+    let place =
+        place.ok_or_else(|| Failed::Refused("nothing in `sample` follows `zero`".into()))?;
+    world.restore(&before);
+    let at = from + 4 * u32::try_from(place).unwrap_or_default();
+    let mut word = [0; 4];
+    world.powered.mcu.read(at, &mut word);
+    world.powered.mcu.write(at, &(u32::from_le_bytes(word) ^ 1 << 7).to_le_bytes());
     Ok(world.powered.mcu.now())
 }
