@@ -295,7 +295,7 @@ def campaign(command, files):
 
 def wilson(hits, trials):
     """Wilson's 95 % interval of a share."""
-    z = 1.959963984540054
+    z = 1.96
     share, whole = hits / trials, 1 + z * z / trials
     middle = (share + z * z / (2 * trials)) / whole
     half = z / whole * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))

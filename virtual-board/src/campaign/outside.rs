@@ -146,27 +146,36 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     Ok(world.powered.mcu.now())
 }
 
-/// A bit of the count at position 0, worth 128 counts: found by zeroing at other counts with the force off, as the first
-/// of two words that are each other's complement.
+/// A bit of the count at position 0, worth 128 counts. Found with the force off: it turns with each `zero`, stays while
+/// the handle moves, and is always the difference of two other words, last count and position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();
     ask(world, "disarm")?;
-    for offset in [40, 110, 70] {
+    for (offset, zero) in [(40, true), (110, true), (70, true), (15, false)] {
         counts(world, offset, 1.0, 0.0)?;
         world.run(37)?;
-        ask(world, "zero")?;
-        world.run(37)?;
+        if zero {
+            ask(world, "zero")?;
+            world.run(37)?;
+        }
         let mut bytes = vec![0; size as usize];
         world.powered.mcu.read(from, &mut bytes);
         let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
         seen.push(words.collect::<Vec<_>>());
     }
-    let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
-    let pairs = |a: usize, b: usize| seen.iter().all(|words| words[a] == !words[b]);
     let words = seen[0].len();
-    let place = (0..words).find(|&a| turns(a) && (0..words).any(|b| pairs(a, b)));
+    let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
+    let stays = |a: usize| seen[2][a] == seen[3][a];
+    let moves = |a: usize| seen[2][a] != seen[3][a];
+    let differ = |a: usize, count: usize, position: usize| {
+        seen.iter().all(|words| words[count].wrapping_sub(words[position]) == words[a])
+    };
+    let place = (0..words).filter(|&a| turns(a) && stays(a)).find(|&a| {
+        let moving = || (0..words).filter(|&b| moves(b));
+        moving().any(|count| moving().any(|position| differ(a, count, position)))
+    });
     let place =
         place.ok_or_else(|| Failed::Refused("nothing in `sample` follows `zero`".into()))?;
     world.restore(&before);
