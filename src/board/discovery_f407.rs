@@ -79,7 +79,7 @@ impl Wiring for DiscoveryF407 {
 
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<Selected> {
         let clock = Config::hse(8.MHz()).sysclk(Self::CORE_HZ.Hz()).pclk1(42.MHz()).pclk2(84.MHz());
-        let mut chip = Chip::start(device.RCC, clock, false, &device.DBGMCU, core);
+        let mut chip = Chip::start::<Self>(device.RCC, clock, false, &device.DBGMCU, core);
         // One more than the HAL sets, for 2.4 to 2.7 V (reference manual RM0090, table 10): the supply detector
         // may find 2.59 V still good.
         device.FLASH.acr().modify(|_, w| w.latency().ws6());

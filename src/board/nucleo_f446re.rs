@@ -81,7 +81,7 @@ impl Wiring for NucleoF446re {
             .sysclk(Self::CORE_HZ.Hz())
             .pclk1(45.MHz())
             .pclk2(90.MHz());
-        let mut chip = Chip::start(device.RCC, clock, true, &device.DBGMCU, core);
+        let mut chip = Chip::start::<Self>(device.RCC, clock, true, &device.DBGMCU, core);
         let rcc = &mut chip.rcc;
         let a = device.GPIOA.split(rcc);
         let b = device.GPIOB.split(rcc);

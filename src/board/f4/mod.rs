@@ -4,7 +4,7 @@
 //! peripherals: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by TIM6, the
 //! output watchdog on TIM8 and DMA2.
 
-mod clock;
+mod boot;
 pub mod debugger;
 pub mod enable;
 pub mod encoder;
@@ -166,9 +166,9 @@ pub struct Peripherals {
 }
 
 impl Chip {
-    /// Starts the clock that `clock` names, with RTT before it: a board without its 8 MHz, from a crystal or from
-    /// another chip (`external`), says so and stays here with all outputs off.
-    pub fn start(
+    /// Starts the clock that `clock` names, with RTT before it: a board with another chip, or without its 8 MHz from a
+    /// crystal or from another chip (`external`), says so and stays here with all outputs off.
+    pub fn start<W: Wiring>(
         rcc: pac::RCC,
         clock: Config,
         external: bool,
@@ -177,7 +177,8 @@ impl Chip {
     ) -> Self {
         let reset_cause = reset::cause(&rcc);
         let mut link = rtt::init();
-        clock::wait(&rcc, external, &mut link.replies);
+        boot::expect_chip(dbgmcu, W::CHIP, &mut link.replies);
+        boot::expect_clock(&rcc, external, &mut link.replies);
         let mut rcc = rcc.freeze(clock);
         // If the HSE fails, TIM1's break drops enable and an NMI ends the program.
         rcc.cr().modify(|_, w| w.csson().set_bit());

@@ -1,8 +1,9 @@
-//! The probe link's control block, the stack's end, the clock: what else must not let the program write where it must not,
+//! The probe link's control block, the stack's end, clock and chip: what else must not let the program write where it must not,
 //! or wait without a word.
 
 use virtual_board::{
-    board::{Board, Powered},
+    board::{BOARDS, Board, Powered},
+    mcu::Chip,
     world::World,
 };
 
@@ -11,6 +12,7 @@ use crate::firmware::{Firmware, ok};
 each_board!(
     a_channel_whose_buffer_is_not_its_own_is_left_alone,
     a_board_without_its_clock_says_so,
+    an_image_for_another_chip_says_so,
     the_stack_ends_in_a_guard
 );
 
@@ -57,6 +59,20 @@ fn a_board_without_its_clock_says_so(board: Board) {
     world.powered.mcu.kill_hse();
     world.run(1_000).unwrap();
     assert!(world.replies.starts_with("error: no 8 MHz clock, nothing runs"), "{}", world.replies);
+    assert!(!world.powered.amplifier.is_enabled());
+    assert_eq!(world.powered.mcu.events(), 0);
+}
+
+fn an_image_for_another_chip_says_so(board: Board) {
+    let firmware = Firmware::of(board);
+    let other = BOARDS.into_iter().find(|other| other.chip.id != board.chip.id).unwrap();
+    let chip = Chip { id: other.chip.id, ..board.chip };
+    let rest_m = firmware.scene.device.rest_position_m;
+    let board = Board { chip, ..board };
+    let mut world =
+        World::new(board, &firmware.elf, &firmware.table, &firmware.scene, rest_m).unwrap();
+    world.run(1_000).unwrap();
+    assert!(world.replies.starts_with("error: another chip than this image"), "{}", world.replies);
     assert!(!world.powered.amplifier.is_enabled());
     assert_eq!(world.powered.mcu.events(), 0);
 }

@@ -1,0 +1,42 @@
+//! What has to be there before anything else: the chip that the image is for, and the 8 MHz that everything runs from.
+//! Where one is missing the board says so and stays here, with all pins as after reset.
+
+use stm32f4xx_hal::pac;
+use zwidth::contract::UpChannel as _;
+
+use super::super::super::common::rtt::UpLink;
+
+const OTHER_CHIP: &[u8] =
+    b"error: another chip than this image is for, nothing runs: see docs/first-power-up.md\n";
+const NO_CLOCK: &[u8] =
+    b"error: no 8 MHz clock, nothing runs: see the solder bridges in docs/wiring.md\n";
+
+/// Looks at the ready flag, some eight cycles of the 16 MHz out of reset each: a tenth of a second. A crystal needs a few
+/// milliseconds (data sheets).
+const LOOKS: u32 = 200_000;
+
+/// The chip itself says what it is (`DEV_ID`; RM0390 33.6.1, RM0090 38.6.1).
+pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
+    let id = u32::from(dbgmcu.idcode().read().dev_id().bits());
+    if id != expected {
+        defmt::error!("chip {=u32:#x}, this image is for {=u32:#x}: nothing runs", id, expected);
+        stay(replies, OTHER_CHIP);
+    }
+}
+
+/// Switches HSE on and waits until it is ready.
+pub fn expect_clock(rcc: &pac::RCC, external: bool, replies: &mut UpLink) {
+    rcc.cr().modify(|_, w| w.hsebyp().bit(external));
+    rcc.cr().modify(|_, w| w.hseon().set_bit());
+    if (0..LOOKS).all(|_| rcc.cr().read().hserdy().bit_is_clear()) {
+        defmt::error!("no 8 MHz clock, nothing runs");
+        stay(replies, NO_CLOCK);
+    }
+}
+
+fn stay(replies: &mut UpLink, why: &[u8]) -> ! {
+    replies.write(why);
+    loop {
+        cortex_m::asm::nop();
+    }
+}
