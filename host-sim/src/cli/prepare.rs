@@ -122,7 +122,10 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let says = Said { scene: &scene.scene, board, prepared: &prepared, device, found: &found };
     let json = says.json(&file, bytes.len());
     let units = scene.scene.units;
-    print_result(common.json, InUnits(units, json), || units.text(&says.text(&file, bytes.len())))
+    print_result(common.json, InUnits(units, json), || {
+        let guessed = says.left_out();
+        units.text(&says.text(&file, bytes.len())) + &guessed
+    })
 }
 
 /// `NAME.device` in the scene's folder, or here for a built-in one.
@@ -331,11 +334,17 @@ impl Said<'_> {
         if expected < 2.0 * f64::from(safety.sign_test_counts) {
             lines.push("  note: the sign test sees little more than it needs, or less".into());
         }
-        if !self.prepared.guessed.is_empty() {
-            lines.push(format!("  guessed    {}", self.prepared.guessed.join(", ")));
-        }
-        lines.extend(self.scene.estimated_note().map(|note| format!("  note: {note}")));
         lines.join("\n")
+    }
+
+    /// The lines of what nobody has said or measured, in the scene's own keys and units.
+    fn left_out(&self) -> String {
+        let guessed = match self.prepared.guessed.as_slice() {
+            [] => String::new(),
+            guessed => format!("\n  guessed    {}", guessed.join(", ")),
+        };
+        let note = self.scene.estimated_note().map(|note| format!("\n  note: {note}"));
+        guessed + &note.unwrap_or_default()
     }
 }
 

@@ -51,6 +51,33 @@ fn every_ready_device_holds_a_wall() {
     }
 }
 
+/// What is guessed is in the scene's units, as what is printed beside it.
+#[test]
+fn every_ready_device_has_a_record() {
+    let folder = TempDir::new().unwrap();
+    for (scene, _) in WALLS {
+        let output = sim(folder.path(), &["prepare", scene, "--out", &format!("{scene}.device")]);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success(), "{scene}: {}", String::from_utf8_lossy(&output.stderr));
+        let after = |what: &str| {
+            let found = text.split_once(what).unwrap_or_else(|| panic!("{scene}, {what}: {text}"));
+            found.1.split([' ', ',']).next().unwrap().parse::<f64>().unwrap()
+        };
+        if scene.contains("-f4") {
+            assert!(!text.contains("guessed"), "{text}");
+            continue;
+        }
+        let heaviest = after("safety.heaviest_inertia_kg_m2 ");
+        assert!((heaviest / after("as it would ") - 1.0).abs() < 1e-3, "{text}");
+        let all = after("force      ");
+        assert!(after("return.force_n_m ") < all, "{text}");
+        let known = run(folder.path(), &["sweep", scene, "--plain", "--repeat", "1", "--json"]);
+        for key in known["scenes"][0]["estimated"].as_array().unwrap() {
+            assert!(text.contains(key.as_str().unwrap()), "{key}: {text}");
+        }
+    }
+}
+
 #[test]
 fn a_remark_that_the_page_does_not_have_is_found() {
     assert!(is_explained(
@@ -63,7 +90,7 @@ fn a_remark_that_the_page_does_not_have_is_found() {
 
 #[test]
 #[ignore = "sweeps and comparisons of six devices; .ci/long runs it"]
-fn sweep_comparison_and_record_of_a_ready_device_say_nothing_new() {
+fn sweep_and_comparison_of_a_ready_device_say_nothing_new() {
     for (scene, _) in WALLS {
         let folder = TempDir::new().unwrap();
         let sweep = ["sweep", scene, "--plain", "--repeat", "1", "--json"];

@@ -92,8 +92,9 @@ impl<'a> Envelope<'a> {
             for (n, point) in points.iter().enumerate() {
                 let b = point.damping_n_s_per_m;
                 push(if n == last { below(b) } else { b as f32 }.to_bits())?;
-                push(above(point.stiffness_low_n_per_m).to_bits())?;
-                push(below(point.stiffness_high_n_per_m).to_bits())?;
+                let (low, high) = inward(point.stiffness_low_n_per_m, point.stiffness_high_n_per_m);
+                push(low.to_bits())?;
+                push(high.to_bits())?;
             }
         }
         words.get(..length)
@@ -113,6 +114,14 @@ impl<'a> Envelope<'a> {
             Some((Key { estimator, cutoff_hz, period, design }, rows))
         })
     }
+}
+
+/// That range rounded inward. One without an f32 inside, such as a single stiffness, becomes the f32 next to it: it is
+/// known to one step of the walk, which is far larger.
+#[expect(clippy::cast_possible_truncation, reason = "rounded")]
+fn inward(low: f64, high: f64) -> (f32, f32) {
+    let (inside, top) = (above(low), below(high));
+    if low <= high && inside > top { (high as f32, high as f32) } else { (inside, top) }
 }
 
 /// The largest f32 that is at most `value`.
@@ -163,6 +172,21 @@ mod tests {
         for (made, table) in [(20.1, b), (low, 0.1), (8000.1, high)] {
             assert!(made > table && made / table < 1.0 + 1e-6, "{made} {table}");
         }
+    }
+
+    /// A row of a rotary device has one stiffness that f32 does not hold.
+    #[test]
+    fn a_row_of_a_single_stiffness_keeps_it() {
+        let k = 13_074.827_751_962_837;
+        let points = [point([39.7, 0.0, 20_000.0]), point([52.5, k, k])];
+        let mut words = [0; 64];
+        let boundaries = [Boundary { key: KEY, points: &points }];
+        let words = Envelope::put(&boundaries, &mut words).unwrap();
+        let envelope = Envelope::read(words).expect("it is a table");
+        let (_, read) = envelope.boundaries().next().unwrap();
+        let last = read.last().unwrap();
+        assert_eq!(last.stiffness_low_n_per_m, last.stiffness_high_n_per_m);
+        assert!((last.stiffness_high_n_per_m / k - 1.0).abs() < 1e-7);
     }
 
     #[test]

@@ -12,7 +12,7 @@ use zwidth::{
     velocity::{EstimatorName, Sense},
 };
 
-use super::Scene;
+use super::{Scene, Units};
 use crate::scene::element::Travel;
 
 /// Board, and what its firmware begins with.
@@ -159,18 +159,42 @@ pub struct OnBoard {
     /// Directions.
     pub signs: Signs,
     /// Keys that the scene leaves out, and what was taken: `key value`.
-    pub guessed: Vec<String>,
+    pub guessed: Vec<Guess>,
+}
+
+/// A key that the scene leaves out, and what was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guess {
+    key: &'static str,
+    at_handle: f64,
+}
+
+impl Guess {
+    /// `KEY VALUE`, as a scene in those units would have it.
+    pub fn told(&self, units: Units) -> String {
+        match units.key(self.key) {
+            Some((key, factor)) => {
+                format!("{key} {}", zwidth::shorten(Units::told(self.at_handle, factor)))
+            }
+            None => format!("{} {}", self.key, self.at_handle),
+        }
+    }
+
+    /// The key at the handle.
+    pub fn key(&self) -> &'static str {
+        self.key
+    }
 }
 
 /// Takes keys out of tables, or guesses.
-struct Keys(Vec<String>);
+struct Keys(Vec<Guess>);
 
 impl Keys {
-    fn or(&mut self, key: &str, given: Option<f64>, guess: f64) -> f64 {
+    fn or(&mut self, key: &'static str, given: Option<f64>, guess: f64) -> f64 {
         given.unwrap_or_else(|| {
-            let guess = zwidth::shorten(guess);
-            self.0.push(format!("{key} {guess}"));
-            guess
+            let at_handle = zwidth::shorten(guess);
+            self.0.push(Guess { key, at_handle });
+            at_handle
         })
     }
 }

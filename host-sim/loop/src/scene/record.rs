@@ -51,7 +51,7 @@ pub struct Prepared {
     pub device: Device<'static>,
     /// Its filters with a name.
     pub designs: Vec<NamedFilter>,
-    /// What of it the scene leaves out, and what was taken: `key value`.
+    /// What of it the scene leaves out, and what was taken: `key value`, in the scene's units.
     pub guessed: Vec<String>,
 }
 
@@ -133,6 +133,7 @@ impl NamedScene {
             hit,
             walk: scene.walk_plan(),
         };
+        let guessed = guessed.iter().map(|guess| guess.told(scene.units)).collect();
         let prepared = Prepared { device, designs: scene.named_filters(), guessed };
         // What the board would say at boot.
         prepared.record(&[], board).map_err(|error| error.of(&self.name))?;
@@ -224,7 +225,7 @@ mod tests {
         let own = NamedScene::load("nucleo-f446re").unwrap();
         let mut bare = own.clone();
         (bare.scene.safety, bare.scene.motor, bare.scene.back) = (None, None, None);
-        assert_eq!(own.scene.on_board().guessed, Vec::<String>::new());
+        assert_eq!(own.scene.on_board().guessed, []);
         let (own, bare) = (own.scene.on_board(), bare.scene.on_board());
         // The paper's device is what the guesses are made from, but for two that are rounded.
         assert_eq!((own.back, own.calibration), (bare.back, bare.calibration));

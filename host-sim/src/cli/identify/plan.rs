@@ -42,13 +42,13 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
         .scene
         .on_board()
         .guessed
-        .into_iter()
-        .filter(|key| {
+        .iter()
+        .filter(|guess| {
             ["safety.travel", "safety.speed_max", "motor.continuous"]
                 .iter()
-                .any(|of| key.starts_with(of))
+                .any(|of| guess.key().starts_with(of))
         })
-        .map(|key| units.key(&key).map_or(key, |(renamed, _)| renamed))
+        .map(|guess| guess.told(units))
         .collect();
     let pulses = found.pulses.iter().map(|one| JsonPulse {
         push_n: one.push_n,
