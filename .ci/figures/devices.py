@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import tempfile
+import tomllib
 from pathlib import Path
 
 from . import block
@@ -138,3 +139,21 @@ def tutorial_walk():
                         for kind in ("predicted", "measured"))
     return table(["B, N s/m", "largest K predicted, N/m", "largest K on the board, N/m"],
                  [[number(b), number(predicted.get(b, 0.0)), number(found.get(b, 0.0))] for b in sorted(predicted | found)])
+
+
+@block
+def fault_speeds():
+    """What full force gives the free handle until a fault is off, as `prepare` says."""
+    body = []
+    with tempfile.TemporaryDirectory() as folder:
+        for scene in DEVICES:
+            told = sim(folder, f"prepare {scene} --out {scene}.device")
+            turns = "full_scale_n_m" in told
+            length, of_force = ("rad", "n_m") if turns else ("m", "n")
+            force = told[f"full_scale_{of_force}"]
+            speed, travel = told[f"fault_speed_{length}_per_s"], told[f"fault_travel_{length}"]
+            radius = tomllib.loads((ROOT / f"scenes/{scene}.toml").read_text())["rotary"]["handle_radius_m"] if turns else 1
+            body.append([f"`{scene}`", f"{significant(force, 3)} {'N m' if turns else 'N'}",
+                         f"{significant(speed, 3)} {'rad/s' if turns else 'm/s'}",
+                         significant(speed * radius, 3), significant(1e3 * travel * radius, 3)])
+    return table(["scene", "full force", "speed", "at the handle, m/s", "travel at the handle, mm"], body)

@@ -42,6 +42,9 @@ pub struct PrepareArgs {
     starter: bool,
 }
 
+/// The time within which a fault that the board can know by itself is off, s (docs/safety.md).
+const OFF_S: f64 = 3e-3;
+
 /// What the board will be.
 #[derive(Serialize)]
 struct Json {
@@ -64,6 +67,9 @@ struct Json {
     sign_test_counts: u32,
     heaviest_mass_kg: f64,
     heaviest_damping_n_s_per_m: f64,
+    /// What full force gives the free handle until a fault is off.
+    fault_speed_m_per_s: f64,
+    fault_travel_m: f64,
     /// At rest and at full command, parts of the analogue supply; null: not read.
     current_sense: Option<[f64; 2]>,
     estimator: &'static str,
@@ -202,6 +208,13 @@ impl Said<'_> {
     }
 
     /// How the amplifier says its current, at rest and at full command.
+    /// Speed, m/s, and travel, m, that full force gives the free handle at rest until a fault is off: F t / m, and half of
+    /// it times t. Damping, which would take some, is left out.
+    fn fault(&self) -> [f64; 2] {
+        let speed = self.device.design.full_scale_n * OFF_S / self.scene.device.mass_kg;
+        [speed, 0.5 * speed * OFF_S]
+    }
+
     fn current_sense(&self) -> Option<[f64; 2]> {
         let CurrentSettings { rest, full } = self.device.current;
         (self.device.current != CurrentSettings::UNUSED).then_some([rest, full])
@@ -238,6 +251,8 @@ impl Said<'_> {
             sign_test_counts: safety.sign_test_counts,
             heaviest_mass_kg: safety.heaviest_mass_kg,
             heaviest_damping_n_s_per_m: safety.heaviest_damping_n_s_per_m,
+            fault_speed_m_per_s: self.fault()[0],
+            fault_travel_m: self.fault()[1],
             current_sense: self.current_sense(),
             estimator: settings.velocity.name().text(),
             cutoff_hz: cutoff(&self.device),
@@ -304,6 +319,15 @@ impl Said<'_> {
                 zwidth::shorten(safety.heaviest_mass_kg),
                 zwidth::shorten(safety.heaviest_damping_n_s_per_m)
             ),
+            {
+                let [speed, travel] = self.fault();
+                format!(
+                    "  a fault    is off within {} ms: until then full force gives the free handle {} m/s and {} mm",
+                    1e3 * OFF_S,
+                    zwidth::shorten(speed),
+                    mm(travel)
+                )
+            },
             format!("  estimator  {}{cutoff} at first", settings.velocity.name().text()),
         ];
         if let Some([rest, full]) = self.current_sense() {
