@@ -294,14 +294,18 @@ pub trait ReadBack {
 /// be locked up, mask its interrupts or do anything else.
 pub trait OutputWatchdog {
     /// An output is out. By `render`, with each, whether force is on or off: so the hardware never acts while
-    /// [`Enable::on`] does.
-    fn renew(&mut self);
+    /// [`Enable::on`] does. `sample` is the number of its sample, `halted` whether a debugger has had the core halted since
+    /// the last one.
+    fn renew(&mut self, sample: u32, halted: bool);
+
+    /// Whether its clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch).
+    fn rate_is_wrong(&self) -> bool;
 }
 
 /// Finds out what a board can know of itself.
 pub trait SelfTest {
     /// Tests that part, with the force off, and leaves everything as it was. By `link`, which is kept for 15 ms at most;
-    /// `render` waits for 30 us at most. Enable is active for a few cycles, at zero force.
+    /// `render` waits for 4 ms at most. Enable is active for as long at most, at zero force.
     fn test(&mut self, part: Part) -> Found;
 }
 

@@ -4,7 +4,7 @@
 
 use core::fmt;
 
-use crate::crc;
+use crate::{contract::OUTPUT_WATCHDOG_US, crc};
 
 /// One thing that is tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +17,8 @@ pub enum Part {
     Image,
     /// The pin of enable, by the program and by the emergency stop.
     Enable,
+    /// What drops enable without outputs.
+    OutputWatchdog,
     /// The force output.
     Output,
     /// The encoder's counter, fed by the board itself.
@@ -29,11 +31,12 @@ pub enum Part {
 
 impl Part {
     /// All, in the order in which they are tested.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Chip,
         Self::BrownOutReset,
         Self::Image,
         Self::Enable,
+        Self::OutputWatchdog,
         Self::Output,
         Self::Encoder,
         Self::Delay,
@@ -47,6 +50,7 @@ impl Part {
             Self::BrownOutReset => "brown-out reset",
             Self::Image => "image",
             Self::Enable => "enable",
+            Self::OutputWatchdog => "output watchdog",
             Self::Output => "output",
             Self::Encoder => "encoder",
             Self::Delay => "delay",
@@ -130,6 +134,13 @@ pub enum Found {
         /// Off again.
         after: bool,
     },
+    /// Enable without outputs, at zero force.
+    OutputWatchdog {
+        /// The emergency stop was closed; without it enable cannot be on.
+        stop_closed: bool,
+        /// Microseconds after which hardware has dropped it; none: it has not.
+        micros: Option<u32>,
+    },
     /// The force output read back.
     Output {
         /// The code with the largest difference, and what was read.
@@ -162,6 +173,10 @@ pub fn checksum<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 {
     crc::of_pieces(pieces)
 }
 
+/// When the output watchdog has to act, us.
+const WATCHDOG_US: core::ops::RangeInclusive<u32> =
+    OUTPUT_WATCHDOG_US - OUTPUT_WATCHDOG_US / 25..=OUTPUT_WATCHDOG_US + OUTPUT_WATCHDOG_US / 25;
+
 /// The watchdog's oscillator, Hz: what the data sheets allow.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
@@ -173,6 +188,9 @@ impl Found {
             Self::BrownOutReset { level, expected } => level == expected,
             Self::Image { bad_vector, .. } => bad_vector.is_none(),
             Self::Enable { stop_closed, off, on, after } => !off && on == stop_closed && !after,
+            Self::OutputWatchdog { stop_closed, micros } => {
+                stop_closed && micros.is_some_and(|micros| WATCHDOG_US.contains(&micros))
+            }
             Self::Output { worst: [told, read], allowed } => told.abs_diff(read) <= allowed,
             Self::Encoder { sent, there, back, .. } => there.unsigned_abs() == sent && back == 0,
             Self::Delay(Delays { samples, least, most, .. }) => {
@@ -211,6 +229,17 @@ impl fmt::Display for Found {
             }
             Self::Enable { stop_closed: true, .. } => f.write_str("stop closed: the pin follows"),
             Self::Enable { .. } => f.write_str("stop open: the pin stays low"),
+            Self::OutputWatchdog { stop_closed: false, .. } => {
+                f.write_str("the stop is open: close it and try again")
+            }
+            Self::OutputWatchdog { micros: None, .. } => {
+                f.write_str("enable stays on without outputs")
+            }
+            Self::OutputWatchdog { micros: Some(micros), .. } => {
+                write!(f, "enable drops {micros} us after the last output")?;
+                let (least, most) = WATCHDOG_US.into_inner();
+                if wrong { write!(f, ", allowed {least} to {most}") } else { Ok(()) }
+            }
             Self::Output { worst: [told, read], allowed } => {
                 write!(f, "code {told} reads as {read}, allowed is {allowed} more or less")
             }
@@ -295,6 +324,19 @@ mod tests {
             says(enable(closed, true, closed, false), "fail, the pin is high with the output off");
             says(enable(closed, false, closed, true), "fail, the pin stays high");
         }
+    }
+
+    #[test]
+    fn enable_drops_in_time_without_outputs() {
+        let found = |micros| Found::OutputWatchdog { stop_closed: true, micros };
+        says(found(Some(2400)), "pass, enable drops 2400 us after the last output");
+        says(found(Some(2600)), "pass, enable drops 2600 us after the last output");
+        let late = "fail, enable drops 2601 us after the last output, allowed 2400 to 2600";
+        says(found(Some(2601)), late);
+        assert!(!found(Some(2399)).is_right());
+        says(found(None), "fail, enable stays on without outputs");
+        let open = Found::OutputWatchdog { stop_closed: false, micros: Some(0) };
+        says(open, "fail, the stop is open: close it and try again");
     }
 
     #[test]

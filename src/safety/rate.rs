@@ -4,42 +4,45 @@
 
 use core::hint::cold_path;
 
-use super::HaltWatch;
-
-/// Compares samples with a clock of [`HaltWatch::TICKS_PER_SAMPLE`] ticks each, over [`RateWatch::OUTPUTS`] outputs.
+/// Compares samples with a clock of `TICKS` ticks each, over [`RateWatch::OUTPUTS`] outputs.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct RateWatch {
-    /// Clock and sample at the beginning.
-    ticks: u16,
-    sample: u32,
-    /// Outputs since; 0: there is no beginning yet.
+pub struct RateWatch<const TICKS: u32> {
+    /// Ticks that came and that were due since the beginning.
+    passed: u32,
+    due: u32,
+    /// Outputs since.
     outputs: u8,
     wrong: bool,
 }
 
-impl RateWatch {
+impl<const TICKS: u32> RateWatch<TICKS> {
     /// Outputs from one comparison to the next.
     pub const OUTPUTS: u8 = 64;
     /// Of so many ticks one may be too many or too few: 2 %.
     const PART: u32 = 50;
 
-    /// Takes clock and sample at an output. `halted`: time has passed without samples since the last one, which has a
-    /// fault of its own; it begins anew then. Whether the last comparison was off by more than 2 %.
-    #[inline]
-    pub fn follow(&mut self, ticks: u16, sample: u64, halted: bool) -> bool {
-        #[expect(clippy::cast_possible_truncation, reason = "they differ by less than 2^16")]
-        let sample = sample as u32;
-        if self.outputs > 0 && self.outputs < Self::OUTPUTS && !halted {
-            self.outputs += 1;
-            return self.wrong;
+    /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples, or without the
+    /// clock, which has a fault of its own; it begins anew then.
+    #[inline(always)]
+    pub fn follow(&mut self, ticks: u32, samples: u32, anew: bool) {
+        if anew {
+            cold_path();
+            *self = Self { wrong: self.wrong, ..Self::default() };
+            return;
         }
-        cold_path();
-        if !halted && self.outputs > 0 {
-            let passed = u32::from(ticks.wrapping_sub(self.ticks));
-            let due = sample.wrapping_sub(self.sample).wrapping_mul(HaltWatch::TICKS_PER_SAMPLE);
-            self.wrong = passed.abs_diff(due) > due / Self::PART;
+        self.passed = self.passed.wrapping_add(ticks);
+        self.due = self.due.wrapping_add(samples.wrapping_mul(TICKS));
+        self.outputs += 1;
+        if self.outputs >= Self::OUTPUTS {
+            cold_path();
+            let wrong = self.passed.abs_diff(self.due) > self.due / Self::PART;
+            *self = Self { wrong, ..Self::default() };
         }
-        (self.ticks, self.sample, self.outputs) = (ticks, sample, 1);
+    }
+
+    /// Whether the last comparison was off by more than 2 %.
+    #[inline(always)]
+    pub const fn is_wrong(&self) -> bool {
         self.wrong
     }
 }
@@ -50,20 +53,23 @@ mod tests {
 
     /// Outputs each `period` samples, the clock at `rate` times what it should be: the first output at which it is wrong.
     fn found(period: u32, rate: f64, late: f64) -> Option<u32> {
-        let mut watch = RateWatch::default();
-        (0..3 * u32::from(RateWatch::OUTPUTS)).find(|output| {
+        let mut watch = RateWatch::<4>::default();
+        let mut before = 0u64;
+        (0..3 * u32::from(RateWatch::<4>::OUTPUTS)).find(|output| {
             // every other output is late
             let samples = f64::from(output * period) + late * f64::from(output % 2);
-            let ticks = samples * f64::from(HaltWatch::TICKS_PER_SAMPLE) * rate;
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it wraps")]
-            watch.follow(ticks as u64 as u16, u64::from(output * period), false)
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small")]
+            let ticks = (samples * 4.0 * rate) as u64;
+            watch.follow(u32::try_from(ticks - before).unwrap(), period, *output == 0);
+            before = ticks;
+            watch.is_wrong()
         })
     }
 
     #[test]
     fn two_percent_are_found_from_both_sides_within_64_outputs() {
         for period in [1, 2, 5, 10] {
-            for rate in [0.0, 0.5, 0.97, 1.03, 1.45, 2.0] {
+            for rate in [0.0, 0.5, 0.97, 1.03, 1.45, 2.0, 2.048] {
                 assert_eq!(found(period, rate, 0.0), Some(64), "{period} {rate}");
             }
             for rate in [0.985, 1.0, 1.015] {
@@ -77,19 +83,16 @@ mod tests {
 
     #[test]
     fn a_halt_begins_anew_and_a_right_rate_is_right_again() {
-        let mut watch = RateWatch::default();
-        let mut ticks = 0u16;
-        let mut run = |outputs: std::ops::Range<u64>, step: u16, halted: Option<u64>| {
-            let mut wrong = false;
-            for output in outputs {
+        let mut watch = RateWatch::<4>::default();
+        let mut run = |outputs: u32, step: u32, halted: Option<u32>| {
+            for output in 0..outputs {
                 let halt = halted == Some(output);
-                ticks = ticks.wrapping_add(if halt { 5000 } else { step });
-                wrong = watch.follow(ticks, 10 * output, halt);
+                watch.follow(if halt { 5000 } else { step }, 10, halt);
             }
-            wrong
+            watch.is_wrong()
         };
-        assert!(!run(0..100, 40, Some(60)));
-        assert!(run(100..300, 39, None));
-        assert!(!run(300..500, 40, None));
+        assert!(!run(100, 40, Some(60)));
+        assert!(run(200, 39, None));
+        assert!(!run(200, 40, None));
     }
 }

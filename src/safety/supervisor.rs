@@ -40,7 +40,7 @@ pub struct Supervisor {
     watch: StuckEncoder,
     speed: SpeedWatch,
     /// The handle is held on purpose.
-    still: bool,
+    still: Doubled<bool>,
     /// The grant of the last output.
     last: OutputCommand,
     fault: Option<FaultRecord>,
@@ -73,7 +73,7 @@ impl Supervisor {
             fade: None,
             watch: StuckEncoder::default(),
             speed: SpeedWatch::default(),
-            still: false,
+            still: Doubled::new(false),
             last: OutputCommand::Off,
             fault: boot,
             causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
@@ -105,6 +105,9 @@ impl Supervisor {
     ) -> Rendered {
         let drive = control.render(up.motion, push);
         self.inputs = inputs;
+        if self.state.is_on() {
+            self.down.stall = false; // whatever a bit has become: `arm` was refused in one
+        }
         self.contact = drive.contact;
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
         let before = self.zeros;
@@ -147,6 +150,7 @@ impl Supervisor {
         self.state.is_whole()
             && self.plan.is_whole()
             && self.unlocked.is_whole()
+            && self.still.is_whole()
             && self.fade.as_ref().is_none_or(GainFade::is_whole)
     }
 
@@ -154,7 +158,7 @@ impl Supervisor {
     /// sign of a dead encoder.
     #[inline]
     pub fn expect_still(&mut self, still: bool) {
-        self.still = still;
+        self.still.set(still);
     }
 
     /// Whether the sampling task has switched off by itself.
@@ -373,7 +377,7 @@ impl Supervisor {
                 ..record
             }));
         }
-        let acted = self.last.force().filter(|_| !self.still);
+        let acted = self.last.force().filter(|_| !*self.still);
         let pushed = self.watch.failed(&self.plan, acted, self.contact, up.motion.position);
         let place = up.motion.position.wrapping_since(Position::default());
         let [low, high] = self.plan.travel;

@@ -150,6 +150,7 @@ impl Render {
             supply,
             halts,
         );
+        let halted = sensed.halted;
         // After that: what the sampling task cut has a reason here.
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
             self.guard.take(guard, number);
@@ -157,7 +158,7 @@ impl Render {
         let guard = self.guard.at(up.motion.number());
         let rendered = self.scheduler.output(&up, &guard, sensed);
         self.put_out(rendered.grant);
-        self.outputs.output_watchdog.renew();
+        self.outputs.output_watchdog.renew(up.motion.number(), halted);
         self.ends.sampling.command(self.scheduler.command());
         FLAGS.rendered.store(up.motion.number(), Relaxed);
         self.check(up.motion.number(), read);
@@ -204,10 +205,13 @@ impl Render {
         let output = output.is_some_and(|watch| watch.follow(was, read.output));
         let current = self.current.as_mut();
         let current = current.is_some_and(|watch| watch.follow(was, read.current, passed));
+        // Both are asked each time.
+        let rate =
+            self.outputs.halts.rate_is_wrong() | self.outputs.output_watchdog.rate_is_wrong();
         self.found = FaultSet::EMPTY
             .with_if(Fault::Registers, !self.outputs.set_up.holds())
             .with_if(Fault::Memory, !whole)
-            .with_if(Fault::SampleRate, self.outputs.halts.rate_is_wrong())
+            .with_if(Fault::SampleRate, rate)
             .with_if(Fault::ForceOutput, output)
             .with_if(Fault::MotorCurrent, current);
         if !self.found.is_empty() {

@@ -207,7 +207,6 @@ impl Said<'_> {
         self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m
     }
 
-    /// How the amplifier says its current, at rest and at full command.
     /// Speed, m/s, and travel, m, that full force gives the free handle at rest until a fault is off: F t / m, and half of
     /// it times t. Damping, which would take some, is left out.
     fn fault(&self) -> [f64; 2] {
@@ -215,6 +214,7 @@ impl Said<'_> {
         [speed, 0.5 * speed * OFF_S]
     }
 
+    /// How the amplifier says its current, at rest and at full command.
     fn current_sense(&self) -> Option<[f64; 2]> {
         let CurrentSettings { rest, full } = self.device.current;
         (self.device.current != CurrentSettings::UNUSED).then_some([rest, full])

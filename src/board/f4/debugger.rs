@@ -24,7 +24,9 @@ const STOPPED_APB2: u32 = 1;
 pub struct Halts {
     timer: pac::TIM6,
     watch: HaltWatch,
-    rate: RateWatch,
+    rate: RateWatch<{ HaltWatch::TICKS_PER_SAMPLE }>,
+    /// Clock and sample when the rate was last looked at; a halt since.
+    looked: (u16, u64),
     halted: bool,
 }
 
@@ -38,7 +40,13 @@ impl Halts {
         timer.psc().write(|w| unsafe { w.bits(ticks - 1) });
         timer.egr().write(|w| w.ug().set_bit());
         timer.cr1().write(|w| w.cen().set_bit());
-        Self { timer, watch: HaltWatch::default(), rate: RateWatch::default(), halted: false }
+        Self {
+            timer,
+            watch: HaltWatch::default(),
+            rate: RateWatch::default(),
+            looked: (0, 0),
+            halted: true,
+        }
     }
 }
 
@@ -48,14 +56,20 @@ impl DebugHalts for Halts {
         stop_with_the_core();
         #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
         let ticks = self.timer.cnt().read().bits() as u16;
-        self.halted = self.watch.found(ticks, sample, period);
-        self.halted
+        let halted = self.watch.found(ticks, sample, period);
+        self.halted |= halted;
+        halted
     }
 
     #[inline(always)]
     fn rate_is_wrong(&mut self) -> bool {
         let (ticks, sample) = self.watch.last();
-        self.rate.follow(ticks, sample, self.halted)
+        let (ticks_before, before) = core::mem::replace(&mut self.looked, (ticks, sample));
+        let passed = ticks.wrapping_sub(ticks_before).into();
+        #[expect(clippy::cast_possible_truncation, reason = "a few")]
+        let samples = sample.wrapping_sub(before) as u32;
+        self.rate.follow(passed, samples, core::mem::take(&mut self.halted));
+        self.rate.is_wrong()
     }
 }
 

@@ -14,6 +14,7 @@
 //! bits (`LOCK` level 3, RM0090 17.4.18, RM0390 16.4.18): break input, idle levels, polarities and output modes. It
 //! comes when the board's file has set all of them up; until then the timer drives no pin.
 
+use cortex_m::peripheral::DWT;
 use stm32f4xx_hal::{
     pac,
     rcc::{Enable as _, Rcc, Reset},
@@ -38,13 +39,32 @@ pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     (on, pin.is_high())
 }
 
+/// MOE until hardware clears it: after how many core cycles; none within so many. With the tasks masked and the force at
+/// zero. An open emergency stop clears it at once.
+pub(super) fn drops_within(cycles: u32) -> Option<u32> {
+    // SAFETY: a documented value of the register.
+    registers().bdtr().write(|w| unsafe { w.bits(ON) });
+    let begun = DWT::cycle_count();
+    let dropped = loop {
+        let passed = DWT::cycle_count().wrapping_sub(begun);
+        if registers().bdtr().read().moe().bit_is_clear() {
+            break Some(passed);
+        }
+        if passed > cycles {
+            break None;
+        }
+    };
+    <Enable as contract::Enable>::off();
+    dropped
+}
+
 /// The break input was active: in SR, and it stays there.
 const BREAK: u32 = 1 << 7;
 
 /// TIM1's registers, for the few stores that must work from everywhere.
 pub(in crate::board) fn registers() -> &'static pac::tim1::RegisterBlock {
     // SAFETY: the address is TIM1's. Outside `init` this program only stores whole constants
-    // into BDTR, SR and CR1 and compare values into CCR1 and CCR2, never a modified reading.
+    // into BDTR, SR, CR1 and CNT and compare values into CCR1 and CCR2, never a modified reading.
     unsafe { &*pac::TIM1::ptr() }
 }
 

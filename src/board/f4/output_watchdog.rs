@@ -21,7 +21,10 @@ use stm32f4xx_hal::{
     pac,
     rcc::{Enable, Rcc, Reset},
 };
-use zwidth::contract::{self, OUTPUT_WATCHDOG_US};
+use zwidth::{
+    contract::{self, OUTPUT_WATCHDOG_US, RATE_HZ},
+    safety::RateWatch,
+};
 
 use super::enable;
 
@@ -42,8 +45,17 @@ const STREAM: u32 = 7 << 25 | 0b11 << 16 | 0b10 << 13 | 0b10 << 11 | 1 << 8 | 0b
 /// Which stream.
 const NUMBER: usize = 1;
 
-/// TIM8, counting.
-pub struct OutputWatchdog(pac::TIM8);
+/// SR: it has overflown (`UIF`).
+const OVERFLOWN: u32 = 1;
+
+/// TIM8, counting. Its clock is that of APB2, that of the samples that of APB1: what divides one of them only shows as a
+/// wrong rate, and so does a count that stands still.
+pub struct OutputWatchdog {
+    timer: pac::TIM8,
+    rate: RateWatch<{ TICK_HZ / RATE_HZ }>,
+    /// Of the last output.
+    sample: u32,
+}
 
 impl OutputWatchdog {
     /// Runs from now on. BDTR of TIM1 has to be as `off` leaves it.
@@ -68,8 +80,15 @@ impl OutputWatchdog {
             timer.dier().write(|w| w.bits(REQUESTS));
             timer.cr1().write(|w| w.bits(RUNNING));
         }
-        Self(timer)
+        Self { timer, rate: RateWatch::default(), sample: 0 }
     }
+}
+
+/// As an output does.
+#[inline(always)]
+pub(super) fn begin_anew() {
+    // SAFETY: the address is TIM8's; any 16-bit value is a count, and nothing else writes it.
+    unsafe { (*pac::TIM8::ptr()).cnt().write(|w| w.bits(0)) };
 }
 
 /// Whether the word in RAM is still the one that switches off.
@@ -80,8 +99,19 @@ pub(super) fn stores_off() -> bool {
 
 impl contract::OutputWatchdog for OutputWatchdog {
     #[inline(always)]
-    fn renew(&mut self) {
-        // SAFETY: any 16-bit value is a count.
-        self.0.cnt().write(|w| unsafe { w.bits(0) });
+    fn renew(&mut self, sample: u32, halted: bool) {
+        let passed = self.timer.cnt().read().bits();
+        let acted = self.timer.sr().read().bits() & OVERFLOWN != 0;
+        begin_anew();
+        // SAFETY: flags are cleared by writing 0.
+        self.timer.sr().write(|w| unsafe { w.bits(0) });
+        let samples = sample.wrapping_sub(self.sample);
+        self.sample = sample;
+        self.rate.follow(passed, samples, halted || acted);
+    }
+
+    #[inline(always)]
+    fn rate_is_wrong(&self) -> bool {
+        self.rate.is_wrong()
     }
 }

@@ -6,7 +6,8 @@
 //! | chip | `DEV_ID` | RM0390 33.6.1, RM0090 38.6.1 |
 //! | brown-out reset | `BOR_LEV` of FLASH_OPTCR | RM0390 3.8.6, RM0090 3.9.10 |
 //! | image | vectors, CRC from vectors to constants | |
-//! | enable | TIM1_CH3's pin against MOE and the break input | RM0390 16.3.13, RM0090 17.3.13 |
+//! | enable | TIM1_CH3's pin against MOE and the break input | RM0390 16.3.12, RM0090 17.3.12 |
+//! | output watchdog | MOE against time, without outputs | RM0390 16.4.4, 9.3.3, RM0090 17.4.4, 10.3 |
 //! | output | the board's own: `dac.rs`, `pwm.rs` | |
 //! | encoder | PC6 and PC8 give edges to A and B, by two wires | |
 //! | delay | TIM5's count when TIM2's was read | |
@@ -20,11 +21,11 @@ use core::{
 
 use stm32f4xx_hal::{pac, rcc::Rcc};
 use zwidth::{
-    contract,
+    contract::{self, OUTPUT_WATCHDOG_US},
     self_test::{Delays, EDGES, Found, Part, checksum},
 };
 
-use super::{Wiring, enable, pin::BoardPin};
+use super::{Wiring, enable, output_watchdog, pin::BoardPin};
 use crate::board::common::mask;
 
 /// TIM5's count when `sample` last read the encoder's counter.
@@ -35,6 +36,9 @@ static READ_AT: AtomicU32 = AtomicU32::new(0);
 pub(super) fn note_reading(ticks: u32) {
     READ_AT.store(ticks, Relaxed);
 }
+
+/// How long the output watchdog is waited for.
+const LONGEST_US: u32 = OUTPUT_WATCHDOG_US * 3 / 2;
 
 /// The two pins of the wires: A, B.
 const WIRES: [u32; 2] = [6, 8];
@@ -66,6 +70,7 @@ impl<W: Wiring> contract::SelfTest for SelfTest<W> {
             }
             Part::Image => image(),
             Part::Enable => enabled(W::ENABLE, || !W::STOP.is_high()),
+            Part::OutputWatchdog => without_outputs(W::CORE_HZ, || !W::STOP.is_high()),
             Part::Output => W::test_output(),
             Part::Encoder => counted(W::CORE_HZ),
             Part::Delay => delays(W::CORE_HZ),
@@ -120,6 +125,17 @@ fn enabled(pin: BoardPin, stop_closed: fn() -> bool) -> Found {
         let stop_closed = stop_closed();
         let (on, after) = enable::blink(pin);
         Found::Enable { stop_closed, off, on, after }
+    })
+}
+
+/// How long enable stays on when no output comes; `render` is masked, and the force zero.
+fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
+    let mhz = core_hz / 1_000_000;
+    mask::with_lower_tasks_masked(|| {
+        let stop_closed = stop_closed();
+        output_watchdog::begin_anew();
+        let dropped = enable::drops_within(LONGEST_US * mhz);
+        Found::OutputWatchdog { stop_closed, micros: dropped.map(|cycles| cycles / mhz) }
     })
 }
 

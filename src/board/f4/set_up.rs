@@ -2,8 +2,8 @@
 //!
 //! All that the program sets up once and that must not change afterwards, folded into one word: a bit that flips in any
 //! of them changes it. What changes while the program runs is left out by a mask, or is written with every output
-//! (compare values, the DAC's code, the converters' CR2, DBGMCU). A peripheral without its clock reads as 0
-//! (RM0090 7.2.9), so a lost clock is found as well.
+//! (compare values, the DAC's code, the converters' CR2, DBGMCU). What gates a
+//! peripheral's clock is among them.
 
 use core::{
     ptr,
@@ -50,9 +50,10 @@ macro_rules! fold {
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
-    // Clocks: HSE, its bypass, its security system, the PLL; what divides, what is on, awake and asleep.
+    // Clocks: HSE, its bypass, its security system, the PLL; what divides, also for the timers (TIMPRE in DCKCFGR, which
+    // the F407 has not); what is on, awake and asleep.
     fold! { sum,
-        RCC => [0x00 & (1 << 16 | 1 << 18 | 1 << 19 | 1 << 24), 0x04, 0x08, 0x30, 0x40, 0x44, 0x50, 0x60, 0x64];
+        RCC => [0x00 & (1 << 16 | 1 << 18 | 1 << 19 | 1 << 24), 0x04, 0x08, 0x30, 0x40, 0x44, 0x50, 0x60, 0x64, 0x8C];
     }
     // Wait states of the flash; voltage detector; its interrupt.
     fold! { sum,
@@ -60,11 +61,11 @@ fn sum() -> u32 {
         POWER => [0x00];
         EXTI => [0x00, 0x08];
     }
-    // Pins: mode, alternate function, the pull-up of the stop.
+    // Pins: mode, push-pull, alternate function, the pull-up of the stop.
     fold! { sum,
-        GPIOA => [0x00, 0x20, 0x24];
+        GPIOA => [0x00, 0x04, 0x20, 0x24];
         GPIOB => [0x00, 0x0C, 0x24];
-        GPIOE => [0x00, 0x0C, 0x24];
+        GPIOE => [0x00, 0x04, 0x0C, 0x24];
     }
     // Enable and PWM: CR1, CR2, SMCR, CCMR1, CCMR2, CCER, PSC, ARR, RCR, BDTR but for MOE. DAC: CR.
     fold! { sum,
@@ -80,19 +81,19 @@ fn sum() -> u32 {
     fold! { sum,
         TIM2 => [0x00 & (!(1 << 4)), 0x04, 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
     }
-    // Samples, the clock beside them, the output watchdog: CR1, DIER, PSC, ARR.
+    // Samples, the clock beside them, the output watchdog: CR1, SMCR, DIER, PSC, ARR, RCR.
     fold! { sum,
-        TIM5 => [0x00, 0x0C, 0x28, 0x2C];
+        TIM5 => [0x00, 0x08, 0x0C, 0x28, 0x2C];
         TIM6 => [0x00, 0x28, 0x2C];
-        TIM8 => [0x00, 0x0C, 0x28, 0x2C];
+        TIM8 => [0x00, 0x08, 0x0C, 0x28, 0x2C, 0x30];
     }
     // Its stream: CR, PAR, M0AR, FCR.
     fold! { sum,
-        DMA2_STREAM1 => [0x00, 0x08, 0x0C];
+        DMA2_STREAM1 => [0x00, 0x08, 0x0C, 0x14];
     }
-    // Vector table, priority groups, memory protection.
+    // Vector table, priority groups, priorities of PendSV and the like, memory protection with its one region.
     fold! { sum,
-        SCB => [0x08, 0x0C & 0x700, 0x94];
+        SCB => [0x08, 0x0C & 0x700, 0x1C, 0x20, 0x94, 0x9C, 0xA0];
     }
     // Interrupts: which are on; priorities of the four tasks.
     fold! { sum,

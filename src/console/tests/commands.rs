@@ -344,7 +344,7 @@ fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
         }
         assert_eq!(bench.console.port.tested, Part::ALL);
         bench.report(Event::Answer(Ok(())));
-        let last = if wrong.is_some() { "error: selftest: 1 of 8 failed" } else { "ok selftest" };
+        let last = if wrong.is_some() { "error: selftest: 1 of 9 failed" } else { "ok selftest" };
         assert_eq!(bench.take(), (vec![last.into()], vec![go_on]));
         assert!(bench.answer(Ok(())).is_empty());
     }

@@ -62,6 +62,8 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("TIM8 UDE", TIM8 + 0x0C, Flip(1 << 8), true),
         ("TIM8 ARR", TIM8 + 0x2C, Flip(1 << 15), true),
         ("TIM8 PSC", TIM8 + 0x28, Flip(1 << 14), true),
+        ("TIM8 by another clock", TIM8 + 0x08, Flip(1 << 14), true),
+        ("TIM8 repeats", TIM8 + 0x30, Flip(1), true),
         ("DMA2 stream off", DMA2_STREAM1, Flip(1), true),
         ("TIM8 without clock", RCC + 0x44, Flip(1 << 1), true),
         ("DMA2 without clock", RCC + 0x30, Flip(1 << 22), true),
@@ -73,6 +75,8 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
+        ("PendSV at the highest priority", 0xE000_ED20, Flip(0x00F0_0000), true),
+        ("stack guard's region", 0xE000_EDA0, Flip(1), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),
         ("ADC2's channel", ADC + 0x134, Flip(1 << 3), true),
         ("a second interrupt", 0xE000_E104, Be(1 << 23), true),
@@ -80,12 +84,15 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
     match board.wiring.force {
         Force::Dac { .. } => rows.extend([
             ("enable's pin a GPIO", GPIOA, Flip(0b11 << 20), true),
+            ("enable open drain", GPIOA + 0x04, Flip(1 << 10), true),
             ("DAC off", 0x4000_7400, Flip(1), true),
             ("DAC's pin", GPIOA, Flip(0b11 << 8), true),
             ("ADC1's channel", ADC + 0x34, Flip(1), true),
         ]),
         Force::Pwm { .. } => rows.extend([
             ("enable's pin a GPIO", GPIOE, Flip(0b11 << 26), true),
+            ("enable open drain", GPIOE + 0x04, Flip(1 << 13), true),
+            ("sign open drain", GPIOE + 0x04, Flip(1 << 11), true),
             ("TIM1 ARR", TIM1 + 0x2C, Flip(1 << 11), true),
             ("PWM's pin", GPIOE, Flip(0b11 << 18), true),
         ]),
