@@ -14,6 +14,7 @@ mod list;
 mod peers;
 mod prepare;
 mod progress;
+mod read;
 mod replay;
 mod shared;
 mod sweep;
@@ -58,6 +59,7 @@ enum Command {
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
     Prepare(prepare::PrepareArgs),
+    Read(read::ReadArgs),
     Replay(replay::ReplayArgs),
 }
 
@@ -77,7 +79,7 @@ struct Common {
     #[arg(long, global = true, value_enum, default_value_t)]
     engine: EngineArg,
     /// Folder for the results; with several scenes, one folder per scene in it
-    /// [default: zwidth-out/SCENE]. For `identify` the scene file that is written, for `prepare` the record. The other commands
+    /// [default: zwidth-out/SCENE]. For `identify` and `read` the scene file that is written, for `prepare` the record. The other commands
     /// name their files one by one.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -141,7 +143,8 @@ impl Command {
             | Self::Explain(_)
             | Self::Trade(_)
             | Self::Identify(_)
-            | Self::Prepare(_) => None,
+            | Self::Prepare(_)
+            | Self::Read(_) => None,
         }
     }
 }
@@ -173,6 +176,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),
         Command::Prepare(args) => prepare::run(&args, &common),
+        Command::Read(args) => read::run(&args, &common),
         Command::Replay(args) => replay::run(&args, &common),
     })
 }

@@ -23,6 +23,7 @@ mod levers;
 mod limits;
 mod page;
 mod prepare;
+mod read;
 mod ready;
 mod rotary;
 mod sure;
