@@ -10,6 +10,7 @@ from pathlib import Path
 
 from . import block
 from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, table
+from .source import sim as asked
 
 # Scene, its name on the page.
 DEVICES = {
@@ -157,3 +158,15 @@ def fault_speeds():
                          f"{significant(speed, 3)} {'rad/s' if turns else 'm/s'}",
                          significant(speed * radius, 3), significant(1e3 * travel * radius, 3)])
     return table(["scene", "full force", "speed", "at the handle, m/s", "travel at the handle, mm"], body)
+
+
+@block
+def agree_example():
+    found = asked(f"agree {ROOT}/examples/known.toml {ROOT}/docs/data/tutorial-measured.csv")
+    def cells(row):
+        scene, value, low, high, left = ("none" if row[key] is None else significant(row[key], 3)
+                                         for key in ("scene", "value", "low", "high", "left_n_per_m"))
+        return [row["name"], f"`{row['key']}`", scene, f"{value} ({low} to {high})", row["unit"], left, "yes" if row["explains"] else "no"]
+    differ = significant(found["distance_n_per_m"], 3)
+    return table(["number", "key", "in the scene", "explains best (range)", "unit", f"leaves, of {differ} N/m", "explains all"],
+                 [cells(row) for row in found["suspects"]])

@@ -1,5 +1,6 @@
 //! The command line: `cargo sim COMMAND SCENE ...`.
 
+mod agree;
 mod compare;
 mod conditions;
 mod design;
@@ -49,6 +50,7 @@ struct Cli {
 enum Command {
     Hit(hit::HitArgs),
     Walk(walk::WalkArgs),
+    Agree(agree::AgreeArgs),
     Grid(grid::GridArgs),
     Sweep(sweep::SweepArgs),
     Linear(linear::LinearArgs),
@@ -133,6 +135,7 @@ impl Command {
         match self {
             Self::Hit(_) => Some(["hit", "--trace and --plot"]),
             Self::Walk(_) => Some(["walk", "--csv"]),
+            Self::Agree(_) => Some(["agree", "--csv and --plot"]),
             Self::Grid(_) => Some(["grid", "--csv"]),
             Self::Linear(_) => Some(["linear", "--csv and --plot"]),
             Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
@@ -166,6 +169,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
     pool.install(|| match command {
         Command::Hit(args) => hit::run(&args, &common),
         Command::Walk(args) => walk::run(&args, &common),
+        Command::Agree(args) => agree::run(&args, &common),
         Command::Grid(args) => grid::run(&args, &common),
         Command::Sweep(args) => sweep::run(&args, &common),
         Command::Linear(args) => linear::run(&args, &common),

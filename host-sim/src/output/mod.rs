@@ -1,5 +1,6 @@
 //! What a person gets: files that are whole or not there, figures, the report of a sweep, manifests.
 
+pub mod agree;
 pub mod design;
 mod draft;
 pub mod explain;

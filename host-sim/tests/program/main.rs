@@ -9,6 +9,7 @@
     reason = "a test fails loudly; small numbers"
 )]
 
+mod agree;
 mod cli;
 mod compare;
 mod design;

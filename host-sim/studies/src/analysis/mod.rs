@@ -1,6 +1,7 @@
 //! What is worked out about a scene beside its walks: linear stability and passivity, identification,
 //! comparison of estimators, and what number formats and integrators cost.
 
+pub mod agree;
 pub mod compare;
 pub mod design;
 pub mod explain;

@@ -1,0 +1,353 @@
+//! A walk that was measured, beside the one that a scene predicts: do they agree, and if not, which number of the scene
+//! explains the difference best?
+//!
+//! **Distance** of two walks: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, N/m, n the number of measured B. A step
+//! of K is what a walk cannot tell. Where only one of the walks reaches a B the other has K = 0 there.
+//!
+//! **Do they agree?** The scene is walked from nineteen starts over one count. They disagree if the measured walk is
+//! farther from the mean of these than each of them is from the mean of the others: of twenty walks that differ by their
+//! start only, the measured one is the farthest in one of twenty cases. So walks that agree are said to differ in 5 %.
+//!
+//! **Which number?** Each [`Suspect`] is tried alone, at values around the scene's, then between the best three, then at the
+//! ends of the range that explains as much; four walks a value. What leaves no more than the walks of the scene among themselves explains the difference; several may.
+
+mod measured;
+mod suspects;
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+pub use measured::Measured;
+pub use suspects::{Suspect, suspects};
+
+use crate::{
+    engine::Engine,
+    error::Error,
+    scene::{NamedScene, Scene},
+    simulation::prepared::{Numeric, PreparedScene},
+    study::{asked, boundary::Boundary, walk::walk},
+};
+
+/// Walks of the scene as it is.
+pub const STARTS: u32 = 19;
+/// Walks of each value of a suspect.
+const STARTS_OF_A_VALUE: u32 = 4;
+/// Times that the interval around the best value, or around an end of the range, is halved.
+const HALVINGS: usize = 3;
+
+/// One B of both walks, N s/m and N/m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// B.
+    pub damping_n_s_per_m: f64,
+    /// Mean of the predicted K.
+    pub predicted: f64,
+    /// Smallest predicted K.
+    pub predicted_low: f64,
+    /// Largest predicted K.
+    pub predicted_high: f64,
+    /// Measured K; 0 if that walk does not reach this B.
+    pub measured: f64,
+}
+
+/// What a suspect can do.
+#[derive(Clone, Debug)]
+pub struct Tried {
+    /// The number that was changed.
+    pub suspect: Suspect,
+    /// The value in the middle of the range, of those that were tried.
+    pub value: f64,
+    /// Smallest and largest value that was tried and explains as much: leaves the least, or no more than the scatter.
+    pub range: [f64; 2],
+    /// The range ends at the first or the last value that was tried.
+    pub at_edge: bool,
+    /// Distance that it leaves, N/m.
+    pub left: f64,
+    /// Mean predicted K with it, by row.
+    pub predicted: Vec<f64>,
+}
+
+/// Both walks, compared.
+#[derive(Clone, Debug)]
+pub struct Agreement {
+    /// By B.
+    pub rows: Vec<Row>,
+    /// Step of K, N/m.
+    pub step: f64,
+    /// Distance of the measured walk, N/m.
+    pub distance: f64,
+    /// Largest distance of the scene's own walks, N/m.
+    pub scatter: f64,
+    /// The suspects, what leaves least first; none if the walks agree.
+    pub tried: Vec<Tried>,
+}
+
+impl Agreement {
+    /// Whether the walks differ by no more than their starts.
+    pub fn agrees(&self) -> bool {
+        self.distance <= self.scatter
+    }
+
+    /// Whether a suspect explains all of the difference.
+    pub fn explains(&self, tried: &Tried) -> bool {
+        tried.left <= self.scatter
+    }
+
+    /// Those that explain all of it, or else the best one, if it explains any.
+    pub fn best(&self) -> Vec<&Tried> {
+        let all: Vec<&Tried> = self.tried.iter().filter(|tried| self.explains(tried)).collect();
+        match self.tried.first() {
+            Some(first) if all.is_empty() && first.left < self.distance => vec![first],
+            _ => all,
+        }
+    }
+}
+
+/// K of each step of B.
+type Stiffnesses = Vec<f64>;
+
+struct Walker<'a, D> {
+    engine: Engine,
+    cutoff_hz: f64,
+    stop: &'a AtomicBool,
+    done: D,
+}
+
+impl<D: Fn() + Sync> Walker<'_, D> {
+    /// Walks from those starts, in counts.
+    fn walk(&self, prepared: &PreparedScene, starts: &[f64]) -> Result<Vec<Stiffnesses>, Error> {
+        let of = |&start: &f64| {
+            let walk =
+                walk(self.engine, prepared, Numeric::Fixed, self.cutoff_hz, start, self.stop);
+            (self.done)();
+            Ok(stiffnesses(prepared.scene(), &walk?))
+        };
+        starts.iter().map(of).collect()
+    }
+
+    /// The same of a scene that may be none.
+    fn tried(&self, scene: &Scene) -> Result<Option<Stiffnesses>, Error> {
+        let starts = starts(STARTS_OF_A_VALUE);
+        let Some(prepared) = scene.check().ok().and_then(|()| PreparedScene::new(scene).ok())
+        else {
+            starts.iter().for_each(|_| (self.done)());
+            return Ok(None);
+        };
+        match self.walk(&prepared, &starts) {
+            Ok(walks) => Ok(Some(mean(&walks))),
+            Err(Error::Interrupted) => Err(Error::Interrupted),
+            Err(_) => Ok(None),
+        }
+    }
+}
+
+fn starts(number: u32) -> Vec<f64> {
+    (0..number).map(|start| f64::from(start) / f64::from(number)).collect()
+}
+
+fn stiffnesses(scene: &Scene, boundary: &Boundary) -> Stiffnesses {
+    let mut all = vec![];
+    for point in &boundary.points {
+        if let Some(row) = measured::row_of(scene, point.damping_n_s_per_m) {
+            put(&mut all, row, point.stiffness_n_per_m);
+        }
+    }
+    all
+}
+
+fn put(all: &mut Stiffnesses, row: usize, stiffness: f64) {
+    if all.len() <= row {
+        all.resize(row + 1, 0.0);
+    }
+    all[row] = stiffness;
+}
+
+fn at(walk: &[f64], row: usize) -> f64 {
+    walk.get(row).copied().unwrap_or(0.0)
+}
+
+fn mean(walks: &[Stiffnesses]) -> Stiffnesses {
+    let rows = walks.iter().map(Vec::len).max().unwrap_or(0);
+    let number = walks.len() as f64;
+    (0..rows).map(|row| walks.iter().map(|walk| at(walk, row)).sum::<f64>() / number).collect()
+}
+
+/// Distance of two walks, of which the measured one has `measured` rows.
+fn distance(one: &[f64], other: &[f64], step: f64, measured: usize) -> f64 {
+    let beyond = |row| ((at(one, row) - at(other, row)).abs() - step).max(0.0);
+    let squares = (0..one.len().max(other.len())).map(|row| beyond(row).powi(2));
+    (squares.sum::<f64>() / measured as f64).sqrt()
+}
+
+/// Most walks that a comparison takes.
+pub fn most_walks(scene: &Scene) -> u64 {
+    let values = |suspect: Suspect| suspect.values.len() + 4 * HALVINGS;
+    let values: usize = suspects(scene).into_iter().map(values).sum();
+    u64::from(STARTS) + values as u64 * u64::from(STARTS_OF_A_VALUE)
+}
+
+/// Compares a measured walk with the scene's. The answer depends neither on the number of threads nor on `engine`.
+///
+/// # Errors
+/// The cutoff is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn agree(
+    engine: Engine,
+    scene: &NamedScene,
+    measured: &Measured,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<Agreement, Error> {
+    let asked_cutoff = scene.scene.velocity.has_cutoff().then_some(measured.cutoff_hz);
+    let names = asked::Names {
+        cutoff: "cutoff_hz",
+        stiffness: "stiffness",
+        damping: "damping",
+        start_offset: "start",
+    };
+    let cutoff_hz = asked::hit(scene, asked_cutoff, None, 0.0, names)?.cutoff_hz;
+    let prepared = asked::prepare(scene)?;
+    let walker = Walker { engine, cutoff_hz, stop, done };
+    let own: Vec<Stiffnesses> = starts(STARTS)
+        .par_iter()
+        .map(|&start| Ok(walker.walk(&prepared, &[start])?.remove(0)))
+        .collect::<Result<_, Error>>()
+        .map_err(|error: Error| error.of(&scene.name))?;
+    let plan = scene.scene.walk_plan();
+    let step = plan.stiffness_step_n_per_m;
+    let mut found = vec![];
+    for point in &measured.points {
+        if let Some(row) = measured::row_of(&scene.scene, point.damping_n_s_per_m) {
+            put(&mut found, row, point.stiffness_n_per_m);
+        }
+    }
+    let to_measured = |walk: &[f64]| distance(walk, &found, step, measured.points.len());
+    let predicted = mean(&own);
+    let others = |place: usize| {
+        let rest: Vec<_> = own.iter().enumerate().filter(|(n, _)| *n != place).collect();
+        mean(&rest.into_iter().map(|(_, walk)| walk.clone()).collect::<Vec<_>>())
+    };
+    let apart = |place: usize| distance(&own[place], &others(place), step, measured.points.len());
+    let scatter = (0..own.len()).map(apart).fold(0.0, f64::max);
+    let mut agreement = Agreement {
+        rows: rows(&scene.scene, &own, &predicted, &found),
+        step,
+        distance: to_measured(&predicted),
+        scatter,
+        tried: vec![],
+    };
+    if agreement.agrees() {
+        return Ok(agreement);
+    }
+    let all = suspects(&scene.scene);
+    let tried: Vec<Option<Tried>> = all
+        .into_par_iter()
+        .map(|suspect| search(&walker, &scene.scene, suspect, scatter, to_measured))
+        .collect::<Result<_, Error>>()?;
+    agreement.tried = tried.into_iter().flatten().collect();
+    let far = |tried: &Tried| tried.suspect.far(tried.value);
+    agreement.tried.sort_by(|a, b| a.left.total_cmp(&b.left).then(far(a).total_cmp(&far(b))));
+    Ok(agreement)
+}
+
+fn rows(scene: &Scene, own: &[Stiffnesses], predicted: &[f64], found: &[f64]) -> Vec<Row> {
+    let plan = scene.walk_plan();
+    let row = |row: usize| {
+        let of = |pick: fn(f64, f64) -> f64| own.iter().map(|walk| at(walk, row)).reduce(pick);
+        Row {
+            damping_n_s_per_m: plan.damping_start_n_s_per_m
+                + row as f64 * plan.damping_step_n_s_per_m,
+            predicted: at(predicted, row),
+            predicted_low: of(f64::min).unwrap_or(0.0),
+            predicted_high: of(f64::max).unwrap_or(0.0),
+            measured: at(found, row),
+        }
+    };
+    (0..predicted.len().max(found.len())).map(row).collect()
+}
+
+/// A value of a suspect, ascending in a list: what it leaves, and its walk.
+struct Value {
+    value: f64,
+    left: f64,
+    walk: Stiffnesses,
+}
+
+/// The best value of a suspect; `None` if the core takes no scene with it.
+fn search(
+    walker: &Walker<'_, impl Fn() + Sync>,
+    scene: &Scene,
+    suspect: Suspect,
+    scatter: f64,
+    to_measured: impl Fn(&[f64]) -> f64,
+) -> Result<Option<Tried>, Error> {
+    let mut tried: Vec<Value> = vec![];
+    let add = |tried: &mut Vec<Value>, value: f64| {
+        if let Some(walk) = walker.tried(&suspect.with(scene, value))? {
+            let place = tried.partition_point(|other| other.value < value);
+            tried.insert(place, Value { value, left: to_measured(&walk), walk });
+        }
+        Ok::<(), Error>(())
+    };
+    for &value in &suspect.values {
+        add(&mut tried, value)?;
+    }
+    let nearest = |a: &Value, b: &Value| {
+        let nearer = || suspect.far(a.value).total_cmp(&suspect.far(b.value));
+        a.left.total_cmp(&b.left).then_with(nearer)
+    };
+    let best = |tried: &[Value]| (0..tried.len()).min_by(|&a, &b| nearest(&tried[a], &tried[b]));
+    for _ in 0..HALVINGS {
+        let Some(place) = best(&tried) else { return Ok(None) };
+        if tried[place].left <= scatter {
+            break;
+        }
+        let value = tried[place].value;
+        let neighbours = [place.checked_sub(1), place.checked_add(1)];
+        let beside: Vec<f64> =
+            neighbours.iter().flatten().filter_map(|&n| tried.get(n)).map(|t| t.value).collect();
+        for other in beside {
+            add(&mut tried, (value * other).sqrt())?;
+        }
+    }
+    for _ in 0..HALVINGS {
+        let Some(place) = best(&tried) else { return Ok(None) };
+        let [low, high] = explaining(&tried, place, scatter);
+        let between = |inside: usize, outside: Option<usize>| {
+            let other = outside.and_then(|place| tried.get(place))?;
+            Some((tried[inside].value * other.value).sqrt())
+        };
+        let ends = [between(low, low.checked_sub(1)), between(high, high.checked_add(1))];
+        for value in ends.into_iter().flatten() {
+            add(&mut tried, value)?;
+        }
+    }
+    let Some(place) = best(&tried) else { return Ok(None) };
+    let [low, high] = explaining(&tried, place, scatter);
+    let range = [tried[low].value, tried[high].value];
+    let at_edge = low == 0 || high + 1 == tried.len();
+    let middle = (range[0] * range[1]).sqrt();
+    let from_middle = |value: &Value| (value.value / middle).ln().abs();
+    let in_range = tried.drain(low..=high);
+    let middle = in_range.min_by(|a, b| from_middle(a).total_cmp(&from_middle(b)));
+    Ok(middle.map(|Value { value, left, walk }| Tried {
+        suspect,
+        value,
+        range,
+        at_edge,
+        left,
+        predicted: walk,
+    }))
+}
+
+/// The first and the last place around the best one that explain as much as it, or all.
+fn explaining(tried: &[Value], best: usize, scatter: f64) -> [usize; 2] {
+    let least = tried[best].left.max(scatter);
+    let good = |place: &usize| tried[*place].left <= least;
+    let low = (0..=best).rev().take_while(good).last().unwrap_or(best);
+    let high = (best..tried.len()).take_while(good).last().unwrap_or(best);
+    [low, high]
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,165 @@
+//! Numbers of a scene that may be wrong: one at a time, with the values that are tried first.
+
+use crate::{
+    numerics::integrator::Integrator,
+    scene::{
+        Scene,
+        element::{Amplifier, EncoderNoise, Friction},
+    },
+};
+
+/// A number of the scene that may be another one in the device.
+#[derive(Clone, Debug)]
+pub struct Suspect {
+    /// For people.
+    pub name: &'static str,
+    /// The scene's key that it goes into, of a linear scene.
+    pub key: &'static str,
+    /// Unit of its values at the handle.
+    pub unit: &'static str,
+    /// What the scene has; `None` if it lacks the element.
+    pub own: Option<f64>,
+    /// Values that are tried first, ascending; all above 0.
+    pub values: Vec<f64>,
+    edit: fn(&mut Scene, f64),
+}
+
+/// Parts of the scene's own value.
+const TIMES: [f64; 9] = [0.5, 0.7, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 2.0];
+/// Amplifiers, Hz.
+const AMPLIFIERS_HZ: [f64; 8] = [50.0, 100.0, 200.0, 400.0, 800.0, 1500.0, 3000.0, 4900.0];
+/// Dry friction, of the full force.
+const DRY: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
+/// Noise of the encoder, counts RMS.
+const NOISE: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
+/// Latencies beside the scene's, in output periods.
+const LATER: [f64; 8] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5];
+/// Seed of a noise that the scene has not.
+const SEED: u32 = 1;
+/// Stribeck speed of a friction that the scene has not, m/s: static and Coulomb's are the same.
+const STRIBECK_M_PER_S: f64 = 1e-3;
+
+/// The motor's force is that much of what the scene says: as the board knows nothing of it, all else of the device is
+/// so much heavier. A count of another size does the same.
+fn force(scene: &mut Scene, times: f64) {
+    scene.device.mass_kg /= times;
+    scene.device.damping_n_s_per_m /= times;
+    scene.device.stiffness_n_per_m /= times;
+    if let Some(friction) = &mut scene.friction {
+        friction.coulomb_n /= times;
+        friction.static_n /= times;
+    }
+    if let Some(cogging) = &mut scene.cogging {
+        cogging.amplitude_n /= times;
+    }
+    if let Some(offset) = &mut scene.offset {
+        offset.force_n /= times;
+    }
+}
+
+fn friction(scene: &mut Scene, coulomb_n: f64) {
+    let part = scene.friction.map_or(1.0, |own| own.static_n / own.coulomb_n);
+    let stribeck_speed_m_per_s =
+        scene.friction.map_or(STRIBECK_M_PER_S, |own| own.stribeck_speed_m_per_s);
+    let static_n = coulomb_n * part;
+    scene.friction = Some(Friction { coulomb_n, static_n, stribeck_speed_m_per_s });
+    scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
+}
+
+/// The suspects of a scene.
+pub fn suspects(scene: &Scene) -> Vec<Suspect> {
+    let mut all = vec![];
+    let mut add =
+        |name, key, unit, own: Option<f64>, mut values: Vec<f64>, edit: fn(&mut Scene, f64)| {
+            values.sort_by(f64::total_cmp);
+            all.push(Suspect { name, key, unit, own, values, edit });
+        };
+    let times = |own: f64| TIMES.iter().map(|times| times * own).collect::<Vec<_>>();
+    let device = &scene.device;
+    add(
+        "mass",
+        "device.mass_kg",
+        "kg",
+        Some(device.mass_kg),
+        times(device.mass_kg),
+        |scene, kg| {
+            scene.device.mass_kg = kg;
+        },
+    );
+    for (name, key, unit, own, edit) in [
+        (
+            "damping",
+            "device.damping_n_s_per_m",
+            "N s/m",
+            device.damping_n_s_per_m,
+            (|scene, b| scene.device.damping_n_s_per_m = b) as fn(&mut Scene, f64),
+        ),
+        ("stiffness", "device.stiffness_n_per_m", "N/m", device.stiffness_n_per_m, |scene, k| {
+            scene.device.stiffness_n_per_m = k;
+        }),
+    ] {
+        if own > 0.0 {
+            let wide = [0.1, 0.25, 4.0, 10.0].map(|times| times * own);
+            add(name, key, unit, Some(own), times(own).into_iter().chain(wide).collect(), edit);
+        }
+    }
+    // An arm or a second mass is no part of what the motor's force is divided by.
+    if scene.arm.is_none() && scene.mode.is_none() {
+        add(
+            "force per command",
+            "actuator.gain_n_per_v",
+            "times the scene's",
+            Some(1.0),
+            times(1.0),
+            force,
+        );
+    }
+    let (latency, period) = (scene.actuator.latency, f64::from(scene.actuator.period));
+    let later = LATER.iter().map(|part| latency + part * period);
+    let sooner = [0.25, 0.5, 0.75, 0.9].iter().map(|part| part * latency);
+    let latencies = sooner.chain(later).filter(|latency| *latency > 0.0).collect();
+    add("latency", "actuator.latency", "samples", Some(latency), latencies, |scene, samples| {
+        scene.actuator.latency = samples
+    });
+    let own = scene.amplifier.map(|amplifier| amplifier.bandwidth_hz);
+    let bandwidths = own.map_or(AMPLIFIERS_HZ.to_vec(), |own| {
+        TIMES.iter().chain(&[0.1, 0.25, 4.0]).map(|times| times * own).collect()
+    });
+    add("amplifier", "amplifier.bandwidth_hz", "Hz", own, bandwidths, |scene, bandwidth_hz| {
+        scene.amplifier = Some(Amplifier { bandwidth_hz });
+    });
+    let own = scene.friction.map(|friction| friction.coulomb_n).filter(|own| *own > 0.0);
+    let full_n = scene.full_scale_n();
+    let dry = own.map_or(DRY.map(|part| part * full_n).to_vec(), |own| {
+        TIMES.iter().chain(&[0.1, 0.25, 4.0]).map(|times| times * own).collect()
+    });
+    add("dry friction", "friction.coulomb_n", "N", own, dry, friction);
+    let own = scene.encoder_noise.map(|noise| noise.rms_m);
+    let resolution_m = scene.encoder.resolution_m;
+    let noise = own.map_or(NOISE.map(|counts| counts * resolution_m).to_vec(), times);
+    add("encoder noise", "encoder_noise.rms_m", "m", own, noise, |scene, rms_m| {
+        let seed = scene.encoder_noise.map_or(SEED, |own| own.seed);
+        scene.encoder_noise = Some(EncoderNoise { rms_m, seed });
+    });
+    all
+}
+
+impl Suspect {
+    /// The scene with that value.
+    pub fn with(&self, scene: &Scene, value: f64) -> Scene {
+        let mut changed = scene.clone();
+        (self.edit)(&mut changed, value);
+        changed
+    }
+
+    /// How far a value is from the scene's, relative; from no such element at all where it has none.
+    pub fn far(&self, value: f64) -> f64 {
+        let none = || match (self.values.first(), self.values.last()) {
+            (_, Some(last)) if self.name == "amplifier" => 2.0 * last,
+            (Some(first), _) => 0.5 * first,
+            _ => 0.0,
+        };
+        let own = self.own.unwrap_or_else(none);
+        (value - own).abs() / (value + own)
+    }
+}
