@@ -18,6 +18,8 @@ pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
 pub const CURVE: Kind = Kind { name: "a curve", limit_mib: 1 };
 /// A log or a capture of telemetry: two hours of frames.
 pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
+/// A study.
+pub const STUDY: Kind = Kind { name: "a study", limit_mib: 1 };
 /// A device record.
 pub const DEVICE: Kind = Kind { name: "a device record", limit_mib: 1 };
 /// A board's program.

@@ -11,7 +11,6 @@ mod hit;
 mod identify;
 mod limits;
 mod linear;
-mod list;
 mod peers;
 mod prepare;
 mod progress;
@@ -31,7 +30,9 @@ use clap::{
     builder::{EnumValueParser, TypedValueParser as _},
 };
 
-use crate::{engine::Engine, error::Error, output::terminal, simulation::prepared::Numeric};
+use crate::{
+    engine::Engine, error::Error, output::terminal, simulation::prepared::Numeric, study::list,
+};
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
 /// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um, nucleo-f446re,

@@ -13,4 +13,4 @@ pub mod study;
 #[path = "../../../tests/figure.rs"]
 mod figure;
 
-use sim_loop::{engine, error, notation, numerics, plant, range, scene, simulation};
+use sim_loop::{engine, error, input, notation, numerics, plant, range, scene, simulation};

@@ -28,6 +28,17 @@ impl Repeats {
         Self { count, mean, squared_error: squares / (count - 1.0).max(1.0) / count }
     }
 
+    /// Half of the interval that has the mean with 95 %, by Student's t; infinite with a single one.
+    pub fn half_width(&self) -> f64 {
+        if self.squared_error == 0.0 && self.count > 1.0 {
+            return 0.0;
+        }
+        match StudentsT::new(0.0, 1.0, self.count - 1.0) {
+            Ok(distribution) => distribution.inverse_cdf(0.975) * self.squared_error.sqrt(),
+            Err(_) => f64::INFINITY,
+        }
+    }
+
     /// Whether the repeats show the mean to be below `share` of the mean of `best`: one-sided, at
     /// [`LEVEL`]. Without spread it is a plain comparison.
     pub fn is_below(&self, share: f64, best: &Self) -> bool {

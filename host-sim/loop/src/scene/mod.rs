@@ -211,6 +211,37 @@ impl NamedScene {
         Self::parsed(name, text, origin, None)
     }
 
+    /// The keys of its text; the curve that it names by its whole path, so that it is found from anywhere.
+    ///
+    /// # Errors
+    /// [`Error::Internal`]: the text was read before.
+    pub fn table(&self) -> Result<toml::Table, Error> {
+        let mut table: toml::Table = self
+            .text
+            .parse()
+            .map_err(|error: toml::de::Error| Error::Internal(error.to_string()))?;
+        let curve = self.scene.wall_hit.felt_curve.is_some().then(|| self.files.last()).flatten();
+        if let (Some(curve), Some(toml::Value::Table(hit))) = (curve, table.get_mut("wall_hit")) {
+            let whole = std::path::absolute(curve).unwrap_or_else(|_| curve.clone());
+            hit.insert("felt_curve".into(), whole.to_string_lossy().into_owned().into());
+        }
+        Ok(table)
+    }
+
+    /// The scene of these keys; errors name the key, since there is no line.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse).
+    pub fn of_table(name: String, table: toml::Table, origin: &str) -> Result<Self, Error> {
+        let internal = |error: toml::ser::Error| Error::Internal(error.to_string());
+        let text = toml::to_string(&table).map_err(internal)?;
+        if !table.contains_key("rotary") {
+            let read: Result<Scene, _> = Scene::deserialize(table);
+            read.map_err(|error| Error::Input(format!("{origin}: {}", told_of(&error))))?;
+        }
+        Self::parse(name, text, origin)
+    }
+
     /// As [`parse`](Self::parse); `folder` is where the files that it names are.
     fn parsed(
         name: String,
@@ -266,18 +297,23 @@ fn check_estimated(scene: &toml::Table) -> Result<(), String> {
     Ok(())
 }
 
-/// An error in the tables of a rotary scene at the handle: what, and where, with its own keys.
-fn in_one_line(error: &toml::de::Error) -> String {
+/// An error in a table: where, and what.
+fn told_of(error: &toml::de::Error) -> String {
     let text = error.to_string();
     let place = text.lines().find_map(|line| line.trim().strip_prefix("in "));
     let place = place.map_or_else(String::new, |place| format!("{}: ", place.trim_matches('`')));
-    let message = error.message().replace('\n', " ");
+    format!("{place}{}", error.message().replace('\n', " "))
+}
+
+/// An error in the tables of a rotary scene at the handle: what, and where, with its own keys.
+fn in_one_line(error: &toml::de::Error) -> String {
+    let message = told_of(error);
     let parts = message.split('`').enumerate();
     let told = |(n, part): (usize, &str)| match Units::rotary_key(part) {
         Some(rotary) if n % 2 == 1 => rotary,
         _ => part.to_owned(),
     };
-    format!("{place}{}", parts.map(told).collect::<Vec<_>>().join("`"))
+    parts.map(told).collect::<Vec<_>>().join("`")
 }
 
 /// The line that an error is about, shortened.

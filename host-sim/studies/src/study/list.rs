@@ -1,12 +1,15 @@
-//! Lists of numbers: `A,B,C` or `FROM:STEP:TO`.
+//! Lists of numbers as people type them, on a command line and in a study: `A,B,C` or `FROM:STEP:TO`.
 
 use crate::scene::ranges::VALUES_MAX;
 
-/// A list of numbers from the command line.
+/// A list of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
 
 /// Reads `A,B,C` or `FROM:STEP:TO` (TO included if a step falls on it).
+///
+/// # Errors
+/// What is wrong, and what is allowed.
 pub fn parse(text: &str) -> Result<List, String> {
     let number = |part: &str| {
         let value: f64 = part.trim().parse().map_err(|_| format!("`{part}` is not a number"))?;

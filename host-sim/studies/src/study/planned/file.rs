@@ -1,0 +1,347 @@
+//! `STUDY.toml`: what is measured, of which scenes, with which of their keys changed.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Deserializer, de::Error as _};
+use toml::{Table, Value};
+
+use crate::{
+    error::Error,
+    input,
+    study::list::{self, List},
+};
+
+/// What is made at each point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Measure {
+    /// The boundary of the stable walls from one start.
+    Walk,
+    /// One wall.
+    Hit,
+    /// Walks at every cutoff, and the ideal one.
+    Sweep,
+}
+
+impl Measure {
+    /// Its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Walk => "walk",
+            Self::Hit => "hit",
+            Self::Sweep => "sweep",
+        }
+    }
+}
+
+/// Keys of a scene and what they are set to.
+pub type Changes = Vec<(String, Value)>;
+
+/// The keys of the file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    measure: Measure,
+    scenes: Vec<String>,
+    #[serde(default)]
+    estimators: Vec<Value>,
+    #[serde(default, deserialize_with = "numbers")]
+    cutoffs_hz: Option<Vec<f64>>,
+    #[serde(default, deserialize_with = "numbers")]
+    starts_counts: Option<Vec<f64>>,
+    #[serde(default, deserialize_with = "numbers")]
+    stiffnesses: Option<Vec<f64>>,
+    #[serde(default, deserialize_with = "numbers")]
+    dampings: Option<Vec<f64>>,
+    repeat: Option<u32>,
+    points_per_unit: Option<u64>,
+    #[serde(default)]
+    product: Table,
+    #[serde(default)]
+    list: Vec<Table>,
+}
+
+/// A study as it is asked for; what depends on its scenes is still to be checked.
+#[derive(Clone, Debug)]
+pub struct StudyFile {
+    /// What errors call it.
+    pub origin: String,
+    /// Its text.
+    pub text: String,
+    /// Where the scenes are that it names by a relative path.
+    pub folder: PathBuf,
+    /// What is made at each point.
+    pub measure: Measure,
+    /// Built-in names and paths.
+    pub scenes: Vec<String>,
+    /// `[velocity]` of each; empty: the scenes' own.
+    pub estimators: Vec<Table>,
+    /// `None`: the scenes' own.
+    pub cutoffs_hz: Option<Vec<f64>>,
+    /// Starts, counts beyond the scene's own.
+    pub starts_counts: Vec<f64>,
+    /// K of the walls, in the unit of the scenes.
+    pub stiffnesses: Vec<f64>,
+    /// B of the walls, in the unit of the scenes.
+    pub dampings: Vec<f64>,
+    /// Walks of each cutoff of a sweep.
+    pub repeat: u32,
+    /// `None`: as many as take some seconds.
+    pub points_per_unit: Option<u64>,
+    /// Every key of `[product]` with its values.
+    pub product: Vec<(String, Vec<Value>)>,
+    /// Every `[[list]]`; one without changes if there is none.
+    pub list: Vec<Changes>,
+}
+
+/// An array of numbers, or the text of a list.
+fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<f64>>, D::Error> {
+    let wanted = "expected numbers: [A, B] or \"FROM:STEP:TO\"";
+    match Value::deserialize(from)? {
+        Value::String(text) => {
+            list::parse(&text).map(|List(list)| Some(list)).map_err(D::Error::custom)
+        }
+        Value::Array(values) if values.is_empty() => Err(D::Error::custom("the list is empty")),
+        Value::Array(values) => {
+            let number = |value: &Value| as_number(value).ok_or_else(|| D::Error::custom(wanted));
+            values.iter().map(number).collect::<Result<_, _>>().map(Some)
+        }
+        _ => Err(D::Error::custom(wanted)),
+    }
+}
+
+fn as_number(value: &Value) -> Option<f64> {
+    #[expect(clippy::cast_precision_loss, reason = "a whole number that a person typed")]
+    match value {
+        Value::Integer(value) => Some(*value as f64),
+        Value::Float(value) => Some(*value),
+        _ => None,
+    }
+}
+
+/// The kind of a value that a key may be changed to.
+fn kind(value: &Value) -> Option<&'static str> {
+    match value {
+        Value::Integer(_) | Value::Float(_) => Some("number"),
+        Value::String(_) => Some("text"),
+        Value::Boolean(_) => Some("true or false"),
+        _ => None,
+    }
+}
+
+impl StudyFile {
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with file, key, value and what is allowed.
+    pub fn load(path: &Path) -> Result<Self, Error> {
+        let text = input::read_text(path, input::STUDY)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::parse(text, &path.display().to_string(), folder)
+    }
+
+    /// Reads `text`; `origin` is what errors call it, `folder` where the scenes are that it names.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn parse(text: String, origin: &str, folder: &Path) -> Result<Self, Error> {
+        let keys: Keys = toml::from_str(&text).map_err(|error| {
+            let start = error.span().map_or(0, |span| span.start);
+            let line = text[..start.min(text.len())].matches('\n').count() + 1;
+            let said = text.lines().nth(line - 1).unwrap_or_default().trim();
+            let said: String = said.chars().take(60).collect();
+            Error::Input(format!(
+                "{origin}:{line}: `{said}`: {}",
+                error.message().replace('\n', " ")
+            ))
+        })?;
+        let refused = |what: String| Error::Input(format!("{origin}: {what}"));
+        let product = keys.product().map_err(refused)?;
+        let list = keys.list(&product).map_err(refused)?;
+        let estimators = keys.estimators().map_err(refused)?;
+        keys.check().map_err(refused)?;
+        let (origin, folder) = (origin.to_owned(), folder.to_path_buf());
+        let Keys { measure, scenes, cutoffs_hz, stiffnesses, dampings, points_per_unit, .. } = keys;
+        let starts_counts = keys.starts_counts.unwrap_or_else(|| vec![0.0]);
+        let (stiffnesses, dampings) =
+            (stiffnesses.unwrap_or_default(), dampings.unwrap_or_default());
+        let repeat = keys.repeat.unwrap_or(REPEAT);
+        Ok(Self {
+            origin,
+            text,
+            folder,
+            measure,
+            scenes,
+            estimators,
+            cutoffs_hz,
+            starts_counts,
+            stiffnesses,
+            dampings,
+            repeat,
+            points_per_unit,
+            product,
+            list,
+        })
+    }
+}
+
+/// Walks of each cutoff of a sweep.
+const REPEAT: u32 = 4;
+/// Most of them.
+const REPEAT_MAX: u32 = 1000;
+/// Most points of a unit.
+const PER_UNIT_MAX: u64 = 1_000_000;
+
+impl Keys {
+    /// What is there without reading a scene.
+    fn check(&self) -> Result<(), String> {
+        if self.scenes.is_empty() {
+            return Err("scenes is empty, allowed built-in names and scene files".into());
+        }
+        let measure = self.measure.name();
+        let given = [
+            ("stiffnesses", self.stiffnesses.is_some(), [Measure::Hit].as_slice()),
+            ("dampings", self.dampings.is_some(), &[Measure::Hit]),
+            ("starts_counts", self.starts_counts.is_some(), &[Measure::Hit, Measure::Walk]),
+            ("repeat", self.repeat.is_some(), &[Measure::Sweep]),
+        ];
+        for (key, is_given, of) in given {
+            let names: Vec<&str> = of.iter().map(|measure| measure.name()).collect();
+            if is_given && !of.contains(&self.measure) {
+                let allowed = names.join(" and ");
+                return Err(format!(
+                    "{key} is given, but measure is {measure}, allowed with {allowed}"
+                ));
+            }
+            let is_needed = matches!(key, "stiffnesses" | "dampings");
+            if !is_given && is_needed && self.measure == Measure::Hit {
+                return Err(format!("{key} is missing, measure = \"hit\" needs it"));
+            }
+        }
+        if let Some(repeat) = self.repeat.filter(|repeat| !(1..=REPEAT_MAX).contains(repeat)) {
+            return Err(format!("repeat is {repeat}, allowed 1 to {REPEAT_MAX}"));
+        }
+        match self.points_per_unit {
+            Some(points) if !(1..=PER_UNIT_MAX).contains(&points) => {
+                Err(format!("points_per_unit is {points}, allowed 1 to {PER_UNIT_MAX}"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The estimators as tables of a scene.
+    fn estimators(&self) -> Result<Vec<Table>, String> {
+        let table = |value: &Value| match value {
+            Value::String(name) => {
+                Ok(Table::from_iter([("estimator".to_owned(), Value::String(name.clone()))]))
+            }
+            Value::Table(table) => Ok(table.clone()),
+            other => Err(format!(
+                "estimators has {other}, allowed names and tables as [velocity] of a scene"
+            )),
+        };
+        self.estimators.iter().map(table).collect()
+    }
+
+    /// The keys of `[product]` with their values.
+    fn product(&self) -> Result<Vec<(String, Vec<Value>)>, String> {
+        let mut leaves = vec![];
+        flatten("", &self.product, &mut leaves);
+        let mut product = vec![];
+        for (key, value) in leaves {
+            let values = match value {
+                Value::Array(values) => values,
+                Value::String(text) => {
+                    let list =
+                        list::parse(&text).map_err(|error| format!("product.{key}: {error}"))?;
+                    list.0.into_iter().map(Value::Float).collect()
+                }
+                other => {
+                    return Err(format!(
+                        "product.{key} is {other}, allowed [A, B] or \"FROM:STEP:TO\""
+                    ));
+                }
+            };
+            may_change("product", &key)?;
+            if values.is_empty() {
+                return Err(format!("product.{key} is empty, allowed [A, B] or \"FROM:STEP:TO\""));
+            }
+            one_kind("product", &key, &values)?;
+            product.push((key, values));
+        }
+        Ok(product)
+    }
+
+    /// The changes of every `[[list]]`.
+    fn list(&self, product: &[(String, Vec<Value>)]) -> Result<Vec<Changes>, String> {
+        let mut list: Vec<Changes> = vec![];
+        for table in &self.list {
+            let mut leaves = vec![];
+            flatten("", table, &mut leaves);
+            list.push(leaves);
+        }
+        let keys = |changes: &Changes| -> Vec<String> {
+            changes.iter().map(|(key, _)| key.clone()).collect()
+        };
+        let first = list.first().map(keys).unwrap_or_default();
+        for (n, changes) in (1..).zip(&list) {
+            if keys(changes) != first {
+                let [here, first] = [keys(changes), first].map(|keys| keys.join(", "));
+                return Err(format!(
+                    "list: entry {n} has the keys {here}, allowed those of the first: {first}"
+                ));
+            }
+            if changes.is_empty() {
+                return Err(format!("list: entry {n} is empty, allowed keys of a scene"));
+            }
+        }
+        for (place, key) in first.iter().enumerate() {
+            may_change("list", key)?;
+            if product.iter().any(|(other, _)| other == key) {
+                return Err(format!(
+                    "{key} is in [product] and in [[list]], allowed in one of them"
+                ));
+            }
+            let values: Vec<Value> = list.iter().map(|changes| changes[place].1.clone()).collect();
+            one_kind("list", key, &values)?;
+        }
+        if list.is_empty() {
+            list.push(vec![]);
+        }
+        Ok(list)
+    }
+}
+
+/// Refuses keys that have a place of their own.
+fn may_change(table: &str, key: &str) -> Result<(), String> {
+    let place = match key {
+        "velocity.estimator" => "the key `estimators` of the study",
+        "wall_hit.felt_curve" => "the scene's own file",
+        key if key.starts_with("sweep.") => "the key `cutoffs_hz` of the study",
+        key if !key.contains('.') => "keys as TABLE.KEY, such as actuator.latency",
+        _ => return Ok(()),
+    };
+    Err(format!("{table} has {key}, allowed for that: {place}"))
+}
+
+/// Refuses values that cannot stand in one column.
+fn one_kind(table: &str, key: &str, values: &[Value]) -> Result<(), String> {
+    let first = values.first().and_then(kind);
+    match values.iter().find(|value| kind(value) != first || first.is_none()) {
+        Some(value) => Err(format!(
+            "{table}.{key} has {value}, allowed are numbers, texts, or true and false, all of one kind"
+        )),
+        None => Ok(()),
+    }
+}
+
+/// The values below a table by their dotted keys.
+fn flatten(above: &str, table: &Table, leaves: &mut Changes) {
+    for (key, value) in table {
+        let key = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };
+        match value {
+            Value::Table(table) => flatten(&key, table, leaves),
+            other => leaves.push((key, other.clone())),
+        }
+    }
+}

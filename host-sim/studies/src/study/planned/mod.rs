@@ -1,0 +1,359 @@
+//! A study of many points: scenes, estimators, changed keys, cutoffs, starts and walls, in units of work.
+//!
+//! Points are numbered, so that a study of a million takes no memory. The order: scenes, estimators, `[[list]]`, the keys
+//! of `[product]` in alphabetical order, cutoffs, starts, B, K; the last runs fastest. A scene with one estimator is a
+//! [`Block`]; a unit is a row of points of one block. `docs/study.md` has the file, [`unit`] what a unit is.
+
+mod file;
+pub mod table;
+pub mod trial;
+pub mod unit;
+
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+use toml::{Table, Value};
+
+pub use file::{Changes, Measure, StudyFile};
+
+use crate::{
+    error::Error,
+    scene::{NamedScene, Units},
+    simulation::prepared::WallHit,
+    study::asked::{self, Names, Walls},
+};
+
+/// Version of the keys of units and of what stands in their files.
+pub const SCHEMA: u32 = 1;
+/// The program text that makes the bits: SHA-256 of the sources of core and simulator.
+pub const SOURCES: &str = env!("ZWIDTH_SOURCES");
+
+/// Most points of a study.
+pub const POINTS_MAX: u64 = 1_000_000_000;
+/// Most scenes with changes: each is checked before the first hit.
+pub const VARIANTS_MAX: u64 = 1_000_000;
+/// Most units of a study.
+pub const UNITS_MAX: u64 = 100_000;
+/// Samples of a unit where the study does not say its points: some seconds in lanes, less than a minute without.
+const SAMPLES_PER_UNIT: f64 = 1e9;
+/// Hits of a walk, for that; those of the paper's devices are 40 to 160.
+const HITS_PER_WALK: f64 = 100.0;
+
+/// What a study calls what a command calls its options.
+const NAMES: Names = Names {
+    cutoff: "cutoffs_hz",
+    stiffness: "stiffnesses",
+    damping: "dampings",
+    start_offset: "starts_counts",
+};
+
+/// A scene with one estimator, and its points.
+#[derive(Clone, Debug)]
+pub struct Block {
+    /// Name of the scene.
+    pub name: String,
+    /// The scene's file with the estimator, before any change.
+    pub table: Table,
+    /// Text of its felt curve, if it names one.
+    pub curve: Option<String>,
+    /// What it speaks.
+    pub units: Units,
+    /// Name of the estimator.
+    pub estimator: &'static str,
+    /// Nominal cutoffs, Hz; one 0 for an estimator without one.
+    pub cutoffs_hz: Vec<f64>,
+    has_cutoff: bool,
+    /// Number of its first point in the study.
+    pub first_point: u64,
+    /// Number of its first unit in the study.
+    pub first_unit: u64,
+    /// How many points.
+    pub points: u64,
+    /// Points of each of its units but the last.
+    pub points_per_unit: u64,
+}
+
+/// A study, checked.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// What was asked for.
+    pub file: StudyFile,
+    /// Its scenes with their estimators.
+    pub blocks: Vec<Block>,
+    /// How many points.
+    pub points: u64,
+    /// How many units.
+    pub units: u64,
+    /// The files that its scenes were read from.
+    pub files: Vec<PathBuf>,
+}
+
+/// One point: a scene and what is done with it.
+#[derive(Clone, Debug)]
+pub struct Point {
+    /// Number in the study.
+    pub number: u64,
+    /// Which scene with changes of its block.
+    pub variant: u64,
+    /// Cutoff, wall and start; of a sweep only the number counts.
+    pub hit: WallHit,
+}
+
+impl Study {
+    /// Reads the scenes and checks every point.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with file, key, value and what is allowed.
+    pub fn new(file: StudyFile) -> Result<Self, Error> {
+        let mut study = Self { file, blocks: vec![], points: 0, units: 0, files: vec![] };
+        let file = &study.file;
+        let refused = |what: String| Error::Input(format!("{}: {what}", file.origin));
+        let variants = file.variants();
+        if variants > VARIANTS_MAX {
+            let what =
+                format!("[product] and [[list]] make {variants} scenes, allowed {VARIANTS_MAX}");
+            return Err(refused(what));
+        }
+        let (mut blocks, mut files): (Vec<Block>, Vec<PathBuf>) = (vec![], vec![]);
+        for name in &file.scenes {
+            let scene = NamedScene::load(&file.place_of(name))
+                .map_err(|error| error.of(&format!("{}: scenes", file.origin)))?;
+            if blocks.iter().any(|block| block.name == scene.name) {
+                return Err(refused(format!("scenes has two of the name {}", scene.name)));
+            }
+            let own = [Table::new()];
+            let estimators = if file.estimators.is_empty() { &own[..] } else { &file.estimators };
+            let of_scene: Result<Vec<Block>, Error> =
+                estimators.iter().map(|estimator| file.block(&scene, estimator)).collect();
+            blocks.extend(of_scene?);
+            files.extend(scene.files);
+        }
+        let is_other = |block: &&Block| block.units.is_rotary() != blocks[0].units.is_rotary();
+        if let Some(other) = blocks.iter().find(is_other) {
+            let (first, other) = (&blocks[0].name, &other.name);
+            let what =
+                format!("scenes has {first} and {other}, one of them rotary; allowed is one kind");
+            return Err(refused(what));
+        }
+        if file.cutoffs_hz.is_some() && !blocks.iter().any(|block| block.has_cutoff) {
+            let what =
+                format!("cutoffs_hz is given, but the estimator {} has none", blocks[0].estimator);
+            return Err(refused(what));
+        }
+        let (mut points, mut units) = (0u64, 0u64);
+        for block in &mut blocks {
+            (block.first_point, block.first_unit) = (points, units);
+            points = points.saturating_add(block.points);
+            units = units.saturating_add(block.points.div_ceil(block.points_per_unit));
+        }
+        if points > POINTS_MAX {
+            return Err(refused(format!("the study has {points} points, allowed {POINTS_MAX}")));
+        }
+        if units > UNITS_MAX {
+            let what =
+                format!("the study has {units} units, allowed {UNITS_MAX}; raise points_per_unit");
+            return Err(refused(what));
+        }
+        (study.blocks, study.points, study.units, study.files) = (blocks, points, units, files);
+        for block in &study.blocks {
+            // The first in order, not the first in time.
+            let check = |variant| study.checked(block, variant).err();
+            if let Some(error) = (0..variants).into_par_iter().find_map_first(check) {
+                return Err(error);
+            }
+        }
+        Ok(study)
+    }
+
+    /// A scene of a block with its changes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with the changes, key, value and what is allowed.
+    pub fn scene(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
+        let file = &self.file;
+        let changes = file.changes(variant);
+        let mut table = block.table.clone();
+        for (key, value) in &changes {
+            change(&mut table, key, value.clone())
+                .map_err(|what| Error::Input(format!("{}: {what}", file.origin)))?;
+        }
+        let origin = format!("{}: {}", file.origin, described(block, &changes));
+        NamedScene::of_table(block.name.clone(), table, &origin)
+    }
+
+    /// A scene of a block with its changes, with every cutoff, wall and start of its points checked.
+    fn checked(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
+        let scene = self.scene(block, variant)?;
+        let named = |error: Error| error.of(&self.described(block, variant));
+        let units = scene.scene.units;
+        let walk = &scene.scene.walk;
+        let (dampings, stiffnesses) = match self.file.measure {
+            Measure::Hit => (
+                self.file.dampings.iter().map(|&b| units.damping_n_s_per_m(b)).collect(),
+                self.file.stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect(),
+            ),
+            _ => (vec![walk.damping_start_n_s_per_m], vec![walk.stiffness_start_n_per_m]),
+        };
+        let cutoffs_hz = block.cutoffs_hz.clone();
+        for &start_offset_counts in &self.file.starts_counts {
+            let (cutoffs_hz, dampings, stiffnesses) =
+                (cutoffs_hz.clone(), Vec::clone(&dampings), Vec::clone(&stiffnesses));
+            let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
+            walls.check(&scene, NAMES).map_err(named)?;
+        }
+        asked::prepare(&scene).map_err(named)?;
+        Ok(scene)
+    }
+
+    /// How errors call a scene with its changes.
+    pub fn described(&self, block: &Block, variant: u64) -> String {
+        format!("{}: {}", self.file.origin, described(block, &self.file.changes(variant)))
+    }
+
+    /// The block that has the unit.
+    pub fn block_of(&self, unit: u64) -> &Block {
+        let after = self.blocks.partition_point(|block| block.first_unit <= unit);
+        &self.blocks[after.saturating_sub(1)]
+    }
+
+    /// The block's point of that number within it.
+    #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
+    pub fn point(&self, block: &Block, within: u64) -> Point {
+        let file = &self.file;
+        let mut rest = within;
+        let mut digit = |length: usize| {
+            let digit = rest % (length.max(1) as u64);
+            rest /= length.max(1) as u64;
+            digit as usize
+        };
+        let mut hit = WallHit {
+            cutoff_hz: 0.0,
+            stiffness_n_per_m: 0.0,
+            damping_n_s_per_m: 0.0,
+            start_offset_counts: 0.0,
+        };
+        if file.measure != Measure::Sweep {
+            if file.measure == Measure::Hit {
+                hit.stiffness_n_per_m = file.stiffnesses[digit(file.stiffnesses.len())];
+                hit.damping_n_s_per_m = file.dampings[digit(file.dampings.len())];
+            }
+            hit.start_offset_counts = file.starts_counts[digit(file.starts_counts.len())];
+            hit.cutoff_hz = block.cutoffs_hz[digit(block.cutoffs_hz.len())];
+        }
+        Point { number: block.first_point + within, variant: rest, hit }
+    }
+}
+
+fn described(block: &Block, changes: &Changes) -> String {
+    let changes: Vec<String> =
+        changes.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    let with = if changes.is_empty() { "" } else { " with " };
+    format!("{}{with}{}", block.name, changes.join(", "))
+}
+
+/// Sets `value` at the dotted key.
+fn change(table: &mut Table, key: &str, value: Value) -> Result<(), String> {
+    let mut at = table;
+    let mut parts: Vec<&str> = key.split('.').collect();
+    let last = parts.pop().unwrap_or_default();
+    for part in parts {
+        let entry = at.entry(part).or_insert_with(|| Value::Table(Table::new()));
+        at = match entry {
+            Value::Table(table) => table,
+            _ => return Err(format!("{key}: {part} is no table of the scene")),
+        };
+    }
+    at.insert(last.into(), value);
+    Ok(())
+}
+
+impl StudyFile {
+    /// A scene's name, or its path from the study's file.
+    fn place_of(&self, name: &str) -> String {
+        let is_built_in = crate::scene::BUILT_IN.iter().any(|(known, _)| {
+            name.strip_prefix(known).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
+        });
+        if is_built_in {
+            name.into()
+        } else {
+            self.folder.join(name).to_string_lossy().into_owned()
+        }
+    }
+
+    /// How many scenes with changes each scene is.
+    pub fn variants(&self) -> u64 {
+        let product = self.product.iter().map(|(_, values)| values.len() as u64);
+        product.fold(self.list.len() as u64, u64::saturating_mul)
+    }
+
+    /// The changes of that number.
+    #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
+    pub fn changes(&self, variant: u64) -> Changes {
+        let mut rest = variant;
+        let mut product = vec![];
+        for (key, values) in self.product.iter().rev() {
+            product.push((key.clone(), values[(rest % values.len() as u64) as usize].clone()));
+            rest /= values.len() as u64;
+        }
+        let mut changes = self.list[rest as usize % self.list.len()].clone();
+        changes.extend(product.into_iter().rev());
+        changes
+    }
+
+    /// A scene with an estimator (no key: its own), its points not yet numbered.
+    fn block(&self, scene: &NamedScene, estimator: &Table) -> Result<Block, Error> {
+        let mut table = scene.table()?;
+        if !estimator.is_empty() {
+            table.insert("velocity".into(), Value::Table(estimator.clone()));
+        }
+        let origin = format!("{}: {}", self.origin, scene.name);
+        let origin = match estimator.is_empty() {
+            true => origin,
+            false => format!("{origin} with the estimator {}", Value::Table(estimator.clone())),
+        };
+        let with = NamedScene::of_table(scene.name.clone(), table.clone(), &origin)?;
+        let velocity = with.scene.velocity;
+        let has_cutoff = velocity.has_cutoff();
+        let cutoffs_hz = match &self.cutoffs_hz {
+            Some(cutoffs_hz) if has_cutoff => cutoffs_hz.clone(),
+            None if has_cutoff => with.scene.sweep.cutoffs_hz.clone(),
+            _ => vec![0.0],
+        };
+        let (walls, starts) = match self.measure {
+            Measure::Hit => {
+                (self.stiffnesses.len() * self.dampings.len(), self.starts_counts.len())
+            }
+            Measure::Walk => (1, self.starts_counts.len()),
+            Measure::Sweep => (1, 1),
+        };
+        let cutoffs = if self.measure == Measure::Sweep { 1 } else { cutoffs_hz.len() };
+        let of_variant = [cutoffs, starts, walls].map(|n| n as u64);
+        let points = of_variant.into_iter().fold(self.variants(), u64::saturating_mul);
+        let hit = &with.scene.wall_hit;
+        let samples = (hit.settle_s + hit.window_s) * with.scene.control.rate_hz;
+        #[expect(clippy::cast_precision_loss, reason = "at most ten thousand cutoffs")]
+        let hits = match self.measure {
+            Measure::Hit => 1.0,
+            Measure::Walk => HITS_PER_WALK,
+            Measure::Sweep => HITS_PER_WALK * cutoffs_hz.len() as f64 * f64::from(self.repeat),
+        };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 10^9")]
+        let fitting = (SAMPLES_PER_UNIT / (samples * hits)).clamp(1.0, 1e6) as u64;
+        Ok(Block {
+            name: scene.name.clone(),
+            table,
+            curve: with.scene.wall_hit.felt.text().map(str::to_owned),
+            units: with.scene.units,
+            estimator: velocity.name(),
+            cutoffs_hz,
+            has_cutoff,
+            first_point: 0,
+            first_unit: 0,
+            points,
+            points_per_unit: self.points_per_unit.unwrap_or(fitting),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

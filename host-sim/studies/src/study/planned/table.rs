@@ -1,0 +1,108 @@
+//! The result of a unit: a table with one kind of value a column.
+
+use std::{borrow::Cow, fmt::Write as _};
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// `f64`.
+    Number,
+    /// `u64`.
+    Whole,
+    /// Text.
+    Text,
+    /// `true` or `false`.
+    Flag,
+}
+
+/// One value; a cell of any column may be empty.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    /// No such value.
+    Empty,
+    /// Of a [`Kind::Number`].
+    Number(f64),
+    /// Of a [`Kind::Whole`].
+    Whole(u64),
+    /// Of a [`Kind::Text`].
+    Text(Cow<'static, str>),
+    /// Of a [`Kind::Flag`].
+    Flag(bool),
+}
+
+impl Cell {
+    /// A number that may be missing.
+    pub fn number(value: Option<f64>) -> Self {
+        value.map_or(Self::Empty, Self::Number)
+    }
+}
+
+/// A column's name and kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Its name, with the unit at its end.
+    pub name: String,
+    /// What it holds.
+    pub kind: Kind,
+}
+
+/// Rows under named columns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// The columns.
+    pub columns: Vec<Column>,
+    /// Rows, each with a cell for every column.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+/// Cells as a line of CSV, with its end; a text that has a comma, a quote or a line's end stands in quotes.
+pub fn csv_line(cells: &[Cell]) -> String {
+    let mut text = String::new();
+    for (n, cell) in cells.iter().enumerate() {
+        if n > 0 {
+            text.push(',');
+        }
+        let _ = match cell {
+            Cell::Empty => Ok(()),
+            Cell::Number(value) => write!(text, "{value}"),
+            Cell::Whole(value) => write!(text, "{value}"),
+            Cell::Flag(value) => write!(text, "{value}"),
+            Cell::Text(value) if value.contains([',', '"', '\n', '\r']) => {
+                write!(text, "\"{}\"", value.replace('"', "\"\""))
+            }
+            Cell::Text(value) => write!(text, "{value}"),
+        };
+    }
+    text.push('\n');
+    text
+}
+
+impl Table {
+    /// The table as CSV.
+    pub fn csv(&self) -> String {
+        let names = self.columns.iter().map(|column| Cell::Text(column.name.clone().into()));
+        let mut text = csv_line(&names.collect::<Vec<_>>());
+        for row in &self.rows {
+            text.push_str(&csv_line(row));
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_that_would_break_a_row_are_quoted() {
+        let column = |name: &str, kind| Column { name: name.into(), kind };
+        let table = Table {
+            columns: vec![column("a,b", Kind::Text), column("c", Kind::Number)],
+            rows: vec![
+                vec![Cell::Text("x\"y\n".into()), Cell::Number(0.1)],
+                vec![Cell::Empty, Cell::Empty],
+            ],
+        };
+        assert_eq!(table.csv(), "\"a,b\",c\n\"x\"\"y\n\",0.1\n,\n");
+    }
+}

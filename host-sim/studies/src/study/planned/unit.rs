@@ -1,0 +1,427 @@
+//! A unit of work: a scene, a list of points, the program text and the schema. Its key is the SHA-256 of all that; its
+//! result is one table. It may be made twice or anywhere: the bits are the same.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+use sha2::{Digest as _, Sha256};
+use toml::Value;
+use zwidth::experiment::Ended;
+
+use super::{
+    Block, Measure, Point, SCHEMA, SOURCES, Study,
+    table::{Cell, Column, Kind, Table},
+};
+use crate::{
+    engine::{Depth, Engine, Outcome, stream},
+    error::Error,
+    scene::{NamedScene, Units},
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+    study::{
+        boundary::Boundary,
+        sweep::{Plan, SweepResult, ascending, on_all_threads, sweep},
+        walk_lanes::{Queue, Start, walks},
+    },
+};
+
+/// Scenes with changes that are in memory at once.
+const AT_ONCE: usize = 256;
+
+/// What runs the points.
+#[derive(Clone, Copy, Debug)]
+pub struct How<'a> {
+    /// What runs the hits; the bits do not depend on it.
+    pub engine: Engine,
+    /// Arithmetic of the controller.
+    pub numeric: Numeric,
+    /// Set when the work shall end.
+    pub stop: &'a AtomicBool,
+}
+
+/// What was made of some points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Made {
+    /// Their rows.
+    pub table: Table,
+    /// Hits that were asked for.
+    pub hits: u64,
+}
+
+/// SHA-256 of parts, each with its length before it.
+#[derive(Clone, Debug, Default)]
+struct Hash(Sha256);
+
+impl Hash {
+    fn part(&mut self, part: impl AsRef<[u8]>) {
+        let part = part.as_ref();
+        self.0.update((part.len() as u64).to_le_bytes());
+        self.0.update(part);
+    }
+
+    fn hex(self) -> String {
+        self.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+/// SHA-256 of a file's bytes.
+pub fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A scene with its estimator: name, keys in alphabetical order, and what its felt curve holds in place of its path.
+fn scene_part(hash: &mut Hash, block: &Block) {
+    let mut table = block.table.clone();
+    if let Some(Value::Table(hit)) = table.get_mut("wall_hit") {
+        hit.remove("felt_curve");
+    }
+    hash.part(&block.name);
+    hash.part(table.to_string());
+    hash.part(block.curve.as_deref().unwrap_or_default());
+}
+
+fn numbers_part(hash: &mut Hash, numbers: &[f64]) {
+    hash.part(numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>());
+}
+
+impl Study {
+    fn head_part(&self, numeric: Numeric) -> Hash {
+        let mut hash = Hash::default();
+        for part in ["zwidth study", &SCHEMA.to_string(), SOURCES] {
+            hash.part(part);
+        }
+        hash.part(self.file.measure.name());
+        hash.part(numeric.name());
+        hash
+    }
+
+    /// Key of the study: two studies of one key have the same units with the same bits.
+    pub fn key(&self, numeric: Numeric) -> String {
+        let mut hash = self.head_part(numeric);
+        let file = &self.file;
+        for block in &self.blocks {
+            scene_part(&mut hash, block);
+            numbers_part(&mut hash, &block.cutoffs_hz);
+            hash.part(block.points_per_unit.to_le_bytes());
+        }
+        for numbers in [&file.starts_counts, &file.stiffnesses, &file.dampings] {
+            numbers_part(&mut hash, numbers);
+        }
+        hash.part(file.repeat.to_le_bytes());
+        for (key, values) in &file.product {
+            hash.part(key);
+            hash.part(Value::Array(values.clone()).to_string());
+        }
+        for (key, value) in file.list.iter().flatten() {
+            hash.part(key);
+            hash.part(value.to_string());
+        }
+        hash.hex()
+    }
+
+    /// Key of a unit.
+    pub fn unit_key(&self, unit: u64, numeric: Numeric) -> String {
+        let mut hash = self.head_part(numeric);
+        let block = self.block_of(unit);
+        scene_part(&mut hash, block);
+        if self.file.measure == Measure::Sweep {
+            numbers_part(&mut hash, &block.cutoffs_hz);
+            hash.part(self.file.repeat.to_le_bytes());
+        }
+        let mut last = None;
+        for point in self.points_of(unit) {
+            if last != Some(point.variant) {
+                last = Some(point.variant);
+                for (key, value) in self.file.changes(point.variant) {
+                    hash.part(key);
+                    hash.part(value.to_string());
+                }
+            }
+            let WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts } =
+                point.hit;
+            hash.part(point.number.to_le_bytes());
+            let numbers = [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts];
+            numbers_part(&mut hash, &numbers);
+        }
+        hash.hex()
+    }
+
+    /// The points of a unit, in order.
+    pub fn points_of(&self, unit: u64) -> impl Iterator<Item = Point> {
+        let block = self.block_of(unit);
+        let first = (unit - block.first_unit) * block.points_per_unit;
+        (first..block.points.min(first + block.points_per_unit))
+            .map(move |within| self.point(block, within))
+    }
+
+    /// Makes a unit, on all threads of the current pool.
+    ///
+    /// # Errors
+    /// The handle does not reach the wall, or leaves the core's range in a walk; `stop` was set.
+    pub fn run(&self, unit: u64, how: How<'_>) -> Result<Made, Error> {
+        let points: Vec<Point> = self.points_of(unit).collect();
+        self.make(self.block_of(unit), &points, how)
+    }
+
+    /// The columns of a block's rows.
+    pub fn columns(&self, block: &Block) -> Vec<Column> {
+        use Kind::{Number, Text, Whole};
+        let fixed = |columns: &[(&str, Kind)]| -> Vec<Column> {
+            columns.iter().map(|&(name, kind)| Column { name: name.into(), kind }).collect()
+        };
+        let told = |columns: &[(&str, Kind)]| -> Vec<Column> {
+            let told = |name: &str| block.units.key(name).map_or(name.into(), |(name, _)| name);
+            columns.iter().map(|&(name, kind)| Column { name: told(name), kind }).collect()
+        };
+        let mut columns = fixed(&[("point", Whole), ("scene", Text), ("estimator", Text)]);
+        for (key, value) in self.file.changes(0) {
+            columns.push(Column { name: key, kind: kind_of(&value) });
+        }
+        columns.extend(told(match self.file.measure {
+            Measure::Walk => &[
+                ("cutoff_hz", Number),
+                ("start_offset_counts", Number),
+                ("area_n2_s_per_m2", Number),
+                ("stiffness_peak_n_per_m", Number),
+                ("damping_max_n_s_per_m", Number),
+                ("hits", Whole),
+                ("ended_by", Text),
+            ],
+            Measure::Hit => &[
+                ("cutoff_hz", Number),
+                ("start_offset_counts", Number),
+                ("damping_n_s_per_m", Number),
+                ("stiffness_n_per_m", Number),
+                ("verdict", Text),
+                ("rms_m", Number),
+            ],
+            Measure::Sweep => &[
+                ("cutoff_hz", Number),
+                ("true_cutoff_hz", Number),
+                ("area_n2_s_per_m2", Number),
+                ("area_low_n2_s_per_m2", Number),
+                ("area_high_n2_s_per_m2", Number),
+                ("stiffness_peak_n_per_m", Number),
+                ("damping_max_n_s_per_m", Number),
+                ("hits", Whole),
+                ("ideal_cutoff_hz", Number),
+                ("ideal_low_hz", Number),
+                ("ideal_high_hz", Number),
+            ],
+        }));
+        columns
+    }
+
+    /// Makes points of a block, on all threads of the current pool.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run).
+    pub fn make(&self, block: &Block, points: &[Point], how: How<'_>) -> Result<Made, Error> {
+        let columns = self.columns(block);
+        let mut made = Made { table: Table { columns, rows: vec![] }, hits: 0 };
+        let variants: Vec<&[Point]> = points.chunk_by(|a, b| a.variant == b.variant).collect();
+        for variants in variants.chunks(AT_ONCE) {
+            let prepare = |&points| {
+                let points: &[Point] = points;
+                let scene = self.scene(block, points[0].variant)?;
+                let prepared = PreparedScene::new(&scene.scene)?;
+                let name = self.described(block, points[0].variant);
+                Ok(Variant { study: self, block, scene, prepared, name, points })
+            };
+            let variants: Vec<Variant<'_>> = in_order(variants.par_iter().map(prepare).collect())?;
+            match self.file.measure {
+                Measure::Walk => walk(&variants, how, &mut made)?,
+                Measure::Hit => hit(&variants, how, &mut made)?,
+                Measure::Sweep => swept(&variants, how, &mut made)?,
+            }
+        }
+        Ok(made)
+    }
+}
+
+/// All results, or the error that is the first in order, not the first in time.
+fn in_order<T>(results: Vec<Result<T, Error>>) -> Result<Vec<T>, Error> {
+    results.into_iter().collect()
+}
+
+fn kind_of(value: &Value) -> Kind {
+    match value {
+        Value::String(_) => Kind::Text,
+        Value::Boolean(_) => Kind::Flag,
+        _ => Kind::Number,
+    }
+}
+
+/// A scene with changes, and its points.
+struct Variant<'a> {
+    study: &'a Study,
+    block: &'a Block,
+    scene: NamedScene,
+    prepared: PreparedScene,
+    /// What errors call it.
+    name: String,
+    points: &'a [Point],
+}
+
+impl Variant<'_> {
+    /// The first cells of a row: number, scene, estimator, changes.
+    fn cells(&self, point: &Point) -> Vec<Cell> {
+        let mut cells = vec![
+            Cell::Whole(point.number),
+            Cell::Text(self.block.name.clone().into()),
+            Cell::Text(self.block.estimator.into()),
+        ];
+        #[expect(clippy::cast_precision_loss, reason = "a whole number that a person typed")]
+        cells.extend(self.study.file.changes(point.variant).into_iter().map(
+            |(_, value)| match value {
+                Value::String(text) => Cell::Text(text.into()),
+                Value::Boolean(flag) => Cell::Flag(flag),
+                Value::Integer(number) => Cell::Number(number as f64),
+                Value::Float(number) => Cell::Number(number),
+                _ => Cell::Empty,
+            },
+        ));
+        cells
+    }
+
+    fn cutoff(&self, cutoff_hz: f64) -> Cell {
+        Cell::number(self.block.has_cutoff.then_some(cutoff_hz))
+    }
+
+    /// A number of that column in the units of the scene.
+    fn told(&self, column: &str, value: f64) -> Cell {
+        let factor = self.scene.scene.units.key(column).map_or(1.0, |(_, factor)| factor);
+        Cell::Number(Units::told(value, factor))
+    }
+}
+
+fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
+    let start = |point: &Point| {
+        let WallHit { cutoff_hz, start_offset_counts, .. } = point.hit;
+        Start { cutoff_hz, start_offset_counts }
+    };
+    let starts: Vec<Vec<Start>> =
+        variants.iter().map(|variant| variant.points.iter().map(start).collect()).collect();
+    let queues: Vec<Queue<'_>> = variants
+        .iter()
+        .zip(&starts)
+        .map(|(variant, starts)| Queue::new(&variant.prepared, starts))
+        .collect();
+    let mut found = on_all_threads(queues.len(), |queue, found| {
+        walks(how.engine, how.numeric, &queues[queue], how.stop, |walk, boundary| {
+            found.push(((queue, walk), boundary));
+        });
+    });
+    if how.stop.load(std::sync::atomic::Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    for (place, variant) in variants.iter().enumerate() {
+        for (walk, point) in variant.points.iter().enumerate() {
+            let boundary = found.remove(&(place, walk));
+            let boundary =
+                boundary.unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
+            let boundary: Boundary = boundary.map_err(|error| error.of(&variant.name))?;
+            let mut row = variant.cells(point);
+            row.extend([
+                variant.cutoff(point.hit.cutoff_hz),
+                Cell::Number(point.hit.start_offset_counts),
+                variant.told("area_n2_s_per_m2", boundary.area),
+                variant.told("stiffness_peak_n_per_m", boundary.stiffness_peak_n_per_m()),
+                variant.told("damping_max_n_s_per_m", boundary.damping_max_n_s_per_m()),
+                Cell::Whole(boundary.hits),
+                Cell::Text(boundary.ended.map_or(UNSTABLE, Ended::name).into()),
+            ]);
+            made.hits += boundary.hits;
+            made.table.rows.push(row);
+        }
+    }
+    Ok(())
+}
+
+/// How a walk ended whose first wall is unstable; its area is 0.
+const UNSTABLE: &str = "first_unstable";
+/// The verdict of a hit in which the handle left the core's range.
+const OUT_OF_RANGE: &str = "out_of_range";
+
+fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
+    let rows = |variant: &Variant<'_>| -> Result<Vec<Vec<Cell>>, Error> {
+        let units = variant.scene.scene.units;
+        let asked = |point: &Point| WallHit {
+            stiffness_n_per_m: units.stiffness_n_per_m(point.hit.stiffness_n_per_m),
+            damping_n_s_per_m: units.damping_n_s_per_m(point.hit.damping_n_s_per_m),
+            ..point.hit
+        };
+        let hits: Vec<WallHit> = variant.points.iter().map(asked).collect();
+        let mut rows = Vec::with_capacity(hits.len());
+        #[expect(clippy::cast_possible_truncation, reason = "an index of a vector")]
+        let wall = |number: u64| hits[number as usize];
+        let sink = |_, outcome: Result<Outcome, HitError>| {
+            let (verdict, rms_m) = match outcome {
+                Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
+                Err(HitError::OutOfRange(_)) => (OUT_OF_RANGE, None),
+                Err(error) => return Err(error.into()),
+            };
+            let point = &variant.points[rows.len()];
+            let mut row = variant.cells(point);
+            row.extend([
+                variant.cutoff(point.hit.cutoff_hz),
+                Cell::Number(point.hit.start_offset_counts),
+                Cell::Number(point.hit.damping_n_s_per_m),
+                Cell::Number(point.hit.stiffness_n_per_m),
+                Cell::Text(verdict.into()),
+                rms_m.map_or(Cell::Empty, |rms_m| variant.told("rms_m", rms_m)),
+            ]);
+            rows.push(row);
+            Ok(())
+        };
+        let (prepared, total) = (&variant.prepared, hits.len() as u64);
+        stream(how.engine, prepared, how.numeric, Depth::Whole, total, wall, how.stop, sink)
+            .map_err(|error| error.of(&variant.name))?;
+        Ok(rows)
+    };
+    let rows: Vec<Vec<Vec<Cell>>> = in_order(variants.par_iter().map(rows).collect())?;
+    for row in rows.into_iter().flatten() {
+        made.hits += 1;
+        made.table.rows.push(row);
+    }
+    Ok(())
+}
+
+fn swept(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
+    let plan = |variant: &'_ Variant<'_>| -> Vec<f64> { ascending(&variant.block.cutoffs_hz) };
+    let cutoffs: Vec<Vec<f64>> = variants.iter().map(plan).collect();
+    let plans: Vec<Plan<'_>> = variants
+        .iter()
+        .zip(&cutoffs)
+        .map(|(Variant { name, prepared, .. }, cutoffs_hz)| Plan { name, prepared, cutoffs_hz })
+        .collect();
+    let Some(repeat) = variants.first().map(|variant| variant.study.file.repeat) else {
+        return Ok(());
+    };
+    let results = sweep(how.engine, &plans, how.numeric, repeat, how.stop, |_| ())?;
+    for (variant, SweepResult { cutoffs, ideal }) in variants.iter().zip(results) {
+        let ideal = |of: fn(&crate::study::sweep::Ideal) -> f64| {
+            Cell::number(ideal.as_ref().filter(|_| variant.block.has_cutoff).map(of))
+        };
+        for result in cutoffs {
+            let boundaries = &result.boundaries;
+            let mut row = variant.cells(&variant.points[0]);
+            let [low, high] = boundaries.area_range();
+            row.extend([
+                variant.cutoff(result.cutoff_hz),
+                variant.cutoff(result.true_cutoff_hz),
+                variant.told("area_n2_s_per_m2", boundaries.area()),
+                variant.told("area_low_n2_s_per_m2", low),
+                variant.told("area_high_n2_s_per_m2", high),
+                variant.told("stiffness_peak_n_per_m", boundaries.stiffness_peak_n_per_m()),
+                variant.told("damping_max_n_s_per_m", boundaries.damping_max_n_s_per_m()),
+                Cell::Whole(boundaries.hits()),
+                ideal(|ideal| ideal.cutoff_hz),
+                ideal(|ideal| ideal.range_hz[0]),
+                ideal(|ideal| ideal.range_hz[1]),
+            ]);
+            made.hits += boundaries.hits();
+            made.table.rows.push(row);
+        }
+    }
+    Ok(())
+}
