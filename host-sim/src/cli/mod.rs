@@ -17,6 +17,7 @@ mod progress;
 mod read;
 mod replay;
 mod shared;
+mod study;
 mod sweep;
 mod telemetry;
 mod trade;
@@ -64,6 +65,8 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     Read(read::ReadArgs),
     Replay(replay::ReplayArgs),
+    Study(study::StudyArgs),
+    StudyPlan(study::PlanArgs),
 }
 
 /// Options of every command.
@@ -141,6 +144,7 @@ impl Command {
             Self::Linear(_) => Some(["linear", "--csv and --plot"]),
             Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
             Self::Replay(_) => Some(["replay", "--csv"]),
+            Self::StudyPlan(_) => Some(["study-plan", "none"]),
             Self::Sweep(_)
             | Self::Compare(_)
             | Self::Design(_)
@@ -149,6 +153,7 @@ impl Command {
             | Self::Identify(_)
             | Self::Prepare(_)
             | Self::Read(_) => None,
+            | Self::Study(_) => None,
         }
     }
 }
@@ -183,5 +188,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Prepare(args) => prepare::run(&args, &common),
         Command::Read(args) => read::run(&args, &common),
         Command::Replay(args) => replay::run(&args, &common),
+        Command::Study(args) => study::run(&args, &common),
+        Command::StudyPlan(args) => study::plan(&args, &common),
     })
 }

@@ -13,6 +13,7 @@ pub mod manifest;
 pub mod peers;
 pub mod probability;
 pub mod report;
+pub mod study;
 pub mod sweep;
 pub mod telemetry;
 pub mod terminal;

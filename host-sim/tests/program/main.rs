@@ -27,6 +27,8 @@ mod prepare;
 mod read;
 mod ready;
 mod rotary;
+#[cfg(unix)]
+mod study;
 mod sure;
 mod telemetry;
 mod trade;
