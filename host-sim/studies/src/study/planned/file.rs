@@ -245,8 +245,7 @@ impl Keys {
 
     /// The keys of `[product]` with their values.
     fn product(&self) -> Result<Vec<(String, Vec<Value>)>, String> {
-        let mut leaves = vec![];
-        flatten("", &self.product, &mut leaves);
+        let leaves = flat("product", &self.product)?;
         let mut product = vec![];
         for (key, value) in leaves {
             let values = match value {
@@ -276,9 +275,7 @@ impl Keys {
     fn list(&self, product: &[(String, Vec<Value>)]) -> Result<Vec<Changes>, String> {
         let mut list: Vec<Changes> = vec![];
         for table in &self.list {
-            let mut leaves = vec![];
-            flatten("", table, &mut leaves);
-            list.push(leaves);
+            list.push(flat("list", table)?);
         }
         let keys = |changes: &Changes| -> Vec<String> {
             changes.iter().map(|(key, _)| key.clone()).collect()
@@ -332,6 +329,17 @@ fn one_kind(table: &str, key: &str, values: &[Value]) -> Result<(), String> {
             "{table}.{key} has {value}, allowed are numbers, texts, or true and false, all of one kind"
         )),
         None => Ok(()),
+    }
+}
+
+/// The values below a table by their dotted keys, in alphabetical order.
+fn flat(name: &str, table: &Table) -> Result<Changes, String> {
+    let mut leaves = vec![];
+    flatten("", table, &mut leaves);
+    leaves.sort_by(|(a, _), (b, _)| a.cmp(b));
+    match leaves.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+        Some(pair) => Err(format!("{name} has {} twice, allowed once", pair[0].0)),
+        None => Ok(leaves),
     }
 }
 

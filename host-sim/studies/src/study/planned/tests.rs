@@ -237,6 +237,10 @@ fn what_a_study_cannot_be_is_refused_with_key_value_and_what_is_allowed() {
             with(good, "[[list]]\ndevice.mass_kg = -1"),
             "paper-2um with device.mass_kg = -1: device.mass_kg is -1, allowed 0.001 to 100",
         ),
+        (
+            with(good, "[product]\n\"actuator.latency\" = [1]\nactuator.latency = [2]"),
+            "product has actuator.latency twice, allowed once",
+        ),
         (with(good, "[[list]]"), "list: entry 1 is empty, allowed keys of a scene"),
         (
             with(good, "[[list]]\ndevice.mass_kg = 1\n[[list]]\ncontrol.rate_hz = 1"),
