@@ -65,6 +65,7 @@ mod faults;
 mod filter_cost;
 mod firmware;
 mod fuzz;
+mod gdb;
 mod identify_telemetry;
 mod mailbox;
 mod panics;

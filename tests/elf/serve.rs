@@ -10,7 +10,10 @@ use std::{
 use host_sim::scene::NamedScene;
 use virtual_board::{
     board::NUCLEO_F446RE,
-    link::{COMMANDS, LOG, Link as _, REPLIES, RttTcp, TELEMETRY, serve::Server},
+    link::{
+        COMMANDS, LOG, Link as _, REPLIES, RttTcp, TELEMETRY,
+        serve::{Ports, Server},
+    },
     log::Decoder,
     session::Session,
 };
@@ -21,7 +24,7 @@ use crate::firmware::Firmware;
 fn server() -> Server {
     let Firmware { board, elf, table, .. } = Firmware::of(NUCLEO_F446RE);
     let scene = NamedScene::load(board.name).unwrap();
-    Server::start(Session { board, scene, elf, table }, None, 0).unwrap()
+    Server::start(Session { board, scene, elf, table }, None, Ports::default()).unwrap()
 }
 
 /// Reads until `wanted` is in it, 60 s at most.
@@ -96,7 +99,8 @@ fn a_port_that_is_taken_is_named() {
     let port = taken.local_addr().unwrap().port();
     let Firmware { board, elf, table, .. } = Firmware::of(NUCLEO_F446RE);
     let scene = NamedScene::load(board.name).unwrap();
-    let started = Server::start(Session { board, scene, elf, table }, None, port);
+    let started =
+        Server::start(Session { board, scene, elf, table }, None, Ports { rtt: port, gdb: None });
     let error = started.err().unwrap().to_string();
     assert!(error.contains(&format!("--rtt {port}")), "{error}");
     for address in ["nowhere", "127.0.0.1:65535", "127.0.0.1:x"] {

@@ -98,6 +98,20 @@ impl Amplifier {
         sum as f64 / (cycle - from) as f64 / self.full_scale()
     }
 
+    /// What it added up to, up to `cycle`: for [`go_on`](Self::go_on).
+    pub(crate) fn pause(&self, cycle: u64) -> i64 {
+        let mut state = self.state();
+        state.accumulate(cycle);
+        state.sum
+    }
+
+    /// Goes on from that sum at `cycle`: what came in between has moved nothing.
+    pub(crate) fn go_on(&self, cycle: u64, sum: i64) {
+        let mut state = self.state();
+        state.accumulate(cycle);
+        state.sum = sum;
+    }
+
     /// Whether enable is active.
     pub fn is_enabled(&self) -> bool {
         self.state().enabled

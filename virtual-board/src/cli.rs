@@ -35,7 +35,7 @@ use crate::{
     elf::Elf,
     fuzz::report::{self, Fuzz},
     image,
-    link::serve,
+    link::serve::{self, Ports},
     log,
     mcu::{LINK, RENDER, SAMPLE},
     session::{Failed, Session, ask},
@@ -92,6 +92,9 @@ enum Command {
         /// First of three ports; 0: any.
         #[arg(long, value_name = "PORT", default_value_t = 9090)]
         rtt: u16,
+        /// A port for gdb, whose address is the second line on stdout; 0: any. Its halts take the force away.
+        #[arg(long, value_name = "PORT")]
+        gdb: Option<u16>,
     },
     /// A boundary walk over the scene's grid, run by the firmware itself.
     Walk {
@@ -154,9 +157,9 @@ fn execute(command: Command) -> Result<(), Error> {
         }
         Command::Campaign(options) => campaign::report::execute(&options),
         Command::Fuzz(options) => report::execute(&options),
-        Command::Serve { common, rtt } => {
+        Command::Serve { common, rtt, gdb } => {
             let (scene, _) = common.open(false)?;
-            serve::serve(common.session(scene)?, common.period, rtt)
+            serve::serve(common.session(scene)?, common.period, Ports { rtt, gdb })
         }
         Command::Walk { common, cutoff, csv, force, json } => {
             let (scene, mut outputs) = common.open(force)?;

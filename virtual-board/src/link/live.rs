@@ -2,6 +2,7 @@
 
 use std::{
     collections::VecDeque,
+    net::TcpListener,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -11,11 +12,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Link, UP_CHANNELS};
+use super::{Link, UP_CHANNELS, gdb};
 use crate::{
     board::Powered,
+    mcu::{Met, Stops},
     session::{Failed, Session, ask},
-    world::World,
+    world::{Ended, World},
 };
 
 pub use crate::world::Finger;
@@ -95,6 +97,18 @@ impl LiveBoard {
     /// # Errors
     /// The image is none of this firmware, or refuses what it was told.
     pub fn start(session: Session, begin: Begin) -> Result<Self, Failed> {
+        Self::with_gdb(session, begin, None)
+    }
+
+    /// The same, with gdb's port, whose listener does not block.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn with_gdb(
+        session: Session,
+        begin: Begin,
+        gdb: Option<TcpListener>,
+    ) -> Result<Self, Failed> {
         let shared = Arc::new(Shared::default());
         let (booted, wait) = mpsc::channel();
         let inside = Arc::clone(&shared);
@@ -104,7 +118,7 @@ impl LiveBoard {
                 Err(failed) => return drop(booted.send(Err(failed))),
             };
             let _ = booted.send(Ok(()));
-            if let Err(Failed::Program(ended)) = inside.run(&mut world) {
+            if let Err(Failed::Program(ended)) = inside.run(&mut world, gdb.map(gdb::Port::new)) {
                 *lock(&inside.lost) = Some(format!("the firmware: {ended:?}"));
             }
         });
@@ -182,35 +196,16 @@ impl Link for LiveLink {
 }
 
 impl Shared {
-    fn run(&self, world: &mut World<'_>) -> Result<(), Failed> {
-        let (mut begun, mut slices) = (Instant::now(), 0u32);
-        let (mut measured, mut speed) = ((Instant::now(), 0u32), 1.0);
-        let slice = Duration::from_millis(1);
-        let mut open = false;
+    fn run(&self, world: &mut World<'_>, mut gdb: Option<gdb::Port>) -> Result<(), Failed> {
+        let mut board = RealTime { shared: self, pace: Pace::new(), stop_open: false };
         while !self.ended.load(Relaxed) {
-            world.finger = *lock(&self.finger);
-            let wanted = self.stop_open.load(Relaxed);
-            if wanted != open {
-                world.emergency_stop(wanted);
-                open = wanted;
-            }
+            board.before(world);
             for _ in 0..SLICE {
                 world.sample().map_err(Failed::Program)?;
             }
-            self.exchange(world);
-            slices += 1;
-            let (since, run) = (measured.0.elapsed(), slices.wrapping_sub(measured.1));
-            if since > Duration::from_millis(500) {
-                speed = f64::from(run) * slice.as_secs_f64() / since.as_secs_f64();
-                measured = (Instant::now(), slices);
-            }
-            self.look(world, speed);
-            let (due, now) = (begun + slice * slices, Instant::now());
-            if let Some(ahead) = due.checked_duration_since(now).filter(|ahead| *ahead > AHEAD) {
-                thread::sleep(ahead);
-            } else if now.saturating_duration_since(due) > BEHIND {
-                (begun, slices) = (now, 0);
-                measured = (now, 0);
+            board.after(world);
+            if let Some(port) = &mut gdb {
+                port.look(world, &mut board)?;
             }
         }
         Ok(())
@@ -245,5 +240,90 @@ impl Shared {
             disabled_s: amplifier.changes().disabled_at.map(seconds),
             speed,
         };
+    }
+}
+
+/// Slices of a millisecond in real time.
+struct RealTime<'a> {
+    shared: &'a Shared,
+    pace: Pace,
+    stop_open: bool,
+}
+
+impl RealTime<'_> {
+    fn before(&mut self, world: &mut World<'_>) {
+        world.finger = *lock(&self.shared.finger);
+        let wanted = self.shared.stop_open.load(Relaxed);
+        if wanted != self.stop_open {
+            world.emergency_stop(wanted);
+            self.stop_open = wanted;
+        }
+    }
+
+    fn after(&mut self, world: &mut World<'_>) {
+        self.shared.exchange(world);
+        self.pace.count();
+        self.shared.look(world, self.pace.speed);
+        self.pace.wait();
+    }
+}
+
+impl gdb::Board for RealTime<'_> {
+    fn slice(&mut self, world: &mut World<'_>, stops: &Stops) -> Result<Option<Met>, Ended> {
+        self.before(world);
+        for _ in 0..SLICE {
+            if let Some(met) = world.sample_until_met(stops)? {
+                return Ok(Some(met));
+            }
+        }
+        self.after(world);
+        Ok(None)
+    }
+
+    fn stands(&mut self, world: &mut World<'_>) -> bool {
+        self.before(world);
+        self.shared.exchange(world);
+        self.shared.look(world, 0.0);
+        !self.shared.ended.load(Relaxed)
+    }
+
+    fn goes_on(&mut self) {
+        self.pace = Pace::new();
+    }
+}
+
+/// How far it has come in real time.
+struct Pace {
+    begun: Instant,
+    slices: u32,
+    measured: (Instant, u32),
+    speed: f64,
+}
+
+impl Pace {
+    /// Length of a slice.
+    const SLICE: Duration = Duration::from_millis(1);
+
+    fn new() -> Self {
+        Self { begun: Instant::now(), slices: 0, measured: (Instant::now(), 0), speed: 1.0 }
+    }
+
+    fn count(&mut self) {
+        self.slices += 1;
+        let (since, run) = (self.measured.0.elapsed(), self.slices.wrapping_sub(self.measured.1));
+        if since > Duration::from_millis(500) {
+            self.speed = f64::from(run) * Self::SLICE.as_secs_f64() / since.as_secs_f64();
+            self.measured = (Instant::now(), self.slices);
+        }
+    }
+
+    fn wait(&mut self) {
+        let (due, now) = (self.begun + Self::SLICE * self.slices, Instant::now());
+        if let Some(ahead) = due.checked_duration_since(now).filter(|ahead| *ahead > AHEAD) {
+            thread::sleep(ahead);
+        } else if now.saturating_duration_since(due) > BEHIND {
+            (self.begun, self.slices) = (now, 0);
+            self.measured = (now, 0);
+        }
     }
 }

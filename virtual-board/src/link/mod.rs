@@ -1,6 +1,7 @@
 //! A board as its host sees it: bytes of RTT channels, and whether there is a board at all. Whoever talks to a board
 //! uses this and nothing else, so that it cannot tell a virtual one from a real one.
 
+mod gdb;
 mod live;
 mod rtt_tcp;
 pub mod serve;

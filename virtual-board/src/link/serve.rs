@@ -21,16 +21,27 @@ use super::{Begin, Link as _, LiveBoard};
 use crate::session::Session;
 
 /// Between two looks at a channel.
-const LOOK: Duration = Duration::from_millis(1);
+pub(super) const LOOK: Duration = Duration::from_millis(1);
 /// A client that takes nothing for so long is let go: the board does not wait for it meanwhile.
-const PATIENCE: Duration = Duration::from_secs(10);
+pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 /// Tries to find as many free ports in a row as there are channels, where any will do.
 const TRIES: usize = 100;
+
+/// Where to listen; 0: anywhere.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Ports {
+    /// The first of three.
+    pub rtt: u16,
+    /// For gdb.
+    pub gdb: Option<u16>,
+}
 
 /// A virtual board behind three TCP ports, until it is dropped.
 pub struct Server {
     /// Port of channel 0; those of the others follow.
     pub port: u16,
+    /// Port of gdb, if there is one.
+    pub gdb: Option<u16>,
     /// The board.
     pub board: Arc<LiveBoard>,
     over: Arc<AtomicBool>,
@@ -42,16 +53,19 @@ impl Server {
     ///
     /// # Errors
     /// A port is taken; the image refuses what it is told.
-    pub fn start(session: Session, period: Option<u32>, port: u16) -> Result<Self, Error> {
-        let (port, listeners) = listen(port)?;
-        let board = Arc::new(LiveBoard::start(session, Begin { zeroed: false, period })?);
+    pub fn start(session: Session, period: Option<u32>, ports: Ports) -> Result<Self, Error> {
+        let (port, listeners) = listen(ports.rtt)?;
+        let gdb = ports.gdb.map(listen_for_gdb).transpose()?;
+        let (gdb, listener) = gdb.unzip();
+        let begin = Begin { zeroed: false, period };
+        let board = Arc::new(LiveBoard::with_gdb(session, begin, listener)?);
         let over = Arc::new(AtomicBool::new(false));
         let serve = |(channel, listener): (usize, TcpListener)| {
             let (board, over) = (Arc::clone(&board), Arc::clone(&over));
             thread::spawn(move || channel_of(channel, &listener, &board, &over))
         };
         let threads = listeners.into_iter().enumerate().map(serve).collect();
-        Ok(Self { port, board, over, threads })
+        Ok(Self { port, gdb, board, over, threads })
     }
 }
 
@@ -68,10 +82,16 @@ impl Drop for Server {
 ///
 /// # Errors
 /// As [`Server::start`]; and the end.
-pub fn serve(session: Session, period: Option<u32>, port: u16) -> Result<(), Error> {
-    let server = Server::start(session, period, port)?;
+pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), Error> {
+    let server = Server::start(session, period, ports)?;
     let first = server.port;
     print_text(&format!("127.0.0.1:{first}"))?;
+    if let Some(gdb) = server.gdb {
+        print_text(&format!("127.0.0.1:{gdb}"))?;
+        note(&format!(
+            "gdb: target remote 127.0.0.1:{gdb}; its halts are a debugger's halts: keep the force off"
+        ));
+    }
     note(&format!(
         "RTT of the virtual board in real time: log on port {first}, telemetry on {}, replies on {}; commands go to \
          {first}; end with Ctrl-C",
@@ -110,6 +130,15 @@ fn listen(port: u16) -> Result<(u16, Vec<TcpListener>), Error> {
         }
     }
     Err(Error::Input(format!("--rtt {port}: this port and the two after it: {last}")))
+}
+
+/// The same for gdb.
+fn listen_for_gdb(port: u16) -> Result<(u16, TcpListener), Error> {
+    let bound = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).and_then(|listener| {
+        listener.set_nonblocking(true)?;
+        Ok((listener.local_addr()?.port(), listener))
+    });
+    bound.map_err(|error| Error::Input(format!("--gdb {port}: this port: {error}")))
 }
 
 /// One client at a time, as a probe has one owner; who comes meanwhile waits.

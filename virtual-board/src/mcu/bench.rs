@@ -138,16 +138,22 @@ impl Port for PacePort {
         value
     }
 
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        if let (CCR4, Some((number, _))) = (offset, self.edge()) {
+            self.read.store(number, Relaxed);
+        }
+        self.look(offset, value)
+    }
+
     #[expect(
         clippy::cast_possible_truncation,
         reason = "a count is less than the period, 2^32 at most"
     )]
-    fn read(&self, offset: u64, value: u32) -> u32 {
+    fn look(&self, offset: u64, value: u32) -> u32 {
         match (offset, self.edge()) {
             (OR, _) => self.option.load(Relaxed),
             (SR, Some((number, _))) if number > self.read.load(Relaxed) => value | CAPTURED,
-            (CCR4, Some((number, since))) => {
-                self.read.store(number, Relaxed);
+            (CCR4, Some((_, since))) => {
                 let period = u64::from(self.lazy.peek(ARR)) + 1;
                 let count = u64::from(self.lazy.peek(CNT)) + period;
                 // The timer has half the core's clock, and the oscillator's edge lies within a few periods.

@@ -76,6 +76,10 @@ pub(super) trait Port: Send + Sync + fmt::Debug {
     fn read(&self, _offset: u64, value: u32) -> u32 {
         value
     }
+    /// The same for a debugger: nothing changes.
+    fn look(&self, offset: u64, value: u32) -> u32 {
+        self.read(offset, value)
+    }
 }
 
 /// A device that runs at a whole fraction of the core's clock and is advanced when looked at.
@@ -182,7 +186,13 @@ impl<P: Port> MemOps for Registers<P> {
         }
         self.lazy.operations.read(offset, into, attributes)?;
         if let Ok(word) = <[u8; 4]>::try_from(&*into) {
-            into.copy_from_slice(&self.port.read(offset, u32::from_le_bytes(word)).to_le_bytes());
+            let word = u32::from_le_bytes(word);
+            let word = if attributes.debug {
+                self.port.look(offset, word)
+            } else {
+                self.port.read(offset, word)
+            };
+            into.copy_from_slice(&word.to_le_bytes());
         }
         Ok(())
     }

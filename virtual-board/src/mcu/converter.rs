@@ -128,7 +128,7 @@ impl MemOps for Converters {
             self.follow(base);
         }
         self.registers.read(offset, into, attributes)?;
-        if offset < 2 * SECOND && register == DR {
+        if offset < 2 * SECOND && register == DR && !attributes.debug {
             self.registers.set(base + SR, self.registers.get(base + SR) & !DONE);
         }
         Ok(())

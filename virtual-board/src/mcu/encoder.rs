@@ -233,6 +233,10 @@ impl Port for CounterPort {
         }
         value
     }
+
+    fn look(&self, _: u64, value: u32) -> u32 {
+        value
+    }
 }
 
 /// TIM3.
@@ -258,6 +262,10 @@ impl Port for CapturePort {
             }
             _ => {}
         });
+        value
+    }
+
+    fn look(&self, _: u64, value: u32) -> u32 {
         value
     }
 }

@@ -8,10 +8,7 @@ use rsemu::{
     cpu::arm::v7m::sys::{Exception, in_ppb},
 };
 
-use super::{
-    AfterHalt, Mcu, Stopped, exception_of,
-    main_output::{BDTR, MAIN_OUTPUT_ENABLE},
-};
+use super::{Mcu, Stopped, exception_of};
 
 /// ITSTATE and the Thumb bit in xPSR.
 const IT_BITS: u32 = super::IT_BITS;
@@ -125,31 +122,5 @@ impl Mcu {
     /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), and the DAC's code.
     pub fn force_registers(&self) -> [u32; 3] {
         [self.soc.pwm.peek(0x34), self.soc.pwm.peek(0x38), self.soc.dac.get(0x08)]
-    }
-
-    /// A debugger halts the core for `cycles`. What the program has set DBGMCU's bits for stands still; TIM1's
-    /// outputs are off meanwhile if it does. `moe`: what the manuals leave open.
-    pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
-        self.settle();
-        let (bdtr, stored) = (self.soc.pwm.peek(BDTR), self.stored_by_dma);
-        let masked = self.soc.stand_still(cycles);
-        if masked {
-            self.soc.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
-        }
-        self.now += cycles;
-        self.settle();
-        let resets = self.resets;
-        self.service(); // the watchdog's reset comes before the core runs on
-        // What DMA2 stores meanwhile switches off for good.
-        let kept = stored == self.stored_by_dma;
-        let running = resets == self.resets && kept && !self.soc.stop.load(Relaxed);
-        if masked && running && moe == AfterHalt::Kept {
-            self.soc.pwm.poke(BDTR, bdtr);
-        }
-    }
-
-    /// A debugger sets DBGMCU's bits of APB1: what else stands still in a halt.
-    pub fn stop_in_halts(&mut self, apb1_bits: u32) {
-        self.soc.dbgmcu.set(0x08, self.soc.dbgmcu.get(0x08) | apb1_bits);
     }
 }

@@ -9,6 +9,7 @@
 mod bench;
 mod bus;
 mod converter;
+mod debugger;
 mod dma;
 mod encoder;
 mod inject;
@@ -38,6 +39,7 @@ use self::{
     watch::{Step, mend_itstate},
 };
 pub use bench::Bench;
+pub use debugger::{AfterHalt, Halt, Met, Refused, Registers, Stops};
 pub use encoder::EdgeNotes;
 pub use snapshot::Snapshot;
 pub use watch::{Cycles, LINK, RENDER, SAMPLE, Watch};
@@ -109,16 +111,6 @@ pub struct Listeners {
     pub bench: Arc<Bench>,
     /// Notes of the words of RAM that were read, if those are wanted.
     pub reads: Option<Arc<Vec<AtomicBool>>>,
-}
-
-/// TIM1's main output enable after a halt that has dropped the outputs. The manuals say that they are off "as if"
-/// it were reset.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AfterHalt {
-    /// It was only masked: the outputs are back.
-    Kept,
-    /// It is reset.
-    Reset,
 }
 
 /// Why the program does not run on.
@@ -215,25 +207,32 @@ impl Mcu {
     /// The core locked up.
     pub fn run_until(&mut self, cycle: u64) -> Result<(), Stopped> {
         while self.now < cycle {
-            self.clock.set(self.now);
-            if self.now >= self.next || self.clock.take_touched() {
-                self.service();
-            }
-            let called = self.soc.pace_line.get() || self.soc.supply_line.get();
-            let sleeps = self.stands && self.soc.cpu.is_asleep() && !called;
-            if sleeps || self.outlives && self.stands && self.soc.cpu.is_locked_up() {
-                let to = self.next.min(cycle);
-                self.asleep += to - self.now;
-                self.now = to;
-                continue;
-            }
-            self.step();
-            if self.stands && self.soc.cpu.is_locked_up() && !self.outlives {
-                return Err(Stopped::LockedUp(self.soc.cpu.pc()));
-            }
+            self.advance(cycle)?;
         }
         self.clock.set(self.now);
         Ok(())
+    }
+
+    /// One instruction, or sleep until `cycle` or the next event; whether an instruction was run.
+    #[inline(always)]
+    fn advance(&mut self, cycle: u64) -> Result<bool, Stopped> {
+        self.clock.set(self.now);
+        if self.now >= self.next || self.clock.take_touched() {
+            self.service();
+        }
+        let called = self.soc.pace_line.get() || self.soc.supply_line.get();
+        let sleeps = self.stands && self.soc.cpu.is_asleep() && !called;
+        if sleeps || self.outlives && self.stands && self.soc.cpu.is_locked_up() {
+            let to = self.next.min(cycle);
+            self.asleep += to - self.now;
+            self.now = to;
+            return Ok(false);
+        }
+        self.step();
+        if self.stands && self.soc.cpu.is_locked_up() && !self.outlives {
+            return Err(Stopped::LockedUp(self.soc.cpu.pc()));
+        }
+        Ok(true)
     }
 
     /// Brings the devices to the present and the interrupt line to the core.

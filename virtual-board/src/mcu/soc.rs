@@ -410,8 +410,18 @@ impl Soc {
         }
     }
 
-    /// The core is halted for `cycles`: what DBGMCU's bits say stands still. Returns whether TIM1 does.
-    pub(super) fn stand_still(&self, cycles: u64) -> bool {
+    /// TIM1 stands still while the core is halted.
+    pub(super) fn tim1_stops(&self) -> bool {
+        self.dbgmcu.get(DBGMCU_APB2_FZ) & 1 != 0
+    }
+
+    /// So does TIM5.
+    pub(super) fn tim5_stops(&self) -> bool {
+        self.dbgmcu.get(DBGMCU_APB1_FZ) >> 3 & 1 != 0
+    }
+
+    /// The core is halted for `cycles`: what DBGMCU's bits say stands still.
+    pub(super) fn stand_still(&self, cycles: u64) {
         let [apb1, apb2] = [DBGMCU_APB1_FZ, DBGMCU_APB2_FZ].map(|offset| self.dbgmcu.get(offset));
         for (register, bit, device) in [
             (apb1, 0, &self.encoder.counter),
@@ -426,7 +436,6 @@ impl Soc {
                 device.stand_still(cycles);
             }
         }
-        apb2 & 1 != 0
     }
 
     /// What gates clocks.

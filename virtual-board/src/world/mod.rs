@@ -7,9 +7,11 @@
 //! Where a program looks at the times of the edges ([`World::with_edge_times`]), the steps are as long as
 //! that lead: each edge comes out a lead after the plant was there, to the cycle.
 
+mod debugger;
 mod defects;
 mod host;
 
+pub use debugger::Halted;
 pub use defects::{CountDefect, Defects, Seen, Swing};
 use host_sim::{
     plant::{AnyPlant, AnyState, Plant as _, Sensing},
@@ -24,7 +26,7 @@ use crate::{
     board::{Board, Powered},
     elf::Elf,
     log,
-    mcu::{self, AfterHalt, Stopped},
+    mcu::{self, Stopped},
 };
 
 /// Steps of the plant per sample.
@@ -325,12 +327,6 @@ impl<'a> World<'a> {
         self.powered.mcu.set_break(self.powered.board.wiring.stop, open);
     }
 
-    /// A debugger halts the core for `cycles`; the world goes on after it.
-    pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
-        self.powered.mcu.halt(cycles, moe);
-        self.moved_to = self.powered.mcu.now();
-    }
-
     /// The reset pin is pulled.
     pub fn reset(&mut self) {
         self.powered.mcu.settle();
@@ -369,8 +365,7 @@ impl<'a> World<'a> {
     /// # Errors
     /// As [`sample`](Self::sample).
     pub fn run_to(&mut self, cycle: u64) -> Result<(), Ended> {
-        let step = self.powered.board.cycles_per_sample() / self.steps;
-        while self.moved_to + step <= cycle {
+        while self.step_end() <= cycle {
             self.step()?;
         }
         Ok(self.powered.mcu.run_until(cycle)?)
@@ -378,9 +373,19 @@ impl<'a> World<'a> {
 
     /// One step of the plant; whether it was the last one of a sample.
     fn step(&mut self) -> Result<bool, Ended> {
-        let from = self.moved_to;
-        let to = from + self.powered.board.cycles_per_sample() / self.steps;
+        let to = self.step_end();
         self.powered.mcu.run_until(to)?;
+        Ok(self.follow(to))
+    }
+
+    /// Where the present step of the plant ends.
+    fn step_end(&self) -> u64 {
+        self.moved_to + self.powered.board.cycles_per_sample() / self.steps
+    }
+
+    /// The plant moves to where the core has come; whether that was the last step of a sample.
+    fn follow(&mut self, to: u64) -> bool {
+        let from = self.moved_to;
         self.powered.mcu.settle_to(to);
         let given = self.powered.amplifier.mean_until(to, from);
         let given = self.defects.given(given, self.powered.amplifier.is_enabled());
@@ -414,12 +419,12 @@ impl<'a> World<'a> {
         self.moved_to = to;
         self.stepped += 1;
         if self.stepped < self.steps {
-            return Ok(false);
+            return false;
         }
         self.stepped = 0;
         self.samples += 1;
         self.align();
-        Ok(true)
+        true
     }
 
     /// Swaps the encoder's channels, so that from here on it counts the other way round, or puts

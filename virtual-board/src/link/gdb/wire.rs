@@ -1,0 +1,70 @@
+//! The bytes to and from gdb.
+
+use std::{
+    io::{self, ErrorKind, Read as _},
+    net::TcpStream,
+    thread,
+};
+
+use gdbstub::conn;
+
+use super::super::serve::{LOOK, PATIENCE};
+
+/// A client of the port. Reading never waits.
+pub(super) struct Wire {
+    stream: TcpStream,
+    out: Vec<u8>,
+    taken: Vec<u8>,
+}
+
+impl Wire {
+    pub(super) fn new(stream: TcpStream) -> Self {
+        Self { stream, out: Vec::new(), taken: Vec::new() }
+    }
+
+    /// The next byte, if it is there.
+    pub(super) fn byte(&mut self) -> io::Result<Option<u8>> {
+        if self.taken.is_empty() {
+            let mut bytes = [0; 4096];
+            match self.stream.read(&mut bytes) {
+                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+                Ok(count) => self.taken.extend(bytes[..count].iter().rev()),
+                Err(error)
+                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(self.taken.pop())
+    }
+}
+
+impl conn::Connection for Wire {
+    type Error = io::Error;
+
+    fn write(&mut self, byte: u8) -> io::Result<()> {
+        self.out.push(byte);
+        Ok(())
+    }
+
+    /// A client that takes nothing for too long is let go.
+    fn flush(&mut self) -> io::Result<()> {
+        let mut looks = 0;
+        while !self.out.is_empty() {
+            match io::Write::write(&mut self.stream, &self.out) {
+                Ok(count) => {
+                    self.out.drain(..count);
+                    looks = 0;
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    if LOOK * looks > PATIENCE {
+                        return Err(ErrorKind::TimedOut.into());
+                    }
+                    looks += 1;
+                    thread::sleep(LOOK);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
