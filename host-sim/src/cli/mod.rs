@@ -152,7 +152,7 @@ impl Command {
             | Self::Trade(_)
             | Self::Identify(_)
             | Self::Prepare(_)
-            | Self::Read(_) => None,
+            | Self::Read(_)
             | Self::Study(_) => None,
         }
     }
