@@ -39,10 +39,10 @@ def changes(text):
     yield "an output for every sample", times(text, "period", 0.1).replace("period = 1.0", "period = 1")
     yield "no latency", times(text, "latency", 0)
     yield "twice the force", times(text, "supply_v" if "supply_v =" in text else "limit_v", 2)
+    plain = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
     if "[amplifier]" in text:
-        yield "no lag of the amplifier", without(text, "amplifier")
+        yield "no lag of the amplifier", without(plain, "amplifier")
     if "[friction]" in text:
-        plain = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
         yield "no friction", without(without(plain, "friction"), "integrator")
 
 

@@ -338,7 +338,13 @@ impl Said<'_> {
         for found in self.found {
             let ideal = found.sweep.ideal.map_or_else(
                 || "no stable wall".to_owned(),
-                |ideal| format!("ideal {} Hz, K up to {} N/m", ideal.cutoff_hz, peak(found)),
+                |ideal| {
+                    format!(
+                        "ideal {} Hz; K up to {} N/m at the cutoff with the most",
+                        ideal.cutoff_hz,
+                        peak(found)
+                    )
+                },
             );
             let estimator = found.part.estimator.text();
             let of = match &found.part.design {

@@ -336,7 +336,7 @@ impl Scene {
     pub fn estimated_note(&self) -> Option<String> {
         let keys = self.estimated_keys().join(", ");
         (!keys.is_empty()).then(|| {
-            format!("estimated, neither measured nor published: {keys}; cargo sim identify measures the device's own")
+            format!("estimated, neither measured nor published: {keys}; cargo sim identify finds mass, damping, stiffness, friction and lag of your own, data sheet and gauge the rest")
         })
     }
 
