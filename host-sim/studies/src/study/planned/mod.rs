@@ -1,8 +1,9 @@
 //! A study of many points: scenes, estimators, changed keys, cutoffs, starts and walls, in units of work.
 //!
-//! Points are numbered, so that a study of a million takes no memory. The order: scenes, estimators, `[[list]]`, the keys
-//! of `[product]` in alphabetical order, cutoffs, starts, B, K; the last runs fastest. A scene with one estimator is a
-//! [`Block`]; a unit is a row of points of one block. `docs/study.md` has the file, [`mod@unit`] what a unit is.
+//! Points are numbered, so that a study of a million takes no memory. The order: scenes, estimators, `[[list]]`,
+//! the keys of `[product]` in alphabetical order, cutoffs, starts, B, K; the last runs fastest. A scene with one
+//! estimator is a [`Block`]; a unit is a row of points of one block. `docs/study.md` has the file, [`mod@unit`]
+//! what a unit is.
 
 mod file;
 pub mod table;
