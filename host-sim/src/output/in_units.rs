@@ -110,10 +110,11 @@ impl Ordered {
             (Self::List(values), factor) => {
                 Self::List(values.into_iter().map(|value| value.told(units, factor)).collect())
             }
-            (Self::Table(Pairs(pairs)), _) => {
+            (Self::Table(Pairs(pairs)), factor) => {
                 let told = |(key, value): (String, Self)| match units.key(&key) {
                     Some((renamed, factor)) => (renamed, value.told(units, Some(factor))),
-                    None => (key, value.told(units, None)),
+                    // The ends of an interval are what the interval is of.
+                    None => (key, value.told(units, factor)),
                 };
                 Self::Table(Pairs(pairs.into_iter().map(told).collect()))
             }

@@ -20,6 +20,7 @@ mod grid;
 #[cfg(unix)]
 mod hostile;
 mod identify_command;
+mod identify_rotary;
 mod levers;
 mod limits;
 mod page;

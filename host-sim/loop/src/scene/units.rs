@@ -63,6 +63,7 @@ const WRITTEN: &[Written] = &[
     ("µm", "mdeg", -1, 1e-3 * DEGREES),
     ("mm", "deg", -1, 1e-3 * DEGREES),
     ("m", "deg", -1, DEGREES),
+    ("N/V", "N m/V", 1, 1.0),
     ("mN", "mN m", 1, 1.0),
     ("N", "N m", 1, 1.0),
 ];
@@ -234,6 +235,7 @@ impl Units {
         let (renamed, factor) = match bare {
             "--stiffness" | "--stiffnesses" => (bare.to_owned(), self.factor(2)),
             "--damping" | "--dampings" => (bare.to_owned(), self.factor(2)),
+            "--gain" => (bare.to_owned(), self.factor(1)),
             bare => self.key(bare)?,
         };
         let number = |text: &str| Some(Self::told(text.parse().ok()?, factor));

@@ -2,9 +2,8 @@
 
 use serde::Serialize;
 
-use crate::{
-    analysis::identify::{CONFIDENCE, Estimate, Found, Identification, Options, Record, Tested},
-    scene::Scene,
+use crate::analysis::identify::{
+    CONFIDENCE, Estimate, Found, Identification, Options, Record, Tested,
 };
 
 /// All of it; docs/files.md has the keys.
@@ -27,7 +26,6 @@ pub(super) struct Json<'a> {
     residual: ResidualJson,
     widening: f64,
     warnings: &'a [String],
-    scene: &'a Scene,
 }
 
 /// A value and its interval; both ends are the value where it was given.
@@ -117,12 +115,7 @@ struct ResidualJson {
 }
 
 impl<'a> Json<'a> {
-    pub(super) fn new(
-        records: &'a [Record],
-        found: &'a Identification,
-        options: &Options,
-        scene: &'a Scene,
-    ) -> Self {
+    pub(super) fn new(records: &'a [Record], found: &'a Identification, options: &Options) -> Self {
         let residual = &found.residual;
         let initial = records.iter().zip(&found.fits).map(|(record, fit)| Initial {
             time_s: record.time_s(fit.first),
@@ -156,7 +149,6 @@ impl<'a> Json<'a> {
             },
             widening: found.widening,
             warnings: &found.warnings,
-            scene,
         }
     }
 }

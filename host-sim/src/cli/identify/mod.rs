@@ -2,6 +2,8 @@
 
 mod json;
 mod plan;
+mod rotary;
+mod told;
 
 use std::{
     f64::consts::TAU,
@@ -10,25 +12,19 @@ use std::{
 };
 
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 
 use self::json::Json;
 use super::Common;
 use crate::{
-    analysis::identify::{
-        self, CONFIDENCE, Estimate, Gain, Identification, Options, OutputScale, Record, Span,
-        Terms, Tested,
-    },
+    analysis::identify::{self, Gain, Identification, Options, OutputScale, Record, Span, Terms},
     error::{Error, printable},
     input,
     numerics::integrator::Integrator,
-    output::{
-        figure::{self, ResponsePlot},
-        files::Outputs,
-        terminal::print_result,
-    },
+    output::{files::Outputs, in_units::InUnits, terminal::print_result},
     range::within,
     scene::{
-        NamedScene, Scene,
+        NamedScene, Scene, Units,
         element::{Amplifier, EncoderError, Friction, Offset},
         ranges,
     },
@@ -45,7 +41,7 @@ const RESOLUTION_M: std::ops::RangeInclusive<f64> = 1e-8..=1e-3;
 /// --added-mass. A record that cannot tell is refused with the reason. docs/identification.md says how to record.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
-    /// Records: CSV with the columns time_s,voltage_v,position_m, a telemetry capture, or the CSV that `telemetry`
+    /// Records: CSV with the columns time_s,voltage_v,position_m (of a rotary base scene position_rad), a telemetry capture, or the CSV that `telemetry`
     /// makes of one. Several records of one device are fitted at once.
     #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
@@ -69,14 +65,14 @@ pub struct IdentifyArgs {
     plan: bool,
     #[command(flatten)]
     terms: TermArgs,
-    /// Where the spring rests without any other force, m: a constant force can then be told from it.
+    /// Where the spring rests without any other force, m, of a rotary base scene rad: a constant force can then be told from it.
     #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "no_spring")]
     rest_position: Option<f64>,
-    /// Travel per cycle of the encoder's signals, m [default: that of the base scene's [encoder_error], else it is
+    /// Travel per cycle of the encoder's signals, m or rad [default: that of the base scene's [encoder_error], else it is
     /// looked for].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     encoder_cycle: Option<f64>,
-    /// Size of a count, m; 0 for a sensor without counts [default: the base scene's].
+    /// Size of a count, m or rad; 0 for a sensor without counts [default: the base scene's].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     resolution: Option<f64>,
     /// Use the records from this time stamp on, s.
@@ -135,7 +131,7 @@ impl TermArgs {
 /// The ways to the force per volt; exactly one of them.
 #[derive(Debug, Args)]
 struct GainArgs {
-    /// Force per volt, N/V.
+    /// Force per volt, N/V, of a rotary base scene N m/V [default there: that of its [rotary]].
     #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
     gain: Option<f64>,
     /// k_t of gain = k_t k_amp / r_c, N m/A.
@@ -170,11 +166,13 @@ struct GainArgs {
 }
 
 impl GainArgs {
-    fn source(&self) -> Result<Gain, Error> {
+    /// Of a rotary base scene it is told in N m/V, and is the scene's own where nothing says it.
+    fn source(&self, base: &Scene) -> Result<Gain, Error> {
         let Self { gain, torque_constant, amplifier_gain, drum_radius, .. } = *self;
         let Self { calibration_mass, calibration_voltage, added_mass, .. } = *self;
         if let Some(gain) = gain {
-            return Ok(Gain::Given(gain));
+            let (_, per_told) = base.units.written("N/V");
+            return Ok(Gain::Given(gain / per_told));
         }
         if let (Some(torque_constant_n_m_per_a), Some(amplifier_a_per_v), Some(drum_radius_m)) =
             (torque_constant, amplifier_gain, drum_radius)
@@ -184,7 +182,9 @@ impl GainArgs {
         if let (Some(mass_kg), Some(voltage_v)) = (calibration_mass, calibration_voltage) {
             return Ok(Gain::Weight { mass_kg, voltage_v });
         }
-        added_mass.map(|mass_kg| Gain::AddedMass { mass_kg }).ok_or_else(|| {
+        let added = added_mass.map(|mass_kg| Gain::AddedMass { mass_kg });
+        let own = base.units.is_rotary().then_some(Gain::Given(base.actuator.gain_n_per_v));
+        added.or(own).ok_or_else(|| {
             Error::Input(
                 "the force per volt is not given, and one record shows mass, damping and stiffness only in terms of it: \
                  give --gain, or --torque-constant, --amplifier-gain and --drum-radius, or --calibration-mass and \
@@ -199,8 +199,9 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     if args.plan {
         return plan::run(args, common);
     }
-    let gain = args.gain.source()?;
     let base = NamedScene::load(&args.base)?;
+    let units = base.scene.units;
+    let gain = args.gain.source(&base.scene)?;
     let inputs = [&args.logs[..], &base.files].concat();
     let mut outputs = Outputs::new(common.force, &inputs);
     let out = outputs.option(common.out.as_ref())?;
@@ -212,22 +213,33 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let records = records?;
     let found = identify::identify(&records, &options).map_err(Error::Input)?;
     let scene = scene(&base.scene, &found, &options, args);
-    let checked = scene.check().map_err(|error| {
-        Error::Input(format!("{}: with the identified device {error}", args.base))
-    });
+    let (made, notes) = match units.is_rotary() {
+        true => {
+            rotary::tables(&base, &scene).map(|(tables, notes)| (Made::Rotary(tables), notes))?
+        }
+        false => (Made::Linear(&scene), vec![]),
+    };
     if let Some(out) = out {
-        checked?;
-        outputs.write(out, scene_text(&scene, &found, &options, &records)?.as_bytes())?;
+        scene.check().map_err(|error| {
+            Error::Input(format!("{}: with the identified device {error}", args.base))
+        })?;
+        let text = scene_text(&made, &notes, &found, &options, &records, units)?;
+        NamedScene::parse("identified".into(), text.clone(), &args.base)?;
+        outputs.write(out, text.as_bytes())?;
     }
     if let Some(file) = file {
-        outputs.write(file, csv(&records[0], &found).as_bytes())?;
+        outputs.write(file, told::csv(&records[0], &found, units).as_bytes())?;
     }
     if let Some(plot) = plot {
-        outputs.draw(plot, &draw(&records[0], &found)?)?;
+        outputs.draw(plot, &told::draw(&records[0], &found, units)?)?;
     }
     outputs.commit()?;
-    let json = Json::new(&records, &found, &options, &scene);
-    print_result(common.json, json, || table(&records, &found, &options))
+    let json =
+        WithScene { rest: InUnits(units, Json::new(&records, &found, &options)), scene: made };
+    print_result(common.json, json, || {
+        let notes = notes.iter().map(|note| format!("\nwarning: {note}"));
+        told::table(&records, &found, &options, units) + &notes.collect::<String>()
+    })
 }
 
 fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Error> {
@@ -235,29 +247,33 @@ fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Er
     options.fit_latency = args.fit_latency;
     options.spring = !args.no_spring;
     options.terms = args.terms.terms();
-    options.rest_position_m = args.rest_position;
-    if let Some(rest_m) = args.rest_position {
-        within("--rest-position", rest_m, ranges::POSITION_M).map_err(Error::Input)?;
+    // What was typed is m, or of a rotary base scene rad.
+    let per_m = scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
+    let length = |option: &str, typed: f64, range: std::ops::RangeInclusive<f64>| {
+        let [low, high] = [range.start(), range.end()].map(|end| end * per_m);
+        within(option, typed, low..=high).map(|()| typed / per_m).map_err(Error::Input)
+    };
+    if let Some(rest) = args.rest_position {
+        options.rest_position_m = Some(length("--rest-position", rest, ranges::POSITION_M)?);
     }
-    if let Some(cycle_m) = args.encoder_cycle {
-        within("--encoder-cycle", cycle_m, CYCLE_M).map_err(Error::Input)?;
-        options.cycle_m = Some(cycle_m);
+    if let Some(cycle) = args.encoder_cycle {
+        options.cycle_m = Some(length("--encoder-cycle", cycle, CYCLE_M)?);
     }
     if let Some(latency) = args.latency {
         within("--latency", latency, ranges::LATENCY).map_err(Error::Input)?;
         options.latency_s = latency / scene.control.rate_hz;
     }
-    if let Some(resolution_m) = args.resolution {
-        if resolution_m != 0.0 {
-            within("--resolution", resolution_m, RESOLUTION_M).map_err(Error::Input)?;
-        }
-        options.resolution_m = resolution_m;
+    if let Some(resolution) = args.resolution {
+        options.resolution_m = match resolution {
+            0.0 => 0.0,
+            typed => length("--resolution", typed, RESOLUTION_M)?,
+        };
     }
     for (option, time_s) in [("--from", args.from), ("--to", args.to)] {
         within(option, time_s.unwrap_or(0.0), -1e9..=1e9).map_err(Error::Input)?;
     }
     // Refuses it before any record is read.
-    options.gain.known_n_per_v().map_err(Error::Input)?;
+    options.gain.known_n_per_v().map_err(|error| Error::Input(scene.units.text(&error)))?;
     Ok(options)
 }
 
@@ -277,6 +293,9 @@ fn read(
     let record = match std::str::from_utf8(&bytes) {
         Ok(text) if text.lines().next().is_some_and(telemetry) => {
             identify::from_capture_csv(&name, text, &scale, span)
+        }
+        Ok(text) if scene.units.is_rotary() => {
+            Record::from_rotary_csv(&name, text, span, scene.units.radius_m())
         }
         Ok(text) => Record::from_csv(&name, text, span),
         Err(_) => identify::from_capture(&name, &bytes, &scale, span),
@@ -339,19 +358,37 @@ fn with_terms(mut scene: Scene, terms: &identify::Found) -> Scene {
     scene
 }
 
+/// The result with the scene that it makes, in the units and keys of that scene's own file.
+#[derive(Serialize)]
+struct WithScene<'a> {
+    #[serde(flatten)]
+    rest: InUnits<Json<'a>>,
+    scene: Made<'a>,
+}
+
+/// The scene that it makes.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Made<'a> {
+    Linear(&'a Scene),
+    Rotary(toml::Table),
+}
+
 fn scene_text(
-    scene: &Scene,
+    made: &Made<'_>,
+    notes: &[String],
     found: &Identification,
     options: &Options,
     records: &[Record],
+    units: Units,
 ) -> Result<String, Error> {
-    let tables = toml::to_string(scene)
+    let tables = toml::to_string(made)
         .map_err(|error| Error::Internal(format!("cannot write the scene: {error}")))?;
     let mut text = format!("# Identified by `cargo sim identify` from {}.\n", of_records(records));
-    for row in rows(found, options) {
+    for row in told::rows(found, options, units) {
         let _ = writeln!(text, "# {}", row.text());
     }
-    for warning in &found.warnings {
+    for warning in found.warnings.iter().chain(notes) {
         let _ = writeln!(text, "# Warning: {warning}.");
     }
     Ok(format!("{text}\n{tables}"))
@@ -361,116 +398,4 @@ fn scene_text(
 fn of_records(records: &[Record]) -> String {
     let names = records.iter().map(|record| printable(&record.name, false));
     names.collect::<Vec<_>>().join(", ")
-}
-
-/// A parameter as a reader sees it.
-struct Row {
-    name: &'static str,
-    unit: &'static str,
-    estimate: Estimate,
-}
-
-impl Row {
-    /// Name, value, and the interval to two digits of its width.
-    fn text(&self) -> String {
-        let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
-        if *half_width == 0.0 {
-            return format!("{name:<14} {value} {unit} (given)");
-        }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-        let decimals = (1.0 - half_width.log10().floor()).clamp(0.0, 12.0) as usize;
-        format!("{name:<14} {value:.decimals$} +- {half_width:.decimals$} {unit}")
-    }
-}
-
-fn rows(found: &Identification, options: &Options) -> Vec<Row> {
-    let row = |name, unit, estimate| Row { name, unit, estimate };
-    let mut rows =
-        vec![row("mass", "kg", found.mass_kg), row("damping", "N s/m", found.damping_n_s_per_m)];
-    if let Some(spring) = &found.spring {
-        rows.push(row("stiffness", "N/m", spring.stiffness_n_per_m));
-        rows.push(row("rest position", "m", spring.rest_position_m));
-    }
-    rows.push(row("gain", "N/V", found.gain_n_per_v));
-    if options.fit_latency {
-        rows.push(row("latency", "s", found.latency_s));
-    }
-    let terms = &found.terms;
-    rows.extend(terms.friction_n.map(|friction| row("friction", "N", friction)));
-    rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
-    rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
-    if let Some(phase) = &terms.phase {
-        rows.push(row("encoder error", "m", phase.first_m));
-        rows.push(row("  per cycle of", "m", phase.cycle_m));
-        rows.push(row("  phase at 0", "rad", phase.phase_rad));
-        rows.extend((phase.second_m.half_width > 0.0).then(|| row("  twice", "m", phase.second_m)));
-    }
-    rows
-}
-
-fn csv(record: &Record, found: &Identification) -> String {
-    let mut text = String::from("time_s,voltage_v,position_m,model_m,residual_m\n");
-    let fit = &found.fits[0];
-    for (index, (model_m, residual_m)) in fit.model_m.iter().zip(&fit.residual_m).enumerate() {
-        let row = fit.first + index;
-        let (volts, position_m) = (record.voltage_v[row], record.position_m[row]);
-        let _ = writeln!(
-            text,
-            "{:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}",
-            record.time_s(row)
-        );
-    }
-    text
-}
-
-fn draw(record: &Record, found: &Identification) -> Result<figure::Figure, Error> {
-    let fit = &found.fits[0];
-    let spring = found.spring.as_ref().map_or("no spring".to_owned(), |spring| {
-        let (k, x0) = (spring.stiffness_n_per_m.value, spring.rest_position_m.value);
-        format!("k = {k:.4} N/m, x0 = {x0:.4} m")
-    });
-    let stem = Path::new(&record.name).file_stem().unwrap_or_default().to_string_lossy();
-    Ok(figure::pulse_response(&ResponsePlot {
-        title: format!("Measured response and identified model, {stem}"),
-        subtitle: format!(
-            "m = {:.4} kg, b = {:.4} N s/m, {spring}; residual {:.2} µm RMS",
-            found.mass_kg.value,
-            found.damping_n_s_per_m.value,
-            found.residual.rms_m * 1e6
-        ),
-        start_s: record.start_s,
-        step_s: record.step_s,
-        voltage_v: record.voltage_v.clone(),
-        measured_m: record.position_m.clone(),
-        first: fit.first,
-        model_m: fit.model_m.clone(),
-        residual_m: fit.residual_m.clone(),
-    })?)
-}
-
-fn table(records: &[Record], found: &Identification, options: &Options) -> String {
-    let count: usize = found.fits.iter().map(|fit| fit.model_m.len()).sum();
-    let percent = CONFIDENCE * 100.0;
-    let mut text = format!("{}: {count} rows, {percent} % intervals", of_records(records));
-    for row in rows(found, options) {
-        let _ = write!(text, "\n  {}", row.text());
-    }
-    for Tested { term, z, p } in &found.terms.tests {
-        let _ =
-            write!(text, "\n  {} told from none: {z:.1} standard errors, p = {p:.1e}", term.name());
-    }
-    let residual = &found.residual;
-    let _ = write!(text, "\nresidual {:.3} um RMS", residual.rms_m * 1e6);
-    let white = if residual.is_white() { "white" } else { "not white" };
-    if let (Some(rms), Some(noise)) = (residual.rms_counts, residual.noise_counts) {
-        let _ = write!(text, " = {rms:.3} counts");
-        if residual.is_white() || residual.is_bound_by_quantisation() {
-            let _ = write!(text, ": quantisation and noise of {noise:.3} counts");
-        }
-    }
-    let _ = write!(text, "; {white} (Ljung-Box p = {:.2e})", residual.whiteness_p);
-    for warning in &found.warnings {
-        let _ = write!(text, "\nwarning: {warning}");
-    }
-    text
 }

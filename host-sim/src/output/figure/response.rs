@@ -2,6 +2,8 @@
 
 use plotters::prelude::*;
 
+use crate::scene::Units;
+
 use super::{
     Figure, FigureError, Page, WIDTH,
     axis::Ticks,
@@ -56,6 +58,8 @@ pub struct ResponsePlot {
     pub model_m: Vec<f64>,
     /// Measured less modelled from there on, m.
     pub residual_m: Vec<f64>,
+    /// What the figure speaks.
+    pub units: Units,
 }
 
 /// Draws the response to a voltage, measured and modelled.
@@ -96,18 +100,23 @@ fn draw(plot: &ResponsePlot, page: &Page) -> Result<(), FigureError> {
     draw_trace(page, &chart, voltage, TEXT.mix(1.0), MODEL_WIDTH)?;
     VOLTAGE.frame(page)?;
 
+    let told = MM_PER_M * plot.units.written("mm").1;
+    let position_title = match plot.units.is_rotary() {
+        true => "Angle [deg]",
+        false => "Position x [mm]",
+    };
     let all = plot.measured_m.iter().chain(&plot.model_m);
-    let [low, high] = range(all.map(|position_m| position_m * MM_PER_M));
+    let [low, high] = range(all.map(|position_m| position_m * told));
     let y = Ticks::around(low, high, MOST_Y_TICKS);
     let mut chart = POSITION.chart(page, times().bare(), y, NO_TITLE_DROP)?;
-    panel::axes(&mut chart, Grid::Horizontal, ["", "Position x [mm]"])?;
+    panel::axes(&mut chart, Grid::Horizontal, ["", position_title])?;
     let scaled = |values: &[f64], first: usize, factor: f64| -> Vec<(f64, f64)> {
         let values = values.iter().enumerate();
         values.map(|(row, value)| (time(first + row), value * factor)).collect()
     };
-    let measured = scaled(&plot.measured_m, 0, MM_PER_M);
+    let measured = scaled(&plot.measured_m, 0, told);
     draw_trace(page, &chart, measured.into_iter(), DATA.mix(MEASURED_OPACITY), MEASURED_WIDTH)?;
-    let model = scaled(&plot.model_m, plot.first, MM_PER_M);
+    let model = scaled(&plot.model_m, plot.first, told);
     draw_trace(page, &chart, model.into_iter(), ACCENT.mix(1.0), MODEL_WIDTH)?;
     POSITION.frame(page)?;
     let lines = [
@@ -119,6 +128,8 @@ fn draw(plot: &ResponsePlot, page: &Page) -> Result<(), FigureError> {
 
     let [low, high] = range(plot.residual_m.iter().copied());
     let (unit, factor) = small_unit([low, high]);
+    let (unit, of_unit) = plot.units.written(unit);
+    let factor = factor * of_unit;
     let y = Ticks::around(low * factor, high * factor, FEW_Y_TICKS);
     let mut chart = RESIDUAL.chart(page, times(), y, X_TITLE_DROP)?;
     panel::axes(&mut chart, Grid::Horizontal, ["Time t [s]", &format!("Residual [{unit}]")])?;
@@ -144,6 +155,7 @@ mod tests {
             first: 10,
             model_m: measured_m[10..].iter().map(|x| x + 1e-6).collect(),
             residual_m: vec![-1e-6; 19_990],
+            units: Units::Linear,
             measured_m,
         }
     }

@@ -65,12 +65,34 @@ impl Record {
     /// # Errors
     /// One line: what is wrong, and where.
     pub fn from_csv(name: &str, text: &str, span: Span) -> Result<Self, String> {
-        let table = Table::new(text, &COLUMNS)?;
-        let rows = table.rows.into_iter().map(|(line, [time_s, voltage_v, position_m])| Row {
+        Self::from_columns(name, text, span, (COLUMNS[2], 1.0))
+    }
+
+    /// The same with the column `position_rad` of a handle at this radius in place of `position_m`.
+    ///
+    /// # Errors
+    /// As [`from_csv`](Self::from_csv).
+    pub fn from_rotary_csv(
+        name: &str,
+        text: &str,
+        span: Span,
+        radius_m: f64,
+    ) -> Result<Self, String> {
+        Self::from_columns(name, text, span, ("position_rad", radius_m))
+    }
+
+    fn from_columns(
+        name: &str,
+        text: &str,
+        span: Span,
+        (position, metres): (&str, f64),
+    ) -> Result<Self, String> {
+        let table = Table::new(text, &[COLUMNS[0], COLUMNS[1], position])?;
+        let rows = table.rows.into_iter().map(|(line, [time_s, voltage_v, position])| Row {
             line,
             time_s,
             voltage_v,
-            position_m,
+            position_m: position * metres,
         });
         let rows: Vec<Row> = rows.filter(|row| span.holds(row.time_s)).collect();
         Self::even(name, &rows, "line")

@@ -1,0 +1,129 @@
+//! The scene of a rotary device with what was identified: its own keys, of which some have other values.
+
+use toml::{Table, Value};
+
+use crate::{
+    error::Error,
+    scene::{NamedScene, Scene, Units},
+};
+
+/// Tables that an identification makes or changes as a whole.
+const ELEMENTS: [&str; 5] = ["friction", "integrator", "amplifier", "offset", "encoder_error"];
+/// Digits of what is written: the twelve of every result.
+const DIGITS: usize = 12;
+
+/// The tables of `base`'s file with the device, the gain, the latency and the elements of `scene`, which is at the
+/// handle; and what a reader has to know.
+///
+/// # Errors
+/// [`Error::Internal`]: `base` was read before.
+pub(super) fn tables(base: &NamedScene, scene: &Scene) -> Result<(Table, Vec<String>), Error> {
+    let internal = |error: String| Error::Internal(format!("cannot write the scene: {error}"));
+    let units = base.scene.units;
+    let mut tables = base.table()?;
+    let mut notes = vec![];
+    let Some(Value::Table(rotary)) = tables.get_mut("rotary") else {
+        return Err(internal("it has no [rotary]".into()));
+    };
+    turn(rotary, units, &base.scene, scene, &mut notes);
+    let mut known = vec!["rotary.handle_inertia_kg_m2", "rotary.damping_n_m_s_per_rad"];
+    if scene.device.stiffness_n_per_m > 0.0 {
+        known.extend(["rotary.stiffness_n_m_per_rad", "rotary.rest_angle_rad"]);
+    }
+    if scene.actuator.latency != base.scene.actuator.latency
+        && let Some(Value::Table(actuator)) = tables.get_mut("actuator")
+    {
+        actuator.insert("latency".into(), number(scene.actuator.latency));
+    }
+    let [before, after] = [&base.scene, scene].map(Table::try_from);
+    let (before, after) = (before, after);
+    let before = before.map_err(|error| internal(error.to_string()))?;
+    let after = after.map_err(|error| internal(error.to_string()))?;
+    let mut estimated = vec![];
+    for name in ELEMENTS {
+        if let Some(Value::Table(element)) = after.get(name)
+            && before.get(name) != after.get(name)
+        {
+            tables.insert(name.into(), told(units, element));
+            estimated.push(format!("{name}."));
+        }
+    }
+    if let Some(Value::Array(keys)) = tables.get_mut("estimated") {
+        keys.retain(|key| {
+            let key = key.as_str().unwrap_or_default();
+            !known.contains(&key) && !estimated.iter().any(|table| key.starts_with(table))
+        });
+        if keys.is_empty() {
+            tables.remove("estimated");
+        }
+    }
+    Ok((tables, notes))
+}
+
+/// The keys of `[rotary]` that say mass, damping, spring, count and gain.
+fn turn(rotary: &mut Table, units: Units, base: &Scene, scene: &Scene, notes: &mut Vec<String>) {
+    let read = |rotary: &Table, key: &str| match rotary.get(key) {
+        Some(Value::Float(value)) => *value,
+        #[expect(clippy::cast_precision_loss, reason = "as serde reads a whole number")]
+        Some(Value::Integer(value)) => *value as f64,
+        _ => 0.0,
+    };
+    let about_axis = |key: &str, at_handle: f64| {
+        units.key(key).map_or(at_handle, |(_, factor)| at_handle * factor)
+    };
+    let ratio = read(rotary, "ratio");
+    let gain = scene.actuator.gain_n_per_v / base.actuator.gain_n_per_v;
+    let mut torque_constant = read(rotary, "torque_constant_n_m_per_a");
+    if (gain - 1.0).abs() > 1e-9 {
+        torque_constant *= gain;
+        rotary.insert("torque_constant_n_m_per_a".into(), number(torque_constant));
+    }
+    let resistance = read(rotary, "resistance_ohm");
+    let back_emf =
+        if resistance > 0.0 { (ratio * torque_constant).powi(2) / resistance } else { 0.0 };
+
+    let inertia = about_axis("mass_kg", scene.device.mass_kg);
+    let of_motor = ratio * ratio * read(rotary, "motor_inertia_kg_m2");
+    let of_handle = inertia - of_motor;
+    if of_handle < 0.0 {
+        rotary.insert("motor_inertia_kg_m2".into(), number(0.0));
+        notes.push(format!(
+            "rotary.motor_inertia_kg_m2 alone makes {of_motor:.3e} kg m^2 at the handle, more than was found: all of it \
+             is written as the handle's"
+        ));
+    }
+    rotary.insert(
+        "handle_inertia_kg_m2".into(),
+        number(if of_handle < 0.0 { inertia } else { of_handle }),
+    );
+    let damping = about_axis("damping_n_s_per_m", scene.device.damping_n_s_per_m);
+    if damping < back_emf {
+        notes.push(format!(
+            "the motor's back-EMF makes {back_emf:.3e} N m s/rad, more than was found: rotary.torque_constant_n_m_per_a \
+             is too large, or resistance_ohm too small"
+        ));
+    }
+    rotary.insert("damping_n_m_s_per_rad".into(), number((damping - back_emf).max(0.0)));
+    let stiffness = about_axis("stiffness_n_per_m", scene.device.stiffness_n_per_m);
+    rotary.insert("stiffness_n_m_per_rad".into(), number(stiffness));
+    let rest = about_axis("rest_position_m", scene.device.rest_position_m);
+    rotary.insert("rest_angle_rad".into(), number(rest));
+    let finer = base.encoder.resolution_m / scene.encoder.resolution_m;
+    if (finer - 1.0).abs() > 1e-9 {
+        let counts = read(rotary, "counts_per_turn") * finer;
+        rotary.insert("counts_per_turn".into(), number(counts));
+    }
+}
+
+/// A table of an element in rad and N m.
+fn told(units: Units, element: &Table) -> Value {
+    let told = element.iter().map(|(key, value)| match (units.key(key), value.as_float()) {
+        (Some((renamed, factor)), Some(value)) => (renamed, number(value * factor)),
+        _ => (key.clone(), value.clone()),
+    });
+    Value::Table(told.collect())
+}
+
+fn number(value: f64) -> Value {
+    Value::Float(format!("{value:.*e}", DIGITS - 1).parse().unwrap_or(value))
+}

@@ -1,0 +1,153 @@
+//! What was identified, as a person reads it: rows, table, CSV, figure.
+
+use std::{fmt::Write as _, path::Path};
+
+use super::of_records;
+use crate::{
+    analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record, Tested},
+    error::Error,
+    output::{
+        figure::{self, ResponsePlot},
+        in_units,
+    },
+    scene::Units,
+};
+
+/// A parameter as a reader sees it.
+pub(super) struct Row {
+    name: &'static str,
+    unit: &'static str,
+    estimate: Estimate,
+}
+
+impl Row {
+    /// Name, value, and the interval to two digits of its width.
+    pub(super) fn text(&self) -> String {
+        let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
+        if *half_width == 0.0 {
+            return format!("{name:<14} {value} {unit} (given)");
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let decimals = (1.0 - half_width.log10().floor()).clamp(0.0, 12.0) as usize;
+        format!("{name:<14} {value:.decimals$} +- {half_width:.decimals$} {unit}")
+    }
+}
+
+pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> Vec<Row> {
+    let row = |name, unit, Estimate { value, half_width, white_half_width }| {
+        let (unit, times) = if unit == "rad" { (unit, 1.0) } else { units.written(unit) };
+        let told = |number| Units::told(number, times);
+        let estimate = Estimate {
+            value: told(value),
+            half_width: told(half_width),
+            white_half_width: told(white_half_width),
+        };
+        Row { name, unit, estimate }
+    };
+    let [mass, rest] = match units.is_rotary() {
+        true => ["inertia", "rest angle"],
+        false => ["mass", "rest position"],
+    };
+    let mut rows =
+        vec![row(mass, "kg", found.mass_kg), row("damping", "N s/m", found.damping_n_s_per_m)];
+    if let Some(spring) = &found.spring {
+        rows.push(row("stiffness", "N/m", spring.stiffness_n_per_m));
+        rows.push(row(rest, "m", spring.rest_position_m));
+    }
+    rows.push(row("gain", "N/V", found.gain_n_per_v));
+    if options.fit_latency {
+        rows.push(row("latency", "s", found.latency_s));
+    }
+    let terms = &found.terms;
+    rows.extend(terms.friction_n.map(|friction| row("friction", "N", friction)));
+    rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
+    rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
+    if let Some(phase) = &terms.phase {
+        rows.push(row("encoder error", "m", phase.first_m));
+        rows.push(row("  per cycle of", "m", phase.cycle_m));
+        rows.push(row("  phase at 0", "rad", phase.phase_rad));
+        rows.extend((phase.second_m.half_width > 0.0).then(|| row("  twice", "m", phase.second_m)));
+    }
+    rows
+}
+
+/// Voltage, measured and modelled position of a record.
+pub(super) fn csv(record: &Record, found: &Identification, units: Units) -> String {
+    let mut text = String::from("time_s,voltage_v,position_m,model_m,residual_m\n");
+    let fit = &found.fits[0];
+    for (index, (model_m, residual_m)) in fit.model_m.iter().zip(&fit.residual_m).enumerate() {
+        let row = fit.first + index;
+        let (volts, position_m) = (record.voltage_v[row], record.position_m[row]);
+        let _ = writeln!(
+            text,
+            "{:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}",
+            record.time_s(row)
+        );
+    }
+    in_units::csv(units, text)
+}
+
+/// Measured against model.
+pub(super) fn draw(
+    record: &Record,
+    found: &Identification,
+    units: Units,
+) -> Result<figure::Figure, Error> {
+    let fit = &found.fits[0];
+    let spring = found.spring.as_ref().map_or("no spring".to_owned(), |spring| {
+        let (k, x0) = (spring.stiffness_n_per_m.value, spring.rest_position_m.value);
+        format!("k = {k:.4} N/m, x0 = {x0:.4} m")
+    });
+    let stem = Path::new(&record.name).file_stem().unwrap_or_default().to_string_lossy();
+    Ok(figure::pulse_response(&ResponsePlot {
+        title: format!("Measured response and identified model, {stem}"),
+        subtitle: units.text(&format!(
+            "m = {:.4} kg, b = {:.4} N s/m, {spring}; residual {:.2} µm RMS",
+            found.mass_kg.value,
+            found.damping_n_s_per_m.value,
+            found.residual.rms_m * 1e6
+        )),
+        start_s: record.start_s,
+        step_s: record.step_s,
+        voltage_v: record.voltage_v.clone(),
+        measured_m: record.position_m.clone(),
+        first: fit.first,
+        model_m: fit.model_m.clone(),
+        residual_m: fit.residual_m.clone(),
+        units,
+    })?)
+}
+
+/// For the terminal.
+pub(super) fn table(
+    records: &[Record],
+    found: &Identification,
+    options: &Options,
+    units: Units,
+) -> String {
+    let count: usize = found.fits.iter().map(|fit| fit.model_m.len()).sum();
+    let percent = CONFIDENCE * 100.0;
+    let mut text = format!("{}: {count} rows, {percent} % intervals", of_records(records));
+    for row in rows(found, options, units) {
+        let _ = write!(text, "\n  {}", row.text());
+    }
+    for Tested { term, z, p } in &found.terms.tests {
+        let _ =
+            write!(text, "\n  {} told from none: {z:.1} standard errors, p = {p:.1e}", term.name());
+    }
+    let residual = &found.residual;
+    let rms = units.text(&format!("{:.3} um RMS", residual.rms_m * 1e6));
+    let _ = write!(text, "\nresidual {rms}");
+    let white = if residual.is_white() { "white" } else { "not white" };
+    if let (Some(rms), Some(noise)) = (residual.rms_counts, residual.noise_counts) {
+        let _ = write!(text, " = {rms:.3} counts");
+        if residual.is_white() || residual.is_bound_by_quantisation() {
+            let _ = write!(text, ": quantisation and noise of {noise:.3} counts");
+        }
+    }
+    let _ = write!(text, "; {white} (Ljung-Box p = {:.2e})", residual.whiteness_p);
+    for warning in &found.warnings {
+        let _ = write!(text, "\nwarning: {warning}");
+    }
+    text
+}
