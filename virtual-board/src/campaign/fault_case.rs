@@ -141,7 +141,7 @@ const FAULT_CASES: [FaultCase; 30] = [
     FaultCase {
         name: "out of range",
         code: 12,
-        all: &[12, 15],
+        all: &[12, 15, 44],
         limit_us: RENDER_US,
         begin: |elf, world| {
             let places = position_words(elf, world)?;
