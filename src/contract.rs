@@ -46,10 +46,6 @@ use crate::{
 /// Samples per second of every board, Hz.
 pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 
-/// Longest time from output to output with force on, us: longer than two of the longest output periods, less than the
-/// 3 ms within which force has to be off.
-pub const OUTPUT_WATCHDOG_US: u32 = 2500;
-
 /// A board: its constants and the types of its parts.
 pub trait Board: Sized {
     /// Name, also the feature that selects it, its scene and `--board`.
@@ -290,7 +286,8 @@ pub trait ReadBack {
     fn finish(&mut self) -> Readings;
 }
 
-/// Enable goes inactive, by hardware alone, when no output has come for [`OUTPUT_WATCHDOG_US`]: the core may stand still,
+/// Enable goes inactive, by hardware alone, when no output has come for
+/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US): the core may stand still,
 /// be locked up, mask its interrupts or do anything else.
 pub trait OutputWatchdog {
     /// An output is out. By `render`, with each, whether force is on or off: so the hardware never acts while

@@ -4,6 +4,10 @@ use core::fmt;
 
 use crate::velocity::EstimatorName;
 
+/// Longest time from output to output with force on, us: longer than two of the longest output periods, less than the
+/// 3 ms within which force has to be off.
+pub const OUTPUT_WATCHDOG_US: u32 = 2500;
+
 /// Samples per output that a board can be set to.
 pub const PERIODS: [u32; 4] = [1, 2, 5, 10];
 

@@ -4,7 +4,7 @@
 
 use core::fmt;
 
-use crate::{contract::OUTPUT_WATCHDOG_US, crc};
+use crate::{crc, period::OUTPUT_WATCHDOG_US};
 
 /// One thing that is tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -189,7 +189,7 @@ slots(
     ("And every {} outputs the samples", const(RATE, "OUTPUTS")),
     ("a difference of more than {} %, either way, is code 24.", lambda: number(100 / lit(RATE, r"PART: u32 = (\d+)"))),
     ("Memory that nothing may touch {} bytes between statics and stack are out of bounds", const("src/board/f4/stack_guard.rs", "BYTES")),
-    ("| TIM8 | counts at 1 MHz up to {};", const("src/contract.rs", "OUTPUT_WATCHDOG_US")),
+    ("| TIM8 | counts at 1 MHz up to {};", const("src/period.rs", "OUTPUT_WATCHDOG_US")),
 )
 slots(
     "docs/faults.md",
@@ -245,7 +245,7 @@ def patience(n):
 
 
 def watchdog_ms():
-    return number(lit("src/contract.rs", r"OUTPUT_WATCHDOG_US: u32 = (\d+)") / 1e3)
+    return number(lit("src/period.rs", r"OUTPUT_WATCHDOG_US: u32 = (\d+)") / 1e3)
 
 
 def halt_ms():

@@ -22,7 +22,8 @@ use stm32f4xx_hal::{
     rcc::{Enable, Rcc, Reset},
 };
 use zwidth::{
-    contract::{self, OUTPUT_WATCHDOG_US, RATE_HZ},
+    contract::{self, RATE_HZ},
+    period::OUTPUT_WATCHDOG_US,
     safety::RateWatch,
 };
 

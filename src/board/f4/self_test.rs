@@ -21,7 +21,8 @@ use core::{
 
 use stm32f4xx_hal::{pac, rcc::Rcc};
 use zwidth::{
-    contract::{self, OUTPUT_WATCHDOG_US},
+    contract,
+    period::OUTPUT_WATCHDOG_US,
     self_test::{Delays, EDGES, Found, Part, checksum},
 };
 

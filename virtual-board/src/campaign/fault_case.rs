@@ -80,7 +80,7 @@ pub const BROWN_OUT_US: f64 = 60.0;
 pub const WATCHDOG_US: f64 = 51_000.0;
 
 /// Without the processor: the output watchdog (contract.rs), and the world's grid.
-pub const OUTPUT_WATCHDOG_US: f64 = zwidth::contract::OUTPUT_WATCHDOG_US as f64 + GRID_US;
+pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
 /// What most of them are.
 pub(super) const PLAIN: FaultCase = FaultCase {
