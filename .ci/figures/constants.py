@@ -289,7 +289,7 @@ slots(
 slots(
     "docs/safety.md",
     ("| the output watchdog | TIM8, DMA2, TIM1 | clears MOE | {} ms after", watchdog_ms),
-    ("all pins are inputs, the pull-down is off | {} to {} ms |", reset_after(0), reset_after(2)),
+    ("all pins are inputs, and the pull-down holds enable low | {} to {} ms |", reset_after(0), reset_after(2)),
     ("manuals). {} ms are longer than two output periods", watchdog_ms),
     ("stop with it: the independent watchdog, {} to {} ms, and contact 2", reset_after(0), reset_after(2)),
 )
