@@ -35,10 +35,9 @@ pub(super) fn tables(base: &NamedScene, scene: &Scene) -> Result<(Table, Vec<Str
     {
         actuator.insert("latency".into(), number(scene.actuator.latency));
     }
-    let [before, after] = [&base.scene, scene].map(Table::try_from);
-    let (before, after) = (before, after);
-    let before = before.map_err(|error| internal(error.to_string()))?;
-    let after = after.map_err(|error| internal(error.to_string()))?;
+    let at_handle =
+        |scene: &Scene| Table::try_from(scene).map_err(|error| internal(error.to_string()));
+    let (before, after) = (at_handle(&base.scene)?, at_handle(scene)?);
     let mut estimated = vec![];
     for name in ELEMENTS {
         if let Some(Value::Table(element)) = after.get(name)
@@ -118,7 +117,9 @@ fn turn(rotary: &mut Table, units: Units, base: &Scene, scene: &Scene, notes: &m
 /// A table of an element in rad and N m.
 fn told(units: Units, element: &Table) -> Value {
     let told = element.iter().map(|(key, value)| match (units.key(key), value.as_float()) {
-        (Some((renamed, factor)), Some(value)) => (renamed, number(value * factor)),
+        (Some((renamed, factor)), Some(value)) => {
+            (renamed, Value::Float(Units::told(value, factor)))
+        }
         _ => (key.clone(), value.clone()),
     });
     Value::Table(told.collect())
