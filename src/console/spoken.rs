@@ -263,7 +263,7 @@ mod tests {
                 let (_, allowed) = allowed.split_once(", allowed ").unwrap();
                 let unit = KINDS.iter().find(|kind| parameter.ends_with(kind.suffix[0])).unwrap();
                 for end in allowed.split(" to ") {
-                    let usage: &str = format!("x {}", unit.typed[0]).leak();
+                    let usage = usages().find(|usage| unit.name(usage).is_some()).unwrap();
                     let at_handle = spoken.at_handle(usage, end.parse().unwrap());
                     assert!(error.range.contains(&at_handle), "{text}: {at_handle}");
                 }
