@@ -91,6 +91,19 @@ mod tests {
             assert_eq!(outputs(period, &each), [false, false]);
         }
     }
+
+    /// Ticks beyond the samples that are still none, from both ends of the clock's range.
+    #[test]
+    fn an_output_period_and_two_samples_are_no_halt_to_the_tick() {
+        let still = |ticks: u16| {
+            let mut watch = HaltWatch::default();
+            watch.found(0, 0, 10);
+            watch.found(40u16.wrapping_add(ticks), 10, 10)
+        };
+        assert!(!still(48) && still(49));
+        assert!(!still(49u16.wrapping_neg()) && still(50u16.wrapping_neg()));
+    }
+
     #[test]
     fn it_keeps_clock_and_sample_of_the_last_output() {
         let mut watch = HaltWatch::default();

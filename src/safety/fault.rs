@@ -225,6 +225,18 @@ mod tests {
     }
 
     #[test]
+    fn five_faults_lose_the_zero_alone_or_among_others() {
+        use Fault as F;
+        let lose =
+            [F::CountJump, F::OutOfRange, F::PushWithoutMotion, F::SignTestFailed, F::Memory];
+        for &fault in Fault::ALL {
+            assert_eq!(fault.loses_zero(), lose.contains(&fault), "{fault}");
+            let among = FaultSet::EMPTY.with(fault).with(F::EmergencyStop);
+            assert_eq!(among.loses_zero(), lose.contains(&fault), "{fault}");
+        }
+    }
+
+    #[test]
     fn sets_keep_each_fault_apart() {
         for &a in Fault::ALL {
             let set = FaultSet::EMPTY.with(a);
@@ -233,7 +245,7 @@ mod tests {
                 assert_eq!(set.contains(b), a == b);
             }
             assert!(set.without(set).is_empty());
-            assert_eq!(set.with_if(a, false), set);
+            assert_eq!((set.with_if(a, false), set.with(a)), (set, set));
         }
         assert_eq!(FaultSet::EMPTY.first(), None);
         assert_eq!(FaultSet::from_bits(1 << 7).first(), None);

@@ -196,6 +196,31 @@ mod tests {
         }
     }
 
+    /// A zero renames the motion: the force goes on from the last one, by what the push moves and no more.
+    #[test]
+    fn a_force_that_is_held_moves_with_the_push_only() {
+        let hard = wall(0, 1e7, 0.0);
+        let at = motion(100, 0);
+        for push in [1 << 29, -(1 << 29)] {
+            let push = Force::saturating_from_bits(push);
+            let mut change = GainFade::new(hard, Force::ZERO);
+            let held = Force::saturating_from_bits(-(1 << 28));
+            let drive = drive(&hard, push, at);
+            let given = change.force((&hard, push), at, &drive, Some(held), SLEW);
+            assert_eq!(given.bits(), held.bits() + SLEW * push.bits().signum());
+        }
+    }
+
+    /// At its surface the old wall gives nothing any more, however much of it still fades.
+    #[test]
+    fn a_wall_that_is_just_left_fades_no_more() {
+        let (hard, soft, other) = (wall(0, 1e9, 0.0), wall(0, 0.0, 0.0), wall(-50, 1e7, 0.0));
+        let mut change = GainFade::new(hard, Force::ZERO);
+        assert!(give(&mut change, (soft, Force::ZERO), motion(100, 0)).bits() < -SLEW);
+        let force = give(&mut change, (other, Force::ZERO), motion(0, 0));
+        assert_eq!(force.bits(), -SLEW);
+    }
+
     /// What is broken acts on no output, and stays broken for the check after it, while the force moves on.
     #[test]
     fn a_broken_one_is_neither_used_nor_mended() {

@@ -167,6 +167,14 @@ mod tests {
         }
     }
 
+    /// For the handlers that know no more than the last record.
+    #[test]
+    fn under_another_name_it_keeps_its_circumstances_and_causes() {
+        let renamed = record().renamed(Fault::Panic);
+        let causes = record().causes.with(Fault::Panic);
+        assert_eq!(renamed, FaultRecord { fault: Fault::Panic, causes, ..record() });
+    }
+
     #[test]
     fn empty_memory_is_no_record() {
         for fill in [0, u32::MAX, 0xAAAA_AAAA] {
@@ -185,6 +193,9 @@ mod tests {
         assert_eq!(code(&none, ResetCause::Watchdog), Some(Fault::WatchdogReset));
         assert_eq!(code(&armed, ResetCause::Pin), Some(Fault::ResetWhileArmed));
         assert_eq!(code(&armed, ResetCause::Watchdog), Some(Fault::WatchdogReset));
+        // Of a reset while armed that the watchdog made only the watchdog is told.
+        let watchdog = FaultRecord::bare(Fault::WatchdogReset);
+        assert_eq!(boot_fault(&armed, ResetCause::Watchdog), Some(watchdog));
         for reset in
             [ResetCause::Power, ResetCause::Pin, ResetCause::Watchdog, ResetCause::Software]
         {

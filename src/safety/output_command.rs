@@ -39,3 +39,17 @@ impl OutputCommand {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_granted_is_what_is_given() {
+        let force = Force::saturating_from_bits(-123_456);
+        let granted = GrantedForce { force, command: OutputCode(777) };
+        assert_eq!((granted.force(), granted.command()), (force, OutputCode(777)));
+        assert_eq!(OutputCommand::On(granted).force(), Some(force));
+        assert_eq!(OutputCommand::Off.force(), None);
+    }
+}

@@ -262,6 +262,8 @@ pub(super) mod tests {
         assert_eq!(plan.sign_quarter, 25);
         assert_eq!(plan.push_renders, 50);
         assert!(plan.sign_force.bits() <= SLEW);
+        let weak = SafetySettings { sign_test_force: 0.02, ..SETTINGS }.build(&DESIGN).unwrap();
+        assert_eq!(weak.sign_force.bits(), Force::FULL_SCALE.bits() / 50);
         assert_eq!((plan.slew, plan.per_ms, plan.stuck), (SLEW, 1, 100));
     }
 
@@ -287,6 +289,23 @@ pub(super) mod tests {
         let quick = SafetySettings { ramp_in_s: 0.02, ..SETTINGS };
         let plan = quick.build(&Design { period: 1, ..DESIGN }).unwrap();
         assert!(plan.ramp_step <= plan.slew.unsigned_abs());
+    }
+
+    /// From one LSB of velocity to one count below the range of it.
+    #[test]
+    fn every_speed_that_can_be_told_apart_can_be_a_limit() {
+        let build = |speed_max_m_per_s, speed_believable_m_per_s| {
+            SafetySettings { speed_max_m_per_s, speed_believable_m_per_s, ..SETTINGS }
+                .build(&DESIGN)
+                .map(|plan| plan.speed)
+        };
+        let count_m_per_s = 0.01;
+        let lsb_m_per_s = count_m_per_s / 65_536.0;
+        assert_eq!(build(1.01 * lsb_m_per_s, 5.0), Ok(1));
+        assert!(build(0.99 * lsb_m_per_s, 5.0).is_err());
+        let highest = f64::from(Velocity::LIMIT - 1) * count_m_per_s;
+        assert!(build(1.0, highest).is_ok());
+        assert!(build(1.0, highest + count_m_per_s).is_err());
     }
 
     #[test]

@@ -82,6 +82,19 @@ mod tests {
     }
 
     #[test]
+    fn two_percent_themselves_are_right_and_a_tick_more_is_wrong() {
+        let due = 64 * 10 * 4;
+        for (extra, wrong) in [(due / 50, false), (due / 50 + 1, true)] {
+            let mut watch = RateWatch::<4>::default();
+            (0..64).for_each(|n| watch.follow(40 + if n == 0 { extra } else { 0 }, 10, false));
+            assert_eq!(watch.is_wrong(), wrong, "{extra}");
+            // A halt says nothing about the rate: what was found stays until the next comparison.
+            watch.follow(5000, 10, true);
+            assert_eq!(watch.is_wrong(), wrong, "{extra}");
+        }
+    }
+
+    #[test]
     fn a_halt_begins_anew_and_a_right_rate_is_right_again() {
         let mut watch = RateWatch::<4>::default();
         let mut run = |outputs: u32, step: u32, halted: Option<u32>| {

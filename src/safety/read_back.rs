@@ -338,5 +338,18 @@ mod tests {
             assert_eq!(error.parameter, name, "{rest} {full}");
         }
         assert!(CurrentSettings { rest: 0.3, full: 0.6 }.build(DAC).unwrap().is_some());
+        let error = CurrentSettings { rest: 0.5, full: 0.5 }.build(DAC).unwrap_err();
+        assert!(*error.range.start() > 0.5, "rising is what people wire: {:?}", error.range);
+    }
+
+    #[test]
+    fn a_mean_at_the_limit_is_none_yet() {
+        let begun = SENSE.build(DAC).unwrap().unwrap();
+        for (over, wrong) in [(0, false), (1, true)] {
+            let error = begun.allowed + over;
+            let mut watch = CurrentWatch { mean: error << CurrentWatch::MEAN_BITS, ..begun };
+            let read = u16::try_from(begun.rest + error).ok();
+            assert_eq!(watch.follow(written(begun.zero, false), read, 10), wrong, "{over}");
+        }
     }
 }

@@ -64,4 +64,12 @@ mod tests {
         }
         assert_eq!(token.number(), (NUMBERS + 1) & 0xFFFF);
     }
+
+    /// Nor does memory that was filled with anything but a token.
+    #[test]
+    fn a_word_of_equal_bits_asks_for_nothing() {
+        for bits in [0, u32::MAX] {
+            assert!(!Token(bits).asks_after(Token::FIRST), "{bits:#x}");
+        }
+    }
 }

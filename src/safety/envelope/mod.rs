@@ -281,6 +281,24 @@ mod tests {
     }
 
     #[test]
+    fn a_cutoff_that_was_rounded_is_the_same() {
+        for (factor, known) in [(1.0 + 5e-10, true), (1.0 - 5e-10, true), (1.0 + 5e-9, false)] {
+            let key = Key { cutoff_hz: KEY.cutoff_hz * factor, ..KEY };
+            assert_eq!(of(&POINTS, &key, 1.0, 10.0).is_ok(), known, "{factor}");
+        }
+    }
+
+    #[test]
+    fn a_refusal_says_what_is_allowed_if_anything_is() {
+        use std::string::ToString;
+        let highest = Outside::Stiffness { lowest: 3000.0, highest: 6000.0 };
+        let said = "beyond the envelope: k at this b is allowed from 3000 to 6000";
+        assert_eq!(highest.to_string(), said);
+        let none = "beyond the envelope: no k is allowed at this b";
+        assert_eq!(Outside::NoStiffness.to_string(), none);
+    }
+
+    #[test]
     fn what_is_no_wall_is_refused() {
         for (k, b) in [(f64::NAN, 1.0), (1.0, f64::NAN), (-1.0, 1.0), (1.0, -1.0)] {
             assert_eq!(allows(k, b), Err(Outside::NotAWall));

@@ -174,6 +174,18 @@ mod tests {
         }
     }
 
+    #[test]
+    fn rounding_goes_inward_to_the_next_f32_and_no_farther() {
+        let ulp = f64::from(f32::EPSILON);
+        assert_eq!((above(1.0), below(1.0)), (1.0, 1.0));
+        for part in [0.1, 0.5, 0.9] {
+            let value = 1.0 + part * ulp;
+            assert_eq!((above(value), below(value)), (1.0 + f32::EPSILON, 1.0), "{part}");
+        }
+        // One f32 is inside: that one, though the upper end lies nearer to the next.
+        assert_eq!(inward(1.0, 1.0 + 0.9 * ulp), (1.0, 1.0));
+    }
+
     /// A row of a rotary device has one stiffness that f32 does not hold.
     #[test]
     fn a_row_of_a_single_stiffness_keeps_it() {

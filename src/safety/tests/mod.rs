@@ -12,7 +12,7 @@ mod faults;
 mod random;
 mod requests;
 
-const GOOD: Inputs = Inputs {
+pub(super) const GOOD: Inputs = Inputs {
     stop_closed: true,
     supply_good: true,
     settings_valid: true,

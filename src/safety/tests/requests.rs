@@ -241,3 +241,26 @@ fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
         assert_eq!(bench.supervisor.may_change(&bench.control, &wall), expected, "{}", counts - at);
     }
 }
+
+/// What each output says of itself, from off to armed, and while a wall changes.
+#[test]
+fn flags_tell_armed_and_changing() {
+    use crate::telemetry::Flags;
+    let flags = |bench: &Bench| {
+        let flags = bench.last.unwrap().record.flags;
+        [Flags::ON, Flags::ARMED, Flags::CHANGING].map(|flag| flags.contains(flag))
+    };
+    let mut bench = Bench::new();
+    bench.run(20);
+    assert_eq!(flags(&bench), [false; 3]);
+    bench.ask(Request::Zero).unwrap();
+    bench.run(20);
+    bench.ask(Request::Arm).unwrap();
+    bench.run(20);
+    assert_eq!(flags(&bench), [true, false, false]);
+    let mut bench = Bench::armed();
+    assert_eq!(flags(&bench), [true, true, false]);
+    bench.push = Force::FULL_SCALE;
+    bench.run(20);
+    assert_eq!(flags(&bench), [true, true, true]);
+}

@@ -52,6 +52,21 @@ fn a_dead_count_is_found_after_50_ms() {
     assert_eq!(fails_at(|_| (out(), false, 7)), Some(50));
 }
 
+/// As far as the heaviest handle is far enough, and a count less is not.
+#[test]
+fn the_way_of_the_heaviest_handle_itself_is_enough() {
+    for (moved, fails) in [(5, false), (4, true)] {
+        let mut plan = plan();
+        (plan.yields, plan.slows) = (0, 0);
+        let at = Watched::at(Position::from_counts(0));
+        let mut watch = StuckEncoder { inward: true, still: at, far: at, speed: 0, way: 0 };
+        watch.far.outputs = plan.push_renders;
+        watch.way = 5 << HEAVIEST_BITS;
+        let place = Position::from_counts(moved);
+        assert_eq!(watch.failed(&plan, Some(above(1)), false, place), fails, "{moved}");
+    }
+}
+
 /// At 10 % and a little the heaviest handle does not move either.
 #[test]
 fn a_flicker_of_two_counts_is_no_motion_and_three_are() {

@@ -2,8 +2,11 @@
 
 use super::*;
 use crate::{
-    Gain,
-    safety::plan::tests::{DESIGN, SETTINGS},
+    Gain, Motion,
+    safety::{
+        plan::tests::{DESIGN, SETTINGS},
+        tests::GOOD,
+    },
     units::Velocity,
     wall::Wall,
 };
@@ -55,6 +58,35 @@ fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     supervisor.down.acknowledged = 1;
     assert!(!supervisor.is_cut(&quiet, &told));
     assert!(supervisor.is_cut(&quiet, &none));
+}
+
+/// What the sampling task found first is the name, not what has the lowest code of all that it found.
+#[test]
+fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
+    let mut supervisor = supervisor();
+    let first = FaultSet::EMPTY.with(Fault::OverSpeed);
+    let causes = first.with(Fault::CountJump);
+    let guard = Guard { events: 1, first, causes, ..Guard::NOTHING };
+    supervisor.look(&SampleReport::BEFORE, &guard, GOOD, false);
+    let record = supervisor.status().fault.unwrap();
+    assert_eq!((record.fault, record.causes), (Fault::OverSpeed, causes));
+}
+
+/// The ends of the travel belong to it.
+#[test]
+fn beyond_travel_is_beyond_its_ends() {
+    for (counts, beyond) in [(200_000, false), (200_001, true), (-100_000, false), (-100_001, true)]
+    {
+        let mut supervisor = supervisor();
+        supervisor.state.set(State::Armed);
+        let position = Position::from_counts(counts);
+        let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
+        let up = SampleReport { motion, present: FaultSet::EMPTY };
+        // The speed is not to be asked: it was here before.
+        supervisor.look(&up, &Guard::NOTHING, GOOD, true);
+        let found = supervisor.status().fault.map(|record| record.fault);
+        assert_eq!(found, beyond.then_some(Fault::BeyondTravel), "{counts}");
+    }
 }
 
 /// A fault that is asked for has the last output's facts.
