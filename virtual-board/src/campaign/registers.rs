@@ -75,7 +75,8 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
-        ("PendSV at the highest priority", 0xE000_ED20, Flip(0x00F0_0000), true),
+        // SysTick with it: as the register is after reset.
+        ("PendSV at the highest priority", 0xE000_ED20, Be(0), true),
         ("stack guard's region", 0xE000_EDA0, Flip(1), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),
         ("ADC2's channel", ADC + 0x134, Flip(1 << 3), true),
