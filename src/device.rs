@@ -11,7 +11,7 @@ use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
     experiment::{
         CalibrationPlan, CalibrationSettings, DutySettings, Gains, HitSequencePlan, Order,
-        PeriodPlan, ReturnSettings, WalkSettings,
+        PeriodPlan, PulseTrainPlan, ReturnSettings, WalkSettings, pulse_train,
     },
     period::{PERIODS, TooSlow, leaves_time},
     range::within,
@@ -20,7 +20,7 @@ use crate::{
         envelope::{Envelope, Key, Outside},
     },
     store::{DeviceKey, Loaded, Name, Signs, Source, Stored},
-    units::Position,
+    units::{Force, Position},
     velocity::{EstimatorName, Sense},
 };
 
@@ -202,10 +202,7 @@ impl Device<'_> {
         let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
         within("start_m", start_m, travel_low_m..=travel_high_m)?;
         let back = ReturnSettings { start_m, force_n, ..self.back }.build(&design)?;
-        // What heats is the current: its part of full scale stays, whatever force a calibration found there.
-        let part = design.full_scale_n / self.design.full_scale_n;
-        let continuous_force_n = self.duty.continuous_force_n * part;
-        let duty = DutySettings { continuous_force_n, ..self.duty };
+        let duty = self.duty_at(&design);
         let longest_s = duty.longest_hit_s(&design);
         let together_s = settle_s + window_s;
         let same = libm::fabs(together_s - longest_s) < 0.5 / design.rate_hz;
@@ -217,6 +214,41 @@ impl Device<'_> {
         let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
         let look = HitSequencePlan::LOOK_MS * design.outputs_per_ms();
         Ok(HitSequencePlan { hit, back, duty, look })
+    }
+
+    /// What heats is the current: its part of full scale stays, whatever force a calibration found there.
+    fn duty_at(&self, design: &Design) -> DutySettings {
+        let part = design.full_scale_n / self.design.full_scale_n;
+        let continuous_force_n = self.duty.continuous_force_n * part;
+        DutySettings { continuous_force_n, ..self.duty }
+    }
+
+    /// A pulse train of that force, without a wall.
+    ///
+    /// # Errors
+    /// Names what is out of range; a wall with a force is.
+    pub fn pulse_train(
+        &self,
+        stored: &Stored,
+        push_n: f64,
+    ) -> Result<PulseTrainPlan, SettingsError> {
+        let wall = &stored.settings.wall;
+        within("stiffness_n_per_m", wall.stiffness_n_per_m, 0.0..=0.0)?;
+        within("damping_n_s_per_m", wall.damping_n_s_per_m, 0.0..=0.0)?;
+        let (design, back) = (self.design(stored)?, self.experiment(stored)?.back);
+        let outputs = |seconds| Ok(design.samples("pulse_s", seconds)? / design.period);
+        let longest = design.samples("pulse_s", pulse_train::LONG_S)?;
+        let mut pulses = [(Force::ZERO, 0); pulse_train::PULSES];
+        let parts = pulse_train::PARTS.into_iter().zip(pulse_train::LENGTHS_S);
+        for (pulse, (part, seconds)) in pulses.iter_mut().zip(parts) {
+            *pulse = (design.force("push_n", part * push_n)?, outputs(seconds)?);
+        }
+        Ok(PulseTrainPlan {
+            pulses,
+            rest: outputs(pulse_train::REST_S)?,
+            back,
+            duty: self.duty_at(&design).build(&design, longest)?,
+        })
     }
 
     /// A calibration at that part of full scale.

@@ -48,6 +48,8 @@ pub enum Command {
     Push(f64),
     /// Run a wall hit.
     Hit,
+    /// Run a pulse train, of that force, N.
+    Pulses(f64),
     /// Walk along the boundary.
     Walk,
     /// End the experiment.
@@ -236,6 +238,7 @@ static TABLE: &[Entry] = {
         ("period", "period SAMPLES", Number(C::Period)),
         ("push", "push NEWTONS", Number(C::Push)),
         ("hit", "hit", Plain(C::Hit)),
+        ("pulses", "pulses NEWTONS", Number(C::Pulses)),
         ("walk", "walk", Plain(C::Walk)),
         ("stop", "stop", Plain(C::Stop)),
         ("unlock", "unlock envelope", Word(&[("envelope", C::UnlockEnvelope)])),

@@ -124,6 +124,10 @@ impl<P: Port> Console<P> {
                 Ok(plan) => self.order(Order::Hit(plan), Awaited::Done("hit")),
                 Err(error) => self.reply(Reply::Range(&error)),
             },
+            Command::Pulses(push_n) => match self.device.pulse_train(&stored, push_n) {
+                Ok(plan) => self.order(Order::Pulses(plan), Awaited::Done("pulses")),
+                Err(error) => self.reply(Reply::Range(&error)),
+            },
             Command::Walk => self.begin_walk(),
             Command::Calibrate(percent) => match self.device.calibration(&stored, percent) {
                 Ok(plan) => self.order(Order::Calibrate(plan), Awaited::Done("calibrate")),

@@ -32,7 +32,7 @@ enum Need {
     Idle,
     /// No experiment but a calibration, which goes on with another force.
     IdleOrCalibration,
-    /// No walk.
+    /// Neither a walk nor a pulse train, which go by K, B and push.
     NoWalk,
     /// No fault.
     NoFault,
@@ -86,7 +86,7 @@ const fn needs(command: &Command) -> &'static [Need] {
         // Flash is programmed 32 bits at a time, for which the chip wants 2.7 V: a detector may call somewhat less
         // good, and then a record may be lost, which its CRC tells.
         Command::Save | Command::SelfTest => &[N::Off, N::Supply],
-        Command::Hit => &[N::NoFault, N::Armed, N::Idle],
+        Command::Hit | Command::Pulses(_) => &[N::NoFault, N::Armed, N::Idle],
         Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],
         Command::Walk => &[N::NoFault, N::Armed, N::Idle, N::Unlocked],
     }
@@ -115,7 +115,10 @@ impl Need {
                 let free = matches!(now.activity, Activity::None | Activity::Calibration);
                 unmet(free, Refusal::Busy)
             }
-            Self::NoWalk => unmet(now.activity != Activity::Walk, Refusal::Busy),
+            Self::NoWalk => {
+                let own = matches!(now.activity, Activity::Walk | Activity::Pulses);
+                unmet(!own, Refusal::Busy)
+            }
             Self::NoFault => (state == State::Fault).then(|| {
                 let fault = status.fault.map_or(Fault::Settings, |record| record.fault);
                 Refusal::Faulted(fault)
@@ -162,7 +165,7 @@ mod tests {
     };
     use std::vec::Vec;
 
-    const COMMANDS: [Command; 38] = [
+    const COMMANDS: [Command; 39] = [
         Command::Help,
         Command::Version,
         Command::Status,
@@ -201,12 +204,19 @@ mod tests {
         Command::Designs,
         Command::Design(Name::of("quiet")),
         Command::SelfTest,
+        Command::Pulses(1.0),
     ];
 
-    /// Every situation: 5 states x 4 activities x 2^7 facts.
+    /// Every situation: 5 states x 5 activities x 2^7 facts.
     fn situations() -> Vec<Situation> {
         let states = [State::Off, State::SignTest, State::RampIn, State::Armed, State::Fault];
-        let activities = [Activity::None, Activity::Hit, Activity::Walk, Activity::Calibration];
+        let activities = [
+            Activity::None,
+            Activity::Hit,
+            Activity::Walk,
+            Activity::Calibration,
+            Activity::Pulses,
+        ];
         let mut all = Vec::new();
         for state in states {
             for activity in activities {
@@ -246,6 +256,10 @@ mod tests {
         for now in situations() {
             assert_eq!(allowed(&command, &now).is_ok(), expected(&now), "{command:?} {now:?}");
         }
+    }
+
+    fn goes_by_settings(now: &Situation) -> bool {
+        matches!(now.activity, Activity::Walk | Activity::Pulses)
     }
 
     fn in_contact(now: &Situation) -> bool {
@@ -293,7 +307,7 @@ mod tests {
         {
             met(command, |now| {
                 !in_contact(now)
-                    && now.activity != Activity::Walk
+                    && !goes_by_settings(now)
                     && !matches!(now.status.state, State::SignTest | State::RampIn)
             });
         }
@@ -305,10 +319,10 @@ mod tests {
     }
 
     #[test]
-    fn gains_push_and_grid_are_free_but_for_a_walk() {
+    fn gains_push_and_grid_are_free_but_for_a_walk_and_pulses() {
         let grid = Command::Grid(GridValue::DampingMax, 1.0);
         for command in [Command::Stiffness(1.0), Command::Damping(1.0), Command::Push(1.0), grid] {
-            met(command, |now| now.activity != Activity::Walk);
+            met(command, |now| !goes_by_settings(now));
         }
         for n in [25, 26, 27, 28] {
             met(COMMANDS[n], |now| now.activity == Activity::None);
@@ -320,6 +334,7 @@ mod tests {
         let ready =
             |now: &Situation| now.status.state == State::Armed && now.activity == Activity::None;
         met(Command::Hit, ready);
+        met(Command::Pulses(1.0), ready);
         met(Command::Walk, |now| ready(now) && now.status.unlocked);
         met(Command::Calibrate(10.0), |now| {
             now.status.state == State::Armed

@@ -4,7 +4,7 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{
-    Duty, DutyPlan, Hit, HitPlan, Return, ReturnPlan, ReturnStep, RunningVariance, Verdict,
+    Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict, approach::Approach,
 };
 use crate::units::{Force, Position};
 
@@ -29,7 +29,7 @@ impl HitSequencePlan {
     pub(crate) const LOOK_MS: u32 = 32;
 }
 
-/// Why a hit sequence ended without a verdict.
+/// Why a hit sequence ended without a verdict, or a pulse train before its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AbortReason {
     /// The force went off.
@@ -53,8 +53,7 @@ impl AbortReason {
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    Cool,
-    Back(Return),
+    Approach(Approach),
     Hit(Hit),
 }
 
@@ -63,8 +62,6 @@ enum Phase {
 pub struct HitSequence {
     plan: HitSequencePlan,
     phase: Phase,
-    /// Outputs spent cooling down.
-    cooled: u32,
     /// Outputs since the last look for an early verdict.
     looked: u32,
     /// The hit began with the last output.
@@ -74,7 +71,8 @@ pub struct HitSequence {
 impl HitSequence {
     /// A hit sequence whose first output is still to come.
     pub fn new(plan: HitSequencePlan) -> Self {
-        Self { plan, phase: Phase::Cool, cooled: 0, looked: 0, fresh: false }
+        let phase = Phase::Approach(Approach::default());
+        Self { plan, phase, looked: 0, fresh: false }
     }
 
     /// The push for this output. `contact`: the handle is inside the wall.
@@ -88,28 +86,13 @@ impl HitSequence {
         duty: &Duty,
     ) -> Result<Force, AbortReason> {
         self.fresh = false;
-        if let Phase::Cool = self.phase {
-            if !duty.is_ready(&self.plan.duty) {
-                self.cooled = self.cooled.saturating_add(1);
-                let patient = self.cooled <= self.plan.duty.patience();
-                return if patient { Ok(Force::ZERO) } else { Err(AbortReason::TooWarm) };
+        if let Phase::Approach(approach) = &mut self.phase {
+            let plans = (&self.plan.back, &self.plan.duty);
+            if let Some(push) = approach.output(plans, (position, contact), duty)? {
+                return Ok(push);
             }
-            self.phase = Phase::Back(Return::new(self.plan.back));
-        }
-        if let Phase::Back(back) = &mut self.phase {
-            match back.output(position, contact) {
-                ReturnStep::Push(force) => return Ok(force),
-                ReturnStep::TooLong => return Err(AbortReason::NotBack),
-                // Whatever warmed the motor on the way, the hit has its reserve.
-                ReturnStep::Arrived if !duty.is_ready(&self.plan.duty) => {
-                    self.phase = Phase::Cool;
-                    return Ok(Force::ZERO);
-                }
-                ReturnStep::Arrived => {
-                    self.phase = Phase::Hit(Hit::new(self.plan.hit));
-                    self.fresh = true;
-                }
-            }
+            self.phase = Phase::Hit(Hit::new(self.plan.hit));
+            self.fresh = true;
         }
         self.looked = self.looked.saturating_add(1);
         Ok(self.plan.hit.push)
@@ -125,7 +108,7 @@ impl HitSequence {
     pub fn sample(&mut self, position: Position, contact: bool) -> Option<Verdict> {
         match &mut self.phase {
             Phase::Hit(hit) => hit.sample(position, contact),
-            Phase::Cool | Phase::Back(_) => None,
+            Phase::Approach(_) => None,
         }
     }
 
@@ -143,7 +126,7 @@ impl HitSequence {
     pub fn scatter(&self) -> RunningVariance {
         match &self.phase {
             Phase::Hit(hit) => *hit.scatter(),
-            Phase::Cool | Phase::Back(_) => RunningVariance::default(),
+            Phase::Approach(_) => RunningVariance::default(),
         }
     }
 }
@@ -186,8 +169,7 @@ mod tests {
                 Err(broken) => return (Err(broken), spent),
             };
             let phase = match sequence.phase {
-                Phase::Cool => 0,
-                Phase::Back(_) => 1,
+                Phase::Approach(approach) => usize::from(!approach.cools()),
                 Phase::Hit(_) => 2,
             };
             spent[phase] += 1;

@@ -2,12 +2,14 @@
 //! time. [`Hit`] and [`Walk`] are the same code on the board and in the simulator; [`HitSequence`] puts
 //! around a hit what only a real handle needs, the return move and a motor that must not overheat.
 
+mod approach;
 mod calibration;
 mod duty;
 mod hit;
 mod hit_sequence;
 mod orders;
 mod promise;
+pub mod pulse_train;
 mod return_move;
 mod rms;
 mod scheduler;
@@ -19,6 +21,7 @@ pub use hit::{Hit, HitPlan, HitSettings, Verdict};
 pub use hit_sequence::{AbortReason, HitSequence, HitSequencePlan};
 pub use orders::{Activity, Event, Gains, Order, PeriodPlan, Report};
 pub use promise::Promise;
+pub use pulse_train::{PulseTrain, PulseTrainPlan};
 pub use return_move::{Return, ReturnPlan, ReturnSettings, ReturnStep};
 pub use rms::{RmsLimit, RunningVariance};
 pub use scheduler::{Sampling, Scheduler};

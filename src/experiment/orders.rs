@@ -2,7 +2,7 @@
 
 use super::{
     AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, Promise,
-    RunningVariance, Verdict,
+    PulseTrainPlan, RunningVariance, Verdict,
 };
 use crate::{
     LoopParameters,
@@ -24,6 +24,8 @@ pub enum Activity {
     Walk,
     /// A force calibration.
     Calibration,
+    /// A pulse train.
+    Pulses,
 }
 
 impl Activity {
@@ -34,6 +36,7 @@ impl Activity {
             Self::Hit => "hit",
             Self::Walk => "walk",
             Self::Calibration => "calibration",
+            Self::Pulses => "pulses",
         }
     }
 }
@@ -62,6 +65,8 @@ pub enum Order {
     Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),
+    /// Run a pulse train.
+    Pulses(PulseTrainPlan),
     /// Hold a constant force, or go on with another one.
     Calibrate(CalibrationPlan),
     /// Turn motor and encoder.
@@ -94,6 +99,8 @@ pub enum Event {
     HitOver(Verdict, RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
+    /// A pulse train is over, or ended before.
+    PulsesOver(Result<(), AbortReason>),
     /// The force of a calibration is complete.
     CalibrationHolds,
     /// A calibration is over.

@@ -47,6 +47,7 @@ fn every_command_is_read() {
         ("load", C::Load),
         ("faults", C::Faults),
         ("clear", C::Clear),
+        ("pulses -1.2", C::Pulses(-1.2)),
         ("calibrate -20", C::Calibrate(-20.0)),
         ("fullscale 5.9", C::FullScale(5.9)),
         ("start 0", C::Start(0.0)),
@@ -63,7 +64,7 @@ fn every_command_is_read() {
     ] {
         assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
     }
-    assert_eq!(usages().count(), if cfg!(feature = "estimators") { 49 } else { 43 });
+    assert_eq!(usages().count(), if cfg!(feature = "estimators") { 50 } else { 44 });
 }
 
 #[test]

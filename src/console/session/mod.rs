@@ -143,6 +143,10 @@ impl<P: Port> Console<P> {
             Event::HitAborted(reason) => {
                 self.write(&format_args!("error: hit: {}", reason.text()));
             }
+            Event::PulsesOver(Ok(())) => self.write(&"ok pulses over"),
+            Event::PulsesOver(Err(reason)) => {
+                self.write(&format_args!("error: pulses: {}", reason.text()));
+            }
             Event::CalibrationHolds => {
                 self.write(&CalibrationHolds(
                     report.record,

@@ -279,6 +279,13 @@ fn experiments_are_started_and_stopped() {
     let hit = DEVICE.hit_sequence(&bench.stored(), false).unwrap();
     assert_eq!(bench.orders("hit"), Order::Hit(hit));
     assert_eq!(bench.answer(Ok(())), ["ok hit"]);
+    let train = DEVICE.pulse_train(&bench.stored(), -1.2).unwrap();
+    assert_eq!(bench.orders("pulses -1.2"), Order::Pulses(train));
+    assert_eq!(bench.answer(Ok(())), ["ok pulses"]);
+    // A wall would act on the pulses.
+    bench.console.stored.settings.wall.stiffness_n_per_m = 2000.0;
+    let said = "error: stiffness_n_per_m is 2000, allowed 0 to 0";
+    assert_eq!(bench.says("pulses 1"), said);
     let calibration = DEVICE.calibration(&DEVICE.defaults(), -20.0).unwrap();
     assert_eq!(bench.orders("calibrate -20"), Order::Calibrate(calibration));
     assert_eq!(bench.answer(Ok(())), ["ok calibrate"]);

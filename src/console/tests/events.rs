@@ -31,6 +31,10 @@ fn a_hit_says_its_verdict_or_why_there_is_none() {
     bench.report(Event::HitAborted(AbortReason::NotBack));
     let said = "error: hit: the handle did not come back to the start in time: is it held?";
     assert_eq!(bench.take().0, [said]);
+    bench.report(Event::PulsesOver(Ok(())));
+    assert_eq!(bench.take().0, ["ok pulses over"]);
+    bench.report(Event::PulsesOver(Err(AbortReason::Off)));
+    assert_eq!(bench.take().0, ["error: pulses: the force went off: see status and faults"]);
 }
 
 #[test]

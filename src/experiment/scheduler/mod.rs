@@ -7,7 +7,7 @@ use core::hint::cold_path;
 
 use super::{
     AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains, HitSequence,
-    Order, PeriodPlan, Report, promise::Host,
+    Order, PeriodPlan, PulseTrain, Report, promise::Host,
 };
 use crate::{
     LoopParameters,
@@ -41,6 +41,7 @@ enum Experiment {
     None,
     Hit(HitSequence),
     Calibration(Calibration),
+    Pulses(PulseTrain),
 }
 
 impl Experiment {
@@ -50,6 +51,7 @@ impl Experiment {
             Self::None => Activity::None,
             Self::Hit(_) => Activity::Hit,
             Self::Calibration(_) => Activity::Calibration,
+            Self::Pulses(_) => Activity::Pulses,
         }
     }
 }
@@ -201,6 +203,14 @@ impl<const N: usize> Scheduler<N> {
                 }
                 Err(end) => Event::CalibrationOver(end),
             },
+            Experiment::Pulses(train) => match train.output(position, contact, &self.duty) {
+                Ok(Some(push)) => {
+                    self.push = push;
+                    return;
+                }
+                Ok(None) => Event::PulsesOver(Ok(())),
+                Err(reason) => Event::PulsesOver(Err(reason)),
+            },
         };
         self.end(over);
     }
@@ -231,6 +241,7 @@ impl<const N: usize> Scheduler<N> {
             Experiment::Calibration(_) if !on => {
                 self.end(Event::CalibrationOver(CalibrationEnd::Off));
             }
+            Experiment::Pulses(_) if !on => self.end(Event::PulsesOver(Err(AbortReason::Off))),
             _ => {}
         }
         let Experiment::Hit(hit) = &mut self.experiment else {
@@ -313,13 +324,17 @@ impl<const N: usize> Scheduler<N> {
                 self.history.keep(keep);
                 Ok(())
             }
-            Order::Hit(_) | Order::Calibrate(_)
+            Order::Hit(_) | Order::Calibrate(_) | Order::Pulses(_)
                 if self.supervisor.status().state != State::Armed =>
             {
                 Err(Refusal::NotArmed)
             }
             Order::Hit(plan) => {
                 self.set(Experiment::Hit(HitSequence::new(plan)));
+                Ok(())
+            }
+            Order::Pulses(plan) => {
+                self.set(Experiment::Pulses(PulseTrain::new(plan)));
                 Ok(())
             }
             Order::Calibrate(plan) => {

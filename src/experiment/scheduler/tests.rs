@@ -186,6 +186,13 @@ impl Bench {
         Order::Hit(DEVICE.hit_sequence(&self.stored, false).unwrap())
     }
 
+    fn pulses(&self) -> Order {
+        let mut stored = self.stored;
+        stored.settings.wall.stiffness_n_per_m = 0.0;
+        stored.settings.wall.damping_n_s_per_m = 0.0;
+        Order::Pulses(DEVICE.pulse_train(&stored, 1.0).unwrap())
+    }
+
     fn activity(&self) -> Activity {
         self.reports.last().unwrap().activity
     }
@@ -211,6 +218,24 @@ fn a_hit_returns_pushes_and_is_judged() {
     // what it pushed with fades, and nothing pushes any more
     bench.run(30);
     assert_eq!(bench.last.force(), Some(Force::ZERO));
+}
+
+#[test]
+#[cfg_attr(miri, ignore = "four returns in closed loop")]
+fn a_pulse_train_pushes_four_times_and_is_over() {
+    let mut bench = Bench::armed();
+    bench.met(bench.pulses());
+    assert_eq!(bench.activity(), Activity::Pulses);
+    let before = bench.reports.len();
+    let (_, event) = bench.event();
+    assert!(matches!(event, Event::PulsesOver(Ok(()))), "{event:?}");
+    assert_eq!(bench.activity(), Activity::None);
+    // The strong ones are told from the way back, which has a lesser force.
+    let Order::Pulses(plan) = bench.pulses() else { panic!() };
+    for (push, outputs) in plan.pulses {
+        let with = bench.reports[before..].iter().filter(|report| report.push == push).count();
+        assert_eq!(with, outputs as usize, "{push:?}");
+    }
 }
 
 #[test]
@@ -241,7 +266,7 @@ fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn experiments_need_the_full_force_and_end_when_it_goes() {
-    for order in [Bench::new().hit(), Bench::calibrate(10.0)] {
+    for order in [Bench::new().hit(), Bench::calibrate(10.0), Bench::new().pulses()] {
         assert_eq!(Bench::new().order(order), Err(Refusal::NotArmed));
         let mut bench = Bench::armed();
         bench.met(order);
@@ -252,7 +277,9 @@ fn experiments_need_the_full_force_and_end_when_it_goes() {
         assert_eq!((report.status.state, report.activity), (State::Fault, Activity::None));
         let off = matches!(
             report.event,
-            Event::HitAborted(AbortReason::Off) | Event::CalibrationOver(CalibrationEnd::Off)
+            Event::HitAborted(AbortReason::Off)
+                | Event::CalibrationOver(CalibrationEnd::Off)
+                | Event::PulsesOver(Err(AbortReason::Off))
         );
         assert!(off, "{:?}", report.event);
         assert_eq!(bench.scheduler.push, Force::ZERO);

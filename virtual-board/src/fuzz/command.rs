@@ -19,7 +19,7 @@ pub enum Form {
 }
 
 /// Every command in the order of `help`: its use.
-pub const COMMANDS: [(&str, Form); 43] = {
+pub const COMMANDS: [(&str, Form); 44] = {
     use Form::{Design, Estimator, Nothing, Number, Words};
     [
         ("help", Nothing),
@@ -41,6 +41,7 @@ pub const COMMANDS: [(&str, Form); 43] = {
         ("period SAMPLES", Number),
         ("push NEWTONS", Number),
         ("hit", Nothing),
+        ("pulses NEWTONS", Number),
         ("walk", Nothing),
         ("stop", Nothing),
         ("unlock envelope", Words(&["envelope"])),

@@ -127,6 +127,9 @@ fn armed(random: &mut Random, mind: &Mind) -> Vec<Action> {
         10 => say("hit"),
         11 => vec![Action::Say(format!("calibrate {}", random.between(-12.0, 12.0)))],
         12 => say("unlock envelope"),
+        13 if random.below(3) == 0 => {
+            vec![Action::Say(format!("k 0\nb 0\npulses {}", random.between(-1.0, 1.0)))]
+        }
         13 => say(random.of(&["walk", "zero", "save", "load", "disarm"])),
         14 => vec![Action::Wait(random.below(500))],
         _ => vec![Action::Say(any(random, mind))],

@@ -111,6 +111,7 @@ impl Mind {
                 (&["ok walk over, ", "error: walk: "], &["walk hit ", "walk boundary "])
             }
             Activity::Calibration => (&["ok calibrate over: "], &["calibrate holds "]),
+            Activity::Pulses => (&["ok pulses over", "error: pulses: "], &[]),
         };
         if starts(over) {
             self.calm();

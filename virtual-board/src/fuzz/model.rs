@@ -38,6 +38,7 @@ pub enum Activity {
     Hit,
     Walk,
     Calibration,
+    Pulses,
 }
 
 /// What a good reply does.
@@ -221,7 +222,7 @@ impl Model {
         let contact = (view.on && view.contact).then_some(CONTACT);
         let on = view.on.then_some(ON);
         let busy = (self.activity != Activity::Idle).then_some(BUSY);
-        let walk = (self.activity == Activity::Walk).then_some(BUSY);
+        let walk = matches!(self.activity, Activity::Walk | Activity::Pulses).then_some(BUSY);
         let other =
             (!matches!(self.activity, Activity::Idle | Activity::Calibration)).then_some(BUSY);
         let not_armed = (!view.armed).then_some(NOT_ARMED);
@@ -233,7 +234,7 @@ impl Model {
             "arm" => return self.may_not_arm(view),
             "clear" => return self.may_not_clear(view),
             "unlock" => return faulted,
-            "hit" => return faulted.or(not_armed.or(busy).map(Into::into)),
+            "hit" | "pulses" => return faulted.or(not_armed.or(busy).map(Into::into)),
             "calibrate" => return faulted.or(not_armed.or(other).or(contact).map(Into::into)),
             "walk" => {
                 let locked =
@@ -328,6 +329,10 @@ impl Model {
             "hit" => match self.settings.hit_range() {
                 Err(error) => return Answer::of_range(&error),
                 Ok(()) => ("hit".into(), Effect::Begin(Activity::Hit)),
+            },
+            "pulses" => match self.settings.pulses_range(number) {
+                Err(error) => return Answer::of_range(&error),
+                Ok(()) => ("pulses".into(), Effect::Begin(Activity::Pulses)),
             },
             "walk" => match self.settings.grid_range().and_then(|()| self.settings.hit_range()) {
                 Err(error) => return Answer::of_range(&error),
@@ -489,6 +494,7 @@ impl Model {
             Activity::Hit => "hit",
             Activity::Walk => "walk",
             Activity::Calibration => "calibration",
+            Activity::Pulses => "pulses",
         };
         let mut text = format!(
             "ok status {state}, fault {}, {activity}, sample {}, position {} counts, velocity {} counts/sample, \

@@ -171,6 +171,14 @@ impl Settings {
         within("start_m", self.start_m, [low, f64::min(self.wall_m, high) - COUNT_M])
     }
 
+    /// What a pulse train of that force needs: no wall.
+    pub fn pulses_range(&self, push_n: f64) -> Result<(), OutOfRange> {
+        within("stiffness_n_per_m", self.k, [0.0, 0.0])?;
+        within("damping_n_s_per_m", self.b, [0.0, 0.0])?;
+        self.experiment_range()?;
+        within("push_n", push_n, [-self.full_scale_n, self.full_scale_n])
+    }
+
     /// What a walk is made of.
     pub fn grid_range(&self) -> Result<(), OutOfRange> {
         let [k, k_step, k_max, b, b_step, b_max] = self.grid;

@@ -15,6 +15,7 @@ use crate::{
 struct Json {
     scene: String,
     start_m: f64,
+    push_n: f64,
     pulses: Vec<JsonPulse>,
     force_rms_n: f64,
     continuous_force_n: f64,
@@ -59,6 +60,7 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let json = Json {
         scene: scene.name.clone(),
         start_m: found.start_m,
+        push_n: found.push_n,
         pulses: pulses.collect(),
         force_rms_n: found.rms_n,
         continuous_force_n: found.continuous_n,
@@ -102,17 +104,8 @@ fn said(units: Units, key: &str, at_handle: f64, decimals: usize) -> String {
 fn console(plan: &Plan, units: Units) -> Vec<String> {
     let mut lines: Vec<String> = ["zero", "k 0", "b 0", "arm", "wait 1"].map(String::from).to_vec();
     lines.push(format!("start {}", said(units, "start_m", plan.start_m, 6)));
-    let mut length_s = 0.0;
-    for one in &plan.pulses {
-        if one.seconds != length_s {
-            length_s = one.seconds;
-            lines.push(format!("settle {}", 0.5 * length_s));
-            lines.push(format!("window {}", 0.5 * length_s));
-        }
-        lines.push(format!("push {}", said(units, "push_n", one.push_n, 4)));
-        lines.push("hit".into());
-        lines.push(format!("wait {}", plan.after_s + 2.0));
-    }
+    lines.push(format!("pulses {}", said(units, "push_n", plan.push_n, 4)));
+    lines.push(format!("wait {:.0}", plan.seconds.ceil()));
     lines.push("disarm".into());
     lines
 }

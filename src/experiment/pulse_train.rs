@@ -1,0 +1,177 @@
+//! A pulse train: four pushes of a handle that no wall touches, from which `identify` finds the device.
+//!
+//! | pulse | push | for |
+//! |---|---|---|
+//! | 1, 2 | the force, and its negative | [`SHORT_S`] |
+//! | 3, 4 | a [`WEAKER`]th of it, and its negative | [`LONG_S`] |
+//!
+//! Each begins at rest at the start, after a return move, and ends with [`REST_S`] without a force, in which the handle
+//! swings freely. Short strong pulses change the force often, which shows the mass and the amplifier's lag; long weak ones
+//! move as fast and farther, which shows damping, spring and friction.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use super::{AbortReason, Duty, DutyPlan, ReturnPlan, approach::Approach};
+use crate::units::{Force, Position};
+
+/// Length of the first two pulses, s.
+pub const SHORT_S: f64 = 0.05;
+/// Length of the last two, s.
+pub const LONG_S: f64 = 0.2;
+/// How many times weaker than the first two they are.
+pub const WEAKER: f64 = 4.0;
+/// How long the handle is left alone after each, s.
+pub const REST_S: f64 = 3.0;
+/// Number of pulses.
+pub const PULSES: usize = 4;
+/// Push of each, as part of the force.
+pub const PARTS: [f64; PULSES] = [1.0, -1.0, 1.0 / WEAKER, -1.0 / WEAKER];
+/// Length of each, s.
+pub const LENGTHS_S: [f64; PULSES] = [SHORT_S, SHORT_S, LONG_S, LONG_S];
+
+/// What a pulse train is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PulseTrainPlan {
+    /// Push of each pulse, and its outputs.
+    pub pulses: [(Force, u32); PULSES],
+    /// Outputs after each.
+    pub rest: u32,
+    /// The return move before each.
+    pub back: ReturnPlan,
+    /// What the motor stands.
+    pub duty: DutyPlan,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    Approach(Approach),
+    /// Outputs of the pulse.
+    Push(u32),
+    /// Outputs since it.
+    Rest(u32),
+}
+
+/// A pulse train in progress.
+#[derive(Clone, Copy, Debug)]
+pub struct PulseTrain {
+    plan: PulseTrainPlan,
+    /// Pulses that are over.
+    over: usize,
+    phase: Phase,
+}
+
+impl PulseTrain {
+    /// A train whose first output is still to come.
+    pub fn new(plan: PulseTrainPlan) -> Self {
+        Self { plan, over: 0, phase: Phase::Approach(Approach::default()) }
+    }
+
+    /// The push for this output; none: all pulses are over. `contact`: the handle is inside the wall, which has no force.
+    ///
+    /// # Errors
+    /// It cannot go on; there is no push any more.
+    pub fn output(
+        &mut self,
+        position: Position,
+        contact: bool,
+        duty: &Duty,
+    ) -> Result<Option<Force>, AbortReason> {
+        let plan = &self.plan;
+        if let Phase::Approach(approach) = &mut self.phase {
+            let way = approach.output((&plan.back, &plan.duty), (position, contact), duty)?;
+            if way.is_some() {
+                return Ok(way);
+            }
+            self.phase = Phase::Push(0);
+        }
+        let Some(&(push, length)) = plan.pulses.get(self.over) else { return Ok(None) };
+        if let Phase::Push(outputs) = &mut self.phase {
+            if *outputs < length {
+                *outputs += 1;
+                return Ok(Some(push));
+            }
+            self.phase = Phase::Rest(0);
+        }
+        if let Phase::Rest(outputs) = &mut self.phase {
+            if *outputs < plan.rest {
+                *outputs += 1;
+                return Ok(Some(Force::ZERO));
+            }
+            self.over += 1;
+            self.phase = Phase::Approach(Approach::default());
+        }
+        Ok(plan.pulses.get(self.over).map(|_| Force::ZERO))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::{
+        DutySettings,
+        return_move::tests::{DESIGN, Handle, SETTINGS as BACK},
+    };
+    use std::vec::Vec;
+
+    fn plan() -> PulseTrainPlan {
+        let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+        let force = |push_n| DESIGN.force("push_n", push_n).unwrap();
+        PulseTrainPlan {
+            pulses: [(force(1.2), 50), (force(-1.2), 50), (force(0.3), 200), (force(-0.3), 200)],
+            rest: 300,
+            back: BACK.build(&DESIGN).unwrap(),
+            duty: duty.build(&DESIGN, 2_000).unwrap(),
+        }
+    }
+
+    /// Four pulses of both signs and both lengths, each from rest at the start, nothing between them but the way back.
+    #[test]
+    #[cfg_attr(miri, ignore = "four returns in closed loop")]
+    fn four_pulses_each_from_rest_at_the_start() {
+        let (plan, mut duty) = (plan(), Duty::default());
+        let mut train = PulseTrain::new(plan);
+        let mut handle = Handle::at(0.01);
+        let mut pulses: Vec<(Force, u32)> = Vec::new();
+        let mut rests = 0;
+        loop {
+            let before = train.phase;
+            let Some(push) = train.output(handle.position(), false, &duty).unwrap() else { break };
+            match train.phase {
+                Phase::Push(1) => {
+                    assert!(matches!(before, Phase::Approach(_)));
+                    assert!(handle.x.abs() < 6e-5 && handle.v.abs() < 5e-3, "{}", handle.x);
+                    pulses.push((push, 1));
+                }
+                Phase::Push(outputs) => {
+                    assert_eq!(push, pulses.last().unwrap().0);
+                    pulses.last_mut().unwrap().1 = outputs;
+                }
+                Phase::Rest(_) => {
+                    assert_eq!(push, Force::ZERO);
+                    rests += 1;
+                }
+                Phase::Approach(_) => {}
+            }
+            duty.add(&plan.duty, push);
+            handle.go(push);
+        }
+        assert_eq!(pulses, plan.pulses);
+        assert_eq!(rests, 4 * plan.rest);
+    }
+
+    #[test]
+    #[cfg_attr(miri, ignore = "a return that takes its time")]
+    fn it_ends_where_the_handle_does_not_come_back_or_the_motor_stays_warm() {
+        let at = Position::from_counts(80_000);
+        let end = |duty: &Duty| {
+            let mut train = PulseTrain::new(plan());
+            (0..1_000_000).find_map(|_| train.output(at, false, duty).err())
+        };
+        assert_eq!(end(&Duty::default()), Some(AbortReason::NotBack));
+        let mut warm = Duty::default();
+        while !warm.is_too_warm(&plan().duty) {
+            warm.add(&plan().duty, Force::FULL_SCALE);
+        }
+        assert_eq!(end(&warm), Some(AbortReason::TooWarm));
+    }
+}
