@@ -152,6 +152,7 @@ impl Supervisor {
             && self.unlocked.is_whole()
             && self.still.is_whole()
             && self.fade.as_ref().is_none_or(GainFade::is_whole)
+            && !(self.fault.is_some() && self.state.is_on())
     }
 
     /// Whether the handle is held on purpose, as in a calibration: a push without motion is then no

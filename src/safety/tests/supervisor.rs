@@ -29,6 +29,12 @@ fn it_is_whole_until_a_copy_differs() {
     let mut broken = supervisor();
     broken.unlocked.spoil(true);
     assert!(!broken.is_whole());
+    // A fault that nobody has latched, though force is on.
+    let mut broken = supervisor();
+    broken.fault = Some(FaultRecord::bare(Fault::OverSpeed));
+    assert!(broken.is_whole());
+    broken.state.set(State::Armed);
+    assert!(!broken.is_whole());
     let mut broken = supervisor();
     let wall = Wall {
         surface: Position::from_counts(100),
