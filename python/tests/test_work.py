@@ -64,7 +64,8 @@ def test_other_threads_run_meanwhile() -> None:
     thread = threading.Thread(target=tick)
     thread.start()
     try:
-        zwidth.sweep(zwidth.Scene.load("paper-2um"), cutoffs=[200], repeat=4, threads=1)
+        # A second of work: were the lock kept, at most the tick before it and the one after it would come.
+        zwidth.sweep(zwidth.Scene.load("paper-2um"), cutoffs=[200], repeat=400, threads=1)
     finally:
         over.set()
         thread.join()
