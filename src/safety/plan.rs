@@ -115,7 +115,6 @@ impl SafetySettings {
         let velocity_lsb = f64::from(1u32 << Velocity::FRACTION_BITS);
         let samples = |seconds: f64| seconds * design.rate_hz;
         let plan = SafetyPlan {
-            period: design.period,
             jump: libm::ceil(believable / metres_per_second) as u32 + 1,
             speed: (speed / metres_per_second * velocity_lsb) as u32,
             travel: [self.travel_low_m, self.travel_high_m]
