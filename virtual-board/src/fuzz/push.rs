@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::model::View;
+use super::{model::View, settings::FULL_SCALE_N};
 
 /// Outputs with force but without motion: nearly 50 ms.
 const STILL: u64 = 45;
@@ -10,8 +10,7 @@ const STILL: u64 = 45;
 const SPAN: usize = 50;
 /// 10 % of full scale.
 const PUSH: i32 = (1 << 30) / 10;
-/// Both boards' scenes: full scale, N, and the heaviest handle, kg and N s/m; counts are of 1 um.
-const FULL_SCALE_N: f64 = 5.906;
+/// Both boards' scenes: the heaviest handle, kg and N s/m; counts are of 1 um.
 const HEAVIEST: [f64; 2] = [8.0, 110.0];
 const COUNT_M: f64 = 1e-6;
 const OUTPUT_S: f64 = 1e-3;

@@ -22,8 +22,8 @@ const ESTIMATORS: [(&str, Option<[f64; 2]>); 5] = [
 const LISTED: &str =
     "butterworth butterworth-prewarped first-order first-order-prewarped difference";
 
-/// Force at full command that the image was built for, N.
-const FULL_SCALE_N: f64 = 5.906;
+/// Force at full command that the image was built for, N: not 5.906 to the last place, so `fullscale 5.906` changes it.
+pub(super) const FULL_SCALE_N: f64 = 0.5906 * 10.0;
 /// Travel, m.
 const TRAVEL_M: [f64; 2] = [-0.04, 0.11];
 /// One count, m.
