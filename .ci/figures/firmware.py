@@ -330,10 +330,11 @@ def identify_terms():
 @block
 def identify_from_board():
     names = ["m", "b", "k"]
-    return table(["board", *[f"{n} off by, relative" for n in names], "latency found, samples", "latency of the scene"], [
-        [board, *[power(value(f"elf/identify_telemetry/{board}/{n}"), 1) for n in names],
-         significant(value(f"elf/identify_telemetry/{board}/latency"), 2), constant(f"scenes/{board}.toml", r"(?m)^latency = (\S+)")]
-        for board in BOARDS])
+    recordings = [("telemetry", "two hits"), ("pulses", "`pulses 1.2`")]
+    return table(["board", "recording", *[f"{n} off by, relative" for n in names], "latency found, samples", "latency of the scene"], [
+        [board, recording, *[power(value(f"elf/identify_{key}/{board}/{n}"), 1) for n in names],
+         significant(value(f"elf/identify_{key}/{board}/latency"), 2), constant(f"scenes/{board}.toml", r"(?m)^latency = (\S+)")]
+        for board in BOARDS for key, recording in recordings])
 
 
 # Faults that are brought about on the release image

@@ -8,7 +8,7 @@ use host_sim::{
     },
     scene::Quantisation,
 };
-use virtual_board::board::Board;
+use virtual_board::{board::Board, world::World};
 
 use crate::{
     figure::figure,
@@ -16,11 +16,43 @@ use crate::{
 };
 
 each_board!(the_device_is_identified_from_the_firmwares_telemetry, ignored: "a recording; CI makes it");
+each_board!(the_device_is_identified_from_the_pulse_train, ignored: "a recording; CI makes it");
 
 /// What the emulator's own timing and the rounding of telemetry may cost.
 const ERROR_MAX: f64 = 2e-3;
 
+/// A hit without a wall in reach is a pulse, of 0.2 s each; the second one begins where the first did.
 fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
+    let found = found_after(board, |world| {
+        for line in ["start 0.035", "settle 0.1", "window 0.1"] {
+            ok(world, line);
+        }
+        for push in ["push 1.2", "push -1.2"] {
+            ok(world, push);
+            ok(world, "hit");
+            let over = world.reply(40_000).unwrap();
+            assert!(over.starts_with("ok hit no contact"), "{over}");
+        }
+        world.run(16_000).unwrap();
+    });
+    for (name, value) in found {
+        figure(&format!("elf/identify_telemetry/{}/{name}", board.name), value);
+    }
+}
+
+fn the_device_is_identified_from_the_pulse_train(board: Board) {
+    let found = found_after(board, |world| {
+        ok(world, "start 0.035");
+        ok(world, "pulses 1.2");
+        assert_eq!(world.reply(400_000).unwrap(), "ok pulses over");
+    });
+    for (name, value) in found {
+        figure(&format!("elf/identify_pulses/{}/{name}", board.name), value);
+    }
+}
+
+/// Latency, samples, and how far mass, damping and stiffness are off, relative, from what `moves` records.
+fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, f64); 4] {
     let firmware = Firmware::of(board);
     let mut scene = firmware.scene.clone();
     scene.output = Some(match board.name {
@@ -34,17 +66,7 @@ fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
     }
     world.run(4_000).unwrap();
     world.telemetry.clear();
-    // A hit without a wall in reach is a pulse, of 0.2 s each; the second one begins where the first did.
-    for line in ["start 0.035", "settle 0.1", "window 0.1"] {
-        ok(&mut world, line);
-    }
-    for push in ["push 1.2", "push -1.2"] {
-        ok(&mut world, push);
-        ok(&mut world, "hit");
-        let over = world.reply(40_000).unwrap();
-        assert!(over.starts_with("ok hit no contact"), "{over}");
-    }
-    world.run(16_000).unwrap();
+    moves(&mut world);
     assert!(ok(&mut world, "status").contains("fault none"));
 
     let bytes = std::mem::take(&mut world.telemetry);
@@ -67,18 +89,20 @@ fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
         found.warnings
     );
     let latency = found.latency_s.value * scene.control.rate_hz;
-    figure(&format!("elf/identify_telemetry/{}/latency", board.name), latency);
     let device = &scene.device;
-    for (name, estimate, truth) in [
+    let errors = [
         ("m", found.mass_kg, device.mass_kg),
         ("b", found.damping_n_s_per_m, device.damping_n_s_per_m),
         ("k", spring.stiffness_n_per_m, device.stiffness_n_per_m),
-    ] {
+    ];
+    let errors = errors.map(|(name, estimate, truth)| {
         let error = estimate.value / truth - 1.0;
         println!("{}: {name} {error:+.1e} relative", board.name);
-        figure(&format!("elf/identify_telemetry/{}/{name}", board.name), error.abs());
         assert!(error.abs() < ERROR_MAX, "{name}: {error}");
-    }
+        (name, error.abs())
+    });
     // The firmware counts from where it was zeroed, which was the rest position.
     assert!(spring.rest_position_m.value.abs() < 20.0 * resolution_m);
+    let [m, b, k] = errors;
+    [("latency", latency), m, b, k]
 }

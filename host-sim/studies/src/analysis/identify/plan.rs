@@ -100,8 +100,7 @@ pub fn plan(scene: &Scene) -> Result<Plan, String> {
     for _ in 0..HALVINGS {
         let pulses: [Pulse; PULSES] =
             std::array::from_fn(|n| pulse(&free, start_m, PARTS[n] * push_n, LENGTHS_S[n]));
-        let moves =
-            |one: &Pulse| one.excursion_m >= FEWEST_COUNTS * scene.encoder.resolution_m;
+        let moves = |one: &Pulse| one.excursion_m >= FEWEST_COUNTS * scene.encoder.resolution_m;
         if pulses.iter().all(fits) {
             if !pulses.iter().any(moves) {
                 break;
@@ -147,9 +146,8 @@ mod tests {
             };
             assert!(found.pulses.iter().all(|one| keeps(one, 1.0)), "{found:?}");
             // and one of them would not with twice the force
-            let twice = found
-                .pulses
-                .map(|one| pulse(&scene, found.start_m, 2.0 * one.push_n, one.seconds));
+            let twice =
+                found.pulses.map(|one| pulse(&scene, found.start_m, 2.0 * one.push_n, one.seconds));
             assert!(!twice.iter().all(|one| keeps(one, 0.99)), "{found:?}");
         }
         let mut tight = NamedScene::load("paper-1um").unwrap().scene;
