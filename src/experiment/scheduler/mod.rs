@@ -36,7 +36,6 @@ pub trait Sampling {
 }
 
 /// The experiment that is going on.
-#[expect(clippy::large_enum_variant, reason = "there is one, in its place, and no heap")]
 enum Experiment {
     None,
     Hit(HitSequence),
