@@ -51,3 +51,39 @@ impl Approach {
         self.back.is_none()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::{
+        DutySettings,
+        return_move::tests::{DESIGN, SETTINGS as BACK},
+    };
+
+    #[test]
+    fn a_motor_that_the_way_back_has_warmed_cools_down_at_the_start_and_stands_there_again() {
+        let back = BACK.build(&DESIGN).unwrap();
+        let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };
+        let stands = duty.build(&DESIGN, 60_000).unwrap();
+        let (cold, mut warm) = (Duty::default(), Duty::default());
+        while warm.is_ready(&stands) {
+            warm.add(&stands, Force::FULL_SCALE);
+        }
+        let mut approach = Approach::default();
+        let mut output = |duty: &Duty| {
+            let push = approach.output((&back, &stands), (Position::from_counts(0), false), duty);
+            (push.unwrap(), approach.cools())
+        };
+        // It has to stand for 20 ms.
+        for _ in 0..19 {
+            assert_eq!(output(&cold), (Some(Force::ZERO), false));
+        }
+        for _ in 0..10 {
+            assert_eq!(output(&warm), (Some(Force::ZERO), true));
+        }
+        for _ in 0..19 {
+            assert_eq!(output(&cold), (Some(Force::ZERO), false));
+        }
+        assert_eq!(output(&cold), (None, false));
+    }
+}

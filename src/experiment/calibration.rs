@@ -217,6 +217,22 @@ mod tests {
     }
 
     #[test]
+    fn travel_is_4_to_2_to_the_20_counts_and_just_as_much_is_no_motion() {
+        for (travel_m, allowed) in [(3e-6, false), (4.5e-6, true), (1.048, true), (1.049, false)] {
+            let plan = CalibrationSettings { travel_m, ..SETTINGS }.build(&DESIGN);
+            assert_eq!(plan.is_ok(), allowed, "{travel_m}");
+        }
+        for side in [-1, 1] {
+            let settings = CalibrationSettings { travel_m: 4.5e-6, ..SETTINGS };
+            let mut calibration = Calibration::new(settings.build(&DESIGN).unwrap());
+            for counts in [0, 4 * side] {
+                assert!(calibration.output(at(counts), false).is_ok());
+            }
+            assert_eq!(calibration.output(at(5 * side), false), Err(CalibrationEnd::Moved));
+        }
+    }
+
+    #[test]
     #[cfg_attr(miri, ignore = "two minutes in steps of 1 ms")]
     fn however_often_the_force_is_changed_it_ends_after_two_minutes() {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();

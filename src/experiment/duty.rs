@@ -234,6 +234,32 @@ mod tests {
     }
 
     #[test]
+    fn exactly_at_a_limit_is_within_it() {
+        let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
+        for more in [0, 1] {
+            assert_eq!(Duty { heat: plan.ready + more }.is_ready(&plan), more == 0);
+            assert_eq!(Duty { heat: plan.limit + more }.is_too_warm(&plan), more == 1);
+        }
+    }
+
+    #[test]
+    fn heat_is_told_in_thousandths() {
+        for (part, per_mille) in [(0.0, 0), (0.0625, 62), (0.5, 500), (1.0, 1000)] {
+            let heat = i64::from(force(part).bits()) << (FRACTION - Force::FRACTION_BITS);
+            assert_eq!(Duty { heat }.per_mille(), per_mille);
+        }
+    }
+
+    #[test]
+    fn the_outputs_to_spare_last_50_ms_or_more() {
+        for (rate_hz, period, outputs) in
+            [(1e4, 10, 50.0), (1e4, 1, 500.0), (1e4, 20, 50.0), (1e4, 3, 200.0), (5e4, 1, 2_500.0)]
+        {
+            assert_eq!(spare_outputs(&Design { rate_hz, period, ..DESIGN }), outputs);
+        }
+    }
+
+    #[test]
     fn a_motor_too_weak_for_one_hit_is_refused_with_the_least_force() {
         let weak = DutySettings { continuous_force_n: 2.0, ..SETTINGS };
         let error = weak.build(&DESIGN, SAMPLES).unwrap_err();

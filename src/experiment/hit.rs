@@ -222,6 +222,17 @@ mod tests {
     }
 
     #[test]
+    fn a_hit_pushes_as_planned_and_counts_the_samples_of_its_window_in_contact() {
+        let mut hit = Hit::new(HitPlan { push: Force::FULL_SCALE, ..PLAN });
+        // four to settle
+        let settle = [(true, 0); 4];
+        for (contact, counted) in settle.into_iter().chain([(true, 1), (false, 1), (true, 2)]) {
+            hit.sample(Position::from_counts(0), contact);
+            assert_eq!((hit.push(), hit.contact_samples()), (Force::FULL_SCALE, counted));
+        }
+    }
+
+    #[test]
     fn a_finished_hit_keeps_its_verdict() {
         let mut hit = Hit::new(PLAN);
         let verdicts = (0..20).map(|_| hit.sample(Position::from_counts(0), true));
@@ -239,5 +250,12 @@ mod tests {
         assert_eq!(late.build(&DESIGN).unwrap_err().parameter, "settle_s");
         let strong = HitSettings { push_n: -6.0, ..hit };
         assert_eq!(strong.build(&DESIGN).unwrap_err().parameter, "push_n");
+        // 0.001 to 65 535 counts of 1 um
+        for (rms_limit_m, allowed) in
+            [(0.9e-9, false), (1.1e-9, true), (0.0655, true), (0.0656, false)]
+        {
+            let built = HitSettings { rms_limit_m, ..hit }.build(&DESIGN);
+            assert_eq!(built.is_ok(), allowed, "{rms_limit_m}");
+        }
     }
 }

@@ -213,6 +213,22 @@ mod tests {
     }
 
     #[test]
+    fn a_look_for_an_early_verdict_comes_once_in_so_many_outputs() {
+        let plan = plan(true);
+        let mut wild = RunningVariance::default();
+        for n in 0..1_000 {
+            wild.push(Position::from_counts(n % 2 * 1_000));
+        }
+        let phase = Phase::Hit(Hit::in_window(plan.hit, 1, wild));
+        let mut sequence = HitSequence { phase, ..HitSequence::new(plan) };
+        for n in 1..=96 {
+            sequence.output(Position::from_counts(0), false, &Duty::default()).unwrap();
+            let expected = (n % 32 == 0).then_some(Verdict::Unstable);
+            assert_eq!(sequence.early_verdict(), expected, "{n}");
+        }
+    }
+
+    #[test]
     #[cfg_attr(miri, ignore = "a motor takes half a minute to warm")]
     fn a_warm_motor_waits_first() {
         let plan = plan(false);

@@ -167,6 +167,14 @@ mod tests {
         assert!(most.must_reach(RmsLimit::from_counts(65_535.0), 1 << 24));
     }
 
+    #[test]
+    fn nothing_is_certain_without_a_position() {
+        for limit in [0, 1, u32::MAX].map(RmsLimit::from_bits) {
+            assert!(!RunningVariance::default().must_reach(limit, 10));
+        }
+        assert!(scatter(&[0, 100]).must_reach(RmsLimit::from_counts(10.0), 10));
+    }
+
     proptest! {
         #[test]
         fn it_agrees_with_floats_and_an_early_verdict_agrees_with_the_late_one(

@@ -411,6 +411,31 @@ mod tests {
         assert_eq!((hits, ended), (2 + 1 + 13, Ended::Closed));
     }
 
+    /// A millionth of a step of 100 is 1e-4.
+    #[test]
+    fn a_cell_may_miss_an_end_of_the_walk_by_a_millionth_of_a_step() {
+        let steps = WalkSettings {
+            stiffness_step_n_per_m: 100.0,
+            damping_step_n_s_per_m: 100.0,
+            damping_max_n_s_per_m: 500.0,
+            ..PLAN
+        };
+        let slack = ROUNDING * 100.0;
+        for (k, allowed) in [
+            (slack, false),
+            (1.5 * slack, true),
+            (PLAN.stiffness_max_n_per_m + 0.5e-4, true),
+            (PLAN.stiffness_max_n_per_m + 1.5e-4, false),
+        ] {
+            let plan = WalkSettings { stiffness_start_n_per_m: k, ..steps };
+            assert_eq!(plan.has_stiffness(Cell::default()), allowed, "{k}");
+        }
+        for (b, allowed) in [(0.0, true), (500.0 + 0.5e-4, true), (500.0 + 1.5e-4, false)] {
+            let plan = WalkSettings { damping_start_n_s_per_m: b, ..steps };
+            assert_eq!(plan.has_damping(Cell::default()), allowed, "{b}");
+        }
+    }
+
     #[test]
     fn a_walk_that_is_over_stays_within_its_caps_and_repeats_its_answer() {
         let mut over = Walk::new(WalkSettings { damping_max_n_s_per_m: 10.0, ..PLAN });
@@ -430,6 +455,12 @@ mod tests {
         let cell = walk.cell();
         for verdict in [Verdict::NoContact, Verdict::Stable] {
             assert_eq!(walk.report(verdict), Err(WalkError::NoContact(cell)));
+        }
+        for (error, text) in [
+            (WalkError::FirstUnstable, "the first point of the walk is unstable"),
+            (WalkError::NoContact(cell), "the push does not bring the handle to the wall"),
+        ] {
+            assert_eq!(std::format!("{error}"), text);
         }
     }
 }

@@ -40,7 +40,7 @@ impl<T> Deref for Doubled<T> {
 #[cfg(test)]
 impl<T: Copy> Doubled<T> {
     /// A bit of the copy has flipped: it is another value.
-    pub(super) fn spoil(&mut self, copy: T) {
+    pub(crate) fn spoil(&mut self, copy: T) {
         self.copy = copy;
     }
 }

@@ -12,9 +12,9 @@ enum Cut {
     After,
 }
 
-/// Flash that programs and erases `UNIT` bytes at once, and loses power after a number of those.
+/// Flash of two sectors that programs and erases `UNIT` bytes at once, and loses power after a number of those.
 #[derive(Clone)]
-struct Mock<const UNIT: usize = 4> {
+struct Mock<const UNIT: usize = 4, const SECTOR: usize = WORDS> {
     words: Vec<u32>,
     left: Option<usize>,
     cut: Cut,
@@ -42,9 +42,9 @@ impl From<NorFlashErrorKind> for Failed {
 /// Three records and a rest that no record fits into.
 const WORDS: usize = 3 * RECORD_WORDS + 8;
 
-impl<const UNIT: usize> Mock<UNIT> {
+impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
     fn new() -> Self {
-        Self { words: vec![BLANK; 2 * WORDS], left: None, cut: Cut::After, used: 0 }
+        Self { words: vec![BLANK; 2 * SECTOR], left: None, cut: Cut::After, used: 0 }
     }
 
     /// Whether the next operation is complete, half done or not done at all.
@@ -79,11 +79,11 @@ impl<const UNIT: usize> Mock<UNIT> {
     }
 }
 
-impl<const UNIT: usize> ErrorType for Mock<UNIT> {
+impl<const UNIT: usize, const SECTOR: usize> ErrorType for Mock<UNIT, SECTOR> {
     type Error = Failed;
 }
 
-impl<const UNIT: usize> ReadNorFlash for Mock<UNIT> {
+impl<const UNIT: usize, const SECTOR: usize> ReadNorFlash for Mock<UNIT, SECTOR> {
     const READ_SIZE: usize = 4;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
@@ -100,9 +100,9 @@ impl<const UNIT: usize> ReadNorFlash for Mock<UNIT> {
     }
 }
 
-impl<const UNIT: usize> NorFlash for Mock<UNIT> {
+impl<const UNIT: usize, const SECTOR: usize> NorFlash for Mock<UNIT, SECTOR> {
     const WRITE_SIZE: usize = UNIT;
-    const ERASE_SIZE: usize = 4 * WORDS;
+    const ERASE_SIZE: usize = 4 * SECTOR;
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
         check_write(self, offset, bytes.len())?;
@@ -214,24 +214,28 @@ fn cut_everywhere<const UNIT: usize>() {
     assert_eq!(cases, 3 * (10 * record + 3 * sector));
 }
 
-/// Four and eight parameters: what a record has no room for stands before it, and counts only with it.
+/// An estimator of one parameter, four or eight.
+#[cfg(feature = "estimators")]
+fn of_many_parameters(n: f64) -> Stored {
+    use crate::velocity::{EstimatorName, VelocitySettings};
+    let mut stored = stored(n);
+    let of = |name: EstimatorName| {
+        (0..8).fold(name.defaults(), |all, place| all.with_parameter(place, n + place as f64))
+    };
+    stored.settings.velocity = match n % 3.0 {
+        0.0 => VelocitySettings::Butterworth { cutoff_hz: n },
+        1.0 => of(EstimatorName::Biquad),
+        _ => of(EstimatorName::Biquad2),
+    };
+    stored
+}
+
+/// What a record has no room for stands before it, and counts only with it.
 #[test]
 #[cfg(feature = "estimators")]
 #[cfg_attr(miri, ignore = "thousands of saves")]
 fn an_estimator_of_many_parameters_comes_back_whole_or_not_at_all() {
-    use crate::velocity::{EstimatorName, VelocitySettings};
-    let with = |n: f64| {
-        let mut stored = stored(n);
-        let of = |name: EstimatorName| {
-            (0..8).fold(name.defaults(), |all, place| all.with_parameter(place, n + place as f64))
-        };
-        stored.settings.velocity = match n % 3.0 {
-            0.0 => VelocitySettings::Butterworth { cutoff_hz: n },
-            1.0 => of(EstimatorName::Biquad),
-            _ => of(EstimatorName::Biquad2),
-        };
-        stored
-    };
+    let with = of_many_parameters;
     for saves in 1..12 {
         let mut before = Mock::<4>::new();
         for n in 1..saves {
@@ -418,4 +422,56 @@ fn flash_that_cannot_be_read_gives_the_defaults() {
     let loaded = load(&mut small, defaults());
     assert_eq!((loaded.stored, loaded.source, loaded.damaged), (defaults(), Source::Defaults, 3));
     assert_eq!(save(&mut small, &stored(1.0)), Err(SaveError::TooSmall));
+}
+
+#[test]
+fn two_sectors_of_one_record_each_are_enough_and_a_word_less_is_too_little() {
+    let mut enough = Mock::<4, RECORD_WORDS>::new();
+    for n in 1..=3 {
+        assert_eq!(save(&mut enough, &stored(f64::from(n))), Ok(Saved::Written));
+        assert_eq!(stiffness(&load(&mut enough, defaults())), f64::from(n));
+    }
+    let mut smaller = Mock::<4, { RECORD_WORDS - 1 }>::new();
+    assert_eq!(save(&mut smaller, &stored(1.0)), Err(SaveError::TooSmall));
+    let mut shorter = Mock::<4>::new();
+    shorter.words.pop();
+    assert_eq!(save(&mut shorter, &stored(1.0)), Err(SaveError::TooSmall));
+}
+
+/// The same for two records that belong together.
+#[test]
+#[cfg(feature = "estimators")]
+fn an_estimator_of_many_parameters_needs_room_for_two_records() {
+    let stored = of_many_parameters(1.0);
+    let mut smaller = Mock::<4, RECORD_WORDS>::new();
+    assert_eq!(save(&mut smaller, &stored), Err(SaveError::TooSmall));
+    let mut enough = Mock::<4, { 2 * RECORD_WORDS }>::new();
+    for n in 1..=3 {
+        let stored = of_many_parameters(f64::from(n));
+        assert_eq!(save(&mut enough, &stored), Ok(Saved::Written));
+        assert_eq!(load(&mut enough, defaults()).stored, stored);
+    }
+}
+
+#[test]
+#[cfg(feature = "estimators")]
+fn further_parameters_of_another_save_are_none() {
+    let stored = of_many_parameters(1.0);
+    for (number, source) in [(7, Source::Newest), (6, Source::Defaults), (8, Source::Defaults)] {
+        let mut flash = Mock::<4>::new();
+        let further = stored.further_to_words(number).unwrap();
+        flash.words[..RECORD_WORDS].copy_from_slice(&further);
+        flash.words[RECORD_WORDS..2 * RECORD_WORDS].copy_from_slice(&stored.to_words(7));
+        assert_eq!(load(&mut flash, defaults()).source, source, "{number}");
+    }
+}
+
+/// No two saves have the same number, but for those after four thousand million.
+#[test]
+fn of_two_sectors_with_the_same_number_the_first_counts() {
+    let mut flash = Mock::<4>::new();
+    for (first, k) in [(0, 1.0), (WORDS, 2.0)] {
+        flash.words[first..][..RECORD_WORDS].copy_from_slice(&stored(k).to_words(7));
+    }
+    assert_eq!(stiffness(&load(&mut flash, defaults())), 1.0);
 }

@@ -6,7 +6,7 @@ use super::*;
 use crate::{
     Motion,
     device::tests::DEVICE,
-    experiment::{Promise, Verdict, return_move::tests::Handle},
+    experiment::{HitPlan, HitSequencePlan, Promise, Verdict, return_move::tests::Handle},
     safety::{Fault, FaultSet, Guard},
     store::Stored,
     units::Velocity,
@@ -314,9 +314,11 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::CalibrationHolds) && (990..1_010).contains(&outputs));
     assert_eq!(bench.scheduler.push.bits(), (1 << 30) / 50);
-    // a held handle is no stuck encoder
+    // a held handle is no stuck encoder; the force goes on from where it is
     bench.met(Bench::calibrate(20.0));
-    bench.run(7_000);
+    bench.run(1);
+    assert!(bench.scheduler.push.bits() > (1 << 30) / 50);
+    bench.run(6_999);
     assert_eq!(bench.status().state, State::Armed);
     assert!(bench.scheduler.push.bits() > (1 << 30) / 8);
     for _ in 0..2 {
@@ -380,6 +382,38 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     assert!(bench.scheduler.is_ready());
 }
 
+/// On the surface is no contact yet, for a hit's first sample, for its others, and for a calibration.
+#[test]
+fn contact_begins_one_count_behind_the_surface() {
+    let Order::Hit(plan) = Bench::new().hit() else { panic!() };
+    let plan = HitSequencePlan { hit: HitPlan { settle: 0, window: 1, ..plan.hit }, ..plan };
+    let Order::Calibrate(push) = Bench::calibrate(2.0) else { panic!() };
+    let on = Bench::armed().last;
+    for (behind, contact) in [(-1, false), (0, false), (1, true)] {
+        for outputs_more in [0, 1] {
+            let mut scheduler = Bench::new().scheduler;
+            let position = scheduler.parameters.wall.surface().wrapping_add(behind);
+            let (mut hit, start) = (HitSequence::new(plan), plan.back.start());
+            while !hit.is_fresh() {
+                hit.output(start, false, &Duty::default()).unwrap();
+            }
+            for _ in 0..outputs_more {
+                hit.output(start, false, &Duty::default()).unwrap();
+            }
+            scheduler.set(Experiment::Hit(hit));
+            scheduler.observe(on, core::iter::once(position));
+            let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
+            let Event::HitOver(judged, _) = scheduler.news else { panic!("{:?}", scheduler.news) };
+            assert_eq!(judged, verdict, "{behind} {outputs_more}");
+        }
+        let mut scheduler = Bench::new().scheduler;
+        scheduler.set(Experiment::Calibration(Calibration::new(push)));
+        scheduler.prepare(scheduler.parameters.wall.surface().wrapping_add(behind));
+        let ended = matches!(scheduler.news, Event::CalibrationOver(CalibrationEnd::Contact));
+        assert_eq!(ended, contact, "{behind}");
+    }
+}
+
 /// A flipped bit makes an experiment of none, or another of one: what is kept beside it differs.
 #[test]
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
@@ -389,4 +423,18 @@ fn an_experiment_that_nobody_began_is_found_after_the_output() {
     assert!(scheduler.is_whole(&sampled));
     scheduler.activity = Activity::Hit;
     assert!(!scheduler.is_whole(&sampled));
+}
+
+#[test]
+fn a_copy_that_differs_is_found_after_the_output() {
+    let spoilers: [fn(&mut Scheduler<8>); 2] = [
+        |scheduler| scheduler.motor_reversed.spoil(true),
+        |scheduler| scheduler.gains.spoil(Gains::Outside),
+    ];
+    for spoil in spoilers {
+        let mut bench = Bench::new();
+        let sampled = bench.scheduler.parameters;
+        spoil(&mut bench.scheduler);
+        assert!(!bench.scheduler.is_whole(&sampled));
+    }
 }

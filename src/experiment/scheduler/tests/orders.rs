@@ -149,6 +149,38 @@ fn the_black_box_is_read_out_oldest_first_beside_the_present_and_released_by_cle
 }
 
 #[test]
+fn the_black_box_keeps_a_fault_until_a_clear_that_is_met() {
+    let mut bench = Bench::new();
+    bench.met(Order::Request(Request::Trip(Fault::HostSilent)));
+    bench.sensed.found = FaultSet::EMPTY.with(Fault::Registers);
+    bench.run(2);
+    assert!(bench.scheduler.history.is_frozen());
+    bench.met(Order::Request(Request::Disarm));
+    let refused = bench.order(Order::Request(Request::Clear));
+    assert_eq!(refused, Err(Refusal::CausePresent(Fault::Registers)));
+    assert!(bench.scheduler.history.is_frozen());
+    bench.sensed.found = FaultSet::EMPTY;
+    bench.run(1);
+    bench.met(Order::Request(Request::Clear));
+    assert!(!bench.scheduler.history.is_frozen());
+}
+
+/// A fault is written, and erased when it is cleared.
+#[test]
+fn what_the_backup_memory_is_to_hold_is_said_once() {
+    let mut bench = Bench::new();
+    for (request, update) in [
+        (Request::Trip(Fault::HostSilent), true),
+        (Request::Stall(false), false),
+        (Request::Clear, true),
+    ] {
+        bench.met(Order::Request(request));
+        assert_eq!(bench.scheduler.take_memory_update().is_some(), update, "{request:?}");
+        assert_eq!(bench.scheduler.take_memory_update(), None);
+    }
+}
+
+#[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn a_clear_does_not_cut_the_black_box_off() {
     let mut bench = Bench::armed();
