@@ -12,8 +12,8 @@ use crate::{
     input, interrupt,
     output::{
         agree::{AgreeReport, SuspectRow, WallRow},
-        files::Outputs,
         in_units::{self, InUnits},
+        table::Kind,
         terminal::print_result,
     },
     scene::NamedScene,
@@ -59,8 +59,8 @@ pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
     let units = scene.scene.units;
     let mut inputs = scene.files.clone();
     inputs.push(args.measured.clone());
-    let mut outputs = Outputs::new(common.force, &inputs);
-    let csv = outputs.option(args.csv.as_ref())?;
+    let mut outputs = common.outputs(&inputs)?;
+    let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let name = args.measured.display().to_string();
     let text = input::read_text(&args.measured, input::RECORD)?;

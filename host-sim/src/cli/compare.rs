@@ -147,7 +147,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = Outputs::new(common.force, &scene.files);
+    let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) = compare(

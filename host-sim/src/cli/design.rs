@@ -17,7 +17,7 @@ use crate::{
     interrupt,
     output::{
         design::{ConditionRow, Designs, FilterRow, best_scene},
-        files::{MANIFEST, Outputs, json as json_bytes},
+        files::{MANIFEST, json as json_bytes},
         in_units::{self, InUnits},
         manifest::Manifest,
         terminal::print_result,
@@ -141,7 +141,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
     };
     let default = || PathBuf::from("zwidth-out").join(&named.name).join("design");
     let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = Outputs::new(common.force, &named.files);
+    let mut outputs = common.outputs(&named.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let (engine, units) = (Engine::from(common.engine), named.scene.units);
     let walks = u64::from(budget) * 2 * question.conditions.len() as u64;

@@ -16,7 +16,7 @@ use crate::{
     interrupt,
     output::{
         explain::{ExplainReport, Row},
-        files::{MANIFEST, Outputs, json as json_bytes},
+        files::{MANIFEST, json as json_bytes},
         in_units::{self, InUnits},
         manifest::Manifest,
         report::{self, ReportFigure},
@@ -92,7 +92,7 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("explain");
     let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = Outputs::new(common.force, &scene.files);
+    let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&scene.scene, budget));

@@ -21,8 +21,8 @@ use crate::{
     interrupt,
     output::{
         SCHEMA_VERSION,
-        files::Outputs,
         in_units::{self, Columns, InUnits},
+        table::Kind,
         terminal::print_result,
     },
     scene::NamedScene,
@@ -87,8 +87,8 @@ const OUT_OF_RANGE: &str = "out_of_range";
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let Grid { scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
     let prepared = prepare(&scene)?;
-    let mut outputs = Outputs::new(common.force, &scene.files);
-    let csv = outputs.option(args.csv.as_ref())?;
+    let mut outputs = common.outputs(&scene.files)?;
+    let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     if let Some(draws) = args.draws.of(&scene)? {
         let table = probable(&draws, &scene, &walls, common)?;
         let units = scene.scene.units;

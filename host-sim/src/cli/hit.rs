@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    output::{files::Outputs, in_units, terminal::print_result, trace},
+    output::{in_units, table::Kind, terminal::print_result, trace},
     scene::NamedScene,
     simulation::{
         prepared::{HitReport, WallHit},
@@ -26,10 +26,10 @@ pub struct HitArgs {
     #[command(flatten)]
     at: AtCutoff,
     /// Stiffness of the wall, N/m; of a rotary scene N m/rad.
-    #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", allow_negative_numbers = true)]
     stiffness: f64,
     /// Damping of the wall, N s/m; of a rotary scene N m s/rad.
-    #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
+    #[arg(long, value_name = "B", allow_negative_numbers = true)]
     damping: f64,
     /// Write every sample as CSV.
     #[arg(long, value_name = "FILE")]
@@ -64,8 +64,9 @@ struct Json<'a> {
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let (scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
     let units = scene.scene.units;
-    let mut outputs = Outputs::new(common.force, &scene.files);
-    let csv = outputs.option(args.trace.as_ref())?;
+    let kind = Kind::Moments { rate_hz: scene.scene.control.rate_hz };
+    let mut outputs = common.outputs(&scene.files)?;
+    let csv = outputs.table(args.trace.as_ref(), kind, Some(&scene))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let prepared = prepare(&scene)?.with_felt();
     let numeric = common.numeric;

@@ -19,8 +19,8 @@ use crate::{
     interrupt,
     output::{
         figure::{self, Curve, ZwidthPlot},
-        files::Outputs,
         in_units::{self, InUnits},
+        table::Kind,
         terminal::print_result,
     },
     scene::{self, NamedScene, Units},
@@ -130,8 +130,8 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         )));
     }
     let units = scene.scene.units;
-    let mut outputs = Outputs::new(common.force, &scene.files);
-    let file = outputs.option(args.csv.as_ref())?;
+    let mut outputs = common.outputs(&scene.files)?;
+    let file = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let prepared = args.simulated.then(|| prepare(&scene)).transpose()?;
     let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz

@@ -32,7 +32,11 @@ use clap::{
 };
 
 use crate::{
-    engine::Engine, error::Error, output::terminal, simulation::prepared::Numeric, study::list,
+    engine::Engine,
+    error::Error,
+    output::{files::Outputs, terminal},
+    simulation::prepared::Numeric,
+    study::list,
 };
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
@@ -92,6 +96,18 @@ struct Common {
     /// Replace results that are there already.
     #[arg(long, global = true)]
     force: bool,
+    /// Each table of a result folder as Parquet as well; a file of its own has the format that its ending says, .csv or
+    /// .parquet (feature open-files: `cargo sim-files`).
+    #[arg(long, global = true)]
+    parquet: bool,
+}
+
+impl Common {
+    /// The files that a command is to write; `inputs` are not replaced.
+    fn outputs(&self, inputs: &[PathBuf]) -> Result<Outputs, Error> {
+        let outputs = Outputs::new(self.force, inputs);
+        if self.parquet { outputs.with_parquet() } else { Ok(outputs) }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -166,6 +182,11 @@ pub fn run() -> u8 {
 fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
     if let (Some(_), Some([command, options])) = (&common.out, command.named_outputs()) {
         return Err(Error::Input(format!("--out is not of {command}, whose files are {options}")));
+    }
+    if let (true, Some([command, options])) = (common.parquet, command.named_outputs()) {
+        return Err(Error::Input(format!(
+            "--parquet is not of {command}, whose files are {options}: end their names in .parquet"
+        )));
     }
     let threads = usize::from(common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
     let pool = rayon::ThreadPoolBuilder::new()

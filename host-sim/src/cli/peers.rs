@@ -16,7 +16,7 @@ use crate::{
     error::Error,
     interrupt,
     output::{
-        files::{MANIFEST, Outputs, json as json_bytes},
+        files::{MANIFEST, json as json_bytes},
         in_units::{self, InUnits},
         manifest::Manifest,
         peers::{PeerArea, Peers},
@@ -83,7 +83,7 @@ pub fn run(
     let question = PeerQuestion { loops: loops(scene)?, limits, own_hz, walk, repeats };
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("peers");
     let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = Outputs::new(common.force, &scene.files);
+    let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let engine = Engine::from(common.engine);
     let steps = match args.steps {

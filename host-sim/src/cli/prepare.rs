@@ -15,7 +15,7 @@ use crate::{
     engine::Engine,
     error::Error,
     interrupt,
-    output::{files::Outputs, in_units::InUnits, terminal::print_result},
+    output::{in_units::InUnits, terminal::print_result},
     scene::{
         BoardTable, NamedScene, Scene,
         record::{Prepared, board_facts, words},
@@ -104,7 +104,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
         scene = starter(scene, args.scene.is_none(), &board);
     }
     let file = common.out.clone().unwrap_or_else(|| beside(&scene));
-    let mut outputs = Outputs::new(common.force, &scene.files);
+    let mut outputs = common.outputs(&scene.files)?;
     let place = outputs.file(&file)?;
     let parts = if args.starter { vec![] } else { Part::all(&scene.scene)? };
     let first = first_settings(&scene.scene)?;

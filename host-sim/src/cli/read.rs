@@ -9,7 +9,7 @@ use super::Common;
 use crate::{
     error::Error,
     input,
-    output::{files::Outputs, terminal::print_result},
+    output::terminal::print_result,
     scene::{
         NamedScene, read_back,
         record::{load, words},
@@ -72,7 +72,7 @@ pub fn run(args: &ReadArgs, common: &Common) -> Result<(), Error> {
     let board = device.board.text();
     let base = NamedScene::load(args.base.as_deref().unwrap_or(board))?;
     inputs.extend(base.files.iter().cloned());
-    let mut outputs = Outputs::new(common.force, &inputs);
+    let mut outputs = common.outputs(&inputs)?;
     let place = outputs.option(common.out.as_ref())?;
     let scene = base
         .scene

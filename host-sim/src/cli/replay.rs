@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use zwidth::{Settings, WallSettings, velocity::EstimatorName};
+use zwidth::{Settings, WallSettings, contract::RATE_HZ, velocity::EstimatorName};
 
 use super::Common;
 use crate::{
@@ -12,8 +12,8 @@ use crate::{
     error::Error,
     input,
     output::{
-        files::Outputs,
         in_units::{self, InUnits},
+        table::Kind,
         telemetry::replay_figure,
         terminal::print_result,
     },
@@ -60,8 +60,12 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
     let mut inputs = vec![args.capture.clone()];
     inputs.extend(scene.files.iter().cloned());
-    let mut outputs = Outputs::new(common.force, &inputs);
-    let csv = outputs.option(args.csv.as_ref())?;
+    let mut outputs = common.outputs(&inputs)?;
+    let csv = outputs.table(
+        args.csv.as_ref(),
+        Kind::Moments { rate_hz: f64::from(RATE_HZ) },
+        Some(&scene),
+    )?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let scene = &scene.scene;
     let mut velocity = scene.velocity.settings(args.cutoff);

@@ -191,7 +191,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
     let many = scenes.len() > 1;
     let mut jobs = vec![];
     let inputs: Vec<PathBuf> = scenes.iter().flat_map(|scene| scene.files.clone()).collect();
-    let mut outputs = Outputs::new(common.force, &inputs);
+    let mut outputs = common.outputs(&inputs)?;
     for scene in scenes {
         let asked = args.cutoffs.as_ref().map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
         let cutoffs_hz = ascending(asked);

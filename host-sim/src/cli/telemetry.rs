@@ -4,13 +4,14 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use serde::Serialize;
+use zwidth::contract::RATE_HZ;
 
 use super::Common;
 use crate::{
     analysis::{recompute::Recomputed, telemetry::Capture},
     error::Error,
     input,
-    output::{files::Outputs, telemetry::telemetry_figure, terminal::print_result},
+    output::{table::Kind, telemetry::telemetry_figure, terminal::print_result},
     scene::NamedScene,
 };
 
@@ -104,9 +105,10 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
     let scene = args.scene.as_ref().map(|scene| NamedScene::load(scene)).transpose()?;
     let mut inputs = vec![args.capture.clone()];
     inputs.extend(scene.iter().flat_map(|scene| scene.files.iter().cloned()));
-    let mut outputs = Outputs::new(common.force, &inputs);
-    let csv = outputs.option(args.csv.as_ref())?;
-    let samples = outputs.option(args.samples.as_ref())?;
+    let kind = Kind::Moments { rate_hz: f64::from(RATE_HZ) };
+    let mut outputs = common.outputs(&inputs)?;
+    let csv = outputs.table(args.csv.as_ref(), kind, scene.as_ref())?;
+    let samples = outputs.table(args.samples.as_ref(), kind, scene.as_ref())?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let bytes = input::read(&args.capture, input::RECORD)?;
     let capture = Capture::decode(&bytes);

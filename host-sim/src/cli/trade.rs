@@ -108,7 +108,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let cutoffs_hz = cutoffs(args, &scene)?;
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("trade");
     let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = Outputs::new(common.force, &scene.files);
+    let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let filters_done = cutoffs_hz.len() * Variant::ALL.len() * (1 + args.repeat as usize);
     let methods_done = 1 + plant::Method::all(&scene.scene).len();

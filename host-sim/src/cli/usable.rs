@@ -22,7 +22,7 @@ use crate::{
     error::Error,
     interrupt,
     output::{
-        files::{MANIFEST, Outputs, json as json_bytes},
+        files::{MANIFEST, json as json_bytes},
         in_units::{self, InUnits},
         manifest::Manifest,
         terminal::print_result,
@@ -94,7 +94,7 @@ pub fn run(
     let question = UsableQuestion { entries, limits: limits.collect(), budget: asked.budget };
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("usable");
     let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = Outputs::new(common.force, &scene.files);
+    let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let engine = Engine::from(common.engine);
     let command = format!(

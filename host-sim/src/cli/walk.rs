@@ -13,7 +13,7 @@ use super::{
 use crate::{
     error::Error,
     interrupt,
-    output::{files::Outputs, in_units, terminal::print_result},
+    output::{in_units, table::Kind, terminal::print_result},
     study::{
         asked::{self, prepare},
         boundary::Boundary,
@@ -43,8 +43,8 @@ struct Json<'a> {
 
 pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let (scene, first) = args.at.load(None)?;
-    let mut outputs = Outputs::new(common.force, &scene.files);
-    let file = outputs.option(args.csv.as_ref())?;
+    let mut outputs = common.outputs(&scene.files)?;
+    let file = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let (velocity, units) = (scene.scene.velocity, scene.scene.units);
     let prepared = prepare(&scene)?;
     let boundary = asked::boundary(

@@ -10,7 +10,18 @@ use std::{
 
 pub use super::draft::abandon;
 use super::draft::{self, Draft, Undo, is_same};
-use crate::{error::Error, output::figure::Figure};
+use crate::{
+    error::Error,
+    output::{
+        figure::Figure,
+        manifest::Manifest,
+        table::{self, About, Format, Kind},
+    },
+    scene::NamedScene,
+};
+
+const CSV: &str = ".csv";
+const PARQUET: &str = ".parquet";
 
 /// Name of the file that is written last: where it is, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
@@ -26,6 +37,8 @@ pub struct Outputs {
     cleaned: Vec<PathBuf>,
     /// Folders that did not exist before, the outermost first.
     created: Vec<PathBuf>,
+    /// A folder's tables are written as Parquet as well.
+    parquet: bool,
 }
 
 /// One of the files of [`Outputs`].
@@ -44,6 +57,8 @@ struct Output {
     place: PathBuf,
     draft: io::BufWriter<Draft>,
     is_written: bool,
+    /// CSV that becomes another format once it is whole.
+    table: Option<(Format, About, String)>,
 }
 
 /// A folder with a result of several files.
@@ -51,15 +66,29 @@ struct Output {
 struct Folder {
     shown: PathBuf,
     /// Every file that a result may have.
-    possible: Vec<&'static str>,
+    possible: Vec<String>,
     manifest: Place,
+    /// What the manifest says, and the tables that say it too.
+    told: String,
+    tables: Vec<Place>,
 }
 
 impl Outputs {
     /// No file yet. Files of the user stay unless `force`; the `inputs` of the command stay in any case.
     pub fn new(force: bool, inputs: &[PathBuf]) -> Self {
         let (files, folders, cleaned, created) = (vec![], vec![], vec![], vec![]);
-        Self { force, inputs: inputs.to_vec(), files, folders, cleaned, created }
+        let (inputs, parquet) = (inputs.to_vec(), false);
+        Self { force, inputs, files, folders, cleaned, created, parquet }
+    }
+
+    /// Each table of a result folder is written as Parquet as well.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if this build cannot.
+    pub fn with_parquet(mut self) -> Result<Self, Error> {
+        Format::Parquet.is_there("--parquet")?;
+        self.parquet = true;
+        Ok(self)
     }
 
     /// Reserves a file. Nothing appears there before [`commit`](Self::commit).
@@ -75,13 +104,40 @@ impl Outputs {
 
     fn push(&mut self, path: &Path, place: PathBuf, draft: Draft) -> Place {
         let draft = io::BufWriter::new(draft);
-        self.files.push(Output { shown: path.into(), place, draft, is_written: false });
+        self.files.push(Output {
+            shown: path.into(),
+            place,
+            draft,
+            is_written: false,
+            table: None,
+        });
         Place(self.files.len() - 1)
     }
 
     /// Reserves the file of an option, if it is given.
     pub fn option(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
         path.map(|path| self.file(path)).transpose()
+    }
+
+    /// Reserves the file of a table, if it is given, in the format that its ending asks for: CSV is written into it.
+    ///
+    /// # Errors
+    /// As [`file`](Self::file), and as [`Format::of`].
+    pub fn table(
+        &mut self,
+        path: Option<&PathBuf>,
+        kind: Kind,
+        scene: Option<&NamedScene>,
+    ) -> Result<Option<Place>, Error> {
+        let Some(path) = path else { return Ok(None) };
+        let format = Format::of(path, kind)?;
+        let place = self.file(path)?;
+        if format != Format::Csv {
+            let manifest = serde_json::to_string(&Manifest::of_call(scene))
+                .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
+            self.files[place.0].table = Some((format, About { kind, manifest }, String::new()));
+        }
+        Ok(Some(place))
     }
 
     /// Reserves the file of a figure, if it is given.
@@ -104,12 +160,21 @@ impl Outputs {
     ) -> Result<FolderPlace, Error> {
         let path = folder.join(MANIFEST);
         let (place, draft) = self.reserve(&path)?;
-        for name in possible {
+        let as_parquet = |name: &&str| name.strip_suffix(CSV).map(|stem| stem.to_owned() + PARQUET);
+        let also = possible.iter().filter_map(as_parquet);
+        let possible: Vec<String> = possible.iter().map(|&name| name.into()).chain(also).collect();
+        for name in &possible {
             let path = folder.join(name);
             self.refuse(&path, &real(&path)?, Some((folder, name)))?;
         }
         let manifest = self.push(&path, place, draft);
-        self.folders.push(Folder { shown: folder.into(), possible: possible.to_vec(), manifest });
+        self.folders.push(Folder {
+            shown: folder.into(),
+            possible,
+            manifest,
+            told: String::new(),
+            tables: vec![],
+        });
         Ok(FolderPlace(self.folders.len() - 1))
     }
 
@@ -120,7 +185,13 @@ impl Outputs {
     pub fn write(&mut self, Place(index): Place, bytes: &[u8]) -> Result<(), Error> {
         let output = &mut self.files[index];
         output.is_written = true;
-        output.draft.write_all(bytes).map_err(Error::file(&output.shown))
+        match &mut output.table {
+            Some((.., text)) => {
+                text.push_str(&String::from_utf8_lossy(bytes));
+                Ok(())
+            }
+            None => output.draft.write_all(bytes).map_err(Error::file(&output.shown)),
+        }
     }
 
     /// A figure, in the format that the file's name asks for.
@@ -142,7 +213,22 @@ impl Outputs {
                 self.file(&path)?
             }
         };
-        self.write(place, bytes)
+        self.write(place, bytes)?;
+        match name.strip_suffix(CSV) {
+            Some(stem) if self.parquet => {
+                let path = self.folders[to.0].shown.join(stem.to_owned() + PARQUET);
+                let beside = self.file(&path)?;
+                let about = About { kind: Kind::Rows, manifest: String::new() };
+                self.files[beside.0].table = Some((Format::Parquet, about, String::new()));
+                self.folders[to.0].tables.push(beside);
+                self.write(beside, bytes)
+            }
+            None if name == MANIFEST => {
+                self.folders[to.0].told = String::from_utf8_lossy(bytes).into_owned();
+                Ok(())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// A figure of a result folder, as `STEM.svg` and as `STEM.png`.
@@ -230,7 +316,18 @@ impl Outputs {
     /// [`Error::File`] on a full disk or if a folder changed under our hands, [`Error::Input`] as
     /// [`file`](Self::file); everything is then as it was.
     pub fn commit(mut self) -> Result<(), Error> {
+        for folder in &self.folders {
+            for table in &folder.tables {
+                if let Some((_, about, _)) = &mut self.files[table.0].table {
+                    about.manifest.clone_from(&folder.told);
+                }
+            }
+        }
         for output in &mut self.files {
+            if let Some((format, about, text)) = output.table.take() {
+                let bytes = table::bytes(format, &text, &about)?;
+                output.draft.write_all(&bytes).map_err(Error::file(&output.shown))?;
+            }
             let flushed = output.draft.flush();
             let flushed = flushed.and_then(|()| output.draft.get_ref().file.sync_all());
             flushed.map_err(Error::file(&output.shown))?;
@@ -249,8 +346,8 @@ impl Outputs {
     fn move_all(&self) -> Result<(), Error> {
         let mut gone = vec![];
         for folder in &self.folders {
-            let names = folder.possible.iter().filter(|name| **name != MANIFEST);
-            gone.extend([MANIFEST].iter().chain(names).map(|name| folder.shown.join(name)));
+            let names = folder.possible.iter().map(String::as_str).filter(|&name| name != MANIFEST);
+            gone.extend([MANIFEST].into_iter().chain(names).map(|name| folder.shown.join(name)));
         }
         let written: Vec<&Output> = self.files.iter().filter(|output| output.is_written).collect();
         let mut undo = Undo::default();

@@ -15,7 +15,7 @@ use serde_json::Number;
 use crate::scene::Units;
 
 /// Areas in the tables of version 1, whose columns do not say their unit.
-const AREAS: [&str; 3] = ["area", "area_low", "area_high"];
+pub(super) const AREAS: [&str; 3] = ["area", "area_low", "area_high"];
 const AREA: &str = "area_n2_s_per_m2";
 
 /// The columns of a table that is written row by row.

@@ -20,10 +20,10 @@ pub struct Manifest {
     pub target: &'static str,
     /// The command's arguments that shape the result.
     pub command: String,
-    /// Name of the scene.
-    pub scene: String,
+    /// Name of the scene; none: what it was made from names none.
+    pub scene: Option<String>,
     /// The scene file, to the letter.
-    pub scene_text: String,
+    pub scene_text: Option<String>,
     /// The file that its `felt_curve` names.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub felt_curve_text: Option<String>,
@@ -33,6 +33,25 @@ impl Manifest {
     /// The manifest of a result of `command` on `scene`.
     pub fn new(command: String, scene: &NamedScene) -> Self {
         Self {
+            scene: Some(scene.name.clone()),
+            scene_text: Some(scene.text.clone()),
+            felt_curve_text: scene.scene.wall_hit.felt.text().map(str::to_owned),
+            ..Self::without_scene(command)
+        }
+    }
+
+    /// The manifest of the command that this program was called with.
+    pub fn of_call(scene: Option<&NamedScene>) -> Self {
+        let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+        let command = words.collect::<Vec<_>>().join(" ");
+        match scene {
+            Some(scene) => Self::new(command, scene),
+            None => Self::without_scene(command),
+        }
+    }
+
+    fn without_scene(command: String) -> Self {
+        Self {
             schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION"),
             git_commit: env!("ZWIDTH_COMMIT"),
@@ -40,9 +59,9 @@ impl Manifest {
             toolchain: env!("ZWIDTH_TOOLCHAIN"),
             target: env!("ZWIDTH_TARGET"),
             command,
-            scene: scene.name.clone(),
-            scene_text: scene.text.clone(),
-            felt_curve_text: scene.scene.wall_hit.felt.text().map(str::to_owned),
+            scene: None,
+            scene_text: None,
+            felt_curve_text: None,
         }
     }
 

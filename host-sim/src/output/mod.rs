@@ -15,6 +15,7 @@ pub mod probability;
 pub mod report;
 pub mod study;
 pub mod sweep;
+pub mod table;
 pub mod telemetry;
 pub mod terminal;
 pub mod trace;

@@ -243,6 +243,31 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert!(refused(folder.path(), &odd).contains(".svg and .png"));
 }
 
+/// As `cargo sim` is built; `.ci/open-files` tries the other build.
+#[test]
+fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
+    let folder = TempDir::new().unwrap();
+    let refused = |args: &[&str]| refused(folder.path(), args);
+    for name in ["t.parquet", "t.mcap"] {
+        let traced = hit("paper-1um", &["--trace", name]);
+        let traced: Vec<&str> = traced.iter().map(String::as_str).collect();
+        let line = refused(&traced);
+        assert!(
+            line.contains(&format!("{name}: this build writes CSV only; cargo sim-files")),
+            "{line}"
+        );
+    }
+    let line = refused(&["sweep", "paper-2um", "--parquet"]);
+    assert!(line.contains("--parquet: this build writes CSV only; cargo sim-files"), "{line}");
+    let line = refused(&["walk", "paper-2um", "--cutoff", "500", "--parquet"]);
+    assert!(line.contains("--parquet is not of walk, whose files are --csv"), "{line}");
+    let grid =
+        ["grid", "paper-2um", "--cutoffs", "200", "--stiffnesses", "5000", "--dampings", "10"];
+    let line = refused(&[&grid[..], &["--csv", "t.mcap"]].concat());
+    assert!(line.contains("t.mcap: this table has no times, which MCAP wants"), "{line}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
 #[test]
 fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked() {
     let folder = TempDir::new().unwrap();

@@ -21,7 +21,7 @@ use crate::{
     error::{Error, printable},
     input,
     numerics::integrator::Integrator,
-    output::{files::Outputs, in_units::InUnits, terminal::print_result},
+    output::{in_units::InUnits, table::Kind, terminal::print_result},
     range::within,
     scene::{
         NamedScene, Scene, Units,
@@ -203,9 +203,10 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let units = base.scene.units;
     let gain = args.gain.source(&base.scene)?;
     let inputs = [&args.logs[..], &base.files].concat();
-    let mut outputs = Outputs::new(common.force, &inputs);
+    let moments = Kind::Moments { rate_hz: base.scene.control.rate_hz };
+    let mut outputs = common.outputs(&inputs)?;
     let out = outputs.option(common.out.as_ref())?;
-    let file = outputs.option(args.csv.as_ref())?;
+    let file = outputs.table(args.csv.as_ref(), moments, Some(&base))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let options = options(args, &base.scene, gain)?;
     let records: Result<Vec<Record>, Error> =

@@ -1,0 +1,203 @@
+//! Tables of results in the format that their file's ending asks for: CSV, Parquet, MCAP.
+//!
+//! A command writes CSV; what another format is made of is that text, so that its values are those of the CSV. Parquet
+//! and MCAP come with the feature `open-files`.
+//!
+//! A column whose name ends in a unit that is no count, and an area, is of 64-bit floats, whatever stands in it: a study's parts have
+//! one schema. A column of another kind is of 64-bit integers if all its cells are, else of floats, else of text. An
+//! empty cell is null.
+
+use std::path::Path;
+
+use super::in_units::AREAS;
+use crate::error::Error;
+
+#[cfg(feature = "open-files")]
+mod mcap;
+#[cfg(feature = "open-files")]
+mod parquet;
+
+/// What a table's rows are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// Nothing that comes one after another in time.
+    Rows,
+    /// One moment each: the column `time_s`, else `sample` at that rate, Hz.
+    Moments {
+        /// Samples a second.
+        rate_hz: f64,
+    },
+}
+
+/// How a table is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Comma-separated values, as docs/files.md has them.
+    Csv,
+    /// Apache Parquet, one row group, compressed by Snappy.
+    Parquet,
+    /// MCAP with a message of JSON for each row.
+    Mcap,
+}
+
+impl Format {
+    /// The one that a file's ending asks for; what is neither `.parquet` nor `.mcap` is CSV.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if this build has not got it, or the table has no times and its format wants them.
+    pub fn of(path: &Path, kind: Kind) -> Result<Self, Error> {
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        let shown = path.display();
+        let format = match ending {
+            "parquet" => Self::Parquet,
+            "mcap" if kind == Kind::Rows => {
+                return Err(Error::Input(format!(
+                    "{shown}: this table has no times, which MCAP wants; allowed endings are .csv and .parquet"
+                )));
+            }
+            "mcap" => Self::Mcap,
+            _ => Self::Csv,
+        };
+        format.is_there(&shown.to_string()).map(|()| format)
+    }
+
+    /// Whether this build has it; `what` asks for it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if not.
+    pub fn is_there(self, what: &str) -> Result<(), Error> {
+        if self == Self::Csv || cfg!(feature = "open-files") {
+            return Ok(());
+        }
+        Err(Error::Input(format!(
+            "{what}: this build writes CSV only; cargo sim-files in place of cargo sim has the feature open-files"
+        )))
+    }
+}
+
+/// What is told beside the rows: where they come from, and what they are.
+#[derive(Clone, Debug)]
+pub struct About {
+    /// What the rows are.
+    pub kind: Kind,
+    /// The manifest, JSON.
+    pub manifest: String,
+}
+
+/// The bytes of a table in `format`.
+///
+/// # Errors
+/// [`Error::Internal`] if a value cannot be written.
+#[cfg(feature = "open-files")]
+pub fn bytes(format: Format, csv: &str, about: &About) -> Result<Vec<u8>, Error> {
+    let table = Table::of_csv(csv);
+    let bytes = match format {
+        Format::Csv => return Ok(csv.into()),
+        Format::Parquet => {
+            parquet::bytes(&table, &about.manifest).map_err(|error| error.to_string())
+        }
+        Format::Mcap => mcap::bytes(&table, about),
+    };
+    bytes.map_err(|error| Error::Internal(format!("cannot write the table: {error}")))
+}
+
+/// The bytes of a table: CSV, because [`Format::of`] has refused the others.
+#[cfg(not(feature = "open-files"))]
+pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
+    Ok(csv.into())
+}
+
+/// Ends of column names, their units, and whether they are whole numbers; longer ones before those that they end with.
+const UNITS: &[(&str, &str, bool)] = &[
+    ("_n2_s_per_m2", "N^2 s/m^2", false),
+    ("_n2_m2_s_per_rad2", "N^2 m^2 s/rad^2", false),
+    ("_n_m_s_per_rad", "N m s/rad", false),
+    ("_n_m_per_rad", "N m/rad", false),
+    ("_n_s_per_m", "N s/m", false),
+    ("_n_per_m", "N/m", false),
+    ("_rad_per_s2", "rad/s^2", false),
+    ("_m_per_s2", "m/s^2", false),
+    ("_rad_per_s", "rad/s", false),
+    ("_m_per_s", "m/s", false),
+    ("_kg_m2", "kg m^2", false),
+    ("_n_m", "N m", false),
+    ("_rad", "rad", false),
+    ("_kg", "kg", false),
+    ("_hz", "Hz", false),
+    ("_db", "dB", false),
+    ("_s", "s", false),
+    ("_n", "N", false),
+    ("_v", "V", false),
+    ("_m", "m", false),
+    ("_fraction", "1", false),
+    ("_counts", "counts", true),
+    ("_samples", "samples", true),
+    ("_q16", "2^-16 counts per sample", true),
+    ("_q30", "2^-30 of full scale", true),
+];
+
+/// Cells of a column, none where the table has nothing.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Cells {
+    Integers(Vec<Option<i64>>),
+    Numbers(Vec<Option<f64>>),
+    Words(Vec<Option<String>>),
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Column {
+    pub name: String,
+    pub unit: Option<&'static str>,
+    pub cells: Cells,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Table {
+    pub columns: Vec<Column>,
+    pub rows: usize,
+}
+
+#[cfg_attr(not(feature = "open-files"), expect(dead_code, reason = "CSV stays as it is"))]
+impl Table {
+    pub fn of_csv(text: &str) -> Self {
+        let mut lines = text.lines();
+        let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+        let mut cells = vec![vec![]; names.len()];
+        let mut rows = 0;
+        for line in lines {
+            rows += 1;
+            let mut values = line.split(',');
+            for column in &mut cells {
+                column.push(values.next().unwrap_or_default());
+            }
+        }
+        let columns = names.into_iter().zip(cells).map(|(name, cells)| Column::of(name, &cells));
+        Self { columns: columns.collect(), rows }
+    }
+}
+
+impl Column {
+    fn of(name: &str, cells: &[&str]) -> Self {
+        let known = UNITS.iter().find(|(end, ..)| name.ends_with(end));
+        let (unit, is_real) =
+            known.map_or((None, AREAS.contains(&name)), |&(_, unit, whole)| (Some(unit), !whole));
+        let integers = if is_real { None } else { all(cells, |cell| cell.parse().ok()) };
+        let cells = match integers {
+            Some(integers) => Cells::Integers(integers),
+            None => match all(cells, |cell| cell.parse().ok()) {
+                Some(numbers) => Cells::Numbers(numbers),
+                None => Cells::Words(all(cells, |cell| Some(cell.to_owned())).unwrap_or_default()),
+            },
+        };
+        Self { name: name.to_owned(), unit, cells }
+    }
+}
+
+/// All cells by `read`, if it takes each that is not empty.
+fn all<T>(cells: &[&str], read: impl Fn(&str) -> Option<T>) -> Option<Vec<Option<T>>> {
+    let read = |cell: &&str| if cell.is_empty() { Some(None) } else { read(cell).map(Some) };
+    cells.iter().map(read).collect()
+}
+
+#[cfg(test)]
+mod tests;
