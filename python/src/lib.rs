@@ -4,6 +4,7 @@
 mod estimator;
 mod scene;
 mod studies;
+mod study;
 mod work;
 
 use pyo3::prelude::*;
@@ -15,6 +16,7 @@ mod _native {
         estimator::{Estimator, velocity_table, with_estimator},
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},
+        study::study,
     };
 
     use super::*;

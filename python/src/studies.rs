@@ -36,7 +36,7 @@ const NAMES: Names = Names {
 const LISTS: Names =
     Names { cutoff: "cutoffs", stiffness: "stiffnesses", damping: "dampings", ..NAMES };
 
-fn numeric_of(name: &str) -> PyResult<Numeric> {
+pub fn numeric_of(name: &str) -> PyResult<Numeric> {
     [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded]
         .into_iter()
         .find(|numeric| numeric.name() == name)
@@ -45,7 +45,7 @@ fn numeric_of(name: &str) -> PyResult<Numeric> {
         })
 }
 
-fn engine_of(name: &str) -> PyResult<Engine> {
+pub fn engine_of(name: &str) -> PyResult<Engine> {
     match name {
         "core" => Ok(Engine::Core),
         "lanes" => Ok(Engine::lanes()),

@@ -14,9 +14,9 @@ Examples
 
 from ._native import ESTIMATORS, SCENES, __version__
 from .estimator import Estimator
-from .results import VERDICTS, Grid, Hit, Linear, Sweep, Trace, Walk
+from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Trace, Walk
 from .scene import Scene
-from .studies import grid, hit, linear, sweep, walk
+from .studies import grid, hit, linear, study, sweep, walk
 
 __all__ = [
     "ESTIMATORS",
@@ -27,6 +27,7 @@ __all__ = [
     "Hit",
     "Linear",
     "Scene",
+    "Study",
     "Sweep",
     "Trace",
     "Walk",
@@ -34,6 +35,7 @@ __all__ = [
     "grid",
     "hit",
     "linear",
+    "study",
     "sweep",
     "walk",
 ]

@@ -17,6 +17,7 @@ __all__ = [
     "grid",
     "hit",
     "linear",
+    "study",
     "sweep",
     "velocity_table",
     "walk",
@@ -102,4 +103,11 @@ def linear(
     dampings: list[float],
     multirate: bool,
     passivity: bool,
+) -> dict[str, Any]: ...
+def study(
+    study: str | dict[str, Any],
+    engine: str,
+    numeric: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...

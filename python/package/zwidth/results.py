@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
 
-__all__ = ["VERDICTS", "Grid", "Hit", "Linear", "Sweep", "Trace", "Walk"]
+__all__ = ["VERDICTS", "Grid", "Hit", "Linear", "Study", "Sweep", "Trace", "Walk"]
 
 #: Names of the codes in :attr:`Grid.verdict`.
 VERDICTS = ("stable", "unstable", "no_contact", "out_of_range")
@@ -309,3 +311,33 @@ class Linear(_Frozen, _Table):
         if self.stiffness_passive_n_per_m is not None:
             columns["stiffness_passive_n_per_m"] = self.stiffness_passive_n_per_m
         return columns
+
+
+@dataclass(frozen=True, eq=False)
+class Study(_Table):
+    """Every point of a study.
+
+    Attributes
+    ----------
+    measure : str
+        ``walk``, ``hit`` or ``sweep``.
+    points, units, hits : int
+        How many.
+    table : mapping of str to ndarray
+        The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order; a
+        number that there is not is NaN.
+    """
+
+    measure: str
+    points: int
+    units: int
+    hits: int
+    table: Mapping[str, NDArray[Any]]
+
+    def __post_init__(self) -> None:
+        for column in self.table.values():
+            column.flags.writeable = False
+        object.__setattr__(self, "table", MappingProxyType(dict(self.table)))
+
+    def columns(self) -> dict[str, Any]:
+        return dict(self.table)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Literal
+from collections.abc import Callable, Iterable, Mapping
+from os import PathLike, fspath
+from typing import Any, Literal
 
 import numpy as np
 
 from . import _native
-from .results import Grid, Hit, Linear, Sweep, Trace, Walk
+from .results import Grid, Hit, Linear, Study, Sweep, Trace, Walk
 from .scene import Scene
 
-__all__ = ["grid", "hit", "linear", "sweep", "walk"]
+__all__ = ["grid", "hit", "linear", "study", "sweep", "walk"]
 
 Engine = Literal["lanes", "core"]
 Numeric = Literal["fixed", "f64", "f64-rounded"]
@@ -225,3 +226,33 @@ def linear(
     """
     made = _native.linear(scene._native, cutoff, _floats(dampings) or [], multirate, passivity)
     return Linear(scene=scene.name, left_out=tuple(made.pop("left_out")), **made)
+
+
+def study(
+    study: str | PathLike[str] | Mapping[str, Any],
+    *,
+    engine: Engine = "lanes",
+    numeric: Numeric = "fixed",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Walk, hit or sweep at every point of a product or list; in memory, without the command line's folder.
+
+    Parameters
+    ----------
+    study : path or mapping
+        The path of a study's file, or its keys: ``measure``, ``scenes`` (names and paths), ``product``, ``list`` ..
+    engine, numeric, threads
+        As in :func:`walk`.
+    progress : callable, optional
+        Called with the units done and the units in all, from this thread; what it raises ends the study.
+
+    Raises
+    ------
+    ValueError
+        A key or value is wrong, or a scene with its changes; the line names it and what is allowed.
+    """
+    asked = dict(study) if isinstance(study, Mapping) else fspath(study)
+    made = _native.study(asked, engine, numeric, threads, progress)
+    table = {name: np.asarray(values) for name, values in made.pop("columns").items()}
+    return Study(table=table, **made)
