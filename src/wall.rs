@@ -30,6 +30,12 @@ impl Wall {
         self.stiffness
     }
 
+    /// Whether it has any force.
+    #[inline]
+    pub fn acts(&self) -> bool {
+        self.stiffness != Gain::default() || self.damping != Gain::default()
+    }
+
     /// B: force LSB per LSB of velocity.
     pub fn damping(&self) -> Gain {
         self.damping

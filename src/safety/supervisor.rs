@@ -53,6 +53,8 @@ pub struct Supervisor {
     zeroed: bool,
     unlocked: Doubled<bool>,
     contact: bool,
+    /// In contact with a wall that has a force: a handle may lean on it.
+    resting: bool,
     /// A handle at count 0 would be in the wall.
     wall_over_zero: bool,
     inputs: Inputs,
@@ -83,6 +85,7 @@ impl Supervisor {
             zeroed: false,
             unlocked: Doubled::new(false),
             contact: false,
+            resting: false,
             wall_over_zero: false,
             inputs: Inputs::default(),
             record: Record::EMPTY,
@@ -109,6 +112,7 @@ impl Supervisor {
             self.down.stall = false; // whatever a bit has become: `arm` was refused in one
         }
         self.contact = drive.contact;
+        self.resting = drive.contact && control.wall.acts();
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
         let before = self.zeros;
         let held = self.follow_zero(guard);
@@ -321,15 +325,16 @@ impl Supervisor {
         }
     }
 
-    /// The first fault is kept, later ones are noted.
+    /// The first fault is kept, later ones are noted. One that is there with the force on is none: a bit has become it.
     #[inline]
     fn trip(&mut self, record: Option<FaultRecord>) {
         let Some(record) = record else {
             return;
         };
-        self.causes = self.causes.union(record.causes);
+        let first = self.fault.is_none() || self.state.is_on();
+        self.causes = if first { record.causes } else { self.causes.union(record.causes) };
         self.zeroed &= !record.causes.loses_zero();
-        if self.fault.is_none() {
+        if first {
             self.fault = Some(record);
             self.memory = Some(MemoryUpdate::Write(record));
         }
@@ -379,7 +384,7 @@ impl Supervisor {
             }));
         }
         let acted = self.last.force().filter(|_| !*self.still);
-        let pushed = self.watch.failed(&self.plan, acted, self.contact, up.motion.position);
+        let pushed = self.watch.failed(&self.plan, acted, self.resting, up.motion.position);
         let place = up.motion.position.wrapping_since(Position::default());
         let [low, high] = self.plan.travel;
         let acting = outside

@@ -186,6 +186,22 @@ fn an_encoder_that_dies_in_free_motion_is_found_by_the_push() {
     assert_eq!(bench.fault(), Some(Fault::PushWithoutMotion));
 }
 
+/// Behind the surface of a wall a handle may lean on it; of one without a force on nothing.
+#[test]
+fn an_encoder_that_dies_behind_a_wall_without_force_is_found_too() {
+    for (stiffness, found) in [(0.0, true), (1000.0, false)] {
+        let mut bench = Bench::armed();
+        bench.held = true;
+        bench.retune(control(-0.01, stiffness));
+        bench.run(300); // the gains fade in
+        bench.push = Force::saturating_from_bits(1 << 28);
+        bench.run(1_000);
+        assert!(bench.supervisor.status().contact, "{:?}", bench.position_m);
+        let fault = found.then_some(Fault::PushWithoutMotion);
+        assert_eq!(bench.fault(), fault, "{stiffness}");
+    }
+}
+
 #[test]
 fn a_handle_that_is_held_on_purpose_is_no_dead_encoder() {
     let mut bench = Bench::armed();

@@ -114,3 +114,20 @@ fn a_trip_keeps_what_the_last_output_was() {
     assert_eq!((record.velocity.bits(), record.force.bits()), (77, 99));
     assert_eq!(record.flags, supervisor.record.flags);
 }
+
+/// Whoever asks is told of the bit, not of a fault that never was.
+#[test]
+fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
+    let mut broken = supervisor();
+    broken.state.set(State::Armed);
+    broken.fault = Some(FaultRecord::bare(Fault::OverSpeed));
+    broken.causes = FaultSet::EMPTY.with(Fault::OverSpeed);
+    let memory = FaultSet::EMPTY.with(Fault::Memory);
+    let record = FaultRecord { causes: memory, ..FaultRecord::bare(Fault::Memory) };
+    broken.trip(Some(record));
+    assert_eq!((*broken.state, broken.fault, broken.causes), (State::Fault, Some(record), memory));
+    assert_eq!(broken.take_memory_update(), Some(MemoryUpdate::Write(record)));
+    // One that was latched stays the first.
+    broken.trip(Some(FaultRecord::bare(Fault::CountJump)));
+    assert_eq!(broken.fault, Some(record));
+}
