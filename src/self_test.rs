@@ -43,6 +43,11 @@ impl Part {
         Self::Clock,
     ];
 
+    /// Whether it switches enable on, or moves the force output.
+    pub const fn drives(self) -> bool {
+        matches!(self, Self::Enable | Self::OutputWatchdog | Self::Output)
+    }
+
     /// As it is said.
     pub const fn text(self) -> &'static str {
         match self {

@@ -14,18 +14,25 @@ pub struct SelfTestStep {
     /// The part that is next; none before the first order is answered.
     next: Option<usize>,
     failed: u32,
+    /// Enable has failed: nothing drives the amplifier any more.
+    unsafe_to_drive: bool,
 }
 
 impl SelfTestStep {
-    pub(in crate::console) const BEGIN: Self = Self { next: None, failed: 0 };
+    pub(in crate::console) const BEGIN: Self =
+        Self { next: None, failed: 0, unsafe_to_drive: false };
 }
 
-/// What is said of a part.
-struct Tested(Part, Found);
+/// What is said of a part; or why it was not tried.
+struct Tested(Part, Result<Found, &'static str>);
 
 impl core::fmt::Display for Tested {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "selftest {}: {}", self.0.text(), self.1)
+        write!(f, "selftest {}: ", self.0.text())?;
+        match &self.1 {
+            Ok(found) => found.fmt(f),
+            Err(why) => write!(f, "fail, not tried: {why}"),
+        }
     }
 }
 
@@ -47,10 +54,17 @@ impl<P: Port> Console<P> {
                 )),
             };
         };
-        let found = self.port.test(part);
+        let latched = self.latest.as_ref().is_some_and(|report| report.status.fault.is_some());
+        let found = match part.drives() {
+            true if latched => Err("a fault is latched, clear it first"),
+            true if step.unsafe_to_drive => Err("enable failed"),
+            _ => Ok(self.port.test(part)),
+        };
+        let is_right = found.as_ref().is_ok_and(Found::is_right);
         self.write(&Tested(part, found));
-        let failed = step.failed + u32::from(!found.is_right());
-        self.go_on(SelfTestStep { next: Some(at + 1), failed });
+        let failed = step.failed + u32::from(!is_right);
+        let unsafe_to_drive = step.unsafe_to_drive || part == Part::Enable && !is_right;
+        self.go_on(SelfTestStep { next: Some(at + 1), failed, unsafe_to_drive });
     }
 
     fn go_on(&mut self, step: SelfTestStep) {

@@ -357,6 +357,30 @@ fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     }
 }
 
+/// With a fault there may be a force at the output, and what enable does not drop nothing else may drive.
+#[test]
+fn a_self_test_does_not_drive_what_is_not_safe() {
+    for (fault, wrong) in [(true, None), (false, Some(Part::Enable))] {
+        let status = Status { fault: fault.then(|| FaultRecord::bare(Fault::ForceOutput)), ..OFF };
+        let mut bench = Bench::new(status);
+        bench.console.port.wrong = wrong;
+        bench.orders("selftest");
+        for _ in 0..=Part::ALL.len() {
+            bench.report(Event::Answer(Ok(())));
+        }
+        let (lines, _) = bench.take();
+        let why = if fault { "a fault is latched, clear it first" } else { "enable failed" };
+        for part in Part::ALL.into_iter().filter(|part| part.drives()) {
+            let tried = part == Part::Enable && !fault;
+            assert_eq!(bench.console.port.tested.contains(&part), tried, "{part:?}");
+            let said = format!("selftest {}: fail, not tried: {why}", part.text());
+            assert_eq!(lines.contains(&said), !tried, "{lines:?}");
+        }
+        let tried = Part::ALL.len() - if fault { 3 } else { 2 };
+        assert_eq!(bench.console.port.tested.len(), tried);
+    }
+}
+
 #[test]
 fn a_self_test_that_is_refused_ends_the_stall() {
     let refused = "error: the supply is too low";
