@@ -182,7 +182,7 @@ impl Device<'_> {
         let reach_m = f64::from(Position::LIMIT) * resolution_m;
         within("position_m", wall_m, travel_low_m + resolution_m..=reach_m)?;
         let last_m = wall_m.min(travel_high_m) - resolution_m;
-        within("start_m", stored.start_m, travel_low_m..=last_m)?;
+        within("start_m", stored.start_m, travel_low_m..=last_m)?; // the return move does not pass the wall
         let look = if early { plan.look } else { HitSequencePlan::NEVER };
         Ok(HitSequencePlan { look, ..plan })
     }
@@ -235,7 +235,7 @@ impl Device<'_> {
         let wall = &stored.settings.wall;
         within("stiffness_n_per_m", wall.stiffness_n_per_m, 0.0..=0.0)?;
         within("damping_n_s_per_m", wall.damping_n_s_per_m, 0.0..=0.0)?;
-        let (design, back) = (self.design(stored)?, self.experiment(stored)?.back);
+        let (design, back) = (self.design(stored)?, self.hit_sequence(stored, false)?.back);
         let outputs = |seconds| Ok(design.samples("pulse_s", seconds)? / design.period);
         let longest = design.samples("pulse_s", pulse_train::LONG_S)?;
         let mut pulses = [(Force::ZERO, 0); pulse_train::PULSES];

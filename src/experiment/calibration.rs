@@ -9,6 +9,7 @@
 use crate::{
     Design,
     range::{SettingsError, within},
+    safety::Doubled,
     units::{Force, Position},
 };
 
@@ -104,7 +105,7 @@ impl CalibrationEnd {
 /// A calibration in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Calibration {
-    plan: CalibrationPlan,
+    plan: Doubled<CalibrationPlan>,
     /// Where the handle was at the first output.
     origin: Option<Position>,
     force: i32,
@@ -117,13 +118,26 @@ pub struct Calibration {
 impl Calibration {
     /// A calibration whose first output is still to come.
     pub fn new(plan: CalibrationPlan) -> Self {
-        Self { plan, origin: None, force: 0, held: 0, outputs: 0 }
+        Self { plan: Doubled::new(plan), origin: None, force: 0, held: 0, outputs: 0 }
+    }
+
+    /// A bit of the plan's copy has flipped.
+    #[cfg(test)]
+    pub fn spoil(&mut self) {
+        self.plan.spoil(CalibrationPlan { hold: self.plan.hold ^ 1, ..*self.plan });
+    }
+
+    /// Whether the plan is as it was put here.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.plan.is_whole()
     }
 
     /// Goes on from the present force to another one. The time in all goes on as well: meanwhile nobody
     /// looks for a push without motion.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
-        (self.plan, self.held) = (plan, 0);
+        self.plan.set(plan);
+        self.held = 0;
     }
 
     /// The push for this output. `contact`: the handle is inside the wall.
@@ -286,7 +300,7 @@ mod tests {
             let net = (push_n - against_n) / DESIGN.full_scale_n;
             #[expect(clippy::cast_possible_truncation, reason = "within full scale")]
             handle.go(Force::saturating_from_bits((net * 2f64.powi(30)) as i32));
-            let below = lifted || calibration.held < 1_000 && calibration.plan == plan(15.0);
+            let below = lifted || calibration.held < 1_000 && *calibration.plan == plan(15.0);
             if (below && handle.x < 0.0) || (!lifted && handle.x > 0.0) {
                 (handle.x, handle.v) = (0.0, 0.0);
             }

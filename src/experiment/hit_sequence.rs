@@ -6,7 +6,10 @@
 use super::{
     Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict, approach::Approach,
 };
-use crate::units::{Force, Position};
+use crate::{
+    safety::Doubled,
+    units::{Force, Position},
+};
 
 /// What a hit sequence is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +63,7 @@ enum Phase {
 /// A hit sequence in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct HitSequence {
-    plan: HitSequencePlan,
+    plan: Doubled<HitSequencePlan>,
     phase: Phase,
     /// Outputs since the last look for an early verdict.
     looked: u32,
@@ -72,7 +75,25 @@ impl HitSequence {
     /// A hit sequence whose first output is still to come.
     pub fn new(plan: HitSequencePlan) -> Self {
         let phase = Phase::Approach(Approach::default());
-        Self { plan, phase, looked: 0, fresh: false }
+        Self { plan: Doubled::new(plan), phase, looked: 0, fresh: false }
+    }
+
+    /// One without the way to the start.
+    #[cfg(test)]
+    pub fn at_its_push(plan: HitSequencePlan) -> Self {
+        Self { phase: Phase::Hit(Hit::new(plan.hit)), ..Self::new(plan) }
+    }
+
+    /// A bit of the plan's copy has flipped.
+    #[cfg(test)]
+    pub fn spoil(&mut self) {
+        self.plan.spoil(HitSequencePlan { look: self.plan.look ^ 1, ..*self.plan });
+    }
+
+    /// Whether the plan is as it was put here.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.plan.is_whole()
     }
 
     /// The push for this output. `contact`: the handle is inside the wall.

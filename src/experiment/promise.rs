@@ -48,12 +48,15 @@ impl Host {
     }
 
     /// Whether it has broken its promise with the output at `sample`, or will have with the next one, `period` samples
-    /// later; once.
+    /// later; once. Only silence with the force on counts.
     #[inline]
-    pub(super) fn falls_silent(&mut self, sample: u64, period: u32) -> bool {
+    pub(super) fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]
         {
             self.now = sample as u32;
+        }
+        if !on {
+            self.heard = self.now;
         }
         let silent = self.now.wrapping_sub(self.heard).saturating_add(period);
         let broken = self.promise.samples != 0 && silent >= self.promise.samples;
@@ -83,14 +86,23 @@ mod tests {
             // Sample numbers wrap meanwhile.
             let begin = u64::from(u32::MAX) - 500;
             let mut host = Host::default();
-            assert!(!host.falls_silent(begin, period));
+            assert!(!host.falls_silent(begin, period, true));
             host.hear(Promise::of(200.0).unwrap());
-            let found =
-                (1..=3_000).find(|n| host.falls_silent(begin + n * u64::from(period), period));
+            let found = (1..=3_000)
+                .find(|n| host.falls_silent(begin + n * u64::from(period), period, true));
             // The output after it is off: no later than promised, and no sooner than an output before that.
             let off = found.unwrap() * u64::from(period) + u64::from(period);
             assert!((2_000..=2_000 + u64::from(period)).contains(&off), "{period}: {off}");
-            assert!((1..=3_000).all(|n| !host.falls_silent(begin + 4_000 + n, period)));
+            assert!((1..=3_000).all(|n| !host.falls_silent(begin + 4_000 + n, period, true)));
         }
+    }
+    #[test]
+    fn with_the_force_off_silence_does_not_count_and_the_promise_stays() {
+        let mut host = Host::default();
+        assert!(!host.falls_silent(0, 10, false));
+        host.hear(Promise::of(200.0).unwrap());
+        assert!((1..=1_000).all(|n| !host.falls_silent(10 * n, 10, false)));
+        let found = (1_001..=3_000).find(|n| host.falls_silent(10 * n, 10, true));
+        assert_eq!(found, Some(1_199), "2,000 samples after the last output that was off");
     }
 }

@@ -12,7 +12,10 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{AbortReason, Duty, DutyPlan, ReturnPlan, approach::Approach};
-use crate::units::{Force, Position};
+use crate::{
+    safety::Doubled,
+    units::{Force, Position},
+};
 
 /// Length of the first two pulses, s.
 pub const SHORT_S: f64 = 0.05;
@@ -54,7 +57,7 @@ enum Phase {
 /// A pulse train in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct PulseTrain {
-    plan: PulseTrainPlan,
+    plan: Doubled<PulseTrainPlan>,
     /// Pulses that are over.
     over: usize,
     phase: Phase,
@@ -63,7 +66,20 @@ pub struct PulseTrain {
 impl PulseTrain {
     /// A train whose first output is still to come.
     pub fn new(plan: PulseTrainPlan) -> Self {
-        Self { plan, over: 0, phase: Phase::Approach(Approach::default()) }
+        let phase = Phase::Approach(Approach::default());
+        Self { plan: Doubled::new(plan), over: 0, phase }
+    }
+
+    /// A bit of the plan's copy has flipped.
+    #[cfg(test)]
+    pub fn spoil(&mut self) {
+        self.plan.spoil(PulseTrainPlan { rest: self.plan.rest ^ 1, ..*self.plan });
+    }
+
+    /// Whether the plan is as it was put here.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.plan.is_whole()
     }
 
     /// The push for this output; none: all pulses are over. `contact`: the handle is inside the wall, which has no force.

@@ -173,12 +173,17 @@ impl Render {
         let record = self.scheduler.follow(&rendered, up.motion.position, positions);
         if self.scheduler.is_ready()
             && let Some(Numbered { number, order }) = self.ends.orders.dequeue()
-            && number == self.met.wrapping_add(1)
         {
+            let is_next = number == self.met.wrapping_add(1);
             self.met = number;
-            self.scheduler.meet(order, &mut self.ends.sampling);
-            if self.written.is_some() && self.scheduler.is_off() {
-                self.put_out(OutputCommand::Off);
+            if is_next {
+                self.scheduler.meet(order, &mut self.ends.sampling);
+                if self.written.is_some() && self.scheduler.is_off() {
+                    self.put_out(OutputCommand::Off);
+                }
+            } else {
+                cold_path();
+                self.lose_order();
             }
         }
         if self.ends.reports.ready() {
@@ -221,6 +226,14 @@ impl Render {
                 self.outputs.set_up.hold_enable_low();
             }
         }
+    }
+
+    /// An order came otherwise than it was given, or one was lost: off, and the next output says why.
+    #[cold]
+    fn lose_order(&mut self) {
+        board::off();
+        self.found = self.found.with(Fault::Memory);
+        self.scheduler.refuse();
     }
 
     #[inline(always)]

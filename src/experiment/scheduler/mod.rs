@@ -53,6 +53,17 @@ impl Experiment {
             Self::Pulses(_) => Activity::Pulses,
         }
     }
+
+    /// Whether its plan is as it was given.
+    #[inline(always)]
+    fn is_whole(&self) -> bool {
+        match self {
+            Self::None => true,
+            Self::Hit(hit) => hit.is_whole(),
+            Self::Calibration(calibration) => calibration.is_whole(),
+            Self::Pulses(train) => train.is_whole(),
+        }
+    }
 }
 
 /// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
@@ -71,7 +82,7 @@ pub struct Scheduler<const N: usize> {
     /// What it pushed with at the last one.
     pushed: Force,
     duty: Duty,
-    duty_plan: DutyPlan,
+    duty_plan: Doubled<DutyPlan>,
     history: BlackBox<N>,
     /// Next record of the black box to send, while it is read out.
     replay: Option<usize>,
@@ -103,7 +114,7 @@ impl<const N: usize> Scheduler<N> {
             push: Force::ZERO,
             pushed: Force::ZERO,
             duty: Duty::default(),
-            duty_plan,
+            duty_plan: Doubled::new(duty_plan),
             history,
             replay: None,
             release: false,
@@ -125,7 +136,8 @@ impl<const N: usize> Scheduler<N> {
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
         let begun = self.experiment.activity() == self.activity;
-        signs && begun && *sampled == self.parameters && self.supervisor.is_whole()
+        let planned = self.experiment.is_whole() && self.duty_plan.is_whole();
+        signs && begun && planned && *sampled == self.parameters && self.supervisor.is_whole()
     }
 
     /// The output that answers `up`, with what the guard found. Put it out, then call [`follow`](Self::follow).
@@ -163,20 +175,13 @@ impl<const N: usize> Scheduler<N> {
         self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
         self.observe(rendered.grant, positions);
         self.prepare(position);
-        if self.host.falls_silent(record.sample, self.parameters.period.get()) {
+        let on = !self.is_off();
+        if self.host.falls_silent(record.sample, self.parameters.period.get(), on) {
             cold_path();
-            self.miss_host();
-        }
-        record
-    }
-
-    /// The next output is off.
-    #[inline(never)]
-    fn miss_host(&mut self) {
-        if !self.is_off() {
-            // Nothing refuses a fault.
+            // Nothing refuses a fault: the next output is off.
             let _ = self.supervisor.request(Request::Trip(Fault::HostSilent));
         }
+        record
     }
 
     /// What the experiment pushes with at the next output. Found out after this one, so that it costs no
@@ -184,7 +189,10 @@ impl<const N: usize> Scheduler<N> {
     fn prepare(&mut self, position: Position) {
         let contact = self.parameters.wall.penetration(position) > 0;
         let over = match &mut self.experiment {
-            Experiment::None => return,
+            Experiment::None => {
+                self.push = Force::ZERO; // whatever a bit has become
+                return;
+            }
             Experiment::Hit(hit) => match hit.output(position, contact, &self.duty) {
                 Ok(push) => {
                     self.push = push;
@@ -285,6 +293,12 @@ impl<const N: usize> Scheduler<N> {
         self.answer = Event::Answer(self.met(order, sampling));
     }
 
+    /// Answers an order that has come otherwise than it was given: it is not met.
+    #[cold]
+    pub fn refuse(&mut self) {
+        self.answer = Event::Answer(Err(Refusal::Faulted(Fault::Memory)));
+    }
+
     #[inline(always)]
     fn met(&mut self, order: Order, sampling: &mut impl Sampling) -> Result<(), Refusal> {
         match order {
@@ -319,7 +333,7 @@ impl<const N: usize> Scheduler<N> {
             Order::Period(_) if !self.is_off() => Err(Refusal::On),
             Order::Period(PeriodPlan { duty, keep }) => {
                 cold_path();
-                self.duty_plan = duty;
+                self.duty_plan.set(duty);
                 self.history.keep(keep);
                 Ok(())
             }
@@ -328,6 +342,16 @@ impl<const N: usize> Scheduler<N> {
             {
                 Err(Refusal::NotArmed)
             }
+            Order::Hit(_) | Order::Pulses(_) if !matches!(self.experiment, Experiment::None) => {
+                Err(Refusal::Busy)
+            }
+            Order::Calibrate(_)
+                if !matches!(self.experiment, Experiment::None | Experiment::Calibration(_)) =>
+            {
+                Err(Refusal::Busy)
+            }
+            // What the console takes for the wall is not what acts.
+            Order::Pulses(_) if self.parameters.wall.acts() => Err(Refusal::Settings),
             Order::Hit(plan) => {
                 self.set(Experiment::Hit(HitSequence::new(plan)));
                 Ok(())

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::{
-    Motion,
+    Motion, WallSettings,
     device::tests::DEVICE,
     experiment::{HitPlan, HitSequencePlan, Promise, Verdict, return_move::tests::Handle},
     safety::{Fault, FaultSet, Guard},
@@ -186,6 +186,14 @@ impl Bench {
         Order::Hit(DEVICE.hit_sequence(&self.stored, false).unwrap())
     }
 
+    fn gains(&mut self, stiffness_n_per_m: f64, damping_n_s_per_m: f64) {
+        let wall = self.stored.settings.wall;
+        self.stored.settings.wall = WallSettings { stiffness_n_per_m, damping_n_s_per_m, ..wall };
+        let design = DEVICE.design(&self.stored).unwrap();
+        let parameters = self.stored.settings.build(&design).unwrap();
+        self.met(Order::LoopParameters(parameters, Gains::Inside));
+    }
+
     fn pulses(&self) -> Order {
         let mut stored = self.stored;
         stored.settings.wall.stiffness_n_per_m = 0.0;
@@ -341,8 +349,9 @@ fn after_a_calibration_a_push_without_motion_counts_again() {
     assert_eq!((bench.activity(), bench.scheduler.push), (Activity::None, Force::ZERO));
     bench.run(100); // it fades
     assert_eq!(bench.status().state, State::Armed);
-    bench.scheduler.push = Force::saturating_from_bits((1 << 30) / 5);
-    bench.run(200);
+    bench.stored.start_m += 0.01;
+    bench.met(bench.hit()); // its return move pushes
+    bench.run(600);
     assert_eq!(bench.status().fault.unwrap().fault, Fault::PushWithoutMotion);
 }
 
@@ -437,4 +446,30 @@ fn a_copy_that_differs_is_found_after_the_output() {
         spoil(&mut bench.scheduler);
         assert!(!bench.scheduler.is_whole(&sampled));
     }
+}
+
+/// Whatever experiment it is of; and what the motor stands.
+#[test]
+#[cfg_attr(miri, ignore = "arms in closed loop")]
+fn a_plan_that_is_not_what_was_ordered_is_found() {
+    let mut bench = Bench::armed();
+    bench.gains(0.0, 0.0);
+    for order in [bench.hit(), bench.pulses(), Bench::calibrate(5.0)] {
+        bench.met(order);
+        let sampled = bench.scheduler.parameters;
+        assert!(bench.scheduler.is_whole(&sampled));
+        match &mut bench.scheduler.experiment {
+            Experiment::Hit(hit) => hit.spoil(),
+            Experiment::Pulses(train) => train.spoil(),
+            Experiment::Calibration(calibration) => calibration.spoil(),
+            Experiment::None => panic!("none"),
+        }
+        assert!(!bench.scheduler.is_whole(&sampled));
+        bench.met(Order::Stop);
+        assert!(bench.scheduler.is_whole(&sampled));
+    }
+    let sampled = bench.scheduler.parameters;
+    let other = Stored { period: 5, ..DEVICE.defaults() };
+    bench.scheduler.duty_plan.spoil(DEVICE.period(&other).unwrap().duty);
+    assert!(!bench.scheduler.is_whole(&sampled));
 }

@@ -171,11 +171,11 @@ impl Settings {
         within("start_m", self.start_m, [low, f64::min(self.wall_m, high) - COUNT_M])
     }
 
-    /// What a pulse train of that force needs: no wall.
+    /// What a pulse train of that force needs: no wall with a force, a start before its surface.
     pub fn pulses_range(&self, push_n: f64) -> Result<(), OutOfRange> {
         within("stiffness_n_per_m", self.k, [0.0, 0.0])?;
         within("damping_n_s_per_m", self.b, [0.0, 0.0])?;
-        self.experiment_range()?;
+        self.hit_range()?;
         within("push_n", push_n, [-self.full_scale_n, self.full_scale_n])
     }
 

@@ -182,11 +182,14 @@ fn arming_and_fading_take_their_time_at_every_period() {
         tasks.run(30);
         assert_eq!(tasks.answers, [Err(Refusal::On), Err(Refusal::On)]);
         assert_eq!(tasks.scheduler.parameters.period.get(), period);
-        tasks.scheduler.push = Force::FULL_SCALE;
+        let hit = Stored { push_n: stored.full_scale_n, settle_s: 0.05, window_s: 0.05, ..stored };
+        let hit = DEVICE.hit_sequence(&hit, false).unwrap();
+        let push = hit.hit.push;
+        tasks.scheduler.set(Experiment::Hit(HitSequence::at_its_push(hit)));
         tasks.run(180);
-        assert_ne!(tasks.force, Force::FULL_SCALE);
-        tasks.run(30);
-        assert_eq!(tasks.force, Force::FULL_SCALE, "{period}");
+        assert_ne!(tasks.force, push);
+        tasks.run(40); // the push comes with the output after the next
+        assert_eq!(tasks.force, push, "{period}");
         tasks.orders.push(Order::Stop);
         tasks.run(240);
         assert_eq!((tasks.force, tasks.status().fault), (Force::ZERO, None), "{period}");
