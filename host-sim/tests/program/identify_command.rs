@@ -262,12 +262,22 @@ fn a_plan_is_what_the_console_takes() {
     let json: serde_json::Value = serde_json::from_str(&done(folder.path(), &args)).unwrap();
     let lines: Vec<&str> =
         json["console"].as_array().unwrap().iter().map(|line| line.as_str().unwrap()).collect();
-    assert_eq!(lines.iter().filter(|line| **line == "hit").count(), 4);
+    assert_eq!(lines.iter().filter(|line| line.starts_with("pulses ")).count(), 1);
     for line in &lines {
         let known = line.starts_with("wait ") || zwidth::console::parse(line.as_bytes()).is_ok();
         assert!(known, "{line}");
     }
     assert!(json["guessed"].as_array().unwrap().is_empty());
+    let text = done(folder.path(), &args[..4]);
+    assert!(
+        text.contains(
+            "# zero: with the handle at the scene's position 0; its spring rests at 0.0517"
+        ),
+        "{text}"
+    );
+    assert!(!text.contains("hardly moves"), "{text}");
+    let held = done(folder.path(), &["identify", "--plan", "--base", "epfl-paddle"]);
+    assert!(held.contains("hardly moves the handle, friction holds it"), "{held}");
     let bare = done(folder.path(), &["identify", "--plan", "--base", "paper-1um"]);
     assert!(bare.contains("# guessed, not in the scene: safety.travel_low_m"), "{bare}");
     refused(folder.path(), &["identify", "--plan", "log.csv"], "--plan");

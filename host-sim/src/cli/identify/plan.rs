@@ -85,6 +85,18 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
         for guess in &guessed {
             text += &format!("\n# guessed, not in the scene: {guess}");
         }
+        for weak in found.pulses.iter().filter(|one| !one.moves(&scene.scene)) {
+            text += &units.text(&format!(
+                "\n# {:.3} N hardly moves the handle, friction holds it: more travel or speed in [safety] makes it stronger",
+                weak.push_n
+            ));
+        }
+        text += "\n# zero: with the handle at the scene's position 0";
+        let device = &scene.scene.device;
+        if device.stiffness_n_per_m > 0.0 {
+            text += &units.text(&format!("; its spring rests at {:.5} m", device.rest_position_m));
+        }
+        text += "\n# wait is the virtual board's: on a board wait for status to say armed, then for ok pulses over";
         text + "\n" + &console.join("\n")
     })
 }

@@ -38,6 +38,13 @@ pub struct Pulse {
     pub speed_m_per_s: f64,
 }
 
+impl Pulse {
+    /// Whether it goes far enough to be worth a train.
+    pub fn moves(&self, scene: &Scene) -> bool {
+        self.excursion_m >= FEWEST_COUNTS * scene.encoder.resolution_m
+    }
+}
+
 /// A planned record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -100,9 +107,8 @@ pub fn plan(scene: &Scene) -> Result<Plan, String> {
     for _ in 0..HALVINGS {
         let pulses: [Pulse; PULSES] =
             std::array::from_fn(|n| pulse(&free, start_m, PARTS[n] * push_n, LENGTHS_S[n]));
-        let moves = |one: &Pulse| one.excursion_m >= FEWEST_COUNTS * scene.encoder.resolution_m;
         if pulses.iter().all(fits) {
-            if !pulses.iter().any(moves) {
+            if !pulses.iter().any(|one| one.moves(scene)) {
                 break;
             }
             let rms_n = push_n * share.sqrt();
