@@ -17,7 +17,7 @@ use crate::{
     interrupt,
     output::{in_units::InUnits, terminal::print_result},
     scene::{
-        BoardTable, NamedScene, Scene,
+        BoardTable, Criterion, NamedScene, Scene,
         record::{Prepared, board_facts, words},
     },
     study::board_envelope::{Found, Part, board_envelope},
@@ -360,11 +360,36 @@ impl Said<'_> {
         }
         if self.found.is_empty() {
             lines.push("  envelope   none: every wall is refused until unlock envelope".into());
+        } else {
+            lines.push(format!("  judged by  {}", self.judged_by()));
+        }
+        let wall_m = settings.wall.position_m;
+        if wall_m > safety.travel_high_m {
+            lines.push(format!(
+                "  note: the wall, {} mm, is beyond the travel: fault 15 comes before it",
+                mm(wall_m)
+            ));
         }
         if expected < 2.0 * f64::from(safety.sign_test_counts) {
             lines.push("  note: the sign test sees little more than it needs, or less".into());
         }
         lines.join("\n")
+    }
+
+    /// What makes a wall stable in the sweeps of the envelope.
+    fn judged_by(&self) -> String {
+        let wall_hit = &self.scene.wall_hit;
+        let limit = match wall_hit.criterion {
+            Criterion::Felt => format!("motion felt below {} dB", wall_hit.felt_limit_db),
+            criterion => {
+                let of = wall_hit.rms_of.name();
+                let limit = zwidth::shorten(1e6 * wall_hit.rms_limit_m);
+                let unsaturated = criterion == Criterion::Unsaturated;
+                let more = if unsaturated { ", no output at the limit" } else { "" };
+                format!("RMS of the {of} below {limit} um{more}")
+            }
+        };
+        format!("{limit}; the {} pushes ([wall_hit])", wall_hit.push_by.name())
     }
 
     /// The lines of what nobody has said or measured, in the scene's own keys and units.

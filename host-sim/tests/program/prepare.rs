@@ -81,7 +81,11 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
         (text.replace("settle_s = 4.0", "settle_s = 3.0"), false),
     ] {
         fs::write(path.join("mine.toml"), text).unwrap();
-        assert!(sim(path, &["prepare", "mine.toml", "--force"]).status.success());
+        let output = sim(path, &["prepare", "mine.toml", "--force"]);
+        assert!(output.status.success());
+        let said = String::from_utf8(output.stdout).unwrap();
+        let judged = "judged by  RMS of the counts below 15 um; the motor pushes ([wall_hit])";
+        assert!(said.contains(judged) && !said.contains("beyond the travel"), "{said}");
         let again = words(&fs::read(path.join("mine.device")).unwrap());
         assert_eq!(again == record, same);
     }
@@ -168,6 +172,13 @@ fn what_is_left_out_is_guessed_and_said_and_a_starter_has_no_walls() {
     assert!(path.join("starter.device").is_file());
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("every wall is refused until unlock envelope"), "{text}");
+    assert!(!text.contains("judged by"), "{text}");
+    let near = NUCLEO.replace("travel_high_m = 0.11", "travel_high_m = 0.06");
+    assert_ne!(near, NUCLEO);
+    fs::write(path.join("near.toml"), near).unwrap();
+    let output = sim(path, &["prepare", "near.toml", "--starter"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("note: the wall, 70 mm, is beyond the travel: fault 15"), "{text}");
 }
 
 #[test]
