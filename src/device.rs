@@ -236,7 +236,7 @@ impl Device<'_> {
         within("stiffness_n_per_m", wall.stiffness_n_per_m, 0.0..=0.0)?;
         within("damping_n_s_per_m", wall.damping_n_s_per_m, 0.0..=0.0)?;
         let (design, back) = (self.design(stored)?, self.hit_sequence(stored, false)?.back);
-        let outputs = |seconds| Ok(design.samples("pulse_s", seconds)? / design.period);
+        let outputs = |seconds| Ok(design.samples("pulse_s", seconds)? / design.period.max(1));
         let longest = design.samples("pulse_s", pulse_train::LONG_S)?;
         let mut pulses = [(Force::ZERO, 0); pulse_train::PULSES];
         let parts = pulse_train::PARTS.into_iter().zip(pulse_train::LENGTHS_S);

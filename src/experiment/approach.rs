@@ -2,8 +2,30 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{AbortReason, Duty, DutyPlan, Return, ReturnPlan, ReturnStep};
+use super::{Duty, DutyPlan, Return, ReturnPlan, ReturnStep};
 use crate::units::{Force, Position};
+
+/// Why a hit sequence ended without a verdict, or a pulse train before its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AbortReason {
+    /// The force went off.
+    Off,
+    /// The handle did not come back to the start in time.
+    NotBack,
+    /// The motor does not cool down: something else asks for force.
+    TooWarm,
+}
+
+impl AbortReason {
+    /// What is wrong and what helps.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Off => "the force went off: see status and faults",
+            Self::NotBack => "the handle did not come back to the start in time: is it held?",
+            Self::TooWarm => "the motor does not cool down: does the handle rest in a wall?",
+        }
+    }
+}
 
 /// An approach in progress.
 #[derive(Clone, Copy, Debug, Default)]

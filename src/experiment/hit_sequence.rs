@@ -4,7 +4,8 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{
-    Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict, approach::Approach,
+    Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict,
+    approach::{AbortReason, Approach},
 };
 use crate::{
     safety::Doubled,
@@ -30,28 +31,6 @@ impl HitSequencePlan {
     pub const NEVER: u32 = u32::MAX;
     /// Milliseconds between two looks.
     pub(crate) const LOOK_MS: u32 = 32;
-}
-
-/// Why a hit sequence ended without a verdict, or a pulse train before its end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AbortReason {
-    /// The force went off.
-    Off,
-    /// The handle did not come back to the start in time.
-    NotBack,
-    /// The motor does not cool down: something else asks for force.
-    TooWarm,
-}
-
-impl AbortReason {
-    /// What is wrong and what helps.
-    pub const fn text(self) -> &'static str {
-        match self {
-            Self::Off => "the force went off: see status and faults",
-            Self::NotBack => "the handle did not come back to the start in time: is it held?",
-            Self::TooWarm => "the motor does not cool down: does the handle rest in a wall?",
-        }
-    }
 }
 
 #[derive(Clone, Copy, Debug)]

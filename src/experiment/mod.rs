@@ -15,10 +15,11 @@ mod rms;
 mod scheduler;
 mod walk;
 
+pub use approach::AbortReason;
 pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationSettings};
 pub use duty::{Duty, DutyPlan, DutySettings};
 pub use hit::{Hit, HitPlan, HitSettings, Verdict};
-pub use hit_sequence::{AbortReason, HitSequence, HitSequencePlan};
+pub use hit_sequence::{HitSequence, HitSequencePlan};
 pub use orders::{Activity, Event, Gains, Order, PeriodPlan, Report};
 pub use promise::Promise;
 pub use pulse_train::{PulseTrain, PulseTrainPlan};

@@ -11,7 +11,10 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{AbortReason, Duty, DutyPlan, ReturnPlan, approach::Approach};
+use super::{
+    Duty, DutyPlan, ReturnPlan,
+    approach::{AbortReason, Approach},
+};
 use crate::{
     safety::Doubled,
     units::{Force, Position},
