@@ -49,6 +49,9 @@ impl Approach {
         (position, contact): (Position, bool),
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
+        if duty.is_too_warm(stands) {
+            self.back = None; // something holds the handle on its way
+        }
         if self.back.is_none() && !duty.is_ready(stands) {
             self.cooled = self.cooled.saturating_add(1);
             let patient = self.cooled <= stands.patience();
@@ -107,5 +110,28 @@ mod tests {
             assert_eq!(output(&cold), (Some(Force::ZERO), false));
         }
         assert_eq!(output(&cold), (None, false));
+    }
+
+    #[test]
+    fn a_way_back_that_warms_the_motor_beyond_its_limit_is_broken_off() {
+        let back = BACK.build(&DESIGN).unwrap();
+        let duty = DutySettings { continuous_force_n: 0.75, time_constant_s: 10.0 };
+        let stands = duty.build(&DESIGN, 1_000).unwrap();
+        let mut heat = Duty::default();
+        let mut approach = Approach::default();
+        let mut pushed = false;
+        for _ in 0..9_000 {
+            // Somebody holds it.
+            let push =
+                approach.output((&back, &stands), (Position::from_counts(-40_000), false), &heat);
+            let push = push.unwrap().unwrap();
+            pushed |= push != Force::ZERO;
+            assert!(push == Force::ZERO || !heat.is_too_warm(&stands));
+            heat.add(&stands, push);
+            if pushed && approach.cools() {
+                return;
+            }
+        }
+        panic!("it goes on");
     }
 }
