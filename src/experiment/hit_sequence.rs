@@ -42,7 +42,9 @@ enum Phase {
 /// A hit sequence in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct HitSequence {
-    plan: Doubled<HitSequencePlan>,
+    plan: HitSequencePlan,
+    /// The hit's.
+    push: Doubled<Force>,
     phase: Phase,
     /// Outputs since the last look for an early verdict.
     looked: u32,
@@ -54,7 +56,7 @@ impl HitSequence {
     /// A hit sequence whose first output is still to come.
     pub fn new(plan: HitSequencePlan) -> Self {
         let phase = Phase::Approach(Approach::default());
-        Self { plan: Doubled::new(plan), phase, looked: 0, fresh: false }
+        Self { plan, push: Doubled::new(plan.hit.push), phase, looked: 0, fresh: false }
     }
 
     /// One without the way to the start.
@@ -63,16 +65,16 @@ impl HitSequence {
         Self { phase: Phase::Hit(Hit::new(plan.hit)), ..Self::new(plan) }
     }
 
-    /// A bit of the plan's copy has flipped.
+    /// A bit of the push's copy has flipped.
     #[cfg(test)]
     pub fn spoil(&mut self) {
-        self.plan.spoil(HitSequencePlan { look: self.plan.look ^ 1, ..*self.plan });
+        self.push.spoil(Force::saturating_from_bits(self.push.bits() ^ 1));
     }
 
-    /// Whether the plan is as it was put here.
+    /// Whether its push is what was ordered.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.plan.is_whole()
+        self.push.is_whole()
     }
 
     /// The push for this output. `contact`: the handle is inside the wall.
@@ -95,7 +97,7 @@ impl HitSequence {
             self.fresh = true;
         }
         self.looked = self.looked.saturating_add(1);
-        Ok(self.plan.hit.push)
+        Ok(*self.push)
     }
 
     /// The hit began with the last output: of the samples up to it only the last one is the hit's.

@@ -60,7 +60,8 @@ enum Phase {
 /// A pulse train in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct PulseTrain {
-    plan: Doubled<PulseTrainPlan>,
+    plan: PulseTrainPlan,
+    pulses: Doubled<[(Force, u32); PULSES]>,
     /// Pulses that are over.
     over: usize,
     phase: Phase,
@@ -70,19 +71,21 @@ impl PulseTrain {
     /// A train whose first output is still to come.
     pub fn new(plan: PulseTrainPlan) -> Self {
         let phase = Phase::Approach(Approach::default());
-        Self { plan: Doubled::new(plan), over: 0, phase }
+        Self { plan, pulses: Doubled::new(plan.pulses), over: 0, phase }
     }
 
-    /// A bit of the plan's copy has flipped.
+    /// A bit of the pulses' copy has flipped.
     #[cfg(test)]
     pub fn spoil(&mut self) {
-        self.plan.spoil(PulseTrainPlan { rest: self.plan.rest ^ 1, ..*self.plan });
+        let mut pulses = *self.pulses;
+        pulses[2].1 ^= 1;
+        self.pulses.spoil(pulses);
     }
 
-    /// Whether the plan is as it was put here.
+    /// Whether its pulses are what was ordered.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.plan.is_whole()
+        self.pulses.is_whole()
     }
 
     /// The push for this output; none: all pulses are over. `contact`: the handle is inside the wall, which has no force.
@@ -103,7 +106,7 @@ impl PulseTrain {
             }
             self.phase = Phase::Push(0);
         }
-        let Some(&(push, length)) = plan.pulses.get(self.over) else { return Ok(None) };
+        let Some(&(push, length)) = self.pulses.get(self.over) else { return Ok(None) };
         if let Phase::Push(outputs) = &mut self.phase {
             if *outputs < length {
                 *outputs += 1;
@@ -119,7 +122,7 @@ impl PulseTrain {
             self.over += 1;
             self.phase = Phase::Approach(Approach::default());
         }
-        Ok(plan.pulses.get(self.over).map(|_| Force::ZERO))
+        Ok(self.pulses.get(self.over).map(|_| Force::ZERO))
     }
 }
 

@@ -54,7 +54,7 @@ impl Experiment {
         }
     }
 
-    /// Whether its plan is as it was given.
+    /// Whether what it pushes with is as it was given.
     #[inline(always)]
     fn is_whole(&self) -> bool {
         match self {
