@@ -155,7 +155,7 @@ OPTIONS = {
     "docs/faults.md": ["board campaign"],
     "docs/telemetry.md": ["sim telemetry", "sim replay"],
 }
-COMMON = {"--help", "--version", "--elf", "--threads", "--numeric", "--engine", "--out", "--force", "--json"}
+COMMON = {"--help", "--version", "--elf", "--threads", "--numeric", "--engine", "--out", "--force", "--json", "--parquet"}
 
 
 def options(name):

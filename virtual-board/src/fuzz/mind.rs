@@ -265,7 +265,9 @@ impl Mind {
         {
             return differs(format!("fault {} should have come by sample {at}", fault_text(code)));
         }
-        self.push.step(new, gap);
+        let Settings { k, b, .. } = self.model.settings;
+        let acts = k != 0.0 || b != 0.0 || self.model.activity == Activity::Walk;
+        self.push.step(new, gap, acts);
         self.allowed = Default::default();
         Ok(())
     }

@@ -26,9 +26,9 @@ pub(super) struct Push {
 }
 
 impl Push {
-    /// An output more; `gap`: some before it are not known.
-    pub fn step(&mut self, new: &View, gap: bool) {
-        if !new.on || new.contact || new.force.abs() <= PUSH {
+    /// An output more; `gap`: some before it are not known, `acts`: the wall has a force, so that a handle may lean on it.
+    pub fn step(&mut self, new: &View, gap: bool, acts: bool) {
+        if !new.on || new.contact && acts || new.force.abs() <= PUSH {
             *self = Self { still: (0, new.position), ..Self::default() };
             return;
         }
