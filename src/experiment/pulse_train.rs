@@ -60,8 +60,11 @@ enum Phase {
 /// A pulse train in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct PulseTrain {
-    plan: PulseTrainPlan,
     pulses: Doubled<[(Force, u32); PULSES]>,
+    /// Outputs after each.
+    rest: u32,
+    back: ReturnPlan,
+    stands: DutyPlan,
     /// Pulses that are over.
     over: usize,
     phase: Phase,
@@ -70,8 +73,9 @@ pub struct PulseTrain {
 impl PulseTrain {
     /// A train whose first output is still to come.
     pub fn new(plan: PulseTrainPlan) -> Self {
+        let PulseTrainPlan { pulses, rest, back, duty: stands } = plan;
         let phase = Phase::Approach(Approach::default());
-        Self { plan, pulses: Doubled::new(plan.pulses), over: 0, phase }
+        Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase }
     }
 
     /// A bit of the pulses' copy has flipped.
@@ -98,9 +102,9 @@ impl PulseTrain {
         contact: bool,
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
-        let plan = &self.plan;
         if let Phase::Approach(approach) = &mut self.phase {
-            let way = approach.output((&plan.back, &plan.duty), (position, contact), duty)?;
+            let plans = (&self.back, &self.stands);
+            let way = approach.output(plans, (position, contact), duty)?;
             if way.is_some() {
                 return Ok(way);
             }
@@ -115,7 +119,7 @@ impl PulseTrain {
             self.phase = Phase::Rest(0);
         }
         if let Phase::Rest(outputs) = &mut self.phase {
-            if *outputs < plan.rest {
+            if *outputs < self.rest {
                 *outputs += 1;
                 return Ok(Some(Force::ZERO));
             }

@@ -212,7 +212,7 @@ impl Return {
 
     /// The force for this output. `contact`: the handle is inside the wall.
     pub fn output(&mut self, position: Position, contact: bool) -> ReturnStep {
-        let plan = self.plan;
+        let plan = &self.plan;
         let x = i64::from(position.counts());
         let start = i64::from(plan.start.counts());
         let target = start << FRACTION;
@@ -262,7 +262,7 @@ impl Return {
         if self.has_arrived(position, reference == target) {
             return ReturnStep::Arrived;
         }
-        if self.outputs > plan.timeout_outputs {
+        if self.outputs > self.plan.timeout_outputs {
             return ReturnStep::TooLong;
         }
         // within the limit, which is at most half of full scale
