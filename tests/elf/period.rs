@@ -33,7 +33,7 @@ each_board!(
 );
 
 /// `sample` and `render` together, as a part of the time between two outputs, at most: the output that meets the order of
-/// a hit at period 1 on the slower board, 4,233 cycles. It was 3,915 before pushes and limits were compared twice.
+/// a hit at period 1 on the slower board, 4,200 cycles. It was 3,915 before pushes and limits were compared twice.
 const LOAD: f64 = 0.27;
 
 #[test]
