@@ -150,6 +150,12 @@ impl From<NumericArg> for Numeric {
 }
 
 impl Command {
+    /// Whether tables are among the files of its result.
+    fn fills_a_folder_with_tables(&self) -> bool {
+        use Command::{Compare, Design, Explain, Sweep, Trade};
+        matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Trade(_))
+    }
+
     /// Name of a command that has no folder of results, and the options that name its files.
     fn named_outputs(&self) -> Option<[&'static str; 2]> {
         match self {
@@ -187,6 +193,11 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         return Err(Error::Input(format!(
             "--parquet is not of {command}, whose files are {options}: end their names in .parquet"
         )));
+    }
+    if common.parquet && !command.fills_a_folder_with_tables() {
+        return Err(Error::input(
+            "--parquet is of sweep, compare, design, explain and trade only, which fill a folder with tables",
+        ));
     }
     let threads = usize::from(common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
     let pool = rayon::ThreadPoolBuilder::new()

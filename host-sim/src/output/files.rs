@@ -133,8 +133,8 @@ impl Outputs {
         let format = Format::of(path, kind)?;
         let place = self.file(path)?;
         if format != Format::Csv {
-            let manifest = serde_json::to_string(&Manifest::of_call(scene))
-                .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
+            let manifest = json(&Manifest::of_call(scene))?;
+            let manifest = String::from_utf8_lossy(&manifest).into_owned();
             self.files[place.0].table = Some((format, About { kind, manifest }, String::new()));
         }
         Ok(Some(place))

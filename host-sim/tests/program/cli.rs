@@ -261,6 +261,13 @@ fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
     assert!(line.contains("--parquet: this build writes CSV only; cargo sim-files"), "{line}");
     let line = refused(&["walk", "paper-2um", "--cutoff", "500", "--parquet"]);
     assert!(line.contains("--parquet is not of walk, whose files are --csv"), "{line}");
+    for of in [&["prepare", "paper-2um"][..], &["study", "x.toml"], &["read", "x.device"]] {
+        let line = refused(&[of, &["--parquet"]].concat());
+        assert!(
+            line.contains("--parquet is of sweep, compare, design, explain and trade only"),
+            "{line}"
+        );
+    }
     let grid =
         ["grid", "paper-2um", "--cutoffs", "200", "--stiffnesses", "5000", "--dampings", "10"];
     let line = refused(&[&grid[..], &["--csv", "t.mcap"]].concat());
