@@ -1,6 +1,9 @@
 //! What goes wrong outside of the chip, in RTT's block, and two faults at once: with the emergency stop.
 
-use super::rows::{Row, SOON_S};
+use super::{
+    rows::{Row, SOON_S},
+    situation::PUSH_N,
+};
 use crate::{
     board::{Board, Force},
     elf::{Elf, SAMPLE_STATE},
@@ -14,6 +17,8 @@ const STUCK_S: f64 = 0.0525;
 const SHORT_OF_S: f64 = 0.1025;
 /// A current that differs by a third of full scale, in the mean of 13 ms.
 const SENSED_S: f64 = 0.018;
+/// All of the motor's force, in the firmware's unit.
+const FULL_SCALE: i32 = 1 << 30;
 /// Whatever the plant allows.
 const EVER_S: f64 = 1.3;
 
@@ -64,6 +69,7 @@ fn everywhere() -> Vec<Row> {
             .never_free(moves)
             .never_in_contact(moves),
         Row::of("motor's sign in memory", SOON_S, motor_sign),
+        Row::of("push of a hit in memory", SOON_S, push).only_free(),
         Row::of("encoder's origin in memory", SOON_S, origin),
         Row::of("RTT: up 1 larger", SOON_S, |elf, world| channel(elf, world, 8, 1 << 16)),
         Row::of("RTT: up 1 elsewhere", SOON_S, |elf, world| {
@@ -143,6 +149,23 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
         place.ok_or_else(|| Failed::Refused("nothing in `render` turns with the motor".into()))?;
     world.restore(&before);
     world.powered.mcu.write(from + u32::try_from(place).unwrap_or_default(), &[1]);
+    Ok(world.powered.mcu.now())
+}
+
+/// A bit of the running hit's push, worth half of full scale. It stands there beside its copy.
+fn push(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let (from, size) = elf.place_of("local_resource_render")?;
+    let mut bytes = vec![0; size as usize];
+    world.powered.mcu.read(from, &mut bytes);
+    let words: Vec<_> =
+        bytes.chunks_exact(4).map(|w| i32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect();
+    let wanted = PUSH_N / world.full_scale_n() * f64::from(FULL_SCALE);
+    let is_push = |word: &i32| (f64::from(*word) - wanted).abs() <= 1.0;
+    let place = words.windows(2).position(|pair| pair.iter().all(is_push));
+    let place = place.ok_or_else(|| Failed::Refused("no push is kept twice in `render`".into()))?;
+    let flipped = words[place] ^ (FULL_SCALE / 2);
+    let at = from + 4 * u32::try_from(place).unwrap_or_default();
+    world.powered.mcu.write(at, &flipped.to_le_bytes());
     Ok(world.powered.mcu.now())
 }
 

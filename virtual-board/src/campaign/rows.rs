@@ -26,6 +26,8 @@ pub struct Row {
     pub never: [Option<&'static str>; 2],
     /// The force is off before.
     pub from_off: bool,
+    /// What it is done to is there in free motion only.
+    pub only_free: bool,
 }
 
 impl Row {
@@ -36,7 +38,19 @@ impl Row {
         begin: impl Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync + 'static,
     ) -> Self {
         let begin = Box::new(begin);
-        Self { name: name.into(), begin, limit_s, never: [None; 2], from_off: false }
+        Self {
+            name: name.into(),
+            begin,
+            limit_s,
+            never: [None; 2],
+            from_off: false,
+            only_free: false,
+        }
+    }
+
+    /// There is none in contact.
+    pub fn only_free(self) -> Self {
+        Self { only_free: true, ..self }
     }
 
     /// In free motion it cannot be found, because of that.

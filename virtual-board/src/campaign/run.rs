@@ -74,7 +74,10 @@ impl<'a> Ground<'a> {
     ) -> Result<Vec<(usize, Situation, Verdict)>, Error> {
         let jobs: Vec<_> = (0..rows.len())
             .flat_map(|row| SITUATIONS.map(|situation| (row, situation)))
-            .filter(|&(row, situation)| !rows[row].from_off || situation == Situation::Free)
+            .filter(|&(row, situation)| {
+                let free = rows[row].from_off || rows[row].only_free;
+                !free || situation == Situation::Free
+            })
             .collect();
         let verdicts = on_threads(
             jobs.len(),

@@ -33,6 +33,8 @@ impl Situation {
 const DEPTH_M: f64 = 0.3e-3;
 const SWING_M: f64 = 0.2e-3;
 const SWING_HZ: f64 = 20.0;
+/// Push of the hit in free motion, N.
+pub const PUSH_N: f64 = 2.835;
 /// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 
@@ -45,7 +47,8 @@ pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Faile
         Situation::Free => "wall 0.1",
         Situation::Contact => "wall 0.005",
     };
-    for line in ["zero", "unlock envelope", wall, "k 10000", "b 30", "push 2.835", "arm"] {
+    let push = format!("push {PUSH_N}");
+    for line in ["zero", "unlock envelope", wall, "k 10000", "b 30", &push, "arm"] {
         ask(&mut world, line)?;
     }
     world.run(ARM_SAMPLES)?;

@@ -345,6 +345,11 @@ impl<'a> World<'a> {
         self.plant.position_m(&self.state)
     }
 
+    /// All of the motor's force, N.
+    pub fn full_scale_n(&self) -> f64 {
+        self.full_scale_n
+    }
+
     /// Force of the finger on the handle, N.
     pub fn finger_n(&self) -> f64 {
         let Some(finger) = self.finger.filter(|_| self.held.is_none()) else { return 0.0 };
