@@ -30,8 +30,9 @@ impl AbortReason {
 /// An approach in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Approach {
-    /// None: the motor cools down.
-    back: Option<Return>,
+    back: Return,
+    /// Or the motor cools down.
+    moves: bool,
     /// Outputs spent cooling down.
     cooled: u32,
 }
@@ -50,20 +51,24 @@ impl Approach {
         duty: &Duty,
     ) -> Result<Option<Force>, AbortReason> {
         if duty.is_too_warm(stands) {
-            self.back = None; // something holds the handle on its way
+            self.moves = false; // something holds the handle on its way
         }
-        if self.back.is_none() && !duty.is_ready(stands) {
+        if !self.moves && !duty.is_ready(stands) {
             self.cooled = self.cooled.saturating_add(1);
             let patient = self.cooled <= stands.patience();
             return if patient { Ok(Some(Force::ZERO)) } else { Err(AbortReason::TooWarm) };
         }
-        let moved = self.back.get_or_insert_with(|| Return::new(*back)).output(position, contact);
+        if !self.moves {
+            self.back.restart();
+            self.moves = true;
+        }
+        let moved = self.back.output(back, position, contact);
         match moved {
             ReturnStep::Push(force) => Ok(Some(force)),
             ReturnStep::TooLong => Err(AbortReason::NotBack),
             // Whatever warmed the motor on the way, what follows has its reserve.
             ReturnStep::Arrived if !duty.is_ready(stands) => {
-                self.back = None;
+                self.moves = false;
                 Ok(Some(Force::ZERO))
             }
             ReturnStep::Arrived => Ok(None),
@@ -73,7 +78,7 @@ impl Approach {
     /// The motor cools down.
     #[cfg(test)]
     pub fn cools(&self) -> bool {
-        self.back.is_none()
+        !self.moves
     }
 }
 

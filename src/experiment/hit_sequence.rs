@@ -54,6 +54,7 @@ pub struct HitSequence {
 
 impl HitSequence {
     /// A hit sequence whose first output is still to come.
+    #[inline(always)]
     pub fn new(plan: HitSequencePlan) -> Self {
         let phase = Phase::Approach(Approach::default());
         Self { plan, push: Doubled::new(plan.hit.push), phase, looked: 0, fresh: false }

@@ -176,16 +176,16 @@ pub enum ReturnStep {
 }
 
 /// A return in progress.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Return {
-    plan: ReturnPlan,
     /// Counts, 16 fractional bits; `None` before the first output.
     reference: Option<i64>,
     integral: i64,
     /// How far r has moved by its own steps, 16 fractional bits.
     planned: i64,
-    /// The last distances of that from the handle, newest first, counts: one each millisecond.
+    /// The last distances of that from the handle, counts: one each millisecond; and which of them is the oldest.
     past: [i64; SPAN],
+    oldest: usize,
     /// By how much they have grown, and outputs until the next look.
     widened: i64,
     left: u32,
@@ -195,24 +195,16 @@ pub struct Return {
 }
 
 impl Return {
-    /// A return whose first output is still to come.
-    pub fn new(plan: ReturnPlan) -> Self {
-        Self {
-            plan,
-            reference: None,
-            integral: 0,
-            planned: 0,
-            past: [0; SPAN],
-            widened: 0,
-            left: 0,
-            rest: (Position::default(), 0),
-            outputs: 0,
-        }
+    /// Another return, whose first output is still to come.
+    #[inline(always)]
+    pub fn restart(&mut self) {
+        // What else there is begins with the first output. One by one: nothing is copied.
+        (self.reference, self.integral, self.planned) = (None, 0, 0);
+        (self.widened, self.left, self.outputs) = (0, 0, 0);
     }
 
-    /// The force for this output. `contact`: the handle is inside the wall.
-    pub fn output(&mut self, position: Position, contact: bool) -> ReturnStep {
-        let plan = &self.plan;
+    /// The force for this output of a return by that plan, the same each time. `contact`: the handle is inside the wall.
+    pub fn output(&mut self, plan: &ReturnPlan, position: Position, contact: bool) -> ReturnStep {
         let x = i64::from(position.counts());
         let start = i64::from(plan.start.counts());
         let target = start << FRACTION;
@@ -234,11 +226,9 @@ impl Return {
         }
         if self.left == 0 {
             self.left = plan.pace;
-            self.widened = ahead - self.past.last().copied().unwrap_or(ahead);
-            self.past.copy_within(..SPAN - 1, 1);
-            if let Some(newest) = self.past.first_mut() {
-                *newest = ahead;
-            }
+            let at = self.oldest % SPAN;
+            self.widened = ahead - core::mem::replace(&mut self.past[at], ahead);
+            self.oldest = at + 1;
         }
         self.left -= 1;
         let [error, widened] = [(reference >> FRACTION) - x, self.widened].map(|counts| {
@@ -259,10 +249,10 @@ impl Return {
             (force, self.integral) = (force.min(0), self.integral.min(0));
         }
         self.outputs = self.outputs.saturating_add(1);
-        if self.has_arrived(position, reference == target) {
+        if self.has_arrived(plan, position, reference == target) {
             return ReturnStep::Arrived;
         }
-        if self.outputs > self.plan.timeout_outputs {
+        if self.outputs > plan.timeout_outputs {
             return ReturnStep::TooLong;
         }
         // within the limit, which is at most half of full scale
@@ -270,13 +260,13 @@ impl Return {
     }
 
     /// Near the start, and no further than half the tolerance from where it was all the time.
-    fn has_arrived(&mut self, position: Position, at_end: bool) -> bool {
-        let tolerance = self.plan.tolerance;
+    fn has_arrived(&mut self, plan: &ReturnPlan, position: Position, at_end: bool) -> bool {
+        let tolerance = plan.tolerance;
         let (anchor, outputs) = self.rest;
         let still = position.wrapping_since(anchor).unsigned_abs() <= tolerance / 2;
         self.rest = if still { (anchor, outputs.saturating_add(1)) } else { (position, 0) };
-        let near = position.wrapping_since(self.plan.start).unsigned_abs() <= tolerance;
-        at_end && near && self.rest.1 >= self.plan.rest_outputs
+        let near = position.wrapping_since(plan.start).unsigned_abs() <= tolerance;
+        at_end && near && self.rest.1 >= plan.rest_outputs
     }
 }
 

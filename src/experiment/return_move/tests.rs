@@ -3,6 +3,22 @@ use super::*;
 pub use crate::design::tests::DESIGN;
 pub const SETTINGS: ReturnSettings = ReturnSettings::SOFT;
 
+/// A return with its plan.
+struct Moving {
+    plan: ReturnPlan,
+    back: Return,
+}
+
+impl Moving {
+    fn new(plan: ReturnPlan) -> Self {
+        Self { plan, back: Return::default() }
+    }
+
+    fn output(&mut self, position: Position, contact: bool) -> ReturnStep {
+        self.back.output(&self.plan, position, contact)
+    }
+}
+
 /// A handle on a spring to `rest_m`.
 pub struct Handle {
     pub mass_kg: f64,
@@ -37,7 +53,7 @@ impl Handle {
 
 /// How it ended, after how many outputs, the highest speed, the largest force (fraction).
 fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
-    let mut back = Return::new(SETTINGS.build(&DESIGN).unwrap());
+    let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     let (mut fastest, mut strongest) = (0f64, 0f64);
     for outputs in 0.. {
         match back.output(handle.position(), false) {
@@ -99,7 +115,7 @@ fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
         for (from_m, to_m) in [(0.05, 0.0), (-0.03, 0.0), (0.05, 0.005)] {
             for (outputs, wait) in [(100, 0), (500, 0), (100, 15), (500, 300)] {
                 let mut handle = Handle { mass_kg, spring, ..Handle::at(from_m) };
-                let mut back = Return::new(SETTINGS.build(&DESIGN).unwrap());
+                let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
                 let (mut farthest, mut fastest, mut arrived) = (0f64, 0f64, false);
                 for n in 0..6_000 {
                     let ReturnStep::Push(force) = back.output(handle.position(), false) else {
@@ -142,7 +158,7 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
         for resolution_m in [1e-6, 7.3e-6, 1e-7] {
             let design = Design { resolution_m, ..DESIGN };
             let settings = ReturnSettings { tolerance_m: 5e-5, ..settings };
-            let mut back = Return::new(settings.build(&design).unwrap());
+            let mut back = Moving::new(settings.build(&design).unwrap());
             #[expect(clippy::cast_possible_truncation, reason = "half a metre")]
             let at = Position::from_counts((0.05 / resolution_m) as i32);
             let moved = (0..20).any(
@@ -165,7 +181,7 @@ fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
         ..SETTINGS
     };
     for at in [-1_000_000, 1_000_000] {
-        let mut back = Return::new(settings.build(&design).unwrap());
+        let mut back = Moving::new(settings.build(&design).unwrap());
         let step = back.output(Position::from_counts(at), false);
         assert!(
             matches!(step, ReturnStep::Push(force) if force.bits() * at.signum() < 0),
@@ -176,7 +192,7 @@ fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
 
 #[test]
 fn in_the_wall_it_only_pulls_out() {
-    let mut back = Return::new(SETTINGS.build(&DESIGN).unwrap());
+    let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     for _ in 0..100 {
         let ReturnStep::Push(force) = back.output(Position::from_counts(-20_000), true) else {
             panic!("it is not back yet");
@@ -243,7 +259,7 @@ fn a_setting_out_of_range_is_refused_with_the_range() {
 #[test]
 fn it_ends_at_a_start_that_is_not_zero() {
     for start_m in [0.012, -0.012] {
-        let mut back = Return::new(ReturnSettings { start_m, ..SETTINGS }.build(&DESIGN).unwrap());
+        let mut back = Moving::new(ReturnSettings { start_m, ..SETTINGS }.build(&DESIGN).unwrap());
         let mut handle = Handle { spring: 0.0, ..Handle::at(0.8 * start_m) };
         let arrived = (0..2_000).any(|_| match back.output(handle.position(), false) {
             ReturnStep::Push(force) => {
@@ -261,7 +277,7 @@ fn it_ends_at_a_start_that_is_not_zero() {
 fn a_handle_that_is_held_stretches_the_spring_by_the_steps_that_fit_the_lead() {
     let settings = ReturnSettings { damping_n_s_per_m: 0.0, integral_n_per_m_s: 0.0, ..SETTINGS };
     for (at, newtons) in [(50_000, -1.395), (-50_000, 1.395)] {
-        let mut back = Return::new(settings.build(&DESIGN).unwrap());
+        let mut back = Moving::new(settings.build(&DESIGN).unwrap());
         let last = (0..100).map(|_| back.output(Position::from_counts(at), false)).last();
         let Some(ReturnStep::Push(force)) = last else { panic!("{last:?}") };
         let given = f64::from(force.bits()) / 2f64.powi(30) * DESIGN.full_scale_n;
@@ -275,7 +291,7 @@ fn the_farthest_jump_is_pulled_back_from_with_all_its_force() {
     for (start, jump) in [(1 << 30, i32::MIN), (-(1 << 30), i32::MAX)] {
         let start_m = f64::from(start) * DESIGN.resolution_m;
         let plan = ReturnSettings { start_m, ..SETTINGS }.build(&DESIGN).unwrap();
-        let mut back = Return::new(plan);
+        let mut back = Moving::new(plan);
         back.output(Position::from_counts(start), false);
         let limit = plan.force().bits();
         let toward = Force::saturating_from_bits(if jump < 0 { limit } else { -limit });
@@ -291,11 +307,11 @@ fn against_a_hand_that_is_stronger_than_the_limit_the_integral_only_gets_smaller
     let settings = ReturnSettings { force_n: 1.2, integral_n_per_m_s: 1e3, ..SETTINGS };
     let settings = ReturnSettings { stiffness_n_per_m: 5_000.0, ..settings };
     for (before, after) in [(1_500, 500), (600, -400), (500, 500), (400, 400), (-700, -700)] {
-        let mut back = Return::new(settings.build(&design).unwrap());
+        let mut back = Moving::new(settings.build(&design).unwrap());
         back.output(Position::from_counts(0), false);
-        back.integral = before;
+        back.back.integral = before;
         back.output(Position::from_counts(1_000), false);
-        assert_eq!(back.integral, after, "from {before}");
+        assert_eq!(back.back.integral, after, "from {before}");
     }
 }
 
@@ -303,7 +319,7 @@ fn against_a_hand_that_is_stronger_than_the_limit_the_integral_only_gets_smaller
 fn a_handle_stands_while_it_stays_within_half_the_tolerance_of_one_place() {
     let settings = ReturnSettings { tolerance_m: 5.05e-5, ..SETTINGS };
     for (trembles, arrives) in [(25, Some(19)), (26, None)] {
-        let mut back = Return::new(settings.build(&DESIGN).unwrap());
+        let mut back = Moving::new(settings.build(&DESIGN).unwrap());
         let ended = (0..200).find(|n| {
             let at = Position::from_counts(n % 2 * trembles);
             back.output(at, false) == ReturnStep::Arrived

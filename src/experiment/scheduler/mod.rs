@@ -228,6 +228,7 @@ impl<const N: usize> Scheduler<N> {
         self.news = news;
     }
 
+    #[inline(always)] // called, it would copy the experiment once more
     fn set(&mut self, experiment: Experiment) {
         self.activity = experiment.activity();
         self.experiment = experiment;
