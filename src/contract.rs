@@ -108,9 +108,10 @@ pub trait Board: Sized {
     fn log_dropped() -> u32;
 }
 
-/// Starts the output's clock and, right after it, the sampling: their distance sets the phase of a PWM. Once, with all
-/// interrupts on.
-pub fn start<F: ForceOutput, T: SampleTimer>() {
+/// Starts the encoder, the output's clock and, right after that, the sampling: the distance of the two sets the phase of a
+/// PWM. Once, with all interrupts on.
+pub fn start<E: Encoder, F: ForceOutput, T: SampleTimer>() {
+    E::start();
     F::start();
     T::start();
 }
@@ -191,6 +192,9 @@ pub struct Link<B: Board> {
 
 /// Counts the encoder's edges, four per line, in 32 bits that wrap. Edges closer than 0.1 us may be lost.
 pub trait Encoder {
+    /// Counts from now on: 0 until then. A handle that moves during the boot has not jumped by the first sample.
+    fn start();
+
     /// The count now.
     fn count(&self) -> u32;
 

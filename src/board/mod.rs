@@ -72,7 +72,7 @@ pub fn take(
 /// See [`contract::start`]. For `idle`.
 pub fn start() {
     forget_floats();
-    contract::start::<Force, SampleTimer>();
+    contract::start::<Encoder, Force, SampleTimer>();
 }
 
 /// Sleeps until an interrupt; not deeper than that, whatever has set the bit for it: in the stop mode no clock runs, and

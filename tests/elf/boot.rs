@@ -22,6 +22,7 @@ mod build_script;
 each_board!(
     no_byte_of_the_image_lies_in_the_settings_sectors,
     a_board_boots_with_the_output_off_and_answers,
+    a_handle_that_moves_at_a_boot_has_not_jumped,
     two_runs_are_the_same_bit_for_bit,
     force_reaches_the_plant_and_disarm_takes_it_away
 );
@@ -62,6 +63,18 @@ fn a_board_boots_with_the_output_off_and_answers(board: Board) {
     assert!(!mcu.pin(firmware.board.wiring.enable));
     assert_eq!(world.powered.amplifier.command(), 0);
     assert_eq!((mcu.resets(), mcu.hard_faults()), (0, &[][..]));
+}
+
+fn a_handle_that_moves_at_a_boot_has_not_jumped(board: Board) {
+    let firmware = &Firmware::of(board);
+    for speed_m_per_s in [0.5, -0.5, 2.0] {
+        let mut world = firmware.boot();
+        world.lead(speed_m_per_s);
+        world.reset();
+        world.run(2_000).unwrap();
+        let status = ok(&mut world, "status");
+        assert!(status.contains("ok status off, fault none"), "{speed_m_per_s}: {status}");
+    }
 }
 
 /// `zero` to `status`: what a person sees, what telemetry says, where the handle is in the end.

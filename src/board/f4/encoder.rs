@@ -35,7 +35,7 @@ pub struct Encoder<E = ()> {
 }
 
 impl<E> Encoder<E> {
-    /// Starts counting from 0 at the present position.
+    /// At 0, and not counting yet.
     pub fn new(
         timer: pac::TIM2,
         a: impl Into<<pac::TIM2 as CPin<0>>::Ch<PushPull>>,
@@ -50,12 +50,17 @@ impl<E> Encoder<E> {
             unsafe { w.bits(r.bits() | FILTER << 4 | FILTER << 12) }
         });
         timer.cnt().reset();
-        timer.cr1().modify(|_, w| w.cen().set_bit());
         Self { timer, edges }
     }
 }
 
 impl<E: EdgeTimes> contract::Encoder for Encoder<E> {
+    fn start() {
+        // SAFETY: the address is TIM2's; no sample has come, and after this nothing writes this register.
+        let timer = unsafe { &*pac::TIM2::ptr() };
+        timer.cr1().modify(|_, w| w.cen().set_bit());
+    }
+
     #[inline(always)]
     fn count(&self) -> u32 {
         self.timer.cnt().read().bits()

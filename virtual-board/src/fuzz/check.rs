@@ -150,13 +150,10 @@ impl Run<'_> {
         let changing =
             mind.allowed.arm || mind.allowed.disarm || mind.answered_at + UNSURE > mind.now;
         let sure = settled && !changing && mind.sees();
-        // A handle that is free may have gone farther than a jump before the first sample, 36 ms after its count was read.
-        let none = if mind.held { vec![0] } else { vec![0, 10] };
         mind.boots = Some(match (power, sure) {
-            (true, _) => none,
+            (true, _) => vec![0],
             (false, true) if fault != 0 => vec![fault],
-            (false, true) if on => vec![23],
-            (false, true) => none,
+            (false, true) => vec![if on { 23 } else { 0 }],
             (false, false) => vec![0, 23, fault, 10, 11, 13, 14, 15, 30, 31],
         });
         mind.causes_unsure |= !sure;
