@@ -203,17 +203,17 @@ def ready(key):
     return lit(SITUATION, rf'"{key} ([\d.]+)"')
 
 
-def swing(name):
-    return lit(SITUATION, rf"const {name}: f64 = ([\d.e-]+)")
+def situation(name):
+    return lit(SITUATION, rf"const {name}: f64 = ([\d.e-]+);")
 
 
 slots(
     "docs/faults.md",
     ("on its way to a wall that is far, with a push of {} %;",
-     lambda: number(100 * ready("push") / (lit("scenes/nucleo-f446re.toml", r"(?m)^gain_n_per_v = (\S+)")
+     lambda: number(100 * situation("PUSH_N") / (lit("scenes/nucleo-f446re.toml", r"(?m)^gain_n_per_v = (\S+)")
                                            * lit("scenes/nucleo-f446re.toml", r"(?m)^limit_v = (\S+)")), 0)),
     ("a hand swings it inside a wall of {} kN/m, {} to {} mm deep, at {} Hz:", lambda: number(ready("k") / 1e3),
-     *[lambda sign=sign: f"{1e3 * (swing('DEPTH_M') + sign * swing('SWING_M')):.1f}" for sign in (-1, 1)], lambda: number(swing("SWING_HZ"))),
+     *[lambda sign=sign: f"{1e3 * (situation('DEPTH_M') + sign * situation('SWING_M')):.1f}" for sign in (-1, 1)], lambda: number(situation("SWING_HZ"))),
 )
 STUDY = "scenes/paper-1um.toml"
 states(
