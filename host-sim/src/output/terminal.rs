@@ -17,6 +17,12 @@ use crate::{
     output::{SCHEMA_VERSION, files},
 };
 
+/// What the standard library says of a word that is no number, and what helps.
+const NUMBERS: [(&str, &str); 2] = [
+    ("invalid float literal", "it has to be a number, without a unit"),
+    ("invalid digit found in string", "it has to be a whole number, without a unit"),
+];
+
 /// Whether result and error are to be JSON, and the command; `None` if there is no such command.
 static JSON: OnceLock<(bool, Option<String>)> = OnceLock::new();
 /// One error is enough.
@@ -79,7 +85,8 @@ fn parse<T: Parser>() -> Result<T, u8> {
         let ends = |line: &&str| line.starts_with("Usage:") || line.starts_with("For more");
         let lines = text.lines().map(str::trim).take_while(|line| !ends(line));
         let lines: Vec<&str> = lines.filter(|line| !line.is_empty()).collect();
-        let line = lines.join(" ");
+        let line =
+            NUMBERS.iter().fold(lines.join(" "), |line, (of_std, said)| line.replace(of_std, said));
         let line = line.strip_prefix("error: ").unwrap_or(&line);
         let args: Vec<_> = std::env::args_os().skip(1).take_while(|arg| arg != "--").collect();
         let command = T::command();

@@ -101,7 +101,11 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
     let args = ["identify", "mm.csv", "--gain", "0.5906"];
     refused(folder, &args, "are these mm?");
     // without counts only size speaks: of the travel, or of the mass
-    refused(folder, &[&args[..], &["--resolution", "0"]].concat(), "allowed 5; position_m is in m");
+    refused(
+        folder,
+        &[&args[..], &["--resolution", "0"]].concat(),
+        "allowed 5 m; position_m is in m",
+    );
     in_mm(600.0, "small.csv");
     let args = ["identify", "small.csv", "--gain", "0.0005906", "--resolution", "0"];
     refused(folder, &args, "are these mm?");
@@ -210,9 +214,13 @@ fn bad_input_is_refused_in_one_line() {
         (with("log.csv", &["log.csv", "--added-mass", "0.1"]), "does not show more mass"),
         (
             with("log.csv", &["--gain", "1", "--latency", "-1"]),
-            "--latency is -1, allowed 0 to 1000",
+            "--latency is -1, allowed 0 to 1000 samples",
         ),
         (with("log.csv", &["--gain", "1", "--resolution", "1"]), "--resolution is 1, allowed"),
+        (
+            with("log.csv", &["--gain", "0.5N/V"]),
+            "'0.5N/V' for '--gain <N_PER_V>': it has to be a number, without a unit",
+        ),
         (with("log.csv", &["--gain", "1", "--from", "0.9", "--to", "0.1"]), "no row of data"),
         (with("log.csv", &["--gain", "1", "--from", "1.0"]), "no excitation"),
         (with("log.csv", &["--gain", "1", "--base", "none"]), "none cannot be read: "),

@@ -121,6 +121,50 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
+/// Errors and warnings speak of angles, and of the options and columns of a rotary scene.
+#[test]
+fn what_is_wrong_with_a_record_is_said_about_the_axis() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("paddle.toml"), rotary(None)).unwrap();
+    let words = ["identify", PULSE, "--base", "paddle.toml", "--csv", "fit.csv"];
+    json(folder, &[&words[..], &SPAN].concat());
+    let fit = fs::read_to_string(folder.join("fit.csv")).unwrap();
+    let mut lines = fit.lines();
+    let header = lines.next().unwrap();
+    let rows = lines.map(|line| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[2] = (cells[2].parse::<f64>().unwrap() * 1e3).to_string();
+        cells.join(",")
+    });
+    let rows: Vec<String> = [header.to_owned()].into_iter().chain(rows).collect();
+    fs::write(folder.join("large.csv"), rows.join("\n")).unwrap();
+    for (record, option, value, wanted) in [
+        ("large.csv", "--resolution", "0", "deg, allowed 3581 deg; position_rad is in rad: are"),
+        (
+            "fit.csv",
+            "--resolution",
+            "0.01",
+            "counts of 0.573 deg; give the encoder's --resolution in rad",
+        ),
+        (
+            "fit.csv",
+            "--rest-position",
+            "1e9",
+            "--rest-position is 1000000000, allowed -12500 to 12500 rad",
+        ),
+    ] {
+        let args = ["identify", record, "--base", "paddle.toml", option, value];
+        let line = refused(folder, &args);
+        assert!(line.contains(wanted), "{line}");
+    }
+    // A handle of less than 5 g at its radius.
+    let words = ["identify", "fit.csv", "--base", "paddle.toml", "--gain", "1e-4"];
+    let found = json(folder, &words);
+    let warnings = found["warnings"].to_string();
+    assert!(warnings.contains("kg m^2: is --gain in N m/V and position_rad in rad"), "{warnings}");
+}
+
 /// The damping that a record shows has the motor's own in it.
 #[test]
 fn back_emf_is_taken_off_the_damping_that_is_written_and_a_larger_one_is_told() {

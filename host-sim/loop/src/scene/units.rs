@@ -53,6 +53,7 @@ const WRITTEN: &[Written] = &[
     ("N² s/m²", "N² m² s/rad²", 4, 1.0),
     ("10^6 N² s/m²", "N² m² s/rad²", 4, 1e6),
     ("kg", "kg m^2", 2, 1.0),
+    ("g", "kg m^2", 2, 1e-3),
     ("N s/m", "N m s/rad", 2, 1.0),
     ("kN/m", "N m/rad", 2, 1e3),
     ("MN/m", "N m/rad", 2, 1e6),
@@ -175,7 +176,7 @@ impl Units {
         }
     }
 
-    /// A text with all that stands in it as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to
+    /// A text with all that stands in it as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`, `NUMBER +- NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to
     /// NUMBER`, in these units.
     pub fn text(self, text: &str) -> String {
         if !self.is_rotary() {
@@ -210,7 +211,7 @@ impl Units {
             if let (Some(&(unit, rotary, power, factor)), Ok(_)) = (found, before) {
                 let factor = factor * self.factor(power);
                 scale(&mut words[at - 1], factor);
-                if at > 2 && words[at - 2] == "to" {
+                if at > 2 && ["to", "+-"].contains(&words[at - 2].as_str()) {
                     scale(&mut words[at - 3], factor);
                 }
                 let tail = rest[unit.len()..].to_owned();
@@ -302,6 +303,8 @@ mod tests {
             ),
             ("area 2.5600e2 N^2 s/m^2 with", "area 1.0000e0 N^2 m^2 s/rad^2 with"),
             ("force only from 0 to 250 mm, start", "force only from 0 to 57.3 deg, start"),
+            ("mass: 1.600e1 +- 1.6e0 kg; longer", "mass: 1.0000e0 +- 1.0000e-1 kg m^2; longer"),
+            ("a handle of 16 g: 3 good ones", "a handle of 0.001 kg m^2: 3 good ones"),
             ("off above 0.25 m/s; a hit", "off above 57.3 deg/s; a hit"),
             ("5.906 N at full command, 4 N for ever", "1.476 N m at full command, 1 N m for ever"),
             (

@@ -212,7 +212,10 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let records: Result<Vec<Record>, Error> =
         args.logs.iter().map(|log| read(log, args, &base.scene, &options)).collect();
     let records = records?;
-    let found = identify::identify(&records, &options).map_err(Error::Input)?;
+    let said = |text: &str| told::said(units, text);
+    let found = identify::identify(&records, &options);
+    let mut found = found.map_err(|error| Error::Input(said(&error)))?;
+    found.warnings.iter_mut().for_each(|warning| *warning = said(warning));
     let scene = scene(&base.scene, &found, &options, args);
     let (made, notes) = match units.is_rotary() {
         true => {
@@ -250,9 +253,13 @@ fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Er
     options.terms = args.terms.terms();
     // What was typed is m, or of a rotary base scene rad.
     let per_m = scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
+    let unit = if scene.units.is_rotary() { "rad" } else { "m" };
+    let in_range = |option: &str, typed: f64, range, unit: &str| {
+        within(option, typed, range).map_err(|error| Error::Input(format!("{error} {unit}")))
+    };
     let length = |option: &str, typed: f64, range: std::ops::RangeInclusive<f64>| {
         let [low, high] = [range.start(), range.end()].map(|end| end * per_m);
-        within(option, typed, low..=high).map(|()| typed / per_m).map_err(Error::Input)
+        in_range(option, typed, low..=high, unit).map(|()| typed / per_m)
     };
     if let Some(rest) = args.rest_position {
         options.rest_position_m = Some(length("--rest-position", rest, ranges::POSITION_M)?);
@@ -261,7 +268,7 @@ fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Er
         options.cycle_m = Some(length("--encoder-cycle", cycle, CYCLE_M)?);
     }
     if let Some(latency) = args.latency {
-        within("--latency", latency, ranges::LATENCY).map_err(Error::Input)?;
+        in_range("--latency", latency, ranges::LATENCY, "samples")?;
         options.latency_s = latency / scene.control.rate_hz;
     }
     if let Some(resolution) = args.resolution {
@@ -271,7 +278,7 @@ fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Er
         };
     }
     for (option, time_s) in [("--from", args.from), ("--to", args.to)] {
-        within(option, time_s.unwrap_or(0.0), -1e9..=1e9).map_err(Error::Input)?;
+        in_range(option, time_s.unwrap_or(0.0), -1e9..=1e9, "s")?;
     }
     // Refuses it before any record is read.
     options.gain.known_n_per_v().map_err(|error| Error::Input(scene.units.text(&error)))?;

@@ -13,6 +13,25 @@ use crate::{
     scene::Units,
 };
 
+/// What a rotary record's columns and options are called, where a text names those of a linear one.
+const NAMES: [(&str, &str); 4] = [
+    ("position_m is in m: are these mm?", "position_rad is in rad: are these degrees?"),
+    ("position_m in m", "position_rad in rad"),
+    ("--resolution in m", "--resolution in rad"),
+    ("--gain in N/V", "--gain in N m/V"),
+];
+
+/// An error or a warning of the analysis, in the units of the base scene.
+pub(super) fn said(units: Units, text: &str) -> String {
+    let said = units.text(text);
+    match units {
+        Units::Linear => said,
+        Units::Rotary { .. } => {
+            NAMES.iter().fold(said, |said, (linear, rotary)| said.replace(linear, rotary))
+        }
+    }
+}
+
 /// A parameter as a reader sees it.
 pub(super) struct Row {
     name: &'static str,

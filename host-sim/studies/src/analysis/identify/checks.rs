@@ -48,7 +48,7 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
     if high - low > TRAVEL_MAX_M {
         let travel_m = high - low;
         return Err(format!(
-            "the position moves by {travel_m:.3} m, allowed {TRAVEL_MAX_M}{IN_MM}"
+            "the position moves by {travel_m:.3} m, allowed {TRAVEL_MAX_M} m{IN_MM}"
         ));
     }
     let resolution_m = options.resolution_m;
