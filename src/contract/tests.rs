@@ -56,6 +56,21 @@ impl SampleTimer for Timer {
     fn acknowledge(&mut self) {}
 }
 
+struct Quadrature;
+
+impl Encoder for Quadrature {
+    fn start() {
+        note("start encoder");
+    }
+    fn count(&self) -> u32 {
+        0
+    }
+    fn sense(&mut self) -> (u32, Senses) {
+        (0, Senses::NONE)
+    }
+    fn turn(_: bool) {}
+}
+
 /// A level, or none if it cannot be read.
 struct Pin(Option<bool>);
 
@@ -90,8 +105,8 @@ fn enable_goes_first_when_off_and_last_when_on() {
 
 #[test]
 fn sampling_starts_right_after_the_output() {
-    start::<Force, Timer>();
-    assert_eq!(DONE.take(), vec!["start output", "start sampling"]);
+    start::<Quadrature, Force, Timer>();
+    assert_eq!(DONE.take(), vec!["start encoder", "start output", "start sampling"]);
 }
 
 #[test]
