@@ -162,9 +162,14 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
 }
 
 /// Whether those words once were a record, whatever of them is wrong now: three of the first four bytes are left. Any
-/// other words are that with a probability of one in four million.
-pub(super) fn looks_like_a_record(&[head, ..]: &[u32; RECORD_WORDS]) -> bool {
-    let [z, w, kind, version] = head.to_le_bytes();
+/// other words are that with a probability of one in four million. What is whole, but of another layout or with an
+/// estimator that this image has not, is another image's.
+pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
+    let [body @ .., check] = words;
+    if crc::of_words(body) == *check {
+        return false;
+    }
+    let [z, w, kind, version] = body[0].to_le_bytes();
     let right =
         [z == b'Z', w == b'W', matches!(kind, b'S' | b'P'), (1..=LAYOUT).contains(&version)];
     right.into_iter().filter(|&right| right).count() >= 3

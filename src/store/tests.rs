@@ -376,7 +376,20 @@ fn nor_is_it_damage_beside_what_was_saved() {
     assert_eq!(load(&mut flash, defaults()).damaged, 0);
 }
 
-/// What once was a record is damage, whichever byte of it is wrong, and of a layout that is too new as well.
+/// Whole, but of a layout or with an estimator that this image has not: another image was here.
+#[test]
+fn a_whole_record_of_another_image_is_nothing_saved() {
+    for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x05")), (7, 0xEE00)] {
+        let mut flash = Mock::<4>::new();
+        save(&mut flash, &stored(5.0)).unwrap();
+        flash.words[place] = word;
+        flash.words[RECORD_WORDS - 1] = crate::crc::of_words(&flash.words[..RECORD_WORDS - 1]);
+        let loaded = load(&mut flash, defaults());
+        assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Empty), "{place}");
+    }
+}
+
+/// What once was a record is damage, whichever byte of it is wrong.
 #[test]
 fn a_record_that_cannot_be_read_is_damage() {
     for head in [*b"ZWS\x05", *b"ZWS\x01", *b"XWS\x04", *b"ZWP\x03"] {
