@@ -20,7 +20,7 @@ impl<P: Port> Console<P> {
         if let Err(refusal) = allowed(&command, &situation) {
             return self.refuse(refusal);
         }
-        let mut stored = self.stored;
+        let mut stored = *self.stored;
         match command {
             Command::Help => self.reply(Reply::Help),
             Command::Version => self.version(),
@@ -155,7 +155,7 @@ impl<P: Port> Console<P> {
     #[inline(never)] // two records and what reads them do not belong on the stack of every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
-        let old = &self.stored;
+        let old = &*self.stored;
         let design = |of: &Stored| self.device.designs.number_of(&of.settings.velocity);
         let needs_off = stored.signs != old.signs
             || stored.full_scale_n != old.full_scale_n
@@ -201,7 +201,7 @@ impl<P: Port> Console<P> {
         let checked = self.device.experiment(&stored);
         match checked.and_then(|_| stored.grid.check()) {
             Ok(()) => {
-                self.stored = stored;
+                self.stored.set(stored);
                 self.reply(Reply::Value(name, value, unit));
             }
             Err(error) => self.reply(Reply::Range(&error)),
@@ -214,7 +214,7 @@ impl<P: Port> Console<P> {
         (name, value, unit): (&'static str, f64, &'static str),
         edit: impl FnOnce(&mut Settings),
     ) {
-        let mut stored = self.stored;
+        let mut stored = *self.stored;
         edit(&mut stored.settings);
         self.propose(stored, ChangedSetting::Value(name, value, unit));
     }

@@ -38,6 +38,16 @@ impl<T> Deref for Doubled<T> {
 }
 
 #[cfg(test)]
+impl<T: Copy + PartialEq> Doubled<T> {
+    /// A part of it is another from now on.
+    pub(crate) fn edit(&mut self, change: impl FnOnce(&mut T)) {
+        let mut value = self.value;
+        change(&mut value);
+        self.set(value);
+    }
+}
+
+#[cfg(test)]
 impl<T: Copy> Doubled<T> {
     /// A bit of the copy has flipped: it is another value.
     pub(crate) fn spoil(&mut self, copy: T) {

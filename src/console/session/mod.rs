@@ -20,7 +20,7 @@ use super::{
 use crate::{
     device::Device,
     experiment::{Activity, Event, Order, Report, WalkTotals},
-    safety::{Doubled, Refusal, Request},
+    safety::{Doubled, Fault, Refusal, Request},
     store::{Name, Source, Stored},
     telemetry::Record,
     velocity::EstimatorName,
@@ -71,9 +71,11 @@ pub(super) enum ChangedSetting {
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
+    /// As it was at the beginning: what decides a force is made of it with every order.
+    device_then: Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
-    pub(super) stored: Stored,
+    pub(super) stored: Doubled<Stored>,
     /// Number of the design that they are; 0: of none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
@@ -96,9 +98,10 @@ impl<P: Port> Console<P> {
         let mut console = Self {
             port,
             device,
+            device_then: *device,
             replies: ReplyChannel::new(),
             reader: LineReader::new(),
-            stored,
+            stored: Doubled::new(stored),
             design: device.designs.number_of(&stored.settings.velocity),
             awaited: None,
             latest: None,
@@ -226,7 +229,7 @@ impl<P: Port> Console<P> {
     /// Says why not, and of a wall outside the envelope what is allowed.
     #[inline(never)] // its texts and keys do not belong on the stack of a command that is obeyed
     pub(super) fn refuse(&mut self, refusal: Refusal) {
-        let stored = self.stored;
+        let stored = *self.stored;
         match self.device.inside(&stored) {
             Err(outside) if refusal == Refusal::Settings => {
                 self.reply(Reply::Outside(outside, self.device, self.device.key(&stored)));
@@ -247,8 +250,42 @@ impl<P: Port> Console<P> {
 
     /// Gives an order, whose answer is then awaited.
     pub(super) fn order(&mut self, order: Order, awaited: Awaited) {
+        if !self.is_whole() {
+            return self.lose();
+        }
         if self.port.order(order) {
             self.awaited = Some(awaited);
+        }
+    }
+
+    /// Whether what orders are made of is what was taken.
+    fn is_whole(&self) -> bool {
+        self.stored.is_whole() && self.device_then == *self.device
+    }
+
+    /// A bit of the settings, or of the device, has flipped.
+    #[cfg(test)]
+    pub(super) fn flip(&mut self, of_device: bool) {
+        if of_device {
+            self.device_then.design.period ^= 1;
+        } else {
+            let mut stored = *self.stored;
+            stored.settings.wall.damping_n_s_per_m += 2.0;
+            self.stored.spoil(stored);
+        }
+    }
+
+    /// A bit of what orders are made of has flipped: none is given any more but that for a fault.
+    #[cold]
+    fn lose(&mut self) {
+        if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
+            self.awaited = Some(Awaited::Quiet);
+        }
+        let refusal = Refusal::Faulted(Fault::Memory);
+        if self.walking.is_some() {
+            self.end_walk(refusal.text());
+        } else {
+            self.reply(Reply::Refused(refusal));
         }
     }
 
@@ -273,7 +310,7 @@ impl<P: Port> Console<P> {
             (Awaited::SelfTest(step), Ok(())) => self.test(step),
             (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
             (Awaited::Save, Ok(())) => {
-                let saved = self.port.save(&self.stored);
+                let saved = self.is_whole() && self.port.save(&self.stored);
                 // Flash is written; the reply is out.
                 self.order(Order::Request(Request::Stall(false)), Awaited::Quiet);
                 self.reply(if saved { Reply::Done("save") } else { Reply::Failed("save") });
@@ -284,7 +321,7 @@ impl<P: Port> Console<P> {
     /// The output task has taken those settings.
     fn keep_changed(&mut self, stored: Stored, changed: ChangedSetting) {
         let signs = self.stored.signs;
-        self.stored = stored;
+        self.stored.set(stored);
         self.design = self.device.designs.number_of(&stored.settings.velocity);
         match changed {
             ChangedSetting::Value(name, value, unit) => self.reply(Reply::Value(name, value, unit)),

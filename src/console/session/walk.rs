@@ -74,7 +74,7 @@ impl<P: Port> Console<P> {
             if core::mem::take(&mut self.restore_wall)
                 && let Ok(order) = self.device.order(&self.stored)
             {
-                self.order_settings(&{ self.stored }, order, Awaited::Quiet);
+                self.order_settings(&{ *self.stored }, order, Awaited::Quiet);
                 return true;
             }
             return false;
@@ -88,7 +88,7 @@ impl<P: Port> Console<P> {
                 self.pending_totals = self.walking.take().map(|walking| walking.totals);
             }
             Next::Wall => {
-                let stored = walking.with_wall(self.stored);
+                let stored = walking.with_wall(*self.stored);
                 match self.device.order(&stored) {
                     Ok(order) => self.order_settings(&stored, order, Awaited::Cell),
                     Err(error) => {

@@ -94,7 +94,7 @@ fn what_the_rules_refuse_gives_no_order() {
     bench.report(Event::None);
     assert_eq!(bench.says("arm"), "error: settings are not valid or outside the envelope: see get");
     // of a wall outside, what is allowed
-    bench.console.stored.settings.wall.stiffness_n_per_m = 5000.0;
+    bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 5000.0);
     let outside =
         "error: beyond the envelope: k at this b is allowed from 0 to 4000, or unlock envelope";
     assert_eq!(bench.says("arm"), outside);
@@ -127,7 +127,7 @@ fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     ];
     for (line, reply, edit) in cases {
         let mut bench = Bench::new(OFF);
-        bench.console.stored.settings.wall.damping_n_s_per_m = 1.0;
+        bench.console.stored.edit(|stored| stored.settings.wall.damping_n_s_per_m = 1.0);
         let before = bench.stored();
         let mut after = before;
         edit(&mut after);
@@ -179,7 +179,10 @@ fn settings_of_experiments_are_kept_at_once_or_refused() {
 fn an_estimator_is_tuned_by_what_it_has() {
     let mut bench = Bench::new(OFF);
     assert_eq!(bench.says("tuning2 1"), "error: this estimator has no second parameter, see get");
-    bench.console.stored.settings.velocity = EstimatorName::Difference.defaults();
+    bench
+        .console
+        .stored
+        .edit(|stored| stored.settings.velocity = EstimatorName::Difference.defaults());
     for line in ["cutoff 1000", "tuning 1000"] {
         assert_eq!(bench.says(line), "error: this estimator has nothing to tune");
     }
@@ -189,7 +192,7 @@ fn an_estimator_is_tuned_by_what_it_has() {
         if name.missing(DEVICE.senses).is_some() {
             continue;
         }
-        bench.console.stored.settings.velocity = name.defaults();
+        bench.console.stored.edit(|stored| stored.settings.velocity = name.defaults());
         for (parameter, number) in further.into_iter().flatten().zip(2..) {
             let line = format!("tuning{number} {}", Decimal(parameter.default));
             let order = bench.orders(&line);
@@ -214,7 +217,7 @@ fn an_estimator_is_tuned_by_what_it_has() {
 fn an_estimator_of_many_parameters_is_saved_too() {
     for name in [EstimatorName::Biquad, EstimatorName::Biquad2, EstimatorName::FoawEnd] {
         let mut bench = Bench::new(OFF);
-        bench.console.stored.settings.velocity = name.defaults();
+        bench.console.stored.edit(|stored| stored.settings.velocity = name.defaults());
         assert_eq!(bench.orders("save"), Order::Request(Request::Stall(true)));
     }
 }
@@ -229,7 +232,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     assert!(bench.says("fullscale 50").starts_with("error: full_scale_n is 50, allowed "));
     assert!(bench.says("fullscale 1").starts_with("error: full_scale_n is 1, allowed "));
     // accepted by the loop, but no hit could be run with it
-    bench.console.stored.push_n = 5.0;
+    bench.console.stored.edit(|stored| stored.push_n = 5.0);
     assert!(bench.says("fullscale 3").starts_with("error: push_n is 5, allowed "));
     if let Some(blind) = blind_estimator() {
         let refused = bench.says(&format!("estimator {}", blind.text()));
@@ -237,7 +240,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     }
     let mut bench = Bench::new(ARMED);
     assert_eq!(bench.says("calibrate 31"), "error: calibrate is 31, allowed -30 to 30");
-    bench.console.stored.start_m = 0.07;
+    bench.console.stored.edit(|stored| stored.start_m = 0.07);
     assert!(bench.says("hit").starts_with("error: start_m is 0.07, allowed -0.04 to "));
 }
 
@@ -283,7 +286,7 @@ fn experiments_are_started_and_stopped() {
     assert_eq!(bench.orders("pulses -1.2"), Order::Pulses(train));
     assert_eq!(bench.answer(Ok(())), ["ok pulses"]);
     // A wall would act on the pulses.
-    bench.console.stored.settings.wall.stiffness_n_per_m = 2000.0;
+    bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 2000.0);
     let said = "error: stiffness_n_per_m is 2000, allowed 0 to 0";
     assert_eq!(bench.says("pulses 1"), said);
     let calibration = DEVICE.calibration(&DEVICE.defaults(), -20.0).unwrap();
@@ -314,7 +317,7 @@ fn telemetry_is_switched_and_numbered() {
 fn saving_stalls_writes_and_goes_on() {
     for broken in [false, true] {
         let mut bench = Bench::new(OFF);
-        bench.console.stored.push_n = 1.0;
+        bench.console.stored.edit(|stored| stored.push_n = 1.0);
         bench.console.port.broken = broken;
         assert_eq!(bench.orders("save"), Order::Request(Request::Stall(true)));
         assert_eq!(bench.console.port.flash, None);
@@ -444,11 +447,11 @@ fn an_estimator_that_leaves_no_time_for_the_period_is_refused_either_way() {
     let Some(name) = EstimatorName::ALL.iter().find(slow) else { return };
     let no_time = crate::period::leaves_time(*name, 1).unwrap_err();
     let mut bench = Bench::new(OFF);
-    bench.console.stored.period = 1;
+    bench.console.stored.edit(|stored| stored.period = 1);
     let refused = format!("error: {no_time}");
     assert_eq!(bench.says(&format!("estimator {}", name.text())), refused);
-    bench.console.stored.period = 2;
-    bench.console.stored.settings.velocity = name.defaults();
+    bench.console.stored.edit(|stored| stored.period = 2);
+    bench.console.stored.edit(|stored| stored.settings.velocity = name.defaults());
     assert_eq!(bench.says("period 1"), refused);
 }
 
@@ -484,4 +487,29 @@ fn loading_takes_signs_full_scale_and_period_only_without_force() {
         let expected = if other.signs == turned { &[Order::Signs(turned)][..] } else { &[] };
         assert_eq!((orders.as_slice(), bench.stored()), (expected, other));
     }
+}
+
+/// Not even the settings that a command does not touch: with a flipped B, `k` would install that B.
+#[test]
+fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
+    for of_device in [false, true] {
+        let mut bench = Bench::new(FREE);
+        bench.console.flip(of_device);
+        for line in ["k 5000", "hit", "disarm", "stop"] {
+            let (lines, orders) = bench.type_in(line);
+            assert_eq!(orders, [Order::Request(Request::Trip(Fault::Memory))], "{line}");
+            assert!(
+                lines.len() == 1 && lines[0].starts_with("error: ") && lines[0].contains("memory"),
+                "{line}: {lines:?}"
+            );
+            assert_eq!(bench.answer(Ok(())), Vec::<String>::new(), "{line}");
+        }
+        assert!(bench.says("status").starts_with("ok status"));
+    }
+    // Between order and answer of a `save` as well: nothing is written.
+    let mut bench = Bench::new(OFF);
+    bench.orders("save");
+    bench.console.flip(false);
+    assert!(bench.answer(Ok(())).iter().any(|line| line.starts_with("error: save")));
+    assert_eq!(bench.console.port.flash, None);
 }

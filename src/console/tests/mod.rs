@@ -195,7 +195,7 @@ impl Bench {
     }
 
     fn stored(&self) -> Stored {
-        self.console.stored
+        *self.console.stored
     }
 }
 

@@ -188,7 +188,7 @@ fn force_that_goes_off_between_two_hits_ends_it() {
 #[test]
 fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     let mut bench = begun();
-    bench.console.stored.settings.wall.position_m = f64::NAN;
+    bench.console.stored.edit(|stored| stored.settings.wall.position_m = f64::NAN);
     bench.console.pass();
     let (lines, orders) = bench.take();
     assert!(lines[0].starts_with("error: position_m is "), "{lines:?}");
@@ -196,7 +196,7 @@ fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     let mut bench = begun();
     next(&mut bench);
     bench.answer(Ok(()));
-    bench.console.stored.settle_s = -1.0;
+    bench.console.stored.edit(|stored| stored.settle_s = -1.0);
     bench.console.pass();
     assert_eq!(bench.take().0, [aborted("a setting is out of range")]);
 }
@@ -204,16 +204,16 @@ fn a_wall_or_hit_that_cannot_be_built_ends_it() {
 #[test]
 fn a_walk_that_could_not_run_is_not_begun() {
     let mut bench = Bench::new(FREE);
-    bench.console.stored.grid.stiffness_step_n_per_m = -1.0;
+    bench.console.stored.edit(|stored| stored.grid.stiffness_step_n_per_m = -1.0);
     assert!(bench.says("walk").starts_with("error: stiffness_step_n_per_m is -1, allowed "));
     let mut bench = Bench::new(FREE);
-    bench.console.stored.start_m = 0.09;
+    bench.console.stored.edit(|stored| stored.start_m = 0.09);
     assert!(bench.says("walk").starts_with("error: start_m is 0.09, allowed "));
     // in the wall's way or not, each setting can be set
     for line in ["push 1.5", "kstart 1000", "settle 3", "start 0"] {
         assert!(bench.says(line).starts_with("ok "), "{line}");
     }
-    bench.console.stored.settings.wall.position_m = -0.05;
+    bench.console.stored.edit(|stored| stored.settings.wall.position_m = -0.05);
     let refused = bench.says("walk");
     assert!(refused.starts_with("error: position_m is -0.05, allowed -0.039999 to "), "{refused}");
 }
