@@ -4,20 +4,51 @@
 
 use core::hint::cold_path;
 
-/// Compares samples with a clock of `TICKS` ticks each, over [`RateWatch::OUTPUTS`] outputs.
+/// Outputs in a block, and blocks that a comparison looks back over.
+const BLOCK: u8 = 8;
+const BLOCKS: usize = 8;
+
+/// What came and what was due.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct RateWatch<const TICKS: u32> {
-    /// Ticks that came and that were due since the beginning.
+struct Ticks {
     passed: u32,
     due: u32,
-    /// Outputs since.
+}
+
+impl Ticks {
+    const fn and(self, other: Self) -> Self {
+        Self {
+            passed: self.passed.wrapping_add(other.passed),
+            due: self.due.wrapping_add(other.due),
+        }
+    }
+
+    const fn less(self, other: Self) -> Self {
+        Self {
+            passed: self.passed.wrapping_sub(other.passed),
+            due: self.due.wrapping_sub(other.due),
+        }
+    }
+}
+
+/// Compares samples with a clock of `TICKS` ticks each, over the last [`RateWatch::OUTPUTS`] outputs, each 8 outputs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RateWatch<const TICKS: u32> {
+    /// Of the last blocks, one after the other, round and round, and of them together.
+    blocks: [Ticks; BLOCKS],
+    last: Ticks,
+    /// Blocks that are full since it began anew.
+    full: u32,
+    /// Of the present block, and its outputs.
+    present: Ticks,
     outputs: u8,
     wrong: bool,
 }
 
 impl<const TICKS: u32> RateWatch<TICKS> {
-    /// Outputs from one comparison to the next.
-    pub const OUTPUTS: u8 = 64;
+    /// Outputs that a comparison looks back over. A rate that is wrong from some instant on is found so much later, or
+    /// up to a block more.
+    pub const OUTPUTS: u32 = BLOCKS as u32 * BLOCK as u32;
     /// Of so many ticks one may be too many or too few: 2 %.
     const PART: u32 = 50;
 
@@ -30,13 +61,24 @@ impl<const TICKS: u32> RateWatch<TICKS> {
             *self = Self { wrong: self.wrong, ..Self::default() };
             return;
         }
-        self.passed = self.passed.wrapping_add(ticks);
-        self.due = self.due.wrapping_add(samples.wrapping_mul(TICKS));
-        self.outputs += 1;
-        if self.outputs >= Self::OUTPUTS {
+        self.present = self.present.and(Ticks { passed: ticks, due: samples.wrapping_mul(TICKS) });
+        self.outputs = self.outputs.wrapping_add(1);
+        if self.outputs >= BLOCK {
             cold_path();
-            let wrong = self.passed.abs_diff(self.due) > self.due / Self::PART;
-            *self = Self { wrong, ..Self::default() };
+            self.close();
+        }
+    }
+
+    /// The present block is full.
+    #[inline(never)] // so that the other outputs do not wait
+    fn close(&mut self) {
+        let block = &mut self.blocks[self.full as usize % BLOCKS];
+        self.last = self.last.and(self.present).less(*block);
+        *block = self.present;
+        (self.full, self.outputs, self.present) = (self.full.wrapping_add(1), 0, Ticks::default());
+        if self.full as usize >= BLOCKS {
+            let Ticks { passed, due } = self.last;
+            self.wrong = passed.abs_diff(due) > due / Self::PART;
         }
     }
 
@@ -55,7 +97,7 @@ mod tests {
     fn found(period: u32, rate: f64, late: f64) -> Option<u32> {
         let mut watch = RateWatch::<4>::default();
         let mut before = 0u64;
-        (0..3 * u32::from(RateWatch::<4>::OUTPUTS)).find(|output| {
+        (0..3 * RateWatch::<4>::OUTPUTS).find(|output| {
             // every other output is late
             let samples = f64::from(output * period) + late * f64::from(output % 2);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small")]
@@ -78,6 +120,22 @@ mod tests {
             // An output that is late by a period is none, nor are latencies that differ.
             let latest = f64::from(period).min(1.0);
             assert_eq!(found(period, 1.0, latest), None, "{period}");
+        }
+    }
+
+    /// From whatever output on the clock is wrong.
+    #[test]
+    fn a_rate_that_becomes_wrong_is_found_within_a_block_more_than_64_outputs() {
+        for (period, ticks) in [(10, 41), (10, 39), (10, 0), (10, 80), (1, 5), (1, 3)] {
+            for onset in 64..200 {
+                let mut watch = RateWatch::<4>::default();
+                let found = (0..400).find(|&output| {
+                    watch.follow(if output < onset { 4 * period } else { ticks }, period, false);
+                    watch.is_wrong()
+                });
+                let after = found.unwrap() - onset + 1;
+                assert!(after <= 64 + 8, "{period} {ticks} {onset}: {after}");
+            }
         }
     }
 
