@@ -53,7 +53,6 @@ pub struct OutputWatch {
     zero: i32,
     /// The output follows its command between these codes.
     swing: [i32; 2],
-    misses: u8,
 }
 
 impl OutputWatch {
@@ -68,15 +67,15 @@ impl OutputWatch {
     /// # Errors
     /// There is no such output.
     pub fn new(output: Output, swing: [i32; 2]) -> Result<Self, SettingsError> {
-        Ok(Self { zero: Actuator::new(output)?.zero().code(), swing, misses: 0 })
+        Ok(Self { zero: Actuator::new(output)?.zero().code(), swing })
     }
 
     /// Takes a reading of what was `written`; none: there is nothing to compare with, the output is off. Whether it is
-    /// wrong.
+    /// wrong. `misses`: wrong readings in a row.
     #[inline]
-    pub fn follow(&mut self, written: Option<Written>, read: Option<u16>) -> bool {
+    pub fn follow(&self, misses: &mut u8, written: Option<Written>, read: Option<u16>) -> bool {
         let Some(written) = written else {
-            self.misses = 0;
+            *misses = 0;
             return false;
         };
         let code = self.zero + written.codes(self.zero);
@@ -84,12 +83,12 @@ impl OutputWatch {
         let least = code.min(high) - Self::ALLOWED;
         let most = code.max(low) + Self::ALLOWED;
         if read.is_some_and(|read| (least..=most).contains(&i32::from(read))) {
-            self.misses = 0;
+            *misses = 0;
             return false;
         }
         cold_path();
-        self.misses = self.misses.saturating_add(1);
-        self.misses >= Self::MISSES
+        *misses = misses.saturating_add(1);
+        *misses >= Self::MISSES
     }
 }
 
@@ -138,7 +137,6 @@ impl CurrentSettings {
             rest: integer(codes(rest)),
             slope: integer(full * unit / f64::from(actuator.codes_per_full_scale())),
             allowed: integer(libm::fabs(full) * CurrentWatch::ALLOWED),
-            mean: 0,
         }))
     }
 }
@@ -156,8 +154,6 @@ pub struct CurrentWatch {
     rest: i32,
     slope: i32,
     allowed: i32,
-    /// Mean error, codes, with [`Self::MEAN_BITS`] more bits.
-    mean: i32,
 }
 
 impl CurrentWatch {
@@ -169,11 +165,16 @@ impl CurrentWatch {
     const MEAN_BITS: u32 = 7;
 
     /// Takes a reading of what was `written`, with so many samples since the one before; none: the output is off. Whether
-    /// the current is wrong. A converter that does not answer reads as 0.
+    /// the current is wrong. A converter that does not answer reads as 0. `mean`: mean error so far, 2^-7 codes.
     #[inline]
-    pub fn follow(&mut self, written: Option<Written>, read: Option<u16>, samples: u32) -> bool {
+    pub fn follow(
+        &self,
+        mean: &mut i32,
+        written: Option<Written>,
+        (read, samples): (Option<u16>, u32),
+    ) -> bool {
         let Some(written) = written else {
-            self.mean = 0;
+            *mean = 0;
             return false;
         };
         let asked = i64::from(self.slope) * i64::from(written.codes(self.zero));
@@ -181,8 +182,8 @@ impl CurrentWatch {
         let expected = self.rest + (asked >> Self::SLOPE_BITS) as i32;
         let error = i32::from(read.unwrap_or(0)) - expected;
         let weight = samples.min(SAMPLES_PER_MS).cast_signed();
-        self.mean += weight * (error - (self.mean >> Self::MEAN_BITS));
-        (self.mean >> Self::MEAN_BITS).abs() > self.allowed
+        *mean += weight * (error - (*mean >> Self::MEAN_BITS));
+        (*mean >> Self::MEAN_BITS).abs() > self.allowed
     }
 }
 
@@ -199,10 +200,10 @@ mod tests {
 
     /// Whether two readings in a row are wrong.
     fn wrong(code: i32, mirrored: bool, read: i32) -> bool {
-        let mut watch = OutputWatch::new(DAC, SWING).unwrap();
+        let (watch, mut misses) = (OutputWatch::new(DAC, SWING).unwrap(), 0);
         let read = u16::try_from(read).ok();
-        assert!(!watch.follow(written(code, mirrored), read));
-        watch.follow(written(code, mirrored), read)
+        assert!(!watch.follow(&mut misses, written(code, mirrored), read));
+        watch.follow(&mut misses, written(code, mirrored), read)
     }
 
     #[test]
@@ -214,16 +215,19 @@ mod tests {
             }
             assert!(!wrong(code, true, 4096 - code));
         }
-        let mut watch = OutputWatch::new(DAC, SWING).unwrap();
+        let (watch, mut misses) = (OutputWatch::new(DAC, SWING).unwrap(), 0);
         for read in [Some(0), Some(2100), None, Some(2000), Some(4095)] {
-            assert!(!watch.follow(written(2048, false), read), "one in a row");
-            assert!(!watch.follow(written(2048, false), Some(2048)));
+            assert!(!watch.follow(&mut misses, written(2048, false), read), "one in a row");
+            assert!(!watch.follow(&mut misses, written(2048, false), Some(2048)));
         }
-        assert!(!watch.follow(written(2048, false), None));
-        assert!(watch.follow(written(2048, false), None), "a converter that does not answer");
-        assert!(watch.follow(written(2048, false), Some(0)), "and so on");
-        assert!(!watch.follow(None, Some(0)), "off");
-        assert!(!watch.follow(written(2048, false), Some(0)), "begins anew");
+        assert!(!watch.follow(&mut misses, written(2048, false), None));
+        assert!(
+            watch.follow(&mut misses, written(2048, false), None),
+            "a converter that does not answer"
+        );
+        assert!(watch.follow(&mut misses, written(2048, false), Some(0)), "and so on");
+        assert!(!watch.follow(&mut misses, None, Some(0)), "off");
+        assert!(!watch.follow(&mut misses, written(2048, false), Some(0)), "begins anew");
     }
 
     #[test]
@@ -255,14 +259,16 @@ mod tests {
         given: f64,
         samples: u32,
     ) -> Option<f64> {
-        let mut watch = settings.build(output).unwrap().unwrap();
+        let (watch, mut mean) = (settings.build(output).unwrap().unwrap(), 0);
         let actuator = Actuator::new(output).unwrap();
         #[expect(clippy::cast_possible_truncation, reason = "a code")]
         let code = actuator.zero().code()
             + (told * f64::from(actuator.codes_per_full_scale())).round() as i32;
         let period_s = f64::from(samples) * 1e-4;
         (1..=10_000 / samples)
-            .find(|_| watch.follow(written(code, false), reading(settings, given), samples))
+            .find(|_| {
+                watch.follow(&mut mean, written(code, false), (reading(settings, given), samples))
+            })
             .map(|outputs| f64::from(outputs) * period_s)
     }
 
@@ -299,13 +305,17 @@ mod tests {
         for samples in [1u32, 10] {
             // steps from one end to the other, as often as may be
             for half in [1, 3, 10, 30, 100] {
-                let mut watch = SENSE.build(DAC).unwrap().unwrap();
+                let (watch, mut mean) = (SENSE.build(DAC).unwrap().unwrap(), 0);
                 let (mut given, step_s) = (0.0, f64::from(samples) * 1e-4);
                 for output in 0..2000 {
                     let told = if output / half % 2 == 0 { 1.0 } else { -1.0 };
                     given += (told - given) * (1.0 - (-step_s / 1e-3_f64).exp());
                     let code = if told > 0.0 { 4095 } else { 1 };
-                    assert!(!watch.follow(written(code, false), reading(SENSE, given), samples));
+                    assert!(!watch.follow(
+                        &mut mean,
+                        written(code, false),
+                        (reading(SENSE, given), samples)
+                    ));
                 }
             }
         }
@@ -313,11 +323,15 @@ mod tests {
 
     #[test]
     fn a_mirrored_motor_has_the_current_the_other_way_round() {
-        let mut watch = SENSE.build(DAC).unwrap().unwrap();
-        assert!((0..1000).all(|_| !watch.follow(written(4095, true), reading(SENSE, -1.0), 10)));
-        let silent = (0..10).any(|_| watch.follow(written(4095, true), None, 10));
+        let (watch, mut mean) = (SENSE.build(DAC).unwrap().unwrap(), 0);
+        assert!((0..1000).all(|_| !watch.follow(
+            &mut mean,
+            written(4095, true),
+            (reading(SENSE, -1.0), 10)
+        )));
+        let silent = (0..10).any(|_| watch.follow(&mut mean, written(4095, true), (None, 10)));
         assert!(silent, "a converter that does not answer");
-        assert!(!watch.follow(None, None, 10));
+        assert!(!watch.follow(&mut mean, None, (None, 10)));
     }
 
     #[test]
@@ -347,9 +361,13 @@ mod tests {
         let begun = SENSE.build(DAC).unwrap().unwrap();
         for (over, wrong) in [(0, false), (1, true)] {
             let error = begun.allowed + over;
-            let mut watch = CurrentWatch { mean: error << CurrentWatch::MEAN_BITS, ..begun };
+            let mut mean = error << CurrentWatch::MEAN_BITS;
             let read = u16::try_from(begun.rest + error).ok();
-            assert_eq!(watch.follow(written(begun.zero, false), read, 10), wrong, "{over}");
+            assert_eq!(
+                begun.follow(&mut mean, written(begun.zero, false), (read, 10)),
+                wrong,
+                "{over}"
+            );
         }
     }
 }

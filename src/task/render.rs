@@ -13,8 +13,8 @@ use zwidth::{
     experiment::{PeriodPlan, Report, Sampling, Scheduler},
     period,
     safety::{
-        BlackBox, CurrentWatch, Fault, FaultSet, Guard, GuardCommand, GuardView, MemoryUpdate,
-        OutputCommand, OutputWatch, SampleReport, Supervisor, Written,
+        BlackBox, CurrentWatch, Doubled, Fault, FaultSet, Guard, GuardCommand, GuardView,
+        MemoryUpdate, OutputCommand, OutputWatch, SampleReport, Supervisor, Written,
     },
     store::Signs,
 };
@@ -99,11 +99,14 @@ pub struct Render {
     /// What was found wrong after the last output that was checked, and the sample of that one.
     found: FaultSet,
     checked: u32,
+    /// Whether it was the numbers' turn.
+    numbers_next: bool,
     /// What the last output has put out; none: it was off.
     written: Option<Written>,
-    /// The checks of what acts.
-    output: Option<OutputWatch>,
-    current: Option<CurrentWatch>,
+    /// The checks of what acts, and what they keep from output to output.
+    acts: Doubled<(Option<OutputWatch>, Option<CurrentWatch>)>,
+    misses: u8,
+    mean: i32,
 }
 
 impl Render {
@@ -114,7 +117,7 @@ impl Render {
         control: LoopParameters,
         signs: Signs,
         PeriodPlan { duty, keep }: PeriodPlan,
-        (output, current): (Option<OutputWatch>, Option<CurrentWatch>),
+        acts: (Option<OutputWatch>, Option<CurrentWatch>),
     ) -> Self {
         let history = BlackBox::new(keep);
         Self {
@@ -126,9 +129,11 @@ impl Render {
             met: 0,
             found: FaultSet::EMPTY,
             checked: 0,
+            numbers_next: false,
             written: None,
-            output,
-            current,
+            acts: Doubled::new(acts),
+            misses: 0,
+            mean: 0,
         }
     }
 
@@ -194,27 +199,32 @@ impl Render {
     }
 
     /// Off at once if what decides about the force is not what it was; the next output says why. An output that the
-    /// logger has kept waiting leaves that to a later one, but for a millisecond at most.
+    /// logger has kept waiting leaves that to a later one, but for a millisecond at most. Outputs that are closer than a
+    /// millisecond look at numbers and registers in turn.
     #[inline(always)]
     fn check(&mut self, number: u32, was: Option<Written>) {
         let passed = number.wrapping_sub(self.checked);
-        if passed < period::SAMPLES_PER_MS && board::is_late() {
+        let all = passed >= period::SAMPLES_PER_MS;
+        if !all && board::is_late() {
             return;
         }
         self.checked = number;
-        let whole = self.scheduler.is_whole(self.ends.sampling.control.newest());
+        self.numbers_next = !self.numbers_next;
+        let whole = !(all || self.numbers_next)
+            || self.scheduler.is_whole(self.ends.sampling.control.newest()) && self.acts.is_whole();
+        let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
         // Off since: what was read may be the zero that a task has put out.
         let was = was.filter(|_| self.outputs.drive.is_on());
         let read = self.outputs.read_back.finish();
-        let output = self.output.as_mut();
-        let output = output.is_some_and(|watch| watch.follow(was, read.output));
-        let current = self.current.as_mut();
-        let current = current.is_some_and(|watch| watch.follow(was, read.current, passed));
+        let (output, current) = &*self.acts;
+        let output = output.is_some_and(|watch| watch.follow(&mut self.misses, was, read.output));
+        let current =
+            current.is_some_and(|watch| watch.follow(&mut self.mean, was, (read.current, passed)));
         // Both are asked each time.
         let rate =
             self.outputs.halts.rate_is_wrong() | self.outputs.output_watchdog.rate_is_wrong();
         self.found = FaultSet::EMPTY
-            .with_if(Fault::Registers, !self.outputs.set_up.holds())
+            .with_if(Fault::Registers, !set_up)
             .with_if(Fault::Memory, !whole)
             .with_if(Fault::SampleRate, rate)
             .with_if(Fault::ForceOutput, output)

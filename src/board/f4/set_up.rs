@@ -10,6 +10,7 @@ use core::{
     sync::atomic::{AtomicBool, Ordering::Relaxed},
 };
 
+use cortex_m::register::basepri;
 use zwidth::contract;
 
 use super::{output_watchdog, pin::BoardPin};
@@ -127,7 +128,10 @@ impl contract::SetUp for SetUp {
         let sum = sum();
         let turned = read(TIM2 + 0x20) & DIRECTION != 0;
         let direction = turned == ENCODER_TURNED.load(Relaxed);
-        *self.expected.get_or_insert(sum) == sum && direction && output_watchdog::stores_off()
+        // Only the logger masks, and this task cannot run then; a mask that stays keeps `link` from running.
+        let unmasked = basepri::read() == 0;
+        let whole = *self.expected.get_or_insert(sum) == sum;
+        whole && direction && unmasked && output_watchdog::stores_off()
     }
 
     #[cold]
