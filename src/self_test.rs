@@ -163,6 +163,8 @@ pub enum Found {
         back: i32,
         /// Edges per second.
         rate_hz: u32,
+        /// Fewer are too slow.
+        least_hz: u32,
     },
     /// When samples read the counter.
     Delay(Delays),
@@ -185,7 +187,23 @@ const WATCHDOG_US: core::ops::RangeInclusive<u32> =
 /// The watchdog's oscillator, Hz: what the data sheets allow.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
+/// The processor makes no more edges than that, per second, where the flash's wait states cost half of its time.
+const FASTEST_HZ: f64 = 2.5e6;
+
 impl Found {
+    /// Of a device whose fastest believable motion has so many edges per second.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "within 0 and the processor's"
+    )]
+    pub fn of_fastest(mut self, hz: f64) -> Self {
+        if let Self::Encoder { least_hz, .. } = &mut self {
+            *least_hz = hz.clamp(0.0, FASTEST_HZ) as u32;
+        }
+        self
+    }
+
     /// Whether it is as it should be.
     pub fn is_right(&self) -> bool {
         match *self {
@@ -197,7 +215,9 @@ impl Found {
                 stop_closed && micros.is_some_and(|micros| WATCHDOG_US.contains(&micros))
             }
             Self::Output { worst: [told, read], allowed } => told.abs_diff(read) <= allowed,
-            Self::Encoder { sent, there, back, .. } => there.unsigned_abs() == sent && back == 0,
+            Self::Encoder { sent, there, back, rate_hz, least_hz } => {
+                there.unsigned_abs() == sent && back == 0 && rate_hz >= least_hz
+            }
             Self::Delay(Delays { samples, least, most, .. }) => {
                 samples as usize == Delays::SAMPLES && most - least <= Delays::SPREAD
             }
@@ -251,11 +271,16 @@ impl fmt::Display for Found {
             Self::Encoder { there: 0, back: 0, .. } => {
                 f.write_str("nothing is counted: are both wires there?")
             }
-            Self::Encoder { sent, there, back, rate_hz } => {
+            Self::Encoder { sent, there, back, rate_hz, least_hz } => {
                 write!(
                     f,
                     "{sent} edges at {rate_hz} per second and back: {there} and {back} counts"
-                )
+                )?;
+                if rate_hz < least_hz {
+                    write!(f, ", wanted {least_hz} per second")
+                } else {
+                    Ok(())
+                }
             }
             Self::Delay(Delays { samples: 0, .. }) => f.write_str("no samples"),
             Self::Delay(Delays { samples, least, most, bins }) => {
@@ -346,7 +371,10 @@ mod tests {
 
     #[test]
     fn an_encoder_counts_every_edge_in_either_direction_and_comes_back() {
-        let encoder = |there, back| Found::Encoder { sent: 2000, there, back, rate_hz: 5_000_000 };
+        let encoder = |there, back| {
+            let (sent, rate_hz, least_hz) = (2000, 5_000_000, 0);
+            Found::Encoder { sent, there, back, rate_hz, least_hz }
+        };
         says(
             encoder(2000, 0),
             "pass, 2000 edges at 5000000 per second and back: 2000 and 0 counts",
@@ -356,6 +384,15 @@ mod tests {
             assert!(!encoder(there, back).is_right(), "{there} {back}");
         }
         says(encoder(0, 0), "fail, nothing is counted: are both wires there?");
+        // As fast as the device can be, or as the processor can make them.
+        assert!(encoder(2000, 0).of_fastest(4_999_999.0).is_right());
+        assert!(encoder(2000, 0).of_fastest(1e9).is_right());
+        let slow =
+            Found::Encoder { sent: 2000, there: 2000, back: 0, rate_hz: 10_000, least_hz: 0 };
+        says(
+            slow.of_fastest(10_001.0),
+            "fail, 2000 edges at 10000 per second and back: 2000 and 0 counts, wanted 10001 per second",
+        );
     }
 
     #[test]

@@ -178,7 +178,7 @@ fn counted(core_hz: u32) -> Found {
     let edges = u64::from(EDGES) * u64::from(core_hz);
     let rate_hz = edges.checked_div(u64::from(cycles)).and_then(|hz| u32::try_from(hz).ok());
     let rate_hz = rate_hz.unwrap_or(0);
-    Found::Encoder { sent: EDGES, there, back, rate_hz }
+    Found::Encoder { sent: EDGES, there, back, rate_hz, least_hz: 0 }
 }
 
 /// Looks at what `sample` notes until it has noted often enough.

@@ -3,6 +3,7 @@
 use super::{Awaited, Console};
 use crate::{
     console::Port,
+    device::Device,
     experiment::Order,
     safety::Request,
     self_test::{Found, Part},
@@ -55,10 +56,12 @@ impl<P: Port> Console<P> {
             };
         };
         let latched = self.latest.as_ref().is_some_and(|report| report.status.fault.is_some());
+        let Device { safety, design, .. } = self.device;
+        let fastest_hz = safety.speed_believable_m_per_s / design.resolution_m;
         let found = match part.drives() {
             true if latched => Err("a fault is latched, clear it first"),
             true if step.unsafe_to_drive => Err("enable failed"),
-            _ => Ok(self.port.test(part)),
+            _ => Ok(self.port.test(part).of_fastest(fastest_hz)),
         };
         let is_right = found.as_ref().is_ok_and(Found::is_right);
         self.write(&Tested(part, found));
