@@ -191,10 +191,17 @@ slots(
     ("Memory that nothing may touch {} bytes between statics and stack are out of bounds", const("src/board/f4/stack_guard.rs", "BYTES")),
     ("| TIM8 | counts at 1 MHz up to {};", const("src/period.rs", "OUTPUT_WATCHDOG_US")),
 )
+
+
+def rate(name):
+    return lit(RATE, rf"const {name}: \w+ = (\d+)")
+
+
 slots(
     "docs/faults.md",
-    ("have drifted apart by more than {} % over {} outputs |", lambda: number(100 / lit(RATE, r"PART: u32 = (\d+)")), const(RATE, "OUTPUTS")),
-    ("| always | {} outputs at most: two comparisons |", lambda: number(2 * lit(RATE, r"OUTPUTS: u8 = (\d+)"))),
+    ("have drifted apart by more than {} % over the last {} outputs |", lambda: number(100 / lit(RATE, r"PART: u32 = (\d+)")),
+     lambda: number(rate("BLOCK") * rate("BLOCKS"))),
+    ("| always | {} outputs at most |", lambda: number(rate("BLOCK") * (rate("BLOCKS") + 1))),
 )
 SITUATION = "virtual-board/src/campaign/situation.rs"
 

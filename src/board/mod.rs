@@ -75,8 +75,8 @@ pub fn start() {
     contract::start::<Encoder, Force, SampleTimer>();
 }
 
-/// Sleeps until an interrupt; not deeper than that, whatever has set the bit for it: in the stop mode no clock runs, and
-/// nothing could switch off but the independent watchdog.
+/// Sleeps until an interrupt; not deeper than that, whatever has set the bit for it (SLEEPDEEP in SCR, PM0214 4.4.6): in
+/// the stop mode (RM0390 and RM0090, 5.3) no clock runs, and nothing could switch off but the independent watchdog.
 #[inline(always)]
 pub fn sleep() {
     // SAFETY: the register's reset value; nothing else in this program writes it.
