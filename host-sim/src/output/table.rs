@@ -157,7 +157,10 @@ pub(crate) struct Table {
     pub rows: usize,
 }
 
-#[cfg_attr(not(feature = "open-files"), allow(dead_code, reason = "CSV stays as it is; tests use it"))]
+#[cfg_attr(
+    not(feature = "open-files"),
+    allow(dead_code, reason = "CSV stays as it is; tests use it")
+)]
 impl Table {
     pub fn of_csv(text: &str) -> Self {
         let mut lines = text.lines();
