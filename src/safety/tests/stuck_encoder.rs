@@ -187,10 +187,13 @@ fn no_plan_overflows_it() {
 }
 
 /// A push by the motor until the handle is at the wall, or for a second: true if it is called a push without motion,
-/// and the time that it took, s. The hand that rests on the handle is a mass, a damper and a spring; friction is
-/// Coulomb's; the device is the paper's. Semi-implicit Euler, 10 kHz.
+/// and the time that it took, s. The handle is the paper's, with Coulomb friction; an arm (a mass with damper and spring to
+/// the ground, as a scene's `[arm]`) holds it by a grip, a spring and damper, relaxed at the start: from a third of what the
+/// lighter, softer of the simulator's two arms has to three times what the other one has. Semi-implicit Euler, 10 kHz.
 fn push(random: &mut TestRng) -> (bool, f64) {
     const STEP_S: f64 = 1e-4;
+    const MASS_KG: f64 = 0.416;
+    const DAMPING: f64 = 5.5195;
     let plan = plan();
     let mut between = |low: f64, high: f64| {
         low * f64::powf(high / low, f64::from(random.next_u32()) / f64::from(u32::MAX))
@@ -198,13 +201,12 @@ fn push(random: &mut TestRng) -> (bool, f64) {
     let force = between(0.15, 1.0);
     let full_n = DESIGN.full_scale_n;
     let friction_n = between(0.001, 0.08) * full_n;
-    let mass_kg = 0.416 + between(0.02, 3.0);
-    let damping = 5.5195 + between(0.1, 20.0);
     let way_m = between(0.002, 0.04);
+    let (arm_kg, arm_damping) = (between(0.17, 3.3), between(1.7, 15.0));
+    let (grip, grip_damping) = (between(300.0, 9e3), between(5.0, 75.0));
     // A spring that holds the handle off the wall is a hand that holds it.
-    let hardest = (force * full_n - friction_n) / way_m;
-    let stiffness = between(0.01, 0.5) * hardest;
-    let (mut x_m, mut v) = (0.0, 0.0);
+    let stiffness = between(0.01, 0.5) * (force * full_n - friction_n) / way_m;
+    let (mut x_m, mut v, mut hand_m, mut hand_v) = (0.0, 0.0, 0.0, 0.0);
     let mut watch = StuckEncoder::default();
     for n in 0..10_000 {
         if n % 10 == 0 {
@@ -216,14 +218,17 @@ fn push(random: &mut TestRng) -> (bool, f64) {
         if x_m >= way_m {
             return (false, f64::from(n) * STEP_S);
         }
-        let rest_n = force * full_n - stiffness * x_m - damping * v;
+        let grip_n = grip * (x_m - hand_m) + grip_damping * (v - hand_v);
+        let rest_n = force * full_n - grip_n - DAMPING * v;
         let slips = v.abs() > 1e-9 || rest_n.abs() > friction_n;
         let friction =
             if v.abs() > 1e-9 { friction_n.copysign(v) } else { friction_n.copysign(rest_n) };
         let was = v;
-        v += if slips { (rest_n - friction) / mass_kg * STEP_S } else { 0.0 };
+        v += if slips { (rest_n - friction) / MASS_KG * STEP_S } else { 0.0 };
         v = if was * v < 0.0 { 0.0 } else { v };
         x_m += v * STEP_S;
+        hand_v += (grip_n - stiffness * hand_m - arm_damping * hand_v) / arm_kg * STEP_S;
+        hand_m += hand_v * STEP_S;
     }
     (false, 1.0)
 }
