@@ -324,16 +324,17 @@ const FAULT_CASES: [FaultCase; 30] = [
     hard_fault("HardFault in sample", |_, world| lose_the_way(world, SAMPLE, NOWHERE), false),
     hard_fault("undefined instruction", |_, world| lose_the_way(world, LINK, ERASED), false),
     FaultCase {
-        name: "clock failure",
+        name: "crystal stops",
         code: 33,
         all: &[23, 33],
-        limit_us: HANDLER_US,
-        begin: |elf, world| {
-            let handler = elf.place_of("NonMaskableInt")?.0;
-            lose_the_way(world, LINK, handler)
+        limit_us: AT_ONCE_US,
+        begin: |_, world| {
+            let begun = world.powered.mcu.now();
+            world.powered.mcu.kill_hse();
+            world.run(700)?; // until the watchdog's reset
+            Ok(begun)
         },
         resets: true,
-        short: false,
         ..PLAIN
     },
     at_arm(

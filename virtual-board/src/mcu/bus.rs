@@ -16,7 +16,7 @@ use rsemu::core::{
 
 use super::DacListener;
 
-/// The machine's time in core cycles.
+/// The machine's time in core cycles, of the clock that the program has set up.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
     /// Start of the present instruction.
@@ -25,6 +25,13 @@ pub(super) struct Clock {
     edge: AtomicU64,
     /// A peripheral was accessed: its next event may have moved.
     touched: AtomicBool,
+    /// The chip's own clock is another.
+    changed: AtomicBool,
+    /// Since when, the cycles that it had lost by then, what it is, and what it was set up to be, MHz.
+    since: AtomicU64,
+    lost: AtomicU64,
+    mhz: AtomicU64,
+    set_up_mhz: AtomicU64,
 }
 
 impl Clock {
@@ -50,19 +57,75 @@ impl Clock {
         touched
     }
 
-    pub(super) fn state(&self) -> ClockState {
-        (self.now(), self.edge(), self.touched.load(Relaxed))
+    /// From now on the chip's own clock has so many MHz, where the program has set it up to have `set_up_mhz`.
+    pub(super) fn change(&self, mhz: u64, set_up_mhz: u64) {
+        let now = self.now();
+        self.lost.store(now - self.own(now), Relaxed);
+        self.since.store(now, Relaxed);
+        self.mhz.store(mhz, Relaxed);
+        self.set_up_mhz.store(set_up_mhz, Relaxed);
+        self.changed.store(true, Relaxed);
     }
 
-    pub(super) fn restore(&self, &(now, edge, touched): &ClockState) {
-        self.now.store(now, Relaxed);
-        self.edge.store(edge, Relaxed);
-        self.touched.store(touched, Relaxed);
+    /// It has stopped.
+    #[inline(always)]
+    pub(super) fn stands(&self) -> bool {
+        self.changed.load(Relaxed) && self.mhz.load(Relaxed) == 0
+    }
+
+    /// So many cycles of the chip's own clock take so long.
+    #[inline(always)]
+    pub(super) fn stretched(&self, cycles: u64) -> u64 {
+        if !self.changed.load(Relaxed) {
+            return cycles;
+        }
+        (cycles * self.set_up_mhz.load(Relaxed)).div_ceil(self.mhz.load(Relaxed).max(1))
+    }
+
+    /// What the chip's own clock has counted by then.
+    fn own(&self, cycle: u64) -> u64 {
+        if !self.changed.load(Relaxed) {
+            return cycle;
+        }
+        let (since, lost) = (self.since.load(Relaxed), self.lost.load(Relaxed));
+        let passed = cycle.saturating_sub(since);
+        let (mhz, set_up) = (self.mhz.load(Relaxed), self.set_up_mhz.load(Relaxed));
+        cycle.min(since).saturating_sub(lost) + passed * mhz / set_up
+    }
+
+    /// When it will have counted that.
+    fn when_own(&self, count: u64) -> u64 {
+        if !self.changed.load(Relaxed) || count == u64::MAX {
+            return count;
+        }
+        let (since, lost) = (self.since.load(Relaxed), self.lost.load(Relaxed));
+        let left = count.saturating_sub(since - lost);
+        match self.mhz.load(Relaxed) {
+            _ if left == 0 => count.saturating_add(lost),
+            0 => u64::MAX,
+            mhz => since
+                .saturating_add(left.saturating_mul(self.set_up_mhz.load(Relaxed)).div_ceil(mhz)),
+        }
+    }
+
+    pub(super) fn state(&self) -> ClockState {
+        let all = [&self.now, &self.edge, &self.since, &self.lost, &self.mhz, &self.set_up_mhz];
+        (
+            all.map(|word| word.load(Relaxed)),
+            [&self.touched, &self.changed].map(|flag| flag.load(Relaxed)),
+        )
+    }
+
+    pub(super) fn restore(&self, (words, flags): &ClockState) {
+        let all = [&self.now, &self.edge, &self.since, &self.lost, &self.mhz, &self.set_up_mhz];
+        all.into_iter().zip(words).for_each(|(to, from)| to.store(*from, Relaxed));
+        let all = [&self.touched, &self.changed];
+        all.into_iter().zip(flags).for_each(|(to, from)| to.store(*from, Relaxed));
     }
 }
 
 /// What a [`Clock`] holds.
-pub(super) type ClockState = (u64, u64, bool);
+pub(super) type ClockState = ([u64; 6], [bool; 2]);
 
 /// What a bus master's access passes through before it reaches a device's registers.
 pub(super) trait Port: Send + Sync + fmt::Debug {
@@ -90,6 +153,8 @@ pub(super) struct Lazy {
     clock: Arc<Clock>,
     /// Core cycles per tick.
     divider: u64,
+    /// It has a clock of its own.
+    apart: bool,
     /// Core cycles for which it stood still while the core was halted.
     pub(super) stood: Arc<AtomicU64>,
 }
@@ -109,11 +174,18 @@ impl Lazy {
             panic!("registers are an I/O region")
         };
         let operations = Arc::clone(operations);
-        Self { device, operations, clock: Arc::clone(clock), divider, stood: Arc::default() }
+        let (clock, stood) = (Arc::clone(clock), Arc::default());
+        Self { device, operations, clock, divider, apart: false, stood }
+    }
+
+    /// With a clock of its own, which runs on when the chip's does not.
+    pub(super) fn apart(self) -> Self {
+        Self { apart: true, ..self }
     }
 
     /// Brings the device to `cycle`.
     pub(super) fn advance_to(&self, cycle: u64) {
+        let cycle = if self.apart { cycle } else { self.clock.own(cycle) };
         self.device.advance_to(cycle.saturating_sub(self.stood.load(Relaxed)) / self.divider);
     }
 
@@ -140,9 +212,10 @@ impl Lazy {
 
     /// Cycle of the device's next event.
     pub(super) fn next_event(&self) -> u64 {
-        self.device.next_event_tick().map_or(u64::MAX, |tick| {
+        let count = self.device.next_event_tick().map_or(u64::MAX, |tick| {
             tick.saturating_mul(self.divider).saturating_add(self.stood.load(Relaxed))
-        })
+        });
+        if self.apart { count } else { self.clock.when_own(count) }
     }
 
     /// Reads a register without side effects.

@@ -14,7 +14,10 @@ use rsemu::core::{
     wire::{Level, WireId},
 };
 
-use super::bus::{Clock, Lazy, Port};
+use super::{
+    Mcu,
+    bus::{Clock, Lazy, Port},
+};
 
 /// The first two inputs of a timer.
 pub(super) type Inputs = [(WireId, SinkPin); 2];
@@ -267,5 +270,33 @@ impl Port for CapturePort {
 
     fn look(&self, _: u64, value: u32) -> u32 {
         value
+    }
+}
+
+impl Mcu {
+    /// Puts A and B at `count` before the program has started to count.
+    pub fn encoder_at(&mut self, count: i32) {
+        self.soc.encoder.start_at(count);
+    }
+
+    /// Every value that the program has read from the encoder's counter since the last reset.
+    pub fn counter_readings(&self) -> Vec<u32> {
+        self.soc.encoder.readings()
+    }
+
+    /// The same since they were last taken.
+    pub fn take_counter_readings(&mut self) -> Vec<u32> {
+        self.soc.encoder.take_readings()
+    }
+
+    /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are
+    /// delivered in the order of the calls.
+    pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
+        self.soc.encoder.go_to(count, from, spacing);
+    }
+
+    /// Takes notes of the encoder's edges from now on, and returns those so far. A reset ends it.
+    pub fn take_edge_notes(&mut self) -> EdgeNotes {
+        self.soc.encoder.take_notes()
     }
 }

@@ -1,8 +1,6 @@
 //! What can go wrong inside the chip, done to it from outside: bits that flip, an interrupt that stays
 //! away, a program counter that is somewhere else. The program itself is left as it is.
 
-use std::sync::atomic::Ordering::Relaxed;
-
 use rsemu::{
     core::{space::MemAttrs, value::Width},
     cpu::arm::v7m::sys::{Exception, in_ppb},
@@ -70,6 +68,13 @@ impl Mcu {
         self.service();
     }
 
+    /// What stands in flash from `address` on is something else.
+    pub fn program(&mut self, address: u32, bytes: &[u8]) {
+        let offset = u64::from(address - super::FLASH);
+        self.soc.flash.load_image(offset, bytes).expect("inside of the flash");
+        self.flash_saved = None;
+    }
+
     /// Reads a word as the core would.
     pub fn peek(&mut self, address: u32) -> u32 {
         self.clock.set(self.now);
@@ -78,11 +83,6 @@ impl Mcu {
         }
         let word = self.soc.space.read(u64::from(address), Width::U32, MemAttrs::default());
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
-    }
-
-    /// The crystal, or the clock in its place, does not come; until the next reset.
-    pub fn kill_hse(&mut self) {
-        self.soc.hse_is_dead.store(true, Relaxed);
     }
 
     /// An exception becomes pending, an interrupt with its enable bit set.
@@ -96,6 +96,16 @@ impl Mcu {
     /// The stack pointer.
     pub fn stack_pointer(&self) -> u32 {
         self.registers.msp
+    }
+
+    /// Bits of S0 to S31 (0 to 31), or of FPSCR, flip.
+    pub fn flip_float(&mut self, register: u8, bits: u32) {
+        let cpu = &self.soc.cpu;
+        if register < 32 {
+            cpu.set_s(register, cpu.s(register) ^ bits);
+        } else {
+            cpu.set_fpscr(cpu.fpscr() ^ bits);
+        }
     }
 
     /// Changes the core's registers.

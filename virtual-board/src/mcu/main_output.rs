@@ -5,7 +5,11 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
 };
 
-use super::bus::{Clock, Lazy, Port};
+use super::{
+    bus::{Clock, Lazy, Port},
+    crystal::Crystal,
+    soc::Soc,
+};
 
 const CCR1: u64 = 0x34;
 const CCR2: u64 = 0x38;
@@ -30,6 +34,7 @@ const LOCKED: [&[(u64, u32)]; 3] = [
 pub(super) struct Break {
     pub(super) lazy: Lazy,
     pub(super) open: Arc<AtomicBool>,
+    pub(super) crystal: Arc<Crystal>,
     /// The break flag.
     pub(super) broken: Arc<AtomicBool>,
     pub(super) locked: Arc<AtomicBool>,
@@ -38,6 +43,11 @@ pub(super) struct Break {
 }
 
 impl Break {
+    /// The input is active, or the clock security system's flag, which breaks as well (RM0090 17.4.18, BKE).
+    fn is_active(&self) -> bool {
+        self.open.load(Relaxed) || self.crystal.flag.load(Relaxed)
+    }
+
     /// What a store changes: all but what is locked.
     fn unlocked(&self, offset: u64, value: u32) -> u32 {
         let written = self.locked.load(Relaxed);
@@ -64,11 +74,11 @@ impl Port for Break {
             self.written_at.store(self.clock.now(), Relaxed);
         }
         if offset == SR && value & BREAK_FLAG == 0 {
-            self.broken.store(self.open.load(Relaxed), Relaxed);
+            self.broken.store(self.is_active(), Relaxed);
         }
         if offset != BDTR {
             value
-        } else if value & BREAK_ENABLE != 0 && self.open.load(Relaxed) {
+        } else if value & BREAK_ENABLE != 0 && self.is_active() {
             value & !MAIN_OUTPUT_ENABLE
         } else if value & AUTOMATIC_OUTPUT_ENABLE != 0 {
             value | MAIN_OUTPUT_ENABLE
@@ -80,5 +90,25 @@ impl Port for Break {
     fn read(&self, offset: u64, value: u32) -> u32 {
         let flag = if self.broken.load(Relaxed) { BREAK_FLAG } else { 0 };
         if offset == SR { value & !BREAK_FLAG | flag } else { value }
+    }
+}
+
+impl Soc {
+    /// The break input: while open, an enabled break holds MOE clear.
+    pub(super) fn set_break(&self, open: bool) {
+        self.stop.store(open, Relaxed);
+        if open {
+            self.break_output();
+        }
+    }
+
+    /// What breaks has become active.
+    pub(super) fn break_output(&self) {
+        let bdtr = self.pwm.peek(BDTR);
+        if bdtr & BREAK_ENABLE != 0 {
+            self.broken.store(true, Relaxed);
+            self.pwm.catch_up_by_edges();
+            self.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
+        }
     }
 }

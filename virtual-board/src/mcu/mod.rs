@@ -4,11 +4,12 @@
 //! entry charges 12 cycles and 8 stacking accesses, the return about 18, some 16 cycles more per
 //! interrupt than silicon. Nothing was compared with silicon. What the emulator lacks is mended
 //! here, each where it is done: four priority bits, the vector table's address, TIM1's break input
-//! and automatic output enable, the voltage detector, ITSTATE in a stacked xPSR, time while asleep.
+//! and automatic output enable, the voltage detector, a crystal that fails, ITSTATE in a stacked xPSR, time while asleep.
 
 mod bench;
 mod bus;
 mod converter;
+mod crystal;
 mod debugger;
 mod dma;
 mod encoder;
@@ -220,9 +221,12 @@ impl Mcu {
         if self.now >= self.next || self.clock.take_touched() {
             self.service();
         }
-        let called = self.soc.pace_line.get() || self.soc.supply_line.get();
+        let called = self.soc.pace_line.get()
+            || self.soc.supply_line.get()
+            || self.soc.crystal.flag.load(Relaxed);
         let sleeps = self.stands && self.soc.cpu.is_asleep() && !called;
-        if sleeps || self.outlives && self.stands && self.soc.cpu.is_locked_up() {
+        let stays = sleeps || self.outlives && self.stands && self.soc.cpu.is_locked_up();
+        if stays || self.clock.stands() {
             let to = self.next.min(cycle);
             self.asleep += to - self.now;
             self.now = to;
@@ -257,6 +261,7 @@ impl Mcu {
         }
         self.soc.cpu.set_irq(PACE_IRQ, line);
         self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
+        self.soc.cpu.set_nmi(self.soc.crystal.flag.load(Relaxed));
         self.next = self
             .soc
             .others
@@ -276,11 +281,15 @@ impl Mcu {
         let cpu = &self.soc.cpu;
         let before = self.registers;
         let cycles = cpu.step();
-        self.now += cycles;
+        self.now += self.clock.stretched(cycles);
         self.instructions += 1;
         let after = cpu.regs();
+        let stood = self.stands;
         self.stands = after.r[15] == before.r[15];
         self.registers = after;
+        if self.stands && !stood && cpu.is_asleep() {
+            self.stop_if_deep();
+        }
         let exception = exception_of(after.xpsr);
         if exception != exception_of(before.xpsr)
             && before.xpsr & IT_BITS != 0
@@ -450,32 +459,6 @@ impl Mcu {
     /// The level of `pin`.
     pub fn pin(&self, pin: Pin) -> bool {
         self.soc.pin(pin)
-    }
-
-    /// Puts A and B at `count` before the program has started to count.
-    pub fn encoder_at(&mut self, count: i32) {
-        self.soc.encoder.start_at(count);
-    }
-
-    /// Every value that the program has read from the encoder's counter since the last reset.
-    pub fn counter_readings(&self) -> Vec<u32> {
-        self.soc.encoder.readings()
-    }
-
-    /// The same since they were last taken.
-    pub fn take_counter_readings(&mut self) -> Vec<u32> {
-        self.soc.encoder.take_readings()
-    }
-
-    /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are
-    /// delivered in the order of the calls.
-    pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
-        self.soc.encoder.go_to(count, from, spacing);
-    }
-
-    /// Takes notes of the encoder's edges from now on, and returns those so far. A reset ends it.
-    pub fn take_edge_notes(&mut self) -> EdgeNotes {
-        self.soc.encoder.take_notes()
     }
 
     /// Delivers the pins' changes up to now; the timers that make them are advanced when looked at.

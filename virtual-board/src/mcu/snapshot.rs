@@ -19,7 +19,7 @@ use super::{
     Mcu, Outside, Watch,
     bus::{ClockState, Storage},
     encoder::EncoderState,
-    soc::{Soc, WIRED},
+    soc::{FLAGS, Soc, WIRED},
 };
 
 /// What a chip is, at one cycle.
@@ -36,8 +36,7 @@ pub struct Snapshot {
     /// The blocks that the emulator has no model of: DBGMCU, DAC, ADCs, DMA2; what waits in DMA2, its count, and whether it begins.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),
-    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for.
-    flags: [bool; 8],
+    flags: [bool; FLAGS],
     supply: [u32; 3],
     written_at: u64,
     outside: Outside,

@@ -21,11 +21,12 @@ use super::{
     bench::{FlashPort, PacePort, WIRES, Wire},
     bus::{Clock, Dac, Lazy, Plain, Registers, Storage},
     converter::Converters,
+    crystal::{ClockPort, Crystal},
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
-    main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
+    main_output::Break,
     reads::Noted,
-    supply::{ClockPort, PowerPort, Supply},
+    supply::{PowerPort, Supply},
 };
 
 /// Errors of the emulator's own set-up are ours: the properties are constants.
@@ -49,7 +50,7 @@ pub(super) struct Soc {
     /// Its registers, and how often they were accessed.
     pub(super) flash_registers: Lazy,
     pub(super) flash_touched: Arc<AtomicU64>,
-    rcc: Lazy,
+    pub(super) rcc: Lazy,
     pub(super) others: Vec<Lazy>,
     exti: Lazy,
     pub(super) pace_line: Arc<Flag>,
@@ -58,7 +59,7 @@ pub(super) struct Soc {
     pub(super) watchdog_bites: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag.
-    broken: Arc<AtomicBool>,
+    pub(super) broken: Arc<AtomicBool>,
     /// BDTR was written since the reset: its lock level is frozen.
     locked: Arc<AtomicBool>,
     pub(super) supply: Arc<Supply>,
@@ -66,8 +67,7 @@ pub(super) struct Soc {
     halt_timer: Lazy,
     /// TIM8, which asks DMA2 to switch off.
     output_timer: Lazy,
-    /// The crystal, or the clock in its place, does not come.
-    pub(super) hse_is_dead: Arc<AtomicBool>,
+    pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,
     pub(super) space: Arc<AddressSpace>,
     watchdog: Lazy,
@@ -77,6 +77,9 @@ pub(super) struct Soc {
     pub(super) commanded_at: Arc<AtomicU64>,
     gpio: Vec<Arc<Gpio>>,
 }
+
+/// How many [`Soc::flags`] there are.
+pub(super) const FLAGS: usize = 11;
 
 /// A wire that is looked at.
 #[derive(Debug, Default)]
@@ -232,10 +235,10 @@ impl Soc {
         let halt_timer = lazy(halt_timer, 2);
         let output_timer = lazy(output_timer, 1);
         // HSE cycles, for the delays of the ready bits only.
-        let rcc = lazy(rcc, chip.core_hz / 8_000_000);
+        let rcc = lazy(rcc, chip.core_hz / 8_000_000).apart();
         let pwr = lazy(pwr, 8);
         let flash_registers = lazy(Arc::clone(&flash) as _, 1);
-        let watchdog = lazy(watchdog, chip.core_hz / 32_000);
+        let watchdog = lazy(watchdog, chip.core_hz / 32_000).apart();
         let encoder = Arc::new(EncoderInput::new(
             (lazy(encoder_timer, 2), counted),
             (lazy(capture_timer, 2), captured),
@@ -331,9 +334,11 @@ impl Soc {
         let clock = Arc::clone(clock);
         let broken = Arc::new(AtomicBool::new(false));
         let locked = Arc::new(AtomicBool::new(false));
+        let crystal = Arc::<Crystal>::default();
         let port = Break {
             lazy: pwm.clone(),
             open,
+            crystal: Arc::clone(&crystal),
             broken: Arc::clone(&broken),
             locked: Arc::clone(&locked),
             clock: Arc::clone(&clock),
@@ -343,11 +348,10 @@ impl Soc {
         for (index, port) in gpio.iter().enumerate() {
             map_shared(port.region(""), 0x4002_0000 + 0x400 * index as u64);
         }
-        let hse_is_dead = Arc::new(AtomicBool::new(false));
         let port = ClockPort {
             lazy: rcc.clone(),
             clock: Arc::clone(&clock),
-            dead: Arc::clone(&hse_is_dead),
+            crystal: Arc::clone(&crystal),
         };
         map(Registers::region(&rcc, port), 0x4002_3800);
         let flash_touched = Arc::new(AtomicU64::new(0));
@@ -379,7 +383,7 @@ impl Soc {
             exti,
             halt_timer,
             output_timer,
-            hse_is_dead,
+            crystal,
             dma,
             space,
             watchdog,
@@ -454,8 +458,9 @@ impl Soc {
         self.gpio.iter().map(|port| &**port as &dyn Device)
     }
 
-    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for.
-    pub(super) fn flags(&self) -> [&AtomicBool; 8] {
+    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for, the
+    /// crystal's state.
+    pub(super) fn flags(&self) -> [&AtomicBool; FLAGS] {
         let [pace, supply, bites, asks, clocked] = [
             &self.pace_line,
             &self.supply_line,
@@ -464,7 +469,9 @@ impl Soc {
             &self.dma.clocked,
         ]
         .map(|flag| &flag.0);
-        [pace, supply, bites, asks, clocked, &self.stop, &self.broken, &self.locked]
+        let Crystal { dead, switched, flag } = &*self.crystal;
+        let [stop, broken, locked] = [&*self.stop, &self.broken, &self.locked];
+        [pace, supply, bites, asks, clocked, stop, broken, locked, dead, switched, flag]
     }
 
     pub(super) fn set_pin(&self, pin: Pin, high: bool) {
@@ -477,16 +484,5 @@ impl Soc {
 
     pub(super) fn pin(&self, pin: Pin) -> bool {
         self.gpio[pin.port_index()].pin_levels() >> pin.number & 1 == 1
-    }
-
-    /// The break input: while open, an enabled break holds MOE clear.
-    pub(super) fn set_break(&self, open: bool) {
-        self.stop.store(open, Relaxed);
-        let bdtr = self.pwm.peek(BDTR);
-        if open && bdtr & BREAK_ENABLE != 0 {
-            self.broken.store(true, Relaxed);
-            self.pwm.catch_up_by_edges();
-            self.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{
     Arc, OnceLock,
-    atomic::{AtomicBool, AtomicU32, Ordering::Relaxed},
+    atomic::{AtomicU32, Ordering::Relaxed},
 };
 
 use rsemu::core::{
@@ -123,27 +123,6 @@ impl Port for PowerPort {
 
     fn read(&self, offset: u64, value: u32) -> u32 {
         if offset == CSR { value & !PVDO | self.supply.output() } else { value }
-    }
-}
-
-/// RCC as the program sees it: HSE may not get ready.
-#[derive(Debug)]
-pub(super) struct ClockPort {
-    pub(super) lazy: Lazy,
-    pub(super) clock: Arc<Clock>,
-    pub(super) dead: Arc<AtomicBool>,
-}
-
-const HSE_READY: u32 = 1 << 17;
-
-impl Port for ClockPort {
-    fn before(&self) {
-        self.lazy.advance_to(self.clock.now());
-    }
-
-    fn read(&self, offset: u64, value: u32) -> u32 {
-        let dead = offset == 0 && self.dead.load(Relaxed);
-        if dead { value & !HSE_READY } else { value }
     }
 }
 

@@ -1,0 +1,122 @@
+//! The crystal, or the clock in its place, fails, and what the chip's own clock does then.
+//!
+//! By RM0390 6.2.7 and RM0090 7.2.7: with `CSSON`, an HSE that was ready and fails sets `CSSF`, which holds the NMI until
+//! `CSSC` is written and is a break of TIM1 where `BKE` is set; HSE and the PLL on it are off, and the core goes on from
+//! HSI. Without `CSSON` the chip does not notice. What a PLL does without its input the manuals do not say: here its
+//! clock stands. Both last until a reset, when the crystal is there again. What has a clock of its own, the independent
+//! watchdog, runs on.
+//!
+//! A core that sleeps with `SLEEPDEEP` stops all but that one too (stop mode in the manuals' chapter 5); what wakes it other
+//! than a reset is not modelled.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering::Relaxed},
+};
+
+use super::{
+    Mcu,
+    bus::{Clock, Lazy, Port},
+};
+
+/// HSI, MHz.
+const HSI_MHZ: u64 = 16;
+const CR: u64 = 0x00;
+const PLLCFGR: u64 = 0x04;
+const CFGR: u64 = 0x08;
+const CIR: u64 = 0x0C;
+const HSE_ON: u32 = 1 << 16;
+const HSE_READY: u32 = 1 << 17;
+const SECURITY_ON: u32 = 1 << 19;
+const PLL_ON: u32 = 0b11 << 24;
+const PLL_FROM_HSE: u32 = 1 << 22;
+/// In CFGR: what is asked for, and what is (`SW`, `SWS`).
+const SWITCH: u32 = 0b1111;
+const SECURITY_FLAG: u32 = 1 << 7;
+const SECURITY_CLEAR: u32 = 1 << 23;
+/// In SCR.
+const SLEEP_DEEP: u32 = 1 << 2;
+
+/// How the crystal is.
+#[derive(Debug, Default)]
+pub(super) struct Crystal {
+    /// It does not swing.
+    pub(super) dead: AtomicBool,
+    /// The clock security system has switched HSE and PLL off.
+    pub(super) switched: AtomicBool,
+    /// Its flag.
+    pub(super) flag: AtomicBool,
+}
+
+/// RCC as the program sees it.
+#[derive(Debug)]
+pub(super) struct ClockPort {
+    pub(super) lazy: Lazy,
+    pub(super) clock: Arc<Clock>,
+    pub(super) crystal: Arc<Crystal>,
+}
+
+impl Port for ClockPort {
+    fn before(&self) {
+        self.lazy.advance_to(self.clock.now());
+    }
+
+    fn write(&self, offset: u64, value: u32) -> u32 {
+        if offset == CIR && value & SECURITY_CLEAR != 0 {
+            self.crystal.flag.store(false, Relaxed);
+        }
+        value
+    }
+
+    fn read(&self, offset: u64, value: u32) -> u32 {
+        let Crystal { dead, switched, flag } = &*self.crystal;
+        match offset {
+            CR if switched.load(Relaxed) => value & !(HSE_ON | HSE_READY | PLL_ON),
+            CR if dead.load(Relaxed) => value & !HSE_READY,
+            CFGR if switched.load(Relaxed) => value & !SWITCH,
+            CIR if flag.load(Relaxed) => value | SECURITY_FLAG,
+            _ => value,
+        }
+    }
+}
+
+impl Mcu {
+    /// The crystal, or the clock in its place, does not come or comes no more; until the next reset.
+    pub fn kill_hse(&mut self) {
+        self.settle();
+        self.service();
+        let crystal = &self.soc.crystal;
+        crystal.dead.store(true, Relaxed);
+        let [control, pll, switch] =
+            [CR, PLLCFGR, CFGR].map(|register| self.soc.rcc.peek(register));
+        if control & HSE_READY == 0 {
+            return;
+        }
+        let in_use = match switch >> 2 & 0b11 {
+            0b01 => true,
+            0b10 => pll & PLL_FROM_HSE != 0,
+            _ => false,
+        };
+        let found = control & SECURITY_ON != 0;
+        if found {
+            crystal.switched.store(true, Relaxed);
+            crystal.flag.store(true, Relaxed);
+            self.soc.break_output();
+        }
+        if in_use {
+            self.change_clock(if found { HSI_MHZ } else { 0 });
+        }
+        self.service();
+    }
+
+    /// A core that falls asleep with `SLEEPDEEP` stops its clock.
+    pub(super) fn stop_if_deep(&self) {
+        if self.soc.cpu.with_sys(|sys| sys.scr & SLEEP_DEEP != 0) {
+            self.change_clock(0);
+        }
+    }
+
+    fn change_clock(&self, mhz: u64) {
+        self.clock.change(mhz, self.chip.core_hz / 1_000_000);
+    }
+}
