@@ -112,7 +112,7 @@ struct RegionJson {
 /// Runs it.
 ///
 /// # Errors
-/// Bad input, a fault that is late or unnoticed where it must not be, or Ctrl-C.
+/// Bad input, a fault that is late or unnoticed where it must not be, or lets the handle gain speed, or Ctrl-C.
 pub fn execute(options: &Campaign) -> Result<(), Error> {
     let begun = Instant::now();
     let boards = match &options.board {
@@ -141,11 +141,11 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
             let row = &chosen[row];
             json.on_in_fault += u64::from(verdict.on_in_fault);
             let reason = row.reason(situation);
-            let bad =
-                matches!(verdict.class, Class::OffLate | Class::Unnoticed) && reason.is_none();
-            if bad || verdict.on_in_fault {
-                wrong.push(format!("{} {}: {}", board.name, row.name, verdict.class.text()));
-            }
+            wrong.extend(
+                verdict
+                    .wrong(reason)
+                    .map(|why| format!("{} {}, {}: {why}", board.name, row.name, situation.text())),
+            );
             *counts.entry(verdict.class).or_default() += 1;
             json.rows.push(RowJson::new(
                 board,

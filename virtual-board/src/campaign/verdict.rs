@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use zwidth::telemetry::{Decoder, Flags};
 
+use super::rows::SOON_S;
 use crate::world::{Seen, World};
 
 /// How a fault ended.
@@ -50,8 +51,8 @@ pub struct Verdict {
     pub class: Class,
     /// From the fault to enable inactive, s.
     pub off_s: Option<f64>,
-    /// What the handle gets until then, m/s: in free motion more than its speed at the fault; in contact that of a
-    /// handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
+    /// What the handle gets until then, m/s: in free motion more than its speed at the fault, while no hand holds it; in
+    /// contact that of a handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
     pub speed_m_per_s: f64,
     /// The same, m.
     pub travel_m: f64,
@@ -59,6 +60,34 @@ pub struct Verdict {
     pub code: Option<u8>,
     /// Force is on, and a fault is latched; or it came back by itself.
     pub on_in_fault: bool,
+}
+
+impl Verdict {
+    /// Without a force.
+    pub const fn of(class: Class) -> Self {
+        Self {
+            class,
+            off_s: None,
+            speed_m_per_s: 0.0,
+            travel_m: 0.0,
+            code: None,
+            on_in_fault: false,
+        }
+    }
+
+    /// Why it must not be, if it must not; `reason`: why it cannot be found.
+    pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
+        let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
+        if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
+            Some(self.class.text().to_owned())
+        } else if self.on_in_fault {
+            Some("on in a fault".to_owned())
+        } else if fast && self.speed_m_per_s > GAIN_MOST_M_PER_S {
+            Some(format!("off within 3 ms, and faster by {:.3} m/s", self.speed_m_per_s))
+        } else {
+            None
+        }
+    }
 }
 
 /// What counts as time, and for which handle.
@@ -89,6 +118,9 @@ const OLD: u64 = 12;
 const LET_GO_M: f64 = 5e-3;
 /// One sample, s.
 const SAMPLE_S: f64 = 1e-4;
+
+/// Most that the handle may gain, over its speed at the fault, if it is off within [`SOON_S`], m/s.
+const GAIN_MOST_M_PER_S: f64 = 0.1;
 
 /// Samples after off, for the board to say why, and at most so many until it does.
 const AFTER: u64 = 60;
@@ -204,7 +236,9 @@ impl Watched {
             if measure.free {
                 let moved =
                     |n: usize| (seen[n].position_m - seen[n - 1].position_m).abs() / SAMPLE_S;
-                most = most.max(moved(n) - moved(fault.max(1)));
+                if !now.held {
+                    most = most.max(moved(n) - moved(fault.max(1)));
+                }
                 travel = now.position_m - seen[fault].position_m;
             } else if travel.abs() < LET_GO_M {
                 if measure.from_fault || wrong || old {
@@ -233,5 +267,35 @@ impl Watched {
             code: self.code,
             on_in_fault: self.back || self.off_at.is_none() && self.on_with_code,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 3 ms and 0.1 m/s: either of them more is another matter.
+    #[test]
+    fn what_is_off_soon_must_not_have_gained_speed() {
+        let off = |off_s, speed_m_per_s| Verdict {
+            off_s: Some(off_s),
+            speed_m_per_s,
+            ..Verdict::of(Class::OffInTime)
+        };
+        assert_eq!(off(2.9e-3, 0.1).wrong(None), None);
+        assert_eq!(off(50e-3, 0.16).wrong(None), None);
+        let wrong = off(2.9e-3, 0.101).wrong(None);
+        assert_eq!(wrong.as_deref(), Some("off within 3 ms, and faster by 0.101 m/s"));
+        assert_eq!(off(2.9e-3, 0.101).wrong(Some("a reason is for what stays")), wrong);
+    }
+
+    #[test]
+    fn what_stays_needs_a_reason_and_force_in_a_fault_has_none() {
+        for class in [Class::OffLate, Class::Unnoticed] {
+            assert_eq!(Verdict::of(class).wrong(None).as_deref(), Some(class.text()));
+            assert_eq!(Verdict::of(class).wrong(Some("it looks the same")), None);
+        }
+        let on = Verdict { on_in_fault: true, ..Verdict::of(Class::Bounded) };
+        assert_eq!(on.wrong(Some("it looks the same")).as_deref(), Some("on in a fault"));
     }
 }

@@ -52,6 +52,8 @@ pub struct Seen {
     pub at: u64,
     /// The handle then, m.
     pub position_m: f64,
+    /// A hand holds or leads it.
+    pub held: bool,
     /// Mean force on the handle, part of full scale.
     pub force: f64,
     /// Enable was active at the end of it.
@@ -123,13 +125,13 @@ impl World<'_> {
         let part = given / self.steps as f64;
         let enabled = self.powered.amplifier.is_enabled();
         let written_at = self.powered.mcu.written_at();
-        let position_m = self.position_m();
+        let (position_m, held) = (self.position_m(), self.held.is_some());
         let Some(seen) = &mut self.seen else { return };
         if self.stepped == 0 || seen.is_empty() {
             seen.push(Seen::default());
         }
         if let Some(last) = seen.last_mut() {
-            *last = Seen { at, position_m, force: last.force + part, enabled, written_at };
+            *last = Seen { at, position_m, held, force: last.force + part, enabled, written_at };
         }
     }
 }
