@@ -76,6 +76,8 @@ pub struct Places {
     /// By region, the RAM's.
     words: [Vec<u32>; REGIONS.len()],
     bits: Vec<(u32, u8)>,
+    /// Of the independent watchdog.
+    watchdog: Vec<(u32, u8)>,
     /// One behind the last word of the stack.
     stack_end: u32,
 }
@@ -116,6 +118,11 @@ const BLOCKS: [Block; 19] = [
     ("core", 0xE000_E000, &[0x10, 0x100, 0x104, 0x108, 0x200, 0x204, 0x208, 0x400, 0x424, 0x430]),
 ];
 
+/// The independent watchdog: PR and RLR, which a key opens for stores.
+const IWDG: Block = ("IWDG", 0x4000_3000, &[0x04, 0x08]);
+const IWDG_KEY: u32 = 0x4000_3000;
+const IWDG_OPEN: u32 = 0x5555;
+
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
@@ -137,8 +144,8 @@ impl Places {
         let mut by_region: [Vec<u32>; REGIONS.len()] = Default::default();
         words.for_each(|&address| by_region[region(address) as usize].push(address));
         let before = world.snapshot();
-        let mut bits = Vec::new();
-        for (_, base, offsets) in BLOCKS {
+        let mut bits_of = |(_, base, offsets): Block| {
+            let mut bits = Vec::new();
             for address in offsets.iter().map(|&offset| base + u32::from(offset)) {
                 for bit in 0..32 {
                     world.restore(&before);
@@ -149,8 +156,11 @@ impl Places {
                     }
                 }
             }
-        }
-        Self { words: by_region, bits, stack_end }
+            bits
+        };
+        let bits = BLOCKS.into_iter().flat_map(&mut bits_of).collect();
+        let watchdog = bits_of(IWDG);
+        Self { words: by_region, bits, watchdog, stack_end }
     }
 
     /// Words of a region of RAM.
@@ -163,13 +173,19 @@ impl Places {
         &self.bits
     }
 
+    /// Those of the independent watchdog.
+    pub fn watchdog(&self) -> &[(u32, u8)] {
+        &self.watchdog
+    }
+
     /// One behind the last word of the stack.
     pub fn stack_end(&self) -> u32 {
         self.stack_end
     }
 }
 
-/// A bit of a register is the other one. Where a register has one address to set and one to clear, by these.
+/// A bit of a register is the other one. Where a register has one address to set and one to clear, by these; where a key
+/// opens it, with that.
 pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     let mcu = &mut world.powered.mcu;
     let (was, one) = (mcu.peek(address), 1 << bit);
@@ -177,6 +193,11 @@ pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
         AIRCR => mcu.poke(address, (was ^ one) & 0xFFFF | AIRCR_KEY),
         0xE000_E100..0xE000_E300 if was & one != 0 => mcu.poke(address + NVIC_CLEARS, one),
         0xE000_E100..0xE000_E300 => mcu.poke(address, one),
+        0x4000_3004..=0x4000_3008 => {
+            mcu.poke(IWDG_KEY, IWDG_OPEN);
+            mcu.poke(address, was ^ one);
+            mcu.poke(IWDG_KEY, 0);
+        }
         _ => mcu.poke(address, was ^ one),
     }
 }
@@ -227,11 +248,30 @@ pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     name
 }
 
+/// The same of S0 to S31 (0, and which), FPSCR (1) or CONTROL.
+pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> String {
+    let mcu = &mut world.powered.mcu;
+    match kind {
+        0 => {
+            mcu.flip_float(float, 1 << bit);
+            format!("s{float}")
+        }
+        1 => {
+            mcu.flip_float(32, 1 << bit);
+            "fpscr".into()
+        }
+        _ => {
+            mcu.set_registers(|registers| registers.control ^= 1 << (bit % 3));
+            "control".into()
+        }
+    }
+}
+
 /// What a register is called.
 pub fn register_name(address: u32) -> String {
     let is = |(_, base, offsets): &&Block| {
         offsets.iter().any(|&offset| base + u32::from(offset) == address)
     };
-    let block = BLOCKS.iter().find(is);
+    let block = BLOCKS.iter().chain([&IWDG]).find(is);
     block.map_or_else(String::new, |(name, base, _)| format!("{name} + {:#x}", address - base))
 }
