@@ -3,17 +3,20 @@
 //!
 //! | file | holds |
 //! |------|-------|
-//! | `fault_case`, `no_processor`, `registers`, `outside` | named faults, and how each is brought about |
+//! | `fault_case`, `no_processor`, `registers`, `outside`, `memory` | named faults, and how each is brought about |
+//! | `kept` | the same of what is kept in flash and backup RAM |
 //! | `rows` | all of them, with the time that each may take |
-//! | `situation` | free and in contact, and what the force is there without a fault |
+//! | `situation` | free, with the whole force and in contact, and what the force is there without a fault |
 //! | `place`, `random` | where a bit can flip, and flips |
 //! | `verdict` | what came of a fault |
 //! | `run` | faults on several threads |
 //! | `report` | options, and what is printed |
 
 pub mod fault_case;
+pub mod kept;
+mod memory;
 mod no_processor;
-mod outside;
+pub mod outside;
 pub mod place;
 pub mod random;
 pub mod registers;

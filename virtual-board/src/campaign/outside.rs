@@ -1,14 +1,14 @@
-//! What goes wrong outside of the chip, in RTT's block, and two faults at once: with the emergency stop.
+//! What goes wrong outside of the chip, at its host and in RTT's block, and two faults at once: with the emergency stop.
 
 use super::{
+    memory::memory_rows,
     rows::{Row, SOON_S},
-    situation::PUSH_N,
 };
 use crate::{
-    board::{Board, Force},
-    elf::{Elf, SAMPLE_STATE},
-    session::{Failed, ask},
-    world::World,
+    board::{Board, Force, Powered},
+    elf::Elf,
+    session::Failed,
+    world::{Ended, World},
 };
 
 /// An encoder whose count stays: the check of a push without motion, and an output.
@@ -17,14 +17,16 @@ const STUCK_S: f64 = 0.0525;
 const SHORT_OF_S: f64 = 0.1025;
 /// A current that differs by a third of full scale, in the mean of 13 ms.
 const SENSED_S: f64 = 0.018;
-/// All of the motor's force, in the firmware's unit.
-const FULL_SCALE: i32 = 1 << 30;
+/// For which the host stalls and floods.
+const FLOOD_SAMPLES: u64 = 4_000;
+const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
 /// Whatever the plant allows.
 const EVER_S: f64 = 1.3;
 
 /// All of them. `current_sense`: the amplifier says its current.
 pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
-    let mut rows = everywhere();
+    let mut rows = memory_rows();
+    rows.extend(everywhere());
     let stuck_rows = [("amplifier gives all", 1.0), ("amplifier gives all, away", -1.0)];
     rows.extend(stuck_rows.map(|(name, part)| {
         let limit_s = if current_sense { SENSED_S } else { EVER_S };
@@ -36,10 +38,11 @@ pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
         }
     }));
     if matches!(board.wiring.force, Force::Dac { .. }) {
-        rows.push(Row::of("DAC gives 10 % more", SOON_S, |_, world| {
+        let more = Row::of("DAC gives 10 % more", SOON_S, |_, world| {
             world.defects.dac = 0.1;
             Ok(world.powered.mcu.now())
-        }));
+        });
+        rows.push(more.not_full());
     }
     rows
 }
@@ -68,9 +71,16 @@ fn everywhere() -> Vec<Row> {
         Row::of("jump of 280 counts", SOON_S, |_, world| counts(world, 280, 1.0, 0.0))
             .never_free(moves)
             .never_in_contact(moves),
-        Row::of("motor's sign in memory", SOON_S, motor_sign),
-        Row::of("push of a hit in memory", SOON_S, push).only_free(),
-        Row::of("encoder's origin in memory", SOON_S, origin),
+        Row::of("RTT stall and flood, blocking", FLOOD_S, |_, world| {
+            let begun = world.powered.mcu.now();
+            flood(world, FLOOD_SAMPLES)?;
+            Ok(begun)
+        }),
+        Row::of("a core that sleeps deep", SOON_S, |_, world| {
+            let control = world.powered.mcu.peek(SCR);
+            world.powered.mcu.poke(SCR, control | SLEEP_DEEP);
+            Ok(world.powered.mcu.now())
+        }),
         Row::of("RTT: up 1 larger", SOON_S, |elf, world| channel(elf, world, 8, 1 << 16)),
         Row::of("RTT: up 1 elsewhere", SOON_S, |elf, world| {
             let (render, _) = elf.place_of("local_resource_render")?;
@@ -100,11 +110,30 @@ fn everywhere() -> Vec<Row> {
     ]
 }
 
+const SCR: u32 = 0xE000_ED10;
+const SLEEP_DEEP: u32 = 1 << 2;
 const BDTR: u32 = 0x4001_0044;
 const BREAK_ENABLE: u32 = 1 << 12;
 const GPIO: u32 = 0x4002_0000;
 /// Of RTT's block: up channel 1.
 const CHANNEL_1: u32 = 24 + 24;
+
+/// A host that reads nothing and sends without a pause, with every channel set to blocking.
+///
+/// # Errors
+/// The program ended.
+pub fn flood(world: &mut World<'_>, samples: u64) -> Result<(), Ended> {
+    for channel in 0..3 {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.set_mode(mcu, channel, 2);
+    }
+    for n in 0..samples {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.write(mcu, 0, if n % 2 == 0 { b"help\nget\n" } else { b"\xff\x00k 1e\n~~" });
+        world.sample()?;
+    }
+    Ok(())
+}
 
 fn counts(world: &mut World<'_>, offset: i32, ratio: f64, per_sample: f64) -> Result<u64, Failed> {
     world.count_wrongly(offset, ratio, per_sample);
@@ -128,83 +157,5 @@ fn channel(elf: &Elf, world: &mut World<'_>, offset: u32, bits: u32) -> Result<u
     let mut word = [0; 4];
     world.powered.mcu.read(at, &mut word);
     world.powered.mcu.write(at, &(u32::from_le_bytes(word) ^ bits).to_le_bytes());
-    Ok(world.powered.mcu.now())
-}
-
-/// The byte that says how the motor is wired: found by turning it with the force off, and then turned with the force on.
-fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
-    let before = world.snapshot();
-    let (from, size) = elf.place_of("local_resource_render")?;
-    let mut seen = Vec::new();
-    for line in ["disarm", "motor +", "motor -", "motor +", "motor -"] {
-        ask(world, line)?;
-        world.run(37)?;
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        seen.push(bytes);
-    }
-    let turns = |at: &usize| seen[1..].iter().map(|bytes| bytes[*at]).eq([0, 1, 0, 1]);
-    let place = (0..size as usize).find(turns);
-    let place =
-        place.ok_or_else(|| Failed::Refused("nothing in `render` turns with the motor".into()))?;
-    world.restore(&before);
-    world.powered.mcu.write(from + u32::try_from(place).unwrap_or_default(), &[1]);
-    Ok(world.powered.mcu.now())
-}
-
-/// A bit of the running hit's push, worth half of full scale. It stands there beside its copy.
-fn push(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
-    let (from, size) = elf.place_of("local_resource_render")?;
-    let mut bytes = vec![0; size as usize];
-    world.powered.mcu.read(from, &mut bytes);
-    let words: Vec<_> =
-        bytes.chunks_exact(4).map(|w| i32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect();
-    let wanted = PUSH_N / world.full_scale_n() * f64::from(FULL_SCALE);
-    let is_push = |word: &i32| (f64::from(*word) - wanted).abs() <= 1.0;
-    let place = words.windows(2).position(|pair| pair.iter().all(is_push));
-    let place = place.ok_or_else(|| Failed::Refused("no push is kept twice in `render`".into()))?;
-    let flipped = words[place] ^ (FULL_SCALE / 2);
-    let at = from + 4 * u32::try_from(place).unwrap_or_default();
-    world.powered.mcu.write(at, &flipped.to_le_bytes());
-    Ok(world.powered.mcu.now())
-}
-
-/// A bit of the count at position 0, worth 128 counts. Found with the force off: it turns with each `zero`, stays while
-/// the handle moves, and is always the difference of two other words, last count and position.
-fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
-    let before = world.snapshot();
-    let (from, size) = elf.place_of(SAMPLE_STATE)?;
-    let mut seen = Vec::new();
-    ask(world, "disarm")?;
-    for (offset, zero) in [(40, true), (110, true), (70, true), (15, false)] {
-        counts(world, offset, 1.0, 0.0)?;
-        world.run(37)?;
-        if zero {
-            ask(world, "zero")?;
-            world.run(37)?;
-        }
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
-        seen.push(words.collect::<Vec<_>>());
-    }
-    let words = seen[0].len();
-    let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
-    let stays = |a: usize| seen[2][a] == seen[3][a];
-    let moves = |a: usize| seen[2][a] != seen[3][a];
-    let differ = |a: usize, count: usize, position: usize| {
-        seen.iter().all(|words| words[count].wrapping_sub(words[position]) == words[a])
-    };
-    let place = (0..words).filter(|&a| turns(a) && stays(a)).find(|&a| {
-        let moving = || (0..words).filter(|&b| moves(b));
-        moving().any(|count| moving().any(|position| differ(a, count, position)))
-    });
-    let place =
-        place.ok_or_else(|| Failed::Refused("nothing in `sample` follows `zero`".into()))?;
-    world.restore(&before);
-    let at = from + 4 * u32::try_from(place).unwrap_or_default();
-    let mut word = [0; 4];
-    world.powered.mcu.read(at, &mut word);
-    world.powered.mcu.write(at, &(u32::from_le_bytes(word) ^ 1 << 7).to_le_bytes());
     Ok(world.powered.mcu.now())
 }

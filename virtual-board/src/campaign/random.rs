@@ -7,7 +7,7 @@ use super::{
         CORE_REGISTERS, Places, REGIONS, Region, flip_core, flip_further, flip_register, flip_word,
         register_name,
     },
-    situation::Stage,
+    situation::{Situation, Stage},
     verdict::{Measure, Verdict, Watched},
 };
 use crate::{fuzz::Random, world::World};
@@ -38,14 +38,15 @@ pub struct Flip {
 /// Number `number` of a seed: the regions in turn, then situations, the rest by chance.
 pub fn flip(
     world: &mut World<'_>,
-    (stages, places): (&[Stage; 2], &Places),
+    (stages, places): (&[Stage], &Places),
     (seed, number): (u64, u64),
     full_m_per_s2: f64,
-) -> Result<(usize, Flip), Error> {
+) -> Result<(Situation, Flip), Error> {
     let mut random = Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number));
     let region = REGIONS[usize::try_from(number % 8).unwrap_or_default()];
     let contact = number / 8 % 2 == 1;
-    let stage = &stages[usize::from(contact)];
+    let situation = if contact { Situation::Contact } else { Situation::Free };
+    let stage = &stages[situation as usize];
     let start = random.one(&stage.starts);
     world.restore(&start.snapshot);
     let begin = world.powered.mcu.now();
@@ -97,5 +98,5 @@ pub fn flip(
         Measure { begun, allowed_s: ALLOWED_S, from_fault: false, free: !contact, full_m_per_s2 };
     let verdict = watched.judge(&seen, &stage.seen[start.index..], sample, &measure);
     let what = format!("{}: {what} at cycle {cycle} of start {}", region.text(), start.index);
-    Ok((usize::from(contact), Flip { region, what, verdict }))
+    Ok((situation, Flip { region, what, verdict }))
 }

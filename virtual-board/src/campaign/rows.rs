@@ -2,6 +2,7 @@
 
 use super::{
     fault_case::{Before, fault_cases},
+    kept::kept_rows,
     outside::outside,
     registers::register_rows,
     situation::Situation,
@@ -13,6 +14,8 @@ pub const SOON_S: f64 = 3e-3;
 const GRID_S: f64 = 1e-4;
 
 type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
+/// How many cases were tried, or what was wrong with one of them.
+type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
 
 /// A named fault.
 pub struct Row {
@@ -28,6 +31,10 @@ pub struct Row {
     pub from_off: bool,
     /// What it is done to is there in free motion only.
     pub only_free: bool,
+    /// With the whole force there is none.
+    pub not_full: bool,
+    /// In place of `begin`: damages what is kept, over and over, from off.
+    pub keeps: Option<Keeps>,
 }
 
 impl Row {
@@ -45,12 +52,25 @@ impl Row {
             never: [None; 2],
             from_off: false,
             only_free: false,
+            not_full: false,
+            keeps: None,
         }
+    }
+
+    /// One from off: force stays off, and what was kept is what was saved, or nothing.
+    pub fn keeping(name: &str, keeps: Keeps) -> Self {
+        let begin = |_: &Elf, world: &mut World<'_>| Ok(world.powered.mcu.now());
+        Self { from_off: true, keeps: Some(keeps), ..Self::of(name, SOON_S, begin) }
     }
 
     /// There is none in contact.
     pub fn only_free(self) -> Self {
         Self { only_free: true, ..self }
+    }
+
+    /// There is none with the whole force, to which it would add.
+    pub fn not_full(self) -> Self {
+        Self { not_full: true, ..self }
     }
 
     /// In free motion it cannot be found, because of that.
@@ -67,7 +87,17 @@ impl Row {
 
     /// Why it cannot be found there.
     pub fn reason(&self, situation: Situation) -> Option<&'static str> {
-        self.never[usize::from(situation == Situation::Contact)]
+        self.never[usize::from(!situation.is_free())]
+    }
+
+    /// Whether it is done there: with the whole force what has to be off soon.
+    pub fn is_in(&self, situation: Situation) -> bool {
+        let soon = self.limit_s <= SOON_S + GRID_S && self.never[0].is_none();
+        match situation {
+            Situation::Free => true,
+            Situation::Contact => !self.from_off && !self.only_free,
+            Situation::Full => !self.from_off && !self.not_full && soon,
+        }
     }
 
     /// What to type for it: words with a dash between.
@@ -108,5 +138,5 @@ pub fn rows(board: Board, current_sense: bool) -> Vec<Row> {
             Ok(begun)
         })
     });
-    cases.chain(registers).chain(outside(board, current_sense)).collect()
+    cases.chain(registers).chain(outside(board, current_sense)).chain(kept_rows()).collect()
 }

@@ -8,14 +8,14 @@ use std::{
     thread,
 };
 
-use host_sim::{error::Error, interrupt};
+use host_sim::{error::Error, interrupt, output::terminal::note};
 
 use super::{
     place::Places,
     random::{self, Flip, STARTS, WATCHED},
     rows::Row,
-    situation::{SITUATIONS, Situation, Stage},
-    verdict::{Measure, Verdict, Watched},
+    situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage},
+    verdict::{Class, Measure, Verdict, Watched},
 };
 use crate::{
     session::{Failed, Session, ask},
@@ -31,7 +31,7 @@ const ROW_START: usize = 3;
 /// A board made ready for faults.
 pub struct Ground<'a> {
     session: &'a Session,
-    stages: [Stage; 2],
+    stages: [Stage; SITUATIONS.len()],
     places: Places,
     full_m_per_s2: f64,
 }
@@ -45,13 +45,21 @@ impl<'a> Ground<'a> {
         let longest = rows.iter().map(samples).max().unwrap_or_default();
         let samples = longest.max(WATCHED) + LEAST;
         let stages = on_threads(
-            2,
+            SITUATIONS.len(),
             2,
             || Ok(()),
-            |(), n| Ok(Stage::new(session, SITUATIONS[n], STARTS, samples)?),
+            |(), n| {
+                let situation = SITUATIONS[n];
+                let (starts, samples) = match situation {
+                    Situation::Full => (ROW_START + 1, FULL_SAMPLES),
+                    _ => (STARTS, samples),
+                };
+                Ok(Stage::new(session, situation, starts, samples)?)
+            },
         )?;
-        let [free, contact]: [Stage; 2] =
-            stages.try_into().map_err(|_| Error::Internal("two situations".into()))?;
+        let stages: [Stage; SITUATIONS.len()] =
+            stages.try_into().map_err(|_| Error::Internal("a stage of each situation".into()))?;
+        let [free, contact, _] = &stages;
         let mut read = [free.read.clone(), contact.read.clone()].concat();
         read.sort_unstable();
         read.dedup();
@@ -60,7 +68,7 @@ impl<'a> Ground<'a> {
         let places = Places::new(&session.elf, &mut world, &read);
         let scene = &session.scene.scene;
         let full_m_per_s2 = scene.full_scale_n() / scene.device.mass_kg;
-        Ok(Self { session, stages: [free, contact], places, full_m_per_s2 })
+        Ok(Self { session, stages, places, full_m_per_s2 })
     }
 
     /// What came of each row in each situation.
@@ -74,10 +82,7 @@ impl<'a> Ground<'a> {
     ) -> Result<Vec<(usize, Situation, Verdict)>, Error> {
         let jobs: Vec<_> = (0..rows.len())
             .flat_map(|row| SITUATIONS.map(|situation| (row, situation)))
-            .filter(|&(row, situation)| {
-                let free = rows[row].from_off || rows[row].only_free;
-                !free || situation == Situation::Free
-            })
+            .filter(|&(row, situation)| rows[row].is_in(situation))
             .collect();
         let verdicts = on_threads(
             jobs.len(),
@@ -104,8 +109,19 @@ impl<'a> Ground<'a> {
         row: &Row,
         situation: Situation,
     ) -> Result<Verdict, Failed> {
-        let stage = &self.stages[usize::from(situation == Situation::Contact)];
+        let stage = &self.stages[situation as usize];
         let start = &stage.starts[ROW_START];
+        if let Some(keeps) = row.keeps {
+            *world = self.session.boot()?;
+            return match keeps(world) {
+                Ok(_) => Ok(Verdict::of(Class::NoEffect)),
+                Err(Failed::Refused(what)) => {
+                    note(&format!("{}: {what}", row.name));
+                    Ok(Verdict::of(Class::Unnoticed))
+                }
+                Err(failed) => Err(failed),
+            };
+        }
         if row.from_off {
             *world = self.session.boot()?;
             world.powered.mcu.outlive_lock_up();
@@ -119,14 +135,17 @@ impl<'a> Ground<'a> {
             world.restore(&start.snapshot);
         }
         let begun = (row.begin)(&self.session.elf, world)?;
-        let samples = samples(row);
+        let samples = match situation {
+            Situation::Full => FULL_SAMPLES,
+            _ => samples(row),
+        };
         let watched = Watched::observe(world, begun, samples, &[]);
         let seen = world.seen.take().unwrap_or_default();
         let measure = Measure {
             begun,
             allowed_s: row.limit_s,
             from_fault: true,
-            free: situation == Situation::Free,
+            free: situation.is_free(),
             full_m_per_s2: self.full_m_per_s2,
         };
         let reference = if row.from_off { &[] } else { &stage.seen[start.index..] };
@@ -146,10 +165,9 @@ impl<'a> Ground<'a> {
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let begin = || boot(self.session);
         on_threads(count, threads, begin, |world, number| {
-            let ground = (&self.stages, &self.places);
+            let ground = (&self.stages[..], &self.places);
             let number = first + number as u64;
-            let (stage, flip) = random::flip(world, ground, (seed, number), self.full_m_per_s2)?;
-            Ok((SITUATIONS[stage], flip))
+            random::flip(world, ground, (seed, number), self.full_m_per_s2)
         })
     }
 }

@@ -14,10 +14,13 @@ pub enum Situation {
     /// A hand swings it inside a wall, whatever the force: 0.1 to 0.5 mm deep, at 20 Hz. So the force that should be
     /// there is known, and a force that stays is wrong soon.
     Contact,
+    /// As free, with all of the motor's force: it is at the wall 0.14 s later, and fast. So faults that have to be off
+    /// soon are looked at, and shortly.
+    Full,
 }
 
-/// Both.
-pub const SITUATIONS: [Situation; 2] = [Situation::Free, Situation::Contact];
+/// All of them, in the order of their numbers.
+pub const SITUATIONS: [Situation; 3] = [Situation::Free, Situation::Contact, Situation::Full];
 
 impl Situation {
     /// For people.
@@ -25,7 +28,18 @@ impl Situation {
         match self {
             Self::Free => "free",
             Self::Contact => "contact",
+            Self::Full => "full",
         }
+    }
+
+    /// Nobody holds the handle.
+    pub const fn is_free(self) -> bool {
+        !matches!(self, Self::Contact)
+    }
+
+    /// Push of the hit, N; in digits that can be typed.
+    pub fn push_n(self, full_scale_n: f64) -> f64 {
+        if self == Self::Full { (full_scale_n * 1e6).round() / 1e6 } else { PUSH_N }
     }
 }
 
@@ -34,7 +48,9 @@ const DEPTH_M: f64 = 0.3e-3;
 const SWING_M: f64 = 0.2e-3;
 const SWING_HZ: f64 = 20.0;
 /// Push of the hit in free motion, N.
-pub const PUSH_N: f64 = 2.835;
+const PUSH_N: f64 = 2.835;
+/// Samples for which a fault is watched with the whole force.
+pub const FULL_SAMPLES: u64 = 250;
 /// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 
@@ -44,16 +60,16 @@ pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Faile
     world.powered.mcu.outlive_lock_up();
     let zero_m = world.position_m();
     let wall = match situation {
-        Situation::Free => "wall 0.1",
+        Situation::Free | Situation::Full => "wall 0.1",
         Situation::Contact => "wall 0.005",
     };
-    let push = format!("push {PUSH_N}");
+    let push = format!("push {}", situation.push_n(world.full_scale_n()));
     for line in ["zero", "unlock envelope", wall, "k 10000", "b 30", &push, "arm"] {
         ask(&mut world, line)?;
     }
     world.run(ARM_SAMPLES)?;
     match situation {
-        Situation::Free => {
+        Situation::Free | Situation::Full => {
             ask(&mut world, "hit")?;
             let start_m = world.position_m();
             while world.position_m() < start_m + 1e-3 {
@@ -134,6 +150,9 @@ impl Stage {
         world.seen = Some(Vec::new());
         world.run(samples)?;
         stage.seen.extend(world.seen.take().unwrap_or_default());
+        if !stage.seen.iter().all(|seen| seen.enabled) {
+            return Err(Failed::Refused(format!("{}: off without a fault", situation.text())));
+        }
         stage.read = world.powered.mcu.words_read();
         Ok(stage)
     }

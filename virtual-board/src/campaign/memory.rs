@@ -1,0 +1,138 @@
+//! What stands in RAM is another.
+
+use super::{
+    place::flip_word,
+    rows::{Row, SOON_S},
+    situation::Situation,
+};
+use crate::{
+    elf::{Elf, SAMPLE_STATE},
+    session::{Failed, ask},
+    world::World,
+};
+
+/// All of the motor's force, in the firmware's unit.
+const FULL_SCALE: i32 = 1 << 30;
+
+/// All of them.
+pub fn memory_rows() -> Vec<Row> {
+    vec![
+        Row::of("motor's sign in memory", SOON_S, motor_sign),
+        Row::of("push of a hit in memory", SOON_S, push).only_free(),
+        Row::of("encoder's origin in memory", SOON_S, origin),
+        Row::of("an order comes again", SOON_S, order),
+    ]
+}
+
+/// The byte that says how the motor is wired: found by turning it with the force off, and then turned with the force on.
+fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let before = world.snapshot();
+    let (from, size) = elf.place_of("local_resource_render")?;
+    let mut seen = Vec::new();
+    for line in ["disarm", "motor +", "motor -", "motor +", "motor -"] {
+        ask(world, line)?;
+        world.run(37)?;
+        let mut bytes = vec![0; size as usize];
+        world.powered.mcu.read(from, &mut bytes);
+        seen.push(bytes);
+    }
+    let turns = |at: &usize| seen[1..].iter().map(|bytes| bytes[*at]).eq([0, 1, 0, 1]);
+    let place = (0..size as usize).find(turns);
+    let place =
+        place.ok_or_else(|| Failed::Refused("nothing in `render` turns with the motor".into()))?;
+    world.restore(&before);
+    world.powered.mcu.write(from + u32::try_from(place).unwrap_or_default(), &[1]);
+    Ok(world.powered.mcu.now())
+}
+
+/// A bit of the running hit's push, worth half of full scale. It stands there beside its copy.
+fn push(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let full_n = world.full_scale_n();
+    let (from, size) = elf.place_of("local_resource_render")?;
+    let mut bytes = vec![0; size as usize];
+    world.powered.mcu.read(from, &mut bytes);
+    let words: Vec<_> =
+        bytes.chunks_exact(4).map(|w| i32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect();
+    let is_push = |word: &i32| {
+        [Situation::Free, Situation::Full].into_iter().any(|situation| {
+            let wanted = situation.push_n(full_n) / full_n * f64::from(FULL_SCALE);
+            (f64::from(*word) - wanted).abs() <= 1.0
+        })
+    };
+    let place = words.windows(2).position(|pair| pair.iter().all(is_push));
+    let place = place.ok_or_else(|| Failed::Refused("no push is kept twice in `render`".into()))?;
+    let flipped = words[place] ^ (FULL_SCALE / 2);
+    let at = from + 4 * u32::try_from(place).unwrap_or_default();
+    world.powered.mcu.write(at, &flipped.to_le_bytes());
+    Ok(world.powered.mcu.now())
+}
+
+/// A bit of the count at position 0, worth 128 counts. Found with the force off: it turns with each `zero`, stays while
+/// the handle moves, and is always the difference of two other words, last count and position.
+fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let before = world.snapshot();
+    let (from, size) = elf.place_of(SAMPLE_STATE)?;
+    let mut seen = Vec::new();
+    ask(world, "disarm")?;
+    for (offset, zero) in [(40, true), (110, true), (70, true), (15, false)] {
+        world.count_wrongly(offset, 1.0, 0.0);
+        world.run(37)?;
+        if zero {
+            ask(world, "zero")?;
+            world.run(37)?;
+        }
+        let mut bytes = vec![0; size as usize];
+        world.powered.mcu.read(from, &mut bytes);
+        let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
+        seen.push(words.collect::<Vec<_>>());
+    }
+    let words = seen[0].len();
+    let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
+    let stays = |a: usize| seen[2][a] == seen[3][a];
+    let moves = |a: usize| seen[2][a] != seen[3][a];
+    let differ = |a: usize, count: usize, position: usize| {
+        seen.iter().all(|words| words[count].wrapping_sub(words[position]) == words[a])
+    };
+    let place = (0..words).filter(|&a| turns(a) && stays(a)).find(|&a| {
+        let moving = || (0..words).filter(|&b| moves(b));
+        moving().any(|count| moving().any(|position| differ(a, count, position)))
+    });
+    let place =
+        place.ok_or_else(|| Failed::Refused("nothing in `sample` follows `zero`".into()))?;
+    world.restore(&before);
+    let at = from + 4 * u32::try_from(place).unwrap_or_default();
+    let mut word = [0; 4];
+    world.powered.mcu.read(at, &mut word);
+    world.powered.mcu.write(at, &(u32::from_le_bytes(word) ^ 1 << 7).to_le_bytes());
+    Ok(world.powered.mcu.now())
+}
+
+/// An index of the queue of orders points to the other of its two places: what stands there was met before. The index is
+/// found with the force off: it turns with each order, and with nothing else.
+fn order(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let (from, size) = elf.place_of("queues")?;
+    let before = world.snapshot();
+    let words = |world: &World<'_>| {
+        let mut bytes = vec![0; size as usize];
+        world.powered.mcu.read(from, &mut bytes);
+        let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
+        words.collect::<Vec<_>>()
+    };
+    ask(world, "disarm")?;
+    world.run(200)?; // an experiment says that it ended
+    let mut seen = vec![words(world)];
+    for line in ["k 9000", "k 10000", "k 9000", "k 10000", "k 9000"] {
+        ask(world, line)?;
+        world.run(37)?;
+        seen.push(words(world));
+    }
+    let turns = |a: &usize| {
+        let small = seen.iter().all(|words| words[*a] < 2);
+        small && seen.windows(2).all(|pair| pair[0][*a] != pair[1][*a])
+    };
+    let place = (0..seen[0].len()).find(turns);
+    world.restore(&before);
+    let place = place.ok_or_else(|| Failed::Refused("no index turns with each order".into()))?;
+    flip_word(world, from + 4 * u32::try_from(place).unwrap_or_default(), 0);
+    Ok(world.powered.mcu.now())
+}
