@@ -145,7 +145,7 @@ CASES = [
     ([HALT[1]], "the same, MOE reset", "by the other reading of the manuals", "32"),
     ([HALT[2]], "debugger halt, 200 ms", "a script has stopped the watchdog on connecting; the next output has undone that", "22"),
     ([HALT[3]], "the same, the watchdog stopped in the halt", "", "32"),
-    (["clock failure"], "clock failure", "the program counter jumps to the NMI handler; that the hardware gets there is not modelled", "33"),
+    (["crystal stops"], "crystal stops", "the chip's clock security system switches to its own oscillator, 16 MHz, breaks TIM1 and raises the NMI", "33"),
     (core("panic"), "panic in `idle`, `link`, `render`, `sample`", "the program counter jumps to the panic handler", "41"),
     ([*core("HardFault"), "undefined instruction"], "hard fault in each of them",
      "the program counter jumps to where no memory is, or into erased flash", "42"),
@@ -190,17 +190,43 @@ def campaign_of(table_name):
     return rows(f"campaign-{table_name}.csv")
 
 
+SOON_S = 3e-3
+SITUATIONS = ["free", "full", "contact"]
+
+
+def is_soon(row):
+    return bool(row["off_s"]) and float(row["off_s"]) <= SOON_S
+
+
+def situations():
+    """Those that the stored campaign has."""
+    return [s for s in SITUATIONS if any(row["situation"] == s for row in campaign_of("rows"))]
+
+
+def by_fault():
+    """The rows of each fault and situation, of both boards."""
+    faults = {}
+    for row in campaign_of("rows"):
+        faults.setdefault((row["name"], row["situation"]), []).append(row)
+    return faults
+
+
+def worst(of):
+    """The latest off (never is the latest), most speed and most travel of some rows, as text."""
+    off = "never" if any(not row["off_s"] for row in of) else ms(max(float(row["off_s"]) for row in of) * 1e6)
+    return [off, *(f"{max(float(row[key]) for row in of) * by:.3f}" for key, by in (("speed_m_per_s", 1), ("travel_m", 1e3)))]
+
+
 @block
 def campaign_rows():
-    """The rows of both boards that are not off within 3 ms, and how the others end."""
+    """What is not off within 3 ms on one of the boards, and does something; the worse of both."""
     body = []
-    for row in campaign_of("rows"):
-        if row["off_s"] and float(row["off_s"]) <= 3e-3 or row["class"] in ("no_effect", "bounded"):
+    for (name, situation), of in by_fault().items():
+        if all(is_soon(row) or row["class"] in ("no_effect", "bounded") for row in of):
             continue
-        off = ms(float(row["off_s"]) * 1e6) if row["off_s"] else "never"
-        speed, travel = (f"{float(row[key]) * by:.2f}" for key, by in (("speed_m_per_s", 1), ("travel_m", 1e3)))
-        if not any(b[:2] == [row["name"], row["situation"]] for b in body):
-            body.append([row["name"], row["situation"], off, speed, travel, row["code"] or "none", row["reason"] or ""])
+        codes = sorted({row["code"] or "none" for row in of})
+        reasons = sorted({row["reason"] for row in of if row["reason"]})
+        body.append([name, situation, *worst(of), ", ".join(codes), "; ".join(reasons)])
     return table(["fault", "situation", "off after", "speed, m/s", "travel, mm", "code", "why it stays"], body)
 
 
@@ -209,11 +235,50 @@ def campaign_soon():
     """The rows that are off within 3 ms."""
     body = []
     for board in BOARDS:
-        of_board = [row for row in campaign_of("rows") if row["board"] == board]
-        soon = [row for row in of_board if row["off_s"] and float(row["off_s"]) <= 3e-3]
-        body.append([board, len(of_board), len(soon), ms(max(float(row["off_s"]) for row in soon) * 1e6),
-                     *(f"{max(float(row[key]) for row in soon) * by:.3f}" for key, by in (("speed_m_per_s", 1), ("travel_m", 1e3)))])
-    return table(["board", "rows", "off within 3 ms", "latest", "most speed, m/s", "most travel, mm"], body)
+        for situation in situations():
+            of = [row for row in campaign_of("rows") if (row["board"], row["situation"]) == (board, situation)]
+            soon = [row for row in of if is_soon(row)]
+            body.append([board, situation, len(of), len(soon), *worst(soon)])
+    return table(["board", "situation", "rows", "off within 3 ms", "latest", "most speed, m/s", "most travel, mm"], body)
+
+
+@block
+def campaign_each():
+    """Each fault that is off within 3 ms: the worse of both boards, in each situation."""
+    faults = by_fault()
+    body = []
+    for name in dict.fromkeys(name for name, _ in faults):
+        of = {s: [row for row in faults.get((name, s), []) if is_soon(row)] for s in situations()}
+        boards = {row["board"] for rows_of in of.values() for row in rows_of}
+        if boards:
+            where = "both" if len(boards) == len(BOARDS) else boards.pop()
+            body.append([name, where, *(cell for s in situations() for cell in (worst(of[s]) if of[s] else ["", "", ""]))])
+    head = [f"{s}: {what}" for s in situations() for what in ("off after", "m/s", "mm")]
+    return table(["fault", "boards", *head], body)
+
+
+@block
+def campaign_nothing():
+    """What nobody has to find: the force is what it should be, or stays off."""
+    harmless = {key: of for key, of in by_fault().items() if all(row["class"] in ("no_effect", "bounded") for row in of)}
+    body = []
+    for name in dict.fromkeys(name for name, _ in harmless):
+        of = {s: harmless[name, s] for s in SITUATIONS if (name, s) in harmless}
+        classes = sorted({row["class"].replace("_", " ") for rows_of in of.values() for row in rows_of})
+        body.append([name, ", ".join(of), ", ".join(classes)])
+    return table(["fault", "situation", "class"], body)
+
+
+GAIN_MOST = "virtual-board/src/campaign/verdict.rs", r"const GAIN_MOST_M_PER_S: f64 = ([\d.]+)"
+
+
+def gains_less():
+    return max(float(row["speed_m_per_s"]) for row in campaign_of("rows") if is_soon(row)) < lit(*GAIN_MOST)
+
+
+states("docs/faults.md", ("No row gains as much:", gains_less))
+slots("docs/faults.md", ("has let the handle gain more than {} m/s over its speed", lambda: number(lit(*GAIN_MOST))),
+      ("within 3 ms are tried, for {} ms |", lambda: number(lit("virtual-board/src/campaign/situation.rs", r"FULL_SAMPLES: u64 = (\d+)") / 10)))
 
 
 @block
