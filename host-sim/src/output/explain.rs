@@ -8,13 +8,26 @@ use zwidth::velocity::EstimatorName;
 use super::{
     SCHEMA_VERSION,
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
-    limits::{millions, three_digits},
+    limits::three_digits,
     report,
 };
 use crate::{
     analysis::explain::{CLOCK_HZ, Explained, Explanation, Kind},
     scene::Units,
 };
+
+/// Three digits, of what is below 1 too.
+fn digits(value: f64) -> String {
+    match format!("{value:.2e}").parse::<f64>() {
+        Ok(rounded) if value.abs() < 0.995 => rounded.to_string(),
+        _ => three_digits(value),
+    }
+}
+
+/// A noise, which may be of any size.
+fn noise(value: f64) -> String {
+    if (0.01..1e4).contains(&value) { digits(value) } else { format!("{value:.2e}") }
+}
 
 /// Changes whose boundaries are drawn.
 const DRAWN: usize = 4;
@@ -68,7 +81,7 @@ impl Row {
     fn times(&self) -> String {
         match (self.times_the_area, self.times_low, self.times_high) {
             (Some(mean), Some(low), Some(high)) => {
-                let [mean, low, high] = [mean, low, high].map(three_digits);
+                let [mean, low, high] = [mean, low, high].map(digits);
                 let mark = if self.better == "unsure" { "?" } else { "" };
                 format!("{mean}{mark} ({low} to {high})")
             }
@@ -79,7 +92,7 @@ impl Row {
     /// Times that; `>` where a cap cut it.
     fn area(&self, times: f64) -> String {
         let cut = if self.capped_walks > 0 { ">" } else { "" };
-        format!("{cut}{}", millions(self.area_n2_s_per_m2 * times))
+        format!("{cut}{}", digits(self.area_n2_s_per_m2 * times))
     }
 
     /// Percent of the core.
@@ -95,9 +108,9 @@ impl Row {
             self.what.clone(),
             self.times(),
             self.area(area),
-            three_digits(k * self.stiffness_peak_n_per_m),
-            three_digits(k * self.stiffness_n_per_m),
-            format!("{:.2e}", v * self.velocity_noise_m_per_s),
+            digits(k * self.stiffness_peak_n_per_m),
+            digits(k * self.stiffness_n_per_m),
+            noise(v * self.velocity_noise_m_per_s),
             self.share(),
             self.cost.clone(),
         ]
@@ -117,17 +130,26 @@ pub struct ExplainReport<'a> {
 /// Units that the tables for people speak, and what their numbers are multiplied by.
 struct Spoken {
     k: (&'static str, f64),
-    b: (&'static str, f64),
     v: (&'static str, f64),
     area_unit: String,
     area: f64,
 }
 
+/// The power of ten below that number whose exponent is a multiple of three.
+fn thousands(value: f64) -> f64 {
+    3.0 * (value.log10() / 3.0).floor()
+}
+
 impl ExplainReport<'_> {
     fn spoken(&self) -> Spoken {
-        let [k, b, v] = ["N/m", "N s/m", "m/s"].map(|unit| self.units.written(unit));
-        let (area_unit, area) = self.units.written("N² s/m²");
-        Spoken { k, b, v, area_unit: format!("10^6 {area_unit}"), area }
+        let [k, v] = ["N/m", "m/s"].map(|unit| self.units.written(unit));
+        let (unit, factor) = self.units.written("N² s/m²");
+        let Explanation { base, changes, .. } = self.found;
+        let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
+        // by the scene's own area, or by the first that is one
+        let power = areas.into_iter().find(|area| *area > 0.0).map_or(0.0, thousands);
+        let area_unit = if power == 0.0 { unit.into() } else { format!("10^{power} {unit}") };
+        Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }
     }
 
     fn row(&self, rank: usize, one: &Explained) -> Row {
@@ -144,8 +166,7 @@ impl ExplainReport<'_> {
         Row {
             rank,
             change: change.map_or("none", |change| change.name),
-            what: change
-                .map_or("the scene as it is".into(), |change| self.units.text(&change.text)),
+            what: change.map_or("the scene as it is".into(), |change| change.text.clone()),
             kind: change.map_or("", |change| change.kind.name()),
             times_the_area: times.map(|times| times[0]),
             times_low: times.map(|times| times[1]),
@@ -255,7 +276,7 @@ impl ExplainReport<'_> {
         let named = |kind: Kind, question: &str| {
             let best = self.found.best_of(kind)?;
             let change = best.change.as_ref()?;
-            let [times, low, high] = best.times(&self.found.base)?.map(three_digits);
+            let [times, low, high] = best.times(&self.found.base)?.map(digits);
             let sure = match (self.found.is_better(best), self.found.is_worse(best)) {
                 (true, _) => format!("{times} times the area ({low} to {high} over the starts)"),
                 (_, true) => {
@@ -274,7 +295,7 @@ impl ExplainReport<'_> {
             .find(|one| one.change.as_ref().is_some_and(|change| change.name == "estimator"));
         let own = self.found.base.settings.name().text();
         let leaving = estimator.and_then(|one| {
-            let [times, low, high] = one.times(&self.found.base)?.map(three_digits);
+            let [times, low, high] = one.times(&self.found.base)?.map(digits);
             let change = one.change.as_ref()?;
             let verdict = if self.found.is_better(one) { "yes" } else { "no" };
             Some(format!(
@@ -295,13 +316,12 @@ impl ExplainReport<'_> {
 
     /// The ranked table for people, and the answers.
     pub fn text(&self) -> String {
-        let Spoken { k: (k_unit, k), v: (v_unit, v), b: (b_unit, b), area_unit, area } =
-            self.spoken();
+        let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let mut text = format!(
-            "what limits the walls of {}; areas in {area_unit}, K in {k_unit}, K at B = {} {b_unit}, noise in {v_unit}, \
-             each with the best tuning\n{:>4} {:<52} {:>22} {:>9} {:>9} {:>9} {:>9} {:>9}  cost",
+            "what limits the walls of {}; areas in {area_unit}, K in {k_unit}, K at B = {}, noise in {v_unit}, \
+             each with the best tuning\n{:>4} {:<60} {:>24} {:>9} {:>9} {:>9} {:>9} {:>9}  cost",
             self.scene,
-            Units::told(self.found.damping_n_s_per_m, b),
+            self.units.said(self.found.damping_n_s_per_m, "N s/m"),
             "rank",
             "change",
             "times the area",
@@ -316,7 +336,7 @@ impl ExplainReport<'_> {
                 row.cells([area, k, v]);
             let _ = write!(
                 text,
-                "\n{rank:>4} {what:<52} {times:>22} {area:>9} {peak:>9} {at_damping:>9} {noise:>9} {share:>9}  {cost}",
+                "\n{rank:>4} {what:<60} {times:>24} {area:>9} {peak:>9} {at_damping:>9} {noise:>9} {share:>9}  {cost}",
             );
         }
         for answer in self.answers() {
@@ -329,7 +349,7 @@ impl ExplainReport<'_> {
 
     /// The table of the page.
     pub fn html(&self) -> String {
-        let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area, .. } = self.spoken();
+        let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let columns = [
             ("Rank", ""),
             ("Change", ""),
@@ -357,7 +377,7 @@ impl ExplainReport<'_> {
         let curve = |one: &Explained| {
             let text = one.change.as_ref().map_or("as it is".into(), |change| change.text.clone());
             Curve {
-                name: one.change.as_ref().map_or("as it is".into(), |change| change.name.into()),
+                name: one.change.as_ref().map_or(Curve::AS_IT_IS, |change| change.name).into(),
                 detail: format!("{text}, {}", one.settings.name().text()),
                 ideal: one.change.is_none(),
                 points: one

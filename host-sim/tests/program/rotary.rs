@@ -2,17 +2,26 @@
 
 use std::{fs, path::Path};
 
+use host_sim::scene::Units;
 use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::cli::{refused, sim};
 
 const RADIUS_M: f64 = 0.07;
+const HAND: Units = Units::Rotary { radius_m: RADIUS_M };
 /// Results have twelve digits in rotary units.
 const ROUNDING: f64 = 1e-11;
 
 const ROTARY: &str = include_str!("paddle/rotary.toml");
 const BY_HAND: &str = include_str!("paddle/by-hand.toml");
+
+/// Keys of JSON whose texts say numbers with their units.
+const IN_WORDS: [&str; 4] = ["change", "what", "cost", "answers"];
+/// A text has four digits.
+const READ: f64 = 1e-3;
+/// Counts of the encoder in a turn and in a millimetre of the handle.
+const COUNTS: [(&str, &str); 1] = [("turn of the handle", "mm of handle")];
 
 /// A scene file, the same name in a folder of its own.
 fn scene(of: &str) -> TempDir {
@@ -70,6 +79,35 @@ fn same_tables(rotary: &Path, by_hand: &Path) {
     }
 }
 
+/// What people read: the same words, the numbers in the units that stand behind them, with few digits.
+#[track_caller]
+fn same_words(rotary: &str, by_hand: &str) {
+    let mut due = HAND.text(by_hand);
+    let mut counts = 1.0;
+    for (turn, mm) in COUNTS {
+        if due.contains(mm) {
+            due = due.replace(mm, turn);
+            counts = 2e3 * std::f64::consts::PI * RADIUS_M;
+        }
+    }
+    let words = |text: &str| text.split(' ').map(str::to_owned).collect::<Vec<_>>();
+    let (words, due) = (words(rotary), words(&due));
+    assert_eq!(words.len(), due.len(), "{rotary}: {by_hand}");
+    for (n, (word, due)) in words.iter().zip(&due).enumerate() {
+        let bare = |word: &str| word.trim_matches(['(', ')', ',', ';', '?', '.', '>']).to_owned();
+        let (Ok(value), Ok(hand)) = (bare(word).parse::<f64>(), bare(due).parse::<f64>()) else {
+            assert_eq!(word, due, "{rotary}: {by_hand}");
+            continue;
+        };
+        let is_counts = words.get(n + 1).is_some_and(|unit| unit == "counts");
+        let hand = if is_counts { hand * counts } else { hand };
+        // a whole number is said as one
+        let slack = if is_counts { 0.5 * counts } else { READ * hand.abs() };
+        assert!((value - hand).abs() <= slack, "{rotary}: {by_hand}, {word} for {hand}");
+        assert!(word.chars().filter(char::is_ascii_digit).count() <= 6, "{rotary}: {word}");
+    }
+}
+
 #[track_caller]
 fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
     match (rotary, by_hand) {
@@ -96,8 +134,11 @@ fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
         (Value::String(rotary), Value::String(by_hand)) if what == "criterion" => {
             assert_eq!(*rotary, told(by_hand).0);
         }
-        // in words: by what they are about
-        (Value::String(_), Value::String(_)) if ["notes", "change"].contains(&what) => {}
+        // they choose their own power of ten
+        (Value::String(_), Value::String(_)) if what == "notes" => {}
+        (Value::String(rotary), Value::String(by_hand)) if IN_WORDS.contains(&what) => {
+            same_words(rotary, by_hand);
+        }
         _ => assert_eq!(rotary, by_hand, "{what}"),
     }
 }
@@ -170,6 +211,59 @@ fn a_sweep_is_the_same_in_other_units_and_its_figures_name_them() {
         assert!(!text.contains("N/m") || name == "report.html", "{name}");
     }
     assert!(file("summary.json").contains("stiffness_peak_n_m_per_rad"));
+}
+
+#[test]
+fn assumptions_are_changed_in_the_scenes_units() {
+    let sweep =
+        ["sweep", "mine.toml", "--plain", "--sensitivity", "--cutoffs", "1000", "--repeat", "1"];
+    let args = [&sweep[..], &["--out", "out", "--json"]].concat();
+    same(&args, &args, &["out/sensitivity.csv"]);
+    let rotary = scene(ROTARY);
+    let text = String::from_utf8(sim(rotary.path(), &sweep).stdout).unwrap();
+    for part in
+        ["start at 14.32 deg instead of 0 deg", "RMS limit 45.84 mdeg instead of 22.92 mdeg"]
+    {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    assert!(!text.contains(" m instead") && !text.contains("um"), "{text}");
+}
+
+#[test]
+fn what_limits_the_walls_is_the_same_in_other_units() {
+    let explain = ["explain", "mine.toml", "--budget", "3", "--repeat", "2", "--out", "out"];
+    let args = [&explain[..], &["--json"]].concat();
+    same(&args, &args, &["out/boundary.csv"]);
+    let rotary = scene(ROTARY);
+    let output = sim(rotary.path(), &explain);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let file = |name: &str| fs::read_to_string(rotary.path().join("out").join(name)).unwrap();
+    let at_handle = ["N/m", "N s/m", "m/s", " um", " mm", "per mm", " >0.00"];
+    for (name, text, units) in [
+        ("text", text, &["N m/rad", "N m s/rad", "deg/s", "N² m² s/rad²", "mdeg"][..]),
+        (
+            "explain.csv",
+            file("explain.csv"),
+            &["mdeg", "2.6 N m", "106496 counts per turn of the handle"],
+        ),
+        ("explain.svg", file("explain.svg"), &["N m/rad", "N m s/rad", "\nas it is\n"]),
+        ("report.html", file("report.html"), &["N m/rad", "N² m² s/rad²", "mdeg"]),
+    ] {
+        for unit in units {
+            assert!(text.contains(unit), "{name} has no {unit}: {text}");
+        }
+        for unit in at_handle {
+            assert!(!text.contains(unit), "{name} has {unit}: {text}");
+        }
+        // digits that nobody reads, in a sentence: files for programs have them in their columns
+        let words = text.split([' ', ',', ';', '<', '>', '(', ')']);
+        let long = words.filter(|word| word.parse::<f64>().is_ok_and(|_| word.len() > 9));
+        let long: Vec<_> = long.collect();
+        assert!(
+            name == "explain.csv" || name == "explain.svg" || long.is_empty(),
+            "{name}: {long:?}"
+        );
+    }
 }
 
 #[test]

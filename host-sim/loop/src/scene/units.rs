@@ -73,6 +73,8 @@ const WRITTEN: &[Written] = &[
 const DIGITS_IN: usize = 15;
 /// Of one that goes out.
 const DIGITS_OUT: usize = 12;
+/// Of one that people read in a sentence.
+const DIGITS_READ: usize = 4;
 
 fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
@@ -174,6 +176,12 @@ impl Units {
             Some((_, rotary, power, factor)) => (rotary, factor * self.factor(*power)),
             None => (unit, 1.0),
         }
+    }
+
+    /// A number at the handle in that unit, with four digits, and its unit: what people read.
+    pub fn said(self, at_handle: f64, unit: &'static str) -> String {
+        let (unit, factor) = self.written(unit);
+        format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
     }
 
     /// A text with all that stands in it as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`, `NUMBER +- NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to
@@ -292,6 +300,20 @@ mod tests {
             assert_eq!(PADDLE.key(same), None, "{same}");
         }
         assert_eq!(Units::Rotary { radius_m: 0.07 }.to_handle("a_rad", 1.2).unwrap().1, 0.084);
+    }
+
+    #[test]
+    fn a_number_in_a_sentence_has_four_digits_and_its_unit() {
+        for (at_handle, unit, linear, rotary) in [
+            (0.25, "um", "0.25 um", "0.0573 mdeg"),
+            (1.0 / 3.0, "mm", "0.3333 mm", "0.07639 deg"),
+            (11.812, "N", "11.81 N", "2.953 N m"),
+            (100.0, "N s/m", "100 N s/m", "6.25 N m s/rad"),
+            (0.0, "m", "0 m", "0 deg"),
+        ] {
+            assert_eq!(Units::Linear.said(at_handle, unit), linear);
+            assert_eq!(PADDLE.said(at_handle, unit), rotary);
+        }
     }
 
     #[test]

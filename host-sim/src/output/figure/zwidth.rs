@@ -74,6 +74,8 @@ pub struct Curve {
 }
 
 impl Curve {
+    /// Name of the scene's own curve among its changes: bold, and not called ideal.
+    pub const AS_IT_IS: &str = "as it is";
     /// Title of the legend of curves named by their cutoff.
     pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
 
@@ -231,7 +233,7 @@ impl Legend {
             let mut text = curve.name.clone();
             if curve.points.is_empty() {
                 text.push_str(" (none)");
-            } else if style.ideal {
+            } else if style.ideal && curve.name != Curve::AS_IT_IS {
                 text.push_str(" ideal");
             }
             (style.ideal || index.is_multiple_of(every)).then_some((text, style))

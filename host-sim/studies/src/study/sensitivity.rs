@@ -54,11 +54,11 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
         Ok::<(), Error>(())
     };
     add(other, who.into(), &|_| ())?;
-    let limit_m = scene.wall_hit.rms_limit_m;
+    let (limit_m, units) = (scene.wall_hit.rms_limit_m, scene.units);
     for (name, factor) in [("rms_limit_third", 1.0 / 3.0), ("rms_limit_double", 2.0)] {
         let rms_limit_m = limit_m * factor;
-        let change =
-            format!("RMS limit {:.3} um instead of {:.3} um", rms_limit_m * 1e6, limit_m * 1e6);
+        let [changed, own] = [rms_limit_m, limit_m].map(|limit| units.said(1e6 * limit, "um"));
+        let change = format!("RMS limit {changed} instead of {own}");
         add(name, change, &|scene| scene.wall_hit.rms_limit_m = rms_limit_m)?;
     }
     let pulls = if scene.wall.push_only { "the wall may pull" } else { "the wall never pulls" };
@@ -75,7 +75,8 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
     add("output_rate_double", change, &|scene| scene.actuator.period = halved)?;
     let (start_m, wall_m) = (scene.device.start_position_m, scene.wall.position_m);
     let closer_m = wall_m - (wall_m - start_m) / 2.0;
-    let change = format!("slower impact: start at {closer_m} m instead of {start_m} m");
+    let [closer, start] = [closer_m, start_m].map(|at| units.said(at, "m"));
+    let change = format!("slower impact: start at {closer} instead of {start}");
     add("slower_impact", change, &|scene| scene.device.start_position_m = closer_m)?;
     Ok(variants)
 }

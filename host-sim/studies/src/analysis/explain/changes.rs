@@ -6,7 +6,7 @@ use crate::{
     analysis::compare::{Cost, cost},
     numerics::integrator::Integrator,
     scene::{
-        Accelerometer, Quantisation, Scene,
+        Accelerometer, Quantisation, Scene, Units,
         element::{Amplifier, Cogging, Friction},
     },
 };
@@ -38,7 +38,7 @@ impl Kind {
 pub struct Change {
     /// Name in files.
     pub name: &'static str,
-    /// For people.
+    /// For people, in the scene's units.
     pub text: String,
     /// What it asks for.
     pub kind: Kind,
@@ -99,6 +99,17 @@ pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<
     (text, cycles_per_s)
 }
 
+/// How many counts of that size an encoder has, on the way of the handle.
+fn counts(units: Units, resolution_m: f64) -> String {
+    match units {
+        Units::Linear => format!("{:.0} counts per mm of handle", 1e-3 / resolution_m),
+        Units::Rotary { radius_m } => {
+            let turn = std::f64::consts::TAU * radius_m;
+            format!("{:.0} counts per turn of the handle", turn / resolution_m)
+        }
+    }
+}
+
 /// Gives an integrator to a scene whose new element needs one.
 fn integrated(mut scene: Scene) -> Scene {
     scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
@@ -125,14 +136,14 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         }
     };
     let (part, firmware) = (Kind::Part, Kind::Firmware);
+    let units = scene.units;
     for (name, times) in [("encoder-2", 2.0), ("encoder-4", 4.0)] {
         let resolution_m = scene.encoder.resolution_m / times;
-        let per_mm = 1e-3 / resolution_m;
         add(
             name,
             part,
-            format!("encoder {times} times as fine, {} um", 1e6 * resolution_m),
-            format!("an encoder of {per_mm:.0} counts per mm of handle, and a counter for them"),
+            format!("encoder {times} times as fine, {}", units.said(1e6 * resolution_m, "um")),
+            format!("an encoder of {}, and a counter for them", counts(units, resolution_m)),
             &|scene| scene.encoder.resolution_m = resolution_m,
         );
     }
@@ -180,7 +191,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     add(
         "motor-2",
         part,
-        format!("twice the force, {:.3} N", 2.0 * full_n),
+        format!("twice the force, {}", units.said(2.0 * full_n, "N")),
         "a motor of twice the torque constant, or twice the current".into(),
         &|scene| scene.actuator.gain_n_per_v *= 2.0,
     );
@@ -205,7 +216,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         Some(friction) => add(
             "friction-half",
             part,
-            format!("half the dry friction, {:.3} N", 0.5 * friction.coulomb_n),
+            format!("half the dry friction, {}", units.said(0.5 * friction.coulomb_n, "N")),
             "other bearings or another transmission".into(),
             &|scene| {
                 let (coulomb_n, static_n) = (0.5 * friction.coulomb_n, 0.5 * friction.static_n);
@@ -215,7 +226,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "friction-1",
             Kind::LeftOut,
-            format!("dry friction of {dry_n:.3} N, none in the scene"),
+            format!("dry friction of {}, none in the scene", units.said(dry_n, "N")),
             "what bearings may add".into(),
             &|scene| {
                 scene.friction = Some(Friction {
@@ -238,7 +249,11 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         None => add(
             "cogging-1",
             Kind::LeftOut,
-            format!("cogging of {dry_n:.3} N every {} mm, none in the scene", 1e3 * PITCH_M),
+            format!(
+                "cogging of {} every {}, none in the scene",
+                units.said(dry_n, "N"),
+                units.said(1e3 * PITCH_M, "mm")
+            ),
             "what a motor with slots may add".into(),
             &|scene| {
                 scene.cogging =
