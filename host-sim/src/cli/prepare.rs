@@ -109,6 +109,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let parts = if args.starter { vec![] } else { Part::all(&scene.scene)? };
     let first = first_settings(&scene.scene)?;
     // What can be refused is refused before the first walk.
+    scene.scene.check_fits(!args.starter).map_err(|why| Error::Input(why).of(&scene.name))?;
     scene.prepared(&board, first)?;
     let bar = progress::bar(parts.iter().map(Part::walks).sum());
     let engine = Engine::from(common.engine);
@@ -370,8 +371,14 @@ impl Said<'_> {
                 mm(wall_m)
             ));
         }
-        if expected < 2.0 * f64::from(safety.sign_test_counts) {
-            lines.push("  note: the sign test sees little more than it needs, or less".into());
+        // Only a starter, whose device nobody knows, gets here with less.
+        let needed = f64::from(safety.sign_test_counts);
+        if expected < needed {
+            lines.push(
+                "  note: the sign test sees less than it needs: the board does not arm".into(),
+            );
+        } else if expected < 2.0 * needed {
+            lines.push("  note: the sign test sees little more than it needs".into());
         }
         lines.join("\n")
     }

@@ -258,6 +258,38 @@ fn what_does_not_fit_a_board_is_one_line_with_the_key() {
             "start_position_m = -0.05",
             "start_m is -0.05, allowed -0.04 to",
         ),
+        // what contradicts the device
+        (
+            "sign_test_counts = 200",
+            "sign_test_counts = 900",
+            "moves by 887.3 counts in the sign test: safety.sign_test_counts is 900, allowed 10 to 887",
+        ),
+        (
+            "heaviest_mass_kg = 8",
+            "heaviest_mass_kg = 0.4",
+            "safety.heaviest_mass_kg is 0.4, allowed 0.416 to 1000000",
+        ),
+        (
+            "heaviest_damping_n_s_per_m = 110",
+            "heaviest_damping_n_s_per_m = 5",
+            "safety.heaviest_damping_n_s_per_m is 5, allowed 5.5195 to 1000000",
+        ),
+        (
+            "[safety]",
+            "[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 1\n[travel]\nstop = \"rigid\"\nrestitution = 0.5\n\
+             low_m = -0.1\nhigh_m = 0.1\n[safety]",
+            "the rigid stops of [travel] come first: safety.travel_high_m is 0.11, allowed 0.000001 to 0.1",
+        ),
+        (
+            "time_constant_s = 30",
+            "time_constant_s = 30\ncurrent_sense_rest = 0.5",
+            "motor.current_sense_full is missing, motor.current_sense_rest is 0.5, allowed both or neither",
+        ),
+        (
+            "time_constant_s = 30",
+            "time_constant_s = 30\ncurrent_sense_full = 0.9",
+            "motor.current_sense_rest is missing, motor.current_sense_full is 0.9, allowed both or neither",
+        ),
     ] {
         let folder = scene(&[(from, to)]);
         let line = refused(folder.path(), &["prepare", "mine.toml"]);

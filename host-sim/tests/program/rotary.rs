@@ -355,6 +355,11 @@ fn what_a_rotary_scene_cannot_have_is_one_line_that_says_it() {
         let line = bad(from, to);
         assert!(line.contains(wanted) && line.contains("mine.toml"), "{wanted}: {line}");
     }
+    let heavy = "[safety]\nheaviest_inertia_kg_m2 = 1e-5";
+    let folder = scene(&ROTARY.replacen("[safety]", heavy, 1));
+    let line = refused(folder.path(), &["prepare", "mine.toml"]);
+    let wanted = "safety.heaviest_inertia_kg_m2 is 0.00001, allowed 0.000379";
+    assert!(line.contains(wanted), "{line}");
     let folder = scene(&BY_HAND.replacen("position_m = 0.035", "position_rad = 0.5", 1));
     let line = refused(folder.path(), &["prepare", "mine.toml"]);
     assert!(line.contains("unknown field `position_rad`"), "{line}");

@@ -107,6 +107,17 @@ pub struct MotorTable {
 }
 
 impl MotorTable {
+    /// One without the other would be read as 0.
+    fn check_current(&self) -> Result<(), String> {
+        let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
+        let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {
+            (Some(value), None) => (full, rest, value),
+            (None, Some(value)) => (rest, full, value),
+            _ => return Ok(()),
+        };
+        Err(format!("{missing} is missing, {key} is {value}, allowed both or neither"))
+    }
+
     /// Without these keys the input is not used.
     fn current(&self) -> CurrentSettings {
         CurrentSettings {
@@ -351,7 +362,8 @@ impl Scene {
             limits.build(&design).map_err(keyed("safety"))?;
             calibration.build(&design).map_err(keyed("safety"))?;
         }
-        if motor.is_some() {
+        if let Some(motor) = motor {
+            motor.check_current()?;
             duty.build(&design, 0).map_err(keyed("motor"))?;
             current.build(design.output).map_err(keyed("motor"))?;
         }

@@ -34,6 +34,7 @@ pub mod element;
 mod elements;
 pub mod estimator;
 mod felt;
+mod fits;
 pub mod read_back;
 pub mod record;
 pub mod rotary;
