@@ -88,6 +88,33 @@ fn a_remark_that_the_page_does_not_have_is_found() {
     ));
 }
 
+/// The row of the estimator is the best that a longer search finds, or within its range.
+#[test]
+#[ignore = "an explanation and a comparison of each ready device; .ci/long runs it"]
+fn the_best_estimator_of_an_explanation_is_that_of_a_comparison() {
+    for (scene, _) in WALLS {
+        let folder = TempDir::new().unwrap();
+        let area = |row: &Value, key: &str| {
+            let found = row.as_object().unwrap().iter().find(|(name, _)| name.starts_with(key));
+            found.unwrap().1.as_f64().unwrap()
+        };
+        let explained = run(folder.path(), &["explain", scene, "--json"]);
+        let rows = explained["changes"].as_array().unwrap();
+        let of = |change: &str| rows.iter().find(|row| row["change"] == change).unwrap();
+        let (row, own) = (of("estimator"), of("none")["estimator"].as_str().unwrap());
+        let compared = run(folder.path(), &["compare", scene, "--budget", "16", "--json"]);
+        let others = compared["estimators"].as_array().unwrap().iter();
+        let others =
+            others.filter(|one| one["class"] == "position_only" && one["estimator"] != own);
+        let others = others.map(|one| (area(one, "area_n2"), one["estimator"].as_str().unwrap()));
+        let (best, name) = others.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        let [mean, high] = ["area_n2", "area_high_n2"].map(|key| area(row, key));
+        let found = row["estimator"].as_str().unwrap();
+        println!("{scene}: {found} {mean:.4e}, up to {high:.4e}; compared {name} {best:.4e}");
+        assert!(mean >= 0.95 * best || high >= best, "{scene}: {found} {mean}, {name} {best}");
+    }
+}
+
 #[test]
 #[ignore = "sweeps and comparisons of six devices; .ci/long runs it"]
 fn sweep_and_comparison_of_a_ready_device_say_nothing_new() {

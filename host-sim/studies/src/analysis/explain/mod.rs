@@ -2,7 +2,8 @@
 //!
 //! The tuning is the search of [`compare`](super::compare), on the area of the boundary; so every change is given its best
 //! filter, and what remains is the element. The estimator itself is one of the elements: all that need the position only are
-//! screened with a short search, the best two are searched as everything else.
+//! screened from one start, the best three are searched with twice the tunings of everything else: the surface of each is
+//! rough, and a change of the element has but one of them.
 //!
 //! **Ranges.** Each boundary is walked from starts spread over a count, with other noise where the scene has noise. Two
 //! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
@@ -33,9 +34,9 @@ use crate::{
 };
 
 /// Estimators that are searched in full after the screening.
-const FINALISTS: usize = 2;
-/// Tunings and starts of the screening.
-const SCREENING: Budget = Budget { tunings: 4, repeats: 1 };
+const FINALISTS: usize = 3;
+/// Tunings of that search, for each that another element has.
+const FINAL_TUNINGS: u32 = 2;
 /// Tunings of a plant that is integrated step by step, and takes ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 /// Share of the other's area below which a change must be shown to be, to be called smaller.
@@ -136,11 +137,23 @@ pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     named.filter(|name| name.sense().is_none()).collect()
 }
 
+/// What the screening of an estimator may cost: the tunings of any other element, one start.
+fn screening(budget: Budget) -> Budget {
+    Budget { repeats: 1, ..budget }
+}
+
+/// What the search of an estimator that came through may cost.
+fn final_search(budget: Budget) -> Budget {
+    Budget { tunings: FINAL_TUNINGS * budget.tunings, ..budget }
+}
+
 /// Most walks that an explanation takes.
 pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
     let names = estimators(scene);
     let changes = changes(scene, &names).len() as u64;
-    (changes + FINALISTS as u64) * budget.most() + names.len() as u64 * SCREENING.most()
+    changes * budget.most()
+        + FINALISTS as u64 * final_search(budget).most()
+        + names.len() as u64 * screening(budget).most()
 }
 
 /// Walks the scene and every change of it. The answer depends neither on the number of threads nor on `engine`.
@@ -202,7 +215,7 @@ pub fn explain(
                 let screened: Vec<Result<(f64, u64, EstimatorName), Error>> = names
                     .par_iter()
                     .map(|&name| {
-                        let (_, tuned) = of(changed, &start(name), SCREENING)?;
+                        let (_, tuned) = of(changed, &start(name), screening(budget))?;
                         Ok((tuned.boundaries.area(), tuned.hits, name))
                     })
                     .collect();
@@ -212,7 +225,9 @@ pub fn explain(
                 screened.truncate(FINALISTS);
                 let found: Vec<Result<_, Error>> = screened
                     .par_iter()
-                    .map(|(_, _, name)| Ok((*name, of(changed, &start(*name), budget)?)))
+                    .map(|(_, _, name)| {
+                        Ok((*name, of(changed, &start(*name), final_search(budget))?))
+                    })
                     .collect();
                 let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
                 let area = |found: &(EstimatorName, (VelocitySettings, super::compare::Tuned))| {
