@@ -12,9 +12,9 @@ use crate::{
     input, interrupt,
     output::{
         agree::{AgreeReport, SuspectRow, WallRow},
-        in_units::{self, InUnits},
+        estimated::print_of,
+        in_units,
         table::Kind,
-        terminal::print_result,
     },
     scene::NamedScene,
     simulation::prepared::Numeric,
@@ -94,5 +94,5 @@ pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
         suspects: report.suspects(),
         answers: report.answers(),
     };
-    print_result(common.json, InUnits(units, json), || report.text())
+    print_of(common.json, &scene.scene, json, || report.text())
 }

@@ -17,10 +17,10 @@ use crate::{
     interrupt,
     output::{
         design::{ConditionRow, Designs, FilterRow, best_scene},
+        estimated::print_of,
         files::{MANIFEST, json as json_bytes},
-        in_units::{self, InUnits},
+        in_units,
         manifest::Manifest,
-        terminal::print_result,
     },
     scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
 };
@@ -168,7 +168,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
         tried: study.0.tried.len(),
         notes: study.notes(),
     };
-    print_result(common.json, InUnits(units, json), || {
+    print_of(common.json, &named.scene, json, || {
         format!("{}: {}\n  results in {}", named.name, study.text(), folder.display())
     })
 }

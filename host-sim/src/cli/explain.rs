@@ -15,12 +15,12 @@ use crate::{
     error::Error,
     interrupt,
     output::{
+        estimated::print_of,
         explain::{ExplainReport, Row},
         files::{MANIFEST, json as json_bytes},
-        in_units::{self, InUnits},
+        in_units,
         manifest::Manifest,
         report::{self, ReportFigure},
-        terminal::print_result,
     },
     range::within,
     scene::{NamedScene, Units},
@@ -132,7 +132,7 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
         changes: report.rows(),
         answers: report.answers(),
     };
-    print_result(common.json, InUnits(units, json), || {
+    print_of(common.json, &scene.scene, json, || {
         format!("{}\nresults in {}", report.text(), folder.display())
     })
 }
@@ -143,9 +143,11 @@ fn page(
     figures: &[ReportFigure],
     manifest: &Manifest,
 ) -> String {
+    let answers: Vec<String> =
+        report.answers().into_iter().chain(scene.scene.estimated_note()).collect();
     let sections = vec![
         ("Changes", report.html()),
-        ("Answers", report::notes(&report.answers())),
+        ("Answers", report::notes(&answers)),
         ("Scene", report::scene(&scene.text)),
         ("Provenance", report::provenance(&manifest.facts())),
     ];

@@ -21,9 +21,9 @@ use crate::{
     interrupt,
     output::{
         SCHEMA_VERSION,
-        in_units::{self, Columns, InUnits},
+        estimated::print_of,
+        in_units::{self, Columns},
         table::Kind,
-        terminal::print_result,
     },
     scene::NamedScene,
     simulation::prepared::{HitError, WallHit},
@@ -96,7 +96,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
             outputs.write(csv, in_units::csv(units, table.csv.clone()).as_bytes())?;
         }
         outputs.commit()?;
-        return print_result(common.json, InUnits(units, &table.json), || table.text());
+        return print_of(common.json, &scene.scene, &table.json, || table.text());
     }
     let header = if args.impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
     let columns = Columns::new(scene.scene.units, header);
@@ -161,17 +161,18 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     )?;
     bar.finish_and_clear();
     outputs.commit()?;
-    let (scene, numeric) = (scene.name.as_str(), common.numeric.name());
+    let (name, numeric) = (scene.name.as_str(), common.numeric.name());
     let Counts { stable, unstable, no_contact, out_of_range } = counts;
     let usable = args.impedance.then_some(usable);
-    print_result(common.json, Json { scene, numeric, points, counts, usable }, || {
+    let json = Json { scene: name, numeric, points, counts, usable };
+    print_of(common.json, &scene.scene, json, || {
         let within = usable.map_or(String::new(), |[five, ten, twenty]| {
             format!(
                 "; {five}, {ten} and {twenty} stable ones rendered within 5, 10 and 20 % of K + jwB"
             )
         });
         format!(
-            "{scene}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
+            "{name}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
              {out_of_range} out of range{within}"
         )
     })

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    output::{in_units, table::Kind, terminal::print_result, trace},
+    output::{estimated::print_of, in_units, table::Kind, trace},
     scene::NamedScene,
     simulation::{
         prepared::{HitReport, WallHit},
@@ -131,7 +131,7 @@ fn print(
     if json.criterion != "rms" || json.rms_of != "counts" {
         window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
     }
-    print_result(common.json, in_units::InUnits(scene.scene.units, &json), || {
+    print_of(common.json, &scene.scene, &json, || {
         scene.scene.units.text(&format!(
             "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
              {}, K = {} N/m, B = {} N s/m\n\

@@ -18,10 +18,10 @@ use crate::{
     error::Error,
     interrupt,
     output::{
+        estimated::print_of,
         figure::{self, Curve, ZwidthPlot},
-        in_units::{self, InUnits},
+        in_units,
         table::Kind,
-        terminal::print_result,
     },
     scene::{self, NamedScene, Units},
     simulation::prepared::PreparedScene,
@@ -157,7 +157,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         rows: all_rows(&analyses).collect(),
         simulated: analyses.iter().flat_map(simulated_rows).collect(),
     };
-    print_result(common.json, InUnits(units, json), || {
+    print_of(common.json, &scene.scene, json, || {
         let explained = units.text(&explanation(&analyses, &scene.scene));
         let mut text = table(&analyses, units) + &explained;
         for (what, left_out) in [

@@ -16,11 +16,11 @@ use crate::{
     error::Error,
     interrupt,
     output::{
+        estimated::print_of,
         files::{MANIFEST, json as json_bytes},
-        in_units::{self, InUnits},
+        in_units,
         manifest::Manifest,
         peers::{PeerArea, Peers},
-        terminal::print_result,
     },
     scene::NamedScene,
     study::limits::Limit,
@@ -105,7 +105,7 @@ pub fn run(
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
     outputs.commit()?;
     let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.0.notes };
-    print_result(common.json, InUnits(units, json), || {
+    print_of(common.json, &scene.scene, json, || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
     })
 }

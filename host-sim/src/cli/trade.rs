@@ -17,11 +17,12 @@ use crate::{
     interrupt,
     notation::number,
     output::{
+        estimated::{marked, print_of},
         figure::hertz,
         files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
-        in_units::{self, InUnits},
+        in_units,
         manifest::Manifest,
-        terminal::{headed, print_result},
+        terminal::headed,
         trade_figures,
     },
     range::within,
@@ -125,7 +126,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let json = json(&scene, &cutoffs_hz, &bench, &good, &plants);
     write((&mut outputs, to), args, &scene, &filters, &plants, &json)?;
     outputs.commit()?;
-    print_result(common.json, InUnits(scene.scene.units, &json), || {
+    print_of(common.json, &scene.scene, &json, || {
         let filters = filter_text(&filters, &good, &bench);
         format!("{filters}\n{}\nresults in {}", plant_text(&plants), folder.display())
     })
@@ -215,11 +216,7 @@ fn write(
     outputs.add_figure(to, "filters", &trade_figures::filters(&scene.name, filters, &bench)?)?;
     outputs.add_figure(to, "cutoffs", &trade_figures::cutoffs(&scene.name, filters)?)?;
     outputs.add_figure(to, "plant", &trade_figures::plants(&scene.name, plants)?)?;
-    outputs.add(
-        to,
-        "summary.json",
-        (headed(InUnits(scene.scene.units, json))? + "\n").as_bytes(),
-    )?;
+    outputs.add(to, "summary.json", (headed(marked(&scene.scene, json))? + "\n").as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(&manifest)?)
 }
 

@@ -22,10 +22,10 @@ use crate::{
     error::Error,
     interrupt,
     output::{
+        estimated::print_of,
         files::{MANIFEST, json as json_bytes},
-        in_units::{self, InUnits},
+        in_units,
         manifest::Manifest,
-        terminal::print_result,
         usable::{UsableArea, UsableStudy},
     },
     range::within,
@@ -118,7 +118,7 @@ pub fn run(
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
     outputs.commit()?;
     let json = Json { scene: &scene.name, areas: study.areas() };
-    print_result(common.json, InUnits(units, json), || {
+    print_of(common.json, &scene.scene, json, || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
     })
 }

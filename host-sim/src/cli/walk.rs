@@ -13,7 +13,7 @@ use super::{
 use crate::{
     error::Error,
     interrupt,
-    output::{in_units, table::Kind, terminal::print_result},
+    output::{estimated::print_of, in_units, table::Kind},
     study::{
         asked::{self, prepare},
         boundary::Boundary,
@@ -68,7 +68,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         hits: boundary.hits,
         ended_by: boundary.ended.map_or("", Ended::name),
     };
-    print_result(common.json, in_units::InUnits(units, &json), || {
+    print_of(common.json, &scene.scene, &json, || {
         units.text(&format!(
             "{}: area {:.4e} N^2 s/m^2 with {}\n\
              peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",

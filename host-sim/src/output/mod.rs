@@ -3,6 +3,7 @@
 pub mod agree;
 pub mod design;
 mod draft;
+pub mod estimated;
 pub mod explain;
 pub mod figure;
 pub mod files;

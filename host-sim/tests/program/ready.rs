@@ -78,6 +78,42 @@ fn every_ready_device_has_a_record() {
     }
 }
 
+/// What nobody has measured is named by whatever runs the scene, in its text and in its JSON.
+#[test]
+fn every_command_names_what_is_estimated() {
+    let folder = TempDir::new().unwrap();
+    let wall = ["--stiffness", "20", "--damping", "0.1"];
+    let walls = ["--stiffnesses", "20", "--dampings", "0.1"];
+    for (command, args) in [
+        ("hit", [&["--cutoff", "500"], &wall[..]].concat()),
+        ("walk", vec!["--cutoff", "500"]),
+        ("grid", [&["--cutoffs", "500"], &walls[..]].concat()),
+        ("linear", vec!["--cutoffs", "500", "--dampings", "0.1"]),
+    ] {
+        let args = [&[command, "rice-paddle"][..], &args].concat();
+        is_marked(folder.path(), &args, "note: ");
+        let plain: Vec<&str> = args
+            .iter()
+            .map(|arg| if *arg == "rice-paddle" { "nucleo-f446re" } else { arg })
+            .collect();
+        let plain: Vec<&str> =
+            plain.iter().map(|arg| if *arg == "0.1" { "10" } else { arg }).collect();
+        let plain = run(folder.path(), &[&plain[..], &["--json"]].concat());
+        assert_eq!(plain.get("estimated"), None, "{command}");
+    }
+    is_marked(folder.path(), &["identify", "--plan", "--base", "rice-paddle"], "# ");
+}
+
+fn is_marked(folder: &Path, args: &[&str], before: &str) {
+    let json = run(folder, &[args, &["--json"]].concat());
+    let keys = json["estimated"].as_array().unwrap_or_else(|| panic!("{args:?}: {json}"));
+    assert!(keys.contains(&"rotary.handle_inertia_kg_m2".into()), "{args:?}: {keys:?}");
+    let text = String::from_utf8(sim(folder, args).stdout).unwrap();
+    let note =
+        format!("{before}estimated, neither measured nor published: rotary.handle_radius_m, ");
+    assert_eq!(text.lines().filter(|line| line.starts_with(&note)).count(), 1, "{args:?}: {text}");
+}
+
 #[test]
 fn a_remark_that_the_page_does_not_have_is_found() {
     assert!(is_explained(
@@ -112,6 +148,8 @@ fn the_best_estimator_of_an_explanation_is_that_of_a_comparison() {
         let found = row["estimator"].as_str().unwrap();
         println!("{scene}: {found} {mean:.4e}, up to {high:.4e}; compared {name} {best:.4e}");
         assert!(mean >= 0.95 * best || high >= best, "{scene}: {found} {mean}, {name} {best}");
+        let estimated = explained["estimated"].as_array().map_or(0, Vec::len);
+        assert_eq!(estimated > 0, !scene.contains("-f4"), "{scene}");
     }
 }
 

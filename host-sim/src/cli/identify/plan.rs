@@ -7,7 +7,7 @@ use crate::{
     analysis::identify::{Plan, plan},
     cli::Common,
     error::Error,
-    output::{in_units::InUnits, terminal::print_result},
+    output::estimated::print_console_of,
     scene::{NamedScene, Units},
 };
 
@@ -67,7 +67,7 @@ pub(super) fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
         guessed: guessed.clone(),
         console: console.clone(),
     };
-    print_result(common.json, InUnits(units, json), || {
+    print_console_of(common.json, &scene.scene, json, || {
         let mut text = format!(
             "# Pulses for {}, planned with its own mass, damping and spring. It moves: keep clear.",
             scene.name
