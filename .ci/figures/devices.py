@@ -52,13 +52,16 @@ def sim(folder, words):
 
 
 def swept(folder, text):
-    """The sweep of a scene, and area and peak K at its ideal cutoff."""
+    """The sweep of a scene, and area, peak K and largest B at its ideal cutoff, and how many walks a cap cut there."""
     (Path(folder) / "SCENE.toml").write_text(text)
     told = sim(folder, "sweep SCENE.toml --plain --repeat 2 --force")["scenes"][0]
     best = next(c for c in told["cutoffs"] if c["cutoff_hz"] == told["ideal_cutoff_hz"])
     # In the units of the scene.
     values = {next(words for words in ("area", "stiffness_peak", "damping_max") if key.startswith(words)): value
               for key, value in best.items() if re.match(r"area_n|stiffness_peak|damping_max", key)}
+    for what in ("stiffness", "damping"):
+        # `stiffness_max`, `damping_max`, `stiffness_and_damping_max`; what ended a walk by itself is `closed`
+        values[f"{what}_cut"] = sum(what in walk["ended_by"] for walk in best["walks"])
     return told, values
 
 
@@ -78,7 +81,8 @@ def make():
             limit = max(tried, key=tried.get)
             body.append({
                 "scene": scene, "ideal_cutoff_hz": told["ideal_cutoff_hz"], "ideal_low_hz": low, "ideal_high_hz": high,
-                "stiffness_peak": own["stiffness_peak"], "damping_max": own["damping_max"], "best": best,
+                "stiffness_peak": own["stiffness_peak"], "damping_max": own["damping_max"],
+                "stiffness_cut": own["stiffness_cut"], "damping_cut": own["damping_cut"], "best": best,
                 "best_times_butterworth": areas[best] / areas["butterworth"], "limit": limit, "times": tried[limit],
                 **{name.replace(" ", "_"): tried.get(name, "") for name in ALL}})
     with (DATA / FILE).open("w", newline="") as file:
@@ -106,8 +110,10 @@ def devices():
     body = []
     for r in rows(FILE):
         (k, b), best = units(r["scene"]), float(r["best_times_butterworth"])
-        body.append([f"{DEVICES[r['scene']]}, `{r['scene']}`", hertz(r), f"{number(float(r['stiffness_peak']))} {k}",
-                     f"{number(float(r['damping_max']))} {b}", f"`{r['best']}`, {best:.2f} times"])
+        def most(key, cut):
+            return ("> " if int(r[cut]) else "") + number(float(r[key]))
+        body.append([f"{DEVICES[r['scene']]}, `{r['scene']}`", hertz(r), f"{most('stiffness_peak', 'stiffness_cut')} {k}",
+                     f"{most('damping_max', 'damping_cut')} {b}", f"`{r['best']}`, {best:.2f} times"])
     return table(["device, scene", "ideal cutoff range, Hz", "largest K", "largest B", "best of five, its area against Butterworth's"], body)
 
 
