@@ -1,18 +1,22 @@
 //! Device records: one image takes any, and stays off with a wrong one.
 
-use std::{fs, path::Path};
+use std::{fs, path::Path, sync::atomic::AtomicBool};
 
 use host_sim::{
+    engine::Engine,
     scene::{
         NamedScene, Scene,
         record::{board_facts, words},
     },
     simulation::prepared::{Numeric, PreparedScene, WallHit},
+    study::board_envelope::{Found, Part, board_envelope},
 };
 use rayon::prelude::*;
 use virtual_board::{
-    board::{BOARDS, Board, NUCLEO_F446RE},
+    board::{BOARDS, Board, DISCOVERY_F407, NUCLEO_F446RE},
     device::{built_in, record},
+    elf::Elf,
+    image,
     session::Session,
     world::World,
 };
@@ -126,6 +130,47 @@ fn a_record_with_a_wrong_byte_or_a_missing_word_is_refused(board: Board) {
         refused(firmware, &whole[..byte], 20);
     });
     println!("{}: {} bytes and as many cuts", board.name, whole.len() / 128);
+}
+
+/// A record that was made of an example, built in: the image is that device's, and another board's is none.
+#[test]
+#[ignore = "an image more; CI runs it"]
+fn an_image_is_built_for_the_record_that_is_named() {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/known.toml");
+    let named = NamedScene::load(example.to_str().unwrap()).unwrap();
+    let facts = board_facts(NUCLEO_F446RE.name).unwrap();
+    // as `cargo sim prepare` does
+    let parts = Part::all(&named.scene).unwrap();
+    let stop = AtomicBool::new(false);
+    let found = board_envelope(Engine::lanes(), parts, Numeric::Fixed, &stop, || ()).unwrap();
+    let prepared = named.prepared(&facts, found[0].best().unwrap()).unwrap();
+    let boundaries: Vec<_> = found.iter().flat_map(Found::boundaries).collect();
+    let bytes = prepared.record(&boundaries, &facts).unwrap();
+    let record = Path::new(env!("CARGO_TARGET_TMPDIR")).join("known.device");
+    fs::write(&record, &bytes).unwrap();
+
+    let path = image::build_with_record(NUCLEO_F446RE.name, &record).unwrap();
+    let mut firmware = Firmware::of(NUCLEO_F446RE);
+    firmware.elf = Elf::load(&path).unwrap();
+    firmware.table = virtual_board::log::table(&firmware.elf.bytes).unwrap();
+    firmware.scene = named.scene.clone();
+    let version = ok(&mut firmware.boot(), "version");
+    let in_record = words(&bytes);
+    let device = Device::from_record(&in_record, &facts).unwrap();
+    let (scene, envelope) = (device.scene_hash, device.envelope.hash());
+    for part in [format!("scene known {scene:08x}"), format!("envelope {envelope:08x}")] {
+        assert!(version.contains(&part), "{part}: {version}");
+    }
+    assert!(
+        device.envelope.boundaries().count() > 1 && bytes == bytes_of(&firmware)[..bytes.len()]
+    );
+
+    let other = image::build_with_record(DISCOVERY_F407.name, &record).unwrap_err();
+    let lines: Vec<&str> = other.lines().filter(|line| line.starts_with("error: zwidth")).collect();
+    let [line] = lines[..] else { panic!("{other}") };
+    let wanted =
+        "known.device is the record of a device on nucleo-f446re, this image is for discovery-f407";
+    assert!(line.contains("ZWIDTH_DEVICE: ") && line.contains(wanted), "{other}");
 }
 
 /// Settings belong to the record, not to its name.

@@ -11,6 +11,8 @@ use std::{
 use host_sim::interrupt;
 
 const TARGET: &str = "thumbv7em-none-eabihf";
+/// Names the record that is built in (build.rs).
+const DEVICE: &str = "ZWIDTH_DEVICE";
 
 /// Root of the workspace that this crate was built in.
 fn workspace() -> PathBuf {
@@ -38,6 +40,25 @@ pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> 
     in_turn(|folder| {
         let built = package(folder, "zwidth", &bin)?.join("zwidth");
         keep(folder, &built, &format!("{name}.elf"))
+    })
+}
+
+/// The image of a board with that device record built in, as `ZWIDTH_DEVICE=FILE cargo firmware` makes it.
+///
+/// # Errors
+/// What `cargo` said: that the record is another board's, for example.
+pub fn build_with_record(board: &str, record: &Path) -> Result<PathBuf, String> {
+    in_turn(|folder| {
+        let bin = ["--bin", "zwidth", "--no-default-features", "--features", board];
+        let mut cargo = cargo(folder, "zwidth", &bin);
+        // build.rs would take it from the workspace's root
+        let record = record.canonicalize();
+        let record = record.map_err(|error| format!("the device record: {error}"))?;
+        let told = cargo.env(DEVICE, record).output().map_err(|error| error.to_string())?;
+        if !told.status.success() {
+            return Err(String::from_utf8_lossy(&told.stderr).into_owned());
+        }
+        keep(folder, &built(folder).join("zwidth"), &format!("{board},its record.elf"))
     })
 }
 
@@ -79,19 +100,28 @@ fn in_turn<T>(build: impl FnOnce(&Path) -> Result<T, String>) -> Result<T, Strin
 }
 
 fn package(folder: &Path, name: &str, arguments: &[&str]) -> Result<PathBuf, String> {
+    run(&mut cargo(folder, name, arguments))?;
+    Ok(built(folder))
+}
+
+/// Where it leaves what it builds.
+fn built(folder: &Path) -> PathBuf {
+    folder.join(TARGET).join("firmware")
+}
+
+fn cargo(folder: &Path, name: &str, arguments: &[&str]) -> Command {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo
         .current_dir(workspace())
         .env_remove("RUSTFLAGS")
-        .env_remove("ZWIDTH_DEVICE") // the board's own device
+        .env_remove(DEVICE) // the board's own device
         .env_remove("CARGO_INCREMENTAL") // it splits what is optimised as a whole: other cycles
         .args(["build", "--quiet", "--profile", "firmware", "--target", TARGET])
         .args(["--package", name])
         .args(arguments)
         .arg("--target-dir")
         .arg(folder);
-    run(&mut cargo)?;
-    Ok(folder.join(TARGET).join("firmware"))
+    cargo
 }
 
 /// Adds the target through `rustup`, if the tool chain lacks it.
