@@ -1,6 +1,10 @@
 //! Device records: one image takes any, and stays off with a wrong one.
 
-use std::{fs, path::Path, sync::atomic::AtomicBool};
+use std::{
+    fs,
+    path::Path,
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
+};
 
 use host_sim::{
     engine::Engine,
@@ -35,6 +39,10 @@ each_board!(
 each_board!(
     a_record_with_a_wrong_byte_or_a_missing_word_is_refused,
     ignored: "many boots; CI runs it"
+);
+each_board!(
+    every_byte_and_every_cut_of_a_record_is_refused,
+    ignored: "thousands of boots; .ci/long runs it"
 );
 
 /// The record of the image, as bytes.
@@ -120,16 +128,31 @@ fn an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong(board: Board) 
 
 /// One byte of every 128; the library's tests have each.
 fn a_record_with_a_wrong_byte_or_a_missing_word_is_refused(board: Board) {
+    wrong_bytes_and_cuts(board, 128);
+}
+
+fn every_byte_and_every_cut_of_a_record_is_refused(board: Board) {
+    wrong_bytes_and_cuts(board, 1);
+}
+
+/// One bit of one byte of every `stride`, and power cut at the first word of as many.
+fn wrong_bytes_and_cuts(board: Board, stride: usize) {
     let firmware = &Firmware::of(board);
     let whole = &bytes_of(firmware);
-    (0..whole.len()).into_par_iter().step_by(128).for_each(|byte| {
+    let cuts = AtomicUsize::new(0);
+    (0..whole.len()).into_par_iter().step_by(stride).for_each(|byte| {
         let mut bad = whole.clone();
-        bad[(byte + byte / 128).min(whole.len() - 1)] ^= 1 << (byte / 128 % 8);
+        let of_stride = byte / stride % stride;
+        bad[(byte + of_stride).min(whole.len() - 1)] ^= 1 << (byte / stride % 8);
         refused(firmware, &bad, 20);
         // Power cut while it was programmed: the rest is erased.
-        refused(firmware, &whole[..byte], 20);
+        if byte.is_multiple_of(4) {
+            refused(firmware, &whole[..byte], 20);
+            cuts.fetch_add(1, Ordering::Relaxed);
+        }
     });
-    println!("{}: {} bytes and as many cuts", board.name, whole.len() / 128);
+    let bytes = whole.len().div_ceil(stride);
+    println!("{}: {bytes} wrong bytes and {} cuts", board.name, cuts.into_inner());
 }
 
 /// A record that was made of an example, built in: the image is that device's, and another board's is none.
