@@ -99,7 +99,7 @@ crate::properties! {
     /// points into the wall, and it has arrived only where the handle stood at the start.
     bounded(150, (back, seed, mode) in (accepted(), any::<u64>(), 0u8..4)) {
         let mut random = Random(seed);
-        let mut run = Return::new(back.plan);
+        let mut run = Return::default();
         let limit = back.settings.force_n / back.design.full_scale_n;
         let mut place = back.start() + (random.bits() as i32 >> random.below(31)) as i64;
         let rest = (0.02 / back.output_s()).ceil() as usize;
@@ -113,7 +113,7 @@ crate::properties! {
             }
             let contact = mode == 3 && random.below(2) == 0;
             past.push(at(place).counts());
-            match run.output(at(place), contact) {
+            match run.output(&back.plan, at(place), contact) {
                 ReturnStep::Push(force) => {
                     let part = f64::from(force.bits()) / f64::from(1 << 30);
                     assert!(part.abs() <= limit && limit <= 0.5, "{part} of {limit}");
@@ -143,7 +143,7 @@ crate::properties! {
         if place.abs() > 1 << 30 {
             return Ok(());
         }
-        let mut run = Return::new(back.plan);
+        let mut run = Return::default();
         let towards = if side { -1 } else { 1 };
         // time in which the reference goes a thousand counts, or the whole way
         let speed = back.settings.speed_m_per_s * back.output_s() / back.design.resolution_m;
@@ -154,7 +154,7 @@ crate::properties! {
         }
         let mut pushed = false;
         for _ in 0..soon.min(back.outputs_max()).min(100_000) {
-            let ReturnStep::Push(force) = run.output(at(place), false) else { break };
+            let ReturnStep::Push(force) = run.output(&back.plan, at(place), false) else { break };
             assert!(force.bits() * towards >= 0, "{force:?} away from the start");
             pushed |= force != Force::ZERO;
         }
@@ -172,7 +172,7 @@ crate::properties! {
             return Ok(());
         }
         let side = if way.1 { 1 } else { -1 };
-        let mut run = Return::new(back.plan);
+        let mut run = Return::default();
         let mut distance = far as i64;
         // its speed is measured over eight looks
         let span = 9 * back.pace();
@@ -187,7 +187,7 @@ crate::properties! {
                     stood = 0;
                 }
                 let place = back.start() + side * distance;
-                let ReturnStep::Push(force) = run.output(at(place), false) else { return Ok(()) };
+                let ReturnStep::Push(force) = run.output(&back.plan, at(place), false) else { return Ok(()) };
                 if stood >= span {
                     assert!(i64::from(force.bits()) * side <= 0, "{force:?} at {distance} counts from the start");
                 }
