@@ -5,8 +5,8 @@
 use core::hint::cold_path;
 
 /// Outputs in a block, and blocks that a comparison looks back over.
-const BLOCK: u8 = 8;
-const BLOCKS: usize = 8;
+const BLOCK: u32 = 8;
+const BLOCKS: u32 = 8;
 
 /// What came and what was due.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,20 +35,20 @@ impl Ticks {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RateWatch<const TICKS: u32> {
     /// Of the last blocks, one after the other, round and round, and of them together.
-    blocks: [Ticks; BLOCKS],
+    blocks: [Ticks; BLOCKS as usize],
     last: Ticks,
     /// Blocks that are full since it began anew.
     full: u32,
     /// Of the present block, and its outputs.
     present: Ticks,
-    outputs: u8,
+    outputs: u32,
     wrong: bool,
 }
 
 impl<const TICKS: u32> RateWatch<TICKS> {
     /// Outputs that a comparison looks back over. A rate that is wrong from some instant on is found so much later, or
     /// up to a block more.
-    pub const OUTPUTS: u32 = BLOCKS as u32 * BLOCK as u32;
+    pub const OUTPUTS: u32 = BLOCKS * BLOCK;
     /// Of so many ticks one may be too many or too few: 2 %.
     const PART: u32 = 50;
 
@@ -72,11 +72,11 @@ impl<const TICKS: u32> RateWatch<TICKS> {
     /// The present block is full.
     #[inline(never)] // so that the other outputs do not wait
     fn close(&mut self) {
-        let block = &mut self.blocks[self.full as usize % BLOCKS];
+        let block = &mut self.blocks[(self.full % BLOCKS) as usize];
         self.last = self.last.and(self.present).less(*block);
         *block = self.present;
         (self.full, self.outputs, self.present) = (self.full.wrapping_add(1), 0, Ticks::default());
-        if self.full as usize >= BLOCKS {
+        if self.full >= BLOCKS {
             let Ticks { passed, due } = self.last;
             self.wrong = passed.abs_diff(due) > due / Self::PART;
         }
