@@ -152,7 +152,7 @@ impl Device<'_> {
         let fits = self.unfit(&loaded.stored).is_none();
         let built = self.control(&loaded.stored).ok().filter(|_| fits);
         let stored = if built.is_some() { loaded.stored } else { defaults };
-        let usable = loaded.stored == stored;
+        let usable = loaded.stored == stored && loaded.source != Source::Unusable;
         let source = if usable { loaded.source } else { Source::Unusable };
         let refused = (!usable).then(|| FaultRecord::bare(Fault::Settings));
         let fault = match (boot, refused) {

@@ -10,7 +10,7 @@ use crate::{
     experiment::{Order, Promise},
     period::PERIODS,
     safety::{Request, State},
-    store::{Loaded, Stored},
+    store::{Loaded, Source, Stored},
     velocity::Parameter,
 };
 
@@ -155,6 +155,10 @@ impl<P: Port> Console<P> {
     #[inline(never)] // two records and what reads them do not belong on the stack of every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
+        if source == Source::Unusable {
+            return self
+                .write(&"error: load: a number that was saved is none, so nothing is loaded");
+        }
         let old = &*self.stored;
         let design = |of: &Stored| self.device.designs.number_of(&of.settings.velocity);
         let needs_off = stored.signs != old.signs

@@ -254,12 +254,19 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     let later = damaged_later(&active, &other);
     let (stored, source) = match found {
         Some((_, stored)) if stored.device != defaults.device => (defaults, Source::OtherDevice),
+        Some((_, stored)) if has_nan(&stored) => (defaults, Source::Unusable),
         Some((_, stored)) if later == 0 => (stored, Source::Newest),
         Some((_, stored)) => (stored, Source::Older),
         None if active.records + other.records == 0 => (defaults, Source::Empty),
         None => (defaults, Source::Defaults),
     };
     Loaded { stored, source, damaged }
+}
+
+/// A number is none: no console saves that, and it would never equal its copy.
+fn has_nan(stored: &Stored) -> bool {
+    let same = *stored;
+    same != *stored
 }
 
 /// Appends `stored`. A power cut at any moment leaves either what was saved before or `stored`.

@@ -488,3 +488,12 @@ fn of_two_sectors_with_the_same_number_the_first_counts() {
     }
     assert_eq!(stiffness(&load(&mut flash, defaults())), 1.0);
 }
+
+/// Its copy would never be equal to it.
+#[test]
+fn a_number_that_is_none_is_not_taken() {
+    let mut flash = Mock::<4>::new();
+    save(&mut flash, &Stored { push_n: f64::NAN, ..stored(5.0) }).unwrap();
+    let loaded = load(&mut flash, defaults());
+    assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Unusable));
+}
