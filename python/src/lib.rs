@@ -5,6 +5,7 @@ mod estimator;
 mod scene;
 mod studies;
 mod study;
+mod telemetry;
 mod work;
 
 use pyo3::prelude::*;
@@ -17,6 +18,7 @@ mod _native {
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},
         study::study,
+        telemetry::decode,
     };
 
     use super::*;

@@ -17,6 +17,7 @@ from .estimator import Estimator
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Trace, Walk
 from .scene import Scene
 from .studies import grid, hit, linear, study, sweep, walk
+from .telemetry import Outputs, Recording, Samples, Telemetry
 
 __all__ = [
     "ESTIMATORS",
@@ -26,9 +27,13 @@ __all__ = [
     "Grid",
     "Hit",
     "Linear",
+    "Outputs",
+    "Recording",
+    "Samples",
     "Scene",
     "Study",
     "Sweep",
+    "Telemetry",
     "Trace",
     "Walk",
     "__version__",

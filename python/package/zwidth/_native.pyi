@@ -14,6 +14,7 @@ __all__ = [
     "Estimator",
     "Scene",
     "__version__",
+    "decode",
     "grid",
     "hit",
     "linear",
@@ -24,6 +25,7 @@ __all__ = [
     "with_estimator",
 ]
 
+def decode(data: bytes) -> dict[str, Any]: ...
 def velocity_table(name: str) -> dict[str, Any]: ...
 def with_estimator(scene: Scene, velocity: dict[str, Any], cutoff: float | None) -> Scene: ...
 

@@ -1,0 +1,231 @@
+"""Lines to and from a board over TCP, a port for each RTT channel, read by a thread of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+
+__all__ = ["Link", "LOOK_S"]
+
+#: Between two looks at signals and at what else may have happened.
+LOOK_S = 0.05
+#: A server that does not take a line for so long is lost.
+SEND_S = 0.5
+
+Sink = Callable[[bytes], None]
+
+
+class Link:
+    """The channels of one board.
+
+    The thread reads all of them for as long as the connection is there: a board that nobody reads obeys nobody. Answers
+    to ``disarm`` and to the promises that it keeps by itself it takes out; every other line goes to :meth:`line`.
+    """
+
+    def __init__(self, host: str, commands: int, telemetry: int, replies: int, connect_s: float) -> None:
+        self._address = (host, commands)
+        self._sockets: list[socket.socket] = []
+        try:
+            for port in (commands, telemetry, replies):
+                try:
+                    made = socket.create_connection((host, port), timeout=connect_s)
+                except OSError as error:
+                    raise ConnectionError(f"{host}:{port}: {error}") from None
+                self._sockets.append(made)
+                made.settimeout(SEND_S)
+                made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except BaseException:
+            self._shut()
+            raise
+        #: Why there is no board any more, once that is so.
+        self.lost: str | None = None
+        #: Takes what comes of telemetry.
+        self.sink: Sink | None = None
+        self._lines: SimpleQueue[str | None] = SimpleQueue()
+        self._unfinished = b""
+        self._heard = time.monotonic()
+        self._disarmed = threading.Event()
+        self._sending = threading.Lock()
+        self._promise_ms: int | None = None
+        self._promised = 0.0
+        self._closing = False
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="zwidth board", daemon=True)
+        self._thread.start()
+
+    def send(self, line: str) -> None:
+        """Send one line.
+
+        Raises
+        ------
+        ConnectionError
+            There is no board any more.
+        """
+        if self.lost is not None:
+            raise ConnectionError(self.lost)
+        try:
+            self._put(f"{line}\n".encode("ascii"))
+        except OSError as error:
+            self._lose(f"a line could not be sent: {error}")
+            raise ConnectionError(self.lost) from None
+
+    def line(self, wait_s: float) -> str | None:
+        """The next line; None if none comes within `wait_s`.
+
+        Raises
+        ------
+        ConnectionError
+            There is no board any more.
+        """
+        end = time.monotonic() + wait_s
+        while True:
+            left = end - time.monotonic()
+            try:
+                line = self._lines.get(timeout=min(max(left, 0.0), LOOK_S))
+            except Empty:
+                if self.lost is not None:
+                    raise ConnectionError(self.lost) from None
+                if left <= 0.0:
+                    return None
+            else:
+                if line is not None:
+                    return line
+
+    def waiting(self) -> list[str]:
+        """All lines that have come and were not taken."""
+        lines = []
+        with contextlib.suppress(Empty):
+            while True:
+                line = self._lines.get_nowait()
+                if line is not None:
+                    lines.append(line)
+        return lines
+
+    def quiet(self, silence_s: float, most_s: float) -> None:
+        """Wait until no line has come for `silence_s`, at most `most_s`."""
+        begun = time.monotonic()
+        while time.monotonic() - begun < most_s and time.monotonic() - max(self._heard, begun) < silence_s:
+            self.check()
+            time.sleep(LOOK_S / 5)
+
+    def check(self) -> None:
+        """Raise ConnectionError if there is no board any more."""
+        if self.lost is not None:
+            raise ConnectionError(self.lost)
+
+    def disarm(self, wait_s: float) -> bool:
+        """Send ``disarm``, and wait for its answer; says whether it came. From any thread.
+
+        Raises
+        ------
+        ConnectionError
+            There is no board any more.
+        """
+        self._disarmed.clear()
+        self.send("disarm")
+        end = time.monotonic() + wait_s
+        while not self._disarmed.wait(LOOK_S):
+            self.check()
+            if time.monotonic() > end:
+                return False
+        return True
+
+    def promise(self, promise_ms: int | None) -> None:
+        """Say ``alive`` four times as often as the board is promised from now on, or no longer."""
+        self._promised = time.monotonic()
+        self._promise_ms = promise_ms
+
+    def close(self, answered: bool) -> None:
+        """End the connection; if the last line was not `answered`, leave the server time to take it."""
+        self.promise(None)
+        self._closing = True
+        if self.lost is None:
+            with contextlib.suppress(OSError):
+                self._sockets[0].shutdown(socket.SHUT_WR)
+            # A socket that is closed with bytes unread takes those with it that were not yet delivered.
+            if not answered:
+                self._over.wait(LOOK_S * 6)
+        self._over.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join(2 * SEND_S)
+        self.lost = self.lost or "the connection is closed"
+        self._shut()
+
+    def _shut(self) -> None:
+        for made in self._sockets:
+            made.close()
+
+    def _put(self, line: bytes) -> None:
+        # What a signal has interrupted may still hold it; a line goes out whole in any case.
+        held = self._sending.acquire(timeout=SEND_S)
+        try:
+            self._sockets[0].sendall(line)
+        finally:
+            if held:
+                self._sending.release()
+
+    def _lose(self, why: str) -> None:
+        if self.lost is not None:
+            return
+        self.lost = why
+        if self._closing:
+            return
+        self._promise_ms = None
+        with contextlib.suppress(OSError):
+            self._sockets[0].sendall(b"\ndisarm\n")
+            self._sockets[0].shutdown(socket.SHUT_WR)
+        # Commands may be taken by a new connection still.
+        with contextlib.suppress(OSError), socket.create_connection(self._address, timeout=SEND_S) as other:
+            other.sendall(b"\ndisarm\n")
+            other.shutdown(socket.SHUT_WR)
+            other.settimeout(LOOK_S)
+            other.recv(4096)
+        self._lines.put(None)
+
+    def _run(self) -> None:
+        handlers: tuple[Sink, ...] = (lambda _: None, self._take_telemetry, self._take_lines)
+        with selectors.DefaultSelector() as selector:
+            for made, handler in zip(self._sockets, handlers, strict=True):
+                selector.register(made, selectors.EVENT_READ, handler)
+            while not self._over.is_set() and self.lost is None:
+                try:
+                    self._keep_promise()
+                    for key, _ in selector.select(LOOK_S / 5):
+                        assert isinstance(key.fileobj, socket.socket)
+                        got = key.fileobj.recv(1 << 16)
+                        if not got:
+                            raise ConnectionError("the server closed the connection")
+                        key.data(got)
+                except TimeoutError:
+                    continue
+                except OSError as error:
+                    self._lose(str(error))
+
+    def _keep_promise(self) -> None:
+        promise_ms, now = self._promise_ms, time.monotonic()
+        if promise_ms is not None and now - self._promised > promise_ms / 4000:
+            self._promised = now
+            try:
+                self._put(f"alive {promise_ms}\n".encode("ascii"))
+            except TimeoutError:
+                raise ConnectionError("the server takes no lines") from None
+
+    def _take_telemetry(self, got: bytes) -> None:
+        sink = self.sink
+        if sink is not None:
+            sink(got)
+
+    def _take_lines(self, got: bytes) -> None:
+        self._heard = time.monotonic()
+        *whole, self._unfinished = (self._unfinished + got).split(b"\n")
+        for line in whole:
+            text = line.decode("ascii", "replace").strip()
+            if text == "ok disarm":
+                self._disarmed.set()
+            elif text and not (text == "ok alive" and self._promise_ms is not None):
+                self._lines.put(text)
