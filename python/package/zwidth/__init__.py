@@ -12,7 +12,9 @@ Examples
 'stable'
 """
 
+from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
 from ._native import ESTIMATORS, SCENES, __version__
+from .board import Board
 from .estimator import Estimator
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Trace, Walk
 from .scene import Scene
@@ -23,6 +25,11 @@ __all__ = [
     "ESTIMATORS",
     "SCENES",
     "VERDICTS",
+    "Board",
+    "BoardHit",
+    "BoardSelfTest",
+    "BoardStatus",
+    "BoardWalk",
     "Estimator",
     "Grid",
     "Hit",
