@@ -177,6 +177,14 @@ def test_refusals_are_the_consoles_line(fake: FakeBoard) -> None:
         assert fake.since() == [], "what is no line is not sent"
 
 
+def test_a_board_without_a_device_says_so(fake: FakeBoard) -> None:
+    why = "no device record: there is none; nothing runs, see help"
+    fake.answer = lambda line: [f"error: {why}"]
+    with pytest.raises(ValueError) as raised:
+        connect(fake)
+    assert str(raised.value) == why
+
+
 def test_lines_of_an_experiment_are_no_answers(fake: FakeBoard) -> None:
     fake.answer = lambda line: ["walk hit 7: k 1 N/m", HIT, "ok k 5 N/m"] if line == "k 5" else usual(line)
     with connect(fake) as board:

@@ -225,7 +225,8 @@ class Link:
         *whole, self._unfinished = (self._unfinished + got).split(b"\n")
         for line in whole:
             text = line.decode("ascii", "replace").strip()
-            if text == "ok disarm":
+            # Without a device record nothing runs, and every command is refused so.
+            if text == "ok disarm" or text.startswith("error: no device record"):
                 self._disarmed.set()
-            elif text and not (text == "ok alive" and self._promise_ms is not None):
+            if text and text != "ok disarm" and not (text == "ok alive" and self._promise_ms is not None):
                 self._lines.put(text)

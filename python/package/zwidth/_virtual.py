@@ -43,6 +43,7 @@ class Program:
     ) -> None:
         self._room = tempfile.TemporaryDirectory(prefix="zwidth-")
         self._process: subprocess.Popen[str] | None = None
+        self._reader: threading.Thread | None = None
         try:
             self.port = self._start(scene, program, options, startup_s)
         except BaseException:
@@ -109,7 +110,8 @@ class Program:
             for _ in stdout:
                 pass
 
-        threading.Thread(target=read, daemon=True).start()
+        self._reader = threading.Thread(target=read, daemon=True)
+        self._reader.start()
         end = time.monotonic() + wait_s
         while time.monotonic() < end:
             with contextlib.suppress(Empty):
@@ -134,6 +136,10 @@ class Program:
                 if process.returncode is None:
                     self._signal(process, None)
                     process.wait()
+            if self._reader is not None and process.stdout is not None:
+                self._reader.join(END_S)
+                if not self._reader.is_alive():
+                    process.stdout.close()
         self._room.cleanup()
 
     @staticmethod
