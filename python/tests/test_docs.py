@@ -6,15 +6,18 @@ import re
 import pytest
 
 import zwidth
+import zwidth.board
 import zwidth.estimator
 import zwidth.scene
+import zwidth.telemetry
 from conftest import ROOT
 
 
 def test_doctests() -> None:
-    for module in (zwidth, zwidth.scene, zwidth.estimator):
+    for module in (zwidth, zwidth.scene, zwidth.estimator, zwidth.telemetry):
         failed, tried = doctest.testmod(module)
         assert failed == 0 and tried > 0, module.__name__
+    assert doctest.testmod(zwidth.board).failed == 0, "its examples need a board: test_board.py runs the page's"
 
 
 @pytest.mark.parametrize("page", ["python/README.md", "docs/python.md"])
