@@ -43,12 +43,13 @@ pub fn decode<'py>(py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyDict>>
 }
 
 fn outputs<'py>(py: Python<'py>, frames: &[Frame]) -> PyResult<Bound<'py, PyDict>> {
+    type Of = fn(&Record) -> i32;
     let columns = PyDict::new(py);
     let sequence: Vec<u32> = frames.iter().map(|frame| frame.sequence).collect();
     let sample: Vec<u64> = frames.iter().map(|frame| frame.record.sample).collect();
     columns.set_item("sequence", sequence.into_pyarray(py))?;
     columns.set_item("sample", sample.into_pyarray(py))?;
-    let signed: [(_, fn(&Record) -> i32); 4] = [
+    let signed: [(_, Of); 4] = [
         ("position_counts", |record| record.position.counts()),
         ("velocity_q16", |record| record.velocity.bits()),
         ("force_q30", |record| record.force.bits()),
