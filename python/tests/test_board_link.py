@@ -217,6 +217,7 @@ def test_an_answer_that_does_not_come(fake: FakeBoard) -> None:
         assert fake.since() == ["zero", "stop", "disarm"]
         fake.answer = lambda line: ["ok zero", "ok get late"] if line == "get" else usual(line)
         assert board.ask("get") == "zero"
+        time.sleep(0.1)
         assert board.ask("status") == "status", "what came too late answers nothing"
         fake.answer = lambda line: ["ok hit"] if line == "hit" else usual(line)
         with pytest.raises(TimeoutError, match="'hit' did not end within 0.2 s; disarm was answered"):
@@ -259,6 +260,16 @@ def test_a_lost_channel_disarms_by_what_is_left(fake: FakeBoard, channel: int, a
                 board.zero()
             assert time.monotonic() - begun < 0.5
             assert "zero" not in fake.typed
+
+
+def test_a_thread_that_fails_disarms(fake: FakeBoard) -> None:
+    with pytest.warns(RuntimeWarning), pytest.raises(ConnectionError, match="by zero"):
+        with connect(fake) as board:
+            fake.since()
+            board._console.link.sink = lambda got: 1 // 0
+            fake.tell(b"ZW")
+            fake.wait_for("disarm")
+            board.zero()
 
 
 def test_a_server_that_is_gone(fake: FakeBoard) -> None:
@@ -357,7 +368,7 @@ def test_ctrl_c_stops_and_disarms_soon(fake: FakeBoard, call: str) -> None:
         begun = time.monotonic()
         child.send_signal(signal.SIGINT)
         fake.wait_for("disarm")
-        assert fake.at[-1] - begun < 0.3, "0.01 s on an idle machine"
+        assert fake.at[-1] - begun < 0.5, "0.01 s on an idle machine"
         assert child.wait(10) == 7
         assert fake.since() == ["stop", "disarm", "disarm"]
 

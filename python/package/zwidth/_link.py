@@ -203,8 +203,8 @@ class Link:
                         key.data(got)
                 except TimeoutError:
                     continue
-                except OSError as error:
-                    self._lose(str(error))
+                except Exception as error:  # whatever it is, nobody reads any more
+                    self._lose(str(error) or type(error).__name__)
 
     def _keep_promise(self) -> None:
         promise_ms, now = self._promise_ms, time.monotonic()
