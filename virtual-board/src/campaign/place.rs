@@ -118,8 +118,9 @@ const BLOCKS: [Block; 19] = [
     ("core", 0xE000_E000, &[0x10, 0x100, 0x104, 0x108, 0x200, 0x204, 0x208, 0x400, 0x424, 0x430]),
 ];
 
-/// The independent watchdog: PR and RLR, which a key opens for stores.
-const IWDG: Block = ("IWDG", 0x4000_3000, &[0x04, 0x08]);
+/// The independent watchdog: RLR, which a key opens for stores. Not PR: of a divider that becomes smaller than what it has
+/// counted so far the emulator makes an endless wait.
+const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
 const IWDG_KEY: u32 = 0x4000_3000;
 const IWDG_OPEN: u32 = 0x5555;
 
