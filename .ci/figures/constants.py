@@ -186,7 +186,7 @@ slots(
 RATE = "src/safety/rate.rs"
 slots(
     "docs/safety.md",
-    ("And every {} outputs the samples", const(RATE, "OUTPUTS")),
+    ("And every {} outputs the samples", const(RATE, "BLOCK")),
     ("a difference of more than {} %, either way, is code 24.", lambda: number(100 / lit(RATE, r"PART: u32 = (\d+)"))),
     ("Memory that nothing may touch {} bytes between statics and stack are out of bounds", const("src/board/f4/stack_guard.rs", "BYTES")),
     ("| TIM8 | counts at 1 MHz up to {};", const("src/period.rs", "OUTPUT_WATCHDOG_US")),
@@ -284,7 +284,7 @@ slots(
     ("| stuck `render` | {} ms |", plan_ms("STUCK_S")),
     ("| halt by a debugger | {} ms |", halt_ms),
     ("| output watchdog | {} ms after the last output |", watchdog_ms),
-    ("| rate of the samples | over {} outputs,", const(RATE, "OUTPUTS")),
+    ("| rate of the samples | over {} outputs,", lambda: number(rate("BLOCK") * rate("BLOCKS"))),
     ("| return move | its speed over the last {} ms |", const("src/experiment/return_move.rs", "SPAN")),
     ("| early verdict of a walk | looked for each {} ms |", const("src/experiment/hit_sequence.rs", "LOOK_MS")),
     ("| a ring of {}, indexed by", const("src/sync/position_ring.rs", "LENGTH")),
