@@ -50,8 +50,15 @@ class _Frozen:
                 value.flags.writeable = False
 
 
+class _Columns(_Frozen, _Table):
+    """Every attribute is a column."""
+
+    def columns(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True, eq=False)
-class Trace(_Frozen, _Table):
+class Trace(_Columns):
     """Every sample of a hit.
 
     Attributes
@@ -74,9 +81,6 @@ class Trace(_Frozen, _Table):
     force_n: Floats
     output_n: Floats
     flags: NDArray[np.uint8]
-
-    def columns(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 @dataclass(frozen=True)

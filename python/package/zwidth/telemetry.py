@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,17 +15,12 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._link import Link
-from .results import _Frozen, _Table
+from .results import _Columns
 
 __all__ = ["Outputs", "Recording", "Samples", "Telemetry"]
 
 #: Longest capture: what ``cargo sim telemetry`` reads, more than an hour.
 CAPTURE_MAX = 256 << 20
-
-
-class _Columns(_Frozen, _Table):
-    def columns(self) -> dict[str, Any]:
-        return {column.name: getattr(self, column.name) for column in fields(self)}  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
