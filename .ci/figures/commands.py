@@ -203,6 +203,8 @@ def run(name):
         elif FORM.search(command) or kind == "run" and NAME.match(command):
             why = form(command)
         else:
+            # build.rs takes it from the root, and this folder stands for the root
+            command = re.sub(r"^(ZWIDTH_DEVICE=)(?=\S+\.device )", rf"\1{folder}/", command)
             try:
                 ran = shell(command, folder, SECONDS, env=environment)
                 why = (ran.stderr.strip() or ran.stdout).split("\n")[-1] if ran.returncode else None

@@ -2,13 +2,15 @@
 
 import csv
 import json
+import os
 import re
 import subprocess
 import tempfile
+import time
 import tomllib
 from pathlib import Path
 
-from . import block
+from . import block, commands, slots
 from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, table
 from .source import sim as asked
 
@@ -19,6 +21,8 @@ DEVICES = {
 }
 ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
 FILE = "devices.csv"
+# From examples/ to a board that holds a wall, builds included.
+TUTORIAL_SECONDS, TUTORIAL_TIME = 600, "tutorial-seconds.csv"
 
 
 def times(text, key, factor):
@@ -146,6 +150,27 @@ def tutorial_walk():
                         for kind in ("predicted", "measured"))
     return table(["B, N s/m", "largest K predicted, N/m", "largest K on the board, N/m"],
                  [[number(b), number(predicted.get(b, 0.0)), number(found.get(b, 0.0))] for b in sorted(predicted | found)])
+
+
+def timed_tutorial():
+    """The tutorial's commands, typed as they stand, with nothing built before."""
+    begun, commands.SECONDS = time.monotonic(), TUTORIAL_SECONDS
+    with tempfile.TemporaryDirectory() as empty:
+        os.environ["CARGO_TARGET_DIR"] = empty
+        failed = commands.run("docs/tutorial.md")
+    seconds = time.monotonic() - begun
+    if failed or seconds > TUTORIAL_SECONDS:
+        raise SystemExit("\n".join(["error: the tutorial", *failed, f"took {seconds:.0f} s, {TUTORIAL_SECONDS} are allowed"]))
+    with (DATA / TUTORIAL_TIME).open("w") as file:
+        file.write(f"cores,seconds\n{len(os.sched_getaffinity(0))},{seconds:.0f}\n")
+    note_made(".ci/pages --long tutorial", {"seconds": TUTORIAL_TIME})
+
+
+LONG["tutorial"] = (".ci/pages --long tutorial", {"seconds": TUTORIAL_TIME}, timed_tutorial)
+
+
+slots("docs/tutorial.md", ("with nothing built before, took {} on {} cores",
+                           lambda: f"{float(row(TUTORIAL_TIME)['seconds']) / 60:.1f} minutes", lambda: row(TUTORIAL_TIME)["cores"]))
 
 
 @block
