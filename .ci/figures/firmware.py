@@ -134,6 +134,8 @@ CASES = [
      "its enable bit in the NVIC is 0 from right before a due sample; found when the next output is due, cut by the sample after", "20 (and 21)"),
     (["stuck render, for ever"], "stuck `render`, for ever", "the same, and nobody sets the bit again", "22"),
     (["watchdog: link does not run"], "watchdog", "`link` runs in an endless loop: `idle` does not feed", "22"),
+    (["watchdog: its time is another, then link does not run"], "the same, its time a second longer before",
+     "bit 10 of its RLR; `idle` sets it right", "22"),
     (["reset while armed"], "reset while armed", "the reset pin", "23"),
     (["emergency stop"], "emergency stop", "TIM1's break input, no code", "30"),
     (["emergency stop, 0.2 ms"], "emergency stop of 0.2 ms", "the same, closed again before the next output", "30"),

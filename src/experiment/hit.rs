@@ -111,6 +111,12 @@ impl Hit {
         Self { plan, samples: plan.settle, contact_samples, scatter }
     }
 
+    /// What it goes by.
+    #[inline(always)]
+    pub(super) fn plan(&self) -> &HitPlan {
+        &self.plan
+    }
+
     /// The push to render with, from the first sample to the last.
     #[inline]
     pub fn push(&self) -> Force {

@@ -42,10 +42,13 @@ enum Phase {
 /// A hit sequence in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct HitSequence {
-    plan: HitSequencePlan,
-    /// The hit's.
-    push: Doubled<Force>,
+    hit: Doubled<HitPlan>,
+    back: ReturnPlan,
+    stands: DutyPlan,
+    look: u32,
     phase: Phase,
+    /// Which phase it is: a flipped bit begins none.
+    hits: bool,
     /// Outputs since the last look for an early verdict.
     looked: u32,
     /// The hit began with the last output.
@@ -56,26 +59,32 @@ impl HitSequence {
     /// A hit sequence whose first output is still to come.
     #[inline(always)]
     pub fn new(plan: HitSequencePlan) -> Self {
-        let phase = Phase::Approach(Approach::default());
-        Self { plan, push: Doubled::new(plan.hit.push), phase, looked: 0, fresh: false }
+        let HitSequencePlan { hit, back, duty: stands, look } = plan;
+        let (hit, phase) = (Doubled::new(hit), Phase::Approach(Approach::default()));
+        Self { hit, back, stands, look, phase, hits: false, looked: 0, fresh: false }
     }
 
     /// One without the way to the start.
     #[cfg(test)]
     pub fn at_its_push(plan: HitSequencePlan) -> Self {
-        Self { phase: Phase::Hit(Hit::new(plan.hit)), ..Self::new(plan) }
+        Self { phase: Phase::Hit(Hit::new(plan.hit)), hits: true, ..Self::new(plan) }
     }
 
     /// A bit of the push's copy has flipped.
     #[cfg(test)]
     pub fn spoil(&mut self) {
-        self.push.spoil(Force::saturating_from_bits(self.push.bits() ^ 1));
+        let push = Force::saturating_from_bits(self.hit.push.bits() ^ 1);
+        self.hit.spoil(HitPlan { push, ..*self.hit });
     }
 
-    /// Whether its push is what was ordered.
+    /// Whether its hit is what was ordered, and its phase the one that was begun.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.push.is_whole()
+        let begun = match &self.phase {
+            Phase::Hit(hit) => self.hits && *hit.plan() == *self.hit,
+            Phase::Approach(_) => !self.hits,
+        };
+        begun && self.hit.is_whole()
     }
 
     /// The push for this output. `contact`: the handle is inside the wall.
@@ -90,15 +99,15 @@ impl HitSequence {
     ) -> Result<Force, AbortReason> {
         self.fresh = false;
         if let Phase::Approach(approach) = &mut self.phase {
-            let plans = (&self.plan.back, &self.plan.duty);
+            let plans = (&self.back, &self.stands);
             if let Some(push) = approach.output(plans, (position, contact), duty)? {
                 return Ok(push);
             }
-            self.phase = Phase::Hit(Hit::new(self.plan.hit));
+            (self.phase, self.hits) = (Phase::Hit(Hit::new(*self.hit)), true);
             self.fresh = true;
         }
         self.looked = self.looked.saturating_add(1);
-        Ok(*self.push)
+        Ok(self.hit.push)
     }
 
     /// The hit began with the last output: of the samples up to it only the last one is the hit's.
@@ -118,7 +127,7 @@ impl HitSequence {
     /// The verdict before the end of the window, if the plan allows it and it is certain.
     pub fn early_verdict(&mut self) -> Option<Verdict> {
         let Phase::Hit(hit) = &self.phase else { return None };
-        if self.looked < self.plan.look {
+        if self.looked < self.look {
             return None;
         }
         self.looked = 0;
@@ -216,6 +225,28 @@ mod tests {
     }
 
     #[test]
+    fn a_flipped_bit_of_plan_or_phase_is_told() {
+        let plan = plan(false);
+        let [settle, window, push] = [
+            HitPlan { settle: plan.hit.settle ^ 1, ..plan.hit },
+            HitPlan { window: plan.hit.window ^ 1 << 20, ..plan.hit },
+            HitPlan { push: Force::FULL_SCALE, ..plan.hit },
+        ];
+        let (way, hitting) = (HitSequence::new(plan), HitSequence::at_its_push(plan));
+        assert!(way.is_whole() && hitting.is_whole());
+        let approach = Phase::Approach(Approach::default());
+        assert!(!HitSequence { phase: approach, ..hitting }.is_whole());
+        assert!(!HitSequence { phase: Phase::Hit(Hit::new(plan.hit)), ..way }.is_whole());
+        for hit in [settle, window, push] {
+            assert!(!HitSequence { phase: Phase::Hit(Hit::new(hit)), ..hitting }.is_whole());
+            for mut sequence in [way, hitting] {
+                sequence.hit.spoil(hit);
+                assert!(!sequence.is_whole());
+            }
+        }
+    }
+
+    #[test]
     fn a_look_for_an_early_verdict_comes_once_in_so_many_outputs() {
         let plan = plan(true);
         let mut wild = RunningVariance::default();
@@ -223,7 +254,7 @@ mod tests {
             wild.push(Position::from_counts(n % 2 * 1_000));
         }
         let phase = Phase::Hit(Hit::in_window(plan.hit, 1, wild));
-        let mut sequence = HitSequence { phase, ..HitSequence::new(plan) };
+        let mut sequence = HitSequence { phase, hits: true, ..HitSequence::new(plan) };
         for n in 1..=96 {
             sequence.output(Position::from_counts(0), false, &Duty::default()).unwrap();
             let expected = (n % 32 == 0).then_some(Verdict::Unstable);

@@ -57,6 +57,25 @@ enum Phase {
     Rest(u32),
 }
 
+/// A phase by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Approach,
+    Push,
+    Rest,
+}
+
+impl Phase {
+    #[inline(always)]
+    fn part(&self) -> Part {
+        match self {
+            Self::Approach(_) => Part::Approach,
+            Self::Push(_) => Part::Push,
+            Self::Rest(_) => Part::Rest,
+        }
+    }
+}
+
 /// A pulse train in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct PulseTrain {
@@ -68,6 +87,8 @@ pub struct PulseTrain {
     /// Pulses that are over.
     over: usize,
     phase: Phase,
+    /// Which phase it is: a flipped bit begins none.
+    part: Part,
 }
 
 impl PulseTrain {
@@ -75,7 +96,8 @@ impl PulseTrain {
     pub fn new(plan: PulseTrainPlan) -> Self {
         let PulseTrainPlan { pulses, rest, back, duty: stands } = plan;
         let phase = Phase::Approach(Approach::default());
-        Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase }
+        let part = Part::Approach;
+        Self { pulses: Doubled::new(pulses), rest, back, stands, over: 0, phase, part }
     }
 
     /// A bit of the pulses' copy has flipped.
@@ -86,10 +108,16 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether its pulses are what was ordered.
+    /// Whether its pulses are what was ordered, and its phase the one that was begun.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
-        self.pulses.is_whole()
+        self.pulses.is_whole() && self.phase.part() == self.part
+    }
+
+    #[inline(always)]
+    fn begin(&mut self, phase: Phase) {
+        self.part = phase.part();
+        self.phase = phase;
     }
 
     /// The push for this output; none: all pulses are over. `contact`: the handle is inside the wall, which has no force.
@@ -108,7 +136,7 @@ impl PulseTrain {
             if way.is_some() {
                 return Ok(way);
             }
-            self.phase = Phase::Push(0);
+            self.begin(Phase::Push(0));
         }
         let Some(&(push, length)) = self.pulses.get(self.over) else { return Ok(None) };
         if let Phase::Push(outputs) = &mut self.phase {
@@ -116,7 +144,7 @@ impl PulseTrain {
                 *outputs += 1;
                 return Ok(Some(push));
             }
-            self.phase = Phase::Rest(0);
+            self.begin(Phase::Rest(0));
         }
         if let Phase::Rest(outputs) = &mut self.phase {
             if *outputs < self.rest {
@@ -124,7 +152,7 @@ impl PulseTrain {
                 return Ok(Some(Force::ZERO));
             }
             self.over += 1;
-            self.phase = Phase::Approach(Approach::default());
+            self.begin(Phase::Approach(Approach::default()));
         }
         Ok(self.pulses.get(self.over).map(|_| Force::ZERO))
     }
@@ -147,6 +175,19 @@ mod tests {
             rest: 300,
             back: BACK.build(&DESIGN).unwrap(),
             duty: duty.build(&DESIGN, 2_000).unwrap(),
+        }
+    }
+
+    #[test]
+    fn a_flipped_bit_of_its_phase_is_told() {
+        let phases = [Phase::Approach(Approach::default()), Phase::Push(0), Phase::Rest(0)];
+        for (n, begun) in phases.into_iter().enumerate() {
+            let mut train = PulseTrain::new(plan());
+            train.begin(begun);
+            for (other, phase) in phases.into_iter().enumerate() {
+                train.phase = phase;
+                assert_eq!(train.is_whole(), other == n);
+            }
         }
     }
 

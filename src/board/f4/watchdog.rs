@@ -48,8 +48,13 @@ impl Watchdog {
 
 impl contract::Watchdog for Watchdog {
     fn feed(&mut self) {
+        let iwdg = registers();
+        // Where flash is written the time is another, but this task does not run then.
+        if iwdg.rlr().read().bits() != TIMEOUT_MS || iwdg.pr().read().bits() != PRESCALER {
+            set_timeout(TIMEOUT_MS);
+        }
         // SAFETY: a documented key.
-        registers().kr().write(|w| unsafe { w.bits(0xAAAA) });
+        iwdg.kr().write(|w| unsafe { w.bits(0xAAAA) });
     }
 }
 

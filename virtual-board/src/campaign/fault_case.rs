@@ -103,7 +103,7 @@ pub fn fault_cases() -> Vec<&'static FaultCase> {
     FAULT_CASES.iter().chain(&NO_PROCESSOR).collect()
 }
 
-const FAULT_CASES: [FaultCase; 30] = [
+const FAULT_CASES: [FaultCase; 29] = [
     FaultCase {
         name: "count jump",
         code: 10,
@@ -248,17 +248,6 @@ const FAULT_CASES: [FaultCase; 30] = [
         ..PLAIN
     },
     FaultCase {
-        name: "watchdog: link does not run",
-        code: 22,
-        limit_us: WATCHDOG_US,
-        begin: |_, world| {
-            world.powered.mcu.write(UNUSED, &LOOP);
-            lose_the_way(world, LINK, UNUSED)
-        },
-        resets: true,
-        ..PLAIN
-    },
-    FaultCase {
         name: "reset while armed",
         code: 23,
         limit_us: AT_ONCE_US,
@@ -364,8 +353,8 @@ const FAULT_CASES: [FaultCase; 30] = [
 ];
 
 /// RAM that the program does not have, and a branch to itself.
-const UNUSED: u32 = 0x2001_F000;
-const LOOP: [u8; 2] = [0xFE, 0xE7];
+pub(super) const UNUSED: u32 = 0x2001_F000;
+pub(super) const LOOP: [u8; 2] = [0xFE, 0xE7];
 /// No memory is here.
 const NOWHERE: u32 = 0x1000_0000;
 /// Erased flash, beyond the code: all ones is no instruction.
@@ -481,7 +470,11 @@ fn panic_in(elf: &Elf, world: &mut World<'_>, exception: u16) -> Result<u64, Fai
 }
 
 /// The program counter jumps to `address` while that exception runs; then the watchdog bites.
-fn lose_the_way(world: &mut World<'_>, exception: u16, address: u32) -> Result<u64, Failed> {
+pub(super) fn lose_the_way(
+    world: &mut World<'_>,
+    exception: u16,
+    address: u32,
+) -> Result<u64, Failed> {
     world.powered.mcu.run_into(exception).map_err(Ended::from)?;
     let begun = world.powered.mcu.now();
     world.powered.mcu.jump(address);

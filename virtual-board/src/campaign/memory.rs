@@ -19,6 +19,7 @@ pub fn memory_rows() -> Vec<Row> {
     vec![
         Row::of("motor's sign in memory", SOON_S, motor_sign),
         Row::of("push of a hit in memory", SOON_S, push).only_free(),
+        Row::of("phase of a hit in memory", SOON_S, phase).only_free(),
         Row::of("encoder's origin in memory", SOON_S, origin),
         Row::of("an order comes again", SOON_S, order),
     ]
@@ -45,26 +46,59 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     Ok(world.powered.mcu.now())
 }
 
-/// A bit of the running hit's push, worth half of full scale. It stands there beside its copy.
+/// A bit of the running hit's push, worth half of full scale.
 fn push(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let (plan, words) = hit_plan(elf, world)?;
     let full_n = world.full_scale_n();
+    let is_push = |&word: &i32| {
+        [Situation::Free, Situation::Full].into_iter().any(|situation| {
+            let wanted = situation.push_n(full_n) / full_n * f64::from(FULL_SCALE);
+            (f64::from(word) - wanted).abs() <= 1.0
+        })
+    };
+    let place = words.iter().position(is_push);
+    let place = place.ok_or_else(|| Failed::Refused("no push is kept twice in `render`".into()))?;
+    let flipped = words[place] ^ (FULL_SCALE / 2);
+    let at = plan + 4 * u32::try_from(place).unwrap_or_default();
+    world.powered.mcu.write(at, &flipped.to_le_bytes());
+    Ok(world.powered.mcu.now())
+}
+
+/// A bit of the word that says whether a hit is on its way to its start or pushes: the push would go, and it would never
+/// end. It is before the hit's plan, has a small value while it pushes, and 0 or 1 on the way there.
+fn phase(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let pushes = render_words(elf, world)?.1;
+    let before = world.snapshot();
+    ask(world, "stop")?;
+    world.run(2_000)?;
+    ask(world, "hit")?;
+    world.run(50)?;
+    let (from, comes) = render_words(elf, world)?;
+    world.restore(&before);
+    let place = comes.iter().zip(&pushes).position(|pair| matches!(pair, (0 | 1, 2)));
+    let place = place.ok_or_else(|| Failed::Refused("no word says that a hit pushes".into()))?;
+    flip_word(world, from + 4 * u32::try_from(place).unwrap_or_default(), 7);
+    Ok(world.powered.mcu.now())
+}
+
+/// Where the state of `render` begins, and its words.
+fn render_words(elf: &Elf, world: &World<'_>) -> Result<(u32, Vec<i32>), Failed> {
     let (from, size) = elf.place_of("local_resource_render")?;
     let mut bytes = vec![0; size as usize];
     world.powered.mcu.read(from, &mut bytes);
-    let words: Vec<_> =
-        bytes.chunks_exact(4).map(|w| i32::from_le_bytes([w[0], w[1], w[2], w[3]])).collect();
-    let is_push = |word: &i32| {
-        [Situation::Free, Situation::Full].into_iter().any(|situation| {
-            let wanted = situation.push_n(full_n) / full_n * f64::from(FULL_SCALE);
-            (f64::from(*word) - wanted).abs() <= 1.0
-        })
-    };
-    let place = words.windows(2).position(|pair| pair.iter().all(is_push));
-    let place = place.ok_or_else(|| Failed::Refused("no push is kept twice in `render`".into()))?;
-    let flipped = words[place] ^ (FULL_SCALE / 2);
-    let at = from + 4 * u32::try_from(place).unwrap_or_default();
-    world.powered.mcu.write(at, &flipped.to_le_bytes());
-    Ok(world.powered.mcu.now())
+    let words = bytes.chunks_exact(4).map(|w| i32::from_le_bytes([w[0], w[1], w[2], w[3]]));
+    Ok((from, words.collect()))
+}
+
+/// Where the running hit's plan stands in the memory of `render`, and its words: they stand there twice, one after the
+/// other.
+fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [i32; 4]), Failed> {
+    let (from, words) = render_words(elf, world)?;
+    let twice = |pair: &[i32]| pair[..4] == pair[4..] && pair[..4].iter().all(|&word| word > 1);
+    let place = words.windows(8).position(twice);
+    let place = place.ok_or_else(|| Failed::Refused("no plan is kept twice in `render`".into()))?;
+    let plan = [0, 1, 2, 3].map(|n| words[place + n]);
+    Ok((from + 4 * u32::try_from(place).unwrap_or_default(), plan))
 }
 
 /// A bit of the count at position 0, worth 128 counts. Found with the force off: it turns with each `zero`, stays while

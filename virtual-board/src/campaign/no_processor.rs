@@ -1,12 +1,16 @@
 //! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core: hardware
 //! alone has to switch off.
 
-use super::fault_case::{
-    AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US, SAMPLE_US,
+use super::{
+    fault_case::{
+        AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, LOOP, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US,
+        SAMPLE_US, UNUSED, WATCHDOG_US, lose_the_way,
+    },
+    place::{WATCHDOG_RELOAD, flip_register},
 };
 use crate::{
     elf::{Elf, SAMPLE_STATE},
-    mcu::{AfterHalt, SAMPLE},
+    mcu::{AfterHalt, LINK, SAMPLE},
     session::Failed,
     world::{Ended, World},
 };
@@ -27,7 +31,32 @@ const TIM7: u16 = 16 + 55;
 /// DBGMCU's bit of the watchdog.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
-pub(super) const NO_PROCESSOR: [FaultCase; 16] = [
+pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
+    FaultCase {
+        name: "watchdog: link does not run",
+        code: 22,
+        limit_us: WATCHDOG_US,
+        begin: |_, world| {
+            world.powered.mcu.write(UNUSED, &LOOP);
+            lose_the_way(world, LINK, UNUSED)
+        },
+        resets: true,
+        ..PLAIN
+    },
+    FaultCase {
+        name: "watchdog: its time is another, then link does not run",
+        code: 22,
+        limit_us: WATCHDOG_US,
+        begin: |_, world| {
+            flip_register(world, WATCHDOG_RELOAD, 10); // a second more
+            world.run(20)?;
+            world.powered.mcu.write(UNUSED, &LOOP);
+            lose_the_way(world, LINK, UNUSED)
+        },
+        resets: true,
+        short: false,
+        ..PLAIN
+    },
     FaultCase {
         name: "debugger halt, 1.5 ms",
         code: 32,

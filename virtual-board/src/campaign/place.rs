@@ -121,6 +121,8 @@ const BLOCKS: [Block; 19] = [
 /// The independent watchdog: RLR, which a key opens for stores. Not PR: of a divider that becomes smaller than what it has
 /// counted so far the emulator makes an endless wait.
 const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
+/// Its RLR.
+pub(super) const WATCHDOG_RELOAD: u32 = 0x4000_3008;
 const IWDG_KEY: u32 = 0x4000_3000;
 const IWDG_OPEN: u32 = 0x5555;
 
