@@ -20,7 +20,7 @@ DEVICES = {
     "nucleo-f446re": "the paper's device", "discovery-f407": "the paper's device",
 }
 ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
-FILE = "devices.csv"
+BEST, SWEEPS = "devices.csv", "devices-sweeps.csv"
 # From examples/ to a board that holds a wall, builds included.
 TUTORIAL_SECONDS, TUTORIAL_TIME = 600, "tutorial-seconds.csv"
 
@@ -55,81 +55,120 @@ def sim(folder, words):
     return json.loads(ran.stdout)
 
 
-def swept(folder, text):
-    """The sweep of a scene, and area, peak K and largest B at its ideal cutoff, and how many walks a cap cut there."""
+def swept(folder, scene, changed, text):
+    """The sweep of a scene: a row for each cutoff, in the units of the scene."""
     (Path(folder) / "SCENE.toml").write_text(text)
     told = sim(folder, "sweep SCENE.toml --plain --repeat 2 --force")["scenes"][0]
-    best = next(c for c in told["cutoffs"] if c["cutoff_hz"] == told["ideal_cutoff_hz"])
-    # In the units of the scene.
-    values = {next(words for words in ("area", "stiffness_peak", "damping_max") if key.startswith(words)): value
-              for key, value in best.items() if re.match(r"area_n|stiffness_peak|damping_max", key)}
-    for what in ("stiffness", "damping"):
+    low, high = told["ideal_cutoff_range_hz"]
+    for of_cutoff in told["cutoffs"]:
+        values = {next(words for words in ("area", "stiffness_peak", "damping_max") if key.startswith(words)): value
+                  for key, value in of_cutoff.items() if re.match(r"area_n|stiffness_peak|damping_max", key)}
         # `stiffness_max`, `damping_max`, `stiffness_and_damping_max`; what ended a walk by itself is `closed`
-        values[f"{what}_cut"] = sum(what in walk["ended_by"] for walk in best["walks"])
-    return told, values
+        cut = {f"{what}_cut": sum(what in walk["ended_by"] for walk in of_cutoff["walks"]) for what in ("stiffness", "damping")}
+        cutoff = of_cutoff["cutoff_hz"]
+        yield {"scene": scene, "changed": changed, "cutoff_hz": cutoff, **values, **cut,
+               "ideal": int(cutoff == told["ideal_cutoff_hz"]), "in_range": int(low <= cutoff <= high)}
 
 
-def make():
-    """Runs all of it and stores docs/data/devices.csv."""
-    body = []
-    for scene in DEVICES:
-        text = (ROOT / f"scenes/{scene}.toml").read_text()
-        with tempfile.TemporaryDirectory() as folder:
-            told, own = swept(folder, text)
-            low, high = told["ideal_cutoff_range_hz"]
-            compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare")
-            areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
-                     for r in compared["estimators"]}
-            best = max(areas, key=areas.get)
-            tried = {name: swept(folder, changed)[1]["area"] / own["area"] for name, changed in changes(text)}
-            limit = max(tried, key=tried.get)
-            body.append({
-                "scene": scene, "ideal_cutoff_hz": told["ideal_cutoff_hz"], "ideal_low_hz": low, "ideal_high_hz": high,
-                "stiffness_peak": own["stiffness_peak"], "damping_max": own["damping_max"],
-                "stiffness_cut": own["stiffness_cut"], "damping_cut": own["damping_cut"], "best": best,
-                "best_times_butterworth": areas[best] / areas["butterworth"], "limit": limit, "times": tried[limit],
-                **{name.replace(" ", "_"): tried.get(name, "") for name in ALL}})
-    with (DATA / FILE).open("w", newline="") as file:
+def store(name, body):
+    with (DATA / name).open("w", newline="") as file:
         writer = csv.DictWriter(file, list(body[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(body)
-    note_made("cargo sim sweep, compare of each of scenes/*.toml", {"devices": FILE})
 
 
-ALL = ["encoder four times finer", "an output for every sample", "no latency", "twice the force", "no lag of the amplifier", "no friction"]
-LONG["devices"] = ("cargo sim compare SCENE --estimators " + ESTIMATORS + " --budget 16", {"devices": FILE}, make)
+def scenes():
+    return {scene: (ROOT / f"scenes/{scene}.toml").read_text() for scene in DEVICES}
+
+
+def make_sweeps():
+    """Each scene swept, as it is and with one thing changed."""
+    body = []
+    with tempfile.TemporaryDirectory() as folder:
+        for scene, text in scenes().items():
+            for changed, other in [("", text), *changes(text)]:
+                body += swept(folder, scene, changed, other)
+    store(SWEEPS, body)
+    note_made(LONG["devices-sweeps"][0], {"sweeps": SWEEPS})
+
+
+def make_best():
+    """The best of five estimators of each scene."""
+    body = []
+    with tempfile.TemporaryDirectory() as folder:
+        for scene, text in scenes().items():
+            (Path(folder) / "SCENE.toml").write_text(text)
+            compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare --force")
+            areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
+                     for r in compared["estimators"]}
+            best = max(areas, key=areas.get)
+            body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
+    store(BEST, body)
+    note_made(LONG["devices"][0], {"devices": BEST})
+
+
+LONG["devices"] = ("cargo sim compare SCENE --estimators " + ESTIMATORS + " --budget 16", {"devices": BEST}, make_best)
+LONG["devices-sweeps"] = ("cargo sim sweep SCENE --plain --repeat 2", {"sweeps": SWEEPS}, make_sweeps)
 
 
 def units(scene):
-    return ("N m/rad", "N m s/rad") if "[rotary]" in (ROOT / f"scenes/{scene}.toml").read_text() else ("N/m", "N s/m")
+    """Of stiffness, damping and area."""
+    turns = "[rotary]" in (ROOT / f"scenes/{scene}.toml").read_text()
+    return ("N m/rad", "N m s/rad", "N^2 m^2 s/rad^2") if turns else ("N/m", "N s/m", "N^2 s/m^2")
 
 
-def hertz(r):
-    low, high = float(r["ideal_low_hz"]), float(r["ideal_high_hz"])
-    return number(low) if low == high else f"{number(low)} to {number(high)}"
+def of_sweep(scene, changed="", **wanted):
+    """Its rows: of all cutoffs, or those that are `ideal` or `in_range`."""
+    return [r for r in rows(SWEEPS) if r["scene"] == scene and r["changed"] == changed
+            and all(int(r[key]) == value for key, value in wanted.items())]
+
+
+def is_cut(r):
+    return int(r["stiffness_cut"]) or int(r["damping_cut"])
 
 
 @block
 def devices():
     body = []
-    for r in rows(FILE):
-        (k, b), best = units(r["scene"]), float(r["best_times_butterworth"])
+    for scene, name in DEVICES.items():
+        (k, b, _), best = units(scene), row(BEST, scene=scene)
+        ideal, = of_sweep(scene, ideal=1)
+        hertz = [float(r["cutoff_hz"]) for r in of_sweep(scene, in_range=1)]
         def most(key, cut):
-            return ("> " if int(r[cut]) else "") + number(float(r[key]))
-        body.append([f"{DEVICES[r['scene']]}, `{r['scene']}`", hertz(r), f"{most('stiffness_peak', 'stiffness_cut')} {k}",
-                     f"{most('damping_max', 'damping_cut')} {b}", f"`{r['best']}`, {best:.2f} times"])
+            return ("> " if int(ideal[cut]) else "") + number(float(ideal[key]))
+        body.append([f"{name}, `{scene}`", " to ".join(number(end) for end in sorted({min(hertz), max(hertz)})),
+                     f"{most('stiffness_peak', 'stiffness_cut')} {k}", f"{most('damping_max', 'damping_cut')} {b}",
+                     f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times"])
     return table(["device, scene", "ideal cutoff range, Hz", "largest K", "largest B", "best of five, its area against Butterworth's"], body)
 
 
 @block
-def devices_limits():
-    shown = [name for name in ALL if any(r[name.replace(" ", "_")] for r in rows(FILE))]
+def devices_areas():
+    hertz = sorted({float(r["cutoff_hz"]) for scene in DEVICES for r in of_sweep(scene)})
     body = []
     for scene in DEVICES:
-        r = row(FILE, scene=scene)
-        cells = [r[name.replace(" ", "_")] for name in shown]
-        body.append([f"`{scene}`", *(significant(float(cell), 3) + (" **" if name == r["limit"] else "") if cell else "" for name, cell in zip(shown, cells))])
-    body = [[cell.replace(" **", " (most)") for cell in cells] for cells in body]
+        ideal, = of_sweep(scene, ideal=1)
+        of_cutoff = {float(r["cutoff_hz"]): r for r in of_sweep(scene)}
+        def cell(r):
+            return ("> " if is_cut(r) else "") + f"{float(r['area']) / float(ideal['area']):.2f}"
+        body.append([f"`{scene}`", f"{significant(float(ideal['area']), 3)} {units(scene)[2]}",
+                     *(cell(of_cutoff[cutoff]) if cutoff in of_cutoff else "" for cutoff in hertz)])
+    return table(["scene", "area at its ideal cutoff", *(f"{number(cutoff)} Hz" for cutoff in hertz)], body)
+
+
+@block
+def devices_limits():
+    body, shown = [], list(dict.fromkeys(r["changed"] for r in rows(SWEEPS) if r["changed"]))
+    for scene in DEVICES:
+        ideal = {name: of_sweep(scene, name, ideal=1) for name in ["", *shown]}
+        areas = {name: float(found[0]["area"]) for name, found in ideal.items() if found}
+        limit = max(areas, key=areas.get)
+        def cell(name):
+            if name not in areas:
+                return ""
+            cut = "> " if is_cut(ideal[name][0]) else ""
+            return f"{cut}{significant(areas[name] / areas[''], 3)}{' (most)' if name == limit else ''}"
+        body.append([f"`{scene}`", *map(cell, shown)])
     return table(["scene", *shown], body)
 
 

@@ -113,6 +113,8 @@ fn print(
         sensation_db: report.sensation_db,
     };
     let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
+    // four digits, and no zeros behind them
+    let limit_um: f64 = format!("{limit_um:.3e}").parse().unwrap_or(limit_um);
     let clipped = json.velocity_clipped_fraction * 100.0;
     let note = (clipped > 0.0)
         .then(|| format!("\nvelocity at the end of its range in {clipped:.2} % of the samples"));
