@@ -25,6 +25,7 @@ mod commands;
 mod designs;
 mod events;
 mod rotary;
+mod self_test;
 mod stream;
 mod walk;
 

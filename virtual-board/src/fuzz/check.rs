@@ -1,10 +1,11 @@
 //! Frames and lines of a session against the model, as they come.
 
 use super::{
+    answer::{Activity, Answer, Effect, View},
     compare::same,
     frames::{Change, Frame, Twin, flag},
     mind::{LOW_MV, UNSURE},
-    model::{Activity, Answer, Effect, Model, View},
+    model::Model,
     run::{End, Run, differs},
     settings::Settings,
 };

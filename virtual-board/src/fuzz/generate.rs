@@ -2,8 +2,8 @@
 
 use super::{
     action::Action,
+    answer::Activity,
     command::{COMMANDS, Form, name_of},
-    model::Activity,
     run::Mind,
 };
 

@@ -2,9 +2,9 @@
 //! which fault has a cause.
 
 use super::{
+    answer::{Activity, Answer, Effect, View, fault_text},
     compare::same,
     frames::{Change, Frame},
-    model::{Activity, Answer, Effect, View, fault_text},
     push::Push,
     run::{End, Mind, differs},
     settings::Settings,

@@ -3,7 +3,7 @@
 //! | file | holds |
 //! |------|-------|
 //! | `action` | what is done to a board, and scripts of it |
-//! | `command`, `settings`, `envelope`, `model` | what each line has to be answered with |
+//! | `command`, `settings`, `envelope`, `answer`, `model` | what each line has to be answered with |
 //! | `frames` | telemetry, worked out once more |
 //! | `run`, `check`, `mind`, `push`, `compare` | a session, and what it says against all that |
 //! | `generate` | sessions at random |
@@ -13,6 +13,7 @@
 //! | `report` | options, and what is printed |
 
 mod action;
+mod answer;
 mod campaign;
 mod check;
 mod command;

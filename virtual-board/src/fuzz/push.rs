@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::{model::View, settings::FULL_SCALE_N};
+use super::{answer::View, settings::FULL_SCALE_N};
 
 /// Outputs with force but without motion: nearly 50 ms.
 const STILL: u64 = 45;

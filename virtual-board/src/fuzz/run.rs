@@ -11,9 +11,10 @@ use crate::{
 
 use super::{
     action::Action,
+    answer::View,
     check::twin,
     frames::{Frame, Twin},
-    model::{Model, View},
+    model::Model,
     push::Push,
 };
 

@@ -9,10 +9,12 @@
 
 mod debugger;
 mod defects;
+mod finger;
 mod host;
 
 pub use debugger::Halted;
 pub use defects::{CountDefect, Defects, Seen, Swing};
+pub use finger::Finger;
 use host_sim::{
     plant::{AnyPlant, AnyState, Plant as _, Sensing},
     scene::{Criterion, PushBy, RmsOf, Scene},
@@ -108,27 +110,6 @@ pub struct Snapshot {
     lines: Vec<String>,
     replies: String,
     telemetry: Vec<u8>,
-}
-
-/// A finger on the handle: a spring and a damper towards where the finger wants to be. It acts where the motor acts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Finger {
-    /// Where it wants the handle, m.
-    pub target_m: f64,
-    /// Stiffness, N/m.
-    pub stiffness_n_per_m: f64,
-    /// Damping, N s/m.
-    pub damping_n_s_per_m: f64,
-    /// What it can do at most, N.
-    pub limit_n: f64,
-}
-
-impl Finger {
-    fn force_n(&self, position_m: f64, speed_m_per_s: f64) -> f64 {
-        let spring_n = self.stiffness_n_per_m * (self.target_m - position_m);
-        let force_n = spring_n - self.damping_n_s_per_m * speed_m_per_s;
-        force_n.clamp(-self.limit_n, self.limit_n)
-    }
 }
 
 /// Why a run ended.

@@ -13,6 +13,7 @@
 //!   `[sweep]` here; what is left of the area with frequency or damping off by [`MISTUNED_BY`].
 
 pub mod evolution;
+mod references;
 pub mod shape;
 
 use std::{cell::RefCell, collections::HashMap, sync::atomic::AtomicBool};
@@ -24,19 +25,18 @@ use zwidth::{
 
 use self::{
     evolution::{Field, Found, Place, evolve, refine},
-    shape::{NUMBERS, Second, Shape},
+    references::{coarser, references, rough, starts, wall, with_biquad, with_low_pass},
+    shape::{NUMBERS, Shape},
 };
-use super::compare::{Wall, roughness, with_estimator};
+use super::compare::Wall;
 use crate::{
     engine::Engine,
     error::Error,
-    numerics::statistics::Repeats,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
         boundary::{Boundaries, Boundary},
         filters::boundaries,
-        sweep::start_offset_counts,
     },
 };
 
@@ -293,98 +293,6 @@ impl Reference {
     fn settings(&self) -> VelocitySettings {
         VelocitySettings::Butterworth { cutoff_hz: self.cutoff_hz }
     }
-}
-
-/// The scene with the estimator whose form all filters have.
-fn with_biquad(scene: &Scene, numbers: usize) -> Scene {
-    let second = Second { ratio: 1.0, damping: 1.0, lead_s: 0.0, zero: 0.0 };
-    let own = Shape {
-        frequency_hz: 0.05 * scene.control.rate_hz,
-        damping: 0.5,
-        lead_s: 0.0,
-        zero: 0.0,
-        second: (numbers > NUMBERS).then_some(second),
-    };
-    with_estimator(scene, &own.settings()).0
-}
-
-fn with_low_pass(scene: &Scene) -> Scene {
-    let settings = VelocitySettings::Butterworth { cutoff_hz: 0.05 * scene.control.rate_hz };
-    with_estimator(scene, &settings).0
-}
-
-/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid, walked again.
-fn references<D: Fn(&Boundary) + Sync>(
-    walker: &Walker<'_, D>,
-    question: &Question,
-    scenes: &[PreparedScene],
-) -> Result<Vec<Reference>, Error> {
-    let settings = |cutoff_hz: &f64| VelocitySettings::Butterworth { cutoff_hz: *cutoff_hz };
-    let cutoffs_hz: Vec<f64> = question.conditions.first().map_or(vec![], |condition| {
-        let design = condition.scene.design();
-        let all = condition.scene.sweep.cutoffs_hz.iter().copied();
-        all.filter(|hz| settings(hz).build(&design).is_ok()).collect()
-    });
-    let filters: Vec<VelocitySettings> = cutoffs_hz.iter().map(settings).collect();
-    let looked = walker.walk(scenes, &filters, &question.spread(&STARTS)[..1])?;
-    let best = looked.iter().map(|of_filter| {
-        let best =
-            of_filter.iter().zip(&cutoffs_hz).max_by(|a, b| a.0.area().total_cmp(&b.0.area()));
-        best.map_or(0.0, |(_, hz)| *hz)
-    });
-    let best: Vec<f64> = best.collect();
-    let filters: Vec<VelocitySettings> = best.iter().map(settings).collect();
-    let walked = walker.walk(scenes, &filters, &starts(question.repeats))?;
-    let own = best.into_iter().zip(walked).enumerate();
-    Ok(own
-        .map(|(n, (cutoff_hz, mut of_filter))| Reference {
-            cutoff_hz,
-            boundaries: of_filter.swap_remove(n),
-        })
-        .collect())
-}
-
-fn starts(repeats: u32) -> Vec<f64> {
-    (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
-}
-
-/// The scene with a grid on which the reference's boundary has about that many columns and rows.
-fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Scene {
-    let mut scene = scene.clone();
-    let walk = &mut scene.walk;
-    let times =
-        |reached: f64, start: f64, step: f64| ((reached - start) / step / columns).round().max(1.0);
-    let b = Repeats::of(reference.dampings_max_n_s_per_m().into_iter()).mean;
-    let k = Repeats::of(reference.stiffness_peaks_n_per_m().into_iter()).mean;
-    walk.damping_step_n_s_per_m *=
-        times(b, walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m);
-    walk.stiffness_step_n_per_m *=
-        times(k, walk.stiffness_start_n_per_m, walk.stiffness_step_n_per_m);
-    scene
-}
-
-/// Half of the K that the reference reaches at the B of `compare`, or at half of its largest B.
-fn wall(scene: &Scene, references: &[Reference]) -> Wall {
-    let plan = scene.walk_plan();
-    let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
-    let reached = references.first().map_or(0.0, |reference| {
-        reference.boundaries.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
-    });
-    let steps = ((0.5 * reached - first) / step).floor().max(0.0);
-    let damping_n_s_per_m = DAMPING_N_S_PER_M.clamp(first, first + steps * step);
-    let stiffness = references.first().map_or(0.0, |reference| {
-        Repeats::of(reference.boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
-    });
-    let stiffness_n_per_m = (stiffness / 2.0).max(plan.stiffness_start_n_per_m);
-    Wall { stiffness_n_per_m, damping_n_s_per_m }
-}
-
-/// Mean roughness of a filter at the wall, N; `None` where it is not stable.
-fn rough(scene: &Scene, settings: &VelocitySettings, wall: Wall) -> Result<Option<f64>, Error> {
-    let (scene, cutoff_hz) = with_estimator(scene, settings);
-    let prepared = PreparedScene::new(&scene)?;
-    let contact = roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz));
-    Ok(contact.stable.then(|| Repeats::of(contact.roughness_n.into_iter()).mean))
 }
 
 /// The least of the areas over the scale, and where.
