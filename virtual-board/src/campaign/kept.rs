@@ -26,8 +26,8 @@ const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
 /// Contents that are tried at random.
 const RANDOM: usize = 16;
-/// Samples until the board has booted.
-const BOOT: u64 = 60;
+/// Samples until the board has booted, whatever its flash holds: 6 ms at most.
+const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";
 const NOT_VALID: &str = "ok status fault, fault 40 (settings)";
