@@ -30,7 +30,13 @@ pub fn is_requested() -> bool {
 /// # Errors
 /// [`Error::Interrupted`] if the command shall end.
 pub fn check() -> Result<(), Error> {
-    if is_requested() { Err(Error::Interrupted) } else { Ok(()) }
+    unless(&REQUESTED)
+}
+
+/// # Errors
+/// [`Error::Interrupted`] if `stop` is set.
+pub fn unless(stop: &AtomicBool) -> Result<(), Error> {
+    if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
 }
 
 /// Listens to the signals from now on. Where the command has not ended 0.4 s after one, `clean` takes away what

@@ -1,10 +1,9 @@
 //! `compare`: every velocity estimator on the same boundary.
 
-use std::{fmt::Write as _, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use zwidth::velocity::{EstimatorName, Sense};
 
 use super::{
     Common,
@@ -15,9 +14,7 @@ use super::{
 };
 use crate::{
     analysis::compare::{
-        Class, Compared, Entry, Place, Wall, compare,
-        fidelity::Point,
-        most_walks,
+        Class, Compared, Entry, Place, Wall, compare, most_walks,
         search::{Budget, MASS_WRONG_BY, WRONG_BY},
         table::{self, CRITERIA, Part},
         terminal,
@@ -34,9 +31,9 @@ use crate::{
         report::{self, ReportFigure},
         terminal::print_result,
     },
-    range::within,
     scene::{NamedScene, Units},
     simulation::prepared::Numeric,
+    study::asked::{check_read_off, prepare},
 };
 
 /// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness,
@@ -132,18 +129,17 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     }
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
     if let Some(percents) = &args.usable.usable {
-        let named = (!args.estimators.is_empty()).then(|| entries(&args.estimators, &scene));
+        let named = (!args.estimators.is_empty())
+            .then(|| Entry::named(&args.estimators, &scene, "--estimators"));
         let asked = Asked { entries: named.transpose()?, conditions: &args.conditions, budget };
         return usable::run(percents, asked, &scene, common);
     }
-    let entries = entries(&args.estimators, &scene)?;
-    crate::study::asked::prepare(&scene)?;
-    let plan = scene.scene.walk_plan();
-    let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
+    let entries = Entry::named(&args.estimators, &scene, "--estimators")?;
+    prepare(&scene)?;
     let units = scene.scene.units;
     let damping = args.damping.map(|damping| units.damping_n_s_per_m(damping));
     if let Some(damping) = damping {
-        within("--damping", damping, range).map_err(|error| Error::Input(units.text(&error)))?;
+        check_read_off(&scene, damping, "--damping")?;
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
     let folder = common.out.clone().unwrap_or_else(default);
@@ -182,41 +178,6 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         let estimated = scene.scene.estimated_note().map_or_else(String::new, |note| note + "\n");
         format!("{text}{estimated}\nresults in {}", folder.display())
     })
-}
-
-/// The estimators of the command line, in its order.
-fn entries(asked: &[String], scene: &NamedScene) -> Result<Vec<Entry>, Error> {
-    if asked.is_empty() {
-        return Ok(Entry::usual(&scene.scene));
-    }
-    let all = Entry::all(&scene.scene);
-    let mut entries = vec![];
-    for name in asked {
-        let found = all.iter().find(|entry| entry.name() == *name);
-        let entry = *found.ok_or_else(|| Error::Input(not_among(name, &all, scene)))?;
-        if !entries.contains(&entry) {
-            entries.push(entry);
-        }
-    }
-    Ok(entries)
-}
-
-/// Why there is no such entry.
-fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
-    let reason = match name.parse::<EstimatorName>() {
-        Err(_) => {
-            let names: Vec<String> = all.iter().map(|entry| entry.name()).collect();
-            format!("is unknown, allowed {}", names.join(", "))
-        }
-        Ok(known) if known.sense() == Some(Sense::Acceleration) => {
-            format!("needs a table [accelerometer], which {} has not", scene.name)
-        }
-        Ok(known) if known.sense() == Some(Sense::Edge) => {
-            format!("cannot be with [encoder_noise] or [jitter], which {} has", scene.name)
-        }
-        Ok(_) => "differs from the one without pre-warping by its cutoff only".to_owned(),
-    };
-    format!("--estimators: {name} {reason}")
 }
 
 fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: &Place) -> String {
@@ -262,10 +223,10 @@ fn write(
             figures.push(ReportFigure { figure, caption });
         }
     }
-    outputs.add(to, "compare.csv", csv(table::csv(compared, place)).as_bytes())?;
-    outputs.add(to, "tuning.csv", csv(tuning_csv(compared)).as_bytes())?;
-    outputs.add(to, "boundary.csv", csv(boundary_csv(compared)).as_bytes())?;
-    outputs.add(to, "fidelity.csv", csv(fidelity_csv(compared)).as_bytes())?;
+    outputs.add(to, "compare.csv", csv(table::table(compared, place).csv()).as_bytes())?;
+    outputs.add(to, "tuning.csv", csv(table::tunings(compared).csv()).as_bytes())?;
+    outputs.add(to, "boundary.csv", csv(table::boundaries(compared).csv()).as_bytes())?;
+    outputs.add(to, "fidelity.csv", csv(table::fidelities(compared).csv()).as_bytes())?;
     let page = page(scene, compared, place, winners, &figures, manifest);
     outputs.add(to, "report.html", page.as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(manifest)?)
@@ -308,53 +269,6 @@ fn zwidth(scene: &NamedScene, compared: &[Compared], class: Class) -> Result<Fig
     })?)
 }
 
-/// Every tuning that was tried, in that order.
-fn tuning_csv(compared: &[Compared]) -> String {
-    let mut text =
-        String::from("estimator,tuning,tuning_unit,second,second_unit,area_n2_s_per_m2\n");
-    for c in compared {
-        for tried in &c.tuned.tried {
-            let (name, values) = EstimatorName::of(&tried.settings);
-            let parameters = name.parameters();
-            let cells = [0, 1].map(|n| match parameters[n] {
-                Some(parameter) => format!("{},{}", values[n], parameter.unit),
-                None => ",".into(),
-            });
-            let _ = writeln!(text, "{},{},{}", c.entry.name(), cells.join(","), tried.area);
-        }
-    }
-    text
-}
-
-fn boundary_csv(compared: &[Compared]) -> String {
-    let mut text = String::from("estimator,repeat,damping_n_s_per_m,stiffness_n_per_m\n");
-    for c in compared {
-        for (repeat, boundary) in c.tuned.boundaries.iter().enumerate() {
-            for point in &boundary.points {
-                let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
-                let _ = writeln!(text, "{},{repeat},{b},{k}", c.entry.name());
-            }
-        }
-    }
-    text
-}
-
-fn fidelity_csv(compared: &[Compared]) -> String {
-    let mut text = String::from(
-        "estimator,stiffness_n_per_m,damping_n_s_per_m,frequency_hz,impedance_error,\
-         impedance_error_of_estimator,impedance_error_of_loop\n",
-    );
-    for c in compared {
-        for Point { wall, frequency_hz, error, of_estimator, of_loop } in &c.fidelity.points {
-            let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
-            let name = c.entry.name();
-            let _ =
-                writeln!(text, "{name},{k},{b},{frequency_hz},{error},{of_estimator},{of_loop}");
-        }
-    }
-    text
-}
-
 fn json_row(c: &Compared, place: &Place) -> JsonRow {
     let criteria = CRITERIA
         .iter()
@@ -374,7 +288,7 @@ fn json_row(c: &Compared, place: &Place) -> JsonRow {
         search_walks: table::search_walks(c),
         search_settled: c.tuned.settled,
         hits: c.tuned.hits,
-        stable_at_walls: c.contacts.iter().filter(|contact| contact.stable).count(),
+        stable_at_walls: table::stable_at_walls(c),
         criteria: criteria.collect(),
     }
 }

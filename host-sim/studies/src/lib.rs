@@ -4,13 +4,17 @@
 //! |-------|-------|
 //! | [`analysis`] | linear theory, identification, comparison, trade of formats |
 //! | [`study`] | walks, sweeps, sensitivity, envelopes |
+//! | [`table`] | results as rows under named columns |
 #![forbid(unsafe_code)]
 
 pub mod analysis;
 pub mod study;
+pub mod table;
 
 #[cfg(test)]
 #[path = "../../../tests/figure.rs"]
 mod figure;
 
-use sim_loop::{engine, error, input, notation, numerics, plant, range, scene, simulation};
+use sim_loop::{
+    engine, error, input, interrupt, notation, numerics, plant, range, scene, simulation,
+};

@@ -1,6 +1,9 @@
 //! Delay, noise and roughness of `compare` against formulas written a second time.
 
-use std::f64::consts::{PI, TAU};
+use std::{
+    f64::consts::{PI, TAU},
+    sync::atomic::AtomicBool,
+};
 
 use host_sim::{
     analysis::compare::{roughness, signal, with_estimator},
@@ -198,7 +201,8 @@ fn roughness_is_the_sum_of_the_frequencies_above_100_hz() {
         let wall =
             WallHit { damping_n_s_per_m: 5.0, stiffness_n_per_m: 2000.0, ..dice.wall(&scene) };
         let prepared = PreparedScene::new(&scene).unwrap();
-        let found = roughness::measure(&prepared, Numeric::Fixed, &wall);
+        let found =
+            roughness::measure(&prepared, Numeric::Fixed, &wall, &AtomicBool::new(false)).unwrap();
         assert_eq!(found.roughness_n.len(), 16);
         let mut all = true;
         for (hit, roughness_n) in (0..16u32).zip(&found.roughness_n) {

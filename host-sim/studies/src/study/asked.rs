@@ -103,6 +103,21 @@ pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<()
         })
 }
 
+/// Refuses a B at which K is to be read off where the scene's walk does not come. `option` is what messages call it.
+///
+/// # Errors
+/// It does not.
+pub fn check_read_off(
+    scene: &NamedScene,
+    damping_n_s_per_m: f64,
+    option: &str,
+) -> Result<(), Error> {
+    let plan = scene.scene.walk_plan();
+    let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
+    within(option, damping_n_s_per_m, range)
+        .map_err(|error| Error::Input(scene.scene.units.text(&error)))
+}
+
 /// The hit that is asked for, checked: on the wall `[K, B]`, or on the first one of the scene's walk.
 ///
 /// # Errors

@@ -1,11 +1,14 @@
 //! The boundary of the stable walls at one cutoff, as the core's walk finds it hit by hit.
 
+use std::borrow::Cow;
+
 use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
 
 use crate::{
     error::Error,
     numerics::statistics::Repeats,
     simulation::prepared::{HitError, PreparedScene, WallHit},
+    table::{self, Kind, Table},
 };
 
 /// A wall on the boundary: the largest K that was stable at this B.
@@ -126,6 +129,32 @@ impl Boundaries {
             nearest.filter(|_| reaches).map_or(0.0, |point| point.stiffness_n_per_m)
         };
         self.iter().map(of).collect()
+    }
+
+    /// Every point of the boundaries of several, which the column `of` names.
+    pub fn table<'a>(
+        of: &str,
+        named: impl IntoIterator<Item = (Cow<'static, str>, &'a Self)>,
+    ) -> Table {
+        let mut table = Table::new([
+            (of, Kind::Text),
+            ("repeat", Kind::Whole),
+            ("damping_n_s_per_m", Kind::Number),
+            ("stiffness_n_per_m", Kind::Number),
+        ]);
+        for (name, boundaries) in named {
+            for (repeat, boundary) in boundaries.iter().enumerate() {
+                table.rows.extend(boundary.points.iter().map(|point| {
+                    vec![
+                        table::Cell::Text(name.clone()),
+                        table::Cell::count(repeat),
+                        point.damping_n_s_per_m.into(),
+                        point.stiffness_n_per_m.into(),
+                    ]
+                }));
+            }
+        }
+        table
     }
 
     /// How many ended at a cap, or passed one.

@@ -21,7 +21,7 @@
 //! that, since a hand tells two stiffnesses apart from some 10 % on (Jones and Hunter, Exp. Brain Res.
 //! 79, 1990, have 23 %). `fidelity.csv` has every point.
 
-use std::f64::consts::PI;
+use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
 use nalgebra::Complex;
 
@@ -29,6 +29,7 @@ use super::Wall;
 use crate::{
     analysis::rendered::{Sine, unlimited},
     error::Error,
+    interrupt,
     scene::Scene,
 };
 
@@ -71,8 +72,16 @@ pub const LEFT_OUT: &str =
     "saturation, push-only, output quantisation, mode, arm, friction, cogging, travel limits";
 
 /// Measures the estimator of that scene, at that cutoff, at those walls.
-pub fn measure(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Result<Fidelity, Error> {
-    let each = walls.iter().map(|wall| at_wall(scene, cutoff_hz, wall));
+///
+/// # Errors
+/// A parameter is out of range, or `stop` was set.
+pub fn measure(
+    scene: &Scene,
+    cutoff_hz: f64,
+    walls: &[Wall],
+    stop: &AtomicBool,
+) -> Result<Fidelity, Error> {
+    let each = walls.iter().map(|wall| at_wall(scene, cutoff_hz, wall, stop));
     let points = each.collect::<Result<Vec<_>, Error>>()?.concat();
     let mean = |of: fn(&Point) -> f64| {
         #[expect(clippy::cast_precision_loss, reason = "a handful of points")]
@@ -87,12 +96,18 @@ pub fn measure(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Result<Fidelity
     })
 }
 
-fn at_wall(scene: &Scene, cutoff_hz: f64, at: &Wall) -> Result<Vec<Point>, Error> {
+fn at_wall(
+    scene: &Scene,
+    cutoff_hz: f64,
+    at: &Wall,
+    stop: &AtomicBool,
+) -> Result<Vec<Point>, Error> {
     let wall = &at.hit(cutoff_hz);
     let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
     let scene = unlimited(scene, wall, FREQUENCIES_HZ[FREQUENCIES_HZ.len() - 1]);
     let mut points = vec![];
     for about_hz in FREQUENCIES_HZ {
+        interrupt::unless(stop)?;
         let sine = Sine::new(&scene, wall, about_hz);
         let frequency_hz = sine.frequency_hz;
         let commanded = Complex::new(k, 2.0 * PI * frequency_hz * b);
@@ -134,8 +149,12 @@ mod tests {
         NamedScene::load("paper-1um").unwrap().scene
     }
 
+    fn of(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Fidelity {
+        measure(scene, cutoff_hz, walls, &AtomicBool::new(false)).unwrap()
+    }
+
     fn at_4000(scene: &Scene) -> Fidelity {
-        measure(scene, 4000.0, &[WALL]).unwrap()
+        of(scene, 4000.0, &[WALL])
     }
 
     /// The geometric mean, with its floor, of a relative error at each frequency.
@@ -167,8 +186,8 @@ mod tests {
     fn every_wall_and_frequency_counts_alike() {
         let scene = paper();
         let soft = Wall { stiffness_n_per_m: 2000.0, damping_n_s_per_m: 50.0 };
-        let [one, other] = [WALL, soft].map(|wall| measure(&scene, 300.0, &[wall]).unwrap());
-        let both = measure(&scene, 300.0, &[WALL, soft]).unwrap();
+        let [one, other] = [WALL, soft].map(|wall| of(&scene, 300.0, &[wall]));
+        let both = of(&scene, 300.0, &[WALL, soft]);
         let middle = (one.of_estimator * other.of_estimator).sqrt();
         assert!(other.of_estimator > 1.3 * one.of_estimator, "{other:?}");
         assert!((both.of_estimator / middle - 1.0).abs() < 1e-12);
@@ -182,9 +201,9 @@ mod tests {
     fn the_force_that_an_observer_is_told_does_not_depend_on_the_actuators_range() {
         let mut scene = paper();
         scene.velocity = VelocitySettings::Observer { bandwidth_hz: 0.0, mass_kg: 0.416 }.into();
-        let small = measure(&scene, 150.0, &[WALL]).unwrap();
+        let small = of(&scene, 150.0, &[WALL]);
         scene.actuator.limit_v *= 50.0;
-        let large = measure(&scene, 150.0, &[WALL]).unwrap();
+        let large = of(&scene, 150.0, &[WALL]);
         assert!((small.error / large.error - 1.0).abs() < 1e-3, "{small:?} {large:?}");
         // By its equations, in continuous time: V^ = V + H (U - A), H = (s^2 + 3 w s) / (s + w)^3, A the
         // acceleration, U the motor's force over the mass, -(K X + B V^) / m, half a period late by its hold.

@@ -47,8 +47,9 @@ pub use tuned::Tuned;
 use crate::{
     engine::Engine,
     error::Error,
+    interrupt,
     numerics::statistics::Repeats,
-    scene::{LATENCY_KNOWN_MAX, Scene, estimator::EstimatorChoice},
+    scene::{LATENCY_KNOWN_MAX, NamedScene, Scene, estimator::EstimatorChoice},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         boundary::{Boundaries, Boundary},
@@ -99,6 +100,28 @@ impl Entry {
         tuned.map(|&name| Self::Tuned(name)).chain(more).collect()
     }
 
+    /// Those of these names, each once, in their order; the [usual](Self::usual) ones where there is none. `option` is what
+    /// messages call the list.
+    ///
+    /// # Errors
+    /// There is no such estimator, or the scene cannot feed it.
+    pub fn named(names: &[String], scene: &NamedScene, option: &str) -> Result<Vec<Self>, Error> {
+        if names.is_empty() {
+            return Ok(Self::usual(&scene.scene));
+        }
+        let all = Self::all(&scene.scene);
+        let mut entries = vec![];
+        for name in names {
+            let found = all.iter().find(|entry| entry.name() == *name);
+            let refused = || Error::Input(format!("{option}: {}", not_among(name, &all, scene)));
+            let entry = *found.ok_or_else(refused)?;
+            if !entries.contains(&entry) {
+                entries.push(entry);
+            }
+        }
+        Ok(entries)
+    }
+
     /// Name in tables.
     pub fn name(self) -> String {
         match self {
@@ -121,6 +144,24 @@ impl Entry {
         scene.actuator.latency_known |= self == Self::ObserverInTime;
         scene
     }
+}
+
+/// Why there is no such entry.
+fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
+    let reason = match name.parse::<EstimatorName>() {
+        Err(_) => {
+            let names: Vec<String> = all.iter().map(|entry| entry.name()).collect();
+            format!("is unknown, allowed {}", names.join(", "))
+        }
+        Ok(known) if known.sense() == Some(Sense::Acceleration) => {
+            format!("needs a table [accelerometer], which {} has not", scene.name)
+        }
+        Ok(known) if known.sense() == Some(Sense::Edge) => {
+            format!("cannot be with [encoder_noise] or [jitter], which {} has", scene.name)
+        }
+        Ok(_) => "differs from the one without pre-warping by its cutoff only".to_owned(),
+    };
+    format!("{name} {reason}")
 }
 
 /// What an estimator looks at.
@@ -318,11 +359,15 @@ pub fn compare(
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
             let (with, cutoff_hz) = with_estimator(&entry.told(scene), &settings);
+            interrupt::unless(stop)?;
             let prepared = PreparedScene::new(&with)?;
             let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
-            let contacts = walls
-                .map(|wall| roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz)));
-            let fidelity = fidelity::measure(&with, cutoff_hz, &walls)?;
+            let contact = |wall: Wall| {
+                roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz), stop)
+            };
+            let [soft, middle, hard] = walls.map(contact);
+            let contacts = [soft?, middle?, hard?];
+            let fidelity = fidelity::measure(&with, cutoff_hz, &walls, stop)?;
             let cost = cost::of(settings.name());
             Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })
         })

@@ -4,12 +4,14 @@
 //! wall. The hit runs with all elements of the scene; the force is the controller's, output
 //! quantisation included, before the amplifier.
 
-use std::f64::consts::PI;
+use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
 use nalgebra::Complex;
 use rayon::prelude::*;
 
 use crate::{
+    error::Error,
+    interrupt,
     numerics::fft,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::sweep::start_offset_counts,
@@ -30,18 +32,27 @@ pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 pub const HITS: u32 = 16;
 
 /// Measures one estimator; the prepared scene holds it.
-pub fn measure(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> Contact {
+///
+/// # Errors
+/// `stop` was set.
+pub fn measure(
+    prepared: &PreparedScene,
+    numeric: Numeric,
+    wall: &WallHit,
+    stop: &AtomicBool,
+) -> Result<Contact, Error> {
     let hits: Vec<(bool, f64)> = (0..HITS)
         .into_par_iter()
         .map(|n| {
+            interrupt::unless(stop)?;
             let start_offset_counts = start_offset_counts(n, HITS);
-            hit(prepared, numeric, &WallHit { start_offset_counts, ..*wall })
+            Ok(hit(prepared, numeric, &WallHit { start_offset_counts, ..*wall }))
         })
-        .collect();
-    Contact {
+        .collect::<Result<_, Error>>()?;
+    Ok(Contact {
         stable: hits.iter().all(|(stable, _)| *stable),
         roughness_n: hits.into_iter().map(|(_, roughness_n)| roughness_n).collect(),
-    }
+    })
 }
 
 /// Whether a hit is stable, and how rough.

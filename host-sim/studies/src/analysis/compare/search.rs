@@ -26,6 +26,7 @@ use super::{
 use crate::{
     engine::{Engine, lanes_for},
     error::Error,
+    interrupt,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
@@ -114,6 +115,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         is_free: bool,
         budget: Budget,
     ) -> Result<(VelocitySettings, Tuned), Error> {
+        interrupt::unless(self.stop)?; // the axes of some estimators take long
         let axes = self.axes(start, is_free);
         let mut tuned = Tuned {
             tried: vec![],

@@ -3,11 +3,18 @@
 use zwidth::velocity::EstimatorName;
 
 use super::{
-    Compared, Place, fidelity, roughness,
+    Compared, Place, Wall,
+    fidelity::{self, Point},
+    roughness,
     search::{GAIN, LAST_STEP, OF_TWO, WALKS_OF_A_TRY},
     tuned::Edge,
 };
-use crate::{numerics::statistics::Repeats, scene::Units};
+use crate::{
+    numerics::statistics::Repeats,
+    scene::Units,
+    study::boundary::Boundaries,
+    table::{Cell, Kind, Table},
+};
 
 /// Which end of a criterion is good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,36 +247,106 @@ fn area_text(area: f64, units: Units) -> String {
     }
 }
 
-/// The table as CSV.
-pub fn csv(compared: &[Compared], place: &Place) -> String {
-    let keys: Vec<&str> = CRITERIA.iter().map(|criterion| criterion.key).collect();
-    let mut text = format!(
-        "estimator,needs,tuning,tuning_unit,tuning_at_edge,second,second_unit,second_at_edge,\
-         search_walks,search_settled,hits,stable_at_walls,{}\n",
-        keys.join(",")
-    );
+/// One row for each estimator.
+pub fn table(compared: &[Compared], place: &Place) -> Table {
+    let own = [
+        ("estimator", Kind::Text),
+        ("needs", Kind::Text),
+        ("tuning", Kind::Number),
+        ("tuning_unit", Kind::Text),
+        ("tuning_at_edge", Kind::Flag),
+        ("second", Kind::Number),
+        ("second_unit", Kind::Text),
+        ("second_at_edge", Kind::Flag),
+        ("search_walks", Kind::Whole),
+        ("search_settled", Kind::Flag),
+        ("hits", Kind::Whole),
+        ("stable_at_walls", Kind::Whole),
+    ];
+    let criteria = CRITERIA.iter().map(|criterion| (criterion.key, Kind::Number));
+    let mut table = Table::new(own.into_iter().chain(criteria));
     for c in compared {
         let parameters = parameters(c).map(|parameter| match parameter {
-            Some(p) => format!("{},{},{}", p.value, p.unit, p.edge.is_some()),
-            None => ",,false".into(),
+            Some(p) => [p.value.into(), p.unit.into(), p.edge.is_some().into()],
+            None => [Cell::Empty, Cell::Empty, false.into()],
         });
-        let cells = CRITERIA.iter().map(|criterion| {
-            criterion.value(c, place).map(|value| value.to_string()).unwrap_or_default()
-        });
-        let cells: Vec<String> = cells.collect();
-        text.push_str(&format!(
-            "{},{},{},{},{},{},{},{}\n",
-            c.entry.name(),
-            c.needs(),
-            parameters.join(","),
-            search_walks(c),
-            c.tuned.settled,
-            c.tuned.hits,
-            c.contacts.iter().filter(|contact| contact.stable).count(),
-            cells.join(",")
-        ));
+        let mut row: Vec<Cell> = vec![c.entry.name().into(), c.needs().into()];
+        row.extend(parameters.into_iter().flatten());
+        row.push(Cell::Whole(search_walks(c).into()));
+        row.push(c.tuned.settled.into());
+        row.push(Cell::Whole(c.tuned.hits));
+        row.push(Cell::count(stable_at_walls(c)));
+        let values = CRITERIA.iter().map(|criterion| criterion.value(c, place));
+        row.extend(values.map(Cell::number));
+        table.rows.push(row);
     }
-    text
+    table
+}
+
+/// At how many of the walls it is stable.
+pub fn stable_at_walls(c: &Compared) -> usize {
+    c.contacts.iter().filter(|contact| contact.stable).count()
+}
+
+/// Every tuning that was tried, in that order.
+pub fn tunings(compared: &[Compared]) -> Table {
+    let mut table = Table::new([
+        ("estimator", Kind::Text),
+        ("tuning", Kind::Number),
+        ("tuning_unit", Kind::Text),
+        ("second", Kind::Number),
+        ("second_unit", Kind::Text),
+        ("area_n2_s_per_m2", Kind::Number),
+    ]);
+    for c in compared {
+        for tried in &c.tuned.tried {
+            let (name, values) = EstimatorName::of(&tried.settings);
+            let parameters = name.parameters();
+            let cells = [0, 1].map(|n| match parameters[n] {
+                Some(parameter) => [values[n].into(), parameter.unit.into()],
+                None => [Cell::Empty, Cell::Empty],
+            });
+            let mut row: Vec<Cell> = vec![c.entry.name().into()];
+            row.extend(cells.into_iter().flatten());
+            row.push(tried.area.into());
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+/// Every point of every walk at the results of the searches.
+pub fn boundaries(compared: &[Compared]) -> Table {
+    Boundaries::table(
+        "estimator",
+        compared.iter().map(|c| (c.entry.name().into(), &c.tuned.boundaries)),
+    )
+}
+
+/// Impedance errors by wall and frequency.
+pub fn fidelities(compared: &[Compared]) -> Table {
+    let numbers = [
+        "stiffness_n_per_m",
+        "damping_n_s_per_m",
+        "frequency_hz",
+        "impedance_error",
+        "impedance_error_of_estimator",
+        "impedance_error_of_loop",
+    ];
+    let numbers = numbers.map(|name| (name, Kind::Number));
+    let mut table = Table::new([("estimator", Kind::Text)].into_iter().chain(numbers));
+    for c in compared {
+        for &Point { wall, frequency_hz, error, of_estimator, of_loop } in &c.fidelity.points {
+            let Wall { stiffness_n_per_m, damping_n_s_per_m } = wall;
+            let mut row: Vec<Cell> = vec![c.entry.name().into()];
+            row.extend(
+                [stiffness_n_per_m, damping_n_s_per_m, frequency_hz, error, of_estimator, of_loop]
+                    .map(Cell::Number),
+            );
+            table.rows.push(row);
+        }
+    }
+    table
 }
 
 /// What a reader must know beside the numbers, one sentence each.

@@ -278,7 +278,7 @@ fn of_numbers<const N: usize>(
     }
     let settings = references.first().map(Reference::settings);
     let reference_roughness_n =
-        settings.map(|settings| rough(first, &settings, wall)).transpose()?.flatten();
+        settings.map(|settings| rough(first, &settings, wall, stop)).transpose()?.flatten();
     Ok(DesignStudy { question, references, wall, filters, tried, reference_roughness_n })
 }
 
@@ -338,7 +338,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
         }
         let mut kept = true;
         if let Some(most) = roughness_n {
-            let found = rough(self.scene, &shape.settings(), self.wall)?;
+            let found = rough(self.scene, &shape.settings(), self.wall, self.walker.stop)?;
             kept &= found.is_some_and(|found| found <= *most);
         }
         if let (true, Some(share)) = (kept, mistuned_share) {
@@ -451,7 +451,7 @@ fn finish<D: Fn(&Boundary) + Sync>(
         worth,
         worst,
         gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
-        roughness_n: rough(first, &shape.settings(), wall)?,
+        roughness_n: rough(first, &shape.settings(), wall, walker.stop)?,
         mistuned_share: left,
         sections,
     })

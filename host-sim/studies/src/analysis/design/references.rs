@@ -1,5 +1,7 @@
 //! What designed filters are compared with, and on which grids and walls: Butterworth at its best cutoff.
 
+use std::sync::atomic::AtomicBool;
+
 use zwidth::VelocitySettings;
 
 use super::{
@@ -107,9 +109,10 @@ pub(super) fn rough(
     scene: &Scene,
     settings: &VelocitySettings,
     wall: Wall,
+    stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
     let (scene, cutoff_hz) = with_estimator(scene, settings);
     let prepared = PreparedScene::new(&scene)?;
-    let contact = roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz));
+    let contact = roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz), stop)?;
     Ok(contact.stable.then(|| Repeats::of(contact.roughness_n.into_iter()).mean))
 }

@@ -6,7 +6,6 @@
 //! what a unit is.
 
 mod file;
-pub mod table;
 pub mod trial;
 pub mod unit;
 

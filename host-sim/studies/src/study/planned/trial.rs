@@ -5,10 +5,13 @@ use std::time::{Duration, Instant};
 
 use super::{
     Point, Study,
-    table::{Cell, csv_line},
     unit::{How, Made},
 };
-use crate::{error::Error, numerics::statistics::Repeats};
+use crate::{
+    error::Error,
+    numerics::statistics::Repeats,
+    table::{Cell, csv_line},
+};
 
 /// Parts of a trial, each with a time of its own: their spread says how sure the time is.
 const BATCHES: usize = 4;

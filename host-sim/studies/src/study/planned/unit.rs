@@ -8,10 +8,7 @@ use sha2::{Digest as _, Sha256};
 use toml::Value;
 use zwidth::experiment::Ended;
 
-use super::{
-    Block, Measure, Point, SCHEMA, SOURCES, Study,
-    table::{Cell, Column, Kind, Table},
-};
+use super::{Block, Measure, Point, SCHEMA, SOURCES, Study};
 use crate::{
     engine::{Depth, Engine, Outcome, stream},
     error::Error,
@@ -22,6 +19,7 @@ use crate::{
         sweep::{Plan, SweepResult, ascending, on_all_threads, sweep},
         walk_lanes::{Queue, Start, walks},
     },
+    table::{Cell, Column, Kind, Table},
 };
 
 /// Scenes with changes that are in memory at once.

@@ -1,4 +1,4 @@
-//! The result of a unit: a table with one kind of value a column.
+//! A result as a table with one kind of value a column: what is written as CSV, and what Python has as arrays.
 
 use std::{borrow::Cow, fmt::Write as _};
 
@@ -30,7 +30,36 @@ pub enum Cell {
     Flag(bool),
 }
 
+impl From<f64> for Cell {
+    fn from(value: f64) -> Self {
+        Self::Number(value)
+    }
+}
+
+impl From<bool> for Cell {
+    fn from(value: bool) -> Self {
+        Self::Flag(value)
+    }
+}
+
+impl From<&'static str> for Cell {
+    fn from(value: &'static str) -> Self {
+        Self::Text(value.into())
+    }
+}
+
+impl From<String> for Cell {
+    fn from(value: String) -> Self {
+        Self::Text(value.into())
+    }
+}
+
 impl Cell {
+    /// A count.
+    pub fn count(value: usize) -> Self {
+        Self::Whole(value as u64)
+    }
+
     /// A number that may be missing.
     pub fn number(value: Option<f64>) -> Self {
         value.map_or(Self::Empty, Self::Number)
@@ -78,6 +107,12 @@ pub fn csv_line(cells: &[Cell]) -> String {
 }
 
 impl Table {
+    /// A table of those columns, still without rows.
+    pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind)>) -> Self {
+        let column = |(name, kind): (N, Kind)| Column { name: name.into(), kind };
+        Self { columns: columns.into_iter().map(column).collect(), rows: vec![] }
+    }
+
     /// The table as CSV.
     pub fn csv(&self) -> String {
         let names = self.columns.iter().map(|column| Cell::Text(column.name.clone().into()));
