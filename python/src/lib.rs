@@ -1,6 +1,8 @@
 //! The extension module `zwidth._native`: scenes, studies and estimators of the simulator and the control core for
 //! Python. `zwidth/__init__.py` makes results of what these functions return; units are SI.
 
+mod columns;
+mod compared;
 mod estimator;
 mod scene;
 mod studies;
@@ -14,6 +16,7 @@ use pyo3::prelude::*;
 mod _native {
     #[pymodule_export]
     use super::{
+        compared::compare,
         estimator::{Estimator, velocity_table, with_estimator},
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},

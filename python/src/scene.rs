@@ -8,6 +8,7 @@ use pyo3::{
     prelude::*,
     types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString},
 };
+use serde::Serialize;
 use sim_loop::scene::NamedScene;
 use toml::{Table, Value};
 
@@ -56,9 +57,7 @@ impl Scene {
 
     /// The scene as nested dictionaries, with every default.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let table: Table = Table::try_from(&self.0.scene)
-            .map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
-        to_python(py, &Value::Table(table))
+        serialized(py, &self.0.scene)
     }
 
     /// Another scene with some values exchanged: dotted keys to values, a table at once or a key of it; None leaves
@@ -158,6 +157,13 @@ pub fn of_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
         let kind = value.get_type().name()?;
         return Err(PyTypeError::new_err(format!("a scene holds no {kind}")));
     })
+}
+
+/// The dictionary of what is an object in the command line's JSON, with its keys; what is null there is left out.
+pub fn serialized<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let table =
+        Table::try_from(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+    to_python(py, &Value::Table(table))
 }
 
 pub fn to_python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {

@@ -1,12 +1,13 @@
 //! Hits, walks, sweeps, grids and the linear boundary. Each returns plain values; `zwidth/results.py` gives them names.
 
-use std::sync::atomic::Ordering::Relaxed;
+use std::{ops::RangeInclusive, sync::atomic::Ordering::Relaxed};
 
 use numpy::{IntoPyArray as _, PyArray1};
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_loop::{
     engine::{Depth, Engine, stream},
     error::Error,
+    range::within,
     simulation::{
         prepared::{HitError, Numeric},
         trace::Trace,
@@ -51,6 +52,12 @@ pub fn engine_of(name: &str) -> PyResult<Engine> {
         "lanes" => Ok(Engine::lanes()),
         _ => Err(PyValueError::new_err(format!("engine is {name:?}, allowed core, lanes"))),
     }
+}
+
+/// Refuses a count that the command line would refuse.
+pub fn in_range(name: &str, value: u32, range: RangeInclusive<u32>) -> PyResult<()> {
+    let range = f64::from(*range.start())..=f64::from(*range.end());
+    within(name, f64::from(value), range).map_err(PyValueError::new_err)
 }
 
 /// One hit on a wall.
@@ -168,9 +175,7 @@ pub fn sweep<'py>(
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (scene, engine, numeric) = (&scene.0, engine_of(engine)?, numeric_of(numeric)?);
-    if !(1..=1000).contains(&repeat) {
-        return Err(PyValueError::new_err(format!("repeat is {repeat}, allowed 1 to 1000")));
-    }
+    in_range("repeat", repeat, 1..=1000)?;
     let has_cutoff = scene.scene.velocity.has_cutoff();
     let cutoffs_hz = match cutoffs {
         Some(_) if !has_cutoff => return Err(raised(asked::no_cutoff(scene))),

@@ -2,20 +2,16 @@
 
 use std::{path::Path, sync::atomic::Ordering::Relaxed};
 
-use numpy::IntoPyArray as _;
 use pyo3::{
     exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
     types::PyDict,
 };
 use sim_loop::error::Error;
-use sim_studies::study::planned::{
-    Study, StudyFile,
-    table::{Cell, Kind},
-    unit::How,
-};
+use sim_studies::study::planned::{Study, StudyFile, unit::How};
 
 use crate::{
+    columns::columns,
     scene::of_python,
     studies::{engine_of, numeric_of},
     work::{raised, run},
@@ -58,42 +54,9 @@ pub fn study<'py>(
         }
         Ok((rows, hits))
     })?;
-    let columns = PyDict::new(py);
     let first = study.blocks.first();
     let first = first.ok_or_else(|| PyRuntimeError::new_err("a study has no scene"))?;
-    for (n, column) in study.columns(first).into_iter().enumerate() {
-        let cells = rows.iter().map(|row| &row[n]);
-        match column.kind {
-            Kind::Number => {
-                let number =
-                    |cell: &Cell| if let Cell::Number(value) = cell { *value } else { f64::NAN };
-                columns.set_item(
-                    column.name,
-                    cells.map(number).collect::<Vec<f64>>().into_pyarray(py),
-                )?;
-            }
-            Kind::Whole => {
-                let whole = |cell: &Cell| if let Cell::Whole(value) = cell { *value } else { 0 };
-                columns.set_item(
-                    column.name,
-                    cells.map(whole).collect::<Vec<u64>>().into_pyarray(py),
-                )?;
-            }
-            Kind::Flag => {
-                let flag = |cell: &Cell| matches!(cell, Cell::Flag(true));
-                columns.set_item(
-                    column.name,
-                    cells.map(flag).collect::<Vec<bool>>().into_pyarray(py),
-                )?;
-            }
-            Kind::Text => {
-                let text = |cell: &'_ Cell| {
-                    if let Cell::Text(text) = cell { text.to_string() } else { String::new() }
-                };
-                columns.set_item(column.name, cells.map(text).collect::<Vec<String>>())?;
-            }
-        }
-    }
+    let columns = columns(py, study.columns(first), &rows)?;
     let made = PyDict::new(py);
     made.set_item("measure", study.file.measure.name())?;
     made.set_item("points", study.points)?;

@@ -1,11 +1,14 @@
 """The command line beside which results are held."""
 
+import csv
 import json
+import math
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -15,6 +18,28 @@ Run = Callable[..., Any]
 def simulate(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = ["cargo", "run", "--quiet", "--release", "--package", "host-sim", "--", *map(str, arguments)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    """A CSV of the command line."""
+    with file.open() as text:
+        return list(csv.DictReader(text))
+
+
+def same(cell: str, value: Any) -> bool:
+    if isinstance(value, (bool, np.bool_)):
+        return cell == str(bool(value)).lower()
+    if isinstance(value, str):
+        return cell == value
+    return math.isnan(value) if cell == "" else float(cell) == float(value)
+
+
+def same_table(said: list[dict[str, str]], table: Mapping[str, Any]) -> None:
+    """A CSV and a result have the same columns and the same bits; the result's cannot be written."""
+    assert list(table) == list(said[0])
+    for name, column in table.items():
+        assert len(column) == len(said) and not column.flags.writeable
+        assert all(same(row[name], value) for row, value in zip(said, column, strict=True)), name
 
 
 @pytest.fixture(scope="session")

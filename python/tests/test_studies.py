@@ -1,6 +1,5 @@
 """Results beside those of the command line: the same bits."""
 
-import csv
 import math
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 import zwidth
-from conftest import Run, simulate
+from conftest import Run, rows, simulate
 
 SHORT = {"wall_hit.settle_s": 0.6, "wall_hit.window_s": 0.4}
 
@@ -22,11 +21,6 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[zwidth.Scene, Path]
     file = tmp_path_factory.mktemp("scene") / "scene.toml"
     file.write_text(scene.to_toml())
     return scene, file
-
-
-def rows(file: Path) -> list[dict[str, str]]:
-    with file.open() as text:
-        return list(csv.DictReader(text))
 
 
 @pytest.mark.parametrize("numeric", ["fixed", "f64", "f64-rounded"])

@@ -1,7 +1,5 @@
 """Studies beside those of the command line: the same values."""
 
-import csv
-import math
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 
 import zwidth
-from conftest import Run, simulate
+from conftest import Run, rows, same_table, simulate
 
 COMMON: dict[str, Any] = {
     "scenes": ["paper-2um"],
@@ -50,14 +48,6 @@ def keys(measure: dict[str, Any]) -> dict[str, Any]:
     return asked
 
 
-def same(cell: str, value: Any) -> bool:
-    if isinstance(value, (bool, np.bool_)):
-        return cell == str(bool(value)).lower()
-    if isinstance(value, str):
-        return cell == value
-    return math.isnan(value) if cell == "" else float(cell) == float(value)
-
-
 @pytest.mark.parametrize("measure", MEASURES)
 def test_a_study(tmp_path: Path, measure: dict[str, Any]) -> None:
     asked = keys(measure)
@@ -67,22 +57,15 @@ def test_a_study(tmp_path: Path, measure: dict[str, Any]) -> None:
     made = zwidth.study(file, progress=lambda done, total: calls.append((done, total)))
     ran = simulate("study", file, "--out", tmp_path / "out")
     assert ran.returncode == 0, ran.stderr
-    rows = []
     parts = sorted((tmp_path / "out").glob("part-*.csv"))
-    for part in parts:
-        with part.open() as text:
-            rows += list(csv.DictReader(text))
+    said = [row for part in parts for row in rows(part)]
     assert (len(parts), calls[-1]) == (made.units, (made.units, made.units))
-    assert list(made.table) == list(rows[0])
-    for name, column in made.table.items():
-        assert len(column) == len(rows)
-        assert all(same(row[name], value) for row, value in zip(rows, column, strict=True)), name
-        assert not column.flags.writeable
+    same_table(said, made.table)
     for other in (zwidth.study(asked, engine="core", threads=1), zwidth.study(str(file), threads=2)):
         assert (other.hits, other.points) == (made.hits, made.points)
         for name, column in other.table.items():
             np.testing.assert_array_equal(column, made.table[name])
-    assert made.to_pandas().shape == (len(rows), len(made.table))
+    assert made.to_pandas().shape == (len(said), len(made.table))
     assert made.to_arrow().column_names == list(made.table)
 
 

@@ -15,18 +15,26 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the backgro
 scene = zwidth.Scene.load("paper-1um")
 print("begins", flush=True)
 try:
-    zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=[2000 + n for n in range(200_000)])
+    {work}
 except KeyboardInterrupt:
     print("interrupted", flush=True)
     sys.exit(7)
 """
 
 
+WORK = (
+    "zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=[2000 + n for n in range(200_000)])",
+    "zwidth.compare(scene)",
+)
+
+
+@pytest.mark.parametrize("work", WORK)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_ctrl_c_ends_work_soon() -> None:
+def test_ctrl_c_ends_work_soon(work: str) -> None:
     import signal
 
-    with subprocess.Popen([sys.executable, "-c", LONG], stdout=subprocess.PIPE, text=True) as child:
+    code = LONG.format(work=work)
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "begins\n"
         time.sleep(1.0)

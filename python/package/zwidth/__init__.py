@@ -15,8 +15,9 @@ Examples
 from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
 from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
+from .compared import Comparison, Winner, compare
 from .estimator import Estimator
-from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Trace, Walk
+from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
 from .studies import grid, hit, linear, study, sweep, walk
 from .telemetry import Outputs, Recording, Samples, Telemetry
@@ -30,6 +31,7 @@ __all__ = [
     "BoardSelfTest",
     "BoardStatus",
     "BoardWalk",
+    "Comparison",
     "Estimator",
     "Grid",
     "Hit",
@@ -40,10 +42,13 @@ __all__ = [
     "Scene",
     "Study",
     "Sweep",
+    "Table",
     "Telemetry",
     "Trace",
     "Walk",
+    "Winner",
     "__version__",
+    "compare",
     "grid",
     "hit",
     "linear",

@@ -14,6 +14,7 @@ __all__ = [
     "Estimator",
     "Scene",
     "__version__",
+    "compare",
     "decode",
     "grid",
     "hit",
@@ -105,6 +106,16 @@ def linear(
     dampings: list[float],
     multirate: bool,
     passivity: bool,
+) -> dict[str, Any]: ...
+def compare(
+    scene: Scene,
+    estimators: list[str] | None,
+    damping: float | None,
+    budget: int,
+    repeat: int,
+    engine: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
 def study(
     study: str | dict[str, Any],

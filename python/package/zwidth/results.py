@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
 
-__all__ = ["VERDICTS", "Grid", "Hit", "Linear", "Study", "Sweep", "Trace", "Walk"]
+__all__ = ["VERDICTS", "Grid", "Hit", "Linear", "Study", "Sweep", "Table", "Trace", "Walk"]
 
 #: Names of the codes in :attr:`Grid.verdict`.
 VERDICTS = ("stable", "unstable", "no_contact", "out_of_range")
@@ -40,6 +40,41 @@ class _Table:
         import pandas
 
         return pandas.DataFrame(self.columns())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Table(Mapping[str, NDArray[Any]], _Table):
+    """Arrays by the names of their columns, in the order of the command line's CSV.
+
+    A number that there is not is NaN, such a text is empty.
+    """
+
+    _arrays: Mapping[str, NDArray[Any]]
+
+    def __post_init__(self) -> None:
+        def array(values: Any) -> NDArray[Any]:
+            made: NDArray[Any] = np.array(values, dtype=np.str_) if isinstance(values, list) else np.asarray(values)
+            made.flags.writeable = False
+            return made
+
+        arrays = {name: array(values) for name, values in self._arrays.items()}
+        object.__setattr__(self, "_arrays", MappingProxyType(arrays))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._arrays[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def __repr__(self) -> str:
+        rows = len(next(iter(self._arrays.values()), ()))
+        return f"Table({rows} rows of {', '.join(self._arrays)})"
+
+    def columns(self) -> dict[str, Any]:
+        return dict(self._arrays)
 
 
 class _Frozen:
@@ -327,21 +362,15 @@ class Study(_Table):
         ``walk``, ``hit`` or ``sweep``.
     points, units, hits : int
         How many.
-    table : mapping of str to ndarray
-        The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order; a
-        number that there is not is NaN.
+    table : Table
+        The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order.
     """
 
     measure: str
     points: int
     units: int
     hits: int
-    table: Mapping[str, NDArray[Any]]
-
-    def __post_init__(self) -> None:
-        for column in self.table.values():
-            column.flags.writeable = False
-        object.__setattr__(self, "table", MappingProxyType(dict(self.table)))
+    table: Table
 
     def columns(self) -> dict[str, Any]:
-        return dict(self.table)
+        return self.table.columns()

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from . import _native
-from .results import Grid, Hit, Linear, Study, Sweep, Trace, Walk
+from .results import Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
 
 __all__ = ["grid", "hit", "linear", "study", "sweep", "walk"]
@@ -254,5 +254,4 @@ def study(
     """
     asked = dict(study) if isinstance(study, Mapping) else fspath(study)
     made = _native.study(asked, engine, numeric, threads, progress)
-    table = {name: np.asarray(values) for name, values in made.pop("columns").items()}
-    return Study(table=table, **made)
+    return Study(table=Table(made.pop("columns")), **made)

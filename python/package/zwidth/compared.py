@@ -1,0 +1,149 @@
+"""Estimators beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from . import _native
+from .results import Table, _Table
+from .scene import Scene
+from .studies import Engine, Progress
+
+__all__ = ["Comparison", "Winner", "compare"]
+
+
+@dataclass(frozen=True)
+class Winner:
+    """Who is best by a criterion, among the estimators that look at the same.
+
+    Attributes
+    ----------
+    criterion : str
+        The criterion, a column of :attr:`Comparison.table`.
+    looks_at : str
+        ``position_only`` or ``more_than_position``.
+    best, not_told_apart : tuple of str
+        The estimators with the best mean, and those that the repeats cannot tell apart from it.
+    value : float
+        Its value, in the unit of the column.
+    butterworth_rank : int or None
+        1 and how many are shown to be better than finite difference and Butterworth; None if that is not among them.
+    """
+
+    criterion: str
+    looks_at: str
+    best: tuple[str, ...]
+    not_told_apart: tuple[str, ...]
+    value: float
+    butterworth_rank: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(_Table):
+    """Estimators, each tuned by the same search.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    table : Table
+        One row for each estimator, with the columns of the command line's ``compare.csv``.
+    tunings, boundaries, fidelity : Table
+        Those of ``tuning.csv`` (what the searches tried), ``boundary.csv`` (every point of every walk at their results)
+        and ``fidelity.csv`` (impedance errors by wall and frequency).
+    stiffness_n_per_m, damping_n_s_per_m : float
+        The wall at which force is compared; K is read off each boundary at its B.
+    walls : Table
+        The three walls at which the impedance is: ``stiffness_n_per_m``, ``damping_n_s_per_m``.
+    true_velocity_area_n2_s_per_m2 : float
+        Mean area of the true velocity in place of an estimate.
+    impedance_error_of_loop : float
+        Impedance error of hold and latency alone, with the true velocity.
+    winners : tuple of Winner
+        The best by each criterion.
+    notes : tuple of str
+        What a reader must know beside the numbers.
+    """
+
+    scene: str
+    table: Table
+    tunings: Table
+    boundaries: Table
+    fidelity: Table
+    stiffness_n_per_m: float
+    damping_n_s_per_m: float
+    walls: Table
+    true_velocity_area_n2_s_per_m2: float
+    impedance_error_of_loop: float
+    winners: tuple[Winner, ...]
+    notes: tuple[str, ...]
+
+    def columns(self) -> dict[str, Any]:
+        return self.table.columns()
+
+
+def compare(
+    scene: Scene,
+    *,
+    estimators: Iterable[str] | None = None,
+    damping: float | None = None,
+    budget: int = 24,
+    repeat: int = 4,
+    engine: Engine = "lanes",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Tune estimators by the same search and compare them.
+
+    Limit, criterion, push, arm, latency and output period are the scene's: :meth:`Scene.replace` sets others.
+
+    Parameters
+    ----------
+    scene : Scene
+        Device and experiment; its own estimator does not matter.
+    estimators : iterable of str, optional
+        Their names; by default the usual ones that the scene can feed.
+    damping : float, optional
+        B at which K is read off and contacts are compared, N s/m; by default 100, or half of the largest B that finite
+        difference and Butterworth reaches, if that is less.
+    budget : int
+        Tunings that the search may try for an estimator with one parameter, 3 to 1000; with two four times as many.
+    repeat : int
+        Walks at the result of each search, from starts that are spread over a count.
+    engine, threads
+        As in :func:`walk`.
+    progress : callable, optional
+        Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+
+    Raises
+    ------
+    ValueError
+        Something is out of range, an estimator is unknown or the scene cannot feed it, or the handle does not reach the
+        wall.
+    """
+    named = None if estimators is None else list(estimators)
+    made = _native.compare(scene._native, named, damping, budget, repeat, engine, threads, progress)
+    return Comparison(
+        scene=scene.name,
+        table=Table(made.pop("table")),
+        tunings=Table(made.pop("tunings")),
+        boundaries=Table(made.pop("boundaries")),
+        fidelity=Table(made.pop("fidelity")),
+        walls=Table(made.pop("walls")),
+        winners=tuple(_winner(one) for one in made.pop("winners")),
+        notes=tuple(made.pop("notes")),
+        **made,
+    )
+
+
+def _winner(told: dict[str, Any]) -> Winner:
+    return Winner(
+        criterion=told["criterion"],
+        looks_at=told["class"],
+        best=tuple(told["best"]),
+        not_told_apart=tuple(told["not_told_apart"]),
+        value=told["value"],
+        butterworth_rank=told.get("butterworth_rank"),
+    )
