@@ -1,39 +1,23 @@
 //! `identify`: the parameters of a device from recorded voltage and position.
 
-mod json;
 mod plan;
-mod rotary;
 mod told;
 
-use std::{
-    f64::consts::TAU,
-    fmt::Write as _,
-    path::{Path, PathBuf},
-};
+use std::{fmt::Write as _, path::PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use self::json::Json;
 use super::Common;
 use crate::{
-    analysis::identify::{self, Gain, Identification, Options, OutputScale, Record, Span, Terms},
-    error::{Error, printable},
-    input,
-    numerics::integrator::Integrator,
-    output::{in_units::InUnits, table::Kind, terminal::print_result},
-    range::within,
-    scene::{
-        NamedScene, Scene, Units,
-        element::{Amplifier, EncoderError, Friction, Offset},
-        ranges,
+    analysis::identify::{
+        self, Asked, GainAsked, Identification, Json, Made, Options, Record, Span, Terms,
     },
+    error::{Error, printable},
+    interrupt,
+    output::{in_units::InUnits, table::Kind, terminal::print_result},
+    scene::{NamedScene, Units},
 };
-
-/// Allowed `--encoder-cycle`, m, as in a scene.
-const CYCLE_M: std::ops::RangeInclusive<f64> = 1e-8..=1.0;
-/// Allowed `--resolution` beside 0, m, as in a scene.
-const RESOLUTION_M: std::ops::RangeInclusive<f64> = 1e-8..=1e-3;
 
 /// Identifies mass, damping, stiffness and rest position of a device from recorded voltage and position (paper,
 /// section 2.2.2), with 95 % intervals; --out SCENE.toml writes them into a scene. One record cannot tell them from
@@ -166,32 +150,33 @@ struct GainArgs {
 }
 
 impl GainArgs {
-    /// Of a rotary base scene it is told in N m/V, and is the scene's own where nothing says it.
-    fn source(&self, base: &Scene) -> Result<Gain, Error> {
+    fn asked(&self) -> GainAsked {
         let Self { gain, torque_constant, amplifier_gain, drum_radius, .. } = *self;
         let Self { calibration_mass, calibration_voltage, added_mass, .. } = *self;
-        if let Some(gain) = gain {
-            let (_, per_told) = base.units.written("N/V");
-            return Ok(Gain::Given(gain / per_told));
+        GainAsked {
+            gain,
+            torque_constant,
+            amplifier_gain,
+            drum_radius,
+            calibration_mass,
+            calibration_voltage,
+            added_mass,
         }
-        if let (Some(torque_constant_n_m_per_a), Some(amplifier_a_per_v), Some(drum_radius_m)) =
-            (torque_constant, amplifier_gain, drum_radius)
-        {
-            return Ok(Gain::Motor { torque_constant_n_m_per_a, amplifier_a_per_v, drum_radius_m });
+    }
+}
+
+impl IdentifyArgs {
+    fn asked(&self) -> Asked {
+        Asked {
+            latency: self.latency,
+            fit_latency: self.fit_latency,
+            spring: !self.no_spring,
+            terms: self.terms.terms(),
+            rest_position: self.rest_position,
+            encoder_cycle: self.encoder_cycle,
+            resolution: self.resolution,
+            span: Span { from_s: self.from, to_s: self.to },
         }
-        if let (Some(mass_kg), Some(voltage_v)) = (calibration_mass, calibration_voltage) {
-            return Ok(Gain::Weight { mass_kg, voltage_v });
-        }
-        let added = added_mass.map(|mass_kg| Gain::AddedMass { mass_kg });
-        let own = base.units.is_rotary().then_some(Gain::Given(base.actuator.gain_n_per_v));
-        added.or(own).ok_or_else(|| {
-            Error::Input(
-                "the force per volt is not given, and one record shows mass, damping and stiffness only in terms of it: \
-                 give --gain, or --torque-constant, --amplifier-gain and --drum-radius, or --calibration-mass and \
-                 --calibration-voltage, or a second record with --added-mass"
-                    .into(),
-            )
-        })
     }
 }
 
@@ -201,34 +186,22 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     }
     let base = NamedScene::load(&args.base)?;
     let units = base.scene.units;
-    let gain = args.gain.source(&base.scene)?;
+    let gain = args.gain.asked().source(&base.scene, units)?;
     let inputs = [&args.logs[..], &base.files].concat();
     let moments = Kind::Moments { rate_hz: base.scene.control.rate_hz };
     let mut outputs = common.outputs(&inputs)?;
     let out = outputs.option(common.out.as_ref())?;
     let file = outputs.table(args.csv.as_ref(), moments, Some(&base))?;
     let plot = outputs.figure(args.plot.as_ref())?;
-    let options = options(args, &base.scene, gain)?;
-    let records: Result<Vec<Record>, Error> =
-        args.logs.iter().map(|log| read(log, args, &base.scene, &options)).collect();
-    let records = records?;
-    let said = |text: &str| told::said(units, text);
-    let found = identify::identify(&records, &options);
-    let mut found = found.map_err(|error| Error::Input(said(&error)))?;
-    found.warnings.iter_mut().for_each(|warning| *warning = said(warning));
-    let scene = scene(&base.scene, &found, &options, args);
-    let (made, notes) = match units.is_rotary() {
-        true => {
-            rotary::tables(&base, &scene).map(|(tables, notes)| (Made::Rotary(tables), notes))?
-        }
-        false => (Made::Linear(&scene), vec![]),
-    };
+    let asked = args.asked();
+    let options = asked.options(&base.scene, gain, units)?;
+    let of_base = (&base, args.base.as_str());
+    let read = |log: &PathBuf| identify::read(log, of_base, &options, asked.span);
+    let records: Vec<Record> = args.logs.iter().map(read).collect::<Result<_, Error>>()?;
+    let found = identify::identify_in(units, &records, &options, interrupt::flag())?;
+    let made = Made::new(&base, &found, &options)?;
     if let Some(out) = out {
-        scene.check().map_err(|error| {
-            Error::Input(format!("{}: with the identified device {error}", args.base))
-        })?;
-        let text = scene_text(&made, &notes, &found, &options, &records, units)?;
-        NamedScene::parse("identified".into(), text.clone(), &args.base)?;
+        let text = scene_text(&made, &args.base, &found, &options, &records, units)?;
         outputs.write(out, text.as_bytes())?;
     }
     if let Some(file) = file {
@@ -239,131 +212,11 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     }
     outputs.commit()?;
     let json =
-        WithScene { rest: InUnits(units, Json::new(&records, &found, &options)), scene: made };
+        WithScene { rest: InUnits(units, Json::new(&records, &found, &options)), scene: &made };
     print_result(common.json, json, || {
-        let notes = notes.iter().map(|note| format!("\nwarning: {note}"));
+        let notes = made.notes.iter().map(|note| format!("\nwarning: {note}"));
         told::table(&records, &found, &options, units) + &notes.collect::<String>()
     })
-}
-
-fn options(args: &IdentifyArgs, scene: &Scene, gain: Gain) -> Result<Options, Error> {
-    let mut options = Options::of_scene(scene, gain);
-    options.fit_latency = args.fit_latency;
-    options.spring = !args.no_spring;
-    options.terms = args.terms.terms();
-    // What was typed is m, or of a rotary base scene rad.
-    let per_m = scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
-    let unit = if scene.units.is_rotary() { "rad" } else { "m" };
-    let in_range = |option: &str, typed: f64, range, unit: &str| {
-        within(option, typed, range).map_err(|error| Error::Input(format!("{error} {unit}")))
-    };
-    let length = |option: &str, typed: f64, range: std::ops::RangeInclusive<f64>| {
-        let [low, high] = [range.start(), range.end()].map(|end| end * per_m);
-        in_range(option, typed, low..=high, unit).map(|()| typed / per_m)
-    };
-    if let Some(rest) = args.rest_position {
-        options.rest_position_m = Some(length("--rest-position", rest, ranges::POSITION_M)?);
-    }
-    if let Some(cycle) = args.encoder_cycle {
-        options.cycle_m = Some(length("--encoder-cycle", cycle, CYCLE_M)?);
-    }
-    if let Some(latency) = args.latency {
-        in_range("--latency", latency, ranges::LATENCY, "samples")?;
-        options.latency_s = latency / scene.control.rate_hz;
-    }
-    if let Some(resolution) = args.resolution {
-        options.resolution_m = match resolution {
-            0.0 => 0.0,
-            typed => length("--resolution", typed, RESOLUTION_M)?,
-        };
-    }
-    for (option, time_s) in [("--from", args.from), ("--to", args.to)] {
-        in_range(option, time_s.unwrap_or(0.0), -1e9..=1e9, "s")?;
-    }
-    // Refuses it before any record is read.
-    options.gain.known_n_per_v().map_err(|error| Error::Input(scene.units.text(&error)))?;
-    Ok(options)
-}
-
-/// A record from a file of any of the accepted forms.
-fn read(
-    path: &Path,
-    args: &IdentifyArgs,
-    scene: &Scene,
-    options: &Options,
-) -> Result<Record, Error> {
-    let name = path.display().to_string();
-    let bytes = input::read(path, input::RECORD)?;
-    let span = Span { from_s: args.from, to_s: args.to };
-    let scale = OutputScale::of_scene(scene, options.resolution_m)
-        .map_err(|error| Error::Input(error).of(&args.base))?;
-    let telemetry = |header: &str| header.contains("position_counts");
-    let record = match std::str::from_utf8(&bytes) {
-        Ok(text) if text.lines().next().is_some_and(telemetry) => {
-            identify::from_capture_csv(&name, text, &scale, span)
-        }
-        Ok(text) if scene.units.is_rotary() => {
-            Record::from_rotary_csv(&name, text, span, scene.units.radius_m())
-        }
-        Ok(text) => Record::from_csv(&name, text, span),
-        Err(_) => identify::from_capture(&name, &bytes, &scale, span),
-    };
-    record.map_err(|error| Error::Input(error).of(&name))
-}
-
-/// The base scene with what was identified.
-fn scene(base: &Scene, found: &Identification, options: &Options, args: &IdentifyArgs) -> Scene {
-    let mut scene = base.clone();
-    scene.device.mass_kg = found.mass_kg.value;
-    scene.device.damping_n_s_per_m = found.damping_n_s_per_m.value.max(0.0);
-    scene.device.stiffness_n_per_m = 0.0;
-    if let Some(spring) = &found.spring {
-        scene.device.stiffness_n_per_m = spring.stiffness_n_per_m.value;
-        scene.device.rest_position_m = spring.rest_position_m.value;
-    }
-    scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
-    // A latency that was said belongs to the log (0 for a voltage measured at the motor); the loop's
-    // is another, and a shorter one would promise walls that the device cannot render.
-    if args.fit_latency {
-        scene.actuator.latency = (found.latency_s.value * scene.control.rate_hz).max(0.0);
-    }
-    if options.resolution_m > 0.0 {
-        scene.encoder.resolution_m = options.resolution_m;
-    }
-    with_terms(scene, &found.terms)
-}
-
-/// The terms as elements of the scene. What only an integrator can do gets one, with as few steps as it takes.
-fn with_terms(mut scene: Scene, terms: &identify::Found) -> Scene {
-    if let Some(friction) = terms.friction_n {
-        let coulomb_n = friction.value;
-        // Static friction and the fall between the two are not in a record of a moving handle.
-        scene.friction =
-            Some(Friction { coulomb_n, static_n: coulomb_n, stribeck_speed_m_per_s: 1e-3 });
-        if scene.integrator.is_none() {
-            let steps = (0..=12).map(|n| Integrator::Rk4 { steps_per_sample: 1 << n });
-            let mut scenes = steps.map(|steps| Scene { integrator: Some(steps), ..scene.clone() });
-            let found = scenes.find(|scene| scene.check().is_ok());
-            scene.integrator = found
-                .and_then(|scene| scene.integrator)
-                .or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
-        }
-    }
-    if let Some(lag) = terms.lag_s {
-        scene.amplifier = Some(Amplifier { bandwidth_hz: 1.0 / (TAU * lag.value) });
-    }
-    if let Some(offset) = terms.offset_n {
-        scene.offset = Some(Offset { force_n: offset.value });
-    }
-    if let Some(phase) = &terms.phase {
-        scene.encoder_error = Some(EncoderError {
-            cycle_m: phase.cycle_m.value,
-            first_m: phase.first_m.value,
-            second_m: phase.second_m.value.max(0.0),
-            phase_rad: phase.phase_rad.value,
-        });
-    }
-    scene
 }
 
 /// The result with the scene that it makes, in the units and keys of that scene's own file.
@@ -371,32 +224,23 @@ fn with_terms(mut scene: Scene, terms: &identify::Found) -> Scene {
 struct WithScene<'a> {
     #[serde(flatten)]
     rest: InUnits<Json<'a>>,
-    scene: Made<'a>,
-}
-
-/// The scene that it makes.
-#[derive(Serialize)]
-#[serde(untagged)]
-enum Made<'a> {
-    Linear(&'a Scene),
-    Rotary(toml::Table),
+    scene: &'a Made,
 }
 
 fn scene_text(
-    made: &Made<'_>,
-    notes: &[String],
+    made: &Made,
+    base_name: &str,
     found: &Identification,
     options: &Options,
     records: &[Record],
     units: Units,
 ) -> Result<String, Error> {
-    let tables = toml::to_string(made)
-        .map_err(|error| Error::Internal(format!("cannot write the scene: {error}")))?;
+    let tables = made.named(base_name)?.text;
     let mut text = format!("# Identified by `cargo sim identify` from {}.\n", of_records(records));
     for row in told::rows(found, options, units) {
         let _ = writeln!(text, "# {}", row.text());
     }
-    for warning in found.warnings.iter().chain(notes) {
+    for warning in found.warnings.iter().chain(&made.notes) {
         let _ = writeln!(text, "# Warning: {warning}.");
     }
     Ok(format!("{text}\n{tables}"))

@@ -13,25 +13,6 @@ use crate::{
     scene::Units,
 };
 
-/// What a rotary record's columns and options are called, where a text names those of a linear one.
-const NAMES: [(&str, &str); 4] = [
-    ("position_m is in m: are these mm?", "position_rad is in rad: are these degrees?"),
-    ("position_m in m", "position_rad in rad"),
-    ("--resolution in m", "--resolution in rad"),
-    ("--gain in N/V", "--gain in N m/V"),
-];
-
-/// An error or a warning of the analysis, in the units of the base scene.
-pub(super) fn said(units: Units, text: &str) -> String {
-    let said = units.text(text);
-    match units {
-        Units::Linear => said,
-        Units::Rotary { .. } => {
-            NAMES.iter().fold(said, |said, (linear, rotary)| said.replace(linear, rotary))
-        }
-    }
-}
-
 /// A parameter as a reader sees it.
 pub(super) struct Row {
     name: &'static str,
@@ -93,15 +74,8 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
 /// Voltage, measured and modelled position of a record.
 pub(super) fn csv(record: &Record, found: &Identification, units: Units) -> String {
     let mut text = String::from("time_s,voltage_v,position_m,model_m,residual_m\n");
-    let fit = &found.fits[0];
-    for (index, (model_m, residual_m)) in fit.model_m.iter().zip(&fit.residual_m).enumerate() {
-        let row = fit.first + index;
-        let (volts, position_m) = (record.voltage_v[row], record.position_m[row]);
-        let _ = writeln!(
-            text,
-            "{:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}",
-            record.time_s(row)
-        );
+    for [time_s, volts, position_m, model_m, residual_m] in found.fits[0].rows(record) {
+        let _ = writeln!(text, "{time_s:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}");
     }
     in_units::csv(units, text)
 }

@@ -11,7 +11,10 @@
 //! 2. From the residual as it is, whatever its colour: Newey and West, Econometrica 55 (1987) 703, with the
 //!    bandwidth of Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
 
-use std::f64::consts::{PI, TAU};
+use std::{
+    f64::consts::{PI, TAU},
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
+};
 
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF as _, Normal, StudentsT};
@@ -26,6 +29,7 @@ use super::{
     },
     residual::{HARMONICS, Piece, Residual, Weighed},
 };
+use crate::interrupt;
 
 /// Probability that an interval holds the true value.
 pub const CONFIDENCE: f64 = 0.95;
@@ -95,11 +99,12 @@ pub(super) fn standard_error(estimate: &Estimate) -> f64 {
 /// The estimates of a solution.
 ///
 /// # Errors
-/// The record cannot tell parameters apart: which.
+/// The record cannot tell parameters apart: which. Or `stop` was set.
 pub(super) fn estimates(
     solution: &Solution,
     layout: &Layout,
     weighed: &Weighed,
+    stop: &AtomicBool,
 ) -> Result<Estimates, String> {
     let (pieces, residual) = (&weighed.pieces()[..], &weighed.found);
     let influence = influence(solution, layout, weighed.unit_m)?;
@@ -113,9 +118,11 @@ pub(super) fn estimates(
     let mut widening: f64 = 1.0;
     let mut half_widths = vec![];
     for column in influence.column_iter() {
+        interrupt::unless(stop).map_err(|error| error.to_string())?;
         let column: Vec<f64> = column.iter().copied().collect();
         let white = variance * column.iter().map(|q| q * q).sum::<f64>();
-        let larger = modelled(&column, pieces, residual, variance).max(robust(&column, pieces));
+        let larger =
+            modelled(&column, pieces, residual, variance).max(robust(&column, pieces, stop));
         let stated = larger.max(white);
         widening = widening.max((stated / white).sqrt());
         half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
@@ -275,20 +282,20 @@ fn modelled(column: &[f64], pieces: &[Piece<'_>], residual: &Residual, variance:
 }
 
 /// Variance of the estimate from the residual itself, with its correlation in time.
-fn robust(column: &[f64], pieces: &[Piece<'_>]) -> f64 {
+fn robust(column: &[f64], pieces: &[Piece<'_>], stop: &AtomicBool) -> f64 {
     let mut total = 0.0;
     let mut rest = column;
     for piece in pieces {
         let (own, others) = rest.split_at(piece.residual.len());
         rest = others;
         let scores: Vec<f64> = own.iter().zip(piece.residual).map(|(q, r)| q * r).collect();
-        total += long_run(&scores);
+        total += long_run(&scores, stop);
     }
     total
 }
 
-/// Newey-West variance of the sum of `scores`.
-fn long_run(scores: &[f64]) -> f64 {
+/// Newey-West variance of the sum of `scores`; any value once `stop` is set.
+fn long_run(scores: &[f64], stop: &AtomicBool) -> f64 {
     let lagged = |lag: usize| -> f64 {
         scores.iter().zip(scores.iter().skip(lag)).map(|(a, b)| a * b).sum()
     };
@@ -306,7 +313,8 @@ fn long_run(scores: &[f64]) -> f64 {
         reason = "a tenth of the rows"
     )]
     let lags = bandwidth.floor() as usize;
-    let weighted = (1..=lags).map(|lag| (1.0 - lag as f64 / (bandwidth + 1.0)) * lagged(lag));
+    let lags = (1..=lags).take_while(|_| !stop.load(Relaxed));
+    let weighted = lags.map(|lag| (1.0 - lag as f64 / (bandwidth + 1.0)) * lagged(lag));
     (power + 2.0 * weighted.sum::<f64>()).max(0.0)
 }
 
@@ -350,7 +358,7 @@ mod tests {
                     value
                 })
                 .collect();
-            mean += long_run(&scores) / 20_000.0 / 20.0;
+            mean += long_run(&scores, &AtomicBool::new(false)) / 20_000.0 / 20.0;
         }
         println!("long-run variance {mean:.1}, theory 100");
         assert!((85.0..110.0).contains(&mean));

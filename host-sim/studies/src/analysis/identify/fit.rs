@@ -4,7 +4,10 @@
 //! of [`super::terms`]; then position and speed of each record at its first fitted row. Residual and model are in
 //! metres. Without friction, lag and encoder error the derivatives are exact, else differences of the exact motion.
 
-use std::f64::consts::TAU;
+use std::{
+    f64::consts::TAU,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
+};
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
@@ -44,11 +47,17 @@ pub(super) struct Fitted<'a> {
     pub first: usize,
     /// Mass that was added to the device, kg.
     pub added_kg: f64,
+    /// Set once the search shall end.
+    pub stop: &'a AtomicBool,
 }
 
 impl Fitted<'_> {
     pub(super) fn rows(&self) -> usize {
         self.record.len() - self.first
+    }
+
+    pub(super) fn is_stopped(&self) -> bool {
+        self.stop.load(Relaxed)
     }
 }
 
@@ -125,7 +134,7 @@ impl Problem<'_> {
         if terms.plain() {
             return Some(self.points(index)?.iter().map(|point| point.x).collect());
         }
-        self.sane(index)?;
+        self.sane(index).filter(|_| !self.records[index].is_stopped())?;
         let mut positions_m = motion::positions(record, *first, &self.motion(index));
         if terms.phase {
             self.add_error(&mut positions_m);
@@ -244,6 +253,9 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
+        if self.records.iter().any(Fitted::is_stopped) {
+            return None; // the solver then ends
+        }
         let mut residuals = Vec::with_capacity(self.rows());
         for (index, fitted) in self.records.iter().enumerate() {
             let Some(readings) = self.readings(index) else {

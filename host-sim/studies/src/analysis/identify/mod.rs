@@ -9,32 +9,39 @@
 //! half a count, which is taken out; what is left of it is in the intervals (`residual`). A record that cannot
 //! tell is refused with the reason. `docs/identification.md` is the page for users.
 
+mod asked;
 mod checks;
 mod confidence;
 mod cycle;
 mod fit;
 mod gain;
 mod guess;
+mod json;
 mod layout;
+mod made;
 mod missing;
 mod model;
 mod motion;
 mod plan;
 mod record;
 mod residual;
+mod rotary;
 mod search;
 mod telemetry;
 mod terms;
 
+pub use asked::{Asked, GainAsked, identify_in, read};
 pub use confidence::{CONFIDENCE, Estimate};
 pub use gain::Gain;
+pub use json::Json;
+pub use made::Made;
 pub use plan::{Plan, Pulse, plan};
 pub use record::{FEWEST_ROWS, Record, Span};
 pub use residual::Residual;
 pub use telemetry::{OutputScale, from_capture, from_capture_csv};
 pub use terms::{FAMILY_P, Found, Phase, Term, Terms, Tested};
 
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, sync::atomic::AtomicBool};
 
 use nalgebra::DVector;
 
@@ -108,6 +115,17 @@ pub struct Fit {
     pub speed_m_per_s: f64,
 }
 
+impl Fit {
+    /// Time, voltage, measured and modelled position, and their difference, of each fitted row of its record.
+    pub fn rows(&self, record: &Record) -> impl Iterator<Item = [f64; 5]> {
+        let both = self.model_m.iter().zip(&self.residual_m);
+        (self.first..).zip(both).map(|(row, (model_m, residual_m))| {
+            let (volts, position_m) = (record.voltage_v[row], record.position_m[row]);
+            [record.time_s(row), volts, position_m, *model_m, *residual_m]
+        })
+    }
+}
+
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
@@ -150,6 +168,15 @@ pub struct Spring {
 /// # Errors
 /// One line: why the records do not tell.
 pub fn identify(records: &[Record], options: &Options) -> Result<Identification, String> {
+    identified(records, options, &AtomicBool::new(false))
+}
+
+/// It gives up soon once `stop` is set, with any result.
+fn identified(
+    records: &[Record],
+    options: &Options,
+    stop: &AtomicBool,
+) -> Result<Identification, String> {
     let added = match options.gain {
         Gain::AddedMass { mass_kg } if records.len() == 2 => [0.0, mass_kg].to_vec(),
         Gain::AddedMass { .. } => {
@@ -180,7 +207,7 @@ pub fn identify(records: &[Record], options: &Options) -> Result<Identification,
         let first = first_row(record, options).map_err(|error| of(record, &error))?;
         checks::before(record, first, options).map_err(|error| of(record, &error))?;
         let positions = record.position_m.iter().map(|x| x + half_count_m - reference_m);
-        fitted.push(Fitted { record, positions_m: positions.collect(), first, added_kg });
+        fitted.push(Fitted { record, positions_m: positions.collect(), first, added_kg, stop });
     }
     let values = first_values(&fitted, &layout, options)?;
     if options.terms.asks(Term::Offset) && options.spring && options.rest_position_m.is_none() {

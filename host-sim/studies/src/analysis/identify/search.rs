@@ -46,7 +46,7 @@ impl Model {
         cycles: f64,
     ) -> Result<Self, String> {
         let weighed = Weighed::new(records, &solution, options, layout.reference_m);
-        let estimates = confidence::estimates(&solution, &layout, &weighed)?;
+        let estimates = confidence::estimates(&solution, &layout, &weighed, records[0].stop)?;
         Ok(Self { layout, solution, weighed, estimates, cycles })
     }
 
@@ -200,6 +200,9 @@ impl Search<'_> {
         before: Option<&Model>,
         likely: bool,
     ) -> Option<Model> {
+        if self.records.iter().any(Fitted::is_stopped) {
+            return None;
+        }
         if term == Term::Phase {
             return self.with_phase(layout, before?, likely);
         }

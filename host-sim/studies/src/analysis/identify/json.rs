@@ -1,14 +1,12 @@
-//! The JSON object of `identify`.
+//! The JSON object of `identify`; a result in Python has the same keys.
 
 use serde::Serialize;
 
-use crate::analysis::identify::{
-    CONFIDENCE, Estimate, Found, Identification, Options, Record, Tested,
-};
+use super::{CONFIDENCE, Estimate, Found, Identification, Options, Record, Tested};
 
 /// All of it; docs/files.md has the keys.
 #[derive(Serialize)]
-pub(super) struct Json<'a> {
+pub struct Json<'a> {
     logs: Vec<&'a str>,
     rows: usize,
     step_s: f64,
@@ -115,7 +113,8 @@ struct ResidualJson {
 }
 
 impl<'a> Json<'a> {
-    pub(super) fn new(records: &'a [Record], found: &'a Identification, options: &Options) -> Self {
+    /// Of those records.
+    pub fn new(records: &'a [Record], found: &'a Identification, options: &Options) -> Self {
         let residual = &found.residual;
         let initial = records.iter().zip(&found.fits).map(|(record, fit)| Initial {
             time_s: record.time_s(fit.first),

@@ -1,0 +1,123 @@
+//! The scene that an identification makes of its base scene.
+
+use std::f64::consts::TAU;
+
+use serde::{Serialize, Serializer};
+use toml::Table;
+
+use super::{Found, Identification, Options, rotary};
+use crate::{
+    error::Error,
+    numerics::integrator::Integrator,
+    scene::{
+        NamedScene, Scene,
+        element::{Amplifier, EncoderError, Friction, Offset},
+    },
+};
+
+/// The base scene with what was identified.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// At the handle.
+    pub scene: Scene,
+    /// What a reader has to know.
+    pub notes: Vec<String>,
+    /// Of a rotary device: its own keys.
+    rotary: Option<Table>,
+}
+
+impl Made {
+    /// Of that base scene.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] only.
+    pub fn new(
+        base: &NamedScene,
+        found: &Identification,
+        options: &Options,
+    ) -> Result<Self, Error> {
+        let scene = scene(&base.scene, found, options);
+        if !base.scene.units.is_rotary() {
+            return Ok(Self { scene, notes: vec![], rotary: None });
+        }
+        let (tables, notes) = rotary::tables(base, &scene)?;
+        Ok(Self { scene, notes, rotary: Some(tables) })
+    }
+
+    /// As a scene, checked, with the text of its file.
+    ///
+    /// # Errors
+    /// The scene is not allowed, as `base_name` with the identified device.
+    pub fn named(&self, base_name: &str) -> Result<NamedScene, Error> {
+        self.scene.check().map_err(|error| {
+            Error::Input(format!("{base_name}: with the identified device {error}"))
+        })?;
+        let tables = toml::to_string(self)
+            .map_err(|error| Error::Internal(format!("cannot write the scene: {error}")))?;
+        NamedScene::parse("identified".into(), tables, base_name)
+    }
+}
+
+impl Serialize for Made {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match &self.rotary {
+            Some(tables) => tables.serialize(serializer),
+            None => self.scene.serialize(serializer),
+        }
+    }
+}
+
+/// At the handle.
+fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
+    let mut scene = base.clone();
+    scene.device.mass_kg = found.mass_kg.value;
+    scene.device.damping_n_s_per_m = found.damping_n_s_per_m.value.max(0.0);
+    scene.device.stiffness_n_per_m = 0.0;
+    if let Some(spring) = &found.spring {
+        scene.device.stiffness_n_per_m = spring.stiffness_n_per_m.value;
+        scene.device.rest_position_m = spring.rest_position_m.value;
+    }
+    scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
+    // A latency that was said belongs to the log (0 for a voltage measured at the motor); the loop's
+    // is another, and a shorter one would promise walls that the device cannot render.
+    if options.fit_latency {
+        scene.actuator.latency = (found.latency_s.value * scene.control.rate_hz).max(0.0);
+    }
+    if options.resolution_m > 0.0 {
+        scene.encoder.resolution_m = options.resolution_m;
+    }
+    with_terms(scene, &found.terms)
+}
+
+/// The terms as elements of the scene. What only an integrator can do gets one, with as few steps as it takes.
+fn with_terms(mut scene: Scene, terms: &Found) -> Scene {
+    if let Some(friction) = terms.friction_n {
+        let coulomb_n = friction.value;
+        // Static friction and the fall between the two are not in a record of a moving handle.
+        scene.friction =
+            Some(Friction { coulomb_n, static_n: coulomb_n, stribeck_speed_m_per_s: 1e-3 });
+        if scene.integrator.is_none() {
+            let steps = (0..=12).map(|n| Integrator::Rk4 { steps_per_sample: 1 << n });
+            let mut scenes = steps.map(|steps| Scene { integrator: Some(steps), ..scene.clone() });
+            let found = scenes.find(|scene| scene.check().is_ok());
+            scene.integrator = found
+                .and_then(|scene| scene.integrator)
+                .or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
+        }
+    }
+    if let Some(lag) = terms.lag_s {
+        scene.amplifier = Some(Amplifier { bandwidth_hz: 1.0 / (TAU * lag.value) });
+    }
+    if let Some(offset) = terms.offset_n {
+        scene.offset = Some(Offset { force_n: offset.value });
+    }
+    if let Some(phase) = &terms.phase {
+        scene.encoder_error = Some(EncoderError {
+            cycle_m: phase.cycle_m.value,
+            first_m: phase.first_m.value,
+            second_m: phase.second_m.value.max(0.0),
+            phase_rad: phase.phase_rad.value,
+        });
+    }
+    scene
+}
