@@ -4,6 +4,7 @@
 mod columns;
 mod compared;
 mod estimator;
+mod measured;
 mod scene;
 mod studies;
 mod study;
@@ -18,6 +19,7 @@ mod _native {
     use super::{
         compared::compare,
         estimator::{Estimator, velocity_table, with_estimator},
+        measured::identify,
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},
         study::study,

@@ -21,7 +21,8 @@ def test_doctests() -> None:
 
 
 @pytest.mark.parametrize("page", ["python/README.md", "docs/python.md"])
-def test_the_examples_of_pages_run(page: str) -> None:
+def test_the_examples_of_pages_run(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
     text = (ROOT / page).read_text()
     for example in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
         exec(compile(example, page, "exec"), {})

@@ -4,7 +4,9 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import zwidth
@@ -25,15 +27,31 @@ except KeyboardInterrupt:
 WORK = (
     "zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=[2000 + n for n in range(200_000)])",
     "zwidth.compare(scene)",
+    "zwidth.identify({log!r}, base=scene, gain=1.0, latency=0.0)",
 )
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A record of 50 s in two sines, which takes some seconds to identify."""
+    time_s = np.arange(500_000) * 1e-4
+    voltage_v, position_m = np.zeros(time_s.size), np.zeros(time_s.size)
+    for w in (6.0, 45.0):
+        voltage_v += np.sin(w * time_s)
+        impedance = 10.0 - 0.5 * w**2 + 5.0j * w
+        position_m += np.imag(np.exp(1j * w * time_s) / impedance)
+    file = tmp_path_factory.mktemp("log") / "log.csv"
+    columns = np.column_stack([time_s, voltage_v, np.floor(position_m / 1e-6) * 1e-6])
+    np.savetxt(file, columns, "%.7g", ",", header="time_s,voltage_v,position_m", comments="")
+    return file
 
 
 @pytest.mark.parametrize("work", WORK)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_ctrl_c_ends_work_soon(work: str) -> None:
+def test_ctrl_c_ends_work_soon(work: str, log: Path) -> None:
     import signal
 
-    code = LONG.format(work=work)
+    code = LONG.format(work=work.format(log=str(log)))
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "begins\n"

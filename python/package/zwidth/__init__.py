@@ -17,6 +17,7 @@ from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
 from .compared import Comparison, Winner, compare
 from .estimator import Estimator
+from .measured import EncoderTerm, Estimate, Identification, Residual, TermTest, identify
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
 from .studies import grid, hit, linear, study, sweep, walk
@@ -32,18 +33,23 @@ __all__ = [
     "BoardStatus",
     "BoardWalk",
     "Comparison",
+    "EncoderTerm",
+    "Estimate",
     "Estimator",
     "Grid",
     "Hit",
+    "Identification",
     "Linear",
     "Outputs",
     "Recording",
+    "Residual",
     "Samples",
     "Scene",
     "Study",
     "Sweep",
     "Table",
     "Telemetry",
+    "TermTest",
     "Trace",
     "Walk",
     "Winner",
@@ -51,6 +57,7 @@ __all__ = [
     "compare",
     "grid",
     "hit",
+    "identify",
     "linear",
     "study",
     "sweep",

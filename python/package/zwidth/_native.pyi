@@ -18,6 +18,7 @@ __all__ = [
     "decode",
     "grid",
     "hit",
+    "identify",
     "linear",
     "study",
     "sweep",
@@ -107,6 +108,7 @@ def linear(
     multirate: bool,
     passivity: bool,
 ) -> dict[str, Any]: ...
+def identify(logs: list[str], base: Scene, asked: dict[str, Any]) -> dict[str, Any]: ...
 def compare(
     scene: Scene,
     estimators: list[str] | None,

@@ -1,0 +1,183 @@
+//! What was measured on a device: records that identify it.
+
+use std::{path::PathBuf, sync::atomic::AtomicBool};
+
+use numpy::IntoPyArray as _;
+use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
+use sim_loop::{error::Error, scene::Units};
+use sim_studies::analysis::identify::{
+    self as records, Asked, GainAsked, Json, Made, Record, Span, Term, Terms,
+};
+
+use crate::{
+    scene::{Scene, serialized},
+    work::{Course, raised, run},
+};
+
+/// What the studies call an option of `identify`, and its argument here.
+const ARGUMENTS: [(&str, &str); 15] = [
+    ("--no-spring", "spring=False"),
+    ("--torque-constant", "torque_constant"),
+    ("--amplifier-gain", "amplifier_gain"),
+    ("--drum-radius", "drum_radius"),
+    ("--calibration-mass", "calibration_mass"),
+    ("--calibration-voltage", "calibration_voltage"),
+    ("--added-mass", "added_mass"),
+    ("--fit-latency", "fit_latency"),
+    ("--latency", "latency"),
+    ("--rest-position", "rest_position"),
+    ("--encoder-cycle", "encoder_cycle"),
+    ("--resolution", "resolution"),
+    ("--gain", "gain"),
+    ("--from", "from"),
+    ("--to", "to"),
+];
+
+/// A line of the studies with the names of arguments.
+fn with_arguments(line: &str) -> String {
+    ARGUMENTS.iter().fold(line.to_owned(), |line, (option, name)| line.replace(option, name))
+}
+
+/// The error with them.
+fn here(error: Error) -> Error {
+    match error {
+        Error::Input(line) => Error::Input(with_arguments(&line)),
+        other => other,
+    }
+}
+
+fn terms_of(names: &[String]) -> PyResult<Terms> {
+    match names {
+        [one] if one == "auto" => return Ok(Terms::Auto),
+        [one] if one == "none" => return Ok(Terms::NONE),
+        _ => {}
+    }
+    let all = Term::ALL.map(Term::name);
+    if let Some(other) = names.iter().find(|name| !all.contains(&name.as_str())) {
+        return Err(PyValueError::new_err(format!(
+            "terms has {other:?}, allowed auto or none alone, or some of {}",
+            all.join(", ")
+        )));
+    }
+    let has = |term: Term| names.iter().any(|name| name == term.name());
+    Ok(Terms::These {
+        friction: has(Term::Friction),
+        amplifier: has(Term::Amplifier),
+        offset: has(Term::Offset),
+        phase: has(Term::Phase),
+    })
+}
+
+/// What is asked of records, as `zwidth.identify` has it.
+#[derive(FromPyObject)]
+pub struct IdentifyAsked {
+    #[pyo3(item)]
+    gain: Option<f64>,
+    #[pyo3(item)]
+    torque_constant: Option<f64>,
+    #[pyo3(item)]
+    amplifier_gain: Option<f64>,
+    #[pyo3(item)]
+    drum_radius: Option<f64>,
+    #[pyo3(item)]
+    calibration_mass: Option<f64>,
+    #[pyo3(item)]
+    calibration_voltage: Option<f64>,
+    #[pyo3(item)]
+    added_mass: Option<f64>,
+    #[pyo3(item)]
+    latency: Option<f64>,
+    #[pyo3(item)]
+    fit_latency: bool,
+    #[pyo3(item)]
+    spring: bool,
+    #[pyo3(item)]
+    terms: Vec<String>,
+    #[pyo3(item)]
+    rest_position: Option<f64>,
+    #[pyo3(item)]
+    encoder_cycle: Option<f64>,
+    #[pyo3(item)]
+    resolution: Option<f64>,
+    #[pyo3(item)]
+    span: (Option<f64>, Option<f64>),
+}
+
+impl IdentifyAsked {
+    fn gain(&self) -> GainAsked {
+        GainAsked {
+            gain: self.gain,
+            torque_constant: self.torque_constant,
+            amplifier_gain: self.amplifier_gain,
+            drum_radius: self.drum_radius,
+            calibration_mass: self.calibration_mass,
+            calibration_voltage: self.calibration_voltage,
+            added_mass: self.added_mass,
+        }
+    }
+
+    fn asked(&self) -> PyResult<Asked> {
+        Ok(Asked {
+            latency: self.latency,
+            fit_latency: self.fit_latency,
+            spring: self.spring,
+            terms: terms_of(&self.terms)?,
+            rest_position: self.rest_position,
+            encoder_cycle: self.encoder_cycle,
+            resolution: self.resolution,
+            span: Span { from_s: self.span.0, to_s: self.span.1 },
+        })
+    }
+}
+
+/// The device of records.
+#[pyfunction]
+pub fn identify<'py>(
+    py: Python<'py>,
+    logs: Vec<PathBuf>,
+    base: &Scene,
+    asked: IdentifyAsked,
+) -> PyResult<Bound<'py, PyDict>> {
+    let base = &base.0;
+    if logs.is_empty() {
+        return Err(PyValueError::new_err("records is empty"));
+    }
+    // Lengths and forces are said at the handle, of a rotary scene too.
+    let gain = asked.gain().source(&base.scene, Units::Linear);
+    let gain = gain.map_err(|error| raised(here(error)))?;
+    let asked = asked.asked()?;
+    let options = asked.options(&base.scene, gain, Units::Linear);
+    let options = options.map_err(|error| raised(here(error)))?;
+    let identified = |stop: &AtomicBool| {
+        let of_base = (base, base.name.as_str());
+        let read = |log: &PathBuf| records::read(log, of_base, &options, asked.span);
+        let read: Vec<Record> = logs.iter().map(read).collect::<Result<_, Error>>()?;
+        let mut found = records::identify_in(base.scene.units, &read, &options, stop)?;
+        found.warnings.iter_mut().for_each(|warning| *warning = with_arguments(warning));
+        let made = Made::new(base, &found, &options)?;
+        let scene = made.named(&base.name);
+        Ok((read, found, (scene, made.notes)))
+    };
+    let work = |course: &Course<'_>| identified(course.stop).map_err(here);
+    let (records, found, (scene, notes)) = run(py, None, None, 0, work)?;
+    let made = PyDict::new(py);
+    let told = serialized(py, &Json::new(&records, &found, &options))?;
+    made.set_item("told", told)?;
+    let fits = records.iter().zip(&found.fits).map(|(record, fit)| {
+        let rows: Vec<[f64; 5]> = fit.rows(record).collect();
+        let columns = PyDict::new(py);
+        let names = ["time_s", "voltage_v", "position_m", "model_m", "residual_m"];
+        for (n, name) in names.into_iter().enumerate() {
+            let column: Vec<f64> = rows.iter().map(|row| row[n]).collect();
+            columns.set_item(name, column.into_pyarray(py))?;
+        }
+        Ok(columns)
+    });
+    made.set_item("fits", fits.collect::<PyResult<Vec<_>>>()?)?;
+    made.set_item("notes", notes)?;
+    match scene {
+        Ok(scene) => made.set_item("scene", Py::new(py, Scene(scene))?)?,
+        Err(error) => made.set_item("refused", error.to_string())?,
+    }
+    Ok(made)
+}
