@@ -27,6 +27,16 @@ pub fn number(value: f64, decimals: usize) -> String {
     out
 }
 
+/// Three digits, two of them behind the point at most.
+pub fn three_digits(value: f64) -> String {
+    let decimals = match value {
+        v if v >= 99.95 => 0,
+        v if v >= 9.995 => 1,
+        _ => 2,
+    };
+    number(value, decimals)
+}
+
 #[cfg(test)]
 mod tests {
     use super::number;

@@ -9,22 +9,22 @@ use super::{Common, conditions::Conditions, progress};
 use crate::{
     analysis::{
         compare::search::Budget,
-        explain::{explain, most_walks},
+        explain::{explain, most_walks, table::Row},
     },
     engine::Engine,
     error::Error,
     interrupt,
     output::{
         estimated::print_of,
-        explain::{ExplainReport, Row},
+        explain::ExplainReport,
         files::{MANIFEST, json as json_bytes},
         in_units,
         manifest::Manifest,
         report::{self, ReportFigure},
     },
-    range::within,
     scene::{NamedScene, Units},
     simulation::prepared::Numeric,
+    study::asked::{check_read_off, prepare},
 };
 
 /// What limits this device's walls: one element changed at a time (encoder, latency, output, estimator, amplifier,
@@ -82,13 +82,11 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
             "--numeric: explain runs the fixed-point core only, allowed fixed",
         ));
     }
-    crate::study::asked::prepare(&scene)?;
-    let plan = scene.scene.walk_plan();
-    let range = plan.damping_start_n_s_per_m..=plan.damping_max_n_s_per_m;
+    prepare(&scene)?;
     let units = scene.scene.units;
     let damping = args.damping.map(|damping| units.damping_n_s_per_m(damping));
     if let Some(damping) = damping {
-        within("--damping", damping, range).map_err(|error| Error::Input(units.text(&error)))?;
+        check_read_off(&scene, damping, "--damping")?;
     }
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("explain");
     let folder = common.out.clone().unwrap_or_else(default);
@@ -116,7 +114,7 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
     let figure = report.figure()?;
     outputs.add_figure(to, "explain", &figure)?;
     outputs.add(to, "explain.csv", in_units::csv(units, report.csv()).as_bytes())?;
-    outputs.add(to, "boundary.csv", in_units::csv(units, report.boundary_csv()).as_bytes())?;
+    outputs.add(to, "boundary.csv", in_units::csv(units, found.boundaries().csv()).as_bytes())?;
     let figures = [ReportFigure {
         figure,
         caption: "Boundary of the stable walls: the scene as it is, and its best changes.".into(),
@@ -129,8 +127,8 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
         damping_n_s_per_m: found.damping_n_s_per_m,
         budget: args.budget,
         repeats: args.repeat,
-        changes: report.rows(),
-        answers: report.answers(),
+        changes: found.rows(),
+        answers: found.answers(),
     };
     print_of(common.json, &scene.scene, json, || {
         format!("{}\nresults in {}", report.text(), folder.display())
@@ -144,13 +142,13 @@ fn page(
     manifest: &Manifest,
 ) -> String {
     let answers: Vec<String> =
-        report.answers().into_iter().chain(scene.scene.estimated_note()).collect();
+        report.found.answers().into_iter().chain(scene.scene.estimated_note()).collect();
     let sections = vec![
         ("Changes", report.html()),
         ("Answers", report::notes(&answers)),
         ("Scene", report::scene(&scene.text)),
         ("Provenance", report::provenance(&manifest.facts())),
     ];
-    let answer = report.answers().join(". ");
+    let answer = report.found.answers().join(". ");
     report::page(&format!("{}: what limits the walls", scene.name), &answer, figures, &sections)
 }

@@ -7,9 +7,10 @@ use serde::Serialize;
 use super::{
     SCHEMA_VERSION,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
-    limits::{grid, millions, name, range, three_digits, value},
+    limits::{grid, millions, name, range, value},
 };
 use crate::{
+    notation::three_digits,
     scene::PushBy,
     study::{
         levers::{Between, Lever, LeverQuestion, LeverResult, Walked},

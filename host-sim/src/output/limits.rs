@@ -9,7 +9,7 @@ use super::{
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
 };
 use crate::{
-    notation::number,
+    notation::three_digits,
     scene::{PushBy, Walk},
     study::limits::{Limit, LimitResult, Question, Situation},
 };
@@ -274,14 +274,4 @@ pub(super) fn range([low, high]: [f64; 2]) -> String {
 /// An area in 10^6 N^2 s/m^2, with three digits.
 pub(super) fn millions(area: f64) -> String {
     three_digits(area / MILLION)
-}
-
-/// Three digits, two of them behind the point at most.
-pub(super) fn three_digits(value: f64) -> String {
-    let decimals = match value {
-        v if v >= 99.95 => 0,
-        v if v >= 9.995 => 1,
-        _ => 2,
-    };
-    number(value, decimals)
 }

@@ -9,6 +9,7 @@
 //! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
 
 mod changes;
+pub mod table;
 
 use std::sync::atomic::AtomicBool;
 
