@@ -4,8 +4,9 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_studies::{
-    analysis::compare::{
-        self as study, Entry, most_walks, search::Budget, table, winners::winners,
+    analysis::{
+        compare::{self as study, Entry, most_walks, search::Budget, table, winners::winners},
+        explain as changed,
     },
     study::asked,
     table::{Kind, Table},
@@ -84,5 +85,40 @@ pub fn compare<'py>(
     let winners = winners.iter().map(|winner| serialized(py, winner));
     made.set_item("winners", winners.collect::<PyResult<Vec<_>>>()?)?;
     made.set_item("notes", notes)?;
+    Ok(made)
+}
+
+/// One element changed at a time, each tuned anew.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
+pub fn explain<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    damping: Option<f64>,
+    budget: u32,
+    repeat: u32,
+    engine: &str,
+    threads: Option<usize>,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (scene, engine) = (&scene.0, engine_of(engine)?);
+    let budget = budget_of(budget, repeat, 2)?;
+    if let Some(damping) = damping {
+        asked::check_read_off(scene, damping, "damping").map_err(raised)?;
+    }
+    let total = changed::most_walks(&scene.scene, budget);
+    let found = run(py, threads, progress, total, |course| {
+        asked::prepare(scene)?;
+        let done = |walks| {
+            course.done.fetch_add(walks, Relaxed);
+        };
+        changed::explain(engine, &scene.scene, damping, budget, course.stop, done)
+            .map_err(|error| error.of(&scene.name))
+    })?;
+    let made = PyDict::new(py);
+    made.set_item("table", columns::table(py, &found.table())?)?;
+    made.set_item("boundaries", columns::table(py, &found.boundaries())?)?;
+    made.set_item("damping_n_s_per_m", found.damping_n_s_per_m)?;
+    made.set_item("answers", found.answers())?;
     Ok(made)
 }

@@ -17,7 +17,7 @@ use pyo3::prelude::*;
 mod _native {
     #[pymodule_export]
     use super::{
-        compared::compare,
+        compared::{compare, explain},
         estimator::{Estimator, velocity_table, with_estimator},
         measured::identify,
         scene::Scene,

@@ -68,6 +68,36 @@ def test_a_comparison(
     assert made.to_arrow().column_names == list(made.table)
 
 
+@pytest.mark.parametrize("damping", [None, 70])
+def test_an_explanation(
+    scene: tuple[zwidth.Scene, Path], sim: Run, tmp_path: Path, damping: float | None
+) -> None:
+    few = {"wall_hit.window_s": 0.1, "walk.damping_step_n_s_per_m": 200.0, "walk.stiffness_step_n_per_m": 20e3}
+    here = scene[0].replace(few | {"walk.stiffness_max_n_per_m": 1e5, "walk.damping_max_n_s_per_m": 460.0})
+    file = tmp_path / "few.toml"
+    file.write_text(here.to_toml())
+    calls: list[tuple[int, int]] = []
+    made = zwidth.explain(
+        here, damping=damping, budget=3, repeat=2, progress=lambda done, total: calls.append((done, total))
+    )
+    options = ["--budget", 3, "--repeat", 2, "--out", tmp_path / "out"]
+    said = sim("explain", file, *options, *([] if damping is None else ["--damping", damping]))
+    assert said["damping_n_s_per_m"] == made.damping_n_s_per_m
+    assert said["answers"] == list(made.answers)
+    same_table(rows(tmp_path / "out/boundary.csv"), made.boundaries)
+    csv = rows(tmp_path / "out/explain.csv")
+    for row in csv:
+        del row["schema_version"]
+    commas = {name: made.table[name] for name in ("what", "cost")}  # the file has others, and no quotes
+    in_file = {name: np.char.replace(texts, ",", ";") for name, texts in commas.items()}
+    same_table(csv, zwidth.Table(dict(made.table) | in_file))
+    for name, texts in commas.items():
+        assert [row[name] for row in said["changes"]] == texts.tolist()
+    assert 0 < calls[-1][0] <= calls[-1][1]
+    assert made.to_pandas().shape == (len(csv), len(made.table))
+    assert made.to_arrow().column_names == list(made.table)
+
+
 def test_engine_and_threads_change_nothing(scene: tuple[zwidth.Scene, Path]) -> None:
     asked: dict[str, Any] = {"estimators": ["butterworth"], "budget": 3, "repeat": 1}
     one = zwidth.compare(scene[0], engine="core", threads=1, **asked)
@@ -100,9 +130,21 @@ def test_a_bad_comparison(scene: tuple[zwidth.Scene, Path], refused: Run) -> Non
         assert str(raised.value) == line
 
 
+def test_a_bad_explanation(scene: tuple[zwidth.Scene, Path], refused: Run) -> None:
+    here, file = scene
+    with pytest.raises(ValueError) as raised:
+        zwidth.explain(here, damping=1e9)
+    assert refused("explain", file, "--damping", "1e9").removeprefix("--") == str(raised.value)
+    for asked, line in (({"budget": 2}, "budget is 2, allowed 3 to 1000"), ({"repeat": 1}, "repeat is 1, allowed 2")):
+        with pytest.raises(ValueError, match=line):
+            zwidth.explain(here, **asked)
+
+
 def test_what_progress_raises_ends_a_comparison(scene: tuple[zwidth.Scene, Path]) -> None:
     def stop(done: int, total: int) -> None:
         raise InterruptedError
 
     with pytest.raises(InterruptedError):
         zwidth.compare(scene[0], progress=stop)
+    with pytest.raises(InterruptedError):
+        zwidth.explain(scene[0], progress=stop)

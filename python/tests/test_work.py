@@ -27,6 +27,7 @@ except KeyboardInterrupt:
 WORK = (
     "zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=[2000 + n for n in range(200_000)])",
     "zwidth.compare(scene)",
+    "zwidth.explain(scene)",
     "zwidth.identify({log!r}, base=scene, gain=1.0, latency=0.0)",
 )
 

@@ -15,7 +15,7 @@ Examples
 from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
 from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
-from .compared import Comparison, Winner, compare
+from .compared import Comparison, Explanation, Winner, compare, explain
 from .estimator import Estimator
 from .measured import EncoderTerm, Estimate, Identification, Residual, TermTest, identify
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
@@ -36,6 +36,7 @@ __all__ = [
     "EncoderTerm",
     "Estimate",
     "Estimator",
+    "Explanation",
     "Grid",
     "Hit",
     "Identification",
@@ -55,6 +56,7 @@ __all__ = [
     "Winner",
     "__version__",
     "compare",
+    "explain",
     "grid",
     "hit",
     "identify",

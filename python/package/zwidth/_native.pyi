@@ -16,6 +16,7 @@ __all__ = [
     "__version__",
     "compare",
     "decode",
+    "explain",
     "grid",
     "hit",
     "identify",
@@ -112,6 +113,15 @@ def identify(logs: list[str], base: Scene, asked: dict[str, Any]) -> dict[str, A
 def compare(
     scene: Scene,
     estimators: list[str] | None,
+    damping: float | None,
+    budget: int,
+    repeat: int,
+    engine: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+def explain(
+    scene: Scene,
     damping: float | None,
     budget: int,
     repeat: int,

@@ -1,4 +1,4 @@
-"""Estimators beside each other."""
+"""Estimators beside each other, and what limits the walls of a scene."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .results import Table, _Table
 from .scene import Scene
 from .studies import Engine, Progress
 
-__all__ = ["Comparison", "Winner", "compare"]
+__all__ = ["Comparison", "Explanation", "Winner", "compare", "explain"]
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,34 @@ class Comparison(_Table):
         return self.table.columns()
 
 
+@dataclass(frozen=True, eq=False)
+class Explanation(_Table):
+    """What limits the walls of a scene.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    table : Table
+        The scene as it is, then its changes by area, with the columns of the command line's ``explain.csv``.
+    boundaries : Table
+        Every point of every walk: ``change``, ``repeat``, ``damping_n_s_per_m``, ``stiffness_n_per_m``.
+    damping_n_s_per_m : float
+        B at which K is read off.
+    answers : tuple of str
+        Which part to buy, what can be had without one, and whether another estimator is worth it.
+    """
+
+    scene: str
+    table: Table
+    boundaries: Table
+    damping_n_s_per_m: float
+    answers: tuple[str, ...]
+
+    def columns(self) -> dict[str, Any]:
+        return self.table.columns()
+
+
 def compare(
     scene: Scene,
     *,
@@ -135,6 +163,49 @@ def compare(
         winners=tuple(_winner(one) for one in made.pop("winners")),
         notes=tuple(made.pop("notes")),
         **made,
+    )
+
+
+def explain(
+    scene: Scene,
+    *,
+    damping: float | None = None,
+    budget: int = 8,
+    repeat: int = 4,
+    engine: Engine = "lanes",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Explanation:
+    """Change one element at a time, tune the velocity filter anew for each, and rank the changes.
+
+    Limit, criterion, push, arm, latency and output period are the scene's: :meth:`Scene.replace` sets others.
+
+    Parameters
+    ----------
+    scene : Scene
+        Device and experiment.
+    damping : float, optional
+        B at which K is read off, N s/m; by default 100, or half of the largest B that the scene reaches, if that is
+        less.
+    budget : int
+        Tunings that the search may try for each change, 3 to 1000; with two parameters four times as many.
+    repeat : int
+        Walks at the result of each search, 2 or more, from starts that are spread over a count.
+    engine, threads, progress
+        As in :func:`compare`.
+
+    Raises
+    ------
+    ValueError
+        Something is out of range, or the handle does not reach the wall.
+    """
+    made = _native.explain(scene._native, damping, budget, repeat, engine, threads, progress)
+    return Explanation(
+        scene=scene.name,
+        table=Table(made["table"]),
+        boundaries=Table(made["boundaries"]),
+        damping_n_s_per_m=made["damping_n_s_per_m"],
+        answers=tuple(made["answers"]),
     )
 
 
