@@ -3,19 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
 
 use super::{Common, progress};
 use crate::{
-    analysis::agree::{Measured, agree, most_walks},
+    analysis::agree::{Told, agree_with_file, most_walks},
     error::Error,
-    input, interrupt,
-    output::{
-        agree::{AgreeReport, SuspectRow, WallRow},
-        estimated::print_of,
-        in_units,
-        table::Kind,
-    },
+    interrupt,
+    output::{agree::AgreeReport, estimated::print_of, in_units, table::Kind},
     scene::NamedScene,
     simulation::prepared::Numeric,
 };
@@ -37,20 +31,6 @@ pub struct AgreeArgs {
     plot: Option<PathBuf>,
 }
 
-#[derive(Serialize)]
-struct Json<'a> {
-    scene: &'a str,
-    measured: String,
-    cutoff_hz: Option<f64>,
-    agrees: bool,
-    stiffness_step_n_per_m: f64,
-    distance_n_per_m: f64,
-    scatter_n_per_m: f64,
-    walls: Vec<WallRow>,
-    suspects: Vec<SuspectRow>,
-    answers: Vec<String>,
-}
-
 pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
     if common.numeric != Numeric::Fixed {
         return Err(Error::input("--numeric: agree runs the fixed-point core only, allowed fixed"));
@@ -63,16 +43,10 @@ pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
     let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let name = args.measured.display().to_string();
-    let text = input::read_text(&args.measured, input::RECORD)?;
-    let measured = Measured::parse(&name, &text, &scene)?;
     let bar = progress::bar(most_walks(&scene.scene));
-    let found = agree(common.engine.into(), &scene, &measured, interrupt::flag(), || bar.inc(1))
-        .map_err(|error| match error {
-            Error::Input(why) if why.starts_with("cutoff_hz") => {
-                Error::Input(format!("{name}: {why}"))
-            }
-            other => other,
-        })?;
+    let (engine, stop) = (common.engine.into(), interrupt::flag());
+    let done = || bar.inc(1);
+    let (measured, found) = agree_with_file(engine, &scene, &args.measured, stop, done)?;
     bar.finish_and_clear();
     let report = AgreeReport { scene: &scene.name, units, measured: &name, found: &found };
     if let Some(csv) = csv {
@@ -82,17 +56,6 @@ pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
         outputs.draw(plot, &report.figure()?)?;
     }
     outputs.commit()?;
-    let json = Json {
-        scene: &scene.name,
-        measured: name.clone(),
-        cutoff_hz: scene.scene.velocity.has_cutoff().then_some(measured.cutoff_hz),
-        agrees: found.agrees(),
-        stiffness_step_n_per_m: found.step,
-        distance_n_per_m: found.distance,
-        scatter_n_per_m: found.scatter,
-        walls: report.walls(),
-        suspects: report.suspects(),
-        answers: report.answers(),
-    };
+    let json = Told::new(&scene, &name, &measured, &found);
     print_of(common.json, &scene.scene, json, || report.text())
 }

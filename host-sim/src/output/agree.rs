@@ -2,14 +2,12 @@
 
 use std::fmt::Write as _;
 
-use serde::Serialize;
-
 use super::{
-    SCHEMA_VERSION,
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
+    versioned,
 };
 use crate::{
-    analysis::agree::{Agreement, STARTS, Tried},
+    analysis::agree::{Agreement, STARTS},
     scene::Units,
     study::boundary::BoundaryPoint,
 };
@@ -27,95 +25,7 @@ pub struct AgreeReport<'a> {
     pub found: &'a Agreement,
 }
 
-/// One B.
-#[derive(Serialize)]
-pub struct WallRow {
-    damping_n_s_per_m: f64,
-    predicted_n_per_m: f64,
-    predicted_low_n_per_m: f64,
-    predicted_high_n_per_m: f64,
-    measured_n_per_m: f64,
-    /// With the best suspect; `null` if the walks agree.
-    explained_n_per_m: Option<f64>,
-}
-
-/// One suspect.
-#[derive(Serialize)]
-pub struct SuspectRow {
-    name: &'static str,
-    key: String,
-    unit: String,
-    scene: Option<f64>,
-    value: f64,
-    low: f64,
-    high: f64,
-    at_edge: bool,
-    left_n_per_m: f64,
-    explains: bool,
-}
-
 impl AgreeReport<'_> {
-    /// The key of a suspect as the scene has it.
-    fn key(&self, tried: &Tried) -> String {
-        let key = tried.suspect.key;
-        if !self.units.is_rotary() {
-            return key.into();
-        }
-        // Of a rotary scene these are made of several keys.
-        match key {
-            "device.mass_kg" => "rotary.handle_inertia_kg_m2".into(),
-            "actuator.gain_n_per_v" => "rotary.torque_constant_n_m_per_a".into(),
-            "device.damping_n_s_per_m" => "rotary.damping_n_m_s_per_rad".into(),
-            "device.stiffness_n_per_m" => "rotary.stiffness_n_m_per_rad".into(),
-            other => Units::rotary_key(other).unwrap_or_else(|| other.into()),
-        }
-    }
-
-    /// By B.
-    pub fn walls(&self) -> Vec<WallRow> {
-        let best = self.found.best().first().copied();
-        let row = |(place, row): (usize, &crate::analysis::agree::Row)| WallRow {
-            damping_n_s_per_m: row.damping_n_s_per_m,
-            predicted_n_per_m: row.predicted,
-            predicted_low_n_per_m: row.predicted_low,
-            predicted_high_n_per_m: row.predicted_high,
-            measured_n_per_m: row.measured,
-            explained_n_per_m: best.map(|best| best.predicted.get(place).copied().unwrap_or(0.0)),
-        };
-        self.found.rows.iter().enumerate().map(row).collect()
-    }
-
-    /// The suspects, what leaves least first.
-    pub fn suspects(&self) -> Vec<SuspectRow> {
-        let row = |tried: &Tried| {
-            // An angle is told in rad, as the scene's key has it.
-            let key = tried.suspect.key;
-            let whole = key.ends_with("gain_n_per_v");
-            let factor = match self.units.key(key) {
-                Some((_, factor)) if !whole => factor,
-                _ => 1.0,
-            };
-            let unit = match tried.suspect.unit {
-                "m" if self.units.is_rotary() => "rad".into(),
-                unit => self.units.written(unit).0.to_owned(),
-            };
-            let told = |value: f64| Units::told(value, factor);
-            SuspectRow {
-                name: tried.suspect.name,
-                key: self.key(tried),
-                unit,
-                scene: tried.suspect.own.map(told),
-                value: told(tried.value),
-                low: told(tried.range[0]),
-                high: told(tried.range[1]),
-                at_edge: tried.at_edge,
-                left_n_per_m: tried.left,
-                explains: self.found.explains(tried),
-            }
-        };
-        self.found.tried.iter().map(row).collect()
-    }
-
     /// For people.
     pub fn text(&self) -> String {
         let ((k_unit, k), (b_unit, b)) = (self.units.written("N/m"), self.units.written("N s/m"));
@@ -152,10 +62,10 @@ impl AgreeReport<'_> {
             kt(*distance),
             kt(*scatter)
         );
-        for answer in self.answers() {
+        for answer in self.found.answers(self.units) {
             let _ = write!(text, "\n{answer}");
         }
-        for row in self.suspects() {
+        for row in self.found.suspects(self.units) {
             let edge = if row.at_edge { "; the range ends with what was tried" } else { "" };
             let scene = row.scene.map_or("none".into(), |own| three_digits(own).to_string());
             let _ = write!(
@@ -172,57 +82,9 @@ impl AgreeReport<'_> {
         text
     }
 
-    /// The answer, one sentence each.
-    pub fn answers(&self) -> Vec<String> {
-        if self.found.agrees() {
-            return vec![
-                "they agree: the walk is no farther from the prediction than the scene's own walks"
-                    .into(),
-            ];
-        }
-        let suspects = self.suspects();
-        let named: Vec<String> = suspects
-            .iter()
-            .filter(|row| row.explains)
-            .map(|row| format!("{} ({})", row.name, row.key))
-            .collect();
-        let mut answers = vec!["they differ".to_owned()];
-        match (named.as_slice(), self.found.best().first(), suspects.first()) {
-            ([], Some(_), Some(first)) => answers.push(format!(
-                "no number of the scene explains it alone; {} ({}) explains most",
-                first.name, first.key
-            )),
-            ([], ..) => {
-                answers.push("no number of the scene that was tried explains any of it".into())
-            }
-            ([only], ..) => answers.push(format!("explained by {only} alone")),
-            ([first, rest @ ..], ..) => answers.push(format!(
-                "explained by {first}, and as well by {}: measure which",
-                rest.join(", ")
-            )),
-        }
-        answers
-    }
-
     /// The table of `--csv`.
     pub fn csv(&self) -> String {
-        let mut text = String::from(
-            "damping_n_s_per_m,predicted_n_per_m,predicted_low_n_per_m,predicted_high_n_per_m,measured_n_per_m,\
-             explained_n_per_m,schema_version\n",
-        );
-        for row in self.walls() {
-            let _ = writeln!(
-                text,
-                "{},{},{},{},{},{},{SCHEMA_VERSION}",
-                row.damping_n_s_per_m,
-                row.predicted_n_per_m,
-                row.predicted_low_n_per_m,
-                row.predicted_high_n_per_m,
-                row.measured_n_per_m,
-                row.explained_n_per_m.map(|k| k.to_string()).unwrap_or_default(),
-            );
-        }
-        text
+        versioned(self.found.table()).csv()
     }
 
     /// Both boundaries, and that with the best suspect.

@@ -3,9 +3,8 @@
 use std::fmt::Write as _;
 
 use super::{
-    SCHEMA_VERSION,
     figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
-    report,
+    report, versioned,
 };
 use crate::{
     analysis::explain::{
@@ -14,7 +13,7 @@ use crate::{
     },
     scene::Units,
 };
-use sim_studies::table::{Cell, Column, Kind};
+use sim_studies::table::Cell;
 
 /// A noise, which may be of any size.
 fn noise(value: f64) -> String {
@@ -106,9 +105,7 @@ impl ExplainReport<'_> {
                 *text = text.replace(',', ";").into();
             }
         }
-        table.columns.push(Column { name: "schema_version".into(), kind: Kind::Whole });
-        table.rows.iter_mut().for_each(|row| row.push(Cell::Whole(SCHEMA_VERSION.into())));
-        table.csv()
+        versioned(table).csv()
     }
 
     /// The ranked table for people, and the answers.

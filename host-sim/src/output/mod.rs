@@ -23,5 +23,14 @@ pub mod trace;
 pub mod trade_figures;
 pub mod usable;
 
+use sim_studies::table::{Cell, Column, Kind, Table};
+
 /// Version of every JSON object that the commands print or write: 2 since areas carry their unit.
 pub const SCHEMA_VERSION: u32 = 2;
+
+/// A table whose last column says that version.
+fn versioned(mut table: Table) -> Table {
+    table.columns.push(Column { name: "schema_version".into(), kind: Kind::Whole });
+    table.rows.iter_mut().for_each(|row| row.push(Cell::Whole(SCHEMA_VERSION.into())));
+    table
+}

@@ -13,17 +13,20 @@
 
 mod measured;
 mod suspects;
+mod told;
 
-use std::sync::atomic::AtomicBool;
+use std::{path::Path, sync::atomic::AtomicBool};
 
 use rayon::prelude::*;
 
 pub use measured::Measured;
 pub use suspects::{Suspect, suspects};
+pub use told::{SuspectRow, Told, WallRow};
 
 use crate::{
     engine::Engine,
     error::Error,
+    input,
     scene::{NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
     study::{asked, boundary::Boundary, walk::walk},
@@ -185,6 +188,27 @@ pub fn most_walks(scene: &Scene) -> u64 {
     let values = |suspect: Suspect| suspect.values.len() + 4 * HALVINGS;
     let values: usize = suspects(scene).into_iter().map(values).sum();
     u64::from(STARTS) + values as u64 * u64::from(STARTS_OF_A_VALUE)
+}
+
+/// Compares the walk in a file with the scene's.
+///
+/// # Errors
+/// The file cannot be read or is no walk of this scene, or as [`agree`].
+pub fn agree_with_file(
+    engine: Engine,
+    scene: &NamedScene,
+    path: &Path,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<(Measured, Agreement), Error> {
+    let name = path.display().to_string();
+    let text = input::read_text(path, input::RECORD)?;
+    let measured = Measured::parse(&name, &text, scene)?;
+    let found = agree(engine, scene, &measured, stop, done).map_err(|error| match error {
+        Error::Input(why) if why.starts_with("cutoff_hz") => Error::Input(format!("{name}: {why}")),
+        other => other,
+    })?;
+    Ok((measured, found))
 }
 
 /// Compares a measured walk with the scene's. The answer depends neither on the number of threads nor on `engine`.

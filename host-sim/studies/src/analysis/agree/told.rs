@@ -1,0 +1,210 @@
+//! What `agree` finds, as rows and sentences.
+
+use serde::Serialize;
+
+use super::{Agreement, Measured, Row, Tried};
+use crate::{
+    scene::{NamedScene, Units},
+    table::{Cell, Kind, Table},
+};
+
+/// All of it; docs/files.md has the keys.
+#[derive(Clone, Debug, Serialize)]
+pub struct Told<'a> {
+    scene: &'a str,
+    measured: &'a str,
+    cutoff_hz: Option<f64>,
+    agrees: bool,
+    stiffness_step_n_per_m: f64,
+    distance_n_per_m: f64,
+    scatter_n_per_m: f64,
+    walls: Vec<WallRow>,
+    suspects: Vec<SuspectRow>,
+    answers: Vec<String>,
+}
+
+impl<'a> Told<'a> {
+    /// Of a scene and a measured walk of that name.
+    pub fn new(
+        scene: &'a NamedScene,
+        name: &'a str,
+        measured: &Measured,
+        found: &Agreement,
+    ) -> Self {
+        let units = scene.scene.units;
+        Self {
+            scene: &scene.name,
+            measured: name,
+            cutoff_hz: scene.scene.velocity.has_cutoff().then_some(measured.cutoff_hz),
+            agrees: found.agrees(),
+            stiffness_step_n_per_m: found.step,
+            distance_n_per_m: found.distance,
+            scatter_n_per_m: found.scatter,
+            walls: found.walls(),
+            suspects: found.suspects(units),
+            answers: found.answers(units),
+        }
+    }
+}
+
+/// One B.
+#[derive(Clone, Debug, Serialize)]
+pub struct WallRow {
+    /// B.
+    pub damping_n_s_per_m: f64,
+    /// Mean of the predicted K.
+    pub predicted_n_per_m: f64,
+    /// Smallest.
+    pub predicted_low_n_per_m: f64,
+    /// Largest.
+    pub predicted_high_n_per_m: f64,
+    /// Measured K; 0 if that walk does not reach this B.
+    pub measured_n_per_m: f64,
+    /// With the best suspect; `None` if the walks agree.
+    pub explained_n_per_m: Option<f64>,
+}
+
+/// One suspect.
+#[derive(Clone, Debug, Serialize)]
+pub struct SuspectRow {
+    /// For people.
+    pub name: &'static str,
+    /// Its key in the scene.
+    pub key: String,
+    /// Unit of its numbers.
+    pub unit: String,
+    /// What the scene says; `None` if it has none.
+    pub scene: Option<f64>,
+    /// The one in the middle of the range.
+    pub value: f64,
+    /// Smallest that explains as much.
+    pub low: f64,
+    /// Largest.
+    pub high: f64,
+    /// The range ends with what was tried.
+    pub at_edge: bool,
+    /// Distance that it leaves.
+    pub left_n_per_m: f64,
+    /// Whether it explains all of the difference.
+    pub explains: bool,
+}
+
+/// The key of a suspect as the scene has it.
+fn key_of(units: Units, tried: &Tried) -> String {
+    let key = tried.suspect.key;
+    if !units.is_rotary() {
+        return key.into();
+    }
+    // Of a rotary scene these are made of several keys.
+    match key {
+        "device.mass_kg" => "rotary.handle_inertia_kg_m2".into(),
+        "actuator.gain_n_per_v" => "rotary.torque_constant_n_m_per_a".into(),
+        "device.damping_n_s_per_m" => "rotary.damping_n_m_s_per_rad".into(),
+        "device.stiffness_n_per_m" => "rotary.stiffness_n_m_per_rad".into(),
+        other => Units::rotary_key(other).unwrap_or_else(|| other.into()),
+    }
+}
+
+impl Agreement {
+    /// By B.
+    pub fn walls(&self) -> Vec<WallRow> {
+        let best = self.best().first().copied();
+        let row = |(place, row): (usize, &Row)| WallRow {
+            damping_n_s_per_m: row.damping_n_s_per_m,
+            predicted_n_per_m: row.predicted,
+            predicted_low_n_per_m: row.predicted_low,
+            predicted_high_n_per_m: row.predicted_high,
+            measured_n_per_m: row.measured,
+            explained_n_per_m: best.map(|best| best.predicted.get(place).copied().unwrap_or(0.0)),
+        };
+        self.rows.iter().enumerate().map(row).collect()
+    }
+
+    /// The same as a table.
+    pub fn table(&self) -> Table {
+        let names = [
+            "damping_n_s_per_m",
+            "predicted_n_per_m",
+            "predicted_low_n_per_m",
+            "predicted_high_n_per_m",
+            "measured_n_per_m",
+            "explained_n_per_m",
+        ];
+        let mut table = Table::new(names.map(|name| (name, Kind::Number)));
+        let cells = |row: WallRow| {
+            vec![
+                row.damping_n_s_per_m.into(),
+                row.predicted_n_per_m.into(),
+                row.predicted_low_n_per_m.into(),
+                row.predicted_high_n_per_m.into(),
+                row.measured_n_per_m.into(),
+                Cell::number(row.explained_n_per_m),
+            ]
+        };
+        table.rows = self.walls().into_iter().map(cells).collect();
+        table
+    }
+
+    /// The suspects, what leaves least first, their numbers in those units.
+    pub fn suspects(&self, units: Units) -> Vec<SuspectRow> {
+        let row = |tried: &Tried| {
+            // An angle is told in rad, as the scene's key has it.
+            let key = tried.suspect.key;
+            let whole = key.ends_with("gain_n_per_v");
+            let factor = match units.key(key) {
+                Some((_, factor)) if !whole => factor,
+                _ => 1.0,
+            };
+            let unit = match tried.suspect.unit {
+                "m" if units.is_rotary() => "rad".into(),
+                unit => units.written(unit).0.to_owned(),
+            };
+            let told = |value: f64| Units::told(value, factor);
+            SuspectRow {
+                name: tried.suspect.name,
+                key: key_of(units, tried),
+                unit,
+                scene: tried.suspect.own.map(told),
+                value: told(tried.value),
+                low: told(tried.range[0]),
+                high: told(tried.range[1]),
+                at_edge: tried.at_edge,
+                left_n_per_m: tried.left,
+                explains: self.explains(tried),
+            }
+        };
+        self.tried.iter().map(row).collect()
+    }
+
+    /// The answer, one sentence each.
+    pub fn answers(&self, units: Units) -> Vec<String> {
+        if self.agrees() {
+            return vec![
+                "they agree: the walk is no farther from the prediction than the scene's own walks"
+                    .into(),
+            ];
+        }
+        let suspects = self.suspects(units);
+        let named: Vec<String> = suspects
+            .iter()
+            .filter(|row| row.explains)
+            .map(|row| format!("{} ({})", row.name, row.key))
+            .collect();
+        let mut answers = vec!["they differ".to_owned()];
+        match (named.as_slice(), self.best().first(), suspects.first()) {
+            ([], Some(_), Some(first)) => answers.push(format!(
+                "no number of the scene explains it alone; {} ({}) explains most",
+                first.name, first.key
+            )),
+            ([], ..) => {
+                answers.push("no number of the scene that was tried explains any of it".into())
+            }
+            ([only], ..) => answers.push(format!("explained by {only} alone")),
+            ([first, rest @ ..], ..) => answers.push(format!(
+                "explained by {first}, and as well by {}: measure which",
+                rest.join(", ")
+            )),
+        }
+        answers
+    }
+}
