@@ -1,18 +1,49 @@
-//! What was measured on a device: records that identify it.
+//! What was measured on a device: records that identify it, walks beside those of a scene.
 
-use std::{path::PathBuf, sync::atomic::AtomicBool};
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
+};
 
 use numpy::IntoPyArray as _;
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_loop::{error::Error, scene::Units};
-use sim_studies::analysis::identify::{
-    self as records, Asked, GainAsked, Json, Made, Record, Span, Term, Terms,
+use sim_studies::analysis::{
+    agree as walks,
+    identify::{self as records, Asked, GainAsked, Json, Made, Record, Span, Term, Terms},
 };
 
 use crate::{
+    columns,
     scene::{Scene, serialized},
+    studies::engine_of,
     work::{Course, raised, run},
 };
+
+/// A measured walk beside the one that a scene predicts.
+#[pyfunction]
+pub fn agree<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    measured: PathBuf,
+    engine: &str,
+    threads: Option<usize>,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (scene, engine) = (&scene.0, engine_of(engine)?);
+    let total = walks::most_walks(&scene.scene);
+    let (walk, found) = run(py, threads, progress, total, |course| {
+        let done = || {
+            course.done.fetch_add(1, Relaxed);
+        };
+        walks::agree_with_file(engine, scene, &measured, course.stop, done)
+    })?;
+    let name = measured.display().to_string();
+    let made = PyDict::new(py);
+    made.set_item("told", serialized(py, &walks::Told::new(scene, &name, &walk, &found))?)?;
+    made.set_item("table", columns::table(py, &found.table())?)?;
+    Ok(made)
+}
 
 /// What the studies call an option of `identify`, and its argument here.
 const ARGUMENTS: [(&str, &str); 15] = [

@@ -1,12 +1,13 @@
 """What was measured on a device, beside what the command line makes of it: the same bits."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import zwidth
-from conftest import ROOT, Run, rows, simulate
+from conftest import ROOT, Run, rows, same_table, simulate
 
 KNOWN = ROOT / "examples/known.toml"
 PULSE = ROOT / "examples/pulse.bin"
@@ -167,3 +168,43 @@ def test_a_device_that_no_scene_may_have_says_so_where_the_scene_is_asked_for(
     asked = options(SPAN | weak)
     line = refused("identify", PULSE, "--base", KNOWN, *asked, "--out", tmp_path / "a.toml")
     assert line.replace(str(KNOWN), "known") == str(raised.value)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_an_agreement(base: zwidth.Scene, sim: Run, tmp_path: Path, own: bool) -> None:
+    measured = ROOT / "docs/data/tutorial-measured.csv"
+    if own:
+        measured = tmp_path / "own.csv"
+        assert simulate("walk", KNOWN, "--cutoff", 1500, "--csv", measured).returncode == 0
+    calls: list[tuple[int, int]] = []
+    made = zwidth.agree(base, measured, progress=lambda done, total: calls.append((done, total)))
+    said = sim("agree", KNOWN, measured, "--csv", tmp_path / "a.csv")
+    table = rows(tmp_path / "a.csv")
+    for row in table:
+        del row["schema_version"]
+    same_table(table, made.walls)
+    for wall, values in zip(said["walls"], zip(*made.walls.values(), strict=True), strict=True):
+        assert list(wall.values()) == [None if math.isnan(value) else value for value in values]
+    assert said["suspects"] == [
+        {name: getattr(suspect, name) for name in said["suspects"][0]} for suspect in made.suspects
+    ]
+    for key in ("scene", "measured", "cutoff_hz", "agrees"):
+        assert said[key] == getattr(made, key), key
+    for key in ("stiffness_step_n_per_m", "distance_n_per_m", "scatter_n_per_m"):
+        assert said[key] == getattr(made, key), key
+    assert said["answers"] == list(made.answers)
+    assert made.agrees == own == (len(made.suspects) == 0)
+    assert 0 < calls[-1][0] <= calls[-1][1]
+    assert made.to_arrow().column_names == list(made.to_pandas().columns) == list(made.walls)
+
+
+def test_a_bad_agreement(base: zwidth.Scene, refused: Run, tmp_path: Path) -> None:
+    walk = tmp_path / "walk.csv"
+    head = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m\n"
+    for text in (head, head + "1500,33,4000\n", head + "1500,20,x\n", head + "99999,20,4000\n", "a,b\n"):
+        walk.write_text(text)
+        with pytest.raises(ValueError) as raised:
+            zwidth.agree(base, walk)
+        assert refused("agree", KNOWN, walk) == str(raised.value)
+    with pytest.raises(ValueError, match="cannot be read"):
+        zwidth.agree(base, tmp_path / "missing.csv")

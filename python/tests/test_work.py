@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import zwidth
+from conftest import ROOT
 
 LONG = """
 import signal, sys, zwidth
@@ -28,8 +29,12 @@ WORK = (
     "zwidth.grid(scene, cutoffs=[500], dampings=[10], stiffnesses=[2000 + n for n in range(200_000)])",
     "zwidth.compare(scene)",
     "zwidth.explain(scene)",
+    "zwidth.agree(zwidth.Scene.load({known!r}), {walk!r})",
     "zwidth.identify({log!r}, base=scene, gain=1.0, latency=0.0)",
 )
+
+
+FILES = {"known": str(ROOT / "examples/known.toml"), "walk": str(ROOT / "docs/data/tutorial-measured.csv")}
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +57,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_ctrl_c_ends_work_soon(work: str, log: Path) -> None:
     import signal
 
-    code = LONG.format(work=work.format(log=str(log)))
+    code = LONG.format(work=work.format(log=str(log), **FILES))
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "begins\n"

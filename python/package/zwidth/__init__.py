@@ -17,7 +17,17 @@ from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
 from .compared import Comparison, Explanation, Winner, compare, explain
 from .estimator import Estimator
-from .measured import EncoderTerm, Estimate, Identification, Residual, TermTest, identify
+from .measured import (
+    Agreement,
+    EncoderTerm,
+    Estimate,
+    Identification,
+    Residual,
+    Suspect,
+    TermTest,
+    agree,
+    identify,
+)
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
 from .studies import grid, hit, linear, study, sweep, walk
@@ -27,6 +37,7 @@ __all__ = [
     "ESTIMATORS",
     "SCENES",
     "VERDICTS",
+    "Agreement",
     "Board",
     "BoardHit",
     "BoardSelfTest",
@@ -47,6 +58,7 @@ __all__ = [
     "Samples",
     "Scene",
     "Study",
+    "Suspect",
     "Sweep",
     "Table",
     "Telemetry",
@@ -55,6 +67,7 @@ __all__ = [
     "Walk",
     "Winner",
     "__version__",
+    "agree",
     "compare",
     "explain",
     "grid",

@@ -14,6 +14,7 @@ __all__ = [
     "Estimator",
     "Scene",
     "__version__",
+    "agree",
     "compare",
     "decode",
     "explain",
@@ -108,6 +109,13 @@ def linear(
     dampings: list[float],
     multirate: bool,
     passivity: bool,
+) -> dict[str, Any]: ...
+def agree(
+    scene: Scene,
+    measured: str,
+    engine: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
 def identify(logs: list[str], base: Scene, asked: dict[str, Any]) -> dict[str, Any]: ...
 def compare(
