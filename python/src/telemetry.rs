@@ -10,9 +10,9 @@ use crate::work::run;
 /// Every output and every sample of a capture, with what the core computes once more.
 #[pyfunction]
 pub fn decode<'py>(py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyDict>> {
-    let (capture, all) = run(py, None, None, 0, |_| {
-        let capture = Capture::decode(data);
-        let all = Recomputed::of(&capture);
+    let (capture, all) = run(py, None, None, 0, |course| {
+        let capture = Capture::decode_until(data, course.stop);
+        let all = Recomputed::until(&capture, course.stop);
         Ok((capture, all))
     })?;
     if capture.frames.is_empty() {

@@ -1,7 +1,7 @@
 //! Every sample of a board at output period 1, recomputed by the core on the host.
 
 use host_sim::{
-    analysis::{replay::Replayed, telemetry::Capture},
+    analysis::{recompute::Recomputed, replay::Replayed, telemetry::Capture},
     scene::NamedScene,
 };
 use virtual_board::board::Board;
@@ -33,7 +33,7 @@ fn every_velocity_is_the_boards_to_the_last_bit(board: Board) {
     };
     let velocity = scene.velocity.settings(1500.0);
     let control = Settings { velocity, wall }.build(&scene.design()).unwrap();
-    let replayed = Replayed::of(&capture, &control).unwrap();
+    let replayed = Replayed::of(&Recomputed::of(&capture), &control).unwrap();
     assert!(replayed.len() > 9_900, "{}", replayed.len());
     assert_eq!(replayed.same_from(), Some(replayed.first));
     let fastest = replayed.velocities.iter().map(|v| v.bits().abs()).max().unwrap();

@@ -3,14 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
-use zwidth::{Settings, WallSettings, contract::RATE_HZ, velocity::EstimatorName};
+use zwidth::contract::RATE_HZ;
 
 use super::Common;
 use crate::{
-    analysis::{replay::Replayed, telemetry::Capture},
+    analysis::replay::{Told, replay, velocity},
     error::Error,
-    input,
+    interrupt,
     output::{
         in_units::{self, InUnits},
         table::Kind,
@@ -42,19 +41,6 @@ pub struct ReplayArgs {
     plot: Option<PathBuf>,
 }
 
-#[derive(Serialize)]
-struct Json<'a> {
-    estimator: &'a str,
-    cutoff_hz: f64,
-    samples: usize,
-    first_sample: u64,
-    same_from_sample: Option<u64>,
-    difference_rms_m_per_s: f64,
-    later_s: Option<f64>,
-    board_change_rms_m_per_s: f64,
-    change_rms_m_per_s: f64,
-}
-
 pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     let name = args.capture.display();
     let scene = NamedScene::load(&args.scene)?;
@@ -68,41 +54,8 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     )?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let scene = &scene.scene;
-    let mut velocity = scene.velocity.settings(args.cutoff);
-    if let Some(wanted) = &args.estimator {
-        let found = EstimatorName::ALL.iter().find(|name| name.text() == wanted);
-        let estimator = found.ok_or_else(|| {
-            let known: Vec<_> = EstimatorName::ALL.iter().map(|name| name.text()).collect();
-            Error::Input(format!("--estimator is {wanted}, allowed {}", known.join(", ")))
-        })?;
-        velocity = estimator.following(&velocity);
-    }
-    if let Some(sense) = velocity.name().missing(&[]) {
-        let (estimator, sense) = (velocity.name().text(), sense.text());
-        return Err(Error::Input(format!(
-            "--estimator is {estimator}, which needs {sense} beside the count; a capture has none"
-        )));
-    }
-    let wall = WallSettings {
-        position_m: scene.wall.position_m,
-        stiffness_n_per_m: 0.0,
-        damping_n_s_per_m: 0.0,
-        push_only: true,
-    };
-    let control = Settings { velocity, wall }
-        .build(&scene.design())
-        .map_err(|error| Error::Input(error.to_string()))?;
-    let bytes = input::read(&args.capture, input::RECORD)?;
-    let replayed =
-        Replayed::of(&Capture::decode(&bytes), &control).map_err(|step| {
-            Error::Input(match step {
-                0 => format!("{name}: no telemetry in it; docs/telemetry.md has the layout"),
-                1 => format!("{name}: fewer than 100 samples in a row, too few to replay"),
-                step => format!(
-                    "{name}: a sample in {step} only, allowed every one: record again with an image that tells all of them"
-                ),
-            })
-        })?;
+    let velocity = velocity(scene, args.estimator.as_deref(), args.cutoff, "--estimator")?;
+    let replayed = replay(&args.capture, scene, velocity, interrupt::flag())?;
     if let Some(csv) = csv {
         outputs.write(csv, in_units::csv(scene.units, replayed.csv()).as_bytes())?;
     }
@@ -112,25 +65,13 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
         outputs.draw(plot, &replay_figure(&replayed, [&title, &file], scene)?)?;
     }
     outputs.commit()?;
-    let lsb = scene.encoder.resolution_m * scene.control.rate_hz / 65_536.0;
-    let [board, here] = replayed.roughness().map(|lsbs| lsbs * lsb);
-    let json = Json {
-        estimator: velocity.name().text(),
-        cutoff_hz: args.cutoff,
-        samples: replayed.len(),
-        first_sample: replayed.first,
-        same_from_sample: replayed.same_from(),
-        difference_rms_m_per_s: replayed.difference() * lsb,
-        later_s: replayed.later().map(|samples| samples / scene.control.rate_hz + 0.0), // no minus before a zero
-        board_change_rms_m_per_s: board,
-        change_rms_m_per_s: here,
-    };
-    print_result(common.json, InUnits(scene.units, &json), || {
-        let later = json.later_s.map_or_else(
+    let told = Told::new(scene, velocity, args.cutoff, &replayed, interrupt::flag())?;
+    print_result(common.json, InUnits(scene.units, &told), || {
+        let later = told.later_s.map_or_else(
             || "nothing moved".to_owned(),
             |later_s| format!("{:.3} ms later than the board's", later_s * 1e3),
         );
-        let same = json.same_from_sample.map_or_else(
+        let same = told.same_from_sample.map_or_else(
             || "never the same to the last bit up to the end".to_owned(),
             |sample| format!("the same to the last bit from sample {sample} to the end"),
         );
@@ -138,13 +79,13 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
             "{name}: {} samples from sample {} on, {} at {} Hz\n\
              {later}, {same}\n\
              difference to the board's {:.3e} m/s RMS; from sample to sample {:.3e} m/s, the board's {:.3e} m/s",
-            json.samples,
-            json.first_sample,
-            json.estimator,
-            json.cutoff_hz,
-            json.difference_rms_m_per_s,
-            json.change_rms_m_per_s,
-            json.board_change_rms_m_per_s
+            told.samples,
+            told.first_sample,
+            told.estimator,
+            told.cutoff_hz,
+            told.difference_rms_m_per_s,
+            told.change_rms_m_per_s,
+            told.board_change_rms_m_per_s
         ))
     })
 }

@@ -8,6 +8,7 @@ use std::{
     collections::HashMap,
     fmt::{self, Write as _},
     ops::Range,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
 };
 
 use zwidth::{
@@ -99,21 +100,26 @@ struct Run {
 impl Recomputed {
     /// Of a capture.
     pub fn of(capture: &Capture) -> Self {
+        Self::until(capture, &AtomicBool::new(false))
+    }
+
+    /// The same, of a part of it once `stop` is set.
+    pub fn until(capture: &Capture, stop: &AtomicBool) -> Self {
         let mut all = Self::default();
         let mut run = Run::default();
-        for chunk in &capture.chunks {
+        for chunk in capture.chunks.iter().take_while(|_| !stop.load(Relaxed)) {
             let Some(newest) = chunk.outputs.last() else { continue };
             if newest.flags.contains(Flags::REPLAY) {
                 continue;
             }
             if run.told.last().is_some_and(|last| newest.sample < last.sample) {
-                all.take(&std::mem::take(&mut run));
+                all.take(&std::mem::take(&mut run), stop);
             }
             if !all.add(&mut run, chunk) {
-                all.take(&std::mem::take(&mut run));
+                all.take(&std::mem::take(&mut run), stop);
             }
         }
-        all.take(&run);
+        all.take(&run, stop);
         all
     }
 
@@ -216,7 +222,7 @@ impl Recomputed {
     }
 
     /// Everything up to a reset, or to the end.
-    fn take(&mut self, run: &Run) {
+    fn take(&mut self, run: &Run, stop: &AtomicBool) {
         for stretch in run.told.chunk_by(|a, b| b.sample == a.sample + 1) {
             let begin = self.rows.len();
             let mut force = None;
@@ -229,12 +235,12 @@ impl Recomputed {
                 self.rows.push(Row { sample, position, velocity: None, force, told });
             }
             self.stretches.push(begin..self.rows.len());
-            self.stretch(run, stretch, begin);
+            self.stretch(run, stretch, begin, stop);
         }
     }
 
     /// From key to key.
-    fn stretch(&mut self, run: &Run, stretch: &[Told], begin: usize) {
+    fn stretch(&mut self, run: &Run, stretch: &[Told], begin: usize, stop: &AtomicBool) {
         let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return };
         let place = |key: &Key| usize::try_from(key.sample - first.sample).unwrap_or(usize::MAX);
         let keys: Vec<&Key> = run
@@ -242,7 +248,7 @@ impl Recomputed {
             .iter()
             .filter(|key| (first.sample..=last.sample).contains(&key.sample))
             .collect();
-        for (n, key) in keys.iter().enumerate() {
+        for (n, key) in keys.iter().enumerate().take_while(|_| !stop.load(Relaxed)) {
             let at = place(key);
             let next = keys.get(n + 1);
             let until = next.map_or(stretch.len() - 1, |next| place(next));

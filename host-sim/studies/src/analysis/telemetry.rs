@@ -1,6 +1,10 @@
 //! A board's binary telemetry, captured into a file, as rows.
 
-use std::{collections::BTreeSet, fmt::Write as _};
+use std::{
+    collections::BTreeSet,
+    fmt::Write as _,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
+};
 
 use zwidth::{
     telemetry::{Decoder, Flags, Frame, InForce, Key, Record},
@@ -58,10 +62,15 @@ impl Chunk {
 impl Capture {
     /// Decodes a capture that may begin and end anywhere and hold anything.
     pub fn decode(bytes: &[u8]) -> Self {
+        Self::decode_until(bytes, &AtomicBool::new(false))
+    }
+
+    /// The same, of a part of it once `stop` is set.
+    pub fn decode_until(bytes: &[u8], stop: &AtomicBool) -> Self {
         let mut decoder = Decoder::new();
         let (mut frames, mut chunks) = (Vec::new(), Vec::new());
         let mut bytes = bytes.iter();
-        loop {
+        while !stop.load(Relaxed) {
             let byte = bytes.next();
             let found = match byte {
                 Some(byte) => decoder.push(*byte),

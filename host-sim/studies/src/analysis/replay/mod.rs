@@ -1,16 +1,20 @@
 //! What an estimator makes of the counts that a board has recorded: the core's own, run over a capture.
 
-use std::fmt::Write as _;
+mod asked;
+
+use std::{
+    fmt::Write as _,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
+};
 
 use zwidth::{
     CounterWidth, LoopParameters, Sampler,
     units::{Position, Velocity},
 };
 
-use super::{
-    recompute::{Recomputed, Row},
-    telemetry::Capture,
-};
+use super::recompute::{Recomputed, Row};
+
+pub use asked::{Told, lsb_m_per_s, replay, velocity};
 
 /// Longest delay between two estimators that is looked for, samples.
 const LAG: usize = 500;
@@ -37,8 +41,8 @@ impl Replayed {
     ///
     /// # Errors
     /// The capture has no such stretch: how many samples there are from one to the next that it tells.
-    pub fn of(capture: &Capture, control: &LoopParameters) -> Result<Self, u64> {
-        Self::of_rows(&Recomputed::of(capture).rows, control)
+    pub fn of(capture: &Recomputed, control: &LoopParameters) -> Result<Self, u64> {
+        Self::of_rows(&capture.rows, control)
     }
 
     fn of_rows(rows: &[Row], control: &LoopParameters) -> Result<Self, u64> {
@@ -96,8 +100,8 @@ impl Replayed {
     }
 
     /// By how many samples it is later than the board's: the shift at which the two differ least, between samples by a
-    /// parabola. None if nothing moved.
-    pub fn later(&self) -> Option<f64> {
+    /// parabola. None if nothing moved, any value once `stop` is set.
+    pub fn later(&self, stop: &AtomicBool) -> Option<f64> {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);
         let most = LAG.min(pairs.len() / 4);
@@ -107,7 +111,8 @@ impl Replayed {
             rms(inner.clone().map(|k| pairs[k.wrapping_add_signed(lag(n))][1] - pairs[k][0]))
                 .powi(2)
         };
-        let all: Vec<f64> = (0..=2 * most).map(differ).collect();
+        let lags = (0..=2 * most).take_while(|_| !stop.load(Relaxed));
+        let all: Vec<f64> = lags.map(differ).collect();
         let best = (0..all.len()).min_by(|a, b| all[*a].total_cmp(&all[*b])).filter(|_| moved)?;
         let bend = match (best.checked_sub(1).map(|n| all[n]), all.get(best + 1)) {
             (Some(before), Some(after)) if before + after > 2.0 * all[best] => {
@@ -147,6 +152,8 @@ mod tests {
     use super::*;
     use zwidth::{Settings, VelocitySettings, WallSettings};
 
+    static NEVER: AtomicBool = AtomicBool::new(false);
+
     fn control(cutoff_hz: f64) -> LoopParameters {
         let scene = crate::scene::NamedScene::load("paper-1um").unwrap().scene;
         let wall = WallSettings {
@@ -184,11 +191,11 @@ mod tests {
         let run = recorded(500.0, 20_000);
         let same = Replayed::of_rows(&run, &control(500.0)).unwrap();
         assert!(same.difference() < 3e3, "{}", same.difference());
-        assert!(same.later().unwrap().abs() < 0.05);
+        assert!(same.later(&NEVER).unwrap().abs() < 0.05);
         // A second-order Butterworth is late by sqrt 2 / w.
         let slow = Replayed::of_rows(&run, &control(100.0)).unwrap();
         let wanted = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 100.0 - 1.0 / 500.0) * 1e4;
-        let later = slow.later().unwrap();
+        let later = slow.later(&NEVER).unwrap();
         assert!((later - wanted).abs() < 0.2, "{later}, {wanted}");
         let [board, here] = slow.roughness();
         assert!(here < board);
