@@ -19,7 +19,7 @@ mod _native {
     use super::{
         compared::{compare, explain},
         estimator::{Estimator, velocity_table, with_estimator},
-        measured::{agree, identify},
+        measured::{agree, identify, replay},
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},
         study::study,

@@ -1,4 +1,5 @@
-//! What was measured on a device: records that identify it, walks beside those of a scene.
+//! What was measured on a device: records that identify it, walks beside those of a scene, estimators
+//! over a capture.
 
 use std::{
     path::PathBuf,
@@ -11,6 +12,7 @@ use sim_loop::{error::Error, scene::Units};
 use sim_studies::analysis::{
     agree as walks,
     identify::{self as records, Asked, GainAsked, Json, Made, Record, Span, Term, Terms},
+    replay as counts,
 };
 
 use crate::{
@@ -42,6 +44,39 @@ pub fn agree<'py>(
     let made = PyDict::new(py);
     made.set_item("told", serialized(py, &walks::Told::new(scene, &name, &walk, &found))?)?;
     made.set_item("table", columns::table(py, &found.table())?)?;
+    Ok(made)
+}
+
+/// Another estimator over a board's capture.
+#[pyfunction]
+pub fn replay<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    capture: PathBuf,
+    estimator: Option<&str>,
+    cutoff: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let scene = &scene.0.scene;
+    let velocity = counts::velocity(scene, estimator, cutoff, "estimator").map_err(raised)?;
+    let (replayed, told) = run(py, None, None, 0, |course| {
+        let replayed = counts::replay(&capture, scene, velocity, course.stop)?;
+        let told = counts::Told::new(scene, velocity, cutoff, &replayed, course.stop)?;
+        Ok((replayed, told))
+    })?;
+    let made = PyDict::new(py);
+    made.set_item("told", serialized(py, &told)?)?;
+    made.set_item("lsb_m_per_s", counts::lsb_m_per_s(scene))?;
+    let columns = PyDict::new(py);
+    let samples: Vec<u64> = (replayed.first..).take(replayed.len()).collect();
+    columns.set_item("sample", samples.into_pyarray(py))?;
+    let positions: Vec<i32> = replayed.positions.iter().map(|position| position.counts()).collect();
+    columns.set_item("position_counts", positions.into_pyarray(py))?;
+    let both = [("board_velocity_lsb", &replayed.board), ("velocity_lsb", &replayed.velocities)];
+    for (name, velocities) in both {
+        let bits: Vec<i32> = velocities.iter().map(|velocity| velocity.bits()).collect();
+        columns.set_item(name, bits.into_pyarray(py))?;
+    }
+    made.set_item("table", columns)?;
     Ok(made)
 }
 

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import zwidth
@@ -208,3 +209,41 @@ def test_a_bad_agreement(base: zwidth.Scene, refused: Run, tmp_path: Path) -> No
         assert refused("agree", KNOWN, walk) == str(raised.value)
     with pytest.raises(ValueError, match="cannot be read"):
         zwidth.agree(base, tmp_path / "missing.csv")
+
+
+SAMPLES = ROOT / "examples/samples.bin"
+
+
+@pytest.mark.parametrize("estimator, cutoff", [(None, None), ("butterworth", 100), ("kalman-3", 500), ("taylor-2", 1e3)])
+def test_a_replay(sim: Run, tmp_path: Path, estimator: str | None, cutoff: float | None) -> None:
+    scene = zwidth.Scene.load("paper-1um")
+    asked: dict[str, Any] = {"estimator": estimator, "cutoff": cutoff}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    made = zwidth.replay(scene, SAMPLES, **asked)
+    said = sim("replay", SAMPLES, "--scene", "paper-1um", *options(asked), "--csv", tmp_path / "a.csv")
+    same_table(rows(tmp_path / "a.csv"), made.table)
+    mine = vars(made)
+    told = {name: value for name, value in said.items() if name not in ("command", "schema_version")}
+    assert told == {name: value for name, value in mine.items() if name not in ("table", "lsb_m_per_s")}
+    board = made.table["board_velocity_lsb"].astype(float) * made.lsb_m_per_s
+    assert made.samples > 20_000 and 1e-3 < np.abs(board).max() < 10
+    assert made.to_arrow().column_names == list(made.to_pandas().columns) == list(made.table)
+
+
+def test_a_bad_replay(refused: Run, tmp_path: Path) -> None:
+    scene = zwidth.Scene.load("paper-1um")
+    empty = tmp_path / "empty.bin"
+    empty.write_bytes(b"nothing")
+    refusals: list[tuple[Path, dict[str, Any]]] = [
+        (SAMPLES, {"estimator": "kalman"}),
+        (SAMPLES, {"estimator": "fusion"}),
+        (SAMPLES, {"cutoff": 1e6}),
+        (PULSE, {}),
+        (empty, {}),
+        (tmp_path / "missing.bin", {}),
+    ]
+    for path, asked in refusals:
+        with pytest.raises(ValueError) as raised:
+            zwidth.replay(scene, path, **asked)
+        line = refused("replay", path, "--scene", "paper-1um", *options(asked))
+        assert line.removeprefix("--") == str(raised.value)

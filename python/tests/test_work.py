@@ -4,6 +4,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ WORK = (
     "zwidth.compare(scene)",
     "zwidth.explain(scene)",
     "zwidth.agree(zwidth.Scene.load({known!r}), {walk!r})",
+    "zwidth.replay(scene, {capture!r})",
     "zwidth.identify({log!r}, base=scene, gain=1.0, latency=0.0)",
 )
 
@@ -52,12 +54,21 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A capture of 130 MB, which takes some seconds to decode."""
+    file = tmp_path_factory.mktemp("capture") / "capture.bin"
+    file.write_bytes((ROOT / "examples/samples.bin").read_bytes() * 800)
+    yield file
+    file.unlink()
+
+
 @pytest.mark.parametrize("work", WORK)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_ctrl_c_ends_work_soon(work: str, log: Path) -> None:
+def test_ctrl_c_ends_work_soon(work: str, log: Path, capture: Path) -> None:
     import signal
 
-    code = LONG.format(work=work.format(log=str(log), **FILES))
+    code = LONG.format(work=work.format(log=str(log), capture=str(capture), **FILES))
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "begins\n"

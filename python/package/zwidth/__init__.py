@@ -22,11 +22,13 @@ from .measured import (
     EncoderTerm,
     Estimate,
     Identification,
+    Replay,
     Residual,
     Suspect,
     TermTest,
     agree,
     identify,
+    replay,
 )
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
@@ -54,6 +56,7 @@ __all__ = [
     "Linear",
     "Outputs",
     "Recording",
+    "Replay",
     "Residual",
     "Samples",
     "Scene",
@@ -74,6 +77,7 @@ __all__ = [
     "hit",
     "identify",
     "linear",
+    "replay",
     "study",
     "sweep",
     "walk",

@@ -22,6 +22,7 @@ __all__ = [
     "hit",
     "identify",
     "linear",
+    "replay",
     "study",
     "sweep",
     "velocity_table",
@@ -117,6 +118,7 @@ def agree(
     threads: int | None,
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
+def replay(scene: Scene, capture: str, estimator: str | None, cutoff: float) -> dict[str, Any]: ...
 def identify(logs: list[str], base: Scene, asked: dict[str, Any]) -> dict[str, Any]: ...
 def compare(
     scene: Scene,

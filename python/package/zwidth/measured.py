@@ -19,11 +19,13 @@ __all__ = [
     "EncoderTerm",
     "Estimate",
     "Identification",
+    "Replay",
     "Residual",
     "Suspect",
     "TermTest",
     "agree",
     "identify",
+    "replay",
 ]
 
 Path = str | PathLike[str]
@@ -425,3 +427,70 @@ def identify(
         fits=tuple(Table(fit) for fit in made["fits"]),
         _scene=Scene._of(made["scene"]) if "scene" in made else made["refused"],
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Replay(_Table):
+    """Another estimator over the counts of a capture, beside the board's own. As a table it is :attr:`table`.
+
+    Attributes
+    ----------
+    estimator : str
+        Its name.
+    cutoff_hz : float
+        Nominal cutoff.
+    samples, first_sample : int
+        How many samples, which follow each other, and the number of the first.
+    same_from_sample : int or None
+        First sample from which on both say the same to the last bit, up to the end.
+    difference_rms_m_per_s : float
+        RMS of the difference to the board's.
+    later_s : float or None
+        By how much it is later than the board's; None if nothing moved.
+    board_change_rms_m_per_s, change_rms_m_per_s : float
+        RMS of the change from sample to sample, the board's and the estimator's.
+    lsb_m_per_s : float
+        One of the velocities' integers, m/s.
+    table : Table
+        ``sample``, ``position_counts``, ``board_velocity_lsb``, ``velocity_lsb``, in the integers of the control.
+    """
+
+    estimator: str
+    cutoff_hz: float
+    samples: int
+    first_sample: int
+    same_from_sample: int | None
+    difference_rms_m_per_s: float
+    later_s: float | None
+    board_change_rms_m_per_s: float
+    change_rms_m_per_s: float
+    lsb_m_per_s: float
+    table: Table = field(repr=False)
+
+    def columns(self) -> dict[str, Any]:
+        return self.table.columns()
+
+
+def replay(scene: Scene, capture: Path, *, estimator: str | None = None, cutoff: float = 1500.0) -> Replay:
+    """Run an estimator over the counts of all samples of a capture, from rest, beside the board's own.
+
+    Parameters
+    ----------
+    scene : Scene
+        The one that the board is built for.
+    capture : path
+        The bytes of RTT up channel 1 as they came (:meth:`Telemetry.save` writes them).
+    estimator : str, optional
+        One of :data:`ESTIMATORS`; the scene's by default.
+    cutoff : float
+        Nominal cutoff, Hz; what else tunes it is the scene's, or the default.
+
+    Raises
+    ------
+    ValueError
+        There is no such estimator, its cutoff is out of range, it looks at more than counts, or the capture has no
+        stretch of all samples.
+    """
+    made = _native.replay(scene._native, fspath(capture), estimator, cutoff)
+    told: dict[str, Any] = {"same_from_sample": None, "later_s": None} | made["told"]
+    return Replay(lsb_m_per_s=made["lsb_m_per_s"], table=Table(made["table"]), **told)
