@@ -22,64 +22,6 @@ use crate::{
     work::{Course, raised, run},
 };
 
-/// A measured walk beside the one that a scene predicts.
-#[pyfunction]
-pub fn agree<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    measured: PathBuf,
-    engine: &str,
-    threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (&scene.0, engine_of(engine)?);
-    let total = walks::most_walks(&scene.scene);
-    let (walk, found) = run(py, threads, progress, total, |course| {
-        let done = || {
-            course.done.fetch_add(1, Relaxed);
-        };
-        walks::agree_with_file(engine, scene, &measured, course.stop, done)
-    })?;
-    let name = measured.display().to_string();
-    let made = PyDict::new(py);
-    made.set_item("told", serialized(py, &walks::Told::new(scene, &name, &walk, &found))?)?;
-    made.set_item("table", columns::table(py, &found.table())?)?;
-    Ok(made)
-}
-
-/// Another estimator over a board's capture.
-#[pyfunction]
-pub fn replay<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    capture: PathBuf,
-    estimator: Option<&str>,
-    cutoff: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let scene = &scene.0.scene;
-    let velocity = counts::velocity(scene, estimator, cutoff, "estimator").map_err(raised)?;
-    let (replayed, told) = run(py, None, None, 0, |course| {
-        let replayed = counts::replay(&capture, scene, velocity, course.stop)?;
-        let told = counts::Told::new(scene, velocity, cutoff, &replayed, course.stop)?;
-        Ok((replayed, told))
-    })?;
-    let made = PyDict::new(py);
-    made.set_item("told", serialized(py, &told)?)?;
-    made.set_item("lsb_m_per_s", counts::lsb_m_per_s(scene))?;
-    let columns = PyDict::new(py);
-    let samples: Vec<u64> = (replayed.first..).take(replayed.len()).collect();
-    columns.set_item("sample", samples.into_pyarray(py))?;
-    let positions: Vec<i32> = replayed.positions.iter().map(|position| position.counts()).collect();
-    columns.set_item("position_counts", positions.into_pyarray(py))?;
-    let both = [("board_velocity_lsb", &replayed.board), ("velocity_lsb", &replayed.velocities)];
-    for (name, velocities) in both {
-        let bits: Vec<i32> = velocities.iter().map(|velocity| velocity.bits()).collect();
-        columns.set_item(name, bits.into_pyarray(py))?;
-    }
-    made.set_item("table", columns)?;
-    Ok(made)
-}
-
 /// What the studies call an option of `identify`, and its argument here.
 const ARGUMENTS: [(&str, &str); 15] = [
     ("--no-spring", "spring=False"),
@@ -245,5 +187,63 @@ pub fn identify<'py>(
         Ok(scene) => made.set_item("scene", Py::new(py, Scene(scene))?)?,
         Err(error) => made.set_item("refused", error.to_string())?,
     }
+    Ok(made)
+}
+
+/// A measured walk beside the one that a scene predicts.
+#[pyfunction]
+pub fn agree<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    measured: PathBuf,
+    engine: &str,
+    threads: Option<usize>,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (scene, engine) = (&scene.0, engine_of(engine)?);
+    let total = walks::most_walks(&scene.scene);
+    let (walk, found) = run(py, threads, progress, total, |course| {
+        let done = || {
+            course.done.fetch_add(1, Relaxed);
+        };
+        walks::agree_with_file(engine, scene, &measured, course.stop, done)
+    })?;
+    let name = measured.display().to_string();
+    let made = PyDict::new(py);
+    made.set_item("told", serialized(py, &walks::Told::new(scene, &name, &walk, &found))?)?;
+    made.set_item("table", columns::table(py, &found.table())?)?;
+    Ok(made)
+}
+
+/// Another estimator over a board's capture.
+#[pyfunction]
+pub fn replay<'py>(
+    py: Python<'py>,
+    scene: &Scene,
+    capture: PathBuf,
+    estimator: Option<&str>,
+    cutoff: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let scene = &scene.0.scene;
+    let velocity = counts::velocity(scene, estimator, cutoff, "estimator").map_err(raised)?;
+    let (replayed, told) = run(py, None, None, 0, |course| {
+        let replayed = counts::replay(&capture, scene, velocity, course.stop)?;
+        let told = counts::Told::new(scene, velocity, cutoff, &replayed, course.stop)?;
+        Ok((replayed, told))
+    })?;
+    let made = PyDict::new(py);
+    made.set_item("told", serialized(py, &told)?)?;
+    made.set_item("lsb_m_per_s", counts::lsb_m_per_s(scene))?;
+    let columns = PyDict::new(py);
+    let samples: Vec<u64> = (replayed.first..).take(replayed.len()).collect();
+    columns.set_item("sample", samples.into_pyarray(py))?;
+    let positions: Vec<i32> = replayed.positions.iter().map(|position| position.counts()).collect();
+    columns.set_item("position_counts", positions.into_pyarray(py))?;
+    let both = [("board_velocity_lsb", &replayed.board), ("velocity_lsb", &replayed.velocities)];
+    for (name, velocities) in both {
+        let bits: Vec<i32> = velocities.iter().map(|velocity| velocity.bits()).collect();
+        columns.set_item(name, bits.into_pyarray(py))?;
+    }
+    made.set_item("table", columns)?;
     Ok(made)
 }

@@ -214,7 +214,9 @@ def test_a_bad_agreement(base: zwidth.Scene, refused: Run, tmp_path: Path) -> No
 SAMPLES = ROOT / "examples/samples.bin"
 
 
-@pytest.mark.parametrize("estimator, cutoff", [(None, None), ("butterworth", 100), ("kalman-3", 500), ("taylor-2", 1e3)])
+@pytest.mark.parametrize(
+    "estimator, cutoff", [(None, None), ("butterworth", 100), ("kalman-3", 500), ("taylor-2", 1000)]
+)
 def test_a_replay(sim: Run, tmp_path: Path, estimator: str | None, cutoff: float | None) -> None:
     scene = zwidth.Scene.load("paper-1um")
     asked: dict[str, Any] = {"estimator": estimator, "cutoff": cutoff}

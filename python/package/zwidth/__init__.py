@@ -17,19 +17,8 @@ from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
 from .compared import Comparison, Explanation, Winner, compare, explain
 from .estimator import Estimator
-from .measured import (
-    Agreement,
-    EncoderTerm,
-    Estimate,
-    Identification,
-    Replay,
-    Residual,
-    Suspect,
-    TermTest,
-    agree,
-    identify,
-    replay,
-)
+from .identified import EncoderTerm, Estimate, Identification, Residual, TermTest, identify
+from .measured import Agreement, Replay, Suspect, agree, replay
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
 from .studies import grid, hit, linear, study, sweep, walk

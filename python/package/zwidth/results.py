@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ __all__ = ["VERDICTS", "Grid", "Hit", "Linear", "Study", "Sweep", "Table", "Trac
 VERDICTS = ("stable", "unstable", "no_contact", "out_of_range")
 
 Floats = NDArray[np.float64]
+Path = str | PathLike[str]
 
 
 class _Table:
