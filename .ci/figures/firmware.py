@@ -295,6 +295,25 @@ def campaign_random():
 
 
 @block
+def campaign_left():
+    """What the random flips left late or unnoticed: none without a reason."""
+    reasons = {row["place"]: row["reason"] for row in rows("campaign-reasons.csv")}
+    found = {}
+    for row in campaign_of("left"):
+        _, place = row["name"].split(", ", 1)
+        found.setdefault(place.split(" at cycle")[0], []).append(row)
+    if missing := [place for place in found if place not in reasons]:
+        raise SystemExit(f"error: docs/data/campaign-reasons.csv has no reason for {', '.join(missing)}")
+    body = []
+    for place, flips in found.items():
+        where = ", ".join(f"{row['board']} {row['situation']}" for row in flips)
+        kinds = ", ".join(dict.fromkeys(row["class"].replace("_", " ") for row in flips))
+        most = [max(float(row[key]) for row in flips) for key in ("speed_m_per_s", "travel_m")]
+        body.append([place, where, kinds, f"{most[0]:.3f}", f"{1e3 * most[1]:.3f}", reasons[place]])
+    return table(["bit", "where", "class", "speed, m/s", "travel, mm", "why"], body)
+
+
+@block
 def registers():
     body = []
     for board in BOARDS:
