@@ -4,6 +4,7 @@
 mod columns;
 mod compared;
 mod estimator;
+mod folder;
 mod measured;
 mod scene;
 mod studies;
@@ -19,6 +20,7 @@ mod _native {
     use super::{
         compared::{compare, explain},
         estimator::{Estimator, velocity_table, with_estimator},
+        folder::{StudyFolder, StudyUnits, study_text},
         measured::{agree, identify, replay},
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},

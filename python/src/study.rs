@@ -1,13 +1,16 @@
 //! Studies of many points.
 
-use std::{path::Path, sync::atomic::Ordering::Relaxed};
+use std::{
+    path::{Path, PathBuf},
+    sync::atomic::Ordering::Relaxed,
+};
 
 use pyo3::{
     exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
     types::PyDict,
 };
-use sim_loop::error::Error;
+use sim_loop::{error::Error, input};
 use sim_studies::study::planned::{Study, StudyFile, unit::How};
 
 use crate::{
@@ -17,14 +20,18 @@ use crate::{
     work::{raised, run},
 };
 
-/// The study of a dictionary with the keys of a study's file, or of the file at a path.
-fn file_of(asked: &Bound<'_, PyAny>) -> PyResult<StudyFile> {
+/// Text of a study, what errors call it, and the folder of its scenes: of a dictionary with the keys of a study's file, or
+/// of the file at a path.
+pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
     if asked.cast::<PyDict>().is_ok() {
         let text = toml::to_string(&of_python(asked)?);
         let text = text.map_err(|error| PyValueError::new_err(error.to_string()))?;
-        return StudyFile::parse(text, "study", Path::new("")).map_err(raised);
+        return Ok((text, "study".into(), PathBuf::new()));
     }
-    StudyFile::load(&asked.extract::<std::path::PathBuf>()?).map_err(raised)
+    let path = asked.extract::<PathBuf>()?;
+    let text = input::read_text(&path, input::STUDY).map_err(raised)?;
+    let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
+    Ok((text, path.display().to_string(), folder))
 }
 
 /// Every point of a study.
@@ -38,7 +45,8 @@ pub fn study<'py>(
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
-    let file = file_of(study)?;
+    let (text, origin, folder) = text_of(study)?;
+    let file = StudyFile::parse(text, &origin, &folder).map_err(raised)?;
     let study = run(py, threads, None, 0, |_| Study::new(file))?;
     let (rows, hits) = run(py, threads, progress, study.units, |course| {
         let how = How { engine, numeric, stop: course.stop };

@@ -9,7 +9,10 @@ use super::{Common, progress};
 use crate::{
     error::Error,
     interrupt,
-    output::{study::Folder, terminal::print_result},
+    output::{
+        study::{Folder, Part},
+        terminal::print_result,
+    },
     study::planned::{Study, StudyFile, trial::Estimate, unit::How},
 };
 
@@ -109,13 +112,13 @@ pub fn run(args: &StudyArgs, common: &Common) -> Result<(), Error> {
         }
         interrupt::check()?;
         let made = study.run(unit, how(common))?;
-        folder.add(unit, study.unit_key(unit, numeric), &made)?;
+        folder.add(unit, study.unit_key(unit, numeric), &Part::from(&made))?;
         units_made += 1;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let done = folder.done().values();
-    let [rows, hits, bytes] = done.fold([0; 3], |[rows, hits, bytes], entry| {
+    let done = folder.finish()?;
+    let [rows, hits, bytes] = done.values().fold([0; 3], |[rows, hits, bytes], entry| {
         [rows + entry.rows, hits + entry.hits, bytes + entry.bytes]
     });
     let json = Json { subject, units_made, rows, hits, bytes, out: &out };

@@ -149,6 +149,24 @@ pub struct Entry {
     pub hits: u64,
 }
 
+/// What a unit's part holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Its table.
+    pub csv: String,
+    /// Rows of that.
+    pub rows: u64,
+    /// Hits that it took.
+    pub hits: u64,
+}
+
+impl From<&Made> for Part {
+    fn from(made: &Made) -> Self {
+        let (csv, rows) = (made.table.csv(), made.table.rows.len() as u64);
+        Self { csv, rows, hits: made.hits }
+    }
+}
+
 /// The folder of a study; one run at a time has it.
 #[derive(Debug)]
 pub struct Folder {
@@ -246,20 +264,18 @@ impl Folder {
     ///
     /// # Errors
     /// [`Error::File`], on a full disk for example; what was entered before stays.
-    pub fn add(&mut self, unit: u64, key: String, made: &Made) -> Result<(), Error> {
+    pub fn add(&mut self, unit: u64, key: String, made: &Part) -> Result<(), Error> {
         let file = format!("part-{unit:08}.csv");
-        let bytes = made.table.csv().into_bytes();
+        let Part { csv, rows, hits } = made;
+        let (bytes, rows, hits) = (csv.as_bytes(), *rows, *hits);
         let mut outputs = Outputs::new(self.is_resumed, &self.inputs);
         let place = outputs.file(&self.path.join(&file))?;
-        outputs.write(place, &bytes)?;
+        outputs.write(place, bytes)?;
         outputs.commit()?;
-        let (sha256, rows) = (sha256(&bytes), made.table.rows.len() as u64);
-        let entry =
-            Entry { unit, key, file, bytes: bytes.len() as u64, sha256, rows, hits: made.hits };
-        let line = serde_json::to_string(&entry)
-            .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
+        let (sha256, bytes) = (sha256(bytes), bytes.len() as u64);
+        let entry = Entry { unit, key, file, bytes, sha256, rows, hits };
         let place = self.path.join(MANIFEST);
-        let line = line + "\n";
+        let line = entry.line()?;
         let appended = self.manifest.write_all(line.as_bytes());
         if let Err(error) = appended.and_then(|()| self.manifest.sync_data()) {
             let _ = self.manifest.set_len(self.whole); // else the next run cuts it
@@ -272,7 +288,34 @@ impl Folder {
     }
 }
 
+impl Folder {
+    /// The manifest in the order of the units, so that a study made anywhere, in any order, has the bytes of one that was
+    /// made here. To be called at the end.
+    ///
+    /// # Errors
+    /// [`Error::File`]; what was entered stays.
+    pub fn finish(self) -> Result<BTreeMap<u64, Entry>, Error> {
+        let place = self.path.join(MANIFEST);
+        let lines: Result<String, Error> = self.done.values().map(Entry::line).collect();
+        let lines = lines?;
+        if fs::read(&place).map_err(Error::file(&place))? != lines.as_bytes() {
+            let mut outputs = Outputs::new(true, &self.inputs);
+            let manifest = outputs.file(&place)?;
+            outputs.write(manifest, lines.as_bytes())?;
+            outputs.commit()?;
+        }
+        Ok(self.done)
+    }
+}
+
 impl Entry {
+    /// Its line of the manifest.
+    fn line(&self) -> Result<String, Error> {
+        let line = serde_json::to_string(self);
+        let line = line.map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
+        Ok(line + "\n")
+    }
+
     /// Whether its part is there, to the last bit.
     fn is_whole(&self, folder: &Path) -> bool {
         let part = folder.join(&self.file);

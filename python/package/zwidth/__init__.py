@@ -17,6 +17,7 @@ from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
 from .compared import Comparison, Explanation, Winner, compare, explain
 from .estimator import Estimator
+from .folder import StudyFailed, StudyRun, run_study
 from .identified import EncoderTerm, Estimate, Identification, Residual, TermTest, identify
 from .measured import Agreement, Replay, Suspect, agree, replay
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
@@ -50,6 +51,8 @@ __all__ = [
     "Samples",
     "Scene",
     "Study",
+    "StudyFailed",
+    "StudyRun",
     "Suspect",
     "Sweep",
     "Table",
@@ -67,6 +70,7 @@ __all__ = [
     "identify",
     "linear",
     "replay",
+    "run_study",
     "study",
     "sweep",
     "walk",

@@ -13,6 +13,8 @@ __all__ = [
     "SCENES",
     "Estimator",
     "Scene",
+    "StudyFolder",
+    "StudyUnits",
     "__version__",
     "agree",
     "compare",
@@ -24,6 +26,7 @@ __all__ = [
     "linear",
     "replay",
     "study",
+    "study_text",
     "sweep",
     "velocity_table",
     "walk",
@@ -146,3 +149,28 @@ def study(
     threads: int | None,
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
+def study_text(study: str | dict[str, Any]) -> tuple[str, str, str]: ...
+
+@final
+class StudyUnits:
+    def __new__(cls, text: str, origin: str, folder: str) -> StudyUnits: ...
+    def make(
+        self, unit: int, engine: str, numeric: str, threads: int | None
+    ) -> tuple[str, str, int, int]: ...
+
+@final
+class StudyFolder:
+    def __new__(
+        cls, text: str, origin: str, folder: str, out: str, resume: bool, numeric: str
+    ) -> StudyFolder: ...
+    @property
+    def measure(self) -> str: ...
+    @property
+    def points(self) -> int: ...
+    @property
+    def units(self) -> int: ...
+    @property
+    def key(self) -> str: ...
+    def missing(self) -> list[int]: ...
+    def add(self, unit: int, key: str, csv: str, rows: int, hits: int) -> None: ...
+    def finish(self) -> tuple[int, int, int]: ...

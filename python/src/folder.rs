@@ -1,0 +1,144 @@
+//! A study in a folder: its units, made anywhere, and their parts, written here.
+
+use std::path::{Path, PathBuf};
+
+use host_sim::output::study::{Folder, Part};
+use pyo3::{exceptions::PyValueError, prelude::*};
+use sim_loop::simulation::prepared::Numeric;
+use sim_studies::study::planned::{Study, StudyFile, unit::How};
+
+use crate::{
+    studies::{engine_of, numeric_of},
+    study::text_of,
+    work::{raised, run},
+};
+
+/// Text, origin and folder of a study: what a worker needs to read it again.
+#[pyfunction]
+pub fn study_text(study: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
+    text_of(study)
+}
+
+/// The units of a study.
+#[pyclass(frozen, module = "zwidth._native")]
+pub struct StudyUnits {
+    study: Study,
+}
+
+#[pymethods]
+impl StudyUnits {
+    #[new]
+    fn new(py: Python<'_>, text: String, origin: &str, folder: PathBuf) -> PyResult<Self> {
+        let file = StudyFile::parse(text, origin, &folder).map_err(raised)?;
+        let study = run(py, None, None, 0, |_| Study::new(file))?;
+        Ok(Self { study })
+    }
+
+    /// Makes a unit: its key, its part, rows and hits of that.
+    fn make(
+        &self,
+        py: Python<'_>,
+        unit: u64,
+        engine: &str,
+        numeric: &str,
+        threads: Option<usize>,
+    ) -> PyResult<(String, String, u64, u64)> {
+        let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
+        if unit >= self.study.units {
+            let last = self.study.units.saturating_sub(1);
+            return Err(PyValueError::new_err(format!("unit is {unit}, allowed 0 to {last}")));
+        }
+        let made = run(py, threads, None, 0, |course| {
+            self.study.run(unit, How { engine, numeric, stop: course.stop })
+        })?;
+        let Part { csv, rows, hits } = Part::from(&made);
+        Ok((self.study.unit_key(unit, numeric), csv, rows, hits))
+    }
+}
+
+/// The folder of a study, as `cargo sim study --out` writes it; one at a time has it.
+#[pyclass(module = "zwidth._native")]
+pub struct StudyFolder {
+    study: Study,
+    numeric: Numeric,
+    folder: Option<Folder>,
+}
+
+#[pymethods]
+impl StudyFolder {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        text: String,
+        origin: &str,
+        folder: PathBuf,
+        out: PathBuf,
+        resume: bool,
+        numeric: &str,
+    ) -> PyResult<Self> {
+        let numeric = numeric_of(numeric)?;
+        let file = StudyFile::parse(text, origin, &folder).map_err(raised)?;
+        let study = run(py, None, None, 0, |_| Study::new(file))?;
+        let mut inputs = study.files.clone();
+        inputs.extend(Path::new(origin).exists().then(|| origin.into()));
+        let folder = Folder::open(&out, &study, numeric, resume, &inputs).map_err(raised)?;
+        Ok(Self { study, numeric, folder: Some(folder) })
+    }
+
+    #[getter]
+    fn measure(&self) -> &str {
+        self.study.file.measure.name()
+    }
+
+    #[getter]
+    fn points(&self) -> u64 {
+        self.study.points
+    }
+
+    #[getter]
+    fn units(&self) -> u64 {
+        self.study.units
+    }
+
+    /// Key of the study.
+    #[getter]
+    fn key(&self) -> String {
+        self.study.key(self.numeric)
+    }
+
+    /// Units whose parts are not there.
+    fn missing(&self) -> PyResult<Vec<u64>> {
+        let done = self.open()?.done();
+        Ok((0..self.study.units).filter(|unit| !done.contains_key(unit)).collect())
+    }
+
+    /// Writes the part of a unit and enters it.
+    fn add(&mut self, unit: u64, key: &str, csv: String, rows: u64, hits: u64) -> PyResult<()> {
+        let own = self.study.unit_key(unit, self.numeric);
+        if own != key {
+            return Err(PyValueError::new_err(format!(
+                "unit {unit} was made of another study or by another program: install the same zwidth everywhere"
+            )));
+        }
+        let folder = self.folder.as_mut().ok_or_else(closed)?;
+        folder.add(unit, own, &Part { csv, rows, hits }).map_err(raised)
+    }
+
+    /// Puts the manifest in order; rows, hits and bytes of all parts.
+    fn finish(&mut self) -> PyResult<(u64, u64, u64)> {
+        let done = self.folder.take().ok_or_else(closed)?.finish().map_err(raised)?;
+        Ok(done.values().fold((0, 0, 0), |(rows, hits, bytes), entry| {
+            (rows + entry.rows, hits + entry.hits, bytes + entry.bytes)
+        }))
+    }
+}
+
+impl StudyFolder {
+    fn open(&self) -> PyResult<&Folder> {
+        self.folder.as_ref().ok_or_else(closed)
+    }
+}
+
+fn closed() -> PyErr {
+    PyValueError::new_err("the folder of this study is finished")
+}
