@@ -92,10 +92,8 @@ fn every_command_names_what_is_estimated() {
     ] {
         let args = [&[command, "rice-paddle"][..], &args].concat();
         is_marked(folder.path(), &args, "note: ");
-        let plain: Vec<&str> = args
-            .iter()
-            .map(|arg| if *arg == "rice-paddle" { "nucleo-f446re" } else { arg })
-            .collect();
+        let plain: Vec<&str> =
+            args.iter().map(|arg| if *arg == "rice-paddle" { "paper-1um" } else { arg }).collect();
         let plain: Vec<&str> =
             plain.iter().map(|arg| if *arg == "0.1" { "10" } else { arg }).collect();
         let plain = run(folder.path(), &[&plain[..], &["--json"]].concat());
