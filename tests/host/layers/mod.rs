@@ -17,7 +17,7 @@ const SIMULATOR: &[&[&str]] = &[
     &["simulation"],
     &["plant"],
     &["scene"],
-    &["numerics", "input", "interrupt", "range", "notation", "error"],
+    &["numerics", "input", "interrupt", "range", "notation", "table", "error"],
 ];
 
 /// The layers of core and firmware.
