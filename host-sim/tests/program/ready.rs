@@ -147,7 +147,7 @@ fn the_best_estimator_of_an_explanation_is_that_of_a_comparison() {
         println!("{scene}: {found} {mean:.4e}, up to {high:.4e}; compared {name} {best:.4e}");
         assert!(mean >= 0.95 * best || high >= best, "{scene}: {found} {mean}, {name} {best}");
         let estimated = explained["estimated"].as_array().map_or(0, Vec::len);
-        assert_eq!(estimated > 0, !scene.contains("-f4"), "{scene}");
+        assert!(estimated > 0, "{scene}");
     }
 }
 
@@ -161,7 +161,7 @@ fn sweep_and_comparison_of_a_ready_device_say_nothing_new() {
         let swept = &swept["scenes"][0];
         assert!(swept["ideal_cutoff_hz"].is_number(), "{scene}: {swept}");
         let estimated = swept["estimated"].as_array().map_or(0, Vec::len);
-        assert_eq!(estimated > 0, !scene.contains("-f4"), "{scene}");
+        assert!(estimated > 0, "{scene}");
         for note in swept["notes"].as_array().unwrap() {
             let note = note.as_str().unwrap();
             assert!(is_explained(note) || note.contains("only one walk"), "{scene}: {note}");
