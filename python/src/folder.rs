@@ -1,6 +1,6 @@
 //! A study in a folder: its units, made anywhere, and their parts, written here.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use host_sim::output::study::{Folder, Part};
 use pyo3::{exceptions::PyValueError, prelude::*};
@@ -19,10 +19,12 @@ pub fn study_text(study: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf
     text_of(study)
 }
 
-/// The units of a study.
+/// A study that was read and checked, and its units.
 #[pyclass(frozen, module = "zwidth._native")]
 pub struct StudyUnits {
     study: Study,
+    /// The study's file, if it is one.
+    origin: PathBuf,
 }
 
 #[pymethods]
@@ -31,7 +33,7 @@ impl StudyUnits {
     fn new(py: Python<'_>, text: String, origin: &str, folder: PathBuf) -> PyResult<Self> {
         let file = StudyFile::parse(text, origin, &folder).map_err(raised)?;
         let study = run(py, None, None, 0, |_| Study::new(file))?;
-        Ok(Self { study })
+        Ok(Self { study, origin: origin.into() })
     }
 
     /// Makes a unit: its key, its part, rows and hits of that.
@@ -59,7 +61,7 @@ impl StudyUnits {
 /// The folder of a study, as `cargo sim study --out` writes it; one at a time has it.
 #[pyclass(module = "zwidth._native")]
 pub struct StudyFolder {
-    study: Study,
+    units: Py<StudyUnits>,
     numeric: Numeric,
     folder: Option<Folder>,
 }
@@ -67,54 +69,45 @@ pub struct StudyFolder {
 #[pymethods]
 impl StudyFolder {
     #[new]
-    fn new(
-        py: Python<'_>,
-        text: String,
-        origin: &str,
-        folder: PathBuf,
-        out: PathBuf,
-        resume: bool,
-        numeric: &str,
-    ) -> PyResult<Self> {
+    fn new(units: Py<StudyUnits>, out: PathBuf, resume: bool, numeric: &str) -> PyResult<Self> {
         let numeric = numeric_of(numeric)?;
-        let file = StudyFile::parse(text, origin, &folder).map_err(raised)?;
-        let study = run(py, None, None, 0, |_| Study::new(file))?;
+        let StudyUnits { study, origin } = units.get();
         let mut inputs = study.files.clone();
-        inputs.extend(Path::new(origin).exists().then(|| origin.into()));
-        let folder = Folder::open(&out, &study, numeric, resume, &inputs).map_err(raised)?;
-        Ok(Self { study, numeric, folder: Some(folder) })
+        inputs.extend(origin.exists().then(|| origin.clone()));
+        let folder = Folder::open(&out, study, numeric, resume, &inputs).map_err(raised)?;
+        Ok(Self { units, numeric, folder: Some(folder) })
     }
 
     #[getter]
     fn measure(&self) -> &str {
-        self.study.file.measure.name()
+        self.study().file.measure.name()
     }
 
     #[getter]
     fn points(&self) -> u64 {
-        self.study.points
+        self.study().points
     }
 
     #[getter]
     fn units(&self) -> u64 {
-        self.study.units
+        self.study().units
     }
 
     /// Key of the study.
     #[getter]
     fn key(&self) -> String {
-        self.study.key(self.numeric)
+        self.study().key(self.numeric)
     }
 
     /// Units whose parts are not there.
     fn missing(&self) -> PyResult<Vec<u64>> {
         let done = self.open()?.done();
-        Ok((0..self.study.units).filter(|unit| !done.contains_key(unit)).collect())
+        Ok((0..self.study().units).filter(|unit| !done.contains_key(unit)).collect())
     }
 
     /// Writes the part of a unit and enters it.
     fn add(&mut self, unit: u64, key: &str, csv: String, rows: u64, hits: u64) -> PyResult<()> {
-        let own = self.study.unit_key(unit, self.numeric);
+        let own = self.study().unit_key(unit, self.numeric);
         if own != key {
             return Err(PyValueError::new_err(format!(
                 "unit {unit} was made of another study or by another program: install the same zwidth everywhere"
@@ -134,6 +127,10 @@ impl StudyFolder {
 }
 
 impl StudyFolder {
+    fn study(&self) -> &Study {
+        &self.units.get().study
+    }
+
     fn open(&self) -> PyResult<&Folder> {
         self.folder.as_ref().ok_or_else(closed)
     }

@@ -115,9 +115,9 @@ def test_a_folder_of_another_study_is_refused(study: Path, whole: dict[str, byte
 def test_a_unit_of_another_program_is_refused(study: Path, tmp_path: Path) -> None:
     from zwidth import _native
 
-    asked = _native.study_text(str(study))
-    folder = _native.StudyFolder(*asked, str(tmp_path / "out"), False, "fixed")
-    key, csv, rows, hits = _native.StudyUnits(*asked).make(3, "lanes", "fixed", 1)
+    units = _native.StudyUnits(*_native.study_text(str(study)))
+    folder = _native.StudyFolder(units, str(tmp_path / "out"), False, "fixed")
+    key, csv, rows, hits = units.make(3, "lanes", "fixed", 1)
     with pytest.raises(ValueError, match="unit 4 was made of another study or by another program"):
         folder.add(4, key, csv, rows, hits)
     folder.add(3, key, csv, rows, hits)

@@ -286,9 +286,7 @@ impl Folder {
         self.done.insert(unit, entry);
         Ok(())
     }
-}
 
-impl Folder {
     /// The manifest in the order of the units, so that a study made anywhere, in any order, has the bytes of one that was
     /// made here. To be called at the end.
     ///

@@ -160,9 +160,7 @@ class StudyUnits:
 
 @final
 class StudyFolder:
-    def __new__(
-        cls, text: str, origin: str, folder: str, out: str, resume: bool, numeric: str
-    ) -> StudyFolder: ...
+    def __new__(cls, units: StudyUnits, out: str, resume: bool, numeric: str) -> StudyFolder: ...
     @property
     def measure(self) -> str: ...
     @property

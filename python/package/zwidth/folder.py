@@ -91,7 +91,7 @@ class StudyRun:
 
 @lru_cache(maxsize=4)
 def _units(text: str, origin: str, folder: str) -> _native.StudyUnits:
-    """A worker reads a study once."""
+    """A process reads a study once."""
     return _native.StudyUnits(text, origin, folder)
 
 
@@ -146,7 +146,7 @@ def run_study(
     """
     asked = _native.study_text(dict(study) if isinstance(study, Mapping) else fspath(study))
     place = Path(out)
-    folder = _native.StudyFolder(*asked, str(place), resume, numeric)
+    folder = _native.StudyFolder(_units(*asked), str(place), resume, numeric)
     missing = folder.missing()
     there = folder.units - len(missing)
 
