@@ -1,6 +1,5 @@
 """The ready devices: what each gives, and what limits it."""
 
-import csv
 import json
 import os
 import re
@@ -11,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 from . import block, commands, slots
-from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, table
+from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, store, table
 from .source import sim as asked
 
 # Scene, its name on the page.
@@ -70,22 +69,16 @@ def swept(folder, scene, changed, text):
                "ideal": int(cutoff == told["ideal_cutoff_hz"]), "in_range": int(low <= cutoff <= high)}
 
 
-def store(name, body):
-    with (DATA / name).open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(body[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(body)
-
-
-def scenes():
-    return {scene: (ROOT / f"scenes/{scene}.toml").read_text() for scene in DEVICES}
+def text_of(scene):
+    return (ROOT / f"scenes/{scene}.toml").read_text()
 
 
 def make_sweeps():
     """Each scene swept, as it is and with one thing changed."""
     body = []
     with tempfile.TemporaryDirectory() as folder:
-        for scene, text in scenes().items():
+        for scene in DEVICES:
+            text = text_of(scene)
             for changed, other in [("", text), *changes(text)]:
                 body += swept(folder, scene, changed, other)
     store(SWEEPS, body)
@@ -96,8 +89,8 @@ def make_best():
     """The best of five estimators of each scene."""
     body = []
     with tempfile.TemporaryDirectory() as folder:
-        for scene, text in scenes().items():
-            (Path(folder) / "SCENE.toml").write_text(text)
+        for scene in DEVICES:
+            (Path(folder) / "SCENE.toml").write_text(text_of(scene))
             compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare --force")
             areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
                      for r in compared["estimators"]}
@@ -113,7 +106,7 @@ LONG["devices-sweeps"] = ("cargo sim sweep SCENE --plain --repeat 2", {"sweeps":
 
 def units(scene):
     """Of stiffness, damping and area."""
-    turns = "[rotary]" in (ROOT / f"scenes/{scene}.toml").read_text()
+    turns = "[rotary]" in text_of(scene)
     return ("N m/rad", "N m s/rad", "N^2 m^2 s/rad^2") if turns else ("N/m", "N s/m", "N^2 s/m^2")
 
 
@@ -176,8 +169,7 @@ def devices_limits():
 def devices_estimated():
     body = []
     for scene in DEVICES:
-        text = (ROOT / f"scenes/{scene}.toml").read_text()
-        found = re.search(r"(?ms)^estimated = \[(.*?)\]", text)
+        found = re.search(r"(?ms)^estimated = \[(.*?)\]", text_of(scene))
         keys = re.findall(r'"([^"]+)"', found[1]) if found else []
         body.append([f"`{scene}`", ", ".join(f"`{key}`" for key in keys) or "none"])
     return table(["scene", "estimated"], body)
@@ -223,7 +215,7 @@ def fault_speeds():
             length, of_force = ("rad", "n_m") if turns else ("m", "n")
             force = told[f"full_scale_{of_force}"]
             speed, travel = told[f"fault_speed_{length}_per_s"], told[f"fault_travel_{length}"]
-            radius = tomllib.loads((ROOT / f"scenes/{scene}.toml").read_text())["rotary"]["handle_radius_m"] if turns else 1
+            radius = tomllib.loads(text_of(scene))["rotary"]["handle_radius_m"] if turns else 1
             body.append([f"`{scene}`", f"{significant(force, 3)} {'N m' if turns else 'N'}",
                          f"{significant(speed, 3)} {'rad/s' if turns else 'm/s'}",
                          significant(speed * radius, 3), significant(1e3 * travel * radius, 3)])

@@ -112,6 +112,14 @@ def rows(name):
         return list(csv.DictReader(file))
 
 
+def store(name, body, columns=None):
+    """Writes docs/data/NAME: these columns of the rows, or all that the first row has."""
+    with (DATA / name).open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns or list(body[0]), lineterminator="\n", extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(body)
+
+
 def row(name, **wanted):
     found = [r for r in rows(name) if all(r[key] == value for key, value in wanted.items())]
     if not found:
@@ -227,10 +235,7 @@ def take_measured(change):
             differences.append(f"docs/data/measured.csv:{lines.get(key, 1)}: {key} is {old}, the test says {value}")
             told[key] = {"figure": key, "value": value, "commit": now}
     if change and differences:
-        with MEASURED.open("w", newline="") as out:
-            writer = csv.DictWriter(out, ["figure", "value", "commit"], lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(told[key] for key in sorted(told))
+        store(MEASURED.name, [told[key] for key in sorted(told)], ["figure", "value", "commit"])
         rows.cache_clear()
     return differences
 
@@ -286,11 +291,8 @@ def campaign(command, files):
                for (board, region), counts in sorted(sums.items(), key=lambda item: BOARDS.index(item[0][0]))]
     columns = ["board", "name", "situation", "class", "off_s", "speed_m_per_s", "travel_m", "code"]
     for key, body in (("rows", named), ("random", regions), ("left", left)):
-        with (DATA / files[key]).open("w", newline="") as file:
-            head = list(regions[0]) if key == "random" else columns + (["reason"] if key == "rows" else ["region"])
-            writer = csv.DictWriter(file, head, lineterminator="\n", extrasaction="ignore")
-            writer.writeheader()
-            writer.writerows(body)
+        head = list(regions[0]) if key == "random" else columns + (["reason"] if key == "rows" else ["region"])
+        store(files[key], body, head)
 
 
 def wilson(hits, trials):
@@ -329,7 +331,4 @@ def note_made(command, files):
     """Says in docs/data/made.csv what made these files."""
     kept = [r for r in rows("made.csv") if r["file"] not in files.values()] if MADE.exists() else []
     kept += [{"file": stored, "command": command, "commit": commit()} for stored in files.values()]
-    with MADE.open("w", newline="") as file:
-        writer = csv.DictWriter(file, ["file", "command", "commit"], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(sorted(kept, key=lambda r: r["file"]))
+    store(MADE.name, sorted(kept, key=lambda r: r["file"]), ["file", "command", "commit"])
