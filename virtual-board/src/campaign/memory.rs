@@ -1,7 +1,7 @@
 //! What stands in RAM is another.
 
 use super::{
-    place::flip_word,
+    place::{flip_word, words_of},
     rows::{Row, SOON_S},
     situation::Situation,
 };
@@ -12,7 +12,10 @@ use crate::{
 };
 
 /// All of the motor's force, in the firmware's unit.
-const FULL_SCALE: i32 = 1 << 30;
+const FULL_SCALE: u32 = 1 << 30;
+/// Names the queues, and the state of `render`, among the symbols.
+const QUEUES: &str = "queues";
+const RENDER_STATE: &str = "local_resource_render";
 
 /// All of them.
 pub fn memory_rows() -> Vec<Row> {
@@ -28,7 +31,7 @@ pub fn memory_rows() -> Vec<Row> {
 /// The byte that says how the motor is wired: found by turning it with the force off, and then turned with the force on.
 fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     let before = world.snapshot();
-    let (from, size) = elf.place_of("local_resource_render")?;
+    let (from, size) = elf.place_of(RENDER_STATE)?;
     let mut seen = Vec::new();
     for line in ["disarm", "motor +", "motor -", "motor +", "motor -"] {
         ask(world, line)?;
@@ -50,10 +53,10 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
 fn push(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     let (plan, words) = hit_plan(elf, world)?;
     let full_n = world.full_scale_n();
-    let is_push = |&word: &i32| {
+    let is_push = |&word: &u32| {
         [Situation::Free, Situation::Full].into_iter().any(|situation| {
             let wanted = situation.push_n(full_n) / full_n * f64::from(FULL_SCALE);
-            (f64::from(word) - wanted).abs() <= 1.0
+            (f64::from(word.cast_signed()) - wanted).abs() <= 1.0
         })
     };
     let place = words.iter().position(is_push);
@@ -67,13 +70,13 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
 /// A bit of the word that says whether a hit is on its way to its start or pushes: the push would go, and it would never
 /// end. It is before the hit's plan, has a small value while it pushes, and 0 or 1 on the way there.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
-    let pushes = render_words(elf, world)?.1;
+    let pushes = words_of(elf, world, RENDER_STATE)?.1;
     let before = world.snapshot();
     ask(world, "stop")?;
     world.run(2_000)?;
     ask(world, "hit")?;
     world.run(50)?;
-    let (from, comes) = render_words(elf, world)?;
+    let (from, comes) = words_of(elf, world, RENDER_STATE)?;
     world.restore(&before);
     let place = comes.iter().zip(&pushes).position(|pair| matches!(pair, (0 | 1, 2)));
     let place = place.ok_or_else(|| Failed::Refused("no word says that a hit pushes".into()))?;
@@ -81,20 +84,13 @@ fn phase(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     Ok(world.powered.mcu.now())
 }
 
-/// Where the state of `render` begins, and its words.
-fn render_words(elf: &Elf, world: &World<'_>) -> Result<(u32, Vec<i32>), Failed> {
-    let (from, size) = elf.place_of("local_resource_render")?;
-    let mut bytes = vec![0; size as usize];
-    world.powered.mcu.read(from, &mut bytes);
-    let words = bytes.chunks_exact(4).map(|w| i32::from_le_bytes([w[0], w[1], w[2], w[3]]));
-    Ok((from, words.collect()))
-}
-
 /// Where the running hit's plan stands in the memory of `render`, and its words: they stand there twice, one after the
 /// other.
-fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [i32; 4]), Failed> {
-    let (from, words) = render_words(elf, world)?;
-    let twice = |pair: &[i32]| pair[..4] == pair[4..] && pair[..4].iter().all(|&word| word > 1);
+fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
+    let (from, words) = words_of(elf, world, RENDER_STATE)?;
+    let twice = |pair: &[u32]| {
+        pair[..4] == pair[4..] && pair[..4].iter().all(|&word| word.cast_signed() > 1)
+    };
     let place = words.windows(8).position(twice);
     let place = place.ok_or_else(|| Failed::Refused("no plan is kept twice in `render`".into()))?;
     let plan = [0, 1, 2, 3].map(|n| words[place + n]);
@@ -105,7 +101,7 @@ fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [i32; 4]), Failed> {
 /// the handle moves, and is always the difference of two other words, last count and position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     let before = world.snapshot();
-    let (from, size) = elf.place_of(SAMPLE_STATE)?;
+    let (from, _) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();
     ask(world, "disarm")?;
     for (offset, zero) in [(40, true), (110, true), (70, true), (15, false)] {
@@ -115,10 +111,7 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
             ask(world, "zero")?;
             world.run(37)?;
         }
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
-        seen.push(words.collect::<Vec<_>>());
+        seen.push(words_of(elf, world, SAMPLE_STATE)?.1);
     }
     let words = seen[0].len();
     let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
@@ -134,31 +127,22 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     let place =
         place.ok_or_else(|| Failed::Refused("nothing in `sample` follows `zero`".into()))?;
     world.restore(&before);
-    let at = from + 4 * u32::try_from(place).unwrap_or_default();
-    let mut word = [0; 4];
-    world.powered.mcu.read(at, &mut word);
-    world.powered.mcu.write(at, &(u32::from_le_bytes(word) ^ 1 << 7).to_le_bytes());
+    flip_word(world, from + 4 * u32::try_from(place).unwrap_or_default(), 7);
     Ok(world.powered.mcu.now())
 }
 
 /// An index of the queue of orders points to the other of its two places: what stands there was met before. The index is
 /// found with the force off: it turns with each order, and with nothing else.
 fn order(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
-    let (from, size) = elf.place_of("queues")?;
     let before = world.snapshot();
-    let words = |world: &World<'_>| {
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        let words = bytes.chunks_exact(4).map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
-        words.collect::<Vec<_>>()
-    };
     ask(world, "disarm")?;
     world.run(200)?; // an experiment says that it ended
-    let mut seen = vec![words(world)];
+    let (from, words) = words_of(elf, world, QUEUES)?;
+    let mut seen = vec![words];
     for line in ["k 9000", "k 10000", "k 9000", "k 10000", "k 9000"] {
         ask(world, line)?;
         world.run(37)?;
-        seen.push(words(world));
+        seen.push(words_of(elf, world, QUEUES)?.1);
     }
     let turns = |a: &usize| {
         let small = seen.iter().all(|words| words[*a] < 2);

@@ -6,7 +6,7 @@ use super::{
         AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, LOOP, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US,
         SAMPLE_US, UNUSED, WATCHDOG_US, lose_the_way,
     },
-    place::{WATCHDOG_RELOAD, flip_register},
+    place::{WATCHDOG_RELOAD, flip_register, words_of},
 };
 use crate::{
     elf::{Elf, SAMPLE_STATE},
@@ -219,10 +219,7 @@ fn until_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let mut seen = Vec::new();
     for _ in 0..21 {
         world.sample()?;
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        let words = bytes.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
-        seen.push(words.collect::<Vec<_>>());
+        seen.push(words_of(elf, world, SAMPLE_STATE)?.1);
     }
     let counts = |place: usize| {
         seen.windows(2).all(|pair| pair[1][place] == pair[0][place].wrapping_add(9) % 10)

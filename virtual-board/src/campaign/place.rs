@@ -2,6 +2,7 @@
 
 use crate::{
     elf::{Elf, SAMPLE_STATE},
+    session::Failed,
     world::World,
 };
 
@@ -203,6 +204,19 @@ pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
         }
         _ => mcu.poke(address, was ^ one),
     }
+}
+
+/// Where the symbol of that name begins, and its words.
+pub(super) fn words_of(
+    elf: &Elf,
+    world: &World<'_>,
+    name: &str,
+) -> Result<(u32, Vec<u32>), Failed> {
+    let (from, size) = elf.place_of(name)?;
+    let mut bytes = vec![0; size as usize];
+    world.powered.mcu.read(from, &mut bytes);
+    let words = bytes.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
+    Ok((from, words.collect()))
 }
 
 /// A bit of RAM is the other one.
