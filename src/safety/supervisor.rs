@@ -107,6 +107,9 @@ impl Supervisor {
         inputs: Inputs,
     ) -> Rendered {
         let drive = control.render(up.motion, push);
+        // Before it becomes another, which writes both of them anew.
+        let found = inputs.found.with_if(Fault::Memory, !self.state.is_whole());
+        let inputs = Inputs { found, ..inputs };
         self.inputs = inputs;
         if self.state.is_on() {
             self.down.stall = false; // whatever a bit has become: `arm` was refused in one

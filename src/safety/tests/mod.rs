@@ -20,7 +20,7 @@ pub(super) const GOOD: Inputs = Inputs {
     found: FaultSet::EMPTY,
 };
 
-fn control(position_m: f64, stiffness_n_per_m: f64) -> LoopParameters {
+pub(super) fn control(position_m: f64, stiffness_n_per_m: f64) -> LoopParameters {
     let settings = Settings {
         velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
         wall: WallSettings {

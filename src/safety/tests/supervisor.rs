@@ -5,7 +5,7 @@ use crate::{
     Gain, Motion,
     safety::{
         plan::tests::{DESIGN, SETTINGS},
-        tests::GOOD,
+        tests::{GOOD, control},
     },
     units::Velocity,
     wall::Wall,
@@ -48,6 +48,39 @@ fn it_is_whole_until_a_copy_differs() {
     fade.spoil();
     broken.fade = Some(fade);
     assert!(!broken.is_whole());
+}
+
+/// An output that comes to another state writes both of its copies anew: it looks at them first.
+#[test]
+fn a_flipped_state_is_found_by_an_output_that_changes_it() {
+    const STATES: [State; 5] =
+        [State::Off, State::SignTest, State::RampIn, State::Armed, State::Fault];
+    let control = control(0.01, 2000.0);
+    let output = |state, copy, inputs| {
+        let mut supervisor = supervisor();
+        supervisor.state.set(state);
+        supervisor.state.spoil(copy);
+        let (up, guard) = (SampleReport::BEFORE, Guard::NOTHING);
+        let grant = supervisor.render(&control, &up, &guard, Force::ZERO, inputs).grant;
+        (grant, *supervisor.state, supervisor.causes.contains(Fault::Memory))
+    };
+    let open = Inputs { stop_closed: false, ..GOOD };
+    for inputs in [GOOD, open] {
+        for state in STATES {
+            for copy in STATES {
+                let found = output(state, copy, inputs);
+                if state == copy {
+                    assert!(!found.2, "{state:?} {inputs:?}");
+                } else {
+                    assert_eq!(
+                        found,
+                        (OutputCommand::Off, State::Fault, true),
+                        "{state:?} {copy:?}"
+                    );
+                }
+            }
+        }
+    }
 }
 
 /// By a report with a cause in it, or by events that were not dealt with.

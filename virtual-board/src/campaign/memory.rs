@@ -24,6 +24,7 @@ pub fn memory_rows() -> Vec<Row> {
         Row::of("push of a hit in memory", SOON_S, push).only_free(),
         Row::of("phase of a hit in memory", SOON_S, phase).only_free(),
         Row::of("encoder's origin in memory", SOON_S, origin),
+        Row::of("supervisor's state in memory", SOON_S, state),
         Row::of("an order comes again", SOON_S, order),
     ]
 }
@@ -128,6 +129,33 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
         place.ok_or_else(|| Failed::Refused("nothing in `sample` follows `zero`".into()))?;
     world.restore(&before);
     flip_word(world, from + 4 * u32::try_from(place).unwrap_or_default(), 7);
+    Ok(world.powered.mcu.now())
+}
+
+/// A bit of what the supervisor does: armed becomes the sign test, which was passed, so that the next output comes to yet
+/// another state. Two equal bytes are it, which are 0 when it is off, 1 in the sign test, and 3 now.
+fn state(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    let before = world.snapshot();
+    let (from, size) = elf.place_of(RENDER_STATE)?;
+    let bytes_of = |world: &World<'_>| {
+        let mut bytes = vec![0; size as usize];
+        world.powered.mcu.read(from, &mut bytes);
+        bytes
+    };
+    let mut seen = vec![bytes_of(world)];
+    for line in ["disarm", "wall 0.1", "arm"] {
+        ask(world, line)?;
+        world.run(37)?;
+        seen.push(bytes_of(world));
+    }
+    world.restore(&before);
+    let is_state = |&at: &usize| {
+        [3, 0, 0, 1].iter().zip(&seen).all(|(state, bytes)| bytes[at..at + 2] == [*state, *state])
+    };
+    let place = (1..size as usize).map(|after| after - 1).find(is_state);
+    let place =
+        place.ok_or_else(|| Failed::Refused("no state is kept twice in `render`".into()))?;
+    world.powered.mcu.write(from + u32::try_from(place).unwrap_or_default(), &[1]);
     Ok(world.powered.mcu.now())
 }
 
