@@ -1,0 +1,78 @@
+"""What hits by the million cost."""
+
+import os
+import resource
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+from . import block, slots, states
+from .source import LONG, note_made, number, programs, rows, significant, store, table
+
+HITS = "hits.csv"
+# Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
+SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
+ALLOWED_S = 180
+# The largest cost of a hit beside the smallest: flat.
+FLAT = 1.5
+
+
+def spread(n, low, high):
+    return [low + (high - low) * i / (n - 1) for i in range(n)]
+
+
+def timed_hits():
+    """Studies of single hits, each size in a folder of its own: what a user waits for, the folder written and flushed."""
+    program, body = programs() / "host-sim", []
+    for hits, (cutoffs, stiffnesses, dampings) in SIZES.items():
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "hits.toml").write_text(f"""measure = "hit"
+scenes = ["paper-2um"]
+cutoffs_hz = {spread(cutoffs, 300, 3000)}
+stiffnesses = {spread(stiffnesses, 1e3, 100e3)}
+dampings = {spread(dampings, 0, 300)}
+""")
+            begun, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run([program, "study", "hits.toml", "--out", "hits"], cwd=folder, stdout=subprocess.PIPE, check=True)
+            seconds, after = time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+            busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            size = sum(path.stat().st_size for path in Path(folder, "hits").rglob("*") if path.is_file())
+        body.append({"hits": hits, "cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.3f}", "busy_s": f"{busy:.3f}", "bytes": size})
+        print(body[-1], flush=True)
+    if seconds > ALLOWED_S:
+        raise SystemExit(f"error: {hits} hits took {seconds:.0f} s, {ALLOWED_S} are allowed")
+    store(HITS, body)
+    note_made(".ci/pages --long hits", {"hits": HITS})
+
+
+LONG["hits"] = (".ci/pages --long hits", {"hits": HITS}, timed_hits)
+
+
+def cost_us(r):
+    """Processor time of a hit."""
+    return 1e6 * float(r["busy_s"]) / float(r["hits"])
+
+
+@block
+def study_hits():
+    return table(["hits", "time, s", "processor time of a hit, µs", "bytes of a hit"],
+                 [[f"{int(r['hits']):,}", significant(float(r["seconds"]), 2), significant(cost_us(r), 3), significant(float(r["bytes"]) / float(r["hits"]), 3)]
+                  for r in rows(HITS)])
+
+
+def million():
+    return rows(HITS)[-1]
+
+
+slots(
+    "docs/study.md",
+    ("10^9 of them would take {} hours on {} cores of this kind, or {} minutes on a hundred times as many, and {} GB",
+     lambda: significant(1e3 * float(million()["seconds"]) / 3600, 2), lambda: million()["cores"],
+     lambda: significant(10 * float(million()["seconds"]) / 60, 2), lambda: significant(1e3 * float(million()["bytes"]) / 1e9, 2)),
+)
+states(
+    "docs/study.md",
+    ("A million hits take less than three minutes", lambda: float(million()["seconds"]) <= ALLOWED_S),
+    ("from a thousand hits on the cost of a hit stays the same", lambda: max(map(cost_us, rows(HITS))) <= FLAT * min(map(cost_us, rows(HITS)))),
+)
