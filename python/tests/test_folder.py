@@ -84,6 +84,25 @@ def test_the_folder_is_that_of_the_command_line(study: Path, whole: dict[str, by
     assert list(made.to_pandas()["area_n2_s_per_m2"]) == list(zwidth.study(study).table["area_n2_s_per_m2"])
 
 
+def test_parts_are_parquet_files_with_the_same_columns(tmp_path: Path) -> None:
+    import pyarrow.dataset
+    import pyarrow.parquet
+
+    # The second part has no cutoff at all.
+    keys = {"measure": "hit", "scenes": ["paper-2um"], "estimators": ["butterworth", "central-difference"], "cutoffs_hz": [500],
+            "stiffnesses": [5e3], "dampings": [20], "points_per_unit": 1}
+    made = zwidth.run_study(keys, tmp_path / "out")
+    made.to_parquet(tmp_path / "parts", parts=True)
+    files = sorted((tmp_path / "parts").iterdir())
+    assert [file.stem for file in files] == [part.stem for part in sorted((tmp_path / "out").glob("part-*.csv"))] and len(files) == 2
+    schemas = [pyarrow.parquet.read_schema(file) for file in files]
+    assert schemas[0].equals(schemas[1])
+    table = pyarrow.dataset.dataset(tmp_path / "parts").to_table()
+    assert table.equals(made.to_arrow()) and table.column("cutoff_hz").to_pylist() == [500, None]
+    with pytest.raises(FileExistsError):
+        made.to_parquet(tmp_path / "parts", parts=True)
+
+
 def test_either_goes_on_with_what_the_other_began(study: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     class Ended(Exception):
         pass

@@ -72,21 +72,49 @@ class StudyRun:
     def to_arrow(self) -> pyarrow.Table:
         """All parts as one :class:`pyarrow.Table`; needs pyarrow."""
         import pyarrow
-        from pyarrow import csv
 
-        parts = sorted(self.out.glob("part-*.csv"))
-        whole = csv.ConvertOptions(strings_can_be_null=False)
-        return pyarrow.concat_tables([csv.read_csv(part, convert_options=whole) for part in parts], promote_options="permissive")
+        return pyarrow.concat_tables([_read(part) for part in self._parts()], promote_options="permissive")
 
-    def to_parquet(self, path: str | PathLike[str]) -> None:
-        """All parts as one Parquet file; needs pyarrow."""
+    def to_parquet(self, path: str | PathLike[str], *, parts: bool = False) -> None:
+        """All parts as one Parquet file; needs pyarrow.
+
+        Parameters
+        ----------
+        path : str or path
+            The file, which is replaced; with `parts` the folder, which is not there yet or empty.
+        parts : bool
+            A file for each part, all with the same columns: what ``pyarrow.dataset``, Dask, DuckDB and Spark read as one
+            table. Only one part is in memory at a time.
+        """
+        import pyarrow
         from pyarrow import parquet
 
-        parquet.write_table(self.to_arrow(), path)
+        if not parts:
+            parquet.write_table(self.to_arrow(), path)
+            return
+        out = Path(path)
+        if out.exists() and any(out.iterdir()):
+            raise FileExistsError(f"{out} is there already, and not empty")
+        out.mkdir(parents=True, exist_ok=True)
+        # A column that is empty in one part has its type from another.
+        schema = pyarrow.unify_schemas([_read(part).schema for part in self._parts()], promote_options="permissive")
+        for part in self._parts():
+            draft = out / f".{part.stem}.draft"
+            parquet.write_table(_read(part).cast(schema), draft)
+            draft.rename(out / f"{part.stem}.parquet")
+
+    def _parts(self) -> list[Path]:
+        return sorted(self.out.glob("part-*.csv"))
 
     def to_pandas(self) -> pandas.DataFrame:
         """All parts as a :class:`pandas.DataFrame`; needs pyarrow and pandas."""
         return self.to_arrow().to_pandas()
+
+
+def _read(part: Path) -> pyarrow.Table:
+    from pyarrow import csv
+
+    return csv.read_csv(part, convert_options=csv.ConvertOptions(strings_can_be_null=False))
 
 
 @lru_cache(maxsize=4)
