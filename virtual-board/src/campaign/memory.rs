@@ -37,9 +37,7 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     for line in ["disarm", "motor +", "motor -", "motor +", "motor -"] {
         ask(world, line)?;
         world.run(37)?;
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        seen.push(bytes);
+        seen.push(bytes_of(world, from, size));
     }
     let turns = |at: &usize| seen[1..].iter().map(|bytes| bytes[*at]).eq([0, 1, 0, 1]);
     let place = (0..size as usize).find(turns);
@@ -48,6 +46,12 @@ fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     world.restore(&before);
     world.powered.mcu.write(from + u32::try_from(place).unwrap_or_default(), &[1]);
     Ok(world.powered.mcu.now())
+}
+
+fn bytes_of(world: &World<'_>, from: u32, size: u32) -> Vec<u8> {
+    let mut bytes = vec![0; size as usize];
+    world.powered.mcu.read(from, &mut bytes);
+    bytes
 }
 
 /// A bit of the running hit's push, worth half of full scale.
@@ -137,16 +141,11 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
 fn state(elf: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
-    let bytes_of = |world: &World<'_>| {
-        let mut bytes = vec![0; size as usize];
-        world.powered.mcu.read(from, &mut bytes);
-        bytes
-    };
-    let mut seen = vec![bytes_of(world)];
+    let mut seen = vec![bytes_of(world, from, size)];
     for line in ["disarm", "wall 0.1", "arm"] {
         ask(world, line)?;
         world.run(37)?;
-        seen.push(bytes_of(world));
+        seen.push(bytes_of(world, from, size));
     }
     world.restore(&before);
     let is_state = |&at: &usize| {
