@@ -97,6 +97,8 @@ pub fn hit<'py>(
     made.set_item("velocity_clipped_fraction", report.velocity_clipped_fraction)?;
     made.set_item("window_at_limit_fraction", report.at_limit_fraction)?;
     made.set_item("sensation_db", report.sensation_db)?;
+    made.set_item("port_taken_j", report.port.taken_j)?;
+    made.set_item("port_given_j", report.port.given_j)?;
     let Some(samples) = samples else { return Ok(made) };
     let columns = PyDict::new(py);
     let rows = &samples.rows;
@@ -108,6 +110,7 @@ pub fn hit<'py>(
         ("velocity_m_per_s", rows.iter().map(|row| row.velocity_m_per_s).collect()),
         ("force_n", rows.iter().map(|row| row.force_n).collect()),
         ("output_n", rows.iter().map(|row| row.output_n).collect()),
+        ("port_energy_j", rows.iter().map(|row| row.port_energy_j).collect()),
     ];
     for (name, column) in floats {
         columns.set_item(name, column.into_pyarray(py))?;

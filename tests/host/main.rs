@@ -33,6 +33,7 @@ mod identify_terms;
 mod layers;
 mod linear_elements;
 mod paper;
+mod passivity;
 mod peers;
 mod plant;
 mod small_signal;

@@ -59,6 +59,10 @@ struct Json<'a> {
     window_at_limit_fraction: f64,
     /// `null` if the window has none.
     sensation_db: Option<f64>,
+    /// By the wall's force and the counts, in the last contact.
+    port_taken_j: f64,
+    /// The most beyond that, in any contact.
+    port_given_j: f64,
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
@@ -111,6 +115,8 @@ fn print(
         rms_motion_m: report.rms_motion_m,
         window_at_limit_fraction: report.at_limit_fraction,
         sensation_db: report.sensation_db,
+        port_taken_j: report.port.taken_j,
+        port_given_j: report.port.given_j,
     };
     let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
     // four digits, and no zeros behind them
@@ -138,7 +144,7 @@ fn print(
             "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
              {}, K = {} N/m, B = {} N s/m\n\
              mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %\n\
-             {window}{}",
+             {window}\nthe wall has taken {:.3e} J in the last contact, and given at most {:.3e} J in one{}",
             scene.name,
             json.verdict,
             json.rms_m * 1e6,
@@ -149,6 +155,8 @@ fn print(
             json.peak_penetration_m * 1e6,
             json.saturated_fraction * 100.0,
             json.contact_fraction * 100.0,
+            json.port_taken_j,
+            json.port_given_j,
             note.unwrap_or_default()
         ))
     })

@@ -14,17 +14,20 @@ use crate::{
 
 /// One row per sample. `force_n` is the force that the controller asks for, held from output to
 /// output; `output_n` is the force on the handle at the end of the sample, after latency and
-/// output quantisation; `flags` is the sum of its bits in [`trace`](crate::simulation::trace).
+/// output quantisation; `flags` is the sum of its bits in [`trace`](crate::simulation::trace);
+/// `port_energy_j` is what the wall has taken in this contact, see [`zwidth::port`].
 pub fn csv(trace: &Trace) -> String {
-    let mut text =
-        String::from("time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags\n");
+    let mut text = String::from(
+        "time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags,port_energy_j\n",
+    );
     for (n, row) in trace.rows.iter().enumerate() {
         #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
         let time_s = n as f64 / trace.rate_hz;
-        let Row { position_m, count, velocity_m_per_s, force_n, output_n, flags } = row;
+        let Row { position_m, count, velocity_m_per_s, force_n, output_n, flags, port_energy_j } =
+            row;
         let _ = writeln!(
             text,
-            "{time_s},{position_m},{count},{velocity_m_per_s},{force_n},{output_n},{flags}"
+            "{time_s},{position_m},{count},{velocity_m_per_s},{force_n},{output_n},{flags},{port_energy_j}"
         );
     }
     text

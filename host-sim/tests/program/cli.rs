@@ -216,7 +216,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     }
     let trace = fs::read_to_string(folder.path().join("t.csv")).unwrap();
     let mut lines = trace.lines();
-    let header = "time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags";
+    let header = "time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags,port_energy_j";
     assert_eq!(lines.next(), Some(header));
     assert_eq!(lines.clone().count(), 60_000);
     assert!(lines.next().unwrap().starts_with("0,0,0,0,2.8"));

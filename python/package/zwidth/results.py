@@ -109,6 +109,8 @@ class Trace(_Columns):
         after latency and the output's quantisation.
     flags : ndarray of uint8
         Sum of 1 (inside the wall), 2 (an output was computed) and 4 (the last output saturated).
+    port_energy_j : ndarray of float
+        What the wall has taken in this contact, by its force and the counts, J; below 0 it has given.
     """
 
     time_s: Floats
@@ -118,6 +120,7 @@ class Trace(_Columns):
     force_n: Floats
     output_n: Floats
     flags: NDArray[np.uint8]
+    port_energy_j: Floats
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,9 @@ class Hit:
         of its range, of the window's outputs at the actuator's limit.
     sensation_db : float or None
         Level of the window's motion over what a hand feels, dB; None if the window has none.
+    port_taken_j, port_given_j : float
+        What the wall has taken in the last contact, by its force and the counts; the most that it had given beyond what it
+        had taken, in any contact, J.
     trace : Trace or None
         Every sample, if it was asked for.
     """
@@ -161,6 +167,8 @@ class Hit:
     velocity_clipped_fraction: float
     window_at_limit_fraction: float
     sensation_db: float | None
+    port_taken_j: float
+    port_given_j: float
     trace: Trace | None = None
 
     @property

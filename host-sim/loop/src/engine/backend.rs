@@ -131,7 +131,8 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     let form = Form::of(&prepared.scene().velocity.settings(0.0))?;
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
     let seen = form == Form::Observer || prepared.sensing() == AnySensing::Blind;
-    (linear && stated && seen).then_some(form)
+    let plain = prepared.scene().passivity.is_none();
+    (linear && stated && seen && plain).then_some(form)
 }
 
 /// Runs all hits of `work` in this thread.

@@ -81,6 +81,7 @@ impl Scene {
         }
         self.check_elements()?;
         self.check_accelerometer()?;
+        self.check_passivity()?;
         self.check_uncertainty()?;
         self.check_senses()?;
         self.check_board()?;

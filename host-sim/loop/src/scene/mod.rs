@@ -35,6 +35,7 @@ mod elements;
 pub mod estimator;
 mod felt;
 mod fits;
+mod passivity;
 pub mod read_back;
 pub mod record;
 pub mod rotary;
@@ -48,6 +49,7 @@ pub use check::ranges;
 pub use designs::DesignTable;
 pub use elements::Quantisation;
 pub use felt::FeltCurve;
+pub use passivity::PassivityTable;
 pub use tables::{
     Actuator, Criterion, Device, Encoder, LATENCY_KNOWN_MAX, PushBy, RmsOf, Rounding, Sampling,
     Sweep, Walk, Wall, WallHit,
@@ -153,6 +155,9 @@ pub struct Scene {
     /// Optional element: an accelerometer, on the body that carries the encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accelerometer: Option<Accelerometer>,
+    /// Optional element: the wall's passivity controller.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub passivity: Option<PassivityTable>,
     /// How sure the device is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,

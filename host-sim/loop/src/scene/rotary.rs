@@ -72,7 +72,8 @@ pub enum DriveKind {
 }
 
 /// Tables about a hand, a sensor at the handle or an estimator: in m and N in every scene.
-const LINEAR_TABLES: [&str; 5] = ["arm", "arms", "accelerometer", "velocity", "designs"];
+const LINEAR_TABLES: [&str; 6] =
+    ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 
 impl Rotary {
     /// Its units.

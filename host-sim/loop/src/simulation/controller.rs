@@ -6,7 +6,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-use super::quantiser::floor;
+use super::{passive::Replaceable, quantiser::floor};
 
 /// What a controller did at an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +40,16 @@ pub trait Controller {
 pub struct Told {
     core: Fixed,
     lsb_per_m_per_s: f64,
+}
+
+impl Replaceable for Told {
+    fn push(&self) -> f64 {
+        self.core.push()
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        self.core.put_out(force)
+    }
 }
 
 impl Told {
@@ -130,6 +140,18 @@ impl Fixed {
     #[inline]
     pub fn set_velocity(&mut self, velocity: Velocity) {
         self.motion.velocity = velocity;
+    }
+}
+
+impl Replaceable for Fixed {
+    fn push(&self) -> f64 {
+        f64::from(self.push.bits()) * self.per_force_bit
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        let bits = floor(force / self.per_force_bit + 0.5);
+        let command = self.control.actuator.command(Force::saturating_from_bits(bits));
+        f64::from(command.code() - self.zero_code) * self.per_code
     }
 }
 

@@ -2,7 +2,7 @@
 
 use zwidth::{SettingsError, experiment::Verdict, units::Position};
 
-use super::{twin, window::Measures};
+use super::{port::PortReport, twin, window::Measures};
 use crate::error::Error;
 
 /// Which arithmetic the controller uses.
@@ -73,6 +73,8 @@ pub struct HitReport {
     pub sensation_db: Option<f64>,
     /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
     pub velocity_clipped_fraction: f64,
+    /// What wall and hand have exchanged by force and counts; of the wall's force, without the push.
+    pub port: PortReport,
 }
 
 impl HitReport {

@@ -3,6 +3,8 @@
 pub mod controller;
 pub mod edge;
 mod hit;
+pub mod passive;
+pub mod port;
 pub mod prepared;
 pub mod quantiser;
 pub mod senses;

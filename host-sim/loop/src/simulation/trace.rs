@@ -5,6 +5,7 @@ use crate::{
     simulation::{
         Sample,
         controller::Controller as _,
+        port::PortWatch,
         prepared::{PreparedScene, WallHit},
     },
 };
@@ -32,6 +33,7 @@ pub struct Trace {
     velocity_lsb_m_per_s: f64,
     full_scale_n: f64,
     surface: i32,
+    port: PortWatch,
     /// The samples, the first one at 0 s.
     pub rows: Vec<Row>,
 }
@@ -51,6 +53,8 @@ pub struct Row {
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
+    /// What the wall has taken in this contact, by its force and the counts, J; below 0 it has given.
+    pub port_energy_j: f64,
 }
 
 impl Trace {
@@ -73,11 +77,13 @@ impl Trace {
             return Err(Error::Input(reason));
         }
         let design = prepared.design();
+        let surface = prepared.fixed(hit).map_err(Error::input)?.controller().surface();
         Ok(Self {
             rate_hz: design.rate_hz,
             velocity_lsb_m_per_s: design.resolution_m * design.rate_hz,
             full_scale_n: design.full_scale_n,
-            surface: prepared.fixed(hit).map_err(Error::input)?.controller().surface(),
+            surface,
+            port: prepared.port_watch(hit, surface),
             rows: Vec::with_capacity(usize::try_from(samples(prepared)).unwrap_or_default()),
         })
     }
@@ -93,6 +99,7 @@ impl Trace {
             ),
             None => (held_n, held_flag),
         };
+        self.port.sample(sample);
         self.rows.push(Row {
             position_m: sample.position_m,
             count: sample.count,
@@ -100,6 +107,7 @@ impl Trace {
             force_n,
             output_n: sample.output_n,
             flags: flags | if sample.count > self.surface { CONTACT } else { 0 },
+            port_energy_j: self.port.report(sample.count).taken_j,
         });
     }
 }

@@ -15,7 +15,10 @@ use zwidth::{
     velocity::{Senses, WINDOW_MAX},
 };
 
-use crate::simulation::controller::{Controller, ControllerOutput};
+use crate::simulation::{
+    controller::{Controller, ControllerOutput},
+    passive::Replaceable,
+};
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
@@ -106,6 +109,20 @@ impl Twin {
     }
 }
 
+impl Replaceable for Twin {
+    fn push(&self) -> f64 {
+        self.push
+    }
+
+    #[inline]
+    fn put_out(&self, force: f64) -> f64 {
+        match self.codes_per_full_scale {
+            None => force,
+            Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
+        }
+    }
+}
+
 impl Controller for Twin {
     #[inline(always)] // called, it would keep the state of the loop in memory
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
@@ -135,11 +152,7 @@ impl Controller for Twin {
         }
         let wanted = self.push - wall;
         let force = wanted.clamp(-1.0, 1.0);
-        let output = match self.codes_per_full_scale {
-            None => force,
-            Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
-        };
-        ControllerOutput { force, output, saturated: force != wanted }
+        ControllerOutput { force, output: self.put_out(force), saturated: force != wanted }
     }
 
     #[inline]

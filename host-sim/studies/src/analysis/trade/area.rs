@@ -13,6 +13,7 @@ use crate::{
     scene::Scene,
     simulation::{
         controller::{Controller, ControllerOutput, Fixed},
+        passive::Replaceable,
         prepared::{HitError, PreparedScene},
     },
     study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
@@ -30,6 +31,16 @@ impl Filtered {
     /// `core` estimates the velocity by a finite difference alone.
     pub fn new(core: Fixed, filter: Filter) -> Self {
         Self { core, filter }
+    }
+}
+
+impl Replaceable for Filtered {
+    fn push(&self) -> f64 {
+        self.core.push()
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        self.core.put_out(force)
     }
 }
 

@@ -1,0 +1,48 @@
+//! The passivity controller of the wall, as an element of a scene.
+
+use serde::{Deserialize, Serialize};
+use zwidth::{
+    SettingsError,
+    passivity::{Passivity, PassivitySettings},
+};
+
+use super::Scene;
+
+/// The wall gives no more in a contact than a reserve: see [`zwidth::passivity`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PassivityTable {
+    /// The most that the handle accelerates, m/s^2; without it, what twice the actuator's full scale does with the
+    /// handle's mass: motor and hand, each at full scale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acceleration_m_per_s2: Option<f64>,
+}
+
+impl Scene {
+    /// The controller in counts; `None` without the table.
+    ///
+    /// # Errors
+    /// The acceleration or the latency is out of range.
+    pub fn passivity(&self) -> Result<Option<Passivity>, SettingsError> {
+        let Some(table) = self.passivity else { return Ok(None) };
+        let usual = || 2.0 * self.full_scale_n() / self.device.mass_kg;
+        let acceleration_m_per_s2 = table.acceleration_m_per_s2.unwrap_or_else(usual);
+        let latency = self.actuator.latency_samples();
+        PassivitySettings { acceleration_m_per_s2, latency }.build(&self.design()).map(Some)
+    }
+
+    /// Checks the table.
+    pub(super) fn check_passivity(&self) -> Result<(), String> {
+        self.passivity().map(|_| ()).map_err(|error| match error.parameter {
+            "latency" => format!(
+                "actuator.latency with [passivity] is {}, allowed 0 to actuator.period, {}",
+                self.actuator.latency, self.actuator.period
+            ),
+            parameter => format!(
+                "passivity.{parameter} is {}, allowed 0 to {}",
+                error.value,
+                error.range.end()
+            ),
+        })
+    }
+}

@@ -1,0 +1,79 @@
+//! A controller whose wall may not give more than a reserve: the core's [`PassiveWall`] around any arithmetic.
+
+use zwidth::{
+    passivity::{PassiveWall, Passivity},
+    units::{Force, Position},
+    velocity::Senses,
+};
+
+use super::controller::{Controller, ControllerOutput};
+
+/// A controller whose output another force can replace.
+pub trait Replaceable: Controller {
+    /// What it pushes with, fraction of full scale, into the wall.
+    fn push(&self) -> f64;
+    /// Force that the code for that force stands for, fraction of full scale.
+    fn put_out(&self, force: f64) -> f64;
+}
+
+/// Full scale, LSB of force.
+pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
+
+/// LSB of force in a fraction of full scale; exact for the core's forces.
+pub(super) fn bits(fraction: f64) -> i64 {
+    #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]
+    let bits = (fraction * FULL_SCALE).round() as i64;
+    bits
+}
+
+/// A controller with the passivity controller behind it.
+#[derive(Clone, Copy, Debug)]
+pub struct Passive<C> {
+    controller: C,
+    wall: PassiveWall,
+    at: Position,
+}
+
+impl<C> Passive<C> {
+    /// Around a controller that is at rest at `count`.
+    pub fn new(controller: C, plan: Passivity, count: i32) -> Self {
+        let at = Position::from_counts(count);
+        Self { controller, wall: PassiveWall::new(plan, at), at }
+    }
+}
+
+impl<C: Replaceable> Controller for Passive<C> {
+    const IS_TOLD: bool = C::IS_TOLD;
+
+    fn sample(&mut self, count: i32, senses: &Senses) -> bool {
+        self.at = Position::from_counts(count);
+        self.wall.sample(self.at);
+        self.controller.sample(count, senses)
+    }
+
+    fn render(&mut self) -> ControllerOutput {
+        let output = self.controller.render();
+        let push = self.controller.push();
+        let wants = bits(push - output.force);
+        let contact = self.at.counts() > self.surface();
+        let given = self.wall.render(wants, contact, self.at);
+        if given == wants {
+            return output;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "at most two full scales")]
+        let force = push - given as f64 / FULL_SCALE;
+        ControllerOutput { force, output: self.controller.put_out(force), ..output }
+    }
+
+    fn velocity(&self) -> f64 {
+        self.controller.velocity()
+    }
+
+    fn surface(&self) -> i32 {
+        self.controller.surface()
+    }
+
+    fn told(&mut self, speed_m_per_s: f64) {
+        self.controller.told(speed_m_per_s);
+    }
+}

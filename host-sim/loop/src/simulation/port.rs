@@ -1,0 +1,77 @@
+//! The account of the port during a hit: the wall's force, from the sample on in which it acts, and the counts' motion.
+
+use std::collections::VecDeque;
+
+use zwidth::{
+    Design,
+    port::PortEnergy,
+    units::{Force, Position},
+};
+
+use super::{Sample, passive};
+
+/// The account, and what is on its way to the handle.
+#[derive(Clone, Debug)]
+pub struct PortWatch {
+    port: PortEnergy,
+    /// Sample, force of the wall, contact.
+    pending: VecDeque<(u64, i64, bool)>,
+    push: f64,
+    /// Whole samples from an output to its force.
+    latency: u64,
+    surface: i32,
+    /// Of an LSB of force times a count, J.
+    unit_j: f64,
+}
+
+/// What wall and hand have exchanged in a hit, J.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PortReport {
+    /// What the wall has taken in the last contact; below 0 it has given.
+    pub taken_j: f64,
+    /// The most that it had given beyond what it had taken, in any contact.
+    pub given_j: f64,
+}
+
+impl PortWatch {
+    /// Of a handle at rest at `count`, which something pushes with `push` through the actuator.
+    pub fn new(design: &Design, push: Force, latency: u32, surface: i32, count: i32) -> Self {
+        Self {
+            port: PortEnergy::new(Position::from_counts(count)),
+            pending: VecDeque::new(),
+            push: f64::from(push.bits()) / passive::FULL_SCALE,
+            latency: latency.into(),
+            surface,
+            unit_j: design.full_scale_n / passive::FULL_SCALE * design.resolution_m,
+        }
+    }
+
+    /// Takes each sample.
+    #[inline]
+    pub fn sample(&mut self, sample: &Sample) {
+        if let Some(rendered) = sample.rendered {
+            let wall = passive::bits(self.push - rendered.force);
+            let contact = sample.count > self.surface;
+            self.pending.push_back((sample.index + self.latency, wall, contact));
+        }
+        if let Some(&(index, wall, contact)) = self.pending.front()
+            && index == sample.index
+        {
+            self.pending.pop_front();
+            self.port.acts(wall, contact, Position::from_counts(sample.count));
+        }
+    }
+
+    /// Up to the sample of that count.
+    pub fn report(&self, count: i32) -> PortReport {
+        let mut port = self.port;
+        port.moved(Position::from_counts(count));
+        PortReport { taken_j: self.joules(port.energy()), given_j: self.joules(port.given()) }
+    }
+
+    fn joules(&self, energy: i64) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "for people")]
+        let energy = energy as f64;
+        energy * self.unit_j
+    }
+}

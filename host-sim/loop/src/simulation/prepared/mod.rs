@@ -1,0 +1,246 @@
+//! A scene made ready to run wall hits: everything that does not change from hit to hit.
+
+mod run;
+
+use std::sync::Arc;
+
+use zwidth::{
+    Design, SettingsError, VelocitySettings,
+    experiment::HitPlan,
+    passivity::Passivity,
+    units::{Force, Velocity},
+};
+
+use crate::{
+    error::Error,
+    plant::{AnyPlant, Moment, Plant},
+    scene::Scene,
+    simulation::{
+        Parts, Simulation,
+        controller::Fixed,
+        port::PortWatch,
+        quantiser::Quantiser,
+        senses::AnySensing,
+        twin::{self, Twin},
+        window::Judge,
+    },
+};
+
+pub use super::hit::{HitError, HitReport, Numeric, WallHit};
+
+/// A scene made ready.
+#[derive(Clone, Debug)]
+pub struct PreparedScene {
+    scene: Scene,
+    design: Design,
+    plan: HitPlan,
+    parts: Parts<AnyPlant>,
+    judge: Judge,
+    /// The wall's passivity controller, if it has one.
+    passivity: Option<Passivity>,
+    /// The wall is told the true velocity.
+    is_told: bool,
+    /// Estimators in the place of the scene's; the cutoff of a hit is the number of its one.
+    filters: Arc<[VelocitySettings]>,
+}
+
+/// No handle comes to its wall faster, m/s.
+const ANY_SPEED_M_PER_S: f64 = 10.0;
+
+impl PreparedScene {
+    /// Prepares a scene.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a value is out of range.
+    pub fn new(scene: &Scene) -> Result<Self, Error> {
+        scene.check().map_err(Error::Input)?;
+        let design = scene.design();
+        let plan = scene.hit_settings().build(&design).map_err(Error::input)?;
+        let passivity = scene.passivity().map_err(Error::input)?;
+        let latency = scene.actuator.latency;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "0 to 1000 by the check above"
+        )]
+        let whole = latency.floor() as u32;
+        let parts = Parts {
+            plant: AnyPlant::of(scene, 1.0 / design.rate_hz, latency.fract()),
+            encoder: Quantiser::of(&scene.encoder),
+            full_scale_n: design.full_scale_n,
+            latency: whole,
+            period: design.period,
+        };
+        let (scene, judge) = (scene.clone(), Judge::of(scene));
+        let (is_told, filters) = (false, Arc::default());
+        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, filters })
+    }
+
+    /// The same with those estimators side by side in the place of the scene's, which all have its form: the cutoff of
+    /// a hit is the number of its estimator.
+    #[must_use]
+    pub fn with_filters(mut self, filters: &[VelocitySettings]) -> Self {
+        self.filters = filters.into();
+        self
+    }
+
+    /// The same with the sensation level of every whole hit, where the window allows one.
+    pub fn with_felt(mut self) -> Self {
+        self.judge = self.judge.with_felt(&self.scene);
+        self
+    }
+
+    /// The same with the measures of the window, whatever the verdict is by.
+    pub fn with_measures(mut self) -> Self {
+        self.judge = self.judge.with_measures();
+        self
+    }
+
+    /// The scene with the true velocity in place of an estimate, always by the core itself: a sensor without noise,
+    /// quantisation or delay beside the same counts.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn told(scene: &Scene) -> Result<Self, Error> {
+        let velocity = VelocitySettings::Difference {}.into();
+        let prepared = Self::new(&Scene { velocity, ..scene.clone() })?;
+        Ok(Self { is_told: true, ..prepared })
+    }
+
+    /// Whether the wall is told the true velocity.
+    pub fn is_told(&self) -> bool {
+        self.is_told
+    }
+
+    /// How windows are judged.
+    pub(crate) fn judge(&self) -> &Judge {
+        &self.judge
+    }
+
+    /// Refuses a handle that comes to the wall faster than the core's velocity can say.
+    ///
+    /// # Errors
+    /// [`Error::Input`] says how fast it may come.
+    pub fn check_approach(&self) -> Result<(), Error> {
+        let Design { rate_hz, resolution_m, .. } = self.design;
+        let most_m_per_s = f64::from(Velocity::LIMIT) * resolution_m * rate_hz;
+        if most_m_per_s > ANY_SPEED_M_PER_S {
+            return Ok(());
+        }
+        let (plant, wall_m) = (&self.parts.plant, self.scene.wall.position_m);
+        let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
+        let push_n = push * self.design.full_scale_n;
+        let mut state = plant.at_rest(self.scene.device.start_position_m);
+        for _ in 0..self.samples() {
+            state = plant.advance(&state, push_n);
+            if plant.position_m(&state) > wall_m {
+                break;
+            }
+            let speed_m_per_s = plant.speed_m_per_s(&state);
+            if speed_m_per_s > most_m_per_s {
+                return Err(Error::Input(format!(
+                    "the handle comes to the wall with more than {most_m_per_s:.3} m/s, the largest velocity at \
+                     encoder.resolution_m = {resolution_m} and control.rate_hz = {rate_hz}; raise one of them or \
+                     lower wall_hit.push_n"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The core's design.
+    pub fn design(&self) -> &Design {
+        &self.design
+    }
+
+    /// The loop around the controller.
+    pub(crate) fn parts(&self) -> &Parts<AnyPlant> {
+        &self.parts
+    }
+
+    /// The hit in samples.
+    pub fn plan(&self) -> &HitPlan {
+        &self.plan
+    }
+
+    /// The loop around the core, ready for sample 0 of a hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range.
+    pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
+        let parts = self.parts.clone();
+        Ok(Simulation::new(parts, self.core(hit)?, self.sensing(), self.start_m(hit)))
+    }
+
+    /// The loop around the `f64` twin, ready for sample 0 of a hit.
+    ///
+    /// # Errors
+    /// A setting of `hit` is out of range.
+    pub fn twin(
+        &self,
+        hit: &WallHit,
+        rounding: twin::Rounding,
+    ) -> Result<Simulation<Twin>, SettingsError> {
+        let twin = self.twin_of_core(hit, rounding)?;
+        Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
+    }
+
+    pub(crate) fn sensing(&self) -> AnySensing {
+        AnySensing::of(&self.scene)
+    }
+
+    /// The core at rest where the hit starts.
+    pub fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
+        let count = self.first_count(hit);
+        Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
+    }
+
+    pub(crate) fn twin_of_core(
+        &self,
+        hit: &WallHit,
+        rounding: twin::Rounding,
+    ) -> Result<Twin, SettingsError> {
+        let count = self.first_count(hit);
+        let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
+        Twin::new(&self.settings(hit), &self.design, rounding, push, count)
+    }
+
+    /// What the encoder reads for sample 0: the controller starts at rest there.
+    pub(crate) fn first_count(&self, hit: &WallHit) -> i32 {
+        let plant = &self.parts.plant;
+        let (index, before_n, after_n) = (0, 0.0, 0.0);
+        let state = plant.at_rest(self.start_m(hit));
+        self.parts.encoder.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
+    }
+
+    /// The account of the port, before sample 0 of a hit.
+    pub(in crate::simulation) fn port_watch(&self, hit: &WallHit, surface: i32) -> PortWatch {
+        let Self { design, plan, .. } = self;
+        let latency = self.scene.actuator.latency_samples();
+        PortWatch::new(design, plan.push, latency, surface, self.first_count(hit))
+    }
+
+    /// Samples of a whole hit.
+    fn samples(&self) -> u32 {
+        self.plan.settle + self.plan.window
+    }
+
+    pub(crate) fn start_m(&self, hit: &WallHit) -> f64 {
+        self.scene.device.start_position_m + hit.start_offset_counts * self.design.resolution_m
+    }
+
+    fn settings(&self, hit: &WallHit) -> zwidth::Settings {
+        let WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, .. } = *hit;
+        let mut settings = self.scene.settings(cutoff_hz, stiffness_n_per_m, damping_n_s_per_m);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number")]
+        if let Some(filter) = self.filters.get(cutoff_hz as usize) {
+            settings.velocity = *filter;
+        }
+        settings
+    }
+}

@@ -1,0 +1,312 @@
+//! A wall that cannot give more than a reserve: a time-domain passivity controller.
+//!
+//! At each output it asks what the wall's force can give at worst until the next one takes its place, and gives no more
+//! than half of what the contact's account ([`PortEnergy`]) and the reserve can pay:
+//!
+//! ```text
+//! d      counts since the last output
+//! r1     max(0, change_1 - d latency / period)      the most that it can come out while the old force acts
+//! r2     max(1, change_2 - d)                       and while the new one acts
+//! left   energy + reserve - old r1
+//! wall   within +-max(0, left) / (2 r2)             for a wall that pulls: d with the other sign
+//! ```
+//!
+//! `change_1` and `change_2` say by how many counts motion can differ from that of the last output: with an acceleration
+//! a of at most that of the settings, `a (P l + l^2) / 2` and `a P (P + l)` for a period P and a latency l, and two counts
+//! of the quantisation.
+//!
+//! **What holds.** As long as the handle accelerates no more than that, the wall gives at most the reserve in each
+//! contact, whatever is at the port and however the estimator errs: what the old force may give is set aside before the
+//! new one is granted, and the new one gives at most half of the rest. A motion that accelerates more costs the force
+//! times what it exceeds. The reserve is `2 change_2` counts at full scale, so that a contact that has taken as much as
+//! it has given has the whole force when it stands still.
+//!
+//! Why not the variable damper of Hannaford and Ryu: it divides the deficit by the velocity, which is one count or none at
+//! a period of 1 ms and pays only if the motion goes on as it was; its bound would be this one at each reversal.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use core::num::NonZeroU32;
+
+use crate::{
+    Design,
+    port::PortEnergy,
+    range::{SettingsError, within},
+    units::{Force, Position},
+};
+
+/// The controller in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PassivitySettings {
+    /// The most that the handle accelerates, m/s^2: by motor, hand and wall together.
+    pub acceleration_m_per_s2: f64,
+    /// From a sample to the force that answers it, samples: 0 to the period.
+    pub latency: u32,
+}
+
+/// Largest change of motion between two outputs, counts.
+const CHANGE_MAX: f64 = 1_048_576.0;
+
+impl PassivitySettings {
+    /// Validates, and converts to counts.
+    ///
+    /// # Errors
+    /// Names the first parameter that is out of range, and the range.
+    #[expect(clippy::float_arithmetic, reason = "design time: settings to integers")]
+    pub fn build(&self, design: &Design) -> Result<Passivity, SettingsError> {
+        design.check()?;
+        let (period, latency) = (f64::from(design.period), f64::from(self.latency));
+        within("latency", latency, 0.0..=period)?;
+        // counts per sample^2 in a m/s^2
+        let per_a = 1.0 / (design.rate_hz * design.rate_hz * design.resolution_m);
+        let (after, meanwhile) = (period * (period + latency), latency * (period + latency) / 2.0);
+        let most = (CHANGE_MAX - 3.0) / (per_a * after);
+        within("acceleration_m_per_s2", self.acceleration_m_per_s2, 0.0..=most)?;
+        let counts = |samples2: f64| {
+            let quantised = if samples2 > 0.0 { 3.0 } else { 0.0 }; // two, and one for what the conversion cuts off
+            #[expect(clippy::cast_possible_truncation, reason = "at most 2^20")]
+            let counts = (self.acceleration_m_per_s2 * per_a * samples2 + quantised) as i32;
+            counts
+        };
+        Ok(Passivity {
+            changes: [counts(meanwhile), counts(after)],
+            latency: self.latency,
+            period: NonZeroU32::new(design.period).unwrap_or(NonZeroU32::MIN),
+        })
+    }
+}
+
+/// The controller in counts; made by [`PassivitySettings::build`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passivity {
+    /// Counts by which motion can differ from that of the last output: until the new force acts, and while it does.
+    changes: [i32; 2],
+    latency: u32,
+    period: NonZeroU32,
+}
+
+impl Passivity {
+    /// The most that a contact may give, LSB of force times counts.
+    pub fn reserve(&self) -> i64 {
+        2 * i64::from(self.changes[1]) * i64::from(Force::FULL_SCALE.bits())
+    }
+}
+
+/// A wall with that controller, and the account of its port.
+#[derive(Clone, Copy, Debug)]
+pub struct PassiveWall {
+    plan: Passivity,
+    port: PortEnergy,
+    /// At the last output.
+    last: Position,
+    /// On its way to the handle, with the contact of its output; acts when `wait` comes to none.
+    pending: (i64, bool),
+    wait: u32,
+}
+
+impl PassiveWall {
+    /// No wall acts on the handle, which is at `position`.
+    pub const fn new(plan: Passivity, position: Position) -> Self {
+        let port = PortEnergy::new(position);
+        Self { plan, port, last: position, pending: (0, false), wait: 0 }
+    }
+
+    /// The account.
+    pub const fn port(&self) -> &PortEnergy {
+        &self.port
+    }
+
+    /// Takes each sample's position, before [`render`](Self::render); without a latency it may be left out.
+    #[inline]
+    pub fn sample(&mut self, position: Position) {
+        if self.wait > 0 {
+            self.wait -= 1;
+            if self.wait == 0 {
+                self.port.acts(self.pending.0, self.pending.1, position);
+            }
+        }
+    }
+
+    /// What the wall may give where it `wants` that much, LSB of force, out of it positive; at most two full scales.
+    #[inline]
+    pub fn render(&mut self, wants: i64, contact: bool, position: Position) -> i64 {
+        self.port.moved(position);
+        let d = i64::from(position.wrapping_since(self.last));
+        self.last = position;
+        let fresh = contact && !self.port.contact();
+        let energy = if fresh { 0 } else { self.port.energy() };
+        let left = energy.saturating_add(self.plan.reserve()).saturating_sub(self.committed(d));
+        // outward for a wall that pushes
+        let along = if wants < 0 { d } else { -d };
+        let change = i64::from(self.plan.changes[1]);
+        let worst = (along + change).clamp(1, MOTION_MAX);
+        let given = within_budget(wants, left, worst);
+        if self.plan.latency == 0 {
+            self.port.acts(given, contact, position);
+        } else {
+            (self.pending, self.wait) = ((given, contact), self.plan.latency);
+        }
+        given
+    }
+
+    /// What the force that acts can give until the next one does.
+    fn committed(&self, d: i64) -> i64 {
+        let Passivity { changes: [change, _], latency, period } = self.plan;
+        let wall = self.port.wall();
+        if latency == 0 || wall == 0 {
+            return 0;
+        }
+        let along = if wall < 0 { d } else { -d };
+        let going_on = along * i64::from(latency) / i64::from(period.get()) + 1;
+        let worst = (going_on + i64::from(change)).clamp(0, MOTION_MAX);
+        wall.abs().saturating_mul(worst)
+    }
+}
+
+/// No motion is more, counts: products with two full scales stay below 2^62.
+const MOTION_MAX: i64 = 1 << 29;
+
+/// The nearest force that gives at most half of `left` over `worst` counts.
+#[inline]
+fn within_budget(wants: i64, left: i64, worst: i64) -> i64 {
+    let most = 2 * worst;
+    if wants.abs().saturating_mul(most) <= left {
+        return wants;
+    }
+    let limit = left.max(0) / most;
+    wants.max(-limit).min(limit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Output;
+    use proptest::prelude::*;
+
+    const FULL: i64 = 1 << 30;
+
+    fn design(period: u32) -> Design {
+        let output = Output::Continuous;
+        Design { rate_hz: 10_000.0, resolution_m: 1e-6, full_scale_n: 5.906, period, output }
+    }
+
+    fn plan(acceleration_m_per_s2: f64, latency: u32, period: u32) -> Passivity {
+        PassivitySettings { acceleration_m_per_s2, latency }.build(&design(period)).unwrap()
+    }
+
+    fn at(counts: i32) -> Position {
+        Position::from_counts(counts)
+    }
+
+    #[test]
+    fn settings_become_counts() {
+        // 28 m/s^2 at 1 um and 10 kHz: 0.28 counts per sample^2
+        assert_eq!(plan(28.0, 10, 10).changes, [28 + 3, 56 + 3]);
+        assert_eq!(plan(28.0, 0, 10).changes, [0, 28 + 3]);
+        assert_eq!(plan(28.0, 0, 10).reserve(), 62 << 30);
+        assert_eq!(plan(0.0, 0, 1).changes, [0, 3]);
+        let refused = |acceleration_m_per_s2, latency| {
+            let settings = PassivitySettings { acceleration_m_per_s2, latency };
+            settings.build(&design(10)).unwrap_err().parameter
+        };
+        assert_eq!(refused(28.0, 11), "latency");
+        for wrong in [-1.0, f64::NAN, f64::INFINITY, 1e9] {
+            assert_eq!(refused(wrong, 0), "acceleration_m_per_s2");
+        }
+    }
+
+    #[test]
+    fn a_contact_that_stands_still_has_the_whole_force() {
+        let mut wall = PassiveWall::new(plan(28.0, 0, 10), at(0));
+        for _ in 0..10 {
+            assert_eq!(wall.render(FULL, true, at(0)), FULL);
+        }
+        assert_eq!(wall.port().energy(), 0);
+    }
+
+    #[test]
+    fn a_wall_that_only_gives_ends_and_one_that_is_pushed_in_comes_back() {
+        let mut wall = PassiveWall::new(plan(28.0, 0, 10), at(0));
+        let reserve = wall.plan.reserve();
+        let mut place = 0;
+        for _ in 0..200 {
+            place -= 20;
+            wall.render(FULL, true, at(place));
+        }
+        assert!(wall.port().given() > reserve / 2, "{}", wall.port().given());
+        assert!(wall.port().given() <= reserve);
+        assert!(wall.port().wall() < FULL / 1000);
+        for _ in 0..100 {
+            place += 40;
+            wall.render(FULL, true, at(place));
+        }
+        assert_eq!(wall.port().wall(), FULL);
+    }
+
+    #[test]
+    fn only_the_end_of_contact_begins_a_new_account() {
+        let mut wall = PassiveWall::new(plan(28.0, 0, 10), at(0));
+        for n in 1..200 {
+            wall.render(FULL, true, at(-20 * n));
+            wall.render(0, true, at(-20 * n)); // a wall that gives nothing for once
+        }
+        assert!(wall.port().given() <= wall.plan.reserve());
+        wall.render(0, false, at(-10_000));
+        assert_eq!(wall.render(FULL, true, at(-10_000)), FULL);
+        assert_eq!(wall.port().energy(), 0);
+    }
+
+    #[test]
+    fn the_ends_of_its_numbers_are_no_panic() {
+        for latency in [0, 7] {
+            let mut wall = PassiveWall::new(plan(28.0, latency, 10), at(i32::MIN));
+            for wants in [2 * FULL, -2 * FULL, 0, i64::MAX / 4, 1] {
+                for place in [i32::MAX, 0, i32::MIN, i32::MIN + 1, 1 << 30] {
+                    wall.sample(at(place));
+                    wall.render(wants, true, at(place));
+                }
+            }
+        }
+    }
+
+    proptest! {
+        /// Whatever the wall wants and however the handle moves, within the acceleration that was told.
+        #[test]
+        fn no_contact_gives_more_than_the_reserve(
+            acceleration in 1.0..200.0f64,
+            (period, latency) in (1..=10u32).prop_flat_map(|period| (Just(period), 0..=period)),
+            wants in proptest::collection::vec(-2 * FULL..=2 * FULL, 1..20),
+            pushes in proptest::collection::vec(-1.0..=1.0f64, 1..300),
+            hard in any::<bool>(),
+            contact in 1..40u32
+        ) {
+            let plan = plan(acceleration, latency, period);
+            let mut wall = PassiveWall::new(plan, at(0));
+            let (mut place, mut speed) = (0.0, 0.0);
+            let per_sample = acceleration * 1e6 / 1e8;
+            let (mut until_due, mut outputs) = (0, 0u32);
+            for push in pushes.iter().cycle().take(3000) {
+                #[expect(clippy::cast_possible_truncation, reason = "below 2^31")]
+                let position = at(f64::floor(place) as i32);
+                wall.sample(position);
+                if until_due == 0 {
+                    outputs += 1;
+                    // at worst it pushes where it comes out and pulls where it goes in
+                    let wants = match wants[outputs as usize % wants.len()] {
+                        _ if hard && speed < 0.0 => 2 * FULL,
+                        _ if hard => -2 * FULL,
+                        most => most,
+                    };
+                    let contact = !outputs.is_multiple_of(contact);
+                    wall.render(if contact { wants } else { 0 }, contact, position);
+                    until_due = period;
+                }
+                until_due -= 1;
+                let a = if hard { push.signum() } else { *push } * per_sample;
+                place += speed + a / 2.0;
+                speed += a;
+                prop_assert!(wall.port().given() <= plan.reserve(), "{} of {}", wall.port().given(), plan.reserve());
+            }
+        }
+    }
+}

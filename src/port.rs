@@ -1,0 +1,175 @@
+//! The energy at the port: what the wall's force and the motion of the counts exchange (a passivity observer, Hannaford
+//! and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans. Robotics and Automation 18(1), 2002).
+//!
+//! ```text
+//! energy += wall (position - at)        wall: what it gives out of it, from the output on that it acts
+//! ```
+//!
+//! The force is held between two changes, so the sum is exact for every motion of the counts between them. Energy counts
+//! from the begin of each contact, the first output behind the surface: positive is what the wall has taken from the
+//! hand, negative what it has given beyond that, which no spring and no damper would.
+//!
+//! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
+//!
+//! What it cannot see: motion within a count, at most a change of force times a count at each output; what amplifier and
+//! motor make of the force; and, with a delay to the force that nobody tells, the motion during it.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use crate::units::Position;
+
+/// The account of a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PortEnergy {
+    /// Force of the wall that acts.
+    wall: i64,
+    /// The output that gave it was in contact.
+    contact: bool,
+    /// Where the handle was when that was booked.
+    at: Position,
+    /// Of this contact.
+    energy: i64,
+    /// The largest deficit of any contact.
+    given: i64,
+}
+
+impl PortEnergy {
+    /// No wall acts on the handle, which is at `position`.
+    pub const fn new(position: Position) -> Self {
+        Self { wall: 0, contact: false, at: position, energy: 0, given: 0 }
+    }
+
+    /// From this position on the wall gives `wall`, LSB of force, out of it positive, at most two full scales: what an
+    /// output said that was in `contact` or not.
+    #[inline]
+    pub fn acts(&mut self, wall: i64, contact: bool, position: Position) {
+        self.moved(position);
+        if contact && !self.contact {
+            self.energy = 0;
+        }
+        (self.wall, self.contact) = (wall, contact);
+    }
+
+    /// Books the motion up to this position.
+    #[inline]
+    pub fn moved(&mut self, position: Position) {
+        let counts = i64::from(position.wrapping_since(self.at));
+        self.at = position;
+        self.energy = self.energy.saturating_add(self.wall.saturating_mul(counts));
+        self.given = self.given.max(self.energy.saturating_neg());
+    }
+
+    /// The place of the handle is called `position` from here on; what it has moved meanwhile is not booked.
+    #[inline]
+    pub const fn rename(&mut self, position: Position) {
+        self.at = position;
+    }
+
+    /// Force of the wall that acts, LSB of force.
+    #[inline]
+    pub const fn wall(&self) -> i64 {
+        self.wall
+    }
+
+    /// Whether the output that gave it was in contact.
+    #[inline]
+    pub const fn contact(&self) -> bool {
+        self.contact
+    }
+
+    /// What the wall has taken in this contact, or in the last one; below 0 it has given.
+    #[inline]
+    pub const fn energy(&self) -> i64 {
+        self.energy
+    }
+
+    /// The most that it had given beyond what it had taken, in any contact since [`forget`](Self::forget).
+    #[inline]
+    pub const fn given(&self) -> i64 {
+        self.given
+    }
+
+    /// Begins anew what [`given`](Self::given) says.
+    #[inline]
+    pub fn forget(&mut self) {
+        self.given = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn at(counts: i32) -> Position {
+        Position::from_counts(counts)
+    }
+
+    #[test]
+    fn a_spring_gives_back_what_it_took_and_a_late_one_more() {
+        let mut port = PortEnergy::new(at(0));
+        // in by steps of ten, out again; each force is that of the place where its step begins
+        for place in (0..100).step_by(10).chain((0..=100).rev().step_by(10)) {
+            port.acts(i64::from(place) * 1000, true, at(place));
+        }
+        // in: the sum of 10 n 1000 10, n from 0 to 9; out: of 10 n 1000 10, n from 10 to 1
+        assert_eq!(port.energy(), 1000 * 100 * (45 - 55));
+        assert_eq!(port.given(), 1000 * 1000);
+    }
+
+    #[test]
+    fn each_contact_has_its_own_account() {
+        let mut port = PortEnergy::new(at(0));
+        port.acts(1000, true, at(0));
+        port.acts(0, true, at(-7)); // as a push-only wall gives nothing on the way out
+        port.acts(1000, true, at(-7));
+        port.acts(0, false, at(-7));
+        assert_eq!((port.energy(), port.given()), (-7000, 7000));
+        port.moved(at(500));
+        assert_eq!(port.energy(), -7000, "no wall acts");
+        port.acts(10, true, at(500));
+        port.acts(0, false, at(503));
+        assert_eq!((port.energy(), port.given()), (30, 7000));
+        port.forget();
+        assert_eq!(port.given(), 0);
+        port.acts(10, true, at(3));
+        port.rename(at(0));
+        port.acts(0, false, at(1));
+        assert_eq!(port.energy(), 10);
+    }
+
+    #[test]
+    fn the_ends_of_its_numbers_are_no_panic() {
+        let mut port = PortEnergy::new(at(i32::MIN));
+        for wall in [1 << 31, -(1 << 31), 0, 1 << 31] {
+            for place in [i32::MAX, 0, i32::MIN, i32::MAX, 1] {
+                port.acts(wall, true, at(place));
+            }
+        }
+        assert!(port.given() >= 0);
+    }
+
+    proptest! {
+        /// Against sums of floats, force by force and sample by sample.
+        #[test]
+        fn it_is_the_sum_of_force_times_motion(
+            steps in proptest::collection::vec((-(1i64 << 31)..=1 << 31, -3000i32..3000), 1..200)
+        ) {
+            let mut port = PortEnergy::new(at(0));
+            let (mut place, mut sums, mut sum) = (0, Vec::new(), 0.0);
+            let mut exchanged = 1.0;
+            for (wall, counts) in steps {
+                port.acts(wall, true, at(place));
+                place += counts;
+                sum += wall as f64 * f64::from(counts);
+                exchanged += (wall as f64 * f64::from(counts)).abs();
+                sums.push(sum);
+                port.moved(at(place));
+                prop_assert!((port.energy() as f64 - sum).abs() <= 1e-12 * exchanged);
+            }
+            let least = sums.iter().copied().fold(0.0, f64::min);
+            prop_assert!((port.given() as f64 + least).abs() <= 1e-12 * exchanged);
+        }
+    }
+}
