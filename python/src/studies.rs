@@ -99,6 +99,11 @@ pub fn hit<'py>(
     made.set_item("sensation_db", report.sensation_db)?;
     made.set_item("port_taken_j", report.port.taken_j)?;
     made.set_item("port_given_j", report.port.given_j)?;
+    let passive = scene.scene.passivity.is_some();
+    let limited = passive.then_some(report.port.limited_fraction);
+    made.set_item("port_limited_fraction", limited)?;
+    let withheld = passive.then_some(report.port.withheld_fraction);
+    made.set_item("port_withheld_fraction", withheld)?;
     let Some(samples) = samples else { return Ok(made) };
     let columns = PyDict::new(py);
     let rows = &samples.rows;

@@ -63,6 +63,11 @@ struct Json<'a> {
     port_taken_j: f64,
     /// The most beyond that, in any contact.
     port_given_j: f64,
+    /// Outputs in contact that the passivity controller has changed, and what it has withheld.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    port_limited_fraction: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    port_withheld_fraction: Option<f64>,
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
@@ -98,6 +103,7 @@ fn print(
     common: &Common,
 ) -> Result<(), Error> {
     let velocity = scene.scene.velocity;
+    let passive = scene.scene.passivity.is_some();
     let json = Json {
         subject: Subject::new(scene, hit.cutoff_hz, common),
         stiffness_n_per_m: hit.stiffness_n_per_m,
@@ -117,6 +123,8 @@ fn print(
         sensation_db: report.sensation_db,
         port_taken_j: report.port.taken_j,
         port_given_j: report.port.given_j,
+        port_limited_fraction: passive.then_some(report.port.limited_fraction),
+        port_withheld_fraction: passive.then_some(report.port.withheld_fraction),
     };
     let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
     // four digits, and no zeros behind them
@@ -136,6 +144,19 @@ fn print(
         };
         window += &format!(", {level_db:.1} dB over {curve}");
     }
+    let mut port = format!(
+        "the wall has taken {:.3e} J in the last contact, and given at most {:.3e} J in one",
+        json.port_taken_j, json.port_given_j
+    );
+    if let (Some(limited), Some(withheld)) =
+        (json.port_limited_fraction, json.port_withheld_fraction)
+    {
+        port += &format!(
+            "\nits passivity controller has changed {:.2} % of the outputs in contact, and withheld {:.2} % of the force",
+            100.0 * limited,
+            100.0 * withheld
+        );
+    }
     if json.criterion != "rms" || json.rms_of != "counts" {
         window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
     }
@@ -144,7 +165,7 @@ fn print(
             "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
              {}, K = {} N/m, B = {} N s/m\n\
              mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %\n\
-             {window}\nthe wall has taken {:.3e} J in the last contact, and given at most {:.3e} J in one{}",
+             {window}\n{port}{}",
             scene.name,
             json.verdict,
             json.rms_m * 1e6,
@@ -155,8 +176,6 @@ fn print(
             json.peak_penetration_m * 1e6,
             json.saturated_fraction * 100.0,
             json.contact_fraction * 100.0,
-            json.port_taken_j,
-            json.port_given_j,
             note.unwrap_or_default()
         ))
     })

@@ -11,6 +11,7 @@ mod hit;
 mod identify;
 mod limits;
 mod linear;
+mod passivity;
 mod peers;
 mod prepare;
 mod progress;
@@ -63,6 +64,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Design(design::DesignArgs),
     Explain(explain::ExplainArgs),
+    Passivity(passivity::PassivityArgs),
     Trade(trade::TradeArgs),
     Identify(Box<identify::IdentifyArgs>),
     Telemetry(telemetry::TelemetryArgs),
@@ -152,8 +154,8 @@ impl From<NumericArg> for Numeric {
 impl Command {
     /// Whether tables are among the files of its result.
     fn fills_a_folder_with_tables(&self) -> bool {
-        use Command::{Compare, Design, Explain, Sweep, Trade};
-        matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Trade(_))
+        use Command::{Compare, Design, Explain, Passivity, Sweep, Trade};
+        matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Passivity(_) | Trade(_))
     }
 
     /// Name of a command that has no folder of results, and the options that name its files.
@@ -171,6 +173,7 @@ impl Command {
             | Self::Compare(_)
             | Self::Design(_)
             | Self::Explain(_)
+            | Self::Passivity(_)
             | Self::Trade(_)
             | Self::Identify(_)
             | Self::Prepare(_)
@@ -196,7 +199,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
     }
     if common.parquet && !command.fills_a_folder_with_tables() {
         return Err(Error::input(
-            "--parquet is of sweep, compare, design, explain and trade only, which fill a folder with tables",
+            "--parquet is of sweep, compare, design, explain, passivity and trade only, which fill a folder with tables",
         ));
     }
     let threads = usize::from(common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
@@ -214,6 +217,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Compare(args) => compare::run(&args, &common),
         Command::Design(args) => design::run(&args, &common),
         Command::Explain(args) => explain::run(&args, &common),
+        Command::Passivity(args) => passivity::run(&args, &common),
         Command::Trade(args) => trade::run(&args, &common),
         Command::Identify(args) => identify::run(&args, &common),
         Command::Telemetry(args) => telemetry::run(&args, &common),

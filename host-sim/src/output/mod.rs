@@ -11,6 +11,7 @@ pub mod in_units;
 pub mod levers;
 pub mod limits;
 pub mod manifest;
+pub mod passive;
 pub mod peers;
 pub mod probability;
 pub mod report;

@@ -264,7 +264,9 @@ fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
     for of in [&["prepare", "paper-2um"][..], &["study", "x.toml"], &["read", "x.device"]] {
         let line = refused(&[of, &["--parquet"]].concat());
         assert!(
-            line.contains("--parquet is of sweep, compare, design, explain and trade only"),
+            line.contains(
+                "--parquet is of sweep, compare, design, explain, passivity and trade only"
+            ),
             "{line}"
         );
     }

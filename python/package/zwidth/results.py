@@ -149,6 +149,9 @@ class Hit:
     port_taken_j, port_given_j : float
         What the wall has taken in the last contact, by its force and the counts; the most that it had given beyond what it
         had taken, in any contact, J.
+    port_limited_fraction, port_withheld_fraction : float or None
+        Of the outputs in contact the share that the passivity controller has changed, and of the wall's force the share
+        that it has withheld; None without one.
     trace : Trace or None
         Every sample, if it was asked for.
     """
@@ -169,6 +172,8 @@ class Hit:
     sensation_db: float | None
     port_taken_j: float
     port_given_j: float
+    port_limited_fraction: float | None
+    port_withheld_fraction: float | None
     trace: Trace | None = None
 
     @property

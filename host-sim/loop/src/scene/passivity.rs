@@ -19,14 +19,21 @@ pub struct PassivityTable {
 }
 
 impl Scene {
+    /// The most that the handle accelerates, m/s^2: of the table, or the usual one.
+    pub fn acceleration(&self) -> f64 {
+        let usual = || 2.0 * self.full_scale_n() / self.device.mass_kg;
+        self.passivity.and_then(|table| table.acceleration_m_per_s2).unwrap_or_else(usual)
+    }
+
     /// The controller in counts; `None` without the table.
     ///
     /// # Errors
     /// The acceleration or the latency is out of range.
     pub fn passivity(&self) -> Result<Option<Passivity>, SettingsError> {
-        let Some(table) = self.passivity else { return Ok(None) };
-        let usual = || 2.0 * self.full_scale_n() / self.device.mass_kg;
-        let acceleration_m_per_s2 = table.acceleration_m_per_s2.unwrap_or_else(usual);
+        if self.passivity.is_none() {
+            return Ok(None);
+        }
+        let acceleration_m_per_s2 = self.acceleration();
         let latency = self.actuator.latency_samples();
         PassivitySettings { acceleration_m_per_s2, latency }.build(&self.design()).map(Some)
     }

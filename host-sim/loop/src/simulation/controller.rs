@@ -17,6 +17,8 @@ pub struct ControllerOutput {
     pub output: f64,
     /// More was asked for than the actuator can give.
     pub saturated: bool,
+    /// What the passivity controller took off the wall's force, fraction of full scale.
+    pub withheld: f64,
 }
 
 /// A controller in the loop: counts in, force out.
@@ -171,6 +173,7 @@ impl Controller for Fixed {
             force: f64::from(force.bits()) * self.per_force_bit,
             output: f64::from(command.code() - self.zero_code) * self.per_code,
             saturated,
+            withheld: 0.0,
         }
     }
 

@@ -61,8 +61,9 @@ impl<C: Replaceable> Controller for Passive<C> {
             return output;
         }
         #[expect(clippy::cast_precision_loss, reason = "at most two full scales")]
-        let force = push - given as f64 / FULL_SCALE;
-        ControllerOutput { force, output: self.controller.put_out(force), ..output }
+        let [given, withheld] = [given, wants - given].map(|bits| bits as f64 / FULL_SCALE);
+        let force = push - given;
+        ControllerOutput { force, output: self.controller.put_out(force), withheld, ..output }
     }
 
     fn velocity(&self) -> f64 {

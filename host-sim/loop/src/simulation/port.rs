@@ -22,6 +22,10 @@ pub struct PortWatch {
     surface: i32,
     /// Of an LSB of force times a count, J.
     unit_j: f64,
+    /// Outputs in contact, and those of them that the passivity controller has changed.
+    outputs: [u32; 2],
+    /// Sums over them of the wall's force, without and with what was withheld.
+    forces: [f64; 2],
 }
 
 /// What wall and hand have exchanged in a hit, J.
@@ -31,6 +35,10 @@ pub struct PortReport {
     pub taken_j: f64,
     /// The most that it had given beyond what it had taken, in any contact.
     pub given_j: f64,
+    /// Outputs in contact whose force the passivity controller has changed, as a fraction of those in contact.
+    pub limited_fraction: f64,
+    /// What it has withheld at them, as a fraction of the wall's force summed over the outputs in contact.
+    pub withheld_fraction: f64,
 }
 
 impl PortWatch {
@@ -43,6 +51,8 @@ impl PortWatch {
             latency: latency.into(),
             surface,
             unit_j: design.full_scale_n / passive::FULL_SCALE * design.resolution_m,
+            outputs: [0; 2],
+            forces: [0.0; 2],
         }
     }
 
@@ -53,6 +63,13 @@ impl PortWatch {
             let wall = passive::bits(self.push - rendered.force);
             let contact = sample.count > self.surface;
             self.pending.push_back((sample.index + self.latency, wall, contact));
+            if contact {
+                let withheld = rendered.withheld;
+                self.outputs[0] += 1;
+                self.outputs[1] += u32::from(withheld != 0.0);
+                self.forces[0] += (self.push - rendered.force + withheld).abs();
+                self.forces[1] += withheld.abs();
+            }
         }
         if let Some(&(index, wall, contact)) = self.pending.front()
             && index == sample.index
@@ -66,7 +83,13 @@ impl PortWatch {
     pub fn report(&self, count: i32) -> PortReport {
         let mut port = self.port;
         port.moved(Position::from_counts(count));
-        PortReport { taken_j: self.joules(port.energy()), given_j: self.joules(port.given()) }
+        let share = |[of, part]: [f64; 2]| if of > 0.0 { part / of } else { 0.0 };
+        PortReport {
+            taken_j: self.joules(port.energy()),
+            given_j: self.joules(port.given()),
+            limited_fraction: share(self.outputs.map(f64::from)),
+            withheld_fraction: share(self.forces),
+        }
     }
 
     fn joules(&self, energy: i64) -> f64 {

@@ -8,6 +8,7 @@ pub mod explain;
 pub mod identify;
 pub mod linear;
 pub mod overview;
+pub mod passive;
 pub mod recompute;
 pub mod rendered;
 pub mod replay;

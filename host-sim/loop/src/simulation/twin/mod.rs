@@ -152,7 +152,8 @@ impl Controller for Twin {
         }
         let wanted = self.push - wall;
         let force = wanted.clamp(-1.0, 1.0);
-        ControllerOutput { force, output: self.put_out(force), saturated: force != wanted }
+        let output = self.put_out(force);
+        ControllerOutput { force, output, saturated: force != wanted, withheld: 0.0 }
     }
 
     #[inline]

@@ -13,7 +13,7 @@ use crate::{
     error::Error,
     interrupt,
     numerics::fft,
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    simulation::prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
     study::sweep::start_offset_counts,
 };
 
@@ -57,6 +57,16 @@ pub fn measure(
 
 /// Whether a hit is stable, and how rough.
 fn hit(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
+    let (report, roughness_n) = of_hit(prepared, numeric, wall);
+    (report.is_ok_and(|report| report.is_stable()), roughness_n)
+}
+
+/// What a hit showed, and how rough it was, N.
+pub fn of_hit(
+    prepared: &PreparedScene,
+    numeric: Numeric,
+    wall: &WallHit,
+) -> (Result<HitReport, HitError>, f64) {
     let mut forces_n = vec![];
     let settle = u64::from(prepared.plan().settle);
     let report = prepared.hit(numeric, wall, |sample| {
@@ -64,9 +74,8 @@ fn hit(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64
             forces_n.push(rendered.output * prepared.design().full_scale_n);
         }
     });
-    let stable = report.is_ok_and(|report| report.is_stable());
     let output_hz = prepared.design().rate_hz / f64::from(prepared.design().period);
-    (stable, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
+    (report, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
 }
 
 /// RMS of what lies above `above_hz` in a signal of that rate. The mean is taken off first; a Hann

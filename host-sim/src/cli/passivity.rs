@@ -1,0 +1,165 @@
+//! `passivity`: what a wall's passivity controller gives and costs.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{
+    Common,
+    limits::{Asked, Limits, Pair, check, finer, pair, parse},
+    list::{self, List},
+    progress,
+    shared::check_cutoffs,
+};
+use crate::{
+    analysis::passive::{PassiveQuestion, passive},
+    engine::Engine,
+    error::Error,
+    interrupt,
+    output::{
+        estimated::print_of,
+        files::{MANIFEST, json as json_bytes},
+        in_units,
+        manifest::Manifest,
+        passive::{Passive, PassiveArea},
+    },
+    scene::{NamedScene, PassivityTable},
+    simulation::prepared::Numeric,
+    study::{
+        asked::{no_cutoff, prepare},
+        limits::Limit,
+        sweep::ascending,
+    },
+};
+
+/// A wall with a time-domain passivity controller beside the plain one: areas by limit and cutoff, and what hits at the
+/// boundary's walls show: energy that a contact gives, force that is withheld, RMS, roughness.
+#[derive(Debug, Args)]
+#[command(after_long_help = COLUMNS)]
+pub struct PassivityArgs {
+    /// Built-in scene or scene file; with or without [passivity].
+    scene: String,
+    /// Nominal cutoffs in Hz, A,B,C or FROM:STEP:TO [default: 500 and 1500; none for an estimator without one].
+    #[arg(long, value_name = "LIST", value_parser = list::parse)]
+    cutoffs: Option<List>,
+    /// Limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
+    #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS)]
+    limits: Limits,
+    /// The most that the handle accelerates, m/s^2 [default: the scene's, else twice full scale over its mass].
+    #[arg(long, value_name = "M_PER_S2", allow_negative_numbers = true)]
+    acceleration: Option<f64>,
+    /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: the scene's walk].
+    #[arg(long, value_name = "K,B", value_parser = pair)]
+    steps: Option<Pair>,
+    /// Walks each, their starts spread over one count.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeat: u32,
+}
+
+const LIMITS: &str = "15e-6,1e-6";
+const CUTOFFS_HZ: [f64; 2] = [500.0, 1500.0];
+
+const COLUMNS: &str = "\
+Columns of passivity.csv, one row for each limit, cutoff, and boundary whose walls were hit:
+  controller             with it or without
+  area, stiffness_peak   of the boundary: mean, least and most over the walks; largest K
+  walls_of, walls        the boundary whose walls were hit, of at most 24 B, and how many
+  reserve_j              the most that a contact may give with the controller
+  given_j                the most that a contact of these hits has given, by the wall's force and the counts
+  walls_beyond_reserve   walls that have given more than the reserve
+  limited_fraction       outputs in contact that the controller has changed
+  withheld_fraction      what it has withheld, of the wall's force summed over the outputs in contact
+  saturated_fraction     outputs that asked for more than full scale
+  rms_motion_m           RMS of the motion in the window
+  roughness_n            force above 100 Hz in the window, RMS
+Fractions, RMS and roughness are means over the walls.";
+
+/// Every file of a result.
+const FILES: [&str; 4] = ["passivity.csv", "passivity.svg", "passivity.png", MANIFEST];
+
+#[derive(Serialize)]
+struct Json<'a> {
+    scene: &'a str,
+    acceleration_m_per_s2: f64,
+    reserve_j: f64,
+    rows: Vec<PassiveArea>,
+}
+
+pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
+    let scene = NamedScene::load(&args.scene)?;
+    if common.numeric != Numeric::Fixed {
+        return Err(Error::input(
+            "--numeric: passivity runs the fixed-point core only, allowed fixed",
+        ));
+    }
+    prepare(&scene)?;
+    let units = scene.scene.units;
+    let acceleration_m_per_s2 = args.acceleration.unwrap_or_else(|| scene.scene.acceleration());
+    let table = PassivityTable { acceleration_m_per_s2: Some(acceleration_m_per_s2) };
+    let felt_db = scene.scene.wall_hit.felt_limit_db;
+    let limits = args.limits.0.iter().map(|limit| match limit {
+        Asked::Rms(limit_m) => Limit::Rms(*limit_m),
+        Asked::Felt => Limit::Felt(felt_db),
+        Asked::FeltAt(level_db) => Limit::Felt(*level_db),
+    });
+    let limits: Vec<Limit> = limits.collect();
+    let walk = match args.steps {
+        None => scene.scene.walk,
+        steps => finer(&scene.scene, steps, None),
+    };
+    check(&scene.scene, &limits, walk)?;
+    let cutoffs_hz = match (&args.cutoffs, scene.scene.velocity.has_cutoff()) {
+        (Some(list), true) => ascending(&list.0),
+        (None, true) => CUTOFFS_HZ.to_vec(),
+        (None, false) => vec![0.0],
+        (Some(_), false) => return Err(no_cutoff(&scene)),
+    };
+    check_cutoffs(&scene, &cutoffs_hz)?;
+    let question = PassiveQuestion {
+        limits,
+        cutoffs_hz: cutoffs_hz.clone(),
+        repeats: args.repeat,
+        walk,
+        table,
+    };
+    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("passivity");
+    let folder = common.out.clone().unwrap_or_else(default);
+    let mut outputs = common.outputs(&scene.files)?;
+    let to = outputs.folder(&folder, &FILES)?;
+    let engine = Engine::from(common.engine);
+    let steps = match args.steps {
+        Some(Pair([k, b])) => format!(" --steps {k},{b}"),
+        None => String::new(),
+    };
+    let cutoffs: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
+    let cutoffs = match scene.scene.velocity.has_cutoff() {
+        true => format!(" --cutoffs {}", cutoffs.join(",")),
+        false => String::new(),
+    };
+    let command = format!(
+        "passivity {}{cutoffs} --limits {} --acceleration {acceleration_m_per_s2}{steps} --repeat {} --engine {}",
+        scene.name,
+        args.limits.as_typed(),
+        args.repeat,
+        engine.name()
+    );
+    let bar = progress::bar(question.walks());
+    let study = passive(engine, &scene.scene, question, interrupt::flag(), || bar.inc(1))
+        .map_err(|error| error.of(&scene.name))?;
+    bar.finish_and_clear();
+    let study = Passive(study);
+    outputs.add(to, "passivity.csv", in_units::csv(units, study.csv()).as_bytes())?;
+    outputs.add_figure(to, "passivity", &study.figure(&scene)?)?;
+    outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, &scene))?)?;
+    outputs.commit()?;
+    let json = Json {
+        scene: &scene.name,
+        acceleration_m_per_s2,
+        reserve_j: study.0.reserve_j,
+        rows: study.areas(),
+    };
+    print_of(common.json, &scene.scene, json, || {
+        format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
+    })
+}

@@ -1,0 +1,172 @@
+//! What `passivity` writes: a table for programs, one for people, one picture.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::{
+    figure::{Curve, Figure, FigureError, ZwidthPlot, zwidth},
+    limits::{grid_text, millions, name},
+    versioned,
+};
+use crate::{
+    analysis::passive::{Hits, PassiveRow, PassiveStudy},
+    scene::NamedScene,
+    study::limits::Limit,
+};
+
+/// One row of the JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct PassiveArea {
+    cutoff_hz: Option<f64>,
+    limit: f64,
+    limit_unit: &'static str,
+    controller: bool,
+    area_n2_s_per_m2: f64,
+    area_low_n2_s_per_m2: f64,
+    area_high_n2_s_per_m2: f64,
+    stiffness_peak_n_per_m: f64,
+    capped_walks: usize,
+    /// Hits at the boundary without the controller.
+    at_boundary_without: HitsTold,
+    /// At that with it.
+    at_boundary_with: Option<HitsTold>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct HitsTold {
+    walls: usize,
+    given_j: f64,
+    walls_beyond_reserve: usize,
+    limited_fraction: f64,
+    withheld_fraction: f64,
+    saturated_fraction: f64,
+    rms_motion_m: f64,
+    roughness_n: f64,
+}
+
+impl HitsTold {
+    fn of(hits: &Hits) -> Self {
+        Self {
+            walls: hits.walls,
+            given_j: hits.given_j,
+            walls_beyond_reserve: hits.beyond,
+            limited_fraction: hits.limited_fraction,
+            withheld_fraction: hits.withheld_fraction,
+            saturated_fraction: hits.saturated_fraction,
+            rms_motion_m: hits.rms_motion_m,
+            roughness_n: hits.roughness_n,
+        }
+    }
+}
+
+/// A finished study.
+#[derive(Clone, Debug)]
+pub struct Passive(pub PassiveStudy);
+
+impl Passive {
+    /// Every row.
+    pub fn areas(&self) -> Vec<PassiveArea> {
+        self.0.rows.iter().map(area).collect()
+    }
+
+    /// `passivity.csv`.
+    pub fn csv(&self) -> String {
+        versioned(self.0.table()).csv()
+    }
+
+    /// The boundaries at the first limit, without the controller and with it.
+    ///
+    /// # Errors
+    /// It cannot be drawn.
+    pub fn figure(&self, scene: &NamedScene) -> Result<Figure, FigureError> {
+        let first = self.0.rows.first().map(|row| row.limit);
+        let rows = self.0.rows.iter().filter(|row| Some(row.limit) == first);
+        let curve = |row: &PassiveRow| Curve {
+            name: told(row),
+            detail: told(row),
+            ideal: row.controller,
+            points: row.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
+        };
+        zwidth(&ZwidthPlot {
+            units: scene.scene.units,
+            title: format!("Stable walls with a passivity controller, {}", scene.name),
+            subtitle: format!(
+                "limit {}; a contact gives at most {:.3e} J with it",
+                first.map(name).unwrap_or_default(),
+                self.0.reserve_j
+            ),
+            legend: "Cutoff, controller".into(),
+            curves: rows.map(curve).collect(),
+        })
+    }
+
+    /// The table for people.
+    pub fn text(&self) -> String {
+        let mut text = format!(
+            "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \
+             the boundary: most given in a contact, force withheld, RMS of the motion, force above 100 Hz\n  {:>14} {:>10} \
+             {:>10} {:>8}  {:>8} {:>11} {:>9} {:>8} {:>9}",
+            self.0.reserve_j,
+            self.0.question.repeats,
+            grid_text(&self.0.question.walk),
+            "limit",
+            "cutoff",
+            "controller",
+            "area",
+            "walls of",
+            "given, J",
+            "withheld",
+            "RMS, um",
+            "rough, N"
+        );
+        for row in &self.0.rows {
+            let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
+            let area = format!("{cut}{}", millions(row.boundaries.area()));
+            let controller = if row.controller { "with" } else { "without" };
+            let cutoff = format!("{} Hz", row.cutoff_hz);
+            for (of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
+                if hits.walls == 0 {
+                    continue;
+                }
+                let _ = write!(
+                    text,
+                    "\n  {:>14} {cutoff:>10} {controller:>10} {area:>8}  {of:>8} {:>11.3e} {:>7.2} % {:>8.2} {:>9.4}",
+                    name(row.limit),
+                    hits.given_j,
+                    100.0 * hits.withheld_fraction,
+                    1e6 * hits.rms_motion_m,
+                    hits.roughness_n
+                );
+            }
+        }
+        text + "\n  area in 10^6 N^2 s/m^2"
+    }
+}
+
+fn told(row: &PassiveRow) -> String {
+    let controller = if row.controller { "with" } else { "without" };
+    format!("{} Hz, {controller}", row.cutoff_hz)
+}
+
+fn area(row: &PassiveRow) -> PassiveArea {
+    let (limit, limit_unit) = match row.limit {
+        Limit::Rms(metres) => (metres, "m"),
+        Limit::Felt(db) => (db, "dB"),
+    };
+    let [low, high] = row.boundaries.area_range();
+    let [without, with] = &row.hits;
+    PassiveArea {
+        cutoff_hz: (row.cutoff_hz > 0.0).then_some(row.cutoff_hz),
+        limit,
+        limit_unit,
+        controller: row.controller,
+        area_n2_s_per_m2: row.boundaries.area(),
+        area_low_n2_s_per_m2: low,
+        area_high_n2_s_per_m2: high,
+        stiffness_peak_n_per_m: row.boundaries.stiffness_peak_n_per_m(),
+        capped_walks: row.boundaries.capped(),
+        at_boundary_without: HitsTold::of(without),
+        at_boundary_with: row.controller.then(|| HitsTold::of(with)),
+    }
+}

@@ -1,0 +1,253 @@
+//! What the passivity controller ([`zwidth::passivity`]) does to a scene's walls: the areas with it and without, and what
+//! hits at the boundary's walls show.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use super::compare::roughness;
+use crate::{
+    engine::Engine,
+    error::Error,
+    interrupt,
+    scene::{PassivityTable, RmsOf, Scene, Walk},
+    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    study::{
+        boundary::Boundaries,
+        limits::{Limit, Question, Situation, limits},
+    },
+    table::{Cell, Kind, Table},
+};
+
+/// Walls of a boundary that are hit, at most: as many of its B, evenly.
+const WALLS: usize = 24;
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct PassiveQuestion {
+    /// Limits of what counts as stable, of the motion.
+    pub limits: Vec<Limit>,
+    /// Nominal cutoffs, Hz.
+    pub cutoffs_hz: Vec<f64>,
+    /// Walks each.
+    pub repeats: u32,
+    /// Grid and caps of the walks.
+    pub walk: Walk,
+    /// The controller.
+    pub table: PassivityTable,
+}
+
+impl PassiveQuestion {
+    /// Walks that it takes.
+    pub fn walks(&self) -> u64 {
+        (2 * self.limits.len() * self.cutoffs_hz.len()) as u64 * u64::from(self.repeats)
+    }
+}
+
+/// Hits at walls of a boundary, each mean over the walls.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hits {
+    /// How many walls.
+    pub walls: usize,
+    /// The most that one has given in a contact, J.
+    pub given_j: f64,
+    /// Walls that have given more than the reserve.
+    pub beyond: usize,
+    /// Outputs in contact that the controller has changed, as a fraction.
+    pub limited_fraction: f64,
+    /// What it has withheld, as a fraction of the wall's force.
+    pub withheld_fraction: f64,
+    /// Outputs that saturated, as a fraction.
+    pub saturated_fraction: f64,
+    /// RMS of the motion in the window, m.
+    pub rms_motion_m: f64,
+    /// Force above 100 Hz in the window, RMS, N.
+    pub roughness_n: f64,
+}
+
+/// One cutoff at one limit, without the controller or with it.
+#[derive(Clone, Debug)]
+pub struct PassiveRow {
+    /// Nominal cutoff, Hz; 0 without one.
+    pub cutoff_hz: f64,
+    /// The limit.
+    pub limit: Limit,
+    /// With the controller.
+    pub controller: bool,
+    /// The boundaries.
+    pub boundaries: Boundaries,
+    /// Hits at the boundary without the controller; and at that with it, where it is there.
+    pub hits: [Hits; 2],
+}
+
+/// Question and answer.
+#[derive(Clone, Debug)]
+pub struct PassiveStudy {
+    /// What was asked.
+    pub question: PassiveQuestion,
+    /// The most that a contact may give with the controller, J.
+    pub reserve_j: f64,
+    /// By limit and cutoff, without the controller first.
+    pub rows: Vec<PassiveRow>,
+}
+
+/// Walks every cutoff without the controller and with it, and hits the walls of their boundaries. `done` is called after
+/// each walk.
+///
+/// # Errors
+/// A setting is out of range, the handle does not reach the wall, or `stop` was set.
+pub fn passive(
+    engine: Engine,
+    scene: &Scene,
+    question: PassiveQuestion,
+    stop: &AtomicBool,
+    done: impl Fn() + Sync,
+) -> Result<PassiveStudy, Error> {
+    let plain = Scene { passivity: None, ..scene.clone() };
+    let with = Scene { passivity: Some(question.table), ..scene.clone() };
+    with.check().map_err(Error::Input)?;
+    let plan = with.passivity().map_err(Error::input)?;
+    #[expect(clippy::cast_precision_loss, reason = "for people")]
+    let reserve = plan.map_or(0.0, |plan| plan.reserve() as f64);
+    let force_bits = f64::from(zwidth::units::Force::FULL_SCALE.bits());
+    let reserve_j = reserve * scene.full_scale_n() / force_bits * scene.encoder.resolution_m;
+    let asked = Question {
+        limits: question.limits.clone(),
+        rms_of: RmsOf::Motion,
+        cutoffs_hz: question.cutoffs_hz.clone(),
+        repeats: question.repeats,
+        walk: question.walk,
+        situations: vec![Situation { push: scene.wall_hit.push_by, arm: None }],
+        told: false,
+    };
+    let walked = |scene: &Scene| limits(engine, scene, &asked, Numeric::Fixed, stop, &done);
+    let [without, passive] = [walked(&plain)?, walked(&with)?];
+    let mut rows = vec![];
+    for (before, after) in without.iter().zip(&passive) {
+        for (plain_at, passive_at) in before.result.cutoffs.iter().zip(&after.result.cutoffs) {
+            let cutoff_hz = plain_at.cutoff_hz;
+            let walls = [plain_at, passive_at].map(|at| walls(&at.boundaries, cutoff_hz));
+            for (controller, scene, at) in [(false, &plain, plain_at), (true, &with, passive_at)] {
+                let prepared = PreparedScene::new(scene)?;
+                let [own, passive] = &walls;
+                let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, stop);
+                rows.push(PassiveRow {
+                    cutoff_hz,
+                    limit: before.limit,
+                    controller,
+                    boundaries: at.boundaries.clone(),
+                    hits: [of(own)?, if controller { of(passive)? } else { Hits::default() }],
+                });
+            }
+        }
+    }
+    Ok(PassiveStudy { question, reserve_j, rows })
+}
+
+/// Walls of the first boundary.
+fn walls(boundaries: &Boundaries, cutoff_hz: f64) -> Vec<WallHit> {
+    let Some(first) = boundaries.first() else { return vec![] };
+    let step = first.points.len().div_ceil(WALLS).max(1);
+    let hit = |point: &crate::study::boundary::BoundaryPoint| WallHit {
+        cutoff_hz,
+        stiffness_n_per_m: point.stiffness_n_per_m,
+        damping_n_s_per_m: point.damping_n_s_per_m,
+        start_offset_counts: 0.0,
+    };
+    first.points.iter().step_by(step).map(hit).collect()
+}
+
+fn hits(
+    prepared: &PreparedScene,
+    walls: &[WallHit],
+    reserve_j: f64,
+    stop: &AtomicBool,
+) -> Result<Hits, Error> {
+    let all: Vec<_> = walls
+        .par_iter()
+        .map(|wall| {
+            interrupt::unless(stop)?;
+            let (report, roughness_n) = roughness::of_hit(prepared, Numeric::Fixed, wall);
+            Ok::<_, Error>((report?, roughness_n))
+        })
+        .collect::<Result<_, _>>()?;
+    let mut sum = Hits { walls: all.len(), ..Hits::default() };
+    #[expect(clippy::cast_precision_loss, reason = "at most 24")]
+    let part = 1.0 / all.len().max(1) as f64;
+    for (report, roughness_n) in &all {
+        let port = &report.port;
+        sum.given_j = sum.given_j.max(port.given_j);
+        sum.beyond += usize::from(port.given_j > reserve_j);
+        sum.limited_fraction += part * port.limited_fraction;
+        sum.withheld_fraction += part * port.withheld_fraction;
+        sum.saturated_fraction += part * report.saturated_fraction;
+        sum.rms_motion_m += part * report.rms_motion_m;
+        sum.roughness_n += part * roughness_n;
+    }
+    Ok(sum)
+}
+
+impl PassiveStudy {
+    /// A row for each limit, cutoff, and boundary whose walls were hit.
+    pub fn table(&self) -> Table {
+        use Kind::{Flag, Number, Text, Whole};
+        let mut table = Table::new([
+            ("cutoff_hz", Number),
+            ("limit", Number),
+            ("limit_unit", Text),
+            ("controller", Flag),
+            ("area_n2_s_per_m2", Number),
+            ("area_low_n2_s_per_m2", Number),
+            ("area_high_n2_s_per_m2", Number),
+            ("stiffness_peak_n_per_m", Number),
+            ("capped_walks", Whole),
+            ("walks", Whole),
+            ("walls_of", Text),
+            ("walls", Whole),
+            ("reserve_j", Number),
+            ("given_j", Number),
+            ("walls_beyond_reserve", Whole),
+            ("limited_fraction", Number),
+            ("withheld_fraction", Number),
+            ("saturated_fraction", Number),
+            ("rms_motion_m", Number),
+            ("roughness_n", Number),
+        ]);
+        for row in &self.rows {
+            let (limit, unit) = match row.limit {
+                Limit::Rms(metres) => (metres, "m"),
+                Limit::Felt(db) => (db, "dB"),
+            };
+            let [low, high] = row.boundaries.area_range();
+            let cutoff = (row.cutoff_hz > 0.0).then_some(row.cutoff_hz);
+            for (walls_of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
+                if walls_of == "with" && !row.controller {
+                    continue;
+                }
+                table.rows.push(vec![
+                    Cell::number(cutoff),
+                    limit.into(),
+                    unit.into(),
+                    row.controller.into(),
+                    row.boundaries.area().into(),
+                    low.into(),
+                    high.into(),
+                    row.boundaries.stiffness_peak_n_per_m().into(),
+                    Cell::count(row.boundaries.capped()),
+                    Cell::Whole(self.question.repeats.into()),
+                    walls_of.into(),
+                    Cell::count(hits.walls),
+                    self.reserve_j.into(),
+                    hits.given_j.into(),
+                    Cell::count(hits.beyond),
+                    hits.limited_fraction.into(),
+                    hits.withheld_fraction.into(),
+                    hits.saturated_fraction.into(),
+                    hits.rms_motion_m.into(),
+                    hits.roughness_n.into(),
+                ]);
+            }
+        }
+        table
+    }
+}
