@@ -59,43 +59,65 @@ impl PassivitySettings {
         within("latency", latency, 0.0..=period)?;
         // counts per sample^2 in a m/s^2
         let per_a = 1.0 / (design.rate_hz * design.rate_hz * design.resolution_m);
-        let (after, meanwhile) = (period * (period + latency), latency * (period + latency) / 2.0);
-        let most = (CHANGE_MAX - 3.0) / (per_a * after);
-        within("acceleration_m_per_s2", self.acceleration_m_per_s2, 0.0..=most)?;
-        let counts = |samples2: f64| {
-            let quantised = if samples2 > 0.0 { 3.0 } else { 0.0 }; // two, and one for what the conversion cuts off
-            #[expect(clippy::cast_possible_truncation, reason = "at most 2^20")]
-            let counts = (self.acceleration_m_per_s2 * per_a * samples2 + quantised) as i32;
-            counts
-        };
+        let most = CHANGE_MAX / (per_a * period * (period + latency));
+        within("acceleration_m_per_s2", self.acceleration_m_per_s2, LEAST_M_PER_S2..=most)?;
+        let bits = libm::ldexp(self.acceleration_m_per_s2 * per_a, ACCELERATION_BITS);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at most 2^20 counts"
+        )]
+        let acceleration = libm::ceil(bits) as u64;
         Ok(Passivity {
-            changes: [counts(meanwhile), counts(after)],
+            acceleration,
             latency: self.latency,
-            period: NonZeroU32::new(design.period).unwrap_or(NonZeroU32::MIN),
-        })
+            period: NonZeroU32::MIN,
+            changes: [0; 2],
+        }
+        .at(design.period))
     }
 }
+
+/// Binary places of an acceleration in counts per sample^2.
+const ACCELERATION_BITS: i32 = 32;
+/// The least acceleration, m/s^2.
+const LEAST_M_PER_S2: f64 = 1e-6;
 
 /// The controller in counts; made by [`PassivitySettings::build`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Passivity {
-    /// Counts by which motion can differ from that of the last output: until the new force acts, and while it does.
-    changes: [i32; 2],
+    /// Counts per sample^2, rounded up, with 32 binary places.
+    acceleration: u64,
     latency: u32,
     period: NonZeroU32,
+    /// Counts by which motion can differ from that of the last output: until the new force acts, and while it does.
+    changes: [i32; 2],
 }
 
 impl Passivity {
+    /// The same with an output each `period` samples, at least the latency.
+    #[must_use]
+    pub fn at(self, period: u32) -> Self {
+        let period = NonZeroU32::new(period).unwrap_or(NonZeroU32::MIN);
+        let (p, l) = (u64::from(period.get()), u64::from(self.latency));
+        let counts = |samples2: u64| {
+            let moved = u128::from(self.acceleration) * u128::from(samples2);
+            let quantised = if samples2 > 0 { 3 } else { 0 }; // two, and one for what is cut off
+            let counts = (moved >> ACCELERATION_BITS) + quantised;
+            i32::try_from(counts).unwrap_or(i32::MAX).min(MOTION_MAX)
+        };
+        Self { period, changes: [counts((l * (p + l)).div_ceil(2)), counts(p * (p + l))], ..self }
+    }
+
     /// The most that a contact may give, LSB of force times counts.
     pub fn reserve(&self) -> i64 {
         2 * i64::from(self.changes[1]) * i64::from(Force::FULL_SCALE.bits())
     }
 }
 
-/// A wall with that controller, and the account of its port.
+/// The account of a wall's port, from output to output, and what the controller goes by.
 #[derive(Clone, Copy, Debug)]
 pub struct PassiveWall {
-    plan: Passivity,
     port: PortEnergy,
     /// At the last output.
     last: Position,
@@ -106,9 +128,9 @@ pub struct PassiveWall {
 
 impl PassiveWall {
     /// No wall acts on the handle, which is at `position`.
-    pub const fn new(plan: Passivity, position: Position) -> Self {
+    pub const fn new(position: Position) -> Self {
         let port = PortEnergy::new(position);
-        Self { plan, port, last: position, pending: (0, false), wait: 0 }
+        Self { port, last: position, pending: (0, false), wait: 0 }
     }
 
     /// The account.
@@ -127,44 +149,76 @@ impl PassiveWall {
         }
     }
 
-    /// What the wall may give where it `wants` that much, LSB of force, out of it positive; at most two full scales.
+    /// [`limit`](Self::limit), granted at once.
     #[inline]
-    pub fn render(&mut self, wants: i64, contact: bool, position: Position) -> i64 {
-        self.port.moved(position);
-        let d = i64::from(position.wrapping_since(self.last));
-        self.last = position;
-        let fresh = contact && !self.port.contact();
-        let energy = if fresh { 0 } else { self.port.energy() };
-        let left = energy.saturating_add(self.plan.reserve()).saturating_sub(self.committed(d));
-        // outward for a wall that pushes
-        let along = if wants < 0 { d } else { -d };
-        let change = i64::from(self.plan.changes[1]);
-        let worst = (along + change).clamp(1, MOTION_MAX);
-        let given = within_budget(wants, left, worst);
-        if self.plan.latency == 0 {
-            self.port.acts(given, contact, position);
-        } else {
-            (self.pending, self.wait) = ((given, contact), self.plan.latency);
-        }
+    pub fn render(
+        &mut self,
+        plan: &Passivity,
+        wants: i64,
+        contact: bool,
+        position: Position,
+    ) -> i64 {
+        let given = self.limit(plan, wants, contact, position);
+        self.gives(plan.latency, given, contact, position);
         given
     }
 
+    /// What the wall may give where it `wants` that much, LSB of force, out of it positive; at most two full scales.
+    #[inline]
+    pub fn limit(&self, plan: &Passivity, wants: i64, contact: bool, position: Position) -> i64 {
+        let mut port = self.port;
+        port.moved(position);
+        let d = i64::from(position.wrapping_since(self.last));
+        let fresh = contact && !port.contact();
+        let energy = if fresh { 0 } else { port.energy() };
+        let left = energy.saturating_add(plan.reserve()).saturating_sub(self.committed(plan, d));
+        // outward for a wall that pushes
+        let along = if wants < 0 { d } else { -d };
+        let worst = (along + i64::from(plan.changes[1])).clamp(1, MOTION_MAX.into());
+        within_budget(wants, left, worst)
+    }
+
+    /// At each output: what the wall gives, `latency` samples later.
+    #[inline]
+    pub fn gives(&mut self, latency: u32, wall: i64, contact: bool, position: Position) {
+        self.last = position;
+        self.port.moved(position);
+        if latency == 0 {
+            self.port.acts(wall, contact, position);
+        } else {
+            (self.pending, self.wait) = ((wall, contact), latency);
+        }
+    }
+
+    /// The place of the handle is called `position` from here on.
+    #[inline]
+    pub fn rename(&mut self, position: Position) {
+        self.last = position;
+        self.port.rename(position);
+    }
+
+    /// Begins anew what [`PortEnergy::given`] says.
+    #[inline]
+    pub fn forget(&mut self) {
+        self.port.forget();
+    }
+
     /// What the force that acts can give until the next one does.
-    fn committed(&self, d: i64) -> i64 {
-        let Passivity { changes: [change, _], latency, period } = self.plan;
+    fn committed(&self, plan: &Passivity, d: i64) -> i64 {
+        let Passivity { changes: [change, _], latency, period, .. } = *plan;
         let wall = self.port.wall();
         if latency == 0 || wall == 0 {
             return 0;
         }
         let along = if wall < 0 { d } else { -d };
         let going_on = along * i64::from(latency) / i64::from(period.get()) + 1;
-        let worst = (going_on + i64::from(change)).clamp(0, MOTION_MAX);
+        let worst = (going_on + i64::from(change)).clamp(0, MOTION_MAX.into());
         wall.abs().saturating_mul(worst)
     }
 }
 
 /// No motion is more, counts: products with two full scales stay below 2^62.
-const MOTION_MAX: i64 = 1 << 29;
+const MOTION_MAX: i32 = 1 << 29;
 
 /// The nearest force that gives at most half of `left` over `worst` counts.
 #[inline]
@@ -204,66 +258,67 @@ mod tests {
         assert_eq!(plan(28.0, 10, 10).changes, [28 + 3, 56 + 3]);
         assert_eq!(plan(28.0, 0, 10).changes, [0, 28 + 3]);
         assert_eq!(plan(28.0, 0, 10).reserve(), 62 << 30);
-        assert_eq!(plan(0.0, 0, 1).changes, [0, 3]);
+        assert_eq!(plan(1e-6, 0, 1).changes, [0, 3]);
+        assert_eq!(plan(28.0, 0, 10).at(5), plan(28.0, 0, 5));
         let refused = |acceleration_m_per_s2, latency| {
             let settings = PassivitySettings { acceleration_m_per_s2, latency };
             settings.build(&design(10)).unwrap_err().parameter
         };
         assert_eq!(refused(28.0, 11), "latency");
-        for wrong in [-1.0, f64::NAN, f64::INFINITY, 1e9] {
+        for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
             assert_eq!(refused(wrong, 0), "acceleration_m_per_s2");
         }
     }
 
     #[test]
     fn a_contact_that_stands_still_has_the_whole_force() {
-        let mut wall = PassiveWall::new(plan(28.0, 0, 10), at(0));
+        let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
         for _ in 0..10 {
-            assert_eq!(wall.render(FULL, true, at(0)), FULL);
+            assert_eq!(wall.render(&plan, FULL, true, at(0)), FULL);
         }
         assert_eq!(wall.port().energy(), 0);
     }
 
     #[test]
     fn a_wall_that_only_gives_ends_and_one_that_is_pushed_in_comes_back() {
-        let mut wall = PassiveWall::new(plan(28.0, 0, 10), at(0));
-        let reserve = wall.plan.reserve();
+        let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
+        let reserve = plan.reserve();
         let mut place = 0;
         for _ in 0..200 {
             place -= 20;
-            wall.render(FULL, true, at(place));
+            wall.render(&plan, FULL, true, at(place));
         }
         assert!(wall.port().given() > reserve / 2, "{}", wall.port().given());
         assert!(wall.port().given() <= reserve);
         assert!(wall.port().wall() < FULL / 1000);
         for _ in 0..100 {
             place += 40;
-            wall.render(FULL, true, at(place));
+            wall.render(&plan, FULL, true, at(place));
         }
         assert_eq!(wall.port().wall(), FULL);
     }
 
     #[test]
     fn only_the_end_of_contact_begins_a_new_account() {
-        let mut wall = PassiveWall::new(plan(28.0, 0, 10), at(0));
+        let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
         for n in 1..200 {
-            wall.render(FULL, true, at(-20 * n));
-            wall.render(0, true, at(-20 * n)); // a wall that gives nothing for once
+            wall.render(&plan, FULL, true, at(-20 * n));
+            wall.render(&plan, 0, true, at(-20 * n)); // a wall that gives nothing for once
         }
-        assert!(wall.port().given() <= wall.plan.reserve());
-        wall.render(0, false, at(-10_000));
-        assert_eq!(wall.render(FULL, true, at(-10_000)), FULL);
+        assert!(wall.port().given() <= plan.reserve());
+        wall.render(&plan, 0, false, at(-10_000));
+        assert_eq!(wall.render(&plan, FULL, true, at(-10_000)), FULL);
         assert_eq!(wall.port().energy(), 0);
     }
 
     #[test]
     fn the_ends_of_its_numbers_are_no_panic() {
         for latency in [0, 7] {
-            let mut wall = PassiveWall::new(plan(28.0, latency, 10), at(i32::MIN));
+            let (plan, mut wall) = (plan(28.0, latency, 10), PassiveWall::new(at(i32::MIN)));
             for wants in [2 * FULL, -2 * FULL, 0, i64::MAX / 4, 1] {
                 for place in [i32::MAX, 0, i32::MIN, i32::MIN + 1, 1 << 30] {
                     wall.sample(at(place));
-                    wall.render(wants, true, at(place));
+                    wall.render(&plan, wants, true, at(place));
                 }
             }
         }
@@ -281,7 +336,7 @@ mod tests {
             contact in 1..40u32
         ) {
             let plan = plan(acceleration, latency, period);
-            let mut wall = PassiveWall::new(plan, at(0));
+            let mut wall = PassiveWall::new(at(0));
             let (mut place, mut speed) = (0.0, 0.0);
             let per_sample = acceleration * 1e6 / 1e8;
             let (mut until_due, mut outputs) = (0, 0u32);
@@ -298,7 +353,7 @@ mod tests {
                         most => most,
                     };
                     let contact = !outputs.is_multiple_of(contact);
-                    wall.render(if contact { wants } else { 0 }, contact, position);
+                    wall.render(&plan, if contact { wants } else { 0 }, contact, position);
                     until_due = period;
                 }
                 until_due -= 1;

@@ -39,6 +39,11 @@ impl PortEnergy {
         Self { wall: 0, contact: false, at: position, energy: 0, given: 0 }
     }
 
+    /// As an output left it that said `energy`.
+    pub const fn resumed(wall: i64, contact: bool, position: Position, energy: i64) -> Self {
+        Self { wall, contact, at: position, energy, given: 0 }
+    }
+
     /// From this position on the wall gives `wall`, LSB of force, out of it positive, at most two full scales: what an
     /// output said that was in `contact` or not.
     #[inline]
@@ -77,6 +82,12 @@ impl PortEnergy {
         self.contact
     }
 
+    /// Both numbers that are told.
+    #[inline]
+    pub const fn exchanged(&self) -> Exchanged {
+        Exchanged { energy: self.energy, given: self.given }
+    }
+
     /// What the wall has taken in this contact, or in the last one; below 0 it has given.
     #[inline]
     pub const fn energy(&self) -> i64 {
@@ -94,6 +105,15 @@ impl PortEnergy {
     pub fn forget(&mut self) {
         self.given = 0;
     }
+}
+
+/// What an account says, LSB of force times counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Exchanged {
+    /// [`PortEnergy::energy`].
+    pub energy: i64,
+    /// [`PortEnergy::given`].
+    pub given: i64,
 }
 
 #[cfg(test)]

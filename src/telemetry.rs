@@ -35,7 +35,7 @@ impl Flags {
     pub const ON: Self = Self(8);
     /// Force is complete: sign test and ramp are over.
     pub const ARMED: Self = Self(16);
-    /// A change of settings is fading in.
+    /// A change of settings is fading in, or the wall's passivity controller withholds force.
     pub const CHANGING: Self = Self(32);
     /// A fault is latched.
     pub const FAULT: Self = Self(64);

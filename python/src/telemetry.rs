@@ -33,6 +33,7 @@ pub fn decode<'py>(py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyDict>>
     made.set_item("velocities_equal", all.velocities)?;
     made.set_item("forces_equal", all.forces)?;
     made.set_item("states_equal", all.states)?;
+    made.set_item("energies_equal", all.energies)?;
     made.set_item("first_difference", all.first_difference().map(ToString::to_string))?;
     let design =
         capture.chunks.iter().flat_map(|chunk| &chunk.settings).map(|told| told.design).next();

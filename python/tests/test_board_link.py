@@ -20,7 +20,7 @@ STATUS = (
     "ok status armed, fault 34 (host silent), hit, sample 123, position -5 counts, velocity -0.5 counts/sample, "
     "force -4.402 %, code 2048, zeroed, in contact, stop closed, supply good, settings valid, envelope locked"
 )
-HIT = "ok hit no contact, rms 7.5e-7 m, mean 0.0105 m"
+HIT = "ok hit no contact, rms 7.5e-7 m, mean 0.0105 m, taken 0 J, given 0 J"
 
 
 def connect(fake: FakeBoard, **options: Any) -> zwidth.Board:
@@ -118,7 +118,7 @@ def test_answers_are_read(fake: FakeBoard) -> None:
         assert (hit.verdict, hit.stable, hit.rms_m, hit.mean_m, hit.unit) == ("no_contact", False, 7.5e-7, 0.0105, "m")
         with pytest.raises(AttributeError):
             hit.rms = 0.0  # type: ignore[misc]
-        said["hit"] = ["ok hit", HIT.replace(" m,", " rad,")[:-1] + "rad"]
+        said["hit"] = ["ok hit", HIT.replace(" m,", " rad,")]
         hit = board.hit()
         assert (hit.rms, hit.unit) == (7.5e-7, "rad")
         with pytest.raises(ValueError, match="speaks rad"):

@@ -5,18 +5,26 @@ use core::fmt;
 use super::{Decimal, spoken::Spoken};
 use crate::{
     experiment::{CalibrationEnd, Cell, Ended, RunningVariance, Verdict, WalkSettings, WalkTotals},
+    port::Exchanged,
     telemetry::Record,
+    units::Force,
 };
 
-/// The line that ends a hit: verdict, window, metres per count, units.
-pub struct HitOver(pub Verdict, pub RunningVariance, pub f64, pub Spoken);
+/// The line that ends a hit: verdict, window, what wall and hand have exchanged, metres per count, newtons at full scale,
+/// units.
+pub struct HitOver(pub Verdict, pub RunningVariance, pub Exchanged, pub [f64; 2], pub Spoken);
 
 impl fmt::Display for HitOver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(verdict, window, resolution_m, spoken) = self;
+        let Self(verdict, window, port, [resolution_m, full_scale_n], spoken) = self;
         let rms = spoken.number(window.rms_counts() * resolution_m, "m");
         let mean = spoken.number(window.mean_counts() * resolution_m, "m");
-        write!(f, "ok hit {}, rms {rms}, mean {mean}", verdict.text())
+        write!(f, "ok hit {}, rms {rms}, mean {mean}", verdict.text())?;
+        let unit_j = full_scale_n / f64::from(1u32 << Force::FRACTION_BITS) * resolution_m;
+        #[expect(clippy::cast_precision_loss, reason = "for people")]
+        let [taken, given] =
+            [port.energy, port.given].map(|energy| Decimal(energy as f64 * unit_j));
+        write!(f, ", taken {taken} J, given {given} J")
     }
 }
 

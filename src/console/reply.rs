@@ -371,7 +371,7 @@ mod tests {
         shows(
             Reply::Version("0123456789ab-dirty", &DEVICE),
             "ok version 0.1.0, commit 0123456789ab-dirty, board a-board, scene bench 0badcafe, envelope 6f34aa47, \
-             layouts record 3, settings 4, telemetry 2",
+             layouts record 4, settings 4, telemetry 2",
         );
         shows(
             Reply::Refused(Refusal::Faulted(Fault::LateRender)),

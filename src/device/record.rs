@@ -5,7 +5,7 @@
 //!
 //! | words | field |
 //! |---|---|
-//! | 0 | "ZWD" and the version of the layout, 3 |
+//! | 0 | "ZWD" and the version of the layout, 4 |
 //! | 1 | length of the record in words, the last one included |
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
@@ -15,13 +15,13 @@
 //! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
 //! | 15 | counts that the sign test has to see |
 //! | 16 | number of the estimator |
-//! | 17 to 108 | numbers, see below |
-//! | 109 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
+//! | 17 to 110 | numbers, see below |
+//! | 111 .. | the [designs](super::designs), then the [envelope](crate::safety::envelope) |
 //! | last | CRC-32/ISO-HDLC over all words before it: the record's hash |
 //!
 //! The numbers: sample rate Hz, resolution m, force at full command N, latency samples; speed limit and believable speed
 //! m/s, travel low and high m, ramp s, sign test's force as a part of full scale, heaviest handle kg and
-//! N s/m; continuous force N, time constant s; current's voltage at rest and at full
+//! N s/m, the passivity controller's acceleration m/s^2 or 0; continuous force N, time constant s; current's voltage at rest and at full
 //! command as parts of the analogue supply; radius of the handle m;
 //! return move: start m, speed m/s, force N, K N/m, B N s/m, integral N/(m s), tolerance m, timeout s; calibration: rise
 //! %/s, hold s, travel m; eight parameters of the estimator; wall m; hit: settle s, window s, RMS m; walk: K start, step,
@@ -46,7 +46,7 @@ use crate::{
 /// Longest record, words: a flash sector of 16 KiB.
 pub const WORDS_MAX: usize = 4096;
 /// Version of the layout.
-pub const LAYOUT: u8 = 3;
+pub const LAYOUT: u8 = 4;
 /// Where the board's name is, bytes.
 pub const BOARD_AT: usize = 12;
 
@@ -64,7 +64,7 @@ const ENCODER_REVERSED: u32 = 4;
 /// Where the number of designs begins.
 const DESIGNS: u32 = 8;
 
-const NUMBERS: usize = 38 + KEPT;
+const NUMBERS: usize = 39 + KEPT;
 /// Parameters of the estimator among them.
 const KEPT: usize = 8;
 // One more is another layout.
@@ -258,6 +258,7 @@ impl<'a> Device<'a> {
                 sign_test_counts: sign,
                 heaviest_mass_kg: next(),
                 heaviest_damping_n_s_per_m: next(),
+                passive_acceleration_m_per_s2: next(),
             },
             duty: DutySettings { continuous_force_n: next(), time_constant_s: next() },
             current: CurrentSettings { rest: next(), full: next() },
@@ -326,6 +327,7 @@ impl<'a> Device<'a> {
             safety.sign_test_force,
             safety.heaviest_mass_kg,
             safety.heaviest_damping_n_s_per_m,
+            safety.passive_acceleration_m_per_s2,
             duty.continuous_force_n,
             duty.time_constant_s,
             current.rest,

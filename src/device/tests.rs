@@ -52,6 +52,7 @@ pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
         sign_test_counts: 200,
         heaviest_mass_kg: 8.0,
         heaviest_damping_n_s_per_m: 110.0,
+        passive_acceleration_m_per_s2: 0.0,
     },
     duty: DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 },
     current: CurrentSettings { rest: 0.5, full: 0.8 },

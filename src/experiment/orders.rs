@@ -6,6 +6,7 @@ use super::{
 };
 use crate::{
     LoopParameters,
+    port::Exchanged,
     safety::{Refusal, Request, Status},
     store::Signs,
     telemetry::Record,
@@ -116,6 +117,8 @@ pub struct Report {
     pub streamed: Record,
     /// What an experiment pushed with at this output.
     pub push: Force,
+    /// What wall and hand have exchanged up to this output.
+    pub port: Exchanged,
     /// What the supervisor thinks.
     pub status: Status,
     /// What else goes on.

@@ -54,6 +54,12 @@ impl GainFade {
         self.kept.pushing || self.kept.correction != 0
     }
 
+    /// The push that acts.
+    #[inline]
+    pub fn push(&self) -> Force {
+        self.kept.push
+    }
+
     /// Whether it is as the last output left it.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {

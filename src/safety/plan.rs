@@ -4,6 +4,7 @@ use core::ops::RangeInclusive;
 
 use crate::{
     Design,
+    passivity::{Passivity, PassivitySettings},
     range::{SettingsError, within},
     units::{Force, Position, Velocity},
 };
@@ -55,6 +56,8 @@ pub struct SafetySettings {
     pub heaviest_mass_kg: f64,
     /// Damping of that handle, N s/m: 0 to 1e6.
     pub heaviest_damping_n_s_per_m: f64,
+    /// The wall's passivity controller: the most that the handle accelerates, m/s^2; 0: none.
+    pub passive_acceleration_m_per_s2: f64,
 }
 
 impl SafetySettings {
@@ -107,6 +110,17 @@ impl SafetySettings {
             self.heaviest_damping_n_s_per_m,
             Self::HEAVIEST_DAMPING_N_S_PER_M,
         )?;
+        let passivity = match self.passive_acceleration_m_per_s2 {
+            0.0 => None,
+            acceleration_m_per_s2 => {
+                let settings = PassivitySettings { acceleration_m_per_s2, latency: 0 };
+                let named = |error: SettingsError| SettingsError {
+                    parameter: "passive_acceleration_m_per_s2",
+                    ..error
+                };
+                Some(settings.build(design).map_err(named)?)
+            }
+        };
         let slows = self.heaviest_damping_n_s_per_m / self.heaviest_mass_kg / design.rate_hz;
         let yields = design.full_scale_n
             / (self.heaviest_mass_kg * design.resolution_m)
@@ -133,6 +147,7 @@ impl SafetySettings {
                 push: libm::ceil(samples(PUSH_S)) as u32,
                 stuck: libm::round(samples(STUCK_S)) as u32,
             },
+            passivity,
             ..SafetyPlan::default()
         };
         Ok(plan.at(design.period))
@@ -153,6 +168,11 @@ struct Samples {
 }
 
 impl SafetyPlan {
+    /// The wall's passivity controller.
+    pub fn passivity(&self) -> Option<&Passivity> {
+        self.passivity.as_ref()
+    }
+
     /// The same limits with an output each `period` samples.
     pub(crate) fn at(self, period: u32) -> Self {
         let period = period.max(1);
@@ -181,6 +201,7 @@ impl SafetyPlan {
             // a lighter handle may do less
             yields: (u64::from(yields) * u64::from(period) * u64::from(period)).min(YIELDS_MAX),
             slows: slows.saturating_mul(period),
+            passivity: self.passivity.map(|plan| plan.at(period)),
             ..self
         }
     }
@@ -222,6 +243,8 @@ pub struct SafetyPlan {
     pub(super) yields: u64,
     /// The part of its speed that it loses from one output to the next, LSB of 2^-32.
     pub(super) slows: u32,
+    /// The wall's passivity controller.
+    pub(super) passivity: Option<Passivity>,
     /// What those in outputs are made of.
     samples: Samples,
 }
@@ -248,6 +271,7 @@ pub(super) mod tests {
         sign_test_counts: 20,
         heaviest_mass_kg: 8.0,
         heaviest_damping_n_s_per_m: 110.0,
+        passive_acceleration_m_per_s2: 0.0,
     };
 
     #[test]

@@ -5,6 +5,7 @@
 use super::{Frame, Record, put, take};
 use crate::{
     Design, Output, Settings, VelocitySettings, WallSettings, crc,
+    port::Exchanged,
     units::{Force, Position, Velocity},
     velocity::{EstimatorName, State, Tuned},
 };
@@ -25,6 +26,8 @@ pub(super) mod kind {
     pub const STATE: u8 = 6;
     /// More of it.
     pub const MORE: u8 = 7;
+    /// Energy at the port.
+    pub const PORT: u8 = 8;
 }
 
 /// A difference that takes a byte of its own and four more.
@@ -246,6 +249,16 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
+    /// What wall and hand have exchanged up to the newest output.
+    #[must_use]
+    pub fn port(mut self, port: Exchanged) -> Self {
+        self.begin(kind::PORT);
+        self.put(&port.energy.to_le_bytes());
+        self.put(&port.given.to_le_bytes());
+        self.end();
+        self
+    }
+
     /// The frame's bytes.
     pub fn finish(self) -> &'a [u8] {
         let Self { bytes, used, .. } = self;
@@ -301,6 +314,7 @@ impl<'a> Parts<'a> {
             kind::PUSHES => part.len() % 4 == 0 && part.len() <= 4 * Frame::OUTPUTS,
             kind::SETTINGS => part.len() >= SETTINGS_LEAST,
             kind::STATE => part.len() >= STATE_LEAST,
+            kind::PORT => part.len() >= PORT_LEAST,
             _ => true,
         });
         filled == self.0.len() && told
@@ -339,6 +353,13 @@ impl<'a> Parts<'a> {
         self.all().filter(|(kind, _)| *kind == kind::SETTINGS).map(|(_, part)| settings(part))
     }
 
+    /// What wall and hand have exchanged up to the newest output, if it tells that.
+    pub fn port(self) -> Option<Exchanged> {
+        let mut rest = self.find(kind::PORT)?;
+        let mut number = || take(&mut rest).map(i64::from_le_bytes);
+        Some(Exchanged { energy: number()?, given: number()? })
+    }
+
     /// The sampler's state, if it is a key frame.
     pub fn key(self) -> Option<Key> {
         let mut rest = self.find(kind::STATE)?;
@@ -359,6 +380,7 @@ impl<'a> Parts<'a> {
     }
 }
 
+const PORT_LEAST: usize = 2 * 8;
 const SETTINGS_LEAST: usize = 2 + 4 + 4 + 2 + 4 + 6 * 8;
 const STATE_LEAST: usize = 8 + 3 * 2 + 2 * 4;
 

@@ -284,6 +284,7 @@ fn every_number_of_the_core_is_refused_by_name() {
         sign_test_counts: 20,
         heaviest_mass_kg: 8.0,
         heaviest_damping_n_s_per_m: 110.0,
+        passive_acceleration_m_per_s2: 0.0,
     };
     let back = ReturnSettings::SOFT;
     let duty = DutySettings { continuous_force_n: 4.1, time_constant_s: 30.0 };

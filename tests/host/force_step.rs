@@ -88,6 +88,7 @@ impl Loop {
             sign_test_counts: 20,
             heaviest_mass_kg: 8.0,
             heaviest_damping_n_s_per_m: 110.0,
+            passive_acceleration_m_per_s2: 0.0,
         };
         let plan = safety.build(&design).unwrap();
         let plant = PlantStep::new(&scene.device, 1.0 / design.rate_hz, 0.0);

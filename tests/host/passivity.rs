@@ -188,15 +188,11 @@ fn campaign(scenes: u32) {
         if scene.check().is_err() {
             continue;
         }
-        let plan = scene.passivity().unwrap().unwrap();
-        let unit_j = scene.full_scale_n() / f64::from(1u32 << 30) * scene.encoder.resolution_m;
-        #[expect(clippy::cast_precision_loss, reason = "for people")]
-        let reserve = plan.reserve() as f64;
-        let reserve_j = reserve * unit_j;
+        let reserve_j = scene.reserve_j().unwrap();
         let passive = seen(&scene, &wall);
         ran += 1;
         // the account's reserve is twice the change that it allows for, at full scale
-        let allowed = reserve / 2.0 / f64::from(1u32 << 30);
+        let allowed = reserve_j / 2.0 / scene.full_scale_n() / scene.encoder.resolution_m;
         let is_allowed = passive.change <= allowed;
         faster += u32::from(!is_allowed);
         let given_j = passive.report.port.given_j;

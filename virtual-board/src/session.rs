@@ -57,6 +57,8 @@ pub struct BoardHit {
     pub rms_m: f64,
     /// Mean position, m.
     pub mean_m: f64,
+    /// What the wall has taken in the last contact, and the most that it has given in one, J.
+    pub port_j: [f64; 2],
 }
 
 impl BoardHit {
@@ -69,7 +71,8 @@ impl BoardHit {
         let Some(verdict) = verdict else { return Err(Failed::Refused(line)) };
         let metres = |name| Ok::<_, Failed>(units.from_reply("rms_m", number(&line, name)?));
         let (rms_m, mean_m) = (metres("rms ")?, metres("mean ")?);
-        Ok(Self { verdict, rms_m, mean_m, line })
+        let port_j = [number(&line, "taken ")?, number(&line, "given ")?];
+        Ok(Self { verdict, rms_m, mean_m, port_j, line })
     }
 }
 

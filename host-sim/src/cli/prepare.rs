@@ -67,6 +67,8 @@ struct Json {
     sign_test_counts: u32,
     heaviest_mass_kg: f64,
     heaviest_damping_n_s_per_m: f64,
+    /// The most that a contact gives with the passivity controller; null: there is none.
+    passivity_reserve_j: Option<f64>,
     /// What full force gives the free handle until a fault is off.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
@@ -252,6 +254,7 @@ impl Said<'_> {
             sign_test_counts: safety.sign_test_counts,
             heaviest_mass_kg: safety.heaviest_mass_kg,
             heaviest_damping_n_s_per_m: safety.heaviest_damping_n_s_per_m,
+            passivity_reserve_j: self.scene.reserve_j(),
             fault_speed_m_per_s: self.fault()[0],
             fault_travel_m: self.fault()[1],
             current_sense: self.current_sense(),
@@ -331,6 +334,9 @@ impl Said<'_> {
             },
             format!("  estimator  {}{cutoff} at first", settings.velocity.name().text()),
         ];
+        if let Some(reserve_j) = self.scene.reserve_j() {
+            lines.push(format!("  passivity  a contact gives at most {reserve_j:.3e} J"));
+        }
         if let Some([rest, full]) = self.current_sense() {
             lines.push(format!(
                 "  current    read on PB0: {rest} of the analogue supply at rest, {full} at full command"

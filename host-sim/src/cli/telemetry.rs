@@ -48,6 +48,7 @@ struct Json {
     velocities_equal: u64,
     forces_equal: u64,
     states_equal: u64,
+    energies_equal: u64,
     unknown: Vec<(u64, u64, &'static str)>,
     first_difference: Option<Differs>,
 }
@@ -75,13 +76,14 @@ impl Json {
         if self.computed > 0 {
             let _ = write!(
                 text,
-                "\n{} of {} samples computed by the core: {} velocities, {} forces and {} states of the estimator are the \
-                 board's, bit for bit",
+                "\n{} of {} samples computed by the core: {} velocities, {} forces, {} states of the estimator and {} \
+                 energies at the port are the board's, bit for bit",
                 self.computed,
                 self.samples,
                 self.velocities_equal,
                 self.forces_equal,
-                self.states_equal
+                self.states_equal,
+                self.energies_equal
             );
         }
         for (from, to) in &self.gaps {
@@ -147,6 +149,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         velocities_equal: all.velocities,
         forces_equal: all.forces,
         states_equal: all.states,
+        energies_equal: all.energies,
         first_difference: all.first_difference().map(|difference| Differs {
             sample: difference.sample,
             what: difference.what,

@@ -124,12 +124,16 @@ class BoardHit:
         RMS about the mean, and mean position, over the window, to the 12 digits that the console says.
     unit : str
         ``"m"``; ``"rad"`` of a rotary device.
+    port_taken_j, port_given_j : float
+        What the wall has taken in the last contact, and the most that it has given in one, by its force and the counts, J.
     """
 
     verdict: str
     rms: float
     mean: float
     unit: str
+    port_taken_j: float
+    port_given_j: float
 
     @property
     def stable(self) -> bool:
@@ -153,8 +157,8 @@ class BoardHit:
 
     @classmethod
     def _of(cls, line: str) -> BoardHit:
-        found = _read(r"ok hit ([a-z ]+), rms (\S+) (m|rad), mean (\S+) (m|rad)", line)
-        return cls(found[1].replace(" ", "_"), float(found[2]), float(found[4]), found[3])
+        found = _read(r"ok hit ([a-z ]+), rms (\S+) (m|rad), mean (\S+) (m|rad), taken (\S+) J, given (\S+) J", line)
+        return cls(found[1].replace(" ", "_"), float(found[2]), float(found[4]), found[3], float(found[6]), float(found[7]))
 
 
 @dataclass(frozen=True, eq=False)

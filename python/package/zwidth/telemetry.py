@@ -95,9 +95,9 @@ class Telemetry:
         First and last sample of what was not told.
     unknown : tuple of (int, int, str)
         Stretches of which the core computes nothing, and why.
-    computed, velocities_equal, forces_equal, states_equal : int
-        Samples that the core has computed; velocities, forces and states of the estimator that are the board's, bit for
-        bit.
+    computed, velocities_equal, forces_equal, states_equal, energies_equal : int
+        Samples that the core has computed; velocities, forces, states of the estimator and energies at the port that are
+        the board's, bit for bit.
     first_difference : str or None
         The first that is not.
     rate_hz, resolution_m, full_scale_n : float or None
@@ -122,6 +122,7 @@ class Telemetry:
     velocities_equal: int
     forces_equal: int
     states_equal: int
+    energies_equal: int
     first_difference: str | None
     rate_hz: float | None
     resolution_m: float | None

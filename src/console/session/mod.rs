@@ -123,7 +123,7 @@ impl<P: Port> Console<P> {
 
     /// Takes what happened with an output. To be called for every report, in order.
     pub fn report(&mut self, report: &Report) {
-        self.stream(report.streamed, report.push);
+        self.stream(report);
         if let Event::Answer(answer) = report.event {
             self.stream.answered(answer.is_ok());
         }
@@ -138,7 +138,8 @@ impl<P: Port> Console<P> {
                 self.write(&HitOver(
                     verdict,
                     window,
-                    self.device.design.resolution_m,
+                    report.port,
+                    [self.device.design.resolution_m, self.stored.full_scale_n],
                     self.spoken(),
                 ));
             }

@@ -5,7 +5,9 @@ use super::Console;
 use crate::{
     Design, LoopParameters,
     console::Port,
+    experiment::Report,
     period::{SAMPLES_PER_MS, outputs_per_ms},
+    port::Exchanged,
     store::Stored,
     telemetry::{Flags, Frame, InForce, Key, Record},
     units::{Force, Position},
@@ -24,6 +26,8 @@ pub(in crate::console) struct Stream {
     outputs: [Record; Frame::OUTPUTS],
     /// What an experiment pushed with at them.
     pushes: [Force; Frame::OUTPUTS],
+    /// What wall and hand have exchanged up to the newest of them.
+    port: Exchanged,
     count: usize,
     /// The last sample whose count was told.
     told: Option<u64>,
@@ -62,6 +66,7 @@ impl Stream {
             sequence: 0,
             outputs: [Record::EMPTY; Frame::OUTPUTS],
             pushes: [Force::ZERO; Frame::OUTPUTS],
+            port: Exchanged::default(),
             count: 0,
             told: None,
             key: None,
@@ -100,7 +105,8 @@ impl Stream {
 
 impl<P: Port> Console<P> {
     /// Telemetry, if it is on. A full channel drops it, and its number with it.
-    pub(super) fn stream(&mut self, mut record: Record, push: Force) {
+    pub(super) fn stream(&mut self, report: &Report) {
+        let Report { streamed: mut record, push, port, .. } = *report;
         if !self.stream.on {
             self.stream.count = 0;
             return;
@@ -118,6 +124,7 @@ impl<P: Port> Console<P> {
         {
             self.flush();
         }
+        self.stream.port = port;
         let Stream { outputs, pushes, count, .. } = &mut self.stream;
         if let (Some(place), Some(pushed)) = (outputs.get_mut(*count), pushes.get_mut(*count)) {
             (*place, *pushed) = (record, push);
@@ -131,7 +138,7 @@ impl<P: Port> Console<P> {
     /// Sends what is gathered.
     #[inline(never)] // its frame is not needed below `report`
     fn flush(&mut self) {
-        let Stream { outputs, pushes, count, .. } = self.stream;
+        let Stream { outputs, pushes, port, count, .. } = self.stream;
         self.stream.count = 0;
         let Some((newest, earlier)) = outputs.get(..count).and_then(<[Record]>::split_last) else {
             return;
@@ -179,7 +186,7 @@ impl<P: Port> Console<P> {
             for chosen in all.into_iter().flatten() {
                 writer = writer.settings(&chosen.in_force);
             }
-            writer = writer.key(&key);
+            writer = writer.key(&key).port(port);
         }
         if !self.port.write_frame(writer.finish()) {
             // What it had told comes again.

@@ -26,7 +26,11 @@ fn a_hit_says_its_verdict_or_why_there_is_none() {
         bench.report(Event::HitOver(verdict, window()));
         let rms = Decimal(window().rms_counts() * 1e-6);
         let mean = Decimal(window().mean_counts() * 1e-6);
-        assert_eq!(bench.take().0, [format!("ok hit {name}, rms {rms} m, mean {mean} m")]);
+        // 2^40 LSB of force counts: 1024 counts at full scale
+        let [taken, given] = [-1.0, 2.0].map(|part| Decimal(part * 1024.0 * (5.906 * 1e-6)));
+        let said =
+            format!("ok hit {name}, rms {rms} m, mean {mean} m, taken {taken} J, given {given} J");
+        assert_eq!(bench.take().0, [said]);
     }
     bench.report(Event::HitAborted(AbortReason::NotBack));
     let said = "error: hit: the handle did not come back to the start in time: is it held?";

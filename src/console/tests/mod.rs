@@ -11,6 +11,7 @@ use super::*;
 use crate::{
     device::{Device, tests::DEVICE},
     experiment::{Activity, Event, Order, Promise, Report},
+    port::Exchanged,
     safety::{
         Fault, FaultRecord, FaultSet, GuardedSampler, Inputs, Refusal, Request, State, Status,
     },
@@ -128,6 +129,9 @@ struct Bench {
     activity: Activity,
 }
 
+/// What wall and hand have exchanged in every report.
+const PORT: Exchanged = Exchanged { energy: -(1 << 40), given: 1 << 41 };
+
 impl Bench {
     /// After boot, its first order met.
     fn new(status: Status) -> Self {
@@ -153,6 +157,7 @@ impl Bench {
             record,
             streamed: record,
             push: Force::ZERO,
+            port: PORT,
             status,
             activity,
             event,
@@ -206,6 +211,6 @@ fn version() -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!(
         "ok version {version}, commit 0123456789ab, board a-board, scene bench 0badcafe, envelope {hash:08x}, \
-         layouts record 3, settings 4, telemetry 2"
+         layouts record 4, settings 4, telemetry 2"
     )
 }

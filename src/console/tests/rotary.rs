@@ -71,7 +71,12 @@ fn experiments_are_told_about_the_axis() {
         window.push(Position::from_counts(counts));
     }
     bench.report(Event::HitOver(Verdict::Stable, window));
-    assert_eq!(bench.take().0, ["ok hit stable, rms 0.000004 rad, mean 0.004 rad"]);
+    assert_eq!(
+        bench.take().0,
+        [
+            "ok hit stable, rms 0.000004 rad, mean 0.004 rad, taken -0.006047744 J, given 0.012095488 J"
+        ]
+    );
     bench.report(Event::CalibrationOver(CalibrationEnd::Moved));
     let said = bench.take().0;
     assert!(said[0].ends_with("0 N m with full scale 1.4765 N m"), "{said:?}");

@@ -16,6 +16,7 @@ struct Seen {
     push: Force,
     settings: Vec<InForce>,
     key: Option<Key>,
+    port: Option<Exchanged>,
 }
 
 /// A console on a board whose handle moves.
@@ -70,7 +71,15 @@ impl Moving {
     fn told(&mut self, record: Record, streamed: Record, event: Event) -> Option<Seen> {
         let Bench { status, activity, .. } = self.bench;
         let push = Force::saturating_from_bits(1 << 20);
-        self.bench.console.report(&Report { record, streamed, push, status, activity, event });
+        self.bench.console.report(&Report {
+            record,
+            streamed,
+            push,
+            port: PORT,
+            status,
+            activity,
+            event,
+        });
         self.bench.take();
         let bytes = std::mem::take(&mut self.bench.console.port.frames).concat();
         let found = bytes.into_iter().filter_map(|byte| self.decoder.push(byte)).last();
@@ -83,6 +92,7 @@ impl Moving {
                 push: parts.push(0),
                 settings: parts.settings().flatten().collect(),
                 key: parts.key(),
+                port: parts.port(),
             }
         })
     }
@@ -109,6 +119,7 @@ fn counts_come_with_every_frame_and_a_key_each_100_ms() {
                 estimator.update(state, *position, &Senses::NONE);
             }
         }
+        assert_eq!(seen.port, seen.key.map(|_| PORT));
         let Some(key) = seen.key else { continue };
         keys.push(key.sample);
         assert_eq!(seen.settings.len(), 1);

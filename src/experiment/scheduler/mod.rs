@@ -171,6 +171,7 @@ impl<const N: usize> Scheduler<N> {
     ) -> Record {
         let record = Record { settings: self.settings, ..rendered.record };
         self.pushed = self.push;
+        self.supervisor.book();
         self.history.push(record, record.flags.contains(Flags::FAULT));
         self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
         self.observe(rendered.grant, positions);
@@ -259,6 +260,7 @@ impl<const N: usize> Scheduler<N> {
         let wall = &self.parameters.wall;
         let mut verdict = None;
         if hit.is_fresh() {
+            self.supervisor.forget_given();
             // Of the samples up to the output that began it only the last one is the hit's.
             if let Some(position) = positions.last() {
                 verdict = hit.sample(position, wall.penetration(position) > 0);
@@ -402,8 +404,9 @@ impl<const N: usize> Scheduler<N> {
         };
         let event = core::mem::replace(event, Event::None);
         let streamed = self.replayed().unwrap_or(record);
-        let (push, status) = (self.pushed, self.supervisor.status());
-        Report { record, streamed, push, status, activity, event }
+        let (push, port) = (self.pushed, self.supervisor.exchanged());
+        let status = self.supervisor.status();
+        Report { record, streamed, push, port, status, activity, event }
     }
 
     /// The next record of the black box in place of the present one, while it is read out.

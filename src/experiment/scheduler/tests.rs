@@ -7,7 +7,7 @@ use crate::{
     Motion, WallSettings,
     device::tests::DEVICE,
     experiment::{HitPlan, HitSequencePlan, Promise, Verdict, return_move::tests::Handle},
-    safety::{Fault, FaultSet, Guard},
+    safety::{Fault, FaultSet, Guard, SafetyPlan},
     store::Stored,
     units::Velocity,
 };
@@ -24,6 +24,7 @@ const GOOD: Sensed = Sensed {
 
 mod orders;
 mod period;
+mod port;
 
 /// What reached the sampling task.
 #[derive(Default)]
@@ -68,9 +69,12 @@ struct Bench {
 impl Bench {
     /// Off, at rest, the first settings met.
     fn new() -> Self {
+        Self::with(DEVICE.safety.build(&DEVICE.design).unwrap())
+    }
+
+    fn with(plan: SafetyPlan) -> Self {
         let mut stored = DEVICE.defaults();
         (stored.settle_s, stored.window_s) = (0.1, 0.1);
-        let plan = DEVICE.safety.build(&DEVICE.design).unwrap();
         let parameters = DEVICE.control(&stored).unwrap();
         let duty = DEVICE.hit_sequence(&stored, false).unwrap().duty;
         let supervisor = Supervisor::new(plan, None);
@@ -97,7 +101,11 @@ impl Bench {
 
     /// Zeroed and armed.
     fn armed() -> Self {
-        let mut bench = Self::new();
+        Self::new().on()
+    }
+
+    fn on(self) -> Self {
+        let mut bench = self;
         bench.met(Order::Request(Request::Zero));
         bench.met(Order::Request(Request::Arm));
         bench.run(400);

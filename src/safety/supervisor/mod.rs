@@ -16,6 +16,8 @@ use super::{
 };
 use crate::{
     Drive, LoopParameters, Motion,
+    passivity::PassiveWall,
+    port::Exchanged,
     telemetry::{Flags, Record},
     units::{Demand, Force, Position},
 };
@@ -39,6 +41,10 @@ pub struct Supervisor {
     /// Outputs since the ramp began.
     ramp: u32,
     fade: Option<GainFade>,
+    /// The account of the wall's port.
+    port: PassiveWall,
+    /// The passivity controller has changed the last force.
+    withheld: bool,
     watch: StuckEncoder,
     speed: SpeedWatch,
     /// The handle is held on purpose.
@@ -75,6 +81,8 @@ impl Supervisor {
             sign: SignTest::new(),
             ramp: 0,
             fade: None,
+            port: PassiveWall::new(Position::from_counts(0)),
+            withheld: false,
             watch: StuckEncoder::default(),
             speed: SpeedWatch::default(),
             still: Doubled::new(false),
@@ -121,6 +129,9 @@ impl Supervisor {
         self.wall_over_zero = control.wall.penetration(Position::default()) > 0;
         let before = self.zeros;
         let held = self.follow_zero(guard);
+        if self.zeros != before {
+            self.port.rename(up.motion.position);
+        }
         self.look(up, guard, inputs, self.zeros != before);
         let force = self.force(control, up, push, &drive, held);
         let grant = match force {
@@ -137,6 +148,31 @@ impl Supervisor {
         let record = self.record_of(control, up, &drive, grant);
         self.record = record;
         Rendered { grant, record }
+    }
+
+    /// Books what the wall gives from the last output on. To be called once that is out.
+    #[inline]
+    pub fn book(&mut self) {
+        let acts = matches!(*self.state, State::RampIn | State::Armed);
+        let wall = match (self.last.force(), &self.fade) {
+            (Some(force), Some(fade)) if acts => {
+                i64::from(fade.push().bits()) - i64::from(force.bits())
+            }
+            _ => 0,
+        };
+        self.port.gives(0, wall, acts && self.contact, self.record.position);
+    }
+
+    /// What wall and hand have exchanged.
+    #[inline]
+    pub fn exchanged(&self) -> Exchanged {
+        self.port.port().exchanged()
+    }
+
+    /// Begins anew what [`Exchanged::given`] says.
+    #[inline]
+    pub fn forget_given(&mut self) {
+        self.port.forget();
     }
 
     /// What it thinks, for the link.
@@ -316,19 +352,35 @@ impl Supervisor {
         let slew = if ramping { slew.saturating_sub_unsigned(ramp_step) } else { slew };
         let fade = self.fade.get_or_insert(GainFade::new(control.wall, push));
         let full = fade.force((&control.wall, push), up.motion, drive, held, slew);
-        if !ramping {
-            return Some(full);
-        }
+        let pushed = fade.push();
+        let force = if ramping { self.ramped(full) } else { full };
+        Some(self.within_port(force, pushed, (drive.contact, up.motion.position)))
+    }
+
+    /// That force as far as the ramp has come.
+    fn ramped(&mut self, full: Force) -> Force {
         // The step from the sign test's force to none is a millisecond's.
         let ramped = self.ramp.saturating_sub(self.plan.per_ms - 1);
         if ramped >= self.plan.ramp_renders {
             self.state.set(State::Armed);
-            return Some(full);
+            return full;
         }
         let part = i64::from(ramped) * i64::from(self.plan.ramp_step); // below 2^30
         let force = (i64::from(full.bits()) * part) >> Force::FRACTION_BITS;
         self.ramp = self.ramp.saturating_add(1);
-        Some(Demand::from_bits(force).saturate().0)
+        Demand::from_bits(force).saturate().0
+    }
+
+    /// That force as far as the wall's passivity controller grants it, if there is one: between it and the push.
+    #[inline]
+    fn within_port(&mut self, force: Force, push: Force, at: (bool, Position)) -> Force {
+        self.withheld = false;
+        let Some(plan) = &self.plan.passivity else { return force };
+        let push = i64::from(push.bits());
+        let wants = push - i64::from(force.bits());
+        let gives = self.port.limit(plan, wants, at.0, at.1);
+        self.withheld = gives != wants;
+        Demand::from_bits(push - gives).saturate().0
     }
 
     fn record_of(
@@ -354,7 +406,7 @@ impl Supervisor {
                 .with_if(Flags::SATURATED, drive.saturated)
                 .with_if(Flags::ON, grant.force().is_some())
                 .with_if(Flags::ARMED, *self.state == State::Armed)
-                .with_if(Flags::CHANGING, self.state.is_on() && fading)
+                .with_if(Flags::CHANGING, self.state.is_on() && (fading || self.withheld))
                 .with_if(Flags::FAULT, self.fault.is_some())
                 .with_if(Flags::ZEROED, self.zeroed)
                 .with_if(Flags::STOP_CLOSED, self.inputs.stop_closed)

@@ -76,6 +76,7 @@ fn safety(design: &Design) -> SafetySettings {
         sign_test_counts: 100,
         heaviest_mass_kg: 8.0,
         heaviest_damping_n_s_per_m: 110.0,
+        passive_acceleration_m_per_s2: 0.0,
     }
 }
 

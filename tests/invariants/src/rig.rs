@@ -40,6 +40,7 @@ pub fn wide(design: &Design) -> SafetySettings {
         sign_test_counts: 10,
         heaviest_mass_kg: 1e6,
         heaviest_damping_n_s_per_m: 1e6,
+        passive_acceleration_m_per_s2: 0.0,
     }
 }
 

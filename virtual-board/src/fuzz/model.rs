@@ -56,7 +56,7 @@ impl Model {
         let hash = envelope.hash();
         format!(
             "ok version {version}, commit COMMIT, board {name}, scene {name} {scene_hash:08x}, envelope {hash:08x}, \
-             layouts record 3, settings 4, telemetry 2"
+             layouts record 4, settings 4, telemetry 2"
         )
     }
 

@@ -287,6 +287,7 @@ impl Scene {
                 safety.heaviest_damping_n_s_per_m,
                 f64::max(HEAVIEST * self.device.damping_n_s_per_m, heaviest / HEAVIEST_S),
             ),
+            passive_acceleration_m_per_s2: self.passivity.map_or(0.0, |_| self.acceleration()),
         };
         let travel_m = f64::max(1e-3, LEAST_COUNTS * count_m);
         let calibration = CalibrationSettings {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use zwidth::{
     SettingsError,
     passivity::{Passivity, PassivitySettings},
+    units::Force,
 };
 
 use super::Scene;
@@ -38,6 +39,15 @@ impl Scene {
         PassivitySettings { acceleration_m_per_s2, latency }.build(&self.design()).map(Some)
     }
 
+    /// The most that a contact may give with the controller, J; `None` without the table, or out of range.
+    pub fn reserve_j(&self) -> Option<f64> {
+        let plan = self.passivity().ok()??;
+        #[expect(clippy::cast_precision_loss, reason = "for people")]
+        let reserve = plan.reserve() as f64;
+        let per_bit = self.full_scale_n() / f64::from(Force::FULL_SCALE.bits());
+        Some(reserve * per_bit * self.encoder.resolution_m)
+    }
+
     /// Checks the table.
     pub(super) fn check_passivity(&self) -> Result<(), String> {
         self.passivity().map(|_| ()).map_err(|error| match error.parameter {
@@ -45,11 +55,7 @@ impl Scene {
                 "actuator.latency with [passivity] is {}, allowed 0 to actuator.period, {}",
                 self.actuator.latency, self.actuator.period
             ),
-            parameter => format!(
-                "passivity.{parameter} is {}, allowed 0 to {}",
-                error.value,
-                error.range.end()
-            ),
+            _ => format!("passivity.{error}"),
         })
     }
 }

@@ -17,7 +17,7 @@ use zwidth::{
 };
 
 use super::{
-    BoardTable, MotorTable, Quantisation, ReturnTable, SafetyTable, Scene, Sign,
+    BoardTable, MotorTable, PassivityTable, Quantisation, ReturnTable, SafetyTable, Scene, Sign,
     record::board_facts,
 };
 use crate::error::Error;
@@ -162,6 +162,9 @@ impl Scene {
             heaviest_damping_n_s_per_m: Some(safety.heaviest_damping_n_s_per_m),
             calibration_travel_m: Some(calibration.travel_m),
         });
+        let passive = safety.passive_acceleration_m_per_s2;
+        scene.passivity =
+            (passive > 0.0).then_some(PassivityTable { acceleration_m_per_s2: Some(passive) });
         let sensed = (*current != CurrentSettings::UNUSED).then_some(*current);
         scene.motor = Some(MotorTable {
             continuous_force_n: Some(duty.continuous_force_n),

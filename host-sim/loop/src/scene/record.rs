@@ -104,6 +104,12 @@ impl NamedScene {
                 within(&on("actuator.latency"), latency, board.latency_samples..=longest)
             })
             .map_err(refuse)?;
+        if scene.passivity.is_some() && scene.actuator.latency_samples() > 0 {
+            return Err(refuse(format!(
+                "actuator.latency with [passivity] on a board is {}, allowed below 0.5",
+                scene.actuator.latency
+            )));
+        }
         let OnBoard { safety, calibration, duty, current, back, signs, guessed } = scene.on_board();
         // What is known of a value is no other device.
         let content = Scene { estimated: vec![], ..scene.clone() };

@@ -30,6 +30,7 @@ pub(super) fn bits(fraction: f64) -> i64 {
 #[derive(Clone, Copy, Debug)]
 pub struct Passive<C> {
     controller: C,
+    plan: Passivity,
     wall: PassiveWall,
     at: Position,
 }
@@ -38,7 +39,7 @@ impl<C> Passive<C> {
     /// Around a controller that is at rest at `count`.
     pub fn new(controller: C, plan: Passivity, count: i32) -> Self {
         let at = Position::from_counts(count);
-        Self { controller, wall: PassiveWall::new(plan, at), at }
+        Self { controller, plan, wall: PassiveWall::new(at), at }
     }
 }
 
@@ -56,7 +57,7 @@ impl<C: Replaceable> Controller for Passive<C> {
         let push = self.controller.push();
         let wants = bits(push - output.force);
         let contact = self.at.counts() > self.surface();
-        let given = self.wall.render(wants, contact, self.at);
+        let given = self.wall.render(&self.plan, wants, contact, self.at);
         if given == wants {
             return output;
         }

@@ -9,6 +9,7 @@ pub mod identify;
 pub mod linear;
 pub mod overview;
 pub mod passive;
+pub mod port;
 pub mod recompute;
 pub mod rendered;
 pub mod replay;

@@ -106,11 +106,7 @@ pub fn passive(
     let plain = Scene { passivity: None, ..scene.clone() };
     let with = Scene { passivity: Some(question.table), ..scene.clone() };
     with.check().map_err(Error::Input)?;
-    let plan = with.passivity().map_err(Error::input)?;
-    #[expect(clippy::cast_precision_loss, reason = "for people")]
-    let reserve = plan.map_or(0.0, |plan| plan.reserve() as f64);
-    let force_bits = f64::from(zwidth::units::Force::FULL_SCALE.bits());
-    let reserve_j = reserve * scene.full_scale_n() / force_bits * scene.encoder.resolution_m;
+    let reserve_j = with.reserve_j().unwrap_or(0.0);
     let asked = Question {
         limits: question.limits.clone(),
         rms_of: RmsOf::Motion,

@@ -18,7 +18,10 @@ use zwidth::{
     velocity::{self, Senses, Tuned},
 };
 
-use super::telemetry::{Capture, Chunk};
+use super::{
+    port::Account,
+    telemetry::{Capture, Chunk},
+};
 
 /// Largest move of the sample with which the count was zeroed, which nobody tells: counts.
 const ZEROED_MOVE: i32 = 500;
@@ -73,6 +76,8 @@ pub struct Recomputed {
     pub forces: u64,
     /// Keys whose state was compared with the one that was computed up to there.
     pub states: u64,
+    /// Keys whose energy at the port was compared with the one that was computed up to there.
+    pub energies: u64,
     /// Changes of the estimator or its tuning that were followed, and how often the count was zeroed.
     pub changes: u64,
     /// What differs, in order.
@@ -107,6 +112,7 @@ impl Recomputed {
     pub fn until(capture: &Capture, stop: &AtomicBool) -> Self {
         let mut all = Self::default();
         let mut run = Run::default();
+        let mut account = Account::default();
         for chunk in capture.chunks.iter().take_while(|_| !stop.load(Relaxed)) {
             let Some(newest) = chunk.outputs.last() else { continue };
             if newest.flags.contains(Flags::REPLAY) {
@@ -114,6 +120,11 @@ impl Recomputed {
             }
             if run.told.last().is_some_and(|last| newest.sample < last.sample) {
                 all.take(&std::mem::take(&mut run), stop);
+            }
+            let (energies, other) = account.take(chunk);
+            all.energies += energies;
+            if let Some((sample, board, core)) = other {
+                all.differ(sample, "energy at the port", board, core);
             }
             if !all.add(&mut run, chunk) {
                 all.take(&std::mem::take(&mut run), stop);

@@ -7,6 +7,7 @@ use std::{
 };
 
 use zwidth::{
+    port::Exchanged,
     telemetry::{Decoder, Flags, Frame, InForce, Key, Record},
     units::{Force, Position},
 };
@@ -27,6 +28,8 @@ pub struct Chunk {
     pub settings: Vec<InForce>,
     /// The sampler's state, of a key frame.
     pub key: Option<Key>,
+    /// What wall and hand have exchanged up to its newest output, of a key frame.
+    pub port: Option<Exchanged>,
 }
 
 /// All frames of a capture, and what was between them.
@@ -54,6 +57,7 @@ impl Chunk {
             positions: parts.positions(newest.record.position, &mut places).to_vec(),
             settings: parts.settings().flatten().collect(),
             key: parts.key(),
+            port: parts.port(),
             outputs,
         }
     }
