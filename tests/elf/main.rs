@@ -69,6 +69,7 @@ mod gdb;
 mod identify_telemetry;
 mod mailbox;
 mod panics;
+mod passivity;
 mod period;
 mod record;
 mod replay;
