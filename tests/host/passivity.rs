@@ -9,6 +9,8 @@ use host_sim::{
 };
 use rand::{RngExt, SeedableRng, rngs::SmallRng};
 
+use crate::figure::figure;
+
 /// A hit, and what nobody but a simulator sees of it.
 struct Seen {
     report: HitReport,
@@ -162,16 +164,17 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
 /// no more than the acceleration allows.
 #[test]
 fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
-    campaign(1_000);
+    campaign(1_000, true);
 }
 
 #[test]
 #[ignore = "ten thousand scenes; .ci/long passivity"]
 fn no_contact_of_ten_thousand_random_scenes_gives_more_than_the_reserve() {
-    campaign(10_000);
+    campaign(10_000, false);
 }
 
-fn campaign(scenes: u32) {
+/// `told`: its figures are the page's.
+fn campaign(scenes: u32, told: bool) {
     let mut rng = SmallRng::seed_from_u64(25);
     let (mut ran, mut faster, mut gave, mut beyond) = (0u32, 0u32, 0u32, 0u32);
     let (mut highest, mut plain_highest, mut saturated) = (0f64, 0f64, [0.0; 2]);
@@ -209,6 +212,16 @@ fn campaign(scenes: u32) {
         assert_eq!(plain.outputs, passive.outputs);
     }
     let [before, after] = saturated.map(|sum| 100.0 * sum / f64::from(ran));
+    if told {
+        let told = |key: &str, value: f64| figure(&format!("host/passivity/{key}"), value);
+        for (key, value) in [("ran", ran), ("gave", gave), ("beyond", beyond), ("faster", faster)] {
+            told(key, value.into());
+        }
+        told("highest", highest);
+        told("plain_highest", plain_highest);
+        told("saturated_without", before);
+        told("saturated_with", after);
+    }
     println!(
         "{ran} scenes; more than the reserve: {gave} without the controller (at most {plain_highest:.1} reserves), {beyond} with \
          it (at most {highest:.3}), {faster} of them moved faster than it allows for; outputs saturated {before:.1} % without, \

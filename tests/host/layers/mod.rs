@@ -28,7 +28,7 @@ const CORE: &[&[&str]] = &[
     &["console"],
     &["device"],
     &["experiment", "safety", "self_test", "store", "telemetry"],
-    &["control", "period", "settings", "wall"],
+    &["control", "passivity", "period", "port", "settings", "wall"],
     &["velocity"],
     &["design"],
     &["actuator", "encoder"],
