@@ -40,9 +40,11 @@ pub const fn cycles_allowed(period: u32) -> u32 {
 
 /// Estimators whose longest update takes more than is allowed at some of the periods, and its cycles, as measured
 /// (docs/estimators.md). All others take less.
-pub const SLOW: [(&str, u32); 6] = [
+pub const SLOW: [(&str, u32); 8] = [
     ("least-squares-1", 1700),
     ("least-squares-2", 1700),
+    ("algebraic-1", 1700),
+    ("algebraic-2", 1700),
     ("foaw-end", 2390),
     ("foaw-best", 3434),
     ("time-stamps", 1570),

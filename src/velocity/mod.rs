@@ -6,6 +6,8 @@
 //! that a wide filter had from one flicker of the counts would carry a narrow one far away. [`Tuned`] is an estimator
 //! that knows its tuning from the one before, so that it comes into force whole, with one sample.
 
+#[cfg(feature = "estimators")]
+mod algebraic;
 mod biquad;
 #[cfg(feature = "estimators")]
 mod biquad_design;
@@ -34,6 +36,8 @@ mod tracking;
 mod window_difference;
 mod word;
 
+#[cfg(feature = "estimators")]
+pub use algebraic::{KAPPA, MU};
 pub use biquad::{Biquad, BiquadState, Shaping};
 #[cfg(feature = "estimators")]
 pub use biquad_design::{BiquadDesign, CascadeDesign};

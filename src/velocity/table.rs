@@ -442,6 +442,27 @@ estimators! {
                 /// Samples of the window, 1 to 255.
                 window_samples: u32 = ("window", "samples", 16.0),
             } => |_| WindowDifference(WindowDifference::new(window_samples)?);
+            /// Algebraic differentiator: derivative of the straight line that fits the last samples best under the weight
+            /// `s^kappa (1-s)^mu` of their age.
+            Algebraic1 = 23, "algebraic-1" {
+                /// Samples between the oldest and the newest, 1 to 64.
+                window_samples: u32 = ("window", "samples", 16.0),
+                /// Power of the age in the weight, 0 to 2.
+                kappa: f64 = ("kappa", "1", 1.0),
+                /// Power of what is left of the window, 0 to 8.
+                mu: f64 = ("mu", "1", 1.0),
+            } => |_| Fir(FirDesign::algebraic(1, window_samples, kappa, mu)?.quantise()),
+                weights FirDesign::algebraic(1, window_samples, kappa, mu)?;
+            /// The same of the parabola, without delay.
+            Algebraic2 = 24, "algebraic-2" {
+                /// Samples between the oldest and the newest, 2 to 64.
+                window_samples: u32 = ("window", "samples", 16.0),
+                /// Power of the age in the weight, 0 to 2.
+                kappa: f64 = ("kappa", "1", 1.0),
+                /// Power of what is left of the window, 0 to 8.
+                mu: f64 = ("mu", "1", 1.0),
+            } => |_| Fir(FirDesign::algebraic(2, window_samples, kappa, mu)?.quantise()),
+                weights FirDesign::algebraic(2, window_samples, kappa, mu)?;
         }
     }
 }

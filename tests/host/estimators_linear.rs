@@ -32,6 +32,13 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
         EstimatorName::Butterworth | EstimatorName::FirstOrder => &[5.0, 100.0, 1500.0, 4500.0],
         EstimatorName::LeastSquares1 => &[1.0, 2.0, 3.0, 16.0, 63.0, 64.0],
         EstimatorName::LeastSquares2 => &[2.0, 3.0, 4.0, 16.0, 63.0, 64.0],
+        EstimatorName::Algebraic1 | EstimatorName::Algebraic2 => {
+            let of = |[window, kappa, mu]: [f64; 3]| {
+                name.defaults().with_tuning(window).with_second(kappa).with_parameter(2, mu)
+            };
+            let ends = [[2.0, 0.0, 8.0], [3.0, 2.0, 0.0], [64.0, 2.0, 8.0], [63.0, 0.0, 0.5]];
+            return ends.into_iter().chain([[5.0, 0.5, 2.0], [16.0, 1.0, 1.0]]).map(of).collect();
+        }
         _ => return vec![name.defaults()],
     };
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
@@ -60,7 +67,9 @@ fn settling(settings: &VelocitySettings) -> usize {
             (8.0 * DESIGN.rate_hz / cutoff_hz) as usize + 100
         }
         VelocitySettings::LeastSquares1 { window_samples }
-        | VelocitySettings::LeastSquares2 { window_samples } => window_samples as usize + 1,
+        | VelocitySettings::LeastSquares2 { window_samples }
+        | VelocitySettings::Algebraic1 { window_samples, .. }
+        | VelocitySettings::Algebraic2 { window_samples, .. } => window_samples as usize + 1,
         _ => 4,
     }
 }

@@ -248,7 +248,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 20] = [
+const IN_LANES: [&str; 22] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
@@ -269,6 +269,8 @@ const IN_LANES: [&str; 20] = [
     "central-difference",
     "biquad",
     "biquad-2",
+    "algebraic-1",
+    "algebraic-2",
 ];
 
 #[test]

@@ -24,7 +24,7 @@ enum Member {
 }
 
 /// Estimators that share a name in scenes: that name, the key that tells them apart, and its value.
-const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
+const FAMILIES: [(EstimatorName, &str, &str, Member); 10] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
     (EstimatorName::FirstOrder, "first-order", "prewarp", Member::Flag(false)),
@@ -33,9 +33,11 @@ const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Taylor3, "taylor", "order", Member::Number(3)),
     (EstimatorName::LeastSquares1, "least-squares", "degree", Member::Number(1)),
     (EstimatorName::LeastSquares2, "least-squares", "degree", Member::Number(2)),
+    (EstimatorName::Algebraic1, "algebraic", "degree", Member::Number(1)),
+    (EstimatorName::Algebraic2, "algebraic", "degree", Member::Number(2)),
 ];
 /// Keys that a scene may leave out; the parameter is at the table's default then.
-const OPTIONAL: [&str; 2] = ["noise_counts", "lambda_ratio"];
+const OPTIONAL: [&str; 4] = ["noise_counts", "lambda_ratio", "kappa", "mu"];
 /// The key of the name.
 const TAG: &str = "estimator";
 

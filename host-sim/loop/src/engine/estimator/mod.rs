@@ -59,7 +59,9 @@ impl Form {
             VelocitySettings::Taylor2 {}
             | VelocitySettings::Taylor3 {}
             | VelocitySettings::LeastSquares1 { .. }
-            | VelocitySettings::LeastSquares2 { .. } => Some(Self::Fir),
+            | VelocitySettings::LeastSquares2 { .. }
+            | VelocitySettings::Algebraic1 { .. }
+            | VelocitySettings::Algebraic2 { .. } => Some(Self::Fir),
             VelocitySettings::FoawEnd { .. } => Some(Self::FoawEnd),
             VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
             VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),

@@ -80,6 +80,10 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
         VelocitySettings::LeastSquares1 { .. } | VelocitySettings::LeastSquares2 { .. } => {
             settings.with_tuning((2.0 * 32f64.powf(tuning)).round())
         }
+        VelocitySettings::Algebraic1 { .. } | VelocitySettings::Algebraic2 { .. } => {
+            let kappa = 2.0 * (tuning * 37.0).fract();
+            settings.with_tuning((2.0 * 32f64.powf(tuning)).round()).with_second(kappa)
+        }
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
             let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
             settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)

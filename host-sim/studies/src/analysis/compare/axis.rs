@@ -5,12 +5,12 @@
 //!
 //! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
 //! as the core accepts it, as does the quality of a low-pass; the damping of a biquad, 0.05 to 2; the second pole of smoothing, up to 100 times
-//! the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
-//! to twice the device's.
+//! the first; the noise of adaptive windowing, 1/4 to 8 counts; kappa of an algebraic
+//! differentiator, 1/8 to 2; the observer's mass, half to twice the device's.
 
 use zwidth::{
     Design, VelocitySettings,
-    velocity::{EstimatorName, Parameter, QUALITY, RATIO},
+    velocity::{EstimatorName, KAPPA, Parameter, QUALITY, RATIO},
 };
 
 use super::bandwidth::bandwidth_hz;
@@ -194,6 +194,7 @@ fn second_range(parameter: &Parameter, mass_kg: f64) -> Option<[f64; 2]> {
     match parameter.name {
         "lambda_ratio" => Some([0.5, 3.0]),
         "noise" => Some([0.25, 8.0]),
+        "kappa" => Some([0.125, *KAPPA.end()]),
         "lead" => Some([0.1, 10.0]),
         "ratio" => Some([*RATIO.start(), 100.0]),
         "quality" => Some([*QUALITY.start(), *QUALITY.end()]),

@@ -84,6 +84,8 @@ impl Entry {
             EstimatorName::WindowDifference,
             EstimatorName::Biquad,
             EstimatorName::Biquad2,
+            EstimatorName::Algebraic1,
+            EstimatorName::Algebraic2,
         ];
         all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
         all
