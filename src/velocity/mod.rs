@@ -16,6 +16,7 @@ mod butterworth;
 mod cascade;
 mod central_difference;
 mod difference;
+mod dual_rate;
 mod edge_timer;
 mod factor;
 mod fir;
@@ -48,6 +49,7 @@ pub use butterworth::{
 pub use cascade::Cascade;
 pub use central_difference::CentralDifference;
 pub use difference::Difference;
+pub use dual_rate::{DECIMATION_MAX, DualRate};
 pub use edge_timer::{Captures, EdgeTimer};
 pub use factor::Factor;
 pub use fir::Fir;

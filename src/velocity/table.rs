@@ -319,6 +319,8 @@ estimators! {
             WindowDifference(WindowDifference) keeps window;
             /// Two biquads in a row.
             Cascade(Cascade) keeps cascade;
+            /// Difference of every n-th sample, held.
+            DualRate(DualRate) keeps dual_rate;
         }
         names {
             /// Position and acceleration.
@@ -463,6 +465,11 @@ estimators! {
                 mu: f64 = ("mu", "1", 1.0),
             } => |_| Fir(FirDesign::algebraic(2, window_samples, kappa, mu)?.quantise()),
                 weights FirDesign::algebraic(2, window_samples, kappa, mu)?;
+            /// Difference of every n-th sample, held in between.
+            DualRate = 26, "dual-rate" {
+                /// Samples from update to update, 1 to 255.
+                decimation_samples: u32 = ("decimation", "samples", 10.0),
+            } => |_| DualRate(DualRate::new(decimation_samples)?);
         }
     }
 }

@@ -336,6 +336,10 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
             let window = f64::from(window_samples);
             exact(1.0 / window, 1.0, window + 1.0, First::Part(1.0 / window, 1.0 / window))
         }
+        V::DualRate { decimation_samples } => {
+            let n = f64::from(decimation_samples);
+            exact(1.0 / n, 1.0, 2.0 * n + 1.0, First::Part(1.0 / n, 0.5 / n))
+        }
         V::Difference {} => exact(1.0, 0.0, 2.0, First::Part(1.0, 0.0)),
         V::TrackingLoop { bandwidth_hz } => {
             let part = bandwidth_hz / design.rate_hz;

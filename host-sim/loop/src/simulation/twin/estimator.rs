@@ -12,6 +12,7 @@ use zwidth::{
 use super::{
     FLUSH_BELOW, LENGTH,
     foaw::Foaw,
+    held::Held,
     kalman::KalmanState,
     levant::{Levant, LevantState},
     loops::Loop,
@@ -41,6 +42,7 @@ struct Rest {
     /// Counts at the last samples, and the place of the newest.
     counts: [i32; 256],
     newest: u8,
+    held: Held,
 }
 
 /// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
@@ -65,6 +67,8 @@ enum Kind {
     Kalman(KalmanDesign),
     /// Samples.
     Window(u8),
+    /// Samples from update to update.
+    DualRate(u32),
 }
 
 /// `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`, the form of all usual estimators.
@@ -125,6 +129,7 @@ impl TwinEstimator {
             VelocitySettings::WindowDifference { window_samples } => {
                 Kind::Window(u8::try_from(window_samples).unwrap_or(DIFFERENCE_WINDOW_MAX))
             }
+            VelocitySettings::DualRate { decimation_samples } => Kind::DualRate(decimation_samples),
             VelocitySettings::Difference {} => Kind::Difference,
             VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero } => {
                 let design = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
@@ -185,6 +190,7 @@ impl TwinEstimator {
             sections: [[[0.0; 2]; 2]; 2],
             counts: [0; 256],
             newest: 0,
+            held: Held::default(),
         };
         Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
     }
@@ -254,6 +260,7 @@ impl Rest {
                 let before = self.counts[usize::from(self.newest.wrapping_sub(*window))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
             }
+            Kind::DualRate(decimation) => self.held.update(*decimation, difference),
             Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Biquad(_) | Kind::Difference => {
                 input
             }

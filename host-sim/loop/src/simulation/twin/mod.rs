@@ -3,6 +3,7 @@
 
 mod estimator;
 mod foaw;
+mod held;
 mod kalman;
 mod levant;
 mod loops;

@@ -8,6 +8,7 @@
 //! | observer, fusion | the same of their answer to the position alone: above it they go by force or acceleration |
 //! | adaptive windowing | the same with its longest window in use |
 //! | time stamps | the same with an edge in every sample |
+//! | dual-rate sampling | the same on the mean over the age of what it holds |
 //! | Levant's differentiator | the same of the loop that an error of one count makes of it, below |
 //!
 //! **Levant's differentiator** has no bandwidth of its own, but errors of one size see one: for
