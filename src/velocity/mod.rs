@@ -25,6 +25,8 @@ mod history;
 mod kalman;
 mod kept;
 mod levant;
+#[cfg(feature = "estimators")]
+mod levant_kalman;
 mod name;
 mod observer;
 mod observer_design;
@@ -57,6 +59,8 @@ pub use foaw::Foaw;
 pub use history::WINDOW_MAX;
 pub use kalman::{Kalman, KalmanDesign, KalmanState};
 pub use levant::{Levant, LevantDesign};
+#[cfg(feature = "estimators")]
+pub use levant_kalman::{LevantKalman, LevantKalmanDesign, RMS_RATIO};
 pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer, ObserverState};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
@@ -273,7 +277,11 @@ mod tests {
     /// What an estimator may miss of a constant speed of whole counts, LSB.
     fn chattering(name: EstimatorName) -> i32 {
         // twice its largest acceleration, and at C = 20 m/s^2 that is 0.2 counts per sample^2
-        if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
+        if matches!(name.text(), "levant-explicit" | "levant-kalman") {
+            2 * (65_536 / 5)
+        } else {
+            0
+        }
     }
 
     /// Every estimator measures a constant speed, and one that takes over goes on at it.

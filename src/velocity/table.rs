@@ -319,6 +319,8 @@ estimators! {
             WindowDifference(WindowDifference) keeps window;
             /// Two biquads in a row.
             Cascade(Cascade) keeps cascade;
+            /// Levant's differentiator into a Kalman filter.
+            LevantKalman(LevantKalman) keeps levant_kalman;
             /// Difference of every n-th sample, held.
             DualRate(DualRate) keeps dual_rate;
         }
@@ -465,6 +467,15 @@ estimators! {
                 mu: f64 = ("mu", "1", 1.0),
             } => |_| Fir(FirDesign::algebraic(2, window_samples, kappa, mu)?.quantise()),
                 weights FirDesign::algebraic(2, window_samples, kappa, mu)?;
+            /// Levant's differentiator, explicit, into a steady-state Kalman filter that sees the position too.
+            LevantKalman = 25, "levant-kalman" {
+                /// Largest acceleration of the differentiator, C, m/s^2: 1e-5 to 10 counts per sample^2.
+                acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
+                /// Of the filter's acceleration, RMS over C, 0.1 to 10.
+                rms_ratio: f64 = ("rms_ratio", "1", 1.0),
+            } => |design| LevantKalman(
+                LevantKalmanDesign::new(acceleration_max_m_per_s2, rms_ratio, design)?.quantise()
+            );
             /// Difference of every n-th sample, held in between.
             DualRate = 26, "dual-rate" {
                 /// Samples from update to update, 1 to 255.

@@ -21,6 +21,7 @@ mod elements;
 mod entrances;
 mod estimator_bench;
 mod estimators_linear;
+mod estimators_more;
 mod estimators_observers;
 mod estimators_position;
 mod estimators_time_stamps;

@@ -5,7 +5,7 @@ use zwidth::{
     units::{Acceleration, Force},
     velocity::{
         BiquadDesign, ButterworthDesign, CascadeDesign, DIFFERENCE_WINDOW_MAX, FirstOrder,
-        KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
+        KalmanDesign, LevantDesign, LevantKalmanDesign, ObserverDesign, Senses, TrackingLoop,
     },
 };
 
@@ -67,6 +67,7 @@ enum Kind {
     Kalman(KalmanDesign),
     /// Samples.
     Window(u8),
+    LevantKalman(LevantKalmanDesign),
     /// Samples from update to update.
     DualRate(u32),
 }
@@ -128,6 +129,9 @@ impl TwinEstimator {
             }
             VelocitySettings::WindowDifference { window_samples } => {
                 Kind::Window(u8::try_from(window_samples).unwrap_or(DIFFERENCE_WINDOW_MAX))
+            }
+            VelocitySettings::LevantKalman { acceleration_max_m_per_s2: c, rms_ratio } => {
+                Kind::LevantKalman(LevantKalmanDesign::new(c, rms_ratio, design)?)
             }
             VelocitySettings::DualRate { decimation_samples } => Kind::DualRate(decimation_samples),
             VelocitySettings::Difference {} => Kind::Difference,
@@ -259,6 +263,11 @@ impl Rest {
                 self.counts[usize::from(self.newest)] = count;
                 let before = self.counts[usize::from(self.newest.wrapping_sub(*window))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
+            }
+            Kind::LevantKalman(LevantKalmanDesign { levant, gains }) => {
+                let levant = Levant { implicit: false, sizes: *levant };
+                let velocity = levant.update(&mut self.levant, input);
+                self.kalman.update_with_velocity(gains, input, velocity)
             }
             Kind::DualRate(decimation) => self.held.update(*decimation, difference),
             Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Biquad(_) | Kind::Difference => {

@@ -86,6 +86,7 @@ impl Entry {
             EstimatorName::Biquad2,
             EstimatorName::Algebraic1,
             EstimatorName::Algebraic2,
+            EstimatorName::LevantKalman,
             EstimatorName::DualRate,
         ];
         all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
