@@ -118,7 +118,7 @@ mod tests {
         /// With every n-th sample from the first one on the counts of the last n over n, else the same again.
         #[test]
         fn it_is_the_difference_of_every_nth_sample_held(
-            decimation in 1usize..=255,
+            decimation in 1u8..=255,
             start in any::<i32>(),
             steps in prop::collection::vec(-32_767i32..=32_767, 1..900),
         ) {
@@ -126,12 +126,12 @@ mod tests {
             for step in steps {
                 positions.push(positions.last().unwrap().wrapping_add(step));
             }
-            let found = velocities(decimation as u32, &positions);
+            let found = velocities(decimation.into(), &positions);
             for (k, found) in found.iter().enumerate() {
-                let update = k - k % decimation;
-                let before = positions[update.saturating_sub(decimation)];
+                let update = k - k % usize::from(decimation);
+                let before = positions[update.saturating_sub(decimation.into())];
                 let counts = f64::from(positions[update].wrapping_sub(before));
-                let exact = counts / decimation as f64;
+                let exact = counts / f64::from(decimation);
                 prop_assert!((found - exact).abs() <= 0.76 / LSB, "{k}: {found} {exact}");
             }
         }

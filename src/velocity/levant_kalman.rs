@@ -211,6 +211,11 @@ impl Form for LevantKalman {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "counts and samples of a test are small"
+)]
 mod tests {
     use super::*;
     use crate::{

@@ -42,10 +42,6 @@ macro_rules! estimators {
 
         /// A velocity estimator in integer form; made by [`VelocitySettings::build`].
         #[derive(Clone, Copy, Debug, PartialEq)]
-        #[cfg_attr(
-            feature = "estimators",
-            expect(clippy::large_enum_variant, reason = "there is no allocator to box it with")
-        )]
         pub enum Estimator {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
