@@ -6,7 +6,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-use super::{passive::Replaceable, quantiser::floor};
+use super::quantiser::floor;
 
 /// What a controller did at an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,6 +35,14 @@ pub trait Controller {
     const IS_TOLD: bool = false;
     /// The true speed at the last sample, m/s.
     fn told(&mut self, _speed_m_per_s: f64) {}
+}
+
+/// A controller whose output another force can replace.
+pub trait Replaceable: Controller {
+    /// What it pushes with, fraction of full scale, into the wall.
+    fn push(&self) -> f64;
+    /// Force that the code for that force stands for, fraction of full scale.
+    fn put_out(&self, force: f64) -> f64;
 }
 
 /// The core with the true velocity in place of its estimate: what no estimator can be better than.

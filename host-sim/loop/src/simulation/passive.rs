@@ -6,15 +6,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-use super::controller::{Controller, ControllerOutput};
-
-/// A controller whose output another force can replace.
-pub trait Replaceable: Controller {
-    /// What it pushes with, fraction of full scale, into the wall.
-    fn push(&self) -> f64;
-    /// Force that the code for that force stands for, fraction of full scale.
-    fn put_out(&self, force: f64) -> f64;
-}
+use super::controller::{Controller, ControllerOutput, Replaceable};
 
 /// Full scale, LSB of force.
 pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;

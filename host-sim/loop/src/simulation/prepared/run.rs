@@ -12,9 +12,9 @@ use crate::{
     plant::{AnyPlant, Plant, each_plant},
     simulation::{
         Sample, Simulation,
-        controller::{Controller, Told},
+        controller::{Controller, Replaceable, Told},
         hit::{HitError, HitReport, Numeric, WallHit},
-        passive::{Passive, Replaceable},
+        passive::Passive,
         senses::{AnySensing, Blind, Sensing},
         window::Watch,
     },

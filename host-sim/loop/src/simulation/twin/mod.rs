@@ -16,10 +16,7 @@ use zwidth::{
     velocity::{Senses, WINDOW_MAX},
 };
 
-use crate::simulation::{
-    controller::{Controller, ControllerOutput},
-    passive::Replaceable,
-};
+use crate::simulation::controller::{Controller, ControllerOutput, Replaceable};
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;

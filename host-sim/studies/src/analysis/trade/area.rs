@@ -12,8 +12,7 @@ use crate::{
     numerics::statistics::Repeats,
     scene::Scene,
     simulation::{
-        controller::{Controller, ControllerOutput, Fixed},
-        passive::Replaceable,
+        controller::{Controller, ControllerOutput, Fixed, Replaceable},
         prepared::{HitError, PreparedScene},
     },
     study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
