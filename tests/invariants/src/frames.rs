@@ -134,7 +134,7 @@ fn report(record: Record) -> Report {
             found: FaultSet::EMPTY,
         },
     };
-    Report { record, streamed: record, push: Force::ZERO, status, activity: Activity::None, event: Event::None }
+    Report { record, streamed: record, push: Force::ZERO, port: Default::default(), status, activity: Activity::None, event: Event::None }
 }
 
 crate::properties! {
