@@ -2,9 +2,38 @@
 
 use std::borrow::Borrow;
 
-use numpy::IntoPyArray as _;
+use numpy::{Element, IntoPyArray as _};
 use pyo3::{prelude::*, types::PyDict};
 use sim_studies::table::{Cell, Column, Kind};
+
+/// A column that becomes an array without a copy.
+type Made = Box<dyn for<'py> FnOnce(Python<'py>) -> Bound<'py, PyAny> + Send>;
+
+/// Long columns by name, in their order, made where the work is done: the interpreter only takes them.
+#[derive(Default)]
+pub struct Columns(Vec<(&'static str, Made)>);
+
+impl Columns {
+    /// With another column.
+    pub fn with<T: Element + Send + 'static>(
+        mut self,
+        name: &'static str,
+        values: impl IntoIterator<Item = T>,
+    ) -> Self {
+        let values: Vec<T> = values.into_iter().collect();
+        self.0.push((name, Box::new(move |py| values.into_pyarray(py).into_any())));
+        self
+    }
+
+    /// As a dictionary.
+    pub fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+        let made = PyDict::new(py);
+        for (name, column) in self.0 {
+            made.set_item(name, column(py))?;
+        }
+        Ok(made)
+    }
+}
 
 /// Columns by name, in their order: arrays, and of texts lists. A number that there is not is NaN, a text empty.
 pub fn columns<'py, C: Borrow<Column>>(

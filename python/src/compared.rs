@@ -1,6 +1,6 @@
 //! Estimators beside each other, and what limits the walls of a scene.
 
-use std::sync::atomic::Ordering::Relaxed;
+use std::sync::Arc;
 
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_studies::{
@@ -40,24 +40,23 @@ pub fn compare<'py>(
     threads: Option<usize>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (&scene.0, engine_of(engine)?);
+    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
     let budget = budget_of(budget, repeat, 1)?;
     let entries = match estimators {
         Some(named) if named.is_empty() => {
             return Err(PyValueError::new_err("estimators is empty"));
         }
-        named => Entry::named(&named.unwrap_or_default(), scene, "estimators").map_err(raised)?,
+        named => Entry::named(&named.unwrap_or_default(), &scene, "estimators").map_err(raised)?,
     };
     if let Some(damping) = damping {
-        asked::check_read_off(scene, damping, "damping").map_err(raised)?;
+        asked::check_read_off(&scene, damping, "damping").map_err(raised)?;
     }
     let total = most_walks(&entries, budget);
-    let (place, compared) = run(py, threads, progress, total, |course| {
-        asked::prepare(scene)?;
-        let done = |walks| {
-            course.done.fetch_add(walks, Relaxed);
-        };
-        study::compare(engine, &scene.scene, &entries, damping, budget, course.stop, done)
+    let of_work = Arc::clone(&scene);
+    let (place, compared) = run(py, threads, progress, total, move |course| {
+        asked::prepare(&of_work)?;
+        let (scene, done) = (&of_work.scene, |walks| course.add(walks));
+        study::compare(engine, scene, &entries, damping, budget, &course.stop, done)
     })?;
     let mut walls =
         Table::new([("stiffness_n_per_m", Kind::Number), ("damping_n_s_per_m", Kind::Number)]);
@@ -101,18 +100,16 @@ pub fn explain<'py>(
     threads: Option<usize>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (&scene.0, engine_of(engine)?);
+    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
     let budget = budget_of(budget, repeat, 2)?;
     if let Some(damping) = damping {
-        asked::check_read_off(scene, damping, "damping").map_err(raised)?;
+        asked::check_read_off(&scene, damping, "damping").map_err(raised)?;
     }
     let total = changed::most_walks(&scene.scene, budget);
-    let found = run(py, threads, progress, total, |course| {
-        asked::prepare(scene)?;
-        let done = |walks| {
-            course.done.fetch_add(walks, Relaxed);
-        };
-        changed::explain(engine, &scene.scene, damping, budget, course.stop, done)
+    let found = run(py, threads, progress, total, move |course| {
+        asked::prepare(&scene)?;
+        let done = |walks| course.add(walks);
+        changed::explain(engine, &scene.scene, damping, budget, &course.stop, done)
             .map_err(|error| error.of(&scene.name))
     })?;
     let made = PyDict::new(py);

@@ -29,6 +29,8 @@ pub struct Estimator {
     sampler: Option<Sampler>,
 }
 
+/// Counts between two looks at the interpreter's signals: some milliseconds.
+const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
 
@@ -60,7 +62,7 @@ pub fn with_estimator(
     velocity: &Bound<'_, PyAny>,
     cutoff: Option<f64>,
 ) -> PyResult<Scene> {
-    let mut other = scene.0.clone();
+    let mut other = NamedScene::clone(&scene.0);
     let internal = |error: toml::ser::Error| raised(Error::Internal(error.to_string()));
     other.scene.velocity = of_python(velocity)?
         .try_into()
@@ -70,7 +72,7 @@ pub fn with_estimator(
         other.scene.sweep.cutoffs_hz = vec![hit.cutoff_hz];
     }
     let text = toml::to_string(&other.scene).map_err(internal)?;
-    NamedScene::parse(other.name.clone(), text, &other.name).map(Scene).map_err(raised)
+    NamedScene::parse(other.name.clone(), text, &other.name).map(Scene::from).map_err(raised)
 }
 
 #[pymethods]
@@ -143,36 +145,39 @@ impl Estimator {
         if lengths.into_iter().flatten().any(|length| length != counts.len()) {
             return Err(PyValueError::new_err("what is sensed has not as many values as counts"));
         }
-        let (parameters, sampler) = (&self.parameters, &mut self.sampler);
-        let velocities = py.detach(|| {
-            let mut velocities = Vec::with_capacity(counts.len());
-            for (n, &count) in counts.iter().enumerate() {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a counter of 32 bits"
-                )]
-                let reading = count as u32;
-                let sampler =
-                    sampler.get_or_insert_with(|| Sampler::new(reading, CounterWidth::Bits32));
-                let edge = match (age, up) {
-                    // an age below 0: no edge yet
-                    (Some(age), Some(up)) => {
-                        u32::try_from(age[n]).ok().map(|age| Edge { age, up: up[n] })
-                    }
-                    _ => None,
-                };
-                let senses = Senses {
-                    force: force.map_or(Force::ZERO, |bits| Force::saturating_from_bits(bits[n])),
-                    acceleration: acceleration.map_or(Acceleration::ZERO, |bits| {
-                        Acceleration::saturating_from_bits(bits[n])
-                    }),
-                    edge,
-                };
-                velocities.push(sampler.sense(parameters, reading, &senses).motion.velocity.bits());
-            }
-            velocities
-        });
+        let (parameters, mut sampler) = (&self.parameters, self.sampler);
+        let mut velocities = Vec::with_capacity(counts.len());
+        let mut at = |n: usize| {
+            let count = counts[n];
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a counter of 32 bits"
+            )]
+            let reading = count as u32;
+            let sampler =
+                sampler.get_or_insert_with(|| Sampler::new(reading, CounterWidth::Bits32));
+            let edge = match (age, up) {
+                // an age below 0: no edge yet
+                (Some(age), Some(up)) => {
+                    u32::try_from(age[n]).ok().map(|age| Edge { age, up: up[n] })
+                }
+                _ => None,
+            };
+            let senses = Senses {
+                force: force.map_or(Force::ZERO, |bits| Force::saturating_from_bits(bits[n])),
+                acceleration: acceleration
+                    .map_or(Acceleration::ZERO, |bits| Acceleration::saturating_from_bits(bits[n])),
+                edge,
+            };
+            sampler.sense(parameters, reading, &senses).motion.velocity.bits()
+        };
+        while velocities.len() < counts.len() {
+            let end = counts.len().min(velocities.len() + BLOCK);
+            py.detach(|| velocities.extend((velocities.len()..end).map(&mut at)));
+            py.check_signals()?; // which leaves the state as it was
+        }
+        self.sampler = sampler;
         Ok(velocities.into_pyarray(py))
     }
 }

@@ -1,6 +1,6 @@
 //! A study in a folder: its units, made anywhere, and their parts, written here.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::Arc};
 
 use host_sim::output::study::{Folder, Part};
 use pyo3::{exceptions::PyValueError, prelude::*};
@@ -22,7 +22,7 @@ pub fn study_text(study: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf
 /// A study that was read and checked, and its units.
 #[pyclass(frozen, module = "zwidth._native")]
 pub struct StudyUnits {
-    study: Study,
+    study: Arc<Study>,
     /// The study's file, if it is one.
     origin: PathBuf,
 }
@@ -32,8 +32,8 @@ impl StudyUnits {
     #[new]
     fn new(py: Python<'_>, text: String, origin: &str, folder: PathBuf) -> PyResult<Self> {
         let file = StudyFile::parse(text, origin, &folder).map_err(raised)?;
-        let study = run(py, None, None, 0, |_| Study::new(file))?;
-        Ok(Self { study, origin: origin.into() })
+        let study = run(py, None, None, 0, move |_| Study::new(file))?;
+        Ok(Self { study: Arc::new(study), origin: origin.into() })
     }
 
     /// Makes a unit: its key, its part, rows and hits of that.
@@ -50,10 +50,11 @@ impl StudyUnits {
             let last = self.study.units.saturating_sub(1);
             return Err(PyValueError::new_err(format!("unit is {unit}, allowed 0 to {last}")));
         }
-        let made = run(py, threads, None, 0, |course| {
-            self.study.run(unit, How { engine, numeric, stop: course.stop })
+        let study = Arc::clone(&self.study);
+        let Part { csv, rows, hits } = run(py, threads, None, 0, move |course| {
+            let made = study.run(unit, How { engine, numeric, stop: &course.stop })?;
+            Ok(Part::from(&made))
         })?;
-        let Part { csv, rows, hits } = Part::from(&made);
         Ok((self.study.unit_key(unit, numeric), csv, rows, hits))
     }
 }

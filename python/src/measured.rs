@@ -1,12 +1,8 @@
 //! What was measured on a device: records that identify it, walks beside those of a scene, estimators
 //! over a capture.
 
-use std::{
-    path::PathBuf,
-    sync::atomic::{AtomicBool, Ordering::Relaxed},
-};
+use std::{path::PathBuf, sync::Arc};
 
-use numpy::IntoPyArray as _;
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_loop::{error::Error, scene::Units};
 use sim_studies::analysis::{
@@ -16,7 +12,7 @@ use sim_studies::analysis::{
 };
 
 use crate::{
-    columns,
+    columns::{self, Columns},
     scene::{Scene, serialized},
     studies::engine_of,
     work::{Course, raised, run},
@@ -146,7 +142,7 @@ pub fn identify<'py>(
     base: &Scene,
     asked: IdentifyAsked,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let base = &base.0;
+    let base = Arc::clone(&base.0);
     if logs.is_empty() {
         return Err(PyValueError::new_err("records is empty"));
     }
@@ -156,35 +152,33 @@ pub fn identify<'py>(
     let asked = asked.asked()?;
     let options = asked.options(&base.scene, gain, Units::Linear);
     let options = options.map_err(|error| raised(here(error)))?;
-    let identified = |stop: &AtomicBool| {
-        let of_base = (base, base.name.as_str());
+    let identified = move |course: &Course| {
+        let of_base = (&*base, base.name.as_str());
         let read = |log: &PathBuf| records::read(log, of_base, &options, asked.span);
         let read: Vec<Record> = logs.iter().map(read).collect::<Result<_, Error>>()?;
-        let mut found = records::identify_in(base.scene.units, &read, &options, stop)?;
+        let mut found = records::identify_in(base.scene.units, &read, &options, &course.stop)?;
         found.warnings.iter_mut().for_each(|warning| *warning = with_arguments(warning));
-        let made = Made::new(base, &found, &options)?;
+        let made = Made::new(&base, &found, &options)?;
         let scene = made.named(&base.name);
-        Ok((read, found, (scene, made.notes)))
+        let fits = read.iter().zip(&found.fits).map(|(record, fit)| {
+            let column = |n: usize| fit.rows(record).map(move |row| row[n]);
+            let names = ["time_s", "voltage_v", "position_m", "model_m", "residual_m"];
+            let numbered = (0..).zip(names);
+            numbered.fold(Columns::default(), |all, (n, name)| all.with(name, column(n)))
+        });
+        let fits: Vec<Columns> = fits.collect();
+        Ok((read, found, options, fits, scene, made.notes))
     };
-    let work = |course: &Course<'_>| identified(course.stop).map_err(here);
-    let (records, found, (scene, notes)) = run(py, None, None, 0, work)?;
+    let work = move |course: &Course| identified(course).map_err(here);
+    let (records, found, options, fits, scene, notes) = run(py, None, None, 0, work)?;
     let made = PyDict::new(py);
     let told = serialized(py, &Json::new(&records, &found, &options))?;
     made.set_item("told", told)?;
-    let fits = records.iter().zip(&found.fits).map(|(record, fit)| {
-        let rows: Vec<[f64; 5]> = fit.rows(record).collect();
-        let columns = PyDict::new(py);
-        let names = ["time_s", "voltage_v", "position_m", "model_m", "residual_m"];
-        for (n, name) in names.into_iter().enumerate() {
-            let column: Vec<f64> = rows.iter().map(|row| row[n]).collect();
-            columns.set_item(name, column.into_pyarray(py))?;
-        }
-        Ok(columns)
-    });
+    let fits = fits.into_iter().map(|fit| fit.into_dict(py));
     made.set_item("fits", fits.collect::<PyResult<Vec<_>>>()?)?;
     made.set_item("notes", notes)?;
     match scene {
-        Ok(scene) => made.set_item("scene", Py::new(py, Scene(scene))?)?,
+        Ok(scene) => made.set_item("scene", Py::new(py, Scene::from(scene))?)?,
         Err(error) => made.set_item("refused", error.to_string())?,
     }
     Ok(made)
@@ -200,17 +194,16 @@ pub fn agree<'py>(
     threads: Option<usize>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (&scene.0, engine_of(engine)?);
+    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
     let total = walks::most_walks(&scene.scene);
-    let (walk, found) = run(py, threads, progress, total, |course| {
-        let done = || {
-            course.done.fetch_add(1, Relaxed);
-        };
-        walks::agree_with_file(engine, scene, &measured, course.stop, done)
-    })?;
     let name = measured.display().to_string();
+    let of_work = Arc::clone(&scene);
+    let (walk, found) = run(py, threads, progress, total, move |course| {
+        let done = || course.add(1);
+        walks::agree_with_file(engine, &of_work, &measured, &course.stop, done)
+    })?;
     let made = PyDict::new(py);
-    made.set_item("told", serialized(py, &walks::Told::new(scene, &name, &walk, &found))?)?;
+    made.set_item("told", serialized(py, &walks::Told::new(&scene, &name, &walk, &found))?)?;
     made.set_item("table", columns::table(py, &found.table())?)?;
     Ok(made)
 }
@@ -224,26 +217,25 @@ pub fn replay<'py>(
     estimator: Option<&str>,
     cutoff: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let scene = &scene.0.scene;
-    let velocity = counts::velocity(scene, estimator, cutoff, "estimator").map_err(raised)?;
-    let (replayed, told) = run(py, None, None, 0, |course| {
-        let replayed = counts::replay(&capture, scene, velocity, course.stop)?;
-        let told = counts::Told::new(scene, velocity, cutoff, &replayed, course.stop)?;
-        Ok((replayed, told))
+    let scene = Arc::clone(&scene.0);
+    let velocity =
+        counts::velocity(&scene.scene, estimator, cutoff, "estimator").map_err(raised)?;
+    let lsb_m_per_s = counts::lsb_m_per_s(&scene.scene);
+    let (told, table) = run(py, None, None, 0, move |course| {
+        let scene = &scene.scene;
+        let replayed = counts::replay(&capture, scene, velocity, &course.stop)?;
+        let told = counts::Told::new(scene, velocity, cutoff, &replayed, &course.stop)?;
+        let positions = replayed.positions.iter();
+        let table = Columns::default()
+            .with("sample", (replayed.first..).take(replayed.len()))
+            .with("position_counts", positions.map(|position| position.counts()))
+            .with("board_velocity_lsb", replayed.board.iter().map(|velocity| velocity.bits()))
+            .with("velocity_lsb", replayed.velocities.iter().map(|velocity| velocity.bits()));
+        Ok((told, table))
     })?;
     let made = PyDict::new(py);
     made.set_item("told", serialized(py, &told)?)?;
-    made.set_item("lsb_m_per_s", counts::lsb_m_per_s(scene))?;
-    let columns = PyDict::new(py);
-    let samples: Vec<u64> = (replayed.first..).take(replayed.len()).collect();
-    columns.set_item("sample", samples.into_pyarray(py))?;
-    let positions: Vec<i32> = replayed.positions.iter().map(|position| position.counts()).collect();
-    columns.set_item("position_counts", positions.into_pyarray(py))?;
-    let both = [("board_velocity_lsb", &replayed.board), ("velocity_lsb", &replayed.velocities)];
-    for (name, velocities) in both {
-        let bits: Vec<i32> = velocities.iter().map(|velocity| velocity.bits()).collect();
-        columns.set_item(name, bits.into_pyarray(py))?;
-    }
-    made.set_item("table", columns)?;
+    made.set_item("lsb_m_per_s", lsb_m_per_s)?;
+    made.set_item("table", table.into_dict(py)?)?;
     Ok(made)
 }

@@ -1,6 +1,6 @@
 //! Scenes.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::Arc};
 
 use pyo3::{
     IntoPyObjectExt as _,
@@ -16,7 +16,13 @@ use crate::work::raised;
 
 /// A device, its controller and its experiments, checked.
 #[pyclass(frozen, module = "zwidth._native")]
-pub struct Scene(pub NamedScene);
+pub struct Scene(pub Arc<NamedScene>);
+
+impl From<NamedScene> for Scene {
+    fn from(scene: NamedScene) -> Self {
+        Self(Arc::new(scene))
+    }
+}
 
 #[pymethods]
 impl Scene {
@@ -25,14 +31,14 @@ impl Scene {
     fn load(name_or_path: PathBuf) -> PyResult<Self> {
         let text =
             name_or_path.to_str().ok_or_else(|| PyValueError::new_err("the path is not UTF-8"))?;
-        NamedScene::load(text).map(Self).map_err(raised)
+        NamedScene::load(text).map(Self::from).map_err(raised)
     }
 
     /// A scene from the text of a scene file.
     #[staticmethod]
     #[pyo3(signature = (text, name = "scene"))]
     fn parse(text: String, name: &str) -> PyResult<Self> {
-        NamedScene::parse(name.into(), text, name).map(Self).map_err(raised)
+        NamedScene::parse(name.into(), text, name).map(Self::from).map_err(raised)
     }
 
     /// Its name.
@@ -71,7 +77,7 @@ impl Scene {
         }
         let text =
             toml::to_string(&table).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
-        NamedScene::parse(self.0.name.clone(), text, &self.0.name).map(Self).map_err(raised)
+        NamedScene::parse(self.0.name.clone(), text, &self.0.name).map(Self::from).map_err(raised)
     }
 
     fn __repr__(&self) -> String {

@@ -1,6 +1,9 @@
 //! Hits, walks, sweeps, grids and the linear boundary. Each returns plain values; `zwidth/results.py` gives them names.
 
-use std::{ops::RangeInclusive, sync::atomic::Ordering::Relaxed};
+use std::{
+    ops::RangeInclusive,
+    sync::{Arc, atomic::Ordering::Relaxed},
+};
 
 use numpy::{IntoPyArray as _, PyArray1};
 use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
@@ -24,6 +27,7 @@ use sim_studies::{
 use zwidth::experiment::{Ended, Verdict};
 
 use crate::{
+    columns::Columns,
     scene::Scene,
     work::{raised, run},
 };
@@ -73,20 +77,22 @@ pub fn hit<'py>(
     numeric: &str,
     trace: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, numeric) = (&scene.0, numeric_of(numeric)?);
-    let hit = asked::hit(scene, cutoff, Some([stiffness, damping]), start_offset, NAMES)
+    let (scene, numeric) = (Arc::clone(&scene.0), numeric_of(numeric)?);
+    let hit = asked::hit(&scene, cutoff, Some([stiffness, damping]), start_offset, NAMES)
         .map_err(raised)?;
-    let (report, samples) = run(py, None, None, 0, |_| {
-        let prepared = asked::prepare(scene)?.with_felt();
+    let cutoff_hz = scene.scene.velocity.has_cutoff().then_some(hit.cutoff_hz);
+    let passive = scene.scene.passivity.is_some();
+    let (report, samples) = run(py, None, None, 0, move |_| {
+        let prepared = asked::prepare(&scene)?.with_felt();
         if !trace {
             return Ok((prepared.hit(numeric, &hit, |_| ())?, None));
         }
         let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
         let report = prepared.hit(numeric, &hit, |sample| samples.push(sample))?;
-        Ok((report, Some(samples)))
+        Ok((report, Some(traced(&samples))))
     })?;
     let made = PyDict::new(py);
-    made.set_item("cutoff_hz", scene.scene.velocity.has_cutoff().then_some(hit.cutoff_hz))?;
+    made.set_item("cutoff_hz", cutoff_hz)?;
     made.set_item("verdict", report.verdict.name())?;
     made.set_item("rms_m", report.rms_m)?;
     made.set_item("rms_motion_m", report.rms_motion_m)?;
@@ -99,37 +105,29 @@ pub fn hit<'py>(
     made.set_item("sensation_db", report.sensation_db)?;
     made.set_item("port_taken_j", report.port.taken_j)?;
     made.set_item("port_given_j", report.port.given_j)?;
-    let passive = scene.scene.passivity.is_some();
     let limited = passive.then_some(report.port.limited_fraction);
     made.set_item("port_limited_fraction", limited)?;
     let withheld = passive.then_some(report.port.withheld_fraction);
     made.set_item("port_withheld_fraction", withheld)?;
-    let Some(samples) = samples else { return Ok(made) };
-    let columns = PyDict::new(py);
-    let rows = &samples.rows;
-    #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
-    let times: Vec<f64> = (0..rows.len()).map(|n| n as f64 / samples.rate_hz).collect();
-    columns.set_item("time_s", times.into_pyarray(py))?;
-    let floats = [
-        ("position_m", rows.iter().map(|row| row.position_m).collect::<Vec<f64>>()),
-        ("velocity_m_per_s", rows.iter().map(|row| row.velocity_m_per_s).collect()),
-        ("force_n", rows.iter().map(|row| row.force_n).collect()),
-        ("output_n", rows.iter().map(|row| row.output_n).collect()),
-        ("port_energy_j", rows.iter().map(|row| row.port_energy_j).collect()),
-    ];
-    for (name, column) in floats {
-        columns.set_item(name, column.into_pyarray(py))?;
+    if let Some(samples) = samples {
+        made.set_item("trace", samples.into_dict(py)?)?;
     }
-    columns.set_item(
-        "count",
-        rows.iter().map(|row| row.count).collect::<Vec<i32>>().into_pyarray(py),
-    )?;
-    columns.set_item(
-        "flags",
-        rows.iter().map(|row| row.flags).collect::<Vec<u8>>().into_pyarray(py),
-    )?;
-    made.set_item("trace", columns)?;
     Ok(made)
+}
+
+fn traced(trace: &Trace) -> Columns {
+    let rows = || trace.rows.iter();
+    #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
+    let time_s = |n: usize| n as f64 / trace.rate_hz;
+    Columns::default()
+        .with("time_s", (0..trace.rows.len()).map(time_s))
+        .with("position_m", rows().map(|row| row.position_m))
+        .with("velocity_m_per_s", rows().map(|row| row.velocity_m_per_s))
+        .with("force_n", rows().map(|row| row.force_n))
+        .with("output_n", rows().map(|row| row.output_n))
+        .with("port_energy_j", rows().map(|row| row.port_energy_j))
+        .with("count", rows().map(|row| row.count))
+        .with("flags", rows().map(|row| row.flags))
 }
 
 fn boundary_dict<'py>(py: Python<'py>, boundary: &Boundary) -> PyResult<Bound<'py, PyDict>> {
@@ -158,14 +156,16 @@ pub fn walk<'py>(
     numeric: &str,
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine, numeric) = (&scene.0, engine_of(engine)?, numeric_of(numeric)?);
-    let first = asked::hit(scene, cutoff, None, start_offset, NAMES).map_err(raised)?;
-    let boundary = run(py, threads, None, 0, |course| {
-        let prepared = asked::prepare(scene)?;
-        asked::boundary(scene, engine, &prepared, numeric, &first, course.stop)
+    let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
+    let scene = Arc::clone(&scene.0);
+    let first = asked::hit(&scene, cutoff, None, start_offset, NAMES).map_err(raised)?;
+    let cutoff_hz = scene.scene.velocity.has_cutoff().then_some(first.cutoff_hz);
+    let boundary = run(py, threads, None, 0, move |course| {
+        let prepared = asked::prepare(&scene)?;
+        asked::boundary(&scene, engine, &prepared, numeric, &first, &course.stop)
     })?;
     let made = boundary_dict(py, &boundary)?;
-    made.set_item("cutoff_hz", scene.scene.velocity.has_cutoff().then_some(first.cutoff_hz))?;
+    made.set_item("cutoff_hz", cutoff_hz)?;
     Ok(made)
 }
 
@@ -182,11 +182,12 @@ pub fn sweep<'py>(
     threads: Option<usize>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine, numeric) = (&scene.0, engine_of(engine)?, numeric_of(numeric)?);
+    let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
+    let scene = Arc::clone(&scene.0);
     in_range("repeat", repeat, 1..=1000)?;
     let has_cutoff = scene.scene.velocity.has_cutoff();
     let cutoffs_hz = match cutoffs {
-        Some(_) if !has_cutoff => return Err(raised(asked::no_cutoff(scene))),
+        Some(_) if !has_cutoff => return Err(raised(asked::no_cutoff(&scene))),
         Some(cutoffs_hz) if cutoffs_hz.is_empty() => {
             return Err(PyValueError::new_err("cutoffs is empty"));
         }
@@ -196,14 +197,12 @@ pub fn sweep<'py>(
     };
     let walls =
         Walls { cutoffs_hz, dampings: vec![0.0], stiffnesses: vec![0.0], start_offset_counts: 0.0 };
-    walls.check(scene, LISTS).map_err(raised)?;
+    walls.check(&scene, LISTS).map_err(raised)?;
     let total = walls.cutoffs_hz.len() as u64 * u64::from(repeat);
-    let results = run(py, threads, progress, total, |course| {
-        let prepared = asked::prepare(scene)?;
+    let results = run(py, threads, progress, total, move |course| {
+        let prepared = asked::prepare(&scene)?;
         let plan = Plan { name: &scene.name, prepared: &prepared, cutoffs_hz: &walls.cutoffs_hz };
-        study::sweep(engine, &[plan], numeric, repeat, course.stop, |_| {
-            course.done.fetch_add(1, Relaxed);
-        })
+        study::sweep(engine, &[plan], numeric, repeat, &course.stop, |_| course.add(1))
     })?;
     let Some(result) = results.into_iter().next() else {
         return Err(raised(Error::Internal("a scene has no result".into())));
@@ -246,13 +245,14 @@ pub fn grid<'py>(
     threads: Option<usize>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine, numeric) = (&scene.0, engine_of(engine)?, numeric_of(numeric)?);
+    let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
+    let scene = Arc::clone(&scene.0);
     let cutoffs_hz = match cutoffs {
         Some(_) if !scene.scene.velocity.has_cutoff() => {
-            return Err(raised(asked::no_cutoff(scene)));
+            return Err(raised(asked::no_cutoff(&scene)));
         }
         Some(cutoffs_hz) => cutoffs_hz,
-        None => vec![asked::cutoff(scene, None).map_err(raised)?],
+        None => vec![asked::cutoff(&scene, None).map_err(raised)?],
     };
     for (name, list) in
         [("cutoffs", &cutoffs_hz), ("dampings", &dampings), ("stiffnesses", &stiffnesses)]
@@ -262,10 +262,10 @@ pub fn grid<'py>(
         }
     }
     let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts: start_offset };
-    walls.check(scene, LISTS).map_err(raised)?;
     let total = walls.count();
-    let (verdicts, rms) = run(py, threads, progress, total, |course| {
-        let prepared = asked::prepare(scene)?;
+    let (walls, verdicts, rms) = run(py, threads, progress, total, move |course| {
+        walls.check(&scene, LISTS)?;
+        let prepared = asked::prepare(&scene)?;
         let (mut verdicts, mut rms) = (vec![], vec![]);
         let wall = |number| walls.wall(number);
         let sink = |_, outcome: Result<sim_loop::engine::Outcome, HitError>| {
@@ -276,11 +276,11 @@ pub fn grid<'py>(
             };
             verdicts.push(verdict);
             rms.push(rms_m.unwrap_or(f64::NAN));
-            course.done.fetch_add(1, Relaxed);
+            course.add(1);
             Ok(())
         };
-        stream(engine, &prepared, numeric, Depth::Whole, total, wall, course.stop, sink)?;
-        Ok((verdicts, rms))
+        stream(engine, &prepared, numeric, Depth::Whole, total, wall, &course.stop, sink)?;
+        Ok((walls, verdicts, rms))
     })?;
     let made = PyDict::new(py);
     made.set_item("cutoffs_hz", walls.cutoffs_hz.into_pyarray(py))?;
@@ -311,19 +311,21 @@ pub fn linear<'py>(
     multirate: bool,
     passivity: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let scene = &scene.0;
+    let scene = Arc::clone(&scene.0);
     if dampings.is_empty() {
         return Err(PyValueError::new_err("dampings is empty"));
     }
-    let cutoff_hz = asked::cutoff(scene, cutoff).map_err(raised)?;
+    let cutoff_hz = asked::cutoff(&scene, cutoff).map_err(raised)?;
     let walls = Walls {
         cutoffs_hz: vec![cutoff_hz],
         dampings,
         stiffnesses: vec![0.0],
         start_offset_counts: 0.0,
     };
-    walls.check(scene, LISTS).map_err(raised)?;
-    let (limits, passive) = run(py, None, None, 0, |course| {
+    walls.check(&scene, LISTS).map_err(raised)?;
+    let of_work = Arc::clone(&scene);
+    let (walls, limits, passive) = run(py, None, None, 0, move |course| {
+        let scene = of_work;
         let of = asked::linear_loop(&scene.scene, cutoff_hz, multirate)?;
         let boundary = LinearBoundary::new(&of).map_err(Error::input)?;
         let passivity = passivity.then(|| Passivity::new(&of)).transpose().map_err(Error::input)?;
@@ -339,7 +341,7 @@ pub fn linear<'py>(
                 passive.push(limit.unwrap_or(0.0));
             }
         }
-        Ok((limits, passive))
+        Ok((walls, limits, passive))
     })?;
     let made = PyDict::new(py);
     made.set_item("cutoff_hz", scene.scene.velocity.has_cutoff().then_some(cutoff_hz))?;

@@ -2,7 +2,7 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::atomic::Ordering::Relaxed,
+    sync::{Arc, atomic::Ordering::Relaxed},
 };
 
 use pyo3::{
@@ -47,9 +47,11 @@ pub fn study<'py>(
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
     let (text, origin, folder) = text_of(study)?;
     let file = StudyFile::parse(text, &origin, &folder).map_err(raised)?;
-    let study = run(py, threads, None, 0, |_| Study::new(file))?;
-    let (rows, hits) = run(py, threads, progress, study.units, |course| {
-        let how = How { engine, numeric, stop: course.stop };
+    let study = Arc::new(run(py, threads, None, 0, move |_| Study::new(file))?);
+    let of_work = Arc::clone(&study);
+    let (rows, hits) = run(py, threads, progress, study.units, move |course| {
+        let study = of_work;
+        let how = How { engine, numeric, stop: &course.stop };
         let (mut rows, mut hits) = (vec![], 0);
         for unit in 0..study.units {
             if course.stop.load(Relaxed) {
@@ -58,7 +60,7 @@ pub fn study<'py>(
             let made = study.run(unit, how)?;
             rows.extend(made.table.rows);
             hits += made.hits;
-            course.done.fetch_add(1, Relaxed);
+            course.add(1);
         }
         Ok((rows, hits))
     })?;

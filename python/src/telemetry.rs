@@ -1,29 +1,29 @@
 //! A capture of a board's telemetry as columns. `zwidth/telemetry.py` gives them names.
 
-use numpy::IntoPyArray as _;
-use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
+use pyo3::{exceptions::PyValueError, prelude::*, pybacked::PyBackedBytes, types::PyDict};
 use sim_studies::analysis::{recompute::Recomputed, telemetry::Capture};
-use zwidth::telemetry::{Frame, Record};
+use zwidth::telemetry::Frame;
 
-use crate::work::run;
+use crate::{columns::Columns, work::run};
 
 /// Every output and every sample of a capture, with what the core computes once more.
 #[pyfunction]
-pub fn decode<'py>(py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyDict>> {
-    let (capture, all) = run(py, None, None, 0, |course| {
-        let capture = Capture::decode_until(data, course.stop);
-        let all = Recomputed::until(&capture, course.stop);
-        Ok((capture, all))
+pub fn decode(py: Python<'_>, data: PyBackedBytes) -> PyResult<Bound<'_, PyDict>> {
+    let length = data.len();
+    let (capture, all, outputs, samples) = run(py, None, None, 0, move |course| {
+        let capture = Capture::decode_until(&data, &course.stop);
+        let all = Recomputed::until(&capture, &course.stop);
+        let (outputs, samples) = (outputs(&capture.frames), samples(&all));
+        Ok((capture, all, outputs, samples))
     })?;
     if capture.frames.is_empty() {
-        let length = data.len();
         return Err(PyValueError::new_err(format!(
             "no telemetry frame of layout 1 or 2 in {length} bytes; docs/telemetry.md has the layout"
         )));
     }
     let made = PyDict::new(py);
-    made.set_item("outputs", outputs(py, &capture.frames)?)?;
-    made.set_item("samples", samples(py, &all)?)?;
+    made.set_item("outputs", outputs.into_dict(py)?)?;
+    made.set_item("samples", samples.into_dict(py)?)?;
     made.set_item("dropped", capture.dropped)?;
     made.set_item("garbage_bytes", capture.garbage_bytes)?;
     made.set_item("faults", capture.faults().into_iter().map(u32::from).collect::<Vec<_>>())?;
@@ -43,52 +43,29 @@ pub fn decode<'py>(py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyDict>>
     Ok(made)
 }
 
-fn outputs<'py>(py: Python<'py>, frames: &[Frame]) -> PyResult<Bound<'py, PyDict>> {
-    type Of = fn(&Record) -> i32;
-    let columns = PyDict::new(py);
-    let sequence: Vec<u32> = frames.iter().map(|frame| frame.sequence).collect();
-    let sample: Vec<u64> = frames.iter().map(|frame| frame.record.sample).collect();
-    columns.set_item("sequence", sequence.into_pyarray(py))?;
-    columns.set_item("sample", sample.into_pyarray(py))?;
-    let signed: [(_, Of); 4] = [
-        ("position_counts", |record| record.position.counts()),
-        ("velocity_q16", |record| record.velocity.bits()),
-        ("force_q30", |record| record.force.bits()),
-        ("command", |record| record.command.code()),
-    ];
-    for (name, of) in signed {
-        let column: Vec<i32> = frames.iter().map(|frame| of(&frame.record)).collect();
-        columns.set_item(name, column.into_pyarray(py))?;
-    }
-    let flags: Vec<u16> = frames.iter().map(|frame| frame.record.flags.bits()).collect();
-    let settings: Vec<u16> = frames.iter().map(|frame| frame.record.settings).collect();
-    let fault: Vec<u8> = frames.iter().map(|frame| frame.record.fault).collect();
-    columns.set_item("flags", flags.into_pyarray(py))?;
-    columns.set_item("settings", settings.into_pyarray(py))?;
-    columns.set_item("fault", fault.into_pyarray(py))?;
-    Ok(columns)
+fn outputs(frames: &[Frame]) -> Columns {
+    let records = || frames.iter().map(|frame| &frame.record);
+    Columns::default()
+        .with("sequence", frames.iter().map(|frame| frame.sequence))
+        .with("sample", records().map(|record| record.sample))
+        .with("position_counts", records().map(|record| record.position.counts()))
+        .with("velocity_q16", records().map(|record| record.velocity.bits()))
+        .with("force_q30", records().map(|record| record.force.bits()))
+        .with("command", records().map(|record| record.command.code()))
+        .with("flags", records().map(|record| record.flags.bits()))
+        .with("settings", records().map(|record| record.settings))
+        .with("fault", records().map(|record| record.fault))
 }
 
 /// What is not known is 0, with a column that says so.
-fn samples<'py>(py: Python<'py>, all: &Recomputed) -> PyResult<Bound<'py, PyDict>> {
-    let (columns, rows) = (PyDict::new(py), &all.rows);
-    let sample: Vec<u64> = rows.iter().map(|row| row.sample).collect();
-    columns.set_item("sample", sample.into_pyarray(py))?;
-    let numbers: [(_, Vec<i32>); 3] = [
-        ("position_counts", rows.iter().map(|row| row.position.counts()).collect()),
-        ("velocity_q16", rows.iter().map(|row| row.velocity.map_or(0, |v| v.bits())).collect()),
-        ("force_q30", rows.iter().map(|row| row.force.map_or(0, |force| force.bits())).collect()),
-    ];
-    for (name, column) in numbers {
-        columns.set_item(name, column.into_pyarray(py))?;
-    }
-    let facts: [(_, Vec<bool>); 3] = [
-        ("output", rows.iter().map(|row| row.told.is_some()).collect()),
-        ("computed", rows.iter().map(|row| row.velocity.is_some()).collect()),
-        ("driven", rows.iter().map(|row| row.force.is_some()).collect()),
-    ];
-    for (name, column) in facts {
-        columns.set_item(name, column.into_pyarray(py))?;
-    }
-    Ok(columns)
+fn samples(all: &Recomputed) -> Columns {
+    let rows = || all.rows.iter();
+    Columns::default()
+        .with("sample", rows().map(|row| row.sample))
+        .with("position_counts", rows().map(|row| row.position.counts()))
+        .with("velocity_q16", rows().map(|row| row.velocity.map_or(0, |v| v.bits())))
+        .with("force_q30", rows().map(|row| row.force.map_or(0, |force| force.bits())))
+        .with("output", rows().map(|row| row.told.is_some()))
+        .with("computed", rows().map(|row| row.velocity.is_some()))
+        .with("driven", rows().map(|row| row.force.is_some()))
 }

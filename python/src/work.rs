@@ -1,7 +1,9 @@
 //! Work without the interpreter's lock, that Ctrl-C ends and that says how far it is.
 
 use std::{
+    any::Any,
     sync::{
+        Arc,
         atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
@@ -15,15 +17,23 @@ use pyo3::{
 };
 use sim_loop::error::Error;
 
-/// Time between two looks at the interpreter's signals; Ctrl-C ends work some of these later.
+/// Time between two looks at the interpreter's signals; Ctrl-C is an exception that much later.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// What work is told and tells.
-pub struct Course<'a> {
-    /// Set once it shall end.
-    pub stop: &'a AtomicBool,
+#[derive(Default)]
+pub struct Course {
+    /// Set once it shall end: nobody waits for it any more.
+    pub stop: AtomicBool,
     /// Pieces done.
-    pub done: &'a AtomicU64,
+    done: AtomicU64,
+}
+
+impl Course {
+    /// So many pieces more are done.
+    pub fn add(&self, pieces: u64) {
+        self.done.fetch_add(pieces, Relaxed);
+    }
 }
 
 /// An error of the simulator as an exception, with the simulator's line.
@@ -40,16 +50,18 @@ pub fn raised(error: Error) -> PyErr {
 /// Does `work` on another thread, and on `threads` threads if that is not all of them. `progress` is called with
 /// pieces done and `total` (0: not known) as they change; what it raises ends the work.
 ///
+/// An exception of `progress` or of a signal comes out at once. The work then ends when it looks at `stop`: it owns
+/// what it needs, has nothing of Python's, and must not write a file.
+///
 /// # Errors
 /// Of the work, of `progress`, or a signal's.
-pub fn run<T: Send>(
+pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
     total: u64,
-    work: impl FnOnce(&Course<'_>) -> Result<T, Error> + Send,
+    work: impl FnOnce(&Course) -> Result<T, Error> + Send + 'static,
 ) -> PyResult<T> {
-    let (stop, done) = (AtomicBool::new(false), AtomicU64::new(0));
     let pool = match threads {
         None => None,
         Some(0) => return Err(PyValueError::new_err("threads is 0, allowed 1 or more")),
@@ -58,64 +70,56 @@ pub fn run<T: Send>(
             Some(pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?)
         }
     };
-    let course = Course { stop: &stop, done: &done };
-    thread::scope(|scope| {
-        let (sender, mut receiver) = mpsc::channel();
-        scope.spawn(move || {
-            let made = match &pool {
-                None => work(&course),
-                Some(pool) => pool.install(|| work(&course)),
-            };
-            let _ = sender.send(made); // nobody waits if the interpreter is gone
-        });
-        let (mut raised_here, mut told) = (None, u64::MAX);
-        let made = loop {
-            let receiver = &mut receiver; // one that another thread may look at too has no such waiting
-            let received = py.detach(move || receiver.recv_timeout(LOOK));
-            match received {
-                Ok(made) => break Some(made),
-                Err(RecvTimeoutError::Disconnected) => break None,
-                Err(RecvTimeoutError::Timeout) => {}
-            }
-            if raised_here.is_some() {
-                continue; // it ends
-            }
-            if let Err(error) = look(py, progress, &done, &mut told, total) {
-                stop.store(true, Relaxed);
-                raised_here = Some(error);
-            }
+    let course = Arc::new(Course::default());
+    let (sender, mut receiver) = mpsc::channel();
+    let of_work = Arc::clone(&course);
+    let worker = thread::Builder::new().spawn(move || {
+        let made = match &pool {
+            None => work(&of_work),
+            Some(pool) => pool.install(|| work(&of_work)),
         };
-        if let Some(error) = raised_here {
+        let _ = sender.send(made); // nobody waits after an exception
+    })?;
+    let mut told = u64::MAX;
+    let made = loop {
+        let receiver = &mut receiver; // one that another thread may look at too has no such waiting
+        match py.detach(move || receiver.recv_timeout(LOOK)) {
+            Ok(made) => break made,
+            Err(RecvTimeoutError::Disconnected) => return Err(panicked(py, worker)),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        let looked = py.check_signals().and_then(|()| tell(progress, &course, &mut told, total));
+        if let Err(error) = looked {
+            course.stop.store(true, Relaxed);
             return Err(error);
         }
-        let made =
-            made.ok_or_else(|| PyRuntimeError::new_err("the work ended without a result"))?;
-        let made = made.map_err(raised)?;
-        tell(progress, done.load(Relaxed), &mut told, total)?;
-        Ok(made)
-    })
-}
-
-fn look(
-    py: Python<'_>,
-    progress: Option<&Bound<'_, PyAny>>,
-    done: &AtomicU64,
-    told: &mut u64,
-    total: u64,
-) -> PyResult<()> {
-    py.check_signals()?;
-    tell(progress, done.load(Relaxed), told, total)
+    };
+    let made = made.map_err(raised)?;
+    tell(progress, &course, &mut told, total)?;
+    Ok(made)
 }
 
 fn tell(
     progress: Option<&Bound<'_, PyAny>>,
-    done: u64,
+    course: &Course,
     told: &mut u64,
     total: u64,
 ) -> PyResult<()> {
+    let done = course.done.load(Relaxed);
     if let Some(progress) = progress.filter(|_| done != *told) {
         *told = done;
         progress.call1((done, total))?;
     }
     Ok(())
+}
+
+/// What a worker's panic said.
+fn panicked(py: Python<'_>, worker: thread::JoinHandle<()>) -> PyErr {
+    let said = py.detach(|| worker.join()).err();
+    let of = |said: &Box<dyn Any + Send>| {
+        let text = said.downcast_ref::<String>().map(String::as_str);
+        text.or_else(|| said.downcast_ref::<&str>().copied()).map(str::to_owned)
+    };
+    let text = said.as_ref().and_then(of).unwrap_or_else(|| "no result".into());
+    PyRuntimeError::new_err(format!("an error of the simulator, please report it: {text}"))
 }

@@ -2,7 +2,7 @@
 
 The simulator and the fixed-point control core that the zwidth firmware runs. All quantities are in SI units; every
 result has the same bits as that of the command line. Bad input raises ``ValueError`` with the line that the command
-line prints; Ctrl-C ends work within about a tenth of a second.
+line prints; Ctrl-C is an exception within 0.2 s.
 
 Examples
 --------

@@ -108,6 +108,10 @@ class Estimator:
         ------
         ValueError
             What the estimator needs is missing, or has another length.
+
+        Notes
+        -----
+        After an exception, Ctrl-C too, the state is the one before the call.
         """
         counts = np.asarray(counts)
         if counts.dtype.kind not in "iu":
