@@ -42,7 +42,12 @@ impl Columns {
 
     /// A row, with or without the line's end.
     pub fn row(&self, row: &str) -> String {
-        let cells = row.split(',').enumerate().map(|(n, cell)| {
+        let mut quoted = false;
+        let ends = |c| {
+            quoted ^= c == '"';
+            c == ',' && !quoted
+        };
+        let cells = row.split(ends).enumerate().map(|(n, cell)| {
             let factor = self.factors.get(n).copied().flatten();
             let value = cell.trim_end().parse::<f64>();
             match (factor, value) {
@@ -161,6 +166,11 @@ mod tests {
         let told = "cutoff_hz,stiffness_n_m_per_rad,area,name\n1500,100,1,a\n,inf,,b\n";
         assert_eq!(csv(PADDLE, table.into()), told);
         assert_eq!(csv(Units::Linear, table.into()), table);
+        let quoted = "does,stiffness_n_per_m\n\"a, b, \"\"c,\"\"\",1600\n";
+        assert_eq!(
+            csv(PADDLE, quoted.into()),
+            quoted.replace("_n_per_m", "_n_m_per_rad").replace("1600", "100")
+        );
     }
 
     #[test]
