@@ -4,16 +4,20 @@ use clap::{Args, ValueEnum};
 
 use crate::{
     error::Error,
-    scene::{PushBy, RmsOf, Scene, Walk},
-    study::limits::{Limit, Question, Situation},
+    scene::{PushBy, RmsOf, Scene},
+    study::{
+        limits::{Limit, Question, Situation},
+        limits_asked::{Names, check, finer},
+    },
 };
+
+pub(super) use crate::study::limits_asked::LimitAsked as Asked;
 
 /// Sensation levels that `felt` stands for, dB over `wall_hit.felt_limit_db`.
 const LEVELS_DB: [f64; 4] = [0.0, 10.0, 20.0, 30.0];
 /// What a sweep shows without `--limits`: nearer to what a hand feels than the paper's limit, and quick.
 const DEFAULT: Limit = Limit::Rms(1e-6);
-/// The walks' own steps: the scene's K over this, and its B over half of it.
-const FINER: f64 = 4.0;
+const NAMES: Names = Names { limits: "--limits", steps: "--steps, --starts" };
 
 /// Limits side by side.
 #[derive(Clone, Debug, Args)]
@@ -56,17 +60,6 @@ impl From<RmsOfArg> for RmsOf {
     }
 }
 
-/// A limit as typed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Asked {
-    /// Of the RMS, m.
-    Rms(f64),
-    /// The scene's level, or several over it.
-    Felt,
-    /// A level over the threshold, dB: the threshold curve moved by as much.
-    FeltAt(f64),
-}
-
 /// Limits as typed.
 #[derive(Clone, Debug)]
 pub(super) struct Limits(pub Vec<Asked>);
@@ -74,12 +67,7 @@ pub(super) struct Limits(pub Vec<Asked>);
 impl Limits {
     /// As on the command line.
     pub fn as_typed(&self) -> String {
-        let limit = |limit: &Asked| match limit {
-            Asked::Rms(limit_m) => format!("{limit_m:e}"),
-            Asked::Felt => "felt".into(),
-            Asked::FeltAt(level_db) => format!("felt={level_db}"),
-        };
-        self.0.iter().map(limit).collect::<Vec<String>>().join(",")
+        self.0.iter().map(Asked::to_string).collect::<Vec<String>>().join(",")
     }
 }
 
@@ -96,22 +84,7 @@ impl Pair {
 }
 
 pub(super) fn parse(text: &str) -> Result<Limits, String> {
-    let limit = |one: &str| {
-        let one = one.trim();
-        let (level, number) =
-            one.strip_prefix("felt=").map_or((false, one), |number| (true, number));
-        match number.parse::<f64>() {
-            _ if one == "felt" => Ok(Asked::Felt),
-            Ok(level_db) if level && level_db.is_finite() => Ok(Asked::FeltAt(level_db)),
-            Ok(limit_m) if !level && limit_m.is_finite() && limit_m > 0.0 => {
-                Ok(Asked::Rms(limit_m))
-            }
-            _ => Err(format!(
-                "`{one}` is no limit, allowed an RMS in m above 0, felt, or felt=DB over the threshold"
-            )),
-        }
-    };
-    text.split(',').map(limit).collect::<Result<_, _>>().map(Limits)
+    text.split(',').map(Asked::parse).collect::<Result<_, _>>().map(Limits)
 }
 
 pub(super) fn pair(text: &str) -> Result<Pair, String> {
@@ -140,8 +113,9 @@ impl LimitArgs {
                 Asked::FeltAt(level_db) => vec![Limit::Felt(*level_db)],
             })
             .collect();
-        let walk = finer(scene, self.steps, self.starts);
-        check(scene, &limits, walk)?;
+        let at_handle = |pair: Option<Pair>| pair.map(|pair| pair.at_handle(scene));
+        let walk = finer(scene, at_handle(self.steps), at_handle(self.starts));
+        check(scene, &limits, walk, NAMES)?;
         let arms: Vec<String> = match self.arms.as_deref() {
             None => scene.arms.keys().cloned().collect(),
             Some([all]) if all == "all" => scene.arm_names(),
@@ -218,38 +192,4 @@ impl LimitArgs {
         }
         text
     }
-}
-
-/// The walks' own grid: those steps, from those starts.
-pub(super) fn finer(scene: &Scene, steps: Option<Pair>, starts: Option<Pair>) -> Walk {
-    let own = &scene.walk;
-    let [steps, starts] = [steps, starts].map(|pair| pair.map(|pair| pair.at_handle(scene)));
-    let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
-    let [k_step, b_step] = steps.unwrap_or(default);
-    let [k_start, b_start] = starts.unwrap_or([k_step, b_step]);
-    Walk {
-        stiffness_start_n_per_m: k_start,
-        stiffness_step_n_per_m: k_step,
-        damping_start_n_s_per_m: b_start,
-        damping_step_n_s_per_m: b_step,
-        ..*own
-    }
-}
-
-/// Every limit and the grid, before the first walk.
-pub(super) fn check(scene: &Scene, limits: &[Limit], walk: Walk) -> Result<(), Error> {
-    let refused = |option: &str, error: String| Error::Input(format!("{option}: {error}"));
-    let mut changed = Scene { walk, ..scene.clone() };
-    changed.check().map_err(|error| refused("--steps, --starts", error))?;
-    for limit in limits {
-        match limit {
-            Limit::Rms(limit_m) => changed.wall_hit.rms_limit_m = *limit_m,
-            Limit::Felt(limit_db) => {
-                changed.wall_hit.criterion = crate::scene::Criterion::Felt;
-                changed.wall_hit.felt_limit_db = *limit_db;
-            }
-        }
-        changed.check().map_err(|error| refused("--limits", error))?;
-    }
-    Ok(())
 }

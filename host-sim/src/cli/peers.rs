@@ -7,11 +7,11 @@ use serde::Serialize;
 
 use super::{
     Common,
-    limits::{Asked, Limits, Pair, finer, pair, parse},
+    limits::{Limits, Pair, pair, parse},
     progress,
 };
 use crate::{
-    analysis::compare::peers::{PeerQuestion, compare_peers, loops},
+    analysis::compare::peers::{LIMITS, PeerArea, PeerQuestion, compare_peers},
     engine::Engine,
     error::Error,
     interrupt,
@@ -20,17 +20,15 @@ use crate::{
         files::{MANIFEST, json as json_bytes},
         in_units,
         manifest::Manifest,
-        peers::{PeerArea, Peers},
+        peers::Peers,
     },
     scene::NamedScene,
-    study::limits::Limit,
+    study::{asked::prepare, limits_asked::Names},
 };
 
 /// Every file of a result.
 const FILES: [&str; 2] = ["peers.csv", MANIFEST];
-const LIMITS: &str = "15e-6,5e-6,2e-6,1e-6,felt";
-/// Cutoffs of the scene's own estimator, Hz: for what is felt as a faint hum, and for the paper's limit.
-const OWN_HZ: [f64; 2] = [500.0, 1500.0];
+const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 
 /// Options of `--peers`.
 #[derive(Debug, Args)]
@@ -61,26 +59,10 @@ pub fn run(
     scene: &NamedScene,
     common: &Common,
 ) -> Result<(), Error> {
-    crate::study::asked::prepare(scene)?;
+    prepare(scene)?;
     let units = scene.scene.units;
-    let felt_db = scene.scene.wall_hit.felt_limit_db;
-    let limits = args.limits.0.iter().map(|limit| match limit {
-        Asked::Rms(limit_m) => Limit::Rms(*limit_m),
-        Asked::Felt => Limit::Felt(felt_db),
-        Asked::FeltAt(level_db) => Limit::Felt(*level_db),
-    });
-    let limits: Vec<Limit> = limits.collect();
-    let walk = finer(&scene.scene, args.steps, None);
-    super::limits::check(&scene.scene, &limits, walk)?;
-    let velocity = scene.scene.velocity;
-    let own_hz = match velocity.has_cutoff() {
-        true => OWN_HZ.to_vec(),
-        false => vec![0.0],
-    };
-    let design = scene.scene.design();
-    let is_possible = |hz: &f64| velocity.settings(*hz).build(&design).is_ok();
-    let own_hz = own_hz.into_iter().filter(is_possible).collect();
-    let question = PeerQuestion { loops: loops(scene)?, limits, own_hz, walk, repeats };
+    let steps = args.steps.map(|pair| pair.at_handle(&scene.scene));
+    let question = PeerQuestion::of(scene, &args.limits.0, steps, repeats, NAMES)?;
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("peers");
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = common.outputs(&scene.files)?;
@@ -104,7 +86,7 @@ pub fn run(
     outputs.add(to, "peers.csv", in_units::csv(units, study.csv()).as_bytes())?;
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
     outputs.commit()?;
-    let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.0.notes };
+    let json = Json { scene: &scene.name, areas: study.0.areas(), notes: &study.0.notes };
     print_of(common.json, &scene.scene, json, || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
     })

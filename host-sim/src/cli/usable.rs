@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use zwidth::velocity::EstimatorName;
 
 use super::{
     Common,
@@ -16,7 +15,7 @@ use crate::{
     analysis::compare::{
         Entry,
         search::Budget,
-        usable::{UsableQuestion, usable},
+        usable::{self, PERCENTS, UsableArea, UsableQuestion, UsableStudy},
     },
     engine::Engine,
     error::Error,
@@ -26,27 +25,14 @@ use crate::{
         files::{MANIFEST, json as json_bytes},
         in_units,
         manifest::Manifest,
-        usable::{UsableArea, UsableStudy},
+        usable::UsableReport,
     },
-    range::within,
     scene::NamedScene,
+    study::asked::prepare,
 };
 
 /// Every file of a result.
 const FILES: [&str; 4] = ["usable.csv", "usable.svg", "usable.png", MANIFEST];
-/// Those that are compared where nobody names one: of each kind the usual ones, the slowest first.
-const USUAL: [EstimatorName; 10] = [
-    EstimatorName::Observer,
-    EstimatorName::Butterworth,
-    EstimatorName::FirstOrder,
-    EstimatorName::LeastSquares2,
-    EstimatorName::TrackingLoop,
-    EstimatorName::Kalman2,
-    EstimatorName::Kalman3,
-    EstimatorName::LevantExplicit,
-    EstimatorName::FoawEnd,
-    EstimatorName::FoawBest,
-];
 
 /// Options of `--usable`.
 #[derive(Debug, Args)]
@@ -54,7 +40,7 @@ pub struct UsableArgs {
     /// Usable areas instead: walls that are stable and whose rendered impedance is off by no more than each of these, % of
     /// the magnitude of K + jwB, the largest error from 1 to 30 Hz, and any error beside them. Each estimator is tuned for each
     /// limit. The handle is moved by a sine, so no arm matters to the error; walls are stable in the scene's or --arm.
-    #[arg(long, value_name = "LIST", value_parser = list::parse, num_args = 0..=1, default_missing_value = "5,10,20", conflicts_with_all = ["damping", "peers"])]
+    #[arg(long, value_name = "LIST", value_parser = list::parse, num_args = 0..=1, default_missing_value = PERCENTS, conflicts_with_all = ["damping", "peers"])]
     pub usable: Option<List>,
 }
 
@@ -77,21 +63,12 @@ pub fn run(
     scene: &NamedScene,
     common: &Common,
 ) -> Result<(), Error> {
-    crate::study::asked::prepare(scene)?;
-    let mut percents = percents.0.clone();
-    for &percent in &percents {
-        within("--usable", percent, 0.1..=1000.0).map_err(Error::Input)?;
-    }
-    percents.sort_by(f64::total_cmp);
-    percents.dedup();
+    prepare(scene)?;
+    let percents = usable::percents(&percents.0, "--usable")?;
     let typed: Vec<String> = percents.iter().map(f64::to_string).collect();
-    let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
-    let all = Entry::all(&scene.scene);
-    let usual =
-        || USUAL.map(Entry::Tuned).into_iter().filter(|entry| all.contains(entry)).collect();
-    let entries = asked.entries.unwrap_or_else(usual);
+    let entries = asked.entries.unwrap_or_else(|| usable::usual(&scene.scene));
     let names: Vec<String> = entries.iter().map(|entry| entry.name()).collect();
-    let question = UsableQuestion { entries, limits: limits.collect(), budget: asked.budget };
+    let question = UsableQuestion::of(entries, &percents, asked.budget);
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("usable");
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = common.outputs(&scene.files)?;
@@ -108,16 +85,17 @@ pub fn run(
         engine.name()
     );
     let bar = progress::bar(question.most_walks());
-    let found = usable(engine, &scene.scene, &question, interrupt::flag(), |walks| bar.inc(walks))
+    let done = |walks| bar.inc(walks);
+    let found = usable::usable(engine, &scene.scene, &question, interrupt::flag(), done)
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let study = UsableStudy { question, found };
+    let study = UsableReport(UsableStudy { question, found });
     let units = scene.scene.units;
     outputs.add(to, "usable.csv", in_units::csv(units, study.csv()).as_bytes())?;
     outputs.add_figure(to, "usable", &study.figure(scene)?)?;
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
     outputs.commit()?;
-    let json = Json { scene: &scene.name, areas: study.areas() };
+    let json = Json { scene: &scene.name, areas: study.0.areas() };
     print_of(common.json, &scene.scene, json, || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
     })

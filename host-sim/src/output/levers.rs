@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::{
     SCHEMA_VERSION,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
-    limits::{grid, millions, name, range, value},
+    limits::{millions, name, range},
 };
 use crate::{
     notation::three_digits,
@@ -15,6 +15,7 @@ use crate::{
     study::{
         levers::{Between, Lever, LeverQuestion, LeverResult, Walked},
         limits::Limit,
+        limits_asked::grid,
     },
 };
 
@@ -94,7 +95,7 @@ impl LeverStudy {
         let mut text = format!("{HEADER}\n");
         for result in &self.results {
             let Lever { of_loop, between, scene } = self.lever(result);
-            let (limit, unit) = value(result.limit);
+            let (limit, unit) = result.limit.told();
             let estimated =
                 result.cutoffs.iter().map(|(cutoff_hz, walked)| (cutoff_hz.to_string(), walked));
             let ideal = result.sweep.ideal.map_or(",,".into(), |ideal| {
@@ -131,7 +132,7 @@ impl LeverStudy {
     pub fn summary(&self) -> Vec<LeverSummary> {
         let summary = |result: &LeverResult| {
             let Lever { of_loop, between, scene } = self.lever(result);
-            let (limit, limit_unit) = value(result.limit);
+            let (limit, limit_unit) = result.limit.told();
             let ideal = result.sweep.ideal;
             let best = result.best();
             LeverSummary {

@@ -11,7 +11,10 @@ use super::{
 use crate::{
     notation::three_digits,
     scene::{PushBy, Walk},
-    study::limits::{Limit, LimitResult, Question, Situation},
+    study::{
+        limits::{Limit, LimitResult, Question, Situation},
+        limits_asked::grid,
+    },
 };
 
 /// Areas of the tables are in this unit, N^2 s/m^2.
@@ -53,13 +56,6 @@ fn arm(result: &LimitResult) -> Option<&str> {
     result.situation.as_ref()?.arm.as_deref()
 }
 
-pub(super) fn value(limit: Limit) -> (f64, &'static str) {
-    match limit {
-        Limit::Rms(metres) => (metres, "m"),
-        Limit::Felt(db) => (db, "dB"),
-    }
-}
-
 pub(super) fn name(limit: Limit) -> String {
     match limit {
         Limit::Rms(metres) => {
@@ -74,19 +70,7 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
     result.told_area().filter(|told| *told > 0.0).map(|told| area / told)
 }
 
-/// First, step and cap of K, then of B.
-pub(super) fn grid(walk: &Walk) -> [f64; 6] {
-    [
-        walk.stiffness_start_n_per_m,
-        walk.stiffness_step_n_per_m,
-        walk.stiffness_max_n_per_m,
-        walk.damping_start_n_s_per_m,
-        walk.damping_step_n_s_per_m,
-        walk.damping_max_n_s_per_m,
-    ]
-}
-
-/// The same for people.
+/// The grid of the walks, for people.
 pub(super) fn grid_text(walk: &Walk) -> String {
     let [k, dk, k_max, b, db, b_max] = grid(walk);
     format!("K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m")
@@ -112,7 +96,7 @@ impl LimitStudy {
         let cell = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
         for result in &self.results {
             let ideal = result.result.ideal;
-            let (limit, unit) = value(result.limit);
+            let (limit, unit) = result.limit.told();
             let estimated = result.result.cutoffs.iter();
             let estimated = estimated.map(|cutoff| (Some(cutoff.cutoff_hz), &cutoff.boundaries));
             let told = (!result.told.is_empty()).then_some((None, &result.told));
@@ -144,7 +128,7 @@ impl LimitStudy {
     /// For `summary.json`.
     pub fn summary(&self) -> Vec<LimitSummary> {
         let summary = |result: &LimitResult| {
-            let (limit, limit_unit) = value(result.limit);
+            let (limit, limit_unit) = result.limit.told();
             LimitSummary {
                 push: push(result),
                 arm: arm(result).map(str::to_owned),

@@ -26,6 +26,8 @@ pub enum Cell {
     Whole(u64),
     /// Of a [`Kind::Text`].
     Text(Cow<'static, str>),
+    /// The same, in quotes whatever it has: a sentence, which has a comma here and none there.
+    Quoted(Cow<'static, str>),
     /// Of a [`Kind::Flag`].
     Flag(bool),
 }
@@ -58,6 +60,11 @@ impl Cell {
     /// A count.
     pub fn count(value: usize) -> Self {
         Self::Whole(value as u64)
+    }
+
+    /// A text that may be missing.
+    pub fn text(value: Option<&'static str>) -> Self {
+        value.map_or(Self::Empty, Self::from)
     }
 
     /// A number that may be missing.
@@ -96,10 +103,12 @@ pub fn csv_line(cells: &[Cell]) -> String {
             Cell::Number(value) => write!(text, "{value}"),
             Cell::Whole(value) => write!(text, "{value}"),
             Cell::Flag(value) => write!(text, "{value}"),
-            Cell::Text(value) if value.contains([',', '"', '\n', '\r']) => {
+            Cell::Text(value) if !value.contains([',', '"', '\n', '\r']) => {
+                write!(text, "{value}")
+            }
+            Cell::Text(value) | Cell::Quoted(value) => {
                 write!(text, "\"{}\"", value.replace('"', "\"\""))
             }
-            Cell::Text(value) => write!(text, "{value}"),
         };
     }
     text.push('\n');
@@ -136,8 +145,9 @@ mod tests {
             rows: vec![
                 vec![Cell::Text("x\"y\n".into()), Cell::Number(0.1)],
                 vec![Cell::Empty, Cell::Empty],
+                vec![Cell::Quoted("z".into()), Cell::Empty],
             ],
         };
-        assert_eq!(table.csv(), "\"a,b\",c\n\"x\"\"y\n\",0.1\n,\n");
+        assert_eq!(table.csv(), "\"a,b\",c\n\"x\"\"y\n\",0.1\n,\n\"z\",\n");
     }
 }

@@ -40,8 +40,14 @@ impl Limit {
     }
 
     fn value(self) -> f64 {
+        self.told().0
+    }
+
+    /// Its number, with the unit.
+    pub fn told(self) -> (f64, &'static str) {
         match self {
-            Self::Rms(value) | Self::Felt(value) => value,
+            Self::Rms(metres) => (metres, "m"),
+            Self::Felt(db) => (db, "dB"),
         }
     }
 }

@@ -9,6 +9,7 @@ pub mod envelope;
 pub mod filters;
 pub mod levers;
 pub mod limits;
+pub mod limits_asked;
 pub mod list;
 pub mod loops;
 pub mod planned;

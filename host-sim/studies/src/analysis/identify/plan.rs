@@ -5,6 +5,7 @@
 //! the way to either end, its speed within [`OF_SPEED`] of the limit, its force within [`OF_FULL`] of full scale, and the
 //! mean square of all forces within that of the motor.
 
+use serde::Serialize;
 use zwidth::experiment::pulse_train::{LENGTHS_S, PARTS, PULSES, REST_S};
 
 use crate::{
@@ -26,7 +27,7 @@ const FEWEST_COUNTS: f64 = 200.0;
 const HALVINGS: u32 = 12;
 
 /// One pulse.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pulse {
     /// Force, N.
     pub push_n: f64,

@@ -4,6 +4,8 @@
 //! stepped, and as the source orders its steps, since a sample decides where little else is late. What is left out: what they do to a count before (ODrive floors its
 //! estimate and takes small speeds for none), and the rates at which they run, 1 to 30 kHz.
 
+mod table;
+
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
 use rayon::prelude::*;
@@ -18,9 +20,17 @@ use crate::{
     study::{
         boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation, limits},
+        limits_asked::{LimitAsked, Names, check, finer},
         loops::boards,
     },
 };
+
+pub use table::PeerArea;
+
+/// The limits where nobody names others, as they are typed.
+pub const LIMITS: &str = "15e-6,5e-6,2e-6,1e-6,felt";
+/// Cutoffs of the scene's own estimator, Hz: for what is felt as a faint hum, and for the paper's limit.
+const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 
 /// A default of another system.
 #[derive(Clone, Copy, Debug)]
@@ -215,6 +225,27 @@ pub struct PeerQuestion {
 }
 
 impl PeerQuestion {
+    /// Those limits of a scene, with those steps of K and B.
+    ///
+    /// # Errors
+    /// The scene cannot have one of them.
+    pub fn of(
+        scene: &NamedScene,
+        limits: &[LimitAsked],
+        steps: Option<[f64; 2]>,
+        repeats: u32,
+        names: Names,
+    ) -> Result<Self, Error> {
+        let limits: Vec<Limit> = limits.iter().map(|limit| limit.of(&scene.scene)).collect();
+        let walk = finer(&scene.scene, steps, None);
+        check(&scene.scene, &limits, walk, names)?;
+        let (velocity, design) = (scene.scene.velocity, scene.scene.design());
+        let is_possible = |hz: &f64| velocity.settings(*hz).build(&design).is_ok();
+        let own_hz = if velocity.has_cutoff() { OWN_HZ.to_vec() } else { vec![0.0] };
+        let own_hz = own_hz.into_iter().filter(is_possible).collect();
+        Ok(Self { loops: loops(scene)?, limits, own_hz, walk, repeats })
+    }
+
     /// Walks that it takes.
     pub fn walks(&self) -> u64 {
         let rows = (PEERS.len() + self.own_hz.len() + 1) * self.loops.len();

@@ -5,10 +5,12 @@
 //! of the plain area, so it costs no further hit. Each estimator is tuned anew for each limit, by the search of
 //! [`search`](super::search) and from the same starts.
 
+mod table;
+
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 
 use rayon::prelude::*;
-use zwidth::VelocitySettings;
+use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 use super::{
     Entry,
@@ -20,6 +22,7 @@ use crate::{
     analysis::rendered::Rendered,
     engine::Engine,
     error::Error,
+    range::within,
     scene::Scene,
     study::boundary::{Boundaries, Boundary, BoundaryPoint},
     study::schedule::longest_first,
@@ -27,6 +30,44 @@ use crate::{
 
 /// Parts of a column of K whose error is looked at.
 const PARTS: u32 = 100;
+
+pub use table::{UsableArea, UsableStudy, parameters};
+
+/// Limits where nobody names others, %, as they are typed.
+pub const PERCENTS: &str = "5,10,20";
+/// Those that are compared where nobody names one: of each kind the usual ones, the slowest first.
+const USUAL: [EstimatorName; 10] = [
+    EstimatorName::Observer,
+    EstimatorName::Butterworth,
+    EstimatorName::FirstOrder,
+    EstimatorName::LeastSquares2,
+    EstimatorName::TrackingLoop,
+    EstimatorName::Kalman2,
+    EstimatorName::Kalman3,
+    EstimatorName::LevantExplicit,
+    EstimatorName::FoawEnd,
+    EstimatorName::FoawBest,
+];
+
+/// The estimators that are compared where nobody names one: the usual ones that the scene can feed.
+pub fn usual(scene: &Scene) -> Vec<Entry> {
+    let all = Entry::all(scene);
+    USUAL.map(Entry::Tuned).into_iter().filter(|entry| all.contains(entry)).collect()
+}
+
+/// Limits in percent, ascending, each once. `name` is what messages call them.
+///
+/// # Errors
+/// One is out of range.
+pub fn percents(asked: &[f64], name: &str) -> Result<Vec<f64>, Error> {
+    for &percent in asked {
+        within(name, percent, 0.1..=1000.0).map_err(Error::Input)?;
+    }
+    let mut percents = asked.to_vec();
+    percents.sort_by(f64::total_cmp);
+    percents.dedup();
+    Ok(percents)
+}
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -40,6 +81,12 @@ pub struct UsableQuestion {
 }
 
 impl UsableQuestion {
+    /// Those estimators within those [`percents`], and with any error beside them.
+    pub fn of(entries: Vec<Entry>, percents: &[f64], budget: Budget) -> Self {
+        let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
+        Self { entries, limits: limits.collect(), budget }
+    }
+
     /// Most walks that it takes.
     pub fn most_walks(&self) -> u64 {
         let search = u64::from(OF_TWO * self.budget.tunings * WALKS_OF_A_TRY);
@@ -232,7 +279,7 @@ fn of_entry(
 mod tests {
     use super::*;
     use crate::scene::{NamedScene, estimator::EstimatorChoice};
-    use zwidth::{experiment::Ended, velocity::EstimatorName};
+    use zwidth::experiment::Ended;
 
     /// Columns of one height.
     fn rectangle(stiffness_n_per_m: f64, dampings: u32) -> Boundary {

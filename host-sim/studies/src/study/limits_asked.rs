@@ -1,0 +1,130 @@
+//! Limits, and a grid of walks that is fine enough for them, as a person asks for them; the command line and Python ask
+//! the same.
+
+use std::fmt;
+
+use super::limits::Limit;
+use crate::{
+    error::Error,
+    scene::{Criterion, Scene, Walk},
+};
+
+/// The walks' own steps: the scene's K over this, and its B over half of it.
+const FINER: f64 = 4.0;
+
+/// A limit as it is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LimitAsked {
+    /// Of the RMS, m.
+    Rms(f64),
+    /// The scene's level, or several over it.
+    Felt,
+    /// A level over the threshold, dB: the threshold curve moved by as much.
+    FeltAt(f64),
+}
+
+impl LimitAsked {
+    /// Reads one.
+    ///
+    /// # Errors
+    /// It is none; what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let one = text.trim();
+        let (level, number) =
+            one.strip_prefix("felt=").map_or((false, one), |number| (true, number));
+        match number.parse::<f64>() {
+            _ if one == "felt" => Ok(Self::Felt),
+            Ok(level_db) if level && level_db.is_finite() => Ok(Self::FeltAt(level_db)),
+            Ok(limit_m) if !level && limit_m.is_finite() && limit_m > 0.0 => Ok(Self::Rms(limit_m)),
+            _ => Err(format!(
+                "`{one}` is no limit, allowed an RMS in m above 0, felt, or felt=DB over the threshold"
+            )),
+        }
+    }
+
+    /// For that scene: `felt` is its level.
+    pub fn of(self, scene: &Scene) -> Limit {
+        match self {
+            Self::Rms(limit_m) => Limit::Rms(limit_m),
+            Self::Felt => Limit::Felt(scene.wall_hit.felt_limit_db),
+            Self::FeltAt(level_db) => Limit::Felt(level_db),
+        }
+    }
+}
+
+impl fmt::Display for LimitAsked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Rms(limit_m) => write!(f, "{limit_m:e}"),
+            Self::Felt => f.write_str("felt"),
+            Self::FeltAt(level_db) => write!(f, "felt={level_db}"),
+        }
+    }
+}
+
+/// The scene's walk with those steps of K and B, from those first ones.
+pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -> Walk {
+    let own = &scene.walk;
+    let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
+    let [k_step, b_step] = steps.unwrap_or(default);
+    let [k_start, b_start] = starts.unwrap_or([k_step, b_step]);
+    Walk {
+        stiffness_start_n_per_m: k_start,
+        stiffness_step_n_per_m: k_step,
+        damping_start_n_s_per_m: b_start,
+        damping_step_n_s_per_m: b_step,
+        ..*own
+    }
+}
+
+/// What messages call the limits, and the steps of the walks.
+#[derive(Clone, Copy, Debug)]
+pub struct Names {
+    /// The limits.
+    pub limits: &'static str,
+    /// Steps and first values of K and B.
+    pub steps: &'static str,
+}
+
+/// Checks every limit and the grid, before the first walk.
+///
+/// # Errors
+/// The scene cannot have one of them.
+pub fn check(scene: &Scene, limits: &[Limit], walk: Walk, names: Names) -> Result<(), Error> {
+    let refused = |name: &str, error: String| Error::Input(format!("{name}: {error}"));
+    let mut changed = Scene { walk, ..scene.clone() };
+    changed.check().map_err(|error| refused(names.steps, error))?;
+    for limit in limits {
+        match limit {
+            Limit::Rms(limit_m) => changed.wall_hit.rms_limit_m = *limit_m,
+            Limit::Felt(limit_db) => {
+                changed.wall_hit.criterion = Criterion::Felt;
+                changed.wall_hit.felt_limit_db = *limit_db;
+            }
+        }
+        changed.check().map_err(|error| refused(names.limits, error))?;
+    }
+    Ok(())
+}
+
+/// Columns of a table that say the grid of its walks.
+pub const GRID: [&str; 6] = [
+    "stiffness_start_n_per_m",
+    "stiffness_step_n_per_m",
+    "stiffness_max_n_per_m",
+    "damping_start_n_s_per_m",
+    "damping_step_n_s_per_m",
+    "damping_max_tried_n_s_per_m",
+];
+
+/// Their values.
+pub fn grid(walk: &Walk) -> [f64; 6] {
+    [
+        walk.stiffness_start_n_per_m,
+        walk.stiffness_step_n_per_m,
+        walk.stiffness_max_n_per_m,
+        walk.damping_start_n_s_per_m,
+        walk.damping_step_n_s_per_m,
+        walk.damping_max_n_s_per_m,
+    ]
+}
