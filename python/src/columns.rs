@@ -60,8 +60,9 @@ pub fn columns<'py, C: Borrow<Column>>(
                 made.set_item(name, cells.map(flag).collect::<Vec<bool>>().into_pyarray(py))?;
             }
             Kind::Text => {
-                let text = |cell: &Cell| {
-                    if let Cell::Text(text) = cell { text.to_string() } else { String::new() }
+                let text = |cell: &Cell| match cell {
+                    Cell::Text(text) | Cell::Quoted(text) => text.to_string(),
+                    _ => String::new(),
                 };
                 made.set_item(name, cells.map(text).collect::<Vec<String>>())?;
             }

@@ -18,10 +18,10 @@ use pyo3::prelude::*;
 mod _native {
     #[pymodule_export]
     use super::{
-        compared::{compare, explain},
+        compared::{compare, explain, peers, usable},
         estimator::{Estimator, velocity_table, with_estimator},
         folder::{StudyFolder, StudyUnits, study_text},
-        measured::{agree, identify, replay},
+        measured::{agree, identify, identify_plan, replay},
         scene::Scene,
         studies::{grid, hit, linear, sweep, walk},
         study::study,

@@ -7,7 +7,7 @@ use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_loop::{error::Error, scene::Units};
 use sim_studies::analysis::{
     agree as walks,
-    identify::{self as records, Asked, GainAsked, Json, Made, Record, Span, Term, Terms},
+    identify::{self as records, Asked, GainAsked, Json, Made, Planned, Record, Span, Term, Terms},
     replay as counts,
 };
 
@@ -182,6 +182,14 @@ pub fn identify<'py>(
         Err(error) => made.set_item("refused", error.to_string())?,
     }
     Ok(made)
+}
+
+/// The pulses that identify a scene's device, with the lines for the console.
+#[pyfunction]
+pub fn identify_plan<'py>(py: Python<'py>, scene: &Scene) -> PyResult<Bound<'py, PyAny>> {
+    let scene = Arc::clone(&scene.0);
+    let planned = run(py, None, None, 0, move |_| Planned::new(&scene))?;
+    serialized(py, &planned)
 }
 
 /// A measured walk beside the one that a scene predicts.

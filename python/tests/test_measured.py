@@ -171,6 +171,35 @@ def test_a_device_that_no_scene_may_have_says_so_where_the_scene_is_asked_for(
     assert line.replace(str(KNOWN), "known") == str(raised.value)
 
 
+@pytest.mark.parametrize("name", ["paper-1um", "nucleo-f446re", KNOWN, "rice-paddle"])
+def test_a_plan(sim: Run, name: str | Path) -> None:
+    scene = zwidth.Scene.load(name)
+    made = zwidth.identify_plan(scene)
+    said = sim("identify", "--plan", "--base", name)
+    same: tuple[str, ...] = ("scene",)
+    if name != "rice-paddle":  # the command line says lengths and forces of a rotary scene in its units
+        same += ("start_m", "push_n", "force_rms_n", "continuous_force_n")
+        assert list(made.pulses) == list(said["pulses"][0])
+        for key, values in made.pulses.items():
+            assert [pulse[key] for pulse in said["pulses"]] == values.tolist(), key
+    for key in same:
+        assert said[key] == getattr(made, key), key
+    for key in ("guessed", "console"):
+        assert said[key] == list(getattr(made, key)), key
+    assert made.pulses["push_n"][0] == made.push_n > made.force_rms_n > 0
+    assert made.console[0] == "zero" and made.console[-1] == "disarm"
+    assert made.to_arrow().column_names == list(made.to_pandas().columns) == list(made.pulses)
+
+
+def test_a_bad_plan(refused: Run, tmp_path: Path) -> None:
+    scene = zwidth.Scene.load("paper-1um").replace({"safety.speed_max_m_per_s": 1e-4})
+    file = tmp_path / "paper-1um.toml"
+    file.write_text(scene.to_toml())
+    with pytest.raises(ValueError) as raised:
+        zwidth.identify_plan(scene)
+    assert refused("identify", "--plan", "--base", file) == str(raised.value)
+
+
 @pytest.mark.parametrize("own", [False, True])
 def test_an_agreement(base: zwidth.Scene, sim: Run, tmp_path: Path, own: bool) -> None:
     measured = ROOT / "docs/data/tutorial-measured.csv"

@@ -15,10 +15,10 @@ Examples
 from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
 from ._native import ESTIMATORS, SCENES, __version__
 from .board import Board
-from .compared import Comparison, Explanation, Winner, compare, explain
+from .compared import Comparison, Explanation, Peers, Usable, Winner, compare, explain, peers, usable
 from .estimator import Estimator
 from .folder import StudyFailed, StudyRun, run_study
-from .identified import EncoderTerm, Estimate, Identification, Residual, TermTest, identify
+from .identified import EncoderTerm, Estimate, Identification, Plan, Residual, TermTest, identify, identify_plan
 from .measured import Agreement, Replay, Suspect, agree, replay
 from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
 from .scene import Scene
@@ -45,6 +45,8 @@ __all__ = [
     "Identification",
     "Linear",
     "Outputs",
+    "Peers",
+    "Plan",
     "Recording",
     "Replay",
     "Residual",
@@ -59,6 +61,7 @@ __all__ = [
     "Telemetry",
     "TermTest",
     "Trace",
+    "Usable",
     "Walk",
     "Winner",
     "__version__",
@@ -68,10 +71,13 @@ __all__ = [
     "grid",
     "hit",
     "identify",
+    "identify_plan",
     "linear",
+    "peers",
     "replay",
     "run_study",
     "study",
     "sweep",
+    "usable",
     "walk",
 ]

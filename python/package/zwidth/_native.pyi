@@ -23,11 +23,14 @@ __all__ = [
     "grid",
     "hit",
     "identify",
+    "identify_plan",
     "linear",
+    "peers",
     "replay",
     "study",
     "study_text",
     "sweep",
+    "usable",
     "velocity_table",
     "walk",
     "with_estimator",
@@ -123,6 +126,7 @@ def agree(
 ) -> dict[str, Any]: ...
 def replay(scene: Scene, capture: str, estimator: str | None, cutoff: float) -> dict[str, Any]: ...
 def identify(logs: list[str], base: Scene, asked: dict[str, Any]) -> dict[str, Any]: ...
+def identify_plan(scene: Scene) -> dict[str, Any]: ...
 def compare(
     scene: Scene,
     estimators: list[str] | None,
@@ -136,6 +140,25 @@ def compare(
 def explain(
     scene: Scene,
     damping: float | None,
+    budget: int,
+    repeat: int,
+    engine: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+def peers(
+    scene: Scene,
+    limits: list[float | str],
+    steps: list[float] | None,
+    repeat: int,
+    engine: str,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+def usable(
+    scene: Scene,
+    percents: list[float],
+    estimators: list[str] | None,
     budget: int,
     repeat: int,
     engine: str,

@@ -9,9 +9,9 @@ from typing import Any
 from . import _native
 from .results import Table, _Table
 from .scene import Scene
-from .studies import Engine, Progress
+from .studies import Engine, Progress, _floats
 
-__all__ = ["Comparison", "Explanation", "Winner", "compare", "explain"]
+__all__ = ["Comparison", "Explanation", "Peers", "Usable", "Winner", "compare", "explain", "peers", "usable"]
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,48 @@ class Explanation(_Table):
         return self.table.columns()
 
 
+@dataclass(frozen=True, eq=False)
+class Peers(_Table):
+    """The defaults of other systems, untuned, beside the scene's own estimator and the true velocity.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    table : Table
+        One row for each loop, estimator and limit, with the columns of the command line's ``peers.csv``.
+    notes : tuple of str
+        What a reader must know beside the numbers: defaults that cannot run at the scene's rate.
+    """
+
+    scene: str
+    table: Table
+    notes: tuple[str, ...]
+
+    def columns(self) -> dict[str, Any]:
+        return self.table.columns()
+
+
+@dataclass(frozen=True, eq=False)
+class Usable(_Table):
+    """Walls that are stable and rendered as commanded, each estimator tuned for each limit.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    table : Table
+        One row for each limit and estimator, the largest area first, with the columns of the command line's
+        ``usable.csv``; ``within_percent`` is NaN where any error counts.
+    """
+
+    scene: str
+    table: Table
+
+    def columns(self) -> dict[str, Any]:
+        return self.table.columns()
+
+
 def compare(
     scene: Scene,
     *,
@@ -207,6 +249,87 @@ def explain(
         damping_n_s_per_m=made["damping_n_s_per_m"],
         answers=tuple(made["answers"]),
     )
+
+
+def peers(
+    scene: Scene,
+    *,
+    limits: Iterable[float | str] = (15e-6, 5e-6, 2e-6, 1e-6, "felt"),
+    steps: tuple[float, float] | None = None,
+    repeat: int = 4,
+    engine: Engine = "lanes",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Peers:
+    """Walk with the velocity filters that other systems have by default, untuned.
+
+    Beside them stand the scene's own estimator, at 500 and 1500 Hz if it has a cutoff, and the true velocity; in the
+    scene's own loop, and with the latency and output of each board. With the scene's own steps it takes minutes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Device and experiment.
+    limits : iterable of float or str
+        RMS of the true motion, m; ``"felt"`` for the scene's sensation level, ``"felt=10"`` for another one, dB.
+    steps : tuple of float, optional
+        Steps of K, N/m, and B, N s/m, of the walks, which are also the first ones; by default a quarter and a half of
+        the scene's.
+    repeat : int
+        Walks each, from starts that are spread over a count.
+    engine, threads
+        As in :func:`walk`.
+    progress : callable, optional
+        Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+
+    Raises
+    ------
+    ValueError
+        Something is out of range or no limit, or the handle does not reach the wall.
+    """
+    asked = [limit if isinstance(limit, str) else float(limit) for limit in limits]
+    made = _native.peers(scene._native, asked, _floats(steps), repeat, engine, threads, progress)
+    return Peers(scene=scene.name, table=Table(made["table"]), notes=tuple(made["notes"]))
+
+
+def usable(
+    scene: Scene,
+    *,
+    percents: Iterable[float] = (5, 10, 20),
+    estimators: Iterable[str] | None = None,
+    budget: int = 24,
+    repeat: int = 4,
+    engine: Engine = "lanes",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Usable:
+    """Tune estimators for the walls that are stable and whose rendered impedance is off by no more than a limit.
+
+    Limit, criterion, push, arm, latency and output period are the scene's: :meth:`Scene.replace` sets others. With the
+    usual estimators and the scene's own steps it takes minutes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Device and experiment; its own estimator does not matter.
+    percents : iterable of float
+        Limits of the largest error from 1 to 30 Hz, % of the magnitude of K + jwB, 0.1 to 1000; any error is a last
+        one.
+    estimators : iterable of str, optional
+        Their names; by default the usual ones of each kind that the scene can feed.
+    budget, repeat, engine, threads, progress
+        As in :func:`compare`.
+
+    Raises
+    ------
+    ValueError
+        Something is out of range or empty, an estimator is unknown or the scene cannot feed it, or the handle does not
+        reach the wall.
+    """
+    named = None if estimators is None else list(estimators)
+    asked = _floats(percents) or []
+    made = _native.usable(scene._native, asked, named, budget, repeat, engine, threads, progress)
+    return Usable(scene=scene.name, table=Table(made["table"]))
 
 
 def _winner(told: dict[str, Any]) -> Winner:

@@ -13,7 +13,7 @@ from . import _native
 from .results import Path, Table, _Table
 from .scene import Scene
 
-__all__ = ["EncoderTerm", "Estimate", "Identification", "Residual", "TermTest", "identify"]
+__all__ = ["EncoderTerm", "Estimate", "Identification", "Plan", "Residual", "TermTest", "identify", "identify_plan"]
 
 Term = Literal["friction", "amplifier", "offset", "phase"]
 
@@ -184,6 +184,40 @@ class Identification(_Table):
         return self.fits[0].columns()
 
 
+@dataclass(frozen=True, eq=False)
+class Plan(_Table):
+    """Pulses that identify a scene's device. As a table it is :attr:`pulses`.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    start_m, push_n : float
+        Where each pulse starts, m; the train's force, N.
+    pulses : Table
+        In their order: force ``push_n``, N, duration ``seconds``, s, and by the scene's device how far it goes from the
+        start, ``excursion_m``, m, and how fast, ``speed_m_per_s``, m/s.
+    force_rms_n, continuous_force_n : float
+        RMS of the force over the whole train, pauses included, and what the motor stands for ever, N.
+    guessed : tuple of str
+        Limits that are not in the scene: guesses.
+    console : tuple of str
+        Lines for the board's console. These and `guessed` are in the scene's units, all else is at the handle.
+    """
+
+    scene: str
+    start_m: float
+    push_n: float
+    pulses: Table
+    force_rms_n: float
+    continuous_force_n: float
+    guessed: tuple[str, ...]
+    console: tuple[str, ...]
+
+    def columns(self) -> dict[str, Any]:
+        return self.pulses.columns()
+
+
 def identify(
     records: Path | Iterable[Path],
     *,
@@ -297,4 +331,31 @@ def identify(
         notes=tuple(made["notes"]),
         fits=tuple(Table(fit) for fit in made["fits"]),
         _scene=Scene._of(made["scene"]) if "scene" in made else made["refused"],
+    )
+
+
+def identify_plan(scene: Scene) -> Plan:
+    """Plan the pulses that identify a scene's device: as strong as travel, speed and motor allow.
+
+    **It moves.** The plan takes the scene's own mass, damping, spring and friction: with a first guess of a device
+    begin with a tenth of the force, hands off and clear of the whole way.
+
+    Parameters
+    ----------
+    scene : Scene
+        The device on its board.
+
+    Raises
+    ------
+    ValueError
+        The travel leaves no room for pulses.
+    """
+    made = _native.identify_plan(scene._native)
+    pulses: list[dict[str, float]] = made.pop("pulses")
+    of_pulse = ("push_n", "seconds", "excursion_m", "speed_m_per_s")
+    return Plan(
+        pulses=Table({name: np.array([pulse[name] for pulse in pulses]) for name in of_pulse}),
+        guessed=tuple(made.pop("guessed")),
+        console=tuple(made.pop("console")),
+        **made,
     )
