@@ -192,6 +192,20 @@ def compare(
     ValueError
         Something is out of range, an estimator is unknown or the scene cannot feed it, or the handle does not reach the
         wall.
+
+    Examples
+    --------
+    Coarse steps and a small budget are quick, and their areas too small:
+
+    >>> steps = {"stiffness_step_n_per_m": 20e3, "damping_step_n_s_per_m": 200.0}
+    >>> scene = Scene.load("paper-2um").replace(walk=steps)
+    >>> made = compare(scene, estimators=["butterworth", "first-order"], budget=3, repeat=2)
+    >>> made.table["estimator"].tolist()
+    ['butterworth', 'first-order']
+    >>> (made.table["area_n2_s_per_m2"] / 1e6).round(1).tolist()  # 10^6 N^2 s/m^2
+    [4.8, 13.2]
+    >>> made.winners[0].criterion, made.winners[0].best
+    ('area_n2_s_per_m2', ('first-order',))
     """
     named = None if estimators is None else list(estimators)
     made = _native.compare(scene._native, named, damping, budget, repeat, engine, threads, progress)

@@ -112,6 +112,15 @@ class Estimator:
         Notes
         -----
         After an exception, Ctrl-C too, the state is the one before the call.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> estimator = Estimator("butterworth", Scene.load("paper-1um"), cutoff=500)
+        >>> estimator.process(np.arange(4)).round(6).tolist()
+        [0.0, 0.000198, 0.000903, 0.002077]
+        >>> estimator.process(np.arange(4, 8)).round(6).tolist()  # it goes on
+        [0.00346, 0.004868, 0.00618, 0.007328]
         """
         counts = np.asarray(counts)
         if counts.dtype.kind not in "iu":

@@ -349,6 +349,14 @@ def identify_plan(scene: Scene) -> Plan:
     ------
     ValueError
         The travel leaves no room for pulses.
+
+    Examples
+    --------
+    >>> made = identify_plan(Scene.load("paper-1um"))
+    >>> (made.pulses["excursion_m"] * 1e3).round(2).tolist()  # mm
+    [21.17, 21.17, 20.36, 20.36]
+    >>> "; ".join(made.console)
+    'zero; k 0; b 0; arm; wait 1; start 0.051700; pulses 2.9530; wait 21; disarm'
     """
     made = _native.identify_plan(scene._native)
     pulses: list[dict[str, float]] = made.pop("pulses")

@@ -49,8 +49,11 @@ class Scene:
 
         Examples
         --------
-        >>> Scene.load("paper-1um").name
-        'paper-1um'
+        >>> scene = Scene.load("paper-1um")
+        >>> scene
+        Scene('paper-1um')
+        >>> scene.to_dict()["encoder"]["resolution_m"]
+        1e-06
         """
         return cls._of(_Scene.load(os.fspath(name_or_path)))
 
@@ -98,6 +101,10 @@ class Scene:
         >>> coarse = Scene.load("paper-1um").replace({"encoder.resolution_m": 4e-6})
         >>> coarse.to_dict()["encoder"]["resolution_m"]
         4e-06
+        >>> coarse.replace(encoder={"resolution_m": 0})
+        Traceback (most recent call last):
+            ...
+        ValueError: paper-1um: encoder.resolution_m is 0, allowed 0.00000001 to 0.001
         """
         flat = dict(changes or {})
         for table, keys in tables.items():

@@ -54,6 +54,15 @@ def hit(
     ------
     ValueError
         Something is out of range; the line names it, its value and what is allowed.
+
+    Examples
+    --------
+    >>> scene = Scene.load("paper-2um")
+    >>> made = hit(scene, stiffness=10e3, damping=30.0, cutoff=500)
+    >>> made.verdict, round(made.rms_m * 1e6, 3), round(made.peak_penetration_m * 1e3, 3)  # um, mm
+    ('stable', 0.998, 7.117)
+    >>> hit(scene, stiffness=200e3, damping=30.0, cutoff=500).verdict
+    'unstable'
     """
     made = _native.hit(scene._native, stiffness, damping, cutoff, start_offset, numeric, trace)
     samples = made.pop("trace", None)
@@ -96,6 +105,19 @@ def walk(
     ------
     ValueError
         Something is out of range, or the first wall of the walk is unstable, with what to change.
+
+    Examples
+    --------
+    Coarse steps are quick:
+
+    >>> steps = {"stiffness_step_n_per_m": 10e3, "damping_step_n_s_per_m": 100.0}
+    >>> made = walk(Scene.load("paper-2um").replace(walk=steps), cutoff=500)
+    >>> made.damping_n_s_per_m.tolist()
+    [10.0, 110.0, 210.0, 310.0, 410.0, 510.0]
+    >>> made.stiffness_n_per_m.tolist()
+    [2000.0, 52000.0, 62000.0, 62000.0, 42000.0, 22000.0]
+    >>> round(made.area), made.hits
+    (24200000, 23)
     """
     made = _native.walk(scene._native, cutoff, start_offset, engine, numeric, threads)
     return Walk(scene=scene.name, **made)
@@ -130,6 +152,17 @@ def sweep(
     ------
     ValueError
         Something is out of range, or the handle does not reach the wall.
+
+    Examples
+    --------
+    >>> steps = {"stiffness_step_n_per_m": 10e3, "damping_step_n_s_per_m": 100.0}
+    >>> made = sweep(Scene.load("paper-2um").replace(walk=steps), cutoffs=[100, 500, 2000], repeat=2)
+    >>> (made.area / 1e6).round(2).tolist()  # 10^6 N^2 s/m^2
+    [1.4, 24.2, 35.2]
+    >>> made.ideal_cutoff_hz
+    2000.0
+    >>> made.notes[1]
+    'the ideal range touches an end of the cutoffs that were tried; it may go on beyond'
     """
     made = _native.sweep(scene._native, _floats(cutoffs), repeat, engine, numeric, threads, progress)
     cutoffs_hz = made["cutoffs_hz"]
@@ -177,6 +210,15 @@ def grid(
     ------
     ValueError
         Something is out of range or empty.
+
+    Examples
+    --------
+    >>> scene = Scene.load("paper-2um")
+    >>> made = grid(scene, stiffnesses=[10e3, 40e3, 160e3], dampings=[10, 100], cutoffs=[500])
+    >>> made.stable.tolist()  # by cutoff, B and K
+    [[[False, False, False], [True, True, False]]]
+    >>> (made.rms_m[0, 1] * 1e6).round(2).tolist()  # um
+    [1.02, 1.35, 868.12]
     """
     made = _native.grid(
         scene._native,
@@ -223,6 +265,14 @@ def linear(
     ------
     ValueError
         Something is out of range, or the estimator is no linear function of the position alone.
+
+    Examples
+    --------
+    >>> made = linear(Scene.load("paper-2um"), dampings=[0, 30, 300], cutoff=500, passivity=True)
+    >>> made.stiffness_max_n_per_m.round().tolist()
+    [110414.0, 571914.0, 1451017.0]
+    >>> made.stiffness_passive_n_per_m.round().tolist()  # 0: none
+    [110390.0, 0.0, 0.0]
     """
     made = _native.linear(scene._native, cutoff, _floats(dampings) or [], multirate, passivity)
     return Linear(scene=scene.name, left_out=tuple(made.pop("left_out")), **made)
@@ -251,6 +301,23 @@ def study(
     ------
     ValueError
         A key or value is wrong, or a scene with its changes; the line names it and what is allowed.
+
+    Examples
+    --------
+    >>> made = study(
+    ...     {
+    ...         "measure": "hit",
+    ...         "scenes": ["paper-2um"],
+    ...         "cutoffs_hz": [500],
+    ...         "stiffnesses": [10e3, 40e3],
+    ...         "dampings": [100],
+    ...         "product": {"actuator.latency": [5, 20]},
+    ...     }
+    ... )
+    >>> made.points, made.table["actuator.latency"].tolist()
+    (4, [5.0, 5.0, 20.0, 20.0])
+    >>> made.table["verdict"].tolist()
+    ['stable', 'stable', 'stable', 'unstable']
     """
     asked = dict(study) if isinstance(study, Mapping) else fspath(study)
     made = _native.study(asked, engine, numeric, threads, progress)
