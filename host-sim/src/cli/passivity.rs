@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common,
-    limits::{Asked, Limits, Pair, check, finer, pair, parse},
+    limits::{Limits, Pair, pair, parse},
     list::{self, List},
     progress,
     shared::check_cutoffs,
@@ -29,6 +29,7 @@ use crate::{
     study::{
         asked::{no_cutoff, prepare},
         limits::Limit,
+        limits_asked::{Names, check, finer},
         sweep::ascending,
     },
 };
@@ -57,6 +58,7 @@ pub struct PassivityArgs {
     repeat: u32,
 }
 
+const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 const LIMITS: &str = "15e-6,1e-6";
 const CUTOFFS_HZ: [f64; 2] = [500.0, 1500.0];
 
@@ -97,18 +99,12 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
     let units = scene.scene.units;
     let acceleration_m_per_s2 = args.acceleration.unwrap_or_else(|| scene.scene.acceleration());
     let table = PassivityTable { acceleration_m_per_s2: Some(acceleration_m_per_s2) };
-    let felt_db = scene.scene.wall_hit.felt_limit_db;
-    let limits = args.limits.0.iter().map(|limit| match limit {
-        Asked::Rms(limit_m) => Limit::Rms(*limit_m),
-        Asked::Felt => Limit::Felt(felt_db),
-        Asked::FeltAt(level_db) => Limit::Felt(*level_db),
-    });
-    let limits: Vec<Limit> = limits.collect();
+    let limits: Vec<Limit> = args.limits.0.iter().map(|limit| limit.of(&scene.scene)).collect();
     let walk = match args.steps {
         None => scene.scene.walk,
-        steps => finer(&scene.scene, steps, None),
+        Some(steps) => finer(&scene.scene, Some(steps.at_handle(&scene.scene)), None),
     };
-    check(&scene.scene, &limits, walk)?;
+    check(&scene.scene, &limits, walk, NAMES)?;
     let cutoffs_hz = match (&args.cutoffs, scene.scene.velocity.has_cutoff()) {
         (Some(list), true) => ascending(&list.0),
         (None, true) => CUTOFFS_HZ.to_vec(),
