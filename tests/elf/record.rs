@@ -103,7 +103,7 @@ fn an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong(board: Board) 
     for (record, why) in [
         (vec![], "there is none"),
         (foreign, "what is in its place is none"),
-        (later, "its layout is 4, this firmware takes 3"),
+        (later, "its layout is 5, this firmware takes 4"),
         (whole[..whole.len() - 4].to_vec(), "it is damaged: its checksum is wrong"),
         (damaged, "it is damaged: its checksum is wrong"),
         (others, &format!("it is for the board {}", other.name)),

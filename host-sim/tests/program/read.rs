@@ -77,7 +77,7 @@ fn what_is_no_record_is_one_line_and_an_old_one_says_what_to_do() {
     let mut damaged = good.clone();
     damaged[500] ^= 1;
     for (bytes, why) in [
-        (old, "its layout is 2, this firmware takes 3; make it anew: cargo sim prepare"),
+        (old, "its layout is 2, this firmware takes 4; make it anew: cargo sim prepare"),
         (damaged, "it is damaged: its checksum is wrong"),
         (good[..400].to_vec(), "its length is"),
         (b"hello".to_vec(), "what is in its place is none"),

@@ -304,7 +304,7 @@ mod tests {
         let mut old = built_in("nucleo-f446re");
         old[0] = old[0] & 0x00FF_FFFF | 2 << 24;
         let error = device(&old).unwrap_err().to_string();
-        assert!(error.contains("its layout is 2, this firmware takes 3; make it anew"), "{error}");
+        assert!(error.contains("its layout is 2, this firmware takes 4; make it anew"), "{error}");
         assert!(
             device(&[0; 200]).unwrap_err().to_string().contains("what is in its place is none")
         );
