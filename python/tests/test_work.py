@@ -143,6 +143,7 @@ def late(*_):
 signal.signal(signal.SIGALRM, late)
 walls = {"cutoffs": [500], "dampings": [10], "stiffnesses": [2000 + n for n in range(100_000)]}
 scene = zwidth.Scene.load("paper-1um")
+before = len(os.listdir("/proc/self/task"))
 one = zwidth.walk(scene, cutoff=500)
 
 def resident():
@@ -154,7 +155,6 @@ def settled():
         time.sleep(0.01)
     return resident()
 
-before = len(os.listdir("/proc/self/task"))
 sizes = []
 for n in range(60):
     signal.setitimer(signal.ITIMER_REAL, 0.01)
@@ -163,7 +163,8 @@ for n in range(60):
     except Late:
         sizes.append(settled())
 assert len(sizes) == 60, len(sizes)
-assert len(os.listdir("/proc/self/task")) == before
+after = len(os.listdir("/proc/self/task"))
+assert after == before, (after, before)
 assert sizes[-1] < sizes[19] + 20e6, sizes
 again = zwidth.walk(scene, cutoff=500)
 assert (again.area, again.hits) == (one.area, one.hits)
