@@ -49,7 +49,7 @@ slots("docs/scenes.md", ("nominal cutoffs of the study | {} to {} of the rate ({
 slots(
     "docs/batch.md",
     ("This is checked every {} samples in lanes, every {} in the core.", const("host-sim/loop/src/engine/scheduler.rs", "CHUNK_SAMPLES"),
-     const("host-sim/loop/src/simulation/prepared.rs", "EARLY_CHECK_SAMPLES")),
+     const("host-sim/loop/src/simulation/prepared/run.rs", "EARLY_CHECK_SAMPLES")),
     ("| counts from one sample to the next | 2^{} |", lambda: constant("host-sim/loop/src/engine/scheduler.rs", r"JUMP_MAX: f64 = \(1 << (\d+)\)")),
 )
 slots(

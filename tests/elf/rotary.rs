@@ -15,8 +15,13 @@ each_board!(a_rotary_device_hits_as_the_same_one_at_its_handle);
 const RADIUS_M: f64 = 0.07;
 
 /// Units at the handle and about the axis; what is said there is what is said here times the radius to that power.
-const UNITS: [(&str, &str, i32); 4] =
-    [(" N s/m", " N m s/rad", 2), (" N/m", " N m/rad", 2), (" N", " N m", 1), (" m", " rad", -1)];
+const UNITS: [(&str, &str, i32); 5] = [
+    (" N s/m", " N m s/rad", 2),
+    (" N/m", " N m/rad", 2),
+    (" N", " N m", 1),
+    (" m", " rad", -1),
+    (" J", " J", 0),
+];
 
 /// A scene, and what is typed into its board.
 type Typed = (&'static str, [&'static str; 6]);
