@@ -85,7 +85,7 @@ impl Passive {
         let curve = |row: &PassiveRow| Curve {
             name: told(row),
             detail: told(row),
-            ideal: row.controller,
+            ideal: false,
             points: row.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
         };
         zwidth(&ZwidthPlot {

@@ -24,6 +24,7 @@ mod identify_rotary;
 mod levers;
 mod limits;
 mod page;
+mod passivity;
 mod prepare;
 mod read;
 mod ready;
