@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, get_task_stream
 
 import zwidth
 from conftest import simulate
@@ -207,6 +207,26 @@ def test_workers_make_the_same_bytes(study: Path, whole: dict[str, bytes], tmp_p
         assert made.units_made == UNITS
         assert read(tmp_path / "out") == whole
         assert zwidth.run_study(study, tmp_path / "out", client=client, resume=True).units_made == 0
+
+
+@pytest.mark.skipif(KILLS < 2, reason="half a minute on idle cores; .ci/long dask asks for it")
+def test_the_engine_costs_little_beside_units_of_seconds(tmp_path: Path) -> None:
+    def spread(n: int, low: float, high: float) -> list[float]:
+        return [low + (high - low) * i / (n - 1) for i in range(n)]
+
+    keys = {"measure": "hit", "scenes": ["paper-2um"], "cutoffs_hz": spread(10, 300, 3000), "stiffnesses": spread(400, 1e3, 1e5),
+            "dampings": spread(300, 0, 300), "points_per_unit": 150_000}
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local, Client(local) as client:
+        with get_task_stream(client) as seen:
+            begun = time.monotonic()
+            zwidth.run_study(keys, tmp_path / "out", client=client)
+            wall_s = time.monotonic() - begun
+    parts = [part for task in seen.data for part in task["startstops"] if part["action"] == "compute"]
+    units_s = [part["stop"] - part["start"] for part in parts]
+    overhead = 2 * wall_s / sum(units_s) - 1
+    print(f"{len(units_s)} units of {min(units_s):.2f} to {max(units_s):.2f} s on 2 workers in {wall_s:.2f} s: overhead {100 * overhead:.1f} %")
+    assert len(units_s) == 8 and min(units_s) > 3
+    assert overhead < 0.05
 
 
 def test_units_that_cannot_be_made_are_named(tmp_path: Path) -> None:

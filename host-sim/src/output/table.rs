@@ -128,6 +128,7 @@ const UNITS: &[(&str, &str, bool)] = &[
     ("_s", "s", false),
     ("_n", "N", false),
     ("_v", "V", false),
+    ("_j", "J", false),
     ("_m", "m", false),
     ("_fraction", "1", false),
     ("_counts", "counts", true),
