@@ -7,8 +7,8 @@
 //! d      counts since the last output
 //! r1     max(0, change_1 - d latency / period)      the most that it can come out while the old force acts
 //! r2     max(1, change_2 - d)                       and while the new one acts
-//! left   energy + reserve - old r1
-//! wall   within +-max(0, left) / (2 r2)             for a wall that pulls: d with the other sign
+//! left   energy + reserve - old r1, but at least reserve / 4096
+//! wall   within +-left / (2 r2)             for a wall that pulls: d with the other sign
 //! ```
 //!
 //! `change_1` and `change_2` say by how many counts motion can differ from that of the last output: with an acceleration
@@ -16,10 +16,12 @@
 //! of the quantisation.
 //!
 //! **What holds.** As long as the handle accelerates no more than that, the wall gives at most the reserve in each
-//! contact, whatever is at the port and however the estimator errs: what the old force may give is set aside before the
-//! new one is granted, and the new one gives at most half of the rest. A motion that accelerates more costs the force
-//! times what it exceeds. The reserve is `2 change_2` counts at full scale, so that a contact that has taken as much as
-//! it has given has the whole force when it stands still.
+//! contact, and an 8192th of it for each output at which the account was spent, whatever is at the port and however the
+//! estimator errs: what the old force may give is set aside before the new one is granted, and the new one gives at most
+//! half of the rest. A motion that accelerates more costs the force times what it exceeds, and that is forgiven. The least that is granted
+//! lets a spent account recover: a handle that is pushed in finds a wall again. The reserve is `2 change_2` counts at full
+//! scale, and with a latency `change_1 + 1` more, so that a contact that has taken as much as it has given has the whole
+//! force when it stands still.
 //!
 //! Why not the variable damper of Hannaford and Ryu: it divides the deficit by the velocity, which is one count or none at
 //! a period of 1 ms and pays only if the motion goes on as it was; its bound would be this one at each reversal.
@@ -109,9 +111,16 @@ impl Passivity {
         Self { period, changes: [counts((l * (p + l)).div_ceil(2)), counts(p * (p + l))], ..self }
     }
 
-    /// The most that a contact may give, LSB of force times counts.
+    /// Counts by which motion can differ from that of the last output, while the new force acts.
+    pub fn change(&self) -> i32 {
+        self.changes[1]
+    }
+
+    /// The most that a contact may give, LSB of force times counts, before it is [spent](SPENT).
     pub fn reserve(&self) -> i64 {
-        2 * i64::from(self.changes[1]) * i64::from(Force::FULL_SCALE.bits())
+        let [before, after] = self.changes.map(i64::from);
+        let meanwhile = if self.latency > 0 { before + 1 } else { 0 };
+        (2 * after + meanwhile) * i64::from(Force::FULL_SCALE.bits())
     }
 }
 
@@ -121,6 +130,8 @@ pub struct PassiveWall {
     port: PortEnergy,
     /// At the last output.
     last: Position,
+    /// What the contact has given beyond the reserve.
+    forgiven: i64,
     /// On its way to the handle, with the contact of its output; acts when `wait` comes to none.
     pending: (i64, bool),
     wait: u32,
@@ -130,7 +141,7 @@ impl PassiveWall {
     /// No wall acts on the handle, which is at `position`.
     pub const fn new(position: Position) -> Self {
         let port = PortEnergy::new(position);
-        Self { port, last: position, pending: (0, false), wait: 0 }
+        Self { port, last: position, forgiven: 0, pending: (0, false), wait: 0 }
     }
 
     /// The account.
@@ -165,13 +176,26 @@ impl PassiveWall {
 
     /// What the wall may give where it `wants` that much, LSB of force, out of it positive; at most two full scales.
     #[inline]
-    pub fn limit(&self, plan: &Passivity, wants: i64, contact: bool, position: Position) -> i64 {
+    pub fn limit(
+        &mut self,
+        plan: &Passivity,
+        wants: i64,
+        contact: bool,
+        position: Position,
+    ) -> i64 {
         let mut port = self.port;
         port.moved(position);
         let d = i64::from(position.wrapping_since(self.last));
         let fresh = contact && !port.contact();
-        let energy = if fresh { 0 } else { port.energy() };
-        let left = energy.saturating_add(plan.reserve()).saturating_sub(self.committed(plan, d));
+        let reserve = plan.reserve();
+        // A blow may take more than there is: it is forgiven, or the wall would be none for the rest of the contact.
+        self.forgiven = match port.energy() {
+            _ if fresh => 0,
+            energy => self.forgiven.max(reserve.saturating_add(energy).saturating_neg()),
+        };
+        let energy = if fresh { 0 } else { port.energy().saturating_add(self.forgiven) };
+        let left = energy.saturating_add(reserve).saturating_sub(self.committed(plan, d));
+        let left = left.max(reserve >> SPENT);
         // outward for a wall that pushes
         let along = if wants < 0 { d } else { -d };
         let worst = (along + i64::from(plan.changes[1])).clamp(1, MOTION_MAX.into());
@@ -217,6 +241,10 @@ impl PassiveWall {
     }
 }
 
+/// An account with less than that part of the reserve is spent, and has that much: half of it is the most that an output
+/// then gives. Without it a wall whose account is exactly spent would give nothing for the rest of the contact.
+pub const SPENT: u32 = 12;
+
 /// No motion is more, counts: products with two full scales stay below 2^62.
 const MOTION_MAX: i32 = 1 << 29;
 
@@ -227,7 +255,7 @@ fn within_budget(wants: i64, left: i64, worst: i64) -> i64 {
     if wants.abs().saturating_mul(most) <= left {
         return wants;
     }
-    let limit = left.max(0) / most;
+    let limit = left / most;
     wants.max(-limit).min(limit)
 }
 
@@ -289,13 +317,41 @@ mod tests {
             wall.render(&plan, FULL, true, at(place));
         }
         assert!(wall.port().given() > reserve / 2, "{}", wall.port().given());
-        assert!(wall.port().given() <= reserve);
+        assert!(wall.port().given() <= reserve + 200 * (reserve >> (SPENT + 1)));
         assert!(wall.port().wall() < FULL / 1000);
         for _ in 0..100 {
             place += 40;
             wall.render(&plan, FULL, true, at(place));
         }
         assert_eq!(wall.port().wall(), FULL);
+    }
+
+    /// Whatever has spent it, a blow that accelerates more than was told: pushed in it becomes a wall again.
+    #[test]
+    fn a_spent_account_recovers_with_the_way_in() {
+        let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
+        wall.render(&plan, FULL, true, at(0));
+        wall.render(&plan, FULL, true, at(-5000));
+        assert!(wall.port().energy() < -plan.reserve());
+        let deficit = wall.port().energy();
+        let mut place = -5000;
+        let ways = (1..=400).take_while(|_| {
+            place += 30;
+            wall.render(&plan, FULL, true, at(place)) < FULL
+        });
+        let outputs = ways.count();
+        assert!(outputs < 400 && wall.port().energy() > deficit, "{outputs}");
+    }
+
+    #[test]
+    fn with_a_latency_too_it_has_the_whole_force_where_it_stands_still() {
+        let (plan, mut wall) = (plan(28.0, 10, 10), PassiveWall::new(at(0)));
+        for n in 0..100 {
+            wall.sample(at(0));
+            if n % 10 == 0 {
+                assert_eq!(wall.render(&plan, FULL, true, at(0)), FULL);
+            }
+        }
     }
 
     #[test]
@@ -305,7 +361,7 @@ mod tests {
             wall.render(&plan, FULL, true, at(-20 * n));
             wall.render(&plan, 0, true, at(-20 * n)); // a wall that gives nothing for once
         }
-        assert!(wall.port().given() <= plan.reserve());
+        assert!(wall.port().given() <= plan.reserve() + 400 * (plan.reserve() >> (SPENT + 1)));
         wall.render(&plan, 0, false, at(-10_000));
         assert_eq!(wall.render(&plan, FULL, true, at(-10_000)), FULL);
         assert_eq!(wall.port().energy(), 0);
@@ -360,7 +416,8 @@ mod tests {
                 let a = if hard { push.signum() } else { *push } * per_sample;
                 place += speed + a / 2.0;
                 speed += a;
-                prop_assert!(wall.port().given() <= plan.reserve(), "{} of {}", wall.port().given(), plan.reserve());
+                let most = plan.reserve() + i64::from(outputs) * (plan.reserve() >> (SPENT + 1));
+                prop_assert!(wall.port().given() <= most, "{} of {most}", wall.port().given());
             }
         }
     }

@@ -100,10 +100,13 @@ impl PortEnergy {
         self.given
     }
 
-    /// Begins anew what [`given`](Self::given) says.
+    /// Begins anew what [`given`](Self::given) says; out of contact the last account is closed.
     #[inline]
     pub fn forget(&mut self) {
         self.given = 0;
+        if !self.contact {
+            self.energy = 0;
+        }
     }
 }
 
@@ -153,6 +156,17 @@ mod tests {
         assert_eq!((port.energy(), port.given()), (30, 7000));
         port.forget();
         assert_eq!(port.given(), 0);
+        port.acts(1000, true, at(503));
+        port.acts(0, false, at(500));
+        assert_eq!((port.energy(), port.given()), (-3000, 3000));
+        port.forget();
+        port.moved(at(499));
+        assert_eq!(
+            (port.energy(), port.given()),
+            (0, 0),
+            "the account of a contact before is closed"
+        );
+        port.moved(at(503));
         port.acts(10, true, at(3));
         port.rename(at(0));
         port.acts(0, false, at(1));

@@ -87,6 +87,7 @@ impl Scene {
             ("encoder_error", self.encoder_error.is_some()),
             ("encoder_noise", self.encoder_noise.is_some()),
             ("jitter", self.jitter.is_some()),
+            ("passivity", self.passivity.is_some()),
         ]
         .into_iter()
         .filter_map(|(name, present)| present.then_some(name))
