@@ -160,7 +160,7 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     (scene, wall)
 }
 
-/// What is promised: with the controller no contact gives more than the reserve, and an 8192th of it for each output at
+/// What is promised: with the controller no contact gives more than the reserve, and 2^-21 of it for each output at
 /// which it was spent, as long as the counts' motion changes by no more than the acceleration allows.
 #[test]
 fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
@@ -199,7 +199,7 @@ fn campaign(scenes: u32, told: bool) {
         let is_allowed = passive.change <= allowed;
         faster += u32::from(!is_allowed);
         let given_j = passive.report.port.given_j;
-        let most_j = reserve_j * (1.0 + f64::from(passive.outputs) / 8192.0);
+        let most_j = reserve_j * (1.0 + f64::from(passive.outputs) / 2f64.powi(21));
         assert!(!is_allowed || given_j <= most_j, "{n}: {given_j} of {most_j} J, {wall:?}");
         // the true motion: a count at each change of force, and a fraction of a sample in which it changes
         let unseen_j = passive.unseen_j * 2.0;
