@@ -12,7 +12,6 @@ use super::{
 use crate::{
     analysis::passive::{Hits, PassiveRow, PassiveStudy},
     scene::NamedScene,
-    study::limits::Limit,
 };
 
 /// One row of the JSON.
@@ -28,36 +27,9 @@ pub struct PassiveArea {
     stiffness_peak_n_per_m: f64,
     capped_walks: usize,
     /// Hits at the boundary without the controller.
-    at_boundary_without: HitsTold,
+    at_boundary_without: Hits,
     /// At that with it.
-    at_boundary_with: Option<HitsTold>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct HitsTold {
-    walls: usize,
-    given_j: f64,
-    walls_beyond_reserve: usize,
-    limited_fraction: f64,
-    withheld_fraction: f64,
-    saturated_fraction: f64,
-    rms_motion_m: f64,
-    roughness_n: f64,
-}
-
-impl HitsTold {
-    fn of(hits: &Hits) -> Self {
-        Self {
-            walls: hits.walls,
-            given_j: hits.given_j,
-            walls_beyond_reserve: hits.beyond,
-            limited_fraction: hits.limited_fraction,
-            withheld_fraction: hits.withheld_fraction,
-            saturated_fraction: hits.saturated_fraction,
-            rms_motion_m: hits.rms_motion_m,
-            roughness_n: hits.roughness_n,
-        }
-    }
+    at_boundary_with: Option<Hits>,
 }
 
 /// A finished study.
@@ -150,12 +122,9 @@ fn told(row: &PassiveRow) -> String {
 }
 
 fn area(row: &PassiveRow) -> PassiveArea {
-    let (limit, limit_unit) = match row.limit {
-        Limit::Rms(metres) => (metres, "m"),
-        Limit::Felt(db) => (db, "dB"),
-    };
+    let (limit, limit_unit) = row.limit.told();
     let [low, high] = row.boundaries.area_range();
-    let [without, with] = &row.hits;
+    let [without, with] = row.hits;
     PassiveArea {
         cutoff_hz: (row.cutoff_hz > 0.0).then_some(row.cutoff_hz),
         limit,
@@ -166,7 +135,7 @@ fn area(row: &PassiveRow) -> PassiveArea {
         area_high_n2_s_per_m2: high,
         stiffness_peak_n_per_m: row.boundaries.stiffness_peak_n_per_m(),
         capped_walks: row.boundaries.capped(),
-        at_boundary_without: HitsTold::of(without),
-        at_boundary_with: row.controller.then(|| HitsTold::of(with)),
+        at_boundary_without: without,
+        at_boundary_with: row.controller.then_some(with),
     }
 }

@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::compare::roughness;
 use crate::{
@@ -45,13 +46,14 @@ impl PassiveQuestion {
 }
 
 /// Hits at walls of a boundary, each mean over the walls.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     /// How many walls.
     pub walls: usize,
     /// The most that one has given in a contact, J.
     pub given_j: f64,
     /// Walls that have given more than the reserve.
+    #[serde(rename = "walls_beyond_reserve")]
     pub beyond: usize,
     /// Outputs in contact that the controller has changed, as a fraction.
     pub limited_fraction: f64,
@@ -210,10 +212,7 @@ impl PassiveStudy {
             ("roughness_n", Number),
         ]);
         for row in &self.rows {
-            let (limit, unit) = match row.limit {
-                Limit::Rms(metres) => (metres, "m"),
-                Limit::Felt(db) => (db, "dB"),
-            };
+            let (limit, unit) = row.limit.told();
             let [low, high] = row.boundaries.area_range();
             let cutoff = (row.cutoff_hz > 0.0).then_some(row.cutoff_hz);
             for (walls_of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
