@@ -17,7 +17,7 @@ use crate::{
     Gain, Output,
     actuator::Actuator,
     experiment::{RmsLimit, RunningVariance},
-    units::{Demand, Force, Position, Velocity},
+    units::{Demand, Force, Offset, Position, Velocity},
     velocity::{Biquad, BiquadState, ButterworthDesign, CUTOFF_MAX, CUTOFF_MIN, FirstOrder},
     wall::Wall,
 };
@@ -124,7 +124,8 @@ fn products_walls_and_codes_never_overflow() {
                     let wall = Wall { surface, stiffness, damping, push_only };
                     for velocity in VELOCITY {
                         let velocity = Velocity::saturating_from_bits(velocity);
-                        let demand = wall.demand(Position::from_counts(position), velocity);
+                        let demand =
+                            wall.demand(Position::from_counts(position), Offset::NONE, velocity);
                         for push in [i32::MIN, 0, i32::MAX] {
                             let push = Force::saturating_from_bits(push);
                             let (force, _) = demand.against(push).saturate();

@@ -8,7 +8,7 @@ use crate::{
     CounterWidth,
     actuator::Actuator,
     encoder::Encoder,
-    units::{Demand, Force, Position, Velocity},
+    units::{Demand, Force, Offset, Position, Velocity},
     velocity::{self, Senses, Tuned},
     wall::Wall,
 };
@@ -36,6 +36,8 @@ pub struct Motion {
     pub position: Position,
     /// Velocity.
     pub velocity: Velocity,
+    /// What the wall's spring adds to the position; only where an output is due.
+    pub offset: Offset,
 }
 
 /// What a [`Sampler`] says to one sample.
@@ -129,13 +131,15 @@ impl Sampler {
         let sample = self.sample;
         self.sample = sample.wrapping_add(1);
         let due = self.until_due == 0;
+        let mut offset = Offset::NONE;
         if due {
             cold_path();
+            offset = control.estimator.offset(&self.velocity);
             self.until_due = control.period.get() - 1;
         } else {
             self.until_due -= 1;
         }
-        Sampled { motion: Motion { sample, position, velocity }, due }
+        Sampled { motion: Motion { sample, position, velocity, offset }, due }
     }
 }
 
@@ -159,7 +163,7 @@ impl LoopParameters {
     /// Both share the actuator's range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
-        let wall = self.wall.demand(motion.position, motion.velocity);
+        let wall = self.wall.demand(motion.position, motion.offset, motion.velocity);
         let (force, saturated) = wall.against(push).saturate();
         Drive { wall, force, contact: self.wall.penetration(motion.position) > 0, saturated }
     }
@@ -190,7 +194,8 @@ mod tests {
         let control = Settings { velocity, wall }.build(&design).unwrap();
         for (counts, contact) in [(999, false), (1000, false), (1001, true)] {
             let position = Position::from_counts(counts);
-            let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
+            let motion =
+                Motion { sample: 0, position, velocity: Velocity::ZERO, offset: Offset::NONE };
             assert_eq!(control.render(motion, Force::ZERO).contact, contact, "{counts}");
         }
     }

@@ -4,7 +4,7 @@
 
 use crate::{
     Gain,
-    units::{Demand, Position, Velocity},
+    units::{Demand, Offset, Position, Velocity},
 };
 
 /// A spring-damper wall in integer units; made by [`Settings::build`](crate::Settings::build).
@@ -47,21 +47,41 @@ impl Wall {
         position.saturating_since(self.surface)
     }
 
-    /// `K * penetration + B * velocity` while in contact, else zero; with `push_only` never
-    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
+    /// `K * (penetration + offset) + B * velocity` while in contact, else zero; with `push_only` never
+    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]), that of the spring with an offset
+    /// at +-2^15. The count alone says whether there is contact.
     #[inline]
-    pub fn demand(&self, position: Position, velocity: Velocity) -> Demand {
+    pub fn demand(&self, position: Position, offset: Offset, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);
         if penetration <= 0 {
             return Demand::ZERO;
         }
-        let spring = self.stiffness.apply(penetration);
+        let spring = if offset == Offset::NONE {
+            self.stiffness.apply(penetration)
+        } else {
+            self.spring(penetration, offset)
+        };
         let damper = self.damping.apply(velocity.bits());
         let limit = Gain::PRODUCT_LIMIT.unsigned_abs();
         let clipped = spring.unsigned_abs() >= limit || damper.unsigned_abs() >= limit;
         let total = spring + damper; // each within +-2^61
         let one_sided = if self.push_only { total.max(0) } else { total };
         Demand::from_bits(one_sided).clipped_if(clipped)
+    }
+
+    /// `K * (penetration + offset)`, rounded to nearest; [`Gain::PRODUCT_LIMIT`] where it saturates.
+    #[cold]
+    #[inline(never)] // so that the usual wall keeps its registers
+    fn spring(&self, penetration: i32, offset: Offset) -> i64 {
+        const HALF: i64 = 1 << (Offset::FRACTION_BITS - 1);
+        let depth = (i64::from(penetration) << Offset::FRACTION_BITS) + i64::from(offset.bits());
+        match self.stiffness.apply_wide(depth) {
+            // within 2^15 full scales
+            fine if fine.unsigned_abs() < Gain::PRODUCT_LIMIT.unsigned_abs() => {
+                (fine + HALF) >> Offset::FRACTION_BITS
+            }
+            all => all,
+        }
     }
 }
 
@@ -85,36 +105,42 @@ mod tests {
 
     #[test]
     fn the_surface_itself_is_not_in_contact() {
-        assert_eq!(wall(false).demand(at(100), Velocity::saturating_from_bits(50)), Demand::ZERO);
-        assert_eq!(wall(false).demand(at(101), Velocity::ZERO).bits(), 1000);
+        assert_eq!(
+            wall(false).demand(at(100), Offset::NONE, Velocity::saturating_from_bits(50)),
+            Demand::ZERO
+        );
+        assert_eq!(wall(false).demand(at(101), Offset::NONE, Velocity::ZERO).bits(), 1000);
     }
 
     #[test]
     fn spring_and_damper_add_and_only_a_bilateral_wall_pulls() {
         let out = Velocity::saturating_from_bits(-500);
-        assert_eq!(wall(false).demand(at(102), out).bits(), 2000 - 5000);
-        assert_eq!(wall(true).demand(at(102), out), Demand::ZERO);
+        assert_eq!(wall(false).demand(at(102), Offset::NONE, out).bits(), 2000 - 5000);
+        assert_eq!(wall(true).demand(at(102), Offset::NONE, out), Demand::ZERO);
     }
 
     #[test]
     fn far_positions_and_high_speeds_saturate() {
         let strong = Wall { stiffness: Gain::from_f64(2f64.powi(53)).unwrap(), ..wall(false) };
-        assert_eq!(strong.demand(at(i32::MAX), Velocity::ZERO).bits(), Gain::PRODUCT_LIMIT);
+        assert_eq!(
+            strong.demand(at(i32::MAX), Offset::NONE, Velocity::ZERO).bits(),
+            Gain::PRODUCT_LIMIT
+        );
         let low = Wall { surface: at(-(1 << 30)), ..strong };
         assert_eq!(low.penetration(at(i32::MAX)), i32::MAX);
         let fast = Velocity::saturating_from_bits(i32::MIN);
         let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
-        assert_eq!(viscous.demand(at(101), fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
+        assert_eq!(viscous.demand(at(101), Offset::NONE, fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
         // one of them alone is clipped, and the other takes nearly all of it off again: the sum is not known
         let slow = Velocity::saturating_from_bits(-32_767 << 16);
         let back = Gain::from_f64(1_073_774_593.0).unwrap(); // (2^61 - 2^16) / (32 767 x 2^16)
         let one = Wall { damping: back, ..strong };
-        assert_eq!(one.demand(at(i32::MAX), slow).bits(), 1 << 16);
-        assert!(one.demand(at(i32::MAX), slow).saturate().1);
+        assert_eq!(one.demand(at(i32::MAX), Offset::NONE, slow).bits(), 1 << 16);
+        assert!(one.demand(at(i32::MAX), Offset::NONE, slow).saturate().1);
         assert_eq!((one.stiffness(), one.damping()), (strong.stiffness, back));
         // both beyond the range, in opposite directions: the sum is not known, and said so
         let both = Wall { damping: viscous.damping, ..strong };
-        assert!(both.demand(at(i32::MAX), fast).saturate().1);
+        assert!(both.demand(at(i32::MAX), Offset::NONE, fast).saturate().1);
     }
 
     proptest! {
@@ -125,7 +151,7 @@ mod tests {
             let wall = wall(true);
             let velocity = Velocity::saturating_from_bits(velocity);
             let (shallow, deep) = (a.min(b), a.max(b));
-            let (f1, f2) = (wall.demand(at(shallow), velocity), wall.demand(at(deep), velocity));
+            let (f1, f2) = (wall.demand(at(shallow), Offset::NONE, velocity), wall.demand(at(deep), Offset::NONE, velocity));
             prop_assert!(f1.bits() >= 0 && f2.bits() >= f1.bits());
         }
     }

@@ -99,7 +99,8 @@ impl GainFade {
             None if same => within(drive.contact, wall, pushed, wanted + kept.correction),
             None => {
                 let old = &kept.wall;
-                let given = asked(old.demand(motion.position, motion.velocity)) + kept.correction;
+                let given = asked(old.demand(motion.position, motion.offset, motion.velocity))
+                    + kept.correction;
                 within(old.penetration(motion.position) > 0, old, pushed, given)
             }
         };
@@ -140,7 +141,7 @@ mod tests {
     use crate::{
         Gain,
         safety::SLEW,
-        units::{Position, Velocity},
+        units::{Offset, Position, Velocity},
     };
     use proptest::prelude::*;
 
@@ -158,6 +159,7 @@ mod tests {
             sample: 0,
             position: Position::from_counts(position),
             velocity: Velocity::saturating_from_bits(velocity),
+            offset: Offset::NONE,
         }
     }
 
@@ -167,7 +169,7 @@ mod tests {
     }
 
     fn drive(wall: &Wall, push: Force, at: Motion) -> Drive {
-        let demand = wall.demand(at.position, at.velocity);
+        let demand = wall.demand(at.position, at.offset, at.velocity);
         let (force, saturated) = demand.against(push).saturate();
         Drive { wall: demand, force, contact: wall.penetration(at.position) > 0, saturated }
     }

@@ -12,7 +12,7 @@ use core::hint::cold_path;
 use super::{Fault, FaultSet, SafetyPlan, Token};
 use crate::{
     CounterWidth, LoopParameters, Motion, Sampled, Sampler,
-    units::{Force, Position, Velocity},
+    units::{Force, Offset, Position, Velocity},
     velocity::Senses,
 };
 
@@ -69,7 +69,12 @@ pub struct SampleReport {
 impl SampleReport {
     /// Before the first one.
     pub const BEFORE: Self = Self {
-        motion: Motion { sample: 0, position: Position::from_counts(0), velocity: Velocity::ZERO },
+        motion: Motion {
+            sample: 0,
+            position: Position::from_counts(0),
+            velocity: Velocity::ZERO,
+            offset: Offset::NONE,
+        },
         present: FaultSet::EMPTY,
     };
 }

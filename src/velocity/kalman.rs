@@ -31,11 +31,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, Word, kept::kept};
+use super::{Form, Senses, Word, kept::kept, placed::Places};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
-    units::Velocity,
+    units::{Offset, Velocity},
 };
 
 /// Gains as real numbers.
@@ -181,6 +181,12 @@ impl Form for Kalman {
         let moved = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
         Velocity::saturating_from_bits(self.update(state, i64::from(moved)) as i32)
+    }
+}
+
+impl Places for Kalman {
+    fn offset(&self, state: &KalmanState) -> Offset {
+        Offset::saturating_from_bits(state.distance.rounded(FRACTION_BITS - Offset::FRACTION_BITS))
     }
 }
 

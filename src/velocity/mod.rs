@@ -6,6 +6,7 @@
 //! that a wide filter had from one flicker of the counts would carry a narrow one far away. [`Tuned`] is an estimator
 //! that knows its tuning from the one before, so that it comes into force whole, with one sample.
 
+mod ahead;
 #[cfg(feature = "estimators")]
 mod algebraic;
 mod biquad;
@@ -31,6 +32,7 @@ mod name;
 mod observer;
 mod observer_design;
 mod parameter;
+mod placed;
 mod polynomial;
 mod senses;
 mod table;
@@ -39,6 +41,7 @@ mod tracking;
 mod window_difference;
 mod word;
 
+pub use ahead::{AHEAD_MAX, Ahead};
 #[cfg(feature = "estimators")]
 pub use algebraic::{KAPPA, MU};
 pub use biquad::{Biquad, BiquadState, Shaping};
@@ -65,6 +68,7 @@ pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer, ObserverState};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
 pub use parameter::{Numbers, PARAMETERS, Parameter};
+pub use placed::Placed;
 pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use table::{Estimator, EstimatorName, VelocitySettings};
@@ -73,7 +77,7 @@ pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, RATIO, TrackingLoop};
 pub use window_difference::{DIFFERENCE_WINDOW_MAX, WindowDifference};
 pub use word::Word;
 
-use crate::units::{Position, Velocity};
+use crate::units::{Offset, Position, Velocity};
 use kept::{Bytes, Kept};
 use table::{Kind, Memory};
 
@@ -91,6 +95,11 @@ trait Form {
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
+    /// Position on which the wall's spring works, less the count, after a sample.
+    #[inline(always)] // nothing, nearly always
+    fn offset(&self, _: &Self::State) -> Offset {
+        Offset::NONE
+    }
     /// The state as bytes: what a later velocity depends on.
     fn put(&self, state: &Self::State, bytes: &mut Bytes<'_>) {
         state.put(bytes);
@@ -128,6 +137,12 @@ impl Estimator {
         let velocity = self.step(&mut state.memory, difference, senses);
         state.velocity = velocity;
         velocity
+    }
+
+    /// The position on which the wall's spring works, less the count, after [`update`](Self::update).
+    #[inline]
+    pub fn offset(&self, state: &State) -> Offset {
+        self.offset_of(&state.memory)
     }
 
     /// Takes over from another estimator or tuning: warms up as if the handle had always moved at

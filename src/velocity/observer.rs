@@ -38,10 +38,10 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, Word, factor::Factor, kept::kept};
+use super::{Form, Senses, Word, factor::Factor, kept::kept, placed::Places};
 use crate::{
     Gain,
-    units::{Acceleration, Velocity},
+    units::{Acceleration, Offset, Velocity},
 };
 
 /// Fractional bits of `x - x^`, of e and of a known acceleration.
@@ -111,6 +111,19 @@ impl Form for Fusion {
     fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
         const SHIFT: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
         self.0.sample(state, difference, i64::from(senses.acceleration.bits()) << SHIFT)
+    }
+}
+
+impl Places for Observer {
+    fn offset(&self, state: &ObserverState) -> Offset {
+        const MORE: u32 = POSITION_BITS - Offset::FRACTION_BITS;
+        Offset::saturating_from_bits((-state.error).rounded(MORE))
+    }
+}
+
+impl Places for Fusion {
+    fn offset(&self, state: &ObserverState) -> Offset {
+        Places::offset(&self.0, state)
     }
 }
 

@@ -5,7 +5,10 @@
 //! the table.
 
 use super::{parameter::Number, *}; // what the rows name
-use crate::{Design, SettingsError, units::Velocity};
+use crate::{
+    Design, SettingsError,
+    units::{Offset, Velocity},
+};
 
 /// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
 /// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
@@ -154,6 +157,16 @@ macro_rules! estimators {
                     $($(#[cfg($on)] Self::$form(form) => {
                         $likely();
                         form.step(&mut memory.$($own)? $($shared)?, difference, senses)
+                    })*)*
+                }
+            }
+
+            #[inline(always)]
+            pub(super) fn offset_of(&self, memory: &Memory) -> Offset {
+                match self {
+                    $($(#[cfg($on)] Self::$form(form) => {
+                        $likely();
+                        form.offset(&memory.$($own)? $($shared)?)
                     })*)*
                 }
             }
@@ -319,6 +332,16 @@ estimators! {
             LevantKalman(LevantKalman) keeps levant_kalman;
             /// Difference of every n-th sample, held.
             DualRate(DualRate) keeps dual_rate;
+            /// Kalman filter, with its position.
+            KalmanPosition(Placed<Kalman>) shares kalman;
+            /// First-order adaptive windowing, with its position.
+            FoawPosition(Placed<Foaw>) shares history;
+            /// Observer that knows the force, with its position.
+            ObserverPosition(Placed<Observer>) shares observer;
+            /// Low-pass, with a position that the difference extrapolates.
+            Ahead(Ahead) shares filter;
+            /// Observer that knows the acceleration, with its position.
+            FusionPosition(Placed<Fusion>) shares observer;
         }
         names {
             /// Position and acceleration.
@@ -477,6 +500,53 @@ estimators! {
                 /// Samples from update to update, 1 to 255.
                 decimation_samples: u32 = ("decimation", "samples", 10.0),
             } => |_| DualRate(DualRate::new(decimation_samples)?);
+            /// The Kalman filter with two states; the wall's spring works on its position.
+            Kalman2Position = 27, "kalman-2-position" {
+                /// Acceleration that differs from sample to sample, RMS, m/s^2; its range follows from the design.
+                acceleration_rms_m_per_s2: f64 = ("acceleration_rms", "m/s^2", 20.0),
+            } => |design| KalmanPosition(Placed(
+                KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?.quantise()
+            ));
+            /// The same with three states.
+            Kalman3Position = 28, "kalman-3-position" {
+                /// Jerk that differs from sample to sample, RMS, m/s^3; its range follows from the design.
+                jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
+            } => |design| KalmanPosition(Placed(
+                KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise()
+            ));
+            /// First-order adaptive windowing by least squares; the wall's spring works on the end of its line.
+            FoawBestPosition = 29, "foaw-best-position" {
+                /// Longest window: samples from its oldest to its newest, 1 to 32.
+                window_samples: u32 = ("window", "samples", 16.0),
+                /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
+                noise_counts: f64 = ("noise", "counts", 1.0),
+            } => |_| FoawPosition(Placed(Foaw::new(true, window_samples, noise_counts)?));
+            /// Finite difference followed by a first-order low-pass; the wall's spring works on the position that the
+            /// difference extrapolates.
+            FirstOrderPosition = 36, "first-order-position" {
+                /// Cutoff in Hz of the analog low-pass: 3.5e-5 to 0.499 of the rate.
+                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
+                /// Samples by which the position is extrapolated, 0 to 100.
+                lead: f64 = ("lead", "1", 1.0),
+            } => |design| Ahead(
+                Ahead::new(Biquad::low_pass(1, cutoff_hz, design.rate_hz, false)?, lead)?
+            );
+            /// The observer that knows the force; the wall's spring works on its position.
+            ObserverPosition = 34, "observer-position" {
+                /// Frequency of its three poles, Hz: 1e-3 to 0.2 of the rate.
+                bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
+                /// Mass of the model, kg: 1e-3 to 100. The default is the mass of the paper's device.
+                mass_kg: f64 = ("mass", "kg", 0.416),
+            } needs Force => |design| ObserverPosition(Placed(
+                ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?.quantise()
+            ));
+            /// Position and acceleration; the wall's spring works on the position of both.
+            FusionPosition = 35, "fusion-position" {
+                /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
+                crossover_hz: f64 = ("crossover", "Hz", 50.0),
+            } needs Acceleration => |design| FusionPosition(Placed(Fusion(
+                ObserverDesign::of_accelerometer(crossover_hz, design.rate_hz)?.quantise()
+            )));
         }
     }
 }

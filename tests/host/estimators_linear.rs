@@ -244,7 +244,9 @@ fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
         let shifts = close(&later[1..], &run(&a));
         let adds_up = close(&run(&both), &sum) && shifts;
         let stated = transfer_function(&settings, &DESIGN).unwrap().is_some();
-        assert_eq!(stated, adds_up && name.sense().is_none(), "{name:?}");
+        // a spring on the estimator's position makes another loop
+        let on_the_count = settings.unplaced().is_none();
+        assert_eq!(stated, adds_up && name.sense().is_none() && on_the_count, "{name:?}");
         if adds_up {
             let mut there_and_back = [0; 1000];
             there_and_back[..2].copy_from_slice(&[1, -1]);

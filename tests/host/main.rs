@@ -23,6 +23,7 @@ mod estimator_bench;
 mod estimators_linear;
 mod estimators_more;
 mod estimators_observers;
+mod estimators_placed;
 mod estimators_position;
 mod estimators_time_stamps;
 mod explain;

@@ -326,6 +326,7 @@ crate::properties! {
             sample: 0,
             position: zwidth::units::Position::from_counts(surface + depth),
             velocity: zwidth::units::Velocity::saturating_from_bits(speed),
+            offset: zwidth::units::Offset::NONE,
         };
         let push = Force::saturating_from_bits(push);
         let drive = control.render(motion, push);

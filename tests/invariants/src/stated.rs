@@ -384,7 +384,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let (error, whole) = (says.error + more, says.whole + more);
         Stated { error, whole, resonance: Some(resonance), ..says }
     };
-    match *settings {
+    match settings.unplaced().unwrap_or(*settings) {
         V::Butterworth { cutoff_hz } => butterworth(cutoff_hz, false),
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
         V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
@@ -477,7 +477,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 resonance: None,
             }
         }
-        ref other => panic!(
+        other => panic!(
             "{other:?}: state its error at constant speed and its jump after a restart, here and on the page"
         ),
     }

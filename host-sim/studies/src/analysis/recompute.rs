@@ -14,7 +14,7 @@ use std::{
 use zwidth::{
     LoopParameters, Motion,
     telemetry::{Flags, InForce, Key, Record},
-    units::{Force, Position, Velocity},
+    units::{Force, Offset, Position, Velocity},
     velocity::{self, Senses, Tuned},
 };
 
@@ -300,7 +300,7 @@ impl Recomputed {
                 }
                 _ => follow(samples, state, (&estimator, None), None),
             };
-            self.compare(run, samples, &path.velocities, begin + at);
+            self.compare(run, samples, &path.said, begin + at);
             if let Some(next) = next {
                 self.states += 1;
                 let (_, velocity) = path.state.last();
@@ -314,15 +314,16 @@ impl Recomputed {
     }
 
     /// Keeps what was computed, up to the first output that says something else.
-    fn compare(&mut self, run: &Run, samples: &[Told], velocities: &[Velocity], begin: usize) {
-        for (n, (told, &velocity)) in samples.iter().zip(velocities).enumerate() {
+    fn compare(&mut self, run: &Run, samples: &[Told], said: &[Said], begin: usize) {
+        for (n, (told, &(velocity, offset))) in samples.iter().zip(said).enumerate() {
             if let Some((record, push)) = told.output {
                 if record.velocity != velocity {
                     self.differ(told.sample, "velocity", record.velocity.bits(), velocity.bits());
                     return;
                 }
                 self.velocities += u64::from(n > 0);
-                let motion = Motion { sample: told.sample, position: told.position, velocity };
+                let motion =
+                    Motion { sample: told.sample, position: told.position, velocity, offset };
                 if n > 0 && !self.force(run, &record, motion, push) {
                     return;
                 }
@@ -366,10 +367,13 @@ impl Recomputed {
 
 /// What the core says to some samples.
 struct Path {
-    velocities: Vec<Velocity>,
+    said: Vec<Said>,
     state: velocity::State,
     estimator: Tuned,
 }
+
+/// What an estimator says with a sample.
+type Said = (Velocity, Offset);
 
 /// Whether the state at its end is that of the key.
 fn is(path: &Path, key: &Key) -> bool {
@@ -387,7 +391,7 @@ fn follow(
     (before, change): (&Tuned, Option<(usize, Tuned)>),
     zero: Option<(usize, i32)>,
 ) -> Path {
-    let mut velocities = vec![state.last().1];
+    let mut said = vec![(state.last().1, before.offset(&state))];
     let mut estimator = *before;
     let mut force = samples
         .first()
@@ -414,12 +418,12 @@ fn follow(
         } else {
             estimator.update(&mut state, told.position, &senses)
         };
-        velocities.push(velocity);
+        said.push((velocity, estimator.offset(&state)));
         if let Some((record, _)) = told.output {
             force = record.force;
         }
     }
-    Path { velocities, state, estimator }
+    Path { said, state, estimator }
 }
 
 /// The path to a key with another tuning, or before which the count was zeroed: a change is in force with the sample
@@ -434,9 +438,9 @@ fn followed(
 ) -> Option<Path> {
     let places = 1..samples.len();
     let fits = |path: &Path| {
-        let outputs = samples.iter().zip(&path.velocities);
+        let outputs = samples.iter().zip(&path.said);
         is(path, next)
-            && outputs.clone().all(|(told, velocity)| {
+            && outputs.clone().all(|(told, (velocity, _))| {
                 told.output.is_none_or(|(record, _)| record.velocity == *velocity)
             })
     };
@@ -473,7 +477,7 @@ fn followed(
                 return Some(path);
             }
             match &found {
-                Some(other) if other.velocities != path.velocities => return None,
+                Some(other) if other.said != path.said => return None,
                 Some(_) => {}
                 None => found = Some(path),
             }

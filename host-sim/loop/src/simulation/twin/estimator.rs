@@ -23,6 +23,10 @@ use super::{
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
     kind: Kind,
+    /// The wall's spring works on its position.
+    placed: bool,
+    /// Samples by which the difference extrapolates it.
+    lead: f64,
     inputs: [f64; 2],
     outputs: [f64; 2],
     rest: Rest,
@@ -105,7 +109,12 @@ impl TwinEstimator {
     pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
         settings.build(design)?; // the ranges
         let rate_hz = design.rate_hz;
-        let kind = match *settings {
+        let unplaced = settings.unplaced();
+        let lead = match *settings {
+            VelocitySettings::FirstOrderPosition { lead, .. } => lead,
+            _ => 0.0,
+        };
+        let kind = match unplaced.unwrap_or(*settings) {
             VelocitySettings::Butterworth { cutoff_hz } => {
                 Kind::Butterworth(ButterworthDesign::new(cutoff_hz, rate_hz, false)?)
             }
@@ -196,7 +205,20 @@ impl TwinEstimator {
             newest: 0,
             held: Held::default(),
         };
-        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
+        Ok(Self {
+            kind,
+            placed: unplaced.is_some(),
+            lead,
+            inputs: [0.0; 2],
+            outputs: [0.0; 2],
+            rest,
+        })
+    }
+
+    /// Position on which the wall's spring works, less the count, in counts.
+    #[inline]
+    pub fn offset(&self) -> f64 {
+        if self.placed { self.rest.offset(&self.kind) + self.lead * self.inputs[0] } else { 0.0 }
     }
 
     /// The velocity after a move by `difference` counts.
@@ -230,6 +252,16 @@ impl TwinEstimator {
 }
 
 impl Rest {
+    #[cold]
+    fn offset(&self, kind: &Kind) -> f64 {
+        match kind {
+            Kind::Kalman(_) => self.kalman.distance(),
+            Kind::Observer(_) | Kind::Fusion(_) => -self.loops.error(),
+            Kind::Foaw(foaw) => foaw.end(&self.past),
+            _ => 0.0,
+        }
+    }
+
     #[inline(never)] // so that the other estimators' state stays in registers
     fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
         let input = f64::from(difference);

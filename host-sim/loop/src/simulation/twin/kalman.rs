@@ -25,6 +25,11 @@ impl KalmanState {
         self.velocity
     }
 
+    /// Position less the count.
+    pub(super) fn distance(&self) -> f64 {
+        self.distance
+    }
+
     /// The same of the filter that is shown the count and a velocity, of the core's `velocity/levant_kalman.rs`; it has no
     /// acceleration.
     #[inline(never)] // so that the other estimators' state stays in registers

@@ -142,7 +142,7 @@ impl Controller for Twin {
         let mut wall = 0.0;
         if penetration > 0 {
             #[expect(clippy::cast_precision_loss, reason = "below 2^33")]
-            let depth = penetration as f64;
+            let depth = penetration as f64 + self.estimator.offset();
             wall = self.stiffness * depth + self.damping * self.velocity;
             if self.push_only {
                 wall = wall.max(0.0);

@@ -88,6 +88,12 @@ impl Entry {
             EstimatorName::Algebraic2,
             EstimatorName::LevantKalman,
             EstimatorName::DualRate,
+            EstimatorName::Kalman2Position,
+            EstimatorName::Kalman3Position,
+            EstimatorName::FoawBestPosition,
+            EstimatorName::ObserverPosition,
+            EstimatorName::FusionPosition,
+            EstimatorName::FirstOrderPosition,
         ];
         all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
         all
@@ -396,8 +402,8 @@ pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
 
 fn with_own_mass(settings: VelocitySettings, scene: &Scene) -> VelocitySettings {
     match settings {
-        VelocitySettings::Observer { bandwidth_hz, .. } => {
-            VelocitySettings::Observer { bandwidth_hz, mass_kg: scene.device.mass_kg }
+        VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
+            settings.with_second(scene.device.mass_kg)
         }
         other => other,
     }

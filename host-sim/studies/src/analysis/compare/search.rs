@@ -206,8 +206,10 @@ pub fn tune(
         }
     }
     for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
-        if let VelocitySettings::Observer { bandwidth_hz, mass_kg } = best {
-            let wrong = VelocitySettings::Observer { bandwidth_hz, mass_kg: factor * mass_kg };
+        if let VelocitySettings::Observer { mass_kg, .. }
+        | VelocitySettings::ObserverPosition { mass_kg, .. } = best
+        {
+            let wrong = best.with_second(factor * mass_kg);
             if wrong.build(&design).is_ok() {
                 wrongs.push((Wrong::Mass { side }, wrong));
             }

@@ -231,7 +231,7 @@ pub fn position_response(
         let [alpha, beta, gamma] = design.gains;
         kalman(&KalmanDesign { alpha, beta, gamma }, &difference)
     };
-    Ok(Some(match *settings {
+    Ok(Some(match settings.unplaced().unwrap_or(*settings) {
         VelocitySettings::Observer { bandwidth_hz: hz, .. }
         | VelocitySettings::Fusion { crossover_hz: hz } => {
             observer(ObserverDesign::of_accelerometer(hz, rate_hz)?)
@@ -245,7 +245,7 @@ pub fn position_response(
         VelocitySettings::FoawBest { window_samples, .. } => {
             difference.then(&weights(&FirDesign::least_squares(1, window_samples)?))
         }
-        _ => return transfer_function(settings, design),
+        own => return transfer_function(&own, design),
     }))
 }
 
