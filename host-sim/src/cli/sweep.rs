@@ -23,6 +23,7 @@ use crate::{
         levers::LeverStudy,
         limits::LimitStudy,
         probability::ProbabilityStudy,
+        rates::RateStudy,
         sweep::{self as sweep_files, Study, Summary, VariantResult},
         terminal::print_result,
     },
@@ -30,9 +31,10 @@ use crate::{
     simulation::prepared::PreparedScene,
     study::{
         envelope::envelopes,
-        levers::{LeverQuestion, levers, walk_levers},
+        levers::{Lever, LeverQuestion, levers, walk_levers},
         limits::{Question, limits},
         probability::{Draws, How, contour, maps, verdicts},
+        rates::Rates,
         sensitivity::{Variant, variants},
         sweep::{Plan, SweepResult, ascending, sweep},
     },
@@ -57,6 +59,13 @@ pub struct SweepArgs {
     /// 150 Hz, or with the true velocity. Limits: those of --limits, else the scene's and 1 um.
     #[arg(long, conflicts_with = "plain")]
     levers: bool,
+    /// The same device with these rates of the encoder, Hz, each with each output rate that divides it; the latency keeps its
+    /// time. Limits: as with --levers. With --output-rates alone the scene's own rate.
+    #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
+    encoder_rates: Option<List>,
+    /// The same with these rates of the output, Hz; with --encoder-rates alone the scene's own.
+    #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
+    output_rates: Option<List>,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -64,6 +73,18 @@ pub struct SweepArgs {
     /// Nothing but the scene's own criterion, limit and push; else a limit of 1 um, by motor and by hand, stands beside it.
     #[arg(long, conflicts_with = "limits")]
     plain: bool,
+}
+
+impl SweepArgs {
+    /// The rates that are asked for, if any are.
+    fn rates(&self) -> Option<Rates> {
+        let asked = self.encoder_rates.is_some() || self.output_rates.is_some();
+        let of = |list: &Option<List>| list.as_ref().map(|list| list.0.clone()).unwrap_or_default();
+        asked.then(|| Rates {
+            encoder_hz: of(&self.encoder_rates),
+            output_hz: of(&self.output_rates),
+        })
+    }
 }
 
 #[derive(Serialize)]
@@ -79,6 +100,7 @@ struct Job {
     variants: Vec<Variant>,
     question: Option<Question>,
     levers: Option<LeverQuestion>,
+    rates: Option<LeverQuestion>,
     draws: Option<Draws>,
     to: FolderPlace,
     folder: PathBuf,
@@ -102,8 +124,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let mut results = results.into_iter();
     let (mut summaries, mut tables) = (vec![], vec![]);
     for job in jobs {
-        let Job { scene, prepared, cutoffs_hz, variants, question, levers, draws, to, folder } =
-            job;
+        let Job { scene, prepared, cutoffs_hz, variants, question, draws, to, folder, .. } = job;
         let Some(result) = results.next() else {
             return Err(Error::Internal("a scene has no result".into()));
         };
@@ -126,19 +147,24 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             Err(Error::Input(why)) if !args.limits.are_asked() => (None, Some(why)),
             limits => (limits.map_err(|error| error.of(&scene.name))?, None),
         };
-        let levers = levers.map(|question| {
-            let bar = progress::bar(question.tasks() as u64);
-            let results = walk_levers(engine, &question, numeric, interrupt::flag(), || bar.inc(1));
-            bar.finish_and_clear();
-            results.map(|results| LeverStudy { question, results })
-        });
-        let levers = levers.transpose().map_err(|error| error.of(&scene.name))?;
+        let walked = |question: Option<LeverQuestion>| {
+            let walked = question.map(|question| {
+                let bar = progress::bar(question.tasks() as u64);
+                let stop = interrupt::flag();
+                let results = walk_levers(engine, &question, numeric, stop, || bar.inc(1));
+                bar.finish_and_clear();
+                results.map(|results| LeverStudy { question, results })
+            });
+            walked.transpose().map_err(|error| error.of(&scene.name))
+        };
+        let (levers, rates) = (walked(job.levers)?, walked(job.rates)?.map(RateStudy));
         let how = How { engine, numeric, stop: interrupt::flag() };
         let probability = draws.map(|draws| probability(how, &draws, &result)).transpose();
         let probability = probability.map_err(|error| error.of(&scene.name))?;
         let study = Study {
             envelopes,
             levers,
+            rates,
             probability,
             limits,
             limits_left_out,
@@ -205,27 +231,40 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         let prepared = crate::study::asked::prepare(&scene)?;
         let question =
             args.limits.or_default(&scene.scene, &cutoffs_hz, args.repeat, args.plain)?;
-        let levers = args.levers.then(|| {
+        let question_of = |levers: Vec<Lever>| {
             Ok::<_, Error>(LeverQuestion {
-                levers: levers(&scene)?,
+                levers,
                 limits: args.limits.of_levers(&scene.scene, &cutoffs_hz)?,
                 pushes: PushBy::ALL.to_vec(),
                 cutoffs_hz: cutoffs_hz.clone(),
                 repeats: 1,
             })
-        });
-        let levers = levers.transpose()?;
+        };
+        let levers = args.levers.then(|| question_of(levers(&scene)?)).transpose()?;
+        let rates = args.rates().map(|rates| question_of(rates.loops(&scene)?)).transpose();
+        let rates = rates.map_err(|error| error.of(&scene.name))?;
         let draws = args.draws.of(&scene)?;
         let to = outputs.folder(&folder, &sweep_files::FILES)?;
-        let job =
-            Job { scene, prepared, cutoffs_hz, variants, question, levers, draws, to, folder };
+        let job = Job {
+            scene,
+            prepared,
+            cutoffs_hz,
+            variants,
+            question,
+            levers,
+            rates,
+            draws,
+            to,
+            folder,
+        };
         jobs.push(job);
     }
     let walks_of = |job: &Job| {
         let own = job.cutoffs_hz.len() * (1 + job.variants.len()) * args.repeat as usize;
         let asked = job.question.as_ref().filter(|_| args.limits.are_asked());
-        let levers = job.levers.as_ref().map_or(0, LeverQuestion::walks);
-        own + asked.map_or(0, Question::walks) + levers
+        let others = [&job.levers, &job.rates].into_iter().flatten();
+        let others = others.map(LeverQuestion::walks).sum::<usize>();
+        own + asked.map_or(0, Question::walks) + others
     };
     let walks = jobs.iter().map(walks_of).sum::<usize>();
     if walks > WALKS_MAX {
@@ -246,7 +285,12 @@ fn command_line(
     let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
     let plain = if args.plain { " --plain" } else { "" };
     let levers = if args.levers { " --levers" } else { "" };
-    let limits = args.limits.as_typed() + &args.draws.as_typed();
+    let rates = [("encoder", &args.encoder_rates), ("output", &args.output_rates)];
+    let rates = rates.map(|(which, list)| {
+        let rates = list.as_ref().map(|list| list.0.iter().map(f64::to_string).collect::<Vec<_>>());
+        rates.map_or(String::new(), |rates| format!(" --{which}-rates {}", rates.join(",")))
+    });
+    let limits = rates.concat() + &args.limits.as_typed() + &args.draws.as_typed();
     format!(
         "sweep {} --cutoffs {} --repeat {}{sensitivity}{plain}{levers}{limits} --numeric {} --engine {}",
         scene.name,
@@ -313,6 +357,9 @@ fn table(study: &Study, folder: &str) -> String {
     }
     if let Some(levers) = &study.levers {
         let _ = writeln!(text, "  {}", levers.text());
+    }
+    if let Some(rates) = &study.rates {
+        let _ = writeln!(text, "  {}", rates.text());
     }
     if let Some(probability) = &study.probability {
         let _ = writeln!(text, "  {}", probability.text());

@@ -19,7 +19,8 @@ use crate::{
     },
 };
 
-const HEADER: &str = "loop,output_period_samples,latency_samples,between,push,limit,limit_unit,estimator,cutoff_hz,\
+/// Columns behind those that say which loop it is.
+const WALKED: &str = "push,limit,limit_unit,estimator,cutoff_hz,\
                       area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,stiffness_peak_n_per_m,\
                       damping_max_n_s_per_m,capped_walks,walks,stiffness_start_n_per_m,stiffness_step_n_per_m,\
                       stiffness_max_n_per_m,damping_start_n_s_per_m,damping_step_n_s_per_m,\
@@ -74,7 +75,7 @@ fn peak(walked: &Walked) -> f64 {
 }
 
 impl LeverStudy {
-    fn lever(&self, result: &LeverResult) -> &Lever {
+    pub(super) fn lever(&self, result: &LeverResult) -> &Lever {
         &self.question.levers[result.lever]
     }
 
@@ -92,9 +93,18 @@ impl LeverStudy {
 
     /// `levers.csv`.
     pub fn csv(&self) -> String {
-        let mut text = format!("{HEADER}\n");
+        self.table_of("loop,output_period_samples,latency_samples,between", |lever| {
+            let Lever { of_loop, between, scene } = lever;
+            let actuator = &scene.actuator;
+            format!("{of_loop},{},{},{}", actuator.period, actuator.latency, between.name())
+        })
+    }
+
+    /// A row for each loop, limit, push and cutoff, in its first `columns` what `of_loop` says.
+    pub(super) fn table_of(&self, columns: &str, of_loop: impl Fn(&Lever) -> String) -> String {
+        let mut text = format!("{columns},{WALKED}\n");
         for result in &self.results {
-            let Lever { of_loop, between, scene } = self.lever(result);
+            let of_loop = of_loop(self.lever(result));
             let (limit, unit) = result.limit.told();
             let estimated =
                 result.cutoffs.iter().map(|(cutoff_hz, walked)| (cutoff_hz.to_string(), walked));
@@ -111,11 +121,8 @@ impl LeverStudy {
                 let estimator = if cutoff_hz.is_empty() { "true-velocity" } else { "scene" };
                 let _ = writeln!(
                     text,
-                    "{of_loop},{},{},{},{},{limit},{unit},{estimator},{cutoff_hz},{},{low},{high},{},{},{},{},{grid},\
+                    "{of_loop},{},{limit},{unit},{estimator},{cutoff_hz},{},{low},{high},{},{},{},{},{grid},\
                      {ideal},{SCHEMA_VERSION}",
-                    scene.actuator.period,
-                    scene.actuator.latency,
-                    between.name(),
                     result.push.name(),
                     boundaries.area(),
                     boundaries.stiffness_peak_n_per_m(),
@@ -262,6 +269,10 @@ impl LeverStudy {
         Some(text)
     }
 
+    /// The sentence below the figure.
+    pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
+                               amplifier and a transmission leave of it.";
+
     /// Area at the ideal cutoff against the output period, a panel for each limit by motor.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.question.pushes.first() else { return Ok(None) };
@@ -275,27 +286,48 @@ impl LeverStudy {
         // the boards act almost alike: the scene's own loop and the first of them
         for (place, of_loop) in loops.into_iter().take(2).enumerate() {
             for (n, between) in Between::ALL.into_iter().enumerate() {
-                let points = |limit: &Limit| -> Vec<[f64; 2]> {
-                    let of_it = self.results.iter().filter(|result| {
-                        let lever = self.lever(result);
-                        (lever.of_loop.as_str(), lever.between) == (of_loop, between)
-                            && (result.limit, result.push) == (*limit, push)
-                    });
-                    let mut points: Vec<[f64; 2]> = of_it
-                        .map(|r| [f64::from(self.lever(r).scene.actuator.period), r.area()])
-                        .filter(|[_, area]| *area > 0.0)
-                        .collect();
-                    points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-                    points
+                let x_of = |lever: &Lever| {
+                    let is_it = (lever.of_loop.as_str(), lever.between) == (of_loop, between);
+                    is_it.then(|| f64::from(lever.scene.actuator.period))
                 };
-                series.push(TradeSeries {
-                    name: format!("{of_loop}, {}", between.name()),
-                    colour: n,
-                    mark: if place == 0 { Mark::Diamond } else { Mark::Circle },
-                    points: self.question.limits.iter().map(points).collect(),
-                });
+                let mark = if place == 0 { Mark::Diamond } else { Mark::Circle };
+                let name = format!("{of_loop}, {}", between.name());
+                series.push(self.line(name, (n, mark), push, x_of));
             }
         }
+        let texts = ["When the loop acts", "Loop, and what is between", "Output period [samples]"];
+        self.panels(scene, texts, push, series)
+    }
+
+    /// Areas at the ideal cutoff against what `x_of` says of a loop, if it is on this line; a panel for each limit.
+    pub(super) fn line(
+        &self,
+        name: String,
+        (colour, mark): (usize, Mark),
+        push: PushBy,
+        x_of: impl Fn(&Lever) -> Option<f64>,
+    ) -> TradeSeries {
+        let points = |&limit: &Limit| -> Vec<[f64; 2]> {
+            let of_it = self.results.iter().filter(|r| (r.limit, r.push) == (limit, push));
+            let mut points: Vec<[f64; 2]> = of_it
+                .filter_map(|r| Some([x_of(self.lever(r))?, r.area()]))
+                .filter(|[_, area]| *area > 0.0)
+                .collect();
+            points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            points
+        };
+        let points = self.question.limits.iter().map(points).collect();
+        TradeSeries { name, colour, mark, points }
+    }
+
+    /// Lines in a panel for each limit, of that title, legend and axis; none if there is no point.
+    pub(super) fn panels(
+        &self,
+        scene: &str,
+        [title, legend, x_title]: [&str; 3],
+        push: PushBy,
+        series: Vec<TradeSeries>,
+    ) -> Result<Option<Figure>, FigureError> {
         if series.iter().flat_map(|series| &series.points).all(Vec::is_empty) {
             return Ok(None);
         }
@@ -307,10 +339,10 @@ impl LeverStudy {
             front: vec![],
         };
         trade(&TradePlot {
-            title: format!("When the loop acts, {scene}"),
+            title: format!("{title}, {scene}"),
             subtitle: format!("RMS of motion, the {} pushes", push.name()),
-            legend: "Loop, and what is between".into(),
-            x_title: "Output period [samples]".into(),
+            legend: legend.into(),
+            x_title: x_title.into(),
             panels: self.question.limits.iter().map(panel).collect(),
             series,
             lines: true,
@@ -324,7 +356,8 @@ fn area(walked: &Walked) -> String {
     format!("{cut}{}", millions(walked.boundaries.area()))
 }
 
-fn cell(result: &LeverResult) -> String {
+/// Area at the ideal cutoff, and its range.
+pub(super) fn cell(result: &LeverResult) -> String {
     let Some(ideal) = result.sweep.ideal else { return "no stable wall".into() };
     let area = result.best().map_or(String::new(), area);
     format!("{area} ({})", range(ideal.range_hz))

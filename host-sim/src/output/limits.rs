@@ -187,6 +187,11 @@ impl LimitStudy {
         text
     }
 
+    /// The sentence below the figure.
+    pub const CAPTION: &str = "The smallest cutoff whose mean area is at least 98 % of the largest, for each limit of the \
+                               RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
+                               a curve).";
+
     /// The ideal cutoff against the limit: a panel for limits of RMS, one for levels; the scene's own hand.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let kinds = [false, true].into_iter().filter(|felt| {

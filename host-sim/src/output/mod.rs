@@ -14,6 +14,7 @@ pub mod manifest;
 pub mod passive;
 pub mod peers;
 pub mod probability;
+pub mod rates;
 pub mod report;
 pub mod study;
 pub mod sweep;

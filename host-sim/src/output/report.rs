@@ -52,6 +52,8 @@ pub struct Report {
     pub limits: String,
     /// Areas in other loops, as lines of text; empty if nobody asked for them.
     pub levers: String,
+    /// Areas at other rates, as lines of text; empty if nobody asked for them.
+    pub rates: String,
     /// How sure the areas are, as lines of text; empty if nobody asked for it.
     pub probability: String,
     /// Remarks, one sentence each.
@@ -82,6 +84,7 @@ pub fn html(report: &Report) -> String {
             ("Areas", areas(report)),
             ("Limits", scene(&report.limits)),
             ("When the loop acts", scene(&report.levers)),
+            ("Encoder rate and output rate", scene(&report.rates)),
             ("How sure", scene(&report.probability)),
             ("Notes", notes(&report.notes)),
             ("Scene", scene(&report.scene)),
@@ -291,6 +294,7 @@ mod tests {
             areas: vec![row(500.0, 2.65e7), row(1200.0, 4.17e7), row(1700.0, 4.55e7)],
             limits: "1 um".to_owned(),
             levers: String::new(),
+            rates: String::new(),
             probability: String::new(),
             notes: vec!["a < b".to_owned()],
             scene: "[device]\nname = \"<script>\"\n".to_owned(),

@@ -16,6 +16,7 @@ use crate::{
         limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
         probability::{ProbabilityStudy, ProbabilitySummary},
+        rates::{RateStudy, RateSummary},
         report::{self, Report, ReportFigure},
         trace,
     },
@@ -31,7 +32,7 @@ use crate::{
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 24] = [
+pub const FILES: [&str; 27] = [
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -50,6 +51,9 @@ pub const FILES: [&str; 24] = [
     LEVERS,
     "levers.svg",
     "levers.png",
+    RATES,
+    "rates.svg",
+    "rates.png",
     PROBABILITY,
     CONTOURS,
     ENVELOPE95,
@@ -61,6 +65,7 @@ pub const FILES: [&str; 24] = [
 const SENSITIVITY: &str = "sensitivity.csv";
 const LIMITS: &str = "limits.csv";
 const LEVERS: &str = "levers.csv";
+const RATES: &str = "rates.csv";
 const PROBABILITY: &str = "probability.csv";
 const CONTOURS: &str = "contours.csv";
 const ENVELOPE95: &str = "envelope95.csv";
@@ -97,6 +102,8 @@ pub struct Study {
     pub limits: Option<LimitStudy>,
     /// Other loops, if they were asked for.
     pub levers: Option<LeverStudy>,
+    /// Other rates, if they were asked for.
+    pub rates: Option<RateStudy>,
     /// How sure each wall is, if it was asked for.
     pub probability: Option<ProbabilityStudy>,
     /// Why the limit that stands beside a plain question is left out.
@@ -127,6 +134,8 @@ pub struct Summary {
     limits: Vec<LimitSummary>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     levers: Vec<LeverSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rates: Vec<RateSummary>,
     #[serde(skip_serializing_if = "Option::is_none")]
     probability: Option<ProbabilitySummary>,
 }
@@ -206,6 +215,7 @@ impl Study {
             sensitivity: self.variants.iter().map(variant_summary).collect(),
             limits: self.limits.as_ref().map(LimitStudy::summary).unwrap_or_default(),
             levers: self.levers.as_ref().map(LeverStudy::summary).unwrap_or_default(),
+            rates: self.rates.as_ref().map(RateStudy::summary).unwrap_or_default(),
             probability: self.probability.as_ref().map(ProbabilityStudy::summary),
         }
     }
@@ -220,20 +230,23 @@ impl Study {
         for (stem, shown) in ["zwidth", "area", "hit"].into_iter().zip(&figures) {
             outputs.add_figure(to, stem, &shown.figure)?;
         }
-        if let Some(shown) = self.limits_figure()? {
-            outputs.add_figure(to, "limits", &shown.figure)?;
-            figures.push(shown);
-        }
-        if let Some(shown) = self.levers_figure()? {
-            outputs.add_figure(to, "levers", &shown.figure)?;
-            figures.push(shown);
+        let name = &self.scene.name;
+        let limits = self.limits.as_ref().map(|limits| limits.figure(name)).transpose()?;
+        let levers = self.levers.as_ref().map(|levers| levers.figure(name)).transpose()?;
+        let rates = self.rates.as_ref().map(|rates| rates.figure(name)).transpose()?;
+        let sure = self.probability.as_ref().map(|sure| sure.figure(&self.scene)).transpose()?;
+        for (stem, figure, caption) in [
+            ("limits", limits, LimitStudy::CAPTION),
+            ("levers", levers, LeverStudy::CAPTION),
+            ("rates", rates, RateStudy::CAPTION),
+            ("probability", sure, ProbabilityStudy::CAPTION),
+        ] {
+            if let Some(figure) = figure.flatten() {
+                outputs.add_figure(to, stem, &figure)?;
+                figures.push(ReportFigure { figure, caption: caption.into() });
+            }
         }
         if let Some(probability) = &self.probability {
-            if let Some(figure) = probability.figure(&self.scene)? {
-                outputs.add_figure(to, "probability", &figure)?;
-                let caption = ProbabilityStudy::CAPTION.into();
-                figures.push(ReportFigure { figure, caption });
-            }
             outputs.add(to, PROBABILITY, csv(probability.csv()).as_bytes())?;
             outputs.add(to, CONTOURS, csv(probability.contours_csv()).as_bytes())?;
             let rows = envelope::rows(&self.scene, &probability.envelope());
@@ -248,6 +261,9 @@ impl Study {
         }
         if let Some(levers) = &self.levers {
             outputs.add(to, LEVERS, csv(levers.csv()).as_bytes())?;
+        }
+        if let Some(rates) = &self.rates {
+            outputs.add(to, RATES, csv(rates.csv()).as_bytes())?;
         }
         if let Some(limits) = &self.limits {
             outputs.add(to, LIMITS, csv(limits.csv()).as_bytes())?;
@@ -335,23 +351,6 @@ impl Study {
         notes.map(|note| units.text(&note)).chain(estimated).collect()
     }
 
-    fn limits_figure(&self) -> Result<Option<ReportFigure>, Error> {
-        let Some(limits) = &self.limits else { return Ok(None) };
-        let figure = limits.figure(&self.scene.name)?;
-        let caption = "The smallest cutoff whose mean area is at least 98 % of the largest, for each limit of the \
-                       RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
-                       a curve).";
-        Ok(figure.map(|figure| ReportFigure { figure, caption: caption.into() }))
-    }
-
-    fn levers_figure(&self) -> Result<Option<ReportFigure>, Error> {
-        let Some(levers) = &self.levers else { return Ok(None) };
-        let figure = levers.figure(&self.scene.name)?;
-        let caption = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
-                       amplifier and a transmission leave of it.";
-        Ok(figure.map(|figure| ReportFigure { figure, caption: caption.into() }))
-    }
-
     fn boundary_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
@@ -409,6 +408,7 @@ impl Study {
             areas: areas(&self.result).collect(),
             limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
             levers: self.levers.as_ref().map(LeverStudy::text).unwrap_or_default(),
+            rates: self.rates.as_ref().map(RateStudy::text).unwrap_or_default(),
             probability: self.probability.as_ref().map(ProbabilityStudy::text).unwrap_or_default(),
             notes,
             scene: self.scene.text.clone(),

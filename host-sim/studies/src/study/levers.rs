@@ -259,6 +259,9 @@ pub fn walk_levers(
     let of = |&(lever, limit, push): &(usize, Limit, PushBy)| {
         let scene = &question.levers[lever].scene;
         let none = Walked { boundaries: Boundaries::default(), walk: grid(&scene.walk, 0) };
+        // a loop that looks less often takes no cutoff near its rate
+        let takes = |&hz: &f64| scene.velocity.settings(hz).build(&scene.design()).is_ok();
+        let cutoffs_hz: Vec<f64> = cutoffs_hz.iter().copied().filter(takes).collect();
         let cutoffs = cutoffs_hz.iter().map(|&hz| (hz, none.clone())).collect();
         let sweep = SweepResult::of(vec![]);
         let mut found = LeverResult { lever, limit, push, cutoffs, told: none, sweep };

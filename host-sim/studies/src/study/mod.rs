@@ -14,6 +14,7 @@ pub mod list;
 pub mod loops;
 pub mod planned;
 pub mod probability;
+pub mod rates;
 pub mod schedule;
 pub mod sensitivity;
 pub mod sweep;
