@@ -140,6 +140,12 @@ fn a_log_becomes_a_scene_that_the_other_commands_take() {
     let scene = NamedScene::parse("mine".into(), text.clone(), "mine.toml").unwrap().scene;
     assert_eq!(scene.device.mass_kg, json["mass_kg"]["value"].as_f64().unwrap());
     let mut same = scene.clone();
+    let sure = same.uncertainty.take().unwrap();
+    // an interval of 95 % is 1.96 standard deviations to either side
+    let half = json["mass_kg"]["high"].as_f64().unwrap() - scene.device.mass_kg;
+    assert!((half / sure.mass_kg / 1.959_964 - 1.0).abs() < 1e-4, "{half} {}", sure.mass_kg);
+    assert!(sure.gain_n_per_v == 0.0 && sure.latency == 0.0, "they were given");
+    assert_eq!(sure.correlations.len(), 6);
     same.device = paper.device;
     assert_eq!(same, paper, "something else than the device changed");
     assert!(

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Scene;
+use super::{Scene, Units};
 use crate::{numerics::random, range::within};
 
 /// Standard deviations of numbers of `[device]` and `[actuator]`, in their units; 0: exactly known. What is drawn is jointly
@@ -28,7 +28,7 @@ pub struct Uncertainty {
     /// Of actuator.latency, samples.
     #[serde(default)]
     pub latency: f64,
-    /// Correlations of two of these names, -1 to 1; 0 where none is named.
+    /// Correlations of two of these names, or of what a rotary scene calls them, -1 to 1; 0 where none is named.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub correlations: Vec<(String, String, f64)>,
 }
@@ -72,7 +72,9 @@ impl Uncertainty {
         }
         for (a, b, correlation) in &self.correlations {
             let place = |name: &String| {
-                Self::NAMES.iter().position(|known| known == name).ok_or_else(|| {
+                let is =
+                    |known: &&str| known == name || Units::rotary_key(known).as_ref() == Some(name);
+                Self::NAMES.iter().position(is).ok_or_else(|| {
                     let allowed = Self::NAMES.join(", ");
                     format!("uncertainty.correlations: {name} is unknown, allowed {allowed}")
                 })

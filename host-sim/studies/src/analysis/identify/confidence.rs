@@ -12,7 +12,7 @@
 //!    bandwidth of Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
 
 use std::{
-    f64::consts::{PI, TAU},
+    f64::consts::TAU,
     sync::atomic::{AtomicBool, Ordering::Relaxed},
 };
 
@@ -21,13 +21,14 @@ use statrs::distribution::{ContinuousCDF as _, Normal, StudentsT};
 
 use super::{
     fit::Solution,
+    joint::{ErrorModel, Joint, NUMBERS},
     layout::{
         DAMPING, Layout, MASS,
         Parameter::{
             Constant, Cosine, Cycles, Friction, Gain, Lag, Latency, Second, Sine, Stiffness,
         },
     },
-    residual::{HARMONICS, Piece, Residual, Weighed},
+    residual::{Piece, Weighed},
 };
 use crate::interrupt;
 
@@ -88,6 +89,8 @@ pub(super) struct Estimates {
     pub phase: Option<[Estimate; 4]>,
     /// Largest ratio of a stated interval to the one that white noise would give.
     pub widening: f64,
+    /// Of the device's numbers.
+    pub joint: Joint,
 }
 
 /// Standard error of an estimate of many rows.
@@ -117,16 +120,21 @@ pub(super) fn estimates(
         .inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
     let mut widening: f64 = 1.0;
     let mut half_widths = vec![];
-    for column in influence.column_iter() {
+    let model = ErrorModel::new(residual, variance);
+    let columns: Vec<Vec<f64>> =
+        influence.column_iter().map(|column| column.iter().copied().collect()).collect();
+    let mut seen = vec![];
+    for column in &columns {
         interrupt::unless(stop).map_err(|error| error.to_string())?;
-        let column: Vec<f64> = column.iter().copied().collect();
         let white = variance * column.iter().map(|q| q * q).sum::<f64>();
-        let larger =
-            modelled(&column, pieces, residual, variance).max(robust(&column, pieces, stop));
+        seen.push(model.seen(column, pieces));
+        let modelled = seen.last().map_or(0.0, |seen| model.covariance(seen, seen));
+        let larger = modelled.max(robust(column, pieces, stop));
         let stated = larger.max(white);
         widening = widening.max((stated / white).sqrt());
         half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
     }
+    let joint = joint(layout, &model.correlations(&seen), &half_widths);
     let values = &solution.values;
     let mut half_widths = half_widths.into_iter();
     let mut next = |value: f64| {
@@ -158,7 +166,32 @@ pub(super) fn estimates(
             [first, second, phase, known.unwrap_or_else(|| next(1.0 / cycles))]
         }),
         widening,
+        joint,
     })
+}
+
+/// Those of a device, which stand first; half-widths as they are stated.
+fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -> Joint {
+    let free = |parameter| layout.place(parameter).is_some();
+    let fitted: [bool; NUMBERS] = [
+        true,
+        true,
+        layout.spring,
+        layout.spring && layout.rest_m.is_none(),
+        free(Gain),
+        free(Latency),
+    ];
+    let places: Vec<usize> = (0..NUMBERS).filter(|place| fitted[*place]).collect();
+    let mut joint = Joint::default();
+    for (n, &place) in places.iter().enumerate() {
+        let half_width = half_widths[n][0];
+        joint.deviations[place] =
+            standard_error(&Estimate { value: 0.0, half_width, white_half_width: half_width });
+        for (m, &other) in places.iter().enumerate() {
+            joint.correlations[place][other] = correlations[n][m];
+        }
+    }
+    joint
 }
 
 /// Each estimate as parts of the fitted parameters: the gradient at the solution.
@@ -251,36 +284,6 @@ fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
     names
 }
 
-/// Variance of the estimate under white noise and the quantiser's sawtooth, residuals in counts.
-fn modelled(column: &[f64], pieces: &[Piece<'_>], residual: &Residual, variance: f64) -> f64 {
-    let squares: f64 = column.iter().map(|q| q * q).sum();
-    if residual.rms_counts.is_none() {
-        return variance * squares;
-    }
-    let power = |h: u32| residual.harmonic_squared(h) / (2.0 * PI * PI * f64::from(h * h));
-    let kept = (1..=HARMONICS).take_while(|h| power(*h) > 1e-9);
-    let harmonics: Vec<f64> = kept.map(power).collect();
-    let sawtooth: f64 = harmonics.iter().sum();
-    let mut total = (variance - sawtooth).max(0.0) * squares;
-    let mut rest = column;
-    for piece in pieces {
-        let (own, others) = rest.split_at(piece.position.len());
-        rest = others;
-        let mut sums = vec![[0.0; 2]; harmonics.len()];
-        for (q, x) in own.iter().zip(piece.position) {
-            let (s, c) = (TAU * (x - x.floor())).sin_cos();
-            let (mut re, mut im) = (*q, 0.0);
-            for sum in &mut sums {
-                (re, im) = (re * c - im * s, re * s + im * c);
-                *sum = [sum[0] + re, sum[1] + im];
-            }
-        }
-        let powers = sums.iter().map(|[re, im]| re * re + im * im);
-        total += powers.zip(&harmonics).map(|(sum, power)| sum * power).sum::<f64>();
-    }
-    total
-}
-
 /// Variance of the estimate from the residual itself, with its correlation in time.
 fn robust(column: &[f64], pieces: &[Piece<'_>], stop: &AtomicBool) -> f64 {
     let mut total = 0.0;
@@ -321,13 +324,20 @@ fn long_run(scores: &[f64], stop: &AtomicBool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::identify::residual::Residual;
+
+    fn modelled(column: &[f64], piece: Piece<'_>, residual: &Residual) -> f64 {
+        let model = ErrorModel::new(residual, 1.0 / 12.0);
+        let seen = model.seen(column, &[piece]);
+        model.covariance(&seen, &seen)
+    }
 
     #[test]
     fn at_rest_the_sawtooth_is_one_constant_error() {
         let column = [0.01; 400];
         let piece = Piece { residual: &[0.25; 400], position: &[3.25; 400] };
         let residual = Residual::new(&[piece], 1e-6, 1e-6);
-        let variance = modelled(&column, &[piece], &residual, 1.0 / 12.0);
+        let variance = modelled(&column, piece, &residual);
         assert!((variance / (16.0 / 12.0) - 1.0).abs() < 0.02, "{variance}");
     }
 
@@ -338,7 +348,7 @@ mod tests {
         let piece = Piece { residual: &error, position: &position };
         let residual = Residual::new(&[piece], 1e-6, 1e-6);
         let column = [0.01; 4000];
-        let variance = modelled(&column, &[piece], &residual, 1.0 / 12.0);
+        let variance = modelled(&column, piece, &residual);
         let white = 4000.0 * 1e-4 / 12.0;
         println!("in motion {variance:.4}, white {white:.4}");
         assert!((0.9..1.6).contains(&(variance / white)));

@@ -86,6 +86,8 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     if options.resolution_m > 0.0 {
         scene.encoder.resolution_m = options.resolution_m;
     }
+    let was = base.uncertainty.as_ref();
+    scene.uncertainty = Some(found.joint.uncertainty(was, scene.control.rate_hz));
     with_terms(scene, &found.terms)
 }
 

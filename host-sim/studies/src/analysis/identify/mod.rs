@@ -16,6 +16,7 @@ mod cycle;
 mod fit;
 mod gain;
 mod guess;
+mod joint;
 mod json;
 mod layout;
 mod made;
@@ -34,6 +35,7 @@ mod terms;
 pub use asked::{Asked, GainAsked, identify_in, read};
 pub use confidence::{CONFIDENCE, Estimate};
 pub use gain::Gain;
+pub use joint::Joint;
 pub use json::Json;
 pub use made::Made;
 pub use plan::Pulse;
@@ -149,6 +151,8 @@ pub struct Identification {
     pub residual: Residual,
     /// Largest ratio of a stated interval to that of white noise.
     pub widening: f64,
+    /// How the device's numbers err together.
+    pub joint: Joint,
     /// Times that the model was computed.
     pub evaluations: usize,
     /// What a reader should know.
@@ -386,6 +390,7 @@ fn conclude(
         fits,
         residual,
         widening: found.widening,
+        joint: found.joint,
         evaluations: solution.evaluations,
         warnings,
     })

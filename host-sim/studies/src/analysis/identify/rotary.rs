@@ -8,7 +8,8 @@ use crate::{
 };
 
 /// Tables that an identification makes or changes as a whole.
-const ELEMENTS: [&str; 5] = ["friction", "integrator", "amplifier", "offset", "encoder_error"];
+const ELEMENTS: [&str; 6] =
+    ["friction", "integrator", "amplifier", "offset", "encoder_error", "uncertainty"];
 /// Digits of what is written: the twelve of every result.
 const DIGITS: usize = 12;
 
@@ -120,9 +121,18 @@ fn told(units: Units, element: &Table) -> Value {
         (Some((renamed, factor)), Some(value)) => {
             (renamed, Value::Float(Units::told(value, factor)))
         }
-        _ => (key.clone(), value.clone()),
+        _ => (key.clone(), renamed(value)),
     });
     Value::Table(told.collect())
+}
+
+/// Names of keys that stand in lists, as those of correlations.
+fn renamed(value: &Value) -> Value {
+    match value {
+        Value::Array(all) => Value::Array(all.iter().map(renamed).collect()),
+        Value::String(key) => Value::String(Units::rotary_key(key).unwrap_or_else(|| key.clone())),
+        other => other.clone(),
+    }
 }
 
 fn number(value: f64) -> Value {
