@@ -90,7 +90,6 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
     use EstimatorName as N;
     match name {
         N::Difference | N::CentralDifference | N::FoawEnd | N::FoawBest | N::FoawBestPosition | N::TimeStamps => 0,
-        N::SecondOrder => 4, // a quality of 2 raises what rounding leaves as it raises everything at its resonance
         _ => 2,
     }
 }

@@ -306,11 +306,14 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let angle = 2.0 * PI * cutoff_hz / design.rate_hz;
         if prewarp { 2.0 * (angle / 2.0).tan() } else { angle }
     };
-    let second_order = |cutoff_hz: f64, prewarp: bool, quality: f64| {
+    let of_second_order = |cutoff_hz: f64, prewarp: bool, quality: f64| {
         let w = digital(cutoff_hz, prewarp);
         let a0 = 4.0 + 2.0 * w / quality + w * w;
         let b = [w * w / a0, 2.0 * w * w / a0, w * w / a0];
-        let a = [(2.0 * w * w - 8.0) / a0, (4.0 - 2.0 * w / quality + w * w) / a0];
+        (b, [(2.0 * w * w - 8.0) / a0, (4.0 - 2.0 * w / quality + w * w) / a0])
+    };
+    let second_order = |cutoff_hz: f64, prewarp: bool, quality: f64| {
+        let (b, a) = of_second_order(cutoff_hz, prewarp, quality);
         // the slower pole of two real ones, or how fast a ringing decays
         let slowest = (quality * SQRT_2).min(1.0 / (quality * SQRT_2));
         low_pass(&b, &a, slowest * cutoff_hz / design.rate_hz)
@@ -389,7 +392,14 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
         V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
         V::FirstOrderPrewarped { cutoff_hz } => first_order(cutoff_hz, true),
-        V::SecondOrder { cutoff_hz, quality } => second_order(cutoff_hz, false, quality),
+        // a quality of 2 raises what rounding leaves as it raises everything at its resonance
+        V::SecondOrder { cutoff_hz, quality } => {
+            let (b, a) = of_second_order(cutoff_hz, false, quality);
+            let says = second_order(cutoff_hz, false, quality);
+            let order = if cutoff_hz / design.rate_hz < 0.064 { 2 } else { 1 };
+            let resonance = Some(Resonance::of(&b, &a, order, says.settles[0]));
+            Stated { resonance, ..says }
+        }
         V::WindowDifference { window_samples } => {
             let window = f64::from(window_samples);
             exact(1.0 / window, 1.0, window + 1.0, First::Part(1.0 / window, 1.0 / window))
