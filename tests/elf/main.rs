@@ -67,6 +67,7 @@ mod firmware;
 mod fuzz;
 mod gdb;
 mod identify_telemetry;
+mod instructions;
 mod mailbox;
 mod panics;
 mod passivity;

@@ -13,9 +13,9 @@ use crate::firmware::{Firmware, arm, ok};
 each_board!(a_board_goes_on_from_a_snapshot_as_it_went_on);
 
 /// Something done to a board.
-type Act = (&'static str, fn(&mut World<'_>));
+pub type Act = (&'static str, fn(&mut World<'_>));
 
-const ACTS: [Act; 9] = [
+pub const ACTS: [Act; 9] = [
     ("runs", |world| world.run(300).unwrap()),
     ("meets its wall", |world| {
         for _ in 0..600 {

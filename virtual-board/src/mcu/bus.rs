@@ -67,6 +67,12 @@ impl Clock {
         self.changed.store(true, Relaxed);
     }
 
+    /// The chip's own clock is not the one that was set up.
+    #[inline(always)]
+    pub(super) fn is_changed(&self) -> bool {
+        self.changed.load(Relaxed)
+    }
+
     /// It has stopped.
     #[inline(always)]
     pub(super) fn stands(&self) -> bool {

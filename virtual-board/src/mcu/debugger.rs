@@ -149,7 +149,7 @@ impl Mcu {
             if stops.breakpoints.contains(&at) && !self.soc.cpu.is_asleep() {
                 return Ok(Some(Met::Breakpoint(at)));
             }
-            let ran = self.advance(cycle)? && !self.soc.cpu.is_asleep();
+            let ran = self.advance::<false>(cycle)? && !self.soc.cpu.is_asleep();
             let at = self.registers.r[15];
             if ran && stops.step.as_ref().is_some_and(|range| !range.contains(&at)) {
                 return Ok(Some(Met::Step));
@@ -262,6 +262,7 @@ impl Mcu {
 
     fn put_piece(&mut self, at: u32, width: Width, bytes: &[u8]) -> Result<(), Refused> {
         self.clock.set(self.now);
+        self.forget_flash();
         let mut word = [0; 4];
         let done = if in_ppb(at) && !in_vendor_ppb(at) {
             let start = (at & 3) as usize;

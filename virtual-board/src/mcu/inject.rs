@@ -61,6 +61,7 @@ impl Mcu {
     /// Writes a word as the core would, to a peripheral, to memory or to the core's own registers.
     pub fn poke(&mut self, address: u32, value: u32) {
         self.clock.set(self.now);
+        self.forget_flash();
         if !self.soc.cpu.with_sys(|sys| in_ppb(address) && sys.write_word(address, value)) {
             let (at, value) = (u64::from(address), u64::from(value));
             let _ = self.soc.space.write(at, Width::U32, value, MemAttrs::default());
@@ -73,6 +74,7 @@ impl Mcu {
         let offset = u64::from(address - super::FLASH);
         self.soc.flash.load_image(offset, bytes).expect("inside of the flash");
         self.flash_saved = None;
+        self.forget_flash();
     }
 
     /// Reads a word as the core would.
@@ -114,6 +116,7 @@ impl Mcu {
         change(&mut registers);
         self.soc.cpu.set_regs(registers);
         self.registers = self.soc.cpu.regs();
+        self.look_anew();
     }
 
     /// The program counter points to `address` all at once.
@@ -122,6 +125,7 @@ impl Mcu {
         cpu.set_xpsr(cpu.xpsr() & !IT_BITS);
         cpu.set_pc(address & !1);
         self.registers = cpu.regs();
+        self.look_anew();
     }
 
     /// One of the encoder's channels (0: A, 1: B) stays at the level that it has, or works again.

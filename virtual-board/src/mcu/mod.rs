@@ -13,6 +13,7 @@ mod crystal;
 mod debugger;
 mod dma;
 mod encoder;
+mod fast;
 mod inject;
 mod main_output;
 mod reads;
@@ -36,6 +37,7 @@ use rsemu::{
 
 use self::{
     bus::Clock,
+    fast::Fast,
     soc::{Memories, Soc, WIRED},
     watch::{Step, mend_itstate},
 };
@@ -157,6 +159,7 @@ pub struct Mcu {
     outside: Outside,
     /// Flash as it was last saved, and how often its registers had been touched then.
     flash_saved: Option<(Arc<Vec<u8>>, u64)>,
+    fast: Fast,
 }
 
 impl Mcu {
@@ -199,6 +202,7 @@ impl Mcu {
             watch: Watch::new(),
             outside: Outside::new(),
             flash_saved: None,
+            fast: Fast::default(),
         }
     }
 
@@ -208,15 +212,17 @@ impl Mcu {
     /// The core locked up.
     pub fn run_until(&mut self, cycle: u64) -> Result<(), Stopped> {
         while self.now < cycle {
-            self.advance(cycle)?;
+            self.advance::<true>(cycle)?;
         }
+        self.give_back();
         self.clock.set(self.now);
         Ok(())
     }
 
-    /// One instruction, or sleep until `cycle` or the next event; whether an instruction was run.
+    /// One instruction, or, if those may be `MANY`, up to `cycle` or the next event; or sleep up to there. Whether
+    /// instructions were run.
     #[inline(always)]
-    fn advance(&mut self, cycle: u64) -> Result<bool, Stopped> {
+    fn advance<const MANY: bool>(&mut self, cycle: u64) -> Result<bool, Stopped> {
         self.clock.set(self.now);
         if self.now >= self.next || self.clock.take_touched() {
             self.service();
@@ -231,6 +237,13 @@ impl Mcu {
             self.asleep += to - self.now;
             self.now = to;
             return Ok(false);
+        }
+        let until = self.next.min(cycle);
+        if MANY && self.run_here(until) {
+            if self.now >= until {
+                return Ok(true);
+            }
+            self.clock.set(self.now);
         }
         self.step();
         if self.stands && self.soc.cpu.is_locked_up() && !self.outlives {
@@ -278,6 +291,7 @@ impl Mcu {
     }
 
     fn step(&mut self) {
+        self.give_back();
         let cpu = &self.soc.cpu;
         let before = self.registers;
         let cycles = cpu.step();
@@ -290,6 +304,8 @@ impl Mcu {
         if self.stands && !stood && cpu.is_asleep() {
             self.stop_if_deep();
         }
+        self.follow_step(after.r[15]);
+        let cpu = &self.soc.cpu;
         let exception = exception_of(after.xpsr);
         if exception != exception_of(before.xpsr)
             && before.xpsr & IT_BITS != 0
@@ -348,6 +364,7 @@ impl Mcu {
         self.soc = Soc::new(&self.chip, &self.memories, &self.clock, &self.listeners, supply_mv);
         self.soc.encoder.go_on_from(&encoder);
         self.flash_saved = None;
+        self.start_anew();
         self.drive_pins();
         self.soc.set_break(open);
         self.soc.note_reset(cause);

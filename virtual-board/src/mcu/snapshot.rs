@@ -181,6 +181,7 @@ impl Mcu {
         self.event = from.event;
         self.hard_faults.clone_from(&from.hard_faults);
         self.watch.clone_from(&from.watch);
+        self.look_anew();
         self.clock.restore(&from.clock);
     }
 
@@ -206,6 +207,7 @@ impl Mcu {
             return;
         }
         load(std::iter::once(&*self.soc.flash as &dyn Device), from);
+        self.forget_flash();
         let idle = self.soc.flash.next_event_tick().is_none();
         self.flash_saved = idle.then(|| (Arc::clone(from), touched));
     }

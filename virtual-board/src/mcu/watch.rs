@@ -138,6 +138,33 @@ impl Watch {
         self.commands.add(cycles);
     }
 
+    /// Whether instructions of this exception can be told together, by [`steps`](Self::steps).
+    pub(super) fn takes_steps(&self, exception: u16) -> bool {
+        let inside = self.nested.last().map_or(0, |(number, _)| *number);
+        inside == exception && self.profile.is_none() && self.marks.is_empty()
+    }
+
+    /// Several instructions of the running exception, in which PRIMASK and BASEPRI have not changed.
+    pub(super) fn steps(
+        &mut self,
+        instructions: u64,
+        cycles: u64,
+        (primask, basepri): (bool, u8),
+        lowest_stack: u32,
+    ) {
+        self.lowest_stack = self.lowest_stack.min(lowest_stack);
+        if let Some((_, spent)) = self.nested.last_mut() {
+            *spent += cycles;
+        }
+        if self.running {
+            self.masked = if basepri == 0 { 0 } else { self.masked + cycles };
+            self.longest_mask = self.longest_mask.max(self.masked);
+            let forbidden = (1..=SAMPLE_PRIORITY).contains(&basepri);
+            self.primask += if primask { instructions } else { 0 };
+            self.forbidden_basepri += if forbidden { instructions } else { 0 };
+        }
+    }
+
     /// `still_active` says whether an exception is still active, if the number changes.
     pub(super) fn step(&mut self, step: &Step, still_active: impl Fn(u16) -> bool) {
         self.lowest_stack = self.lowest_stack.min(step.stack);
