@@ -163,6 +163,8 @@ pub(super) struct Lazy {
     apart: bool,
     /// Core cycles for which it stood still while the core was halted.
     pub(super) stood: Arc<AtomicU64>,
+    /// Where it is to be brought before anybody looks at it; 0: it is there.
+    owed: Arc<AtomicU64>,
 }
 
 impl fmt::Debug for Lazy {
@@ -180,8 +182,9 @@ impl Lazy {
             panic!("registers are an I/O region")
         };
         let operations = Arc::clone(operations);
-        let (clock, stood) = (Arc::clone(clock), Arc::default());
-        Self { device, operations, clock, divider, apart: false, stood }
+        let clock = Arc::clone(clock);
+        let [stood, owed] = [Arc::default(), Arc::default()];
+        Self { device, operations, clock, divider, apart: false, stood, owed }
     }
 
     /// With a clock of its own, which runs on when the chip's does not.
@@ -191,17 +194,45 @@ impl Lazy {
 
     /// Brings the device to `cycle`.
     pub(super) fn advance_to(&self, cycle: u64) {
+        let owed = self.owed.load(Relaxed);
+        self.owed.store(0, Relaxed);
+        let cycle = cycle.max(owed);
         let cycle = if self.apart { cycle } else { self.clock.own(cycle) };
         self.device.advance_to(cycle.saturating_sub(self.stood.load(Relaxed)) / self.divider);
     }
 
+    /// The same where nothing looks at it: as long as nothing happens in it, time is only owed.
+    #[inline]
+    pub(super) fn bring_to(&self, cycle: u64) {
+        if self.next_event() <= cycle {
+            self.advance_to(cycle);
+        } else {
+            self.owed.store(self.owed.load(Relaxed).max(cycle), Relaxed);
+        }
+    }
+
+    /// Brings it where it is owed to be: before something looks at it, or changes what its time depends on.
+    #[inline]
+    pub(super) fn pay(&self) {
+        let owed = self.owed.load(Relaxed);
+        if owed > 0 {
+            self.advance_to(owed);
+        }
+    }
+
+    /// Its state is another.
+    pub(super) fn owe_nothing(&self) {
+        self.owed.store(0, Relaxed);
+    }
+
     /// It stands still for the next `cycles`.
     pub(super) fn stand_still(&self, cycles: u64) {
+        self.pay();
         self.stood.fetch_add(cycles, Relaxed);
     }
 
-    /// Brings the device to the present, event by event, so that each of its edges is delivered
-    /// with its own time.
+    /// Brings the device to the present as [`bring_to`](Self::bring_to), event by event, so that each of its edges
+    /// is delivered with its own time.
     pub(super) fn catch_up_by_edges(&self) {
         let now = self.clock.now();
         loop {
@@ -213,7 +244,7 @@ impl Lazy {
             self.advance_to(next);
         }
         self.clock.edge.store(now, Relaxed);
-        self.advance_to(now);
+        self.bring_to(now);
     }
 
     /// Cycle of the device's next event.
@@ -226,6 +257,7 @@ impl Lazy {
 
     /// Reads a register without side effects.
     pub(super) fn peek(&self, offset: u64) -> u32 {
+        self.pay();
         let mut word = [0; 4];
         // A register that is not there reads as 0.
         let _ = self.operations.read(offset, &mut word, MemAttrs::DEBUG);
@@ -234,6 +266,7 @@ impl Lazy {
 
     /// Writes a register as the core would.
     pub(super) fn poke(&self, offset: u64, value: u32) {
+        self.pay();
         let _ = self.operations.write(offset, &value.to_le_bytes(), MemAttrs::default());
     }
 }
@@ -255,6 +288,7 @@ impl<P: Port + 'static> Registers<P> {
 impl<P: Port> MemOps for Registers<P> {
     fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
         self.port.before();
+        self.lazy.pay();
         self.lazy.clock.touched.store(true, Relaxed);
         if into.len() < 4 && self.lazy.operations.constraints().min == Width::U32 {
             let mut word = [0; 4];
@@ -278,6 +312,7 @@ impl<P: Port> MemOps for Registers<P> {
 
     fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
         self.port.before();
+        self.lazy.pay();
         self.lazy.clock.touched.store(true, Relaxed);
         if let Ok(word) = <[u8; 4]>::try_from(from) {
             let word = self.port.write(offset, u32::from_le_bytes(word)).to_le_bytes();

@@ -54,11 +54,14 @@ pub(super) struct ClockPort {
     pub(super) lazy: Lazy,
     pub(super) clock: Arc<Clock>,
     pub(super) crystal: Arc<Crystal>,
+    /// What it gates the clocks of.
+    pub(super) gated: Vec<Lazy>,
 }
 
 impl Port for ClockPort {
     fn before(&self) {
         self.lazy.advance_to(self.clock.now());
+        self.gated.iter().for_each(Lazy::pay);
     }
 
     fn write(&self, offset: u64, value: u32) -> u32 {
@@ -117,6 +120,7 @@ impl Mcu {
     }
 
     fn change_clock(&self, mhz: u64) {
+        self.soc.lazies().for_each(Lazy::pay);
         self.clock.change(mhz, self.chip.core_hz / 1_000_000);
     }
 }

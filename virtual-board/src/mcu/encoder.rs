@@ -129,7 +129,8 @@ impl EncoderInput {
             self.show(&mut edges);
             self.note(|notes| notes.edges.push((at, count)));
         }
-        self.advance_to(now);
+        self.counter.bring_to(now);
+        self.capture.bring_to(now);
     }
 
     fn advance_to(&self, cycle: u64) {
@@ -193,6 +194,8 @@ impl EncoderInput {
     }
 
     fn drive(&self, edges: &Edges) {
+        self.counter.pay();
+        self.capture.pay();
         for inputs in &self.inputs {
             for ((id, pin), level) in inputs.iter().zip(edges.levels) {
                 pin.sink.set_level(*id, pin.line, Level::from_bool(level));

@@ -255,9 +255,9 @@ impl Mcu {
     /// Brings the devices to the present and the interrupt line to the core.
     fn service(&mut self) {
         let due = self.soc.pace.next_event();
-        self.soc.pace.advance_to(self.now);
+        self.soc.pace.bring_to(self.now);
         for device in &self.soc.others {
-            device.advance_to(self.now);
+            device.bring_to(self.now);
         }
         if self.soc.dma.serve(&self.soc.space) {
             self.stored_by_dma += 1;

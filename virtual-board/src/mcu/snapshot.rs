@@ -17,7 +17,7 @@ use rsemu::{
 
 use super::{
     Mcu, Outside, Watch,
-    bus::{ClockState, Storage},
+    bus::{ClockState, Lazy, Storage},
     encoder::EncoderState,
     soc::{FLAGS, Soc, WIRED},
 };
@@ -104,6 +104,7 @@ impl Mcu {
     pub fn snapshot(&mut self) -> Snapshot {
         let flash = self.saved_flash();
         let soc = &self.soc;
+        soc.lazies().for_each(Lazy::pay);
         Snapshot {
             devices: save(soc.devices()),
             flash,
@@ -149,6 +150,7 @@ impl Mcu {
         soc.supply.restore(from.supply);
         soc.encoder.restore(&from.encoder);
         load(soc.devices(), &from.devices);
+        soc.lazies().for_each(Lazy::owe_nothing);
         self.memories.ram.write_at(0, &from.ram).expect(WIRED);
         self.memories.backup.write_at(0, &from.backup).expect(WIRED);
         for (lazy, stood) in soc.timers().zip(&from.stood) {

@@ -352,6 +352,14 @@ impl Soc {
             lazy: rcc.clone(),
             clock: Arc::clone(&clock),
             crystal: Arc::clone(&crystal),
+            gated: vec![
+                pwm.clone(),
+                pace.clone(),
+                halt_timer.clone(),
+                output_timer.clone(),
+                encoder.counter.clone(),
+                encoder.capture.clone(),
+            ],
         };
         map(Registers::region(&rcc, port), 0x4002_3800);
         let flash_touched = Arc::new(AtomicU64::new(0));
@@ -452,6 +460,11 @@ impl Soc {
         let [tim1, tim5] = [&self.pwm, &self.pace];
         let others = [&self.halt_timer, &self.output_timer, &self.watchdog];
         [tim1, tim5, &encoder.counter, &encoder.capture].into_iter().chain(others)
+    }
+
+    /// All that is brought to the present when looked at.
+    pub(super) fn lazies(&self) -> impl Iterator<Item = &Lazy> {
+        self.timers().chain(&self.others).chain([&self.exti, &self.flash_registers])
     }
 
     pub(super) fn ports(&self) -> impl Iterator<Item = &dyn Device> {
