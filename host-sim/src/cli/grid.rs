@@ -5,7 +5,6 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use zwidth::experiment::Verdict;
 
 use super::{
     Common,
@@ -22,11 +21,12 @@ use crate::{
     output::{
         SCHEMA_VERSION,
         estimated::print_of,
-        in_units::{self, Columns},
+        grid::{self, Counts},
+        in_units,
         table::Kind,
     },
     scene::NamedScene,
-    simulation::prepared::{HitError, WallHit},
+    simulation::prepared::WallHit,
     study::{
         asked::{Walls, prepare},
         probability::{Draws, How, at_walls},
@@ -54,16 +54,6 @@ pub struct GridArgs {
     csv: Option<PathBuf>,
 }
 
-/// How many walls came to what.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-struct Counts {
-    stable: u64,
-    unstable: u64,
-    no_contact: u64,
-    /// The handle left the core's range.
-    out_of_range: u64,
-}
-
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
@@ -79,11 +69,6 @@ struct Json<'a> {
 /// Errors of the impedance up to which walls are counted.
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
-const HEADER: &str = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m\n";
-const HEADER_WITH_IMPEDANCE: &str =
-    "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m,impedance_error\n";
-const OUT_OF_RANGE: &str = "out_of_range";
-
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let Grid { scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
     let prepared = prepare(&scene)?;
@@ -98,10 +83,9 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
         outputs.commit()?;
         return print_of(common.json, &scene.scene, &table.json, || table.text());
     }
-    let header = if args.impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
-    let columns = Columns::new(scene.scene.units, header);
+    let mut table = grid::Grid::new(scene.scene.units, args.impedance);
     if let Some(csv) = csv {
-        outputs.write(csv, columns.header.as_bytes())?;
+        outputs.write(csv, table.header().as_bytes())?;
     }
     let rendered: Vec<Rendered> = match args.impedance {
         false => vec![],
@@ -117,7 +101,6 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let mut usable = [0u64; 3];
     let points = walls.count();
     let bar = progress::bar_of(points, "walls");
-    let (mut counts, mut row) = (Counts::default(), String::new());
     let (numeric, wall) = (common.numeric, |number| walls.wall(number));
     stream(
         common.engine.into(),
@@ -128,40 +111,23 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
         wall,
         interrupt::flag(),
         |number, outcome| {
-            let (name, rms_m) = match outcome {
-                Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
-                Err(HitError::OutOfRange(_)) => (OUT_OF_RANGE, None),
-                Err(error) => return Err(error.into()),
-            };
-            match outcome.map(|outcome| outcome.verdict) {
-                Ok(Verdict::Stable) => counts.stable += 1,
-                Ok(Verdict::Unstable) => counts.unstable += 1,
-                Ok(Verdict::NoContact) => counts.no_contact += 1,
-                Err(_) => counts.out_of_range += 1,
-            }
             bar.inc(1);
             let wall = walls.wall(number);
             let error = error_of(&wall);
+            let stable = table.counts.stable;
+            let row = table.row(&wall, outcome, error)?;
+            let is_stable = table.counts.stable > stable;
             for (count, limit) in usable.iter_mut().zip(WITHIN) {
-                *count += u64::from(
-                    name == Verdict::Stable.name() && error.is_some_and(|error| error <= limit),
-                );
+                *count += u64::from(is_stable && error.is_some_and(|error| error <= limit));
             }
             let Some(csv) = csv else { return Ok(()) };
-            let WallHit { cutoff_hz, damping_n_s_per_m, stiffness_n_per_m, .. } = wall;
-            row.clear();
-            let _ = write!(row, "{cutoff_hz},{damping_n_s_per_m},{stiffness_n_per_m},{name},");
-            let _ = rms_m.map_or(Ok(()), |rms_m| write!(row, "{rms_m}"));
-            let _ = error.map_or(Ok(()), |error| write!(row, ",{error}"));
-            row.push('\n');
-            let is_rotary = scene.scene.units.is_rotary();
-            let told = if is_rotary { columns.row(&row) } else { std::mem::take(&mut row) };
-            outputs.write(csv, told.as_bytes())
+            outputs.write(csv, row.as_bytes())
         },
     )?;
     bar.finish_and_clear();
     outputs.commit()?;
     let (name, numeric) = (scene.name.as_str(), common.numeric.name());
+    let counts = table.counts;
     let Counts { stable, unstable, no_contact, out_of_range } = counts;
     let usable = args.impedance.then_some(usable);
     let json = Json { scene: name, numeric, points, counts, usable };

@@ -351,7 +351,8 @@ impl Study {
         notes.map(|note| units.text(&note)).chain(estimated).collect()
     }
 
-    fn boundary_csv(&self) -> String {
+    /// `boundary.csv`, in m and N.
+    pub fn boundary_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
         );
@@ -367,7 +368,8 @@ impl Study {
         text
     }
 
-    fn areas_csv(&self) -> String {
+    /// `areas.csv`, in m and N.
+    pub fn areas_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",
         );

@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::{
     error::{Error, one_line, printable},
     interrupt,
-    output::{SCHEMA_VERSION, files},
+    output::{SCHEMA_VERSION, files, signals},
 };
 
 /// What the standard library says of a word that is no number, and what helps.
@@ -57,7 +57,7 @@ pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
         Ok(cli) => cli,
         Err(exit_code) => return exit_code,
     };
-    let watched = interrupt::watch(files::abandon, || say_error(&Error::Interrupted));
+    let watched = signals::watch(files::abandon, || say_error(&Error::Interrupted));
     let Err(error) = watched.and_then(|()| execute(cli)) else { return 0 };
     let error = if interrupt::is_requested() { Error::Interrupted } else { error };
     say_error(&error);

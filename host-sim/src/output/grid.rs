@@ -1,0 +1,83 @@
+//! The table of a grid: one row for each wall.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+use zwidth::experiment::Verdict;
+
+use crate::{
+    engine::Outcome,
+    error::Error,
+    output::in_units::Columns,
+    scene::Units,
+    simulation::prepared::{HitError, WallHit},
+};
+
+const HEADER: &str = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m\n";
+const HEADER_WITH_IMPEDANCE: &str =
+    "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m,impedance_error\n";
+const OUT_OF_RANGE: &str = "out_of_range";
+
+/// How many walls came to what.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Stable walls.
+    pub stable: u64,
+    /// Unstable walls.
+    pub unstable: u64,
+    /// Walls that the handle did not reach.
+    pub no_contact: u64,
+    /// The handle left the core's range.
+    pub out_of_range: u64,
+}
+
+/// A grid whose walls come one by one.
+pub struct Grid {
+    /// So far.
+    pub counts: Counts,
+    columns: Columns,
+    is_rotary: bool,
+}
+
+impl Grid {
+    /// In those units; with the error of the impedance or without.
+    pub fn new(units: Units, impedance: bool) -> Self {
+        let header = if impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
+        let columns = Columns::new(units, header);
+        Self { counts: Counts::default(), columns, is_rotary: units.is_rotary() }
+    }
+
+    /// Names of the columns.
+    pub fn header(&self) -> &str {
+        &self.columns.header
+    }
+
+    /// The row of a wall, and whether it is stable.
+    ///
+    /// # Errors
+    /// The hit could not be made.
+    pub fn row(
+        &mut self,
+        wall: &WallHit,
+        outcome: Result<Outcome, HitError>,
+        impedance_error: Option<f64>,
+    ) -> Result<String, Error> {
+        let (name, rms_m) = match outcome {
+            Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
+            Err(HitError::OutOfRange(_)) => (OUT_OF_RANGE, None),
+            Err(error) => return Err(error.into()),
+        };
+        match outcome.map(|outcome| outcome.verdict) {
+            Ok(Verdict::Stable) => self.counts.stable += 1,
+            Ok(Verdict::Unstable) => self.counts.unstable += 1,
+            Ok(Verdict::NoContact) => self.counts.no_contact += 1,
+            Err(_) => self.counts.out_of_range += 1,
+        }
+        let &WallHit { cutoff_hz, damping_n_s_per_m, stiffness_n_per_m, .. } = wall;
+        let mut row = format!("{cutoff_hz},{damping_n_s_per_m},{stiffness_n_per_m},{name},");
+        let _ = rms_m.map_or(Ok(()), |rms_m| write!(row, "{rms_m}"));
+        let _ = impedance_error.map_or(Ok(()), |error| write!(row, ",{error}"));
+        row.push('\n');
+        Ok(if self.is_rotary { self.columns.row(&row) } else { row })
+    }
+}
