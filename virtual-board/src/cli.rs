@@ -29,16 +29,16 @@ use zwidth::period::PERIODS;
 use typed::{place_name, stdin, typed};
 
 use crate::{
-    board::{BOARDS, Board, NUCLEO_F446RE},
+    board::{Board, NUCLEO_F446RE},
     campaign::{self, report::Campaign},
     device,
     elf::Elf,
     fuzz::report::{self, Fuzz},
     image,
     link::serve::{self, Ports},
-    log,
     mcu::{LINK, RENDER, SAMPLE},
-    session::{Failed, Session, ask},
+    session::{BoardHit, Failed, Session, ask},
+    world::World,
 };
 
 /// Runs the firmware's release ELF in closed loop with a simulated device.
@@ -79,6 +79,12 @@ enum Command {
         /// B, N s/m; N m s/rad of a rotary scene.
         #[arg(long)]
         damping: f64,
+        /// Write the telemetry since the board was switched on, for `cargo sim telemetry FILE`.
+        #[arg(long, value_name = "FILE")]
+        telemetry: Option<PathBuf>,
+        /// Replace FILE if it is there.
+        #[arg(long)]
+        force: bool,
     },
     /// Faults with the force on, in free motion and in contact: how long until it is off.
     Campaign(Campaign),
@@ -148,12 +154,19 @@ fn execute(command: Command) -> Result<(), Error> {
             // A capture is whole wherever it ends, and wanted most where the program stopped.
             outputs.commit().and(ended)
         }
-        Command::Hit { common, json, cutoff, stiffness, damping } => {
-            let (scene, _) = common.open(false)?;
+        Command::Hit { common, json, cutoff, stiffness, damping, telemetry, force } => {
+            let (scene, mut outputs) = common.open(force)?;
+            let capture = outputs.option(telemetry.as_ref())?;
             let cutoff = cutoff.map_or_else(|| asked::cutoff(&scene, None), Ok)?;
             let units = scene.scene.units;
             let wall = [units.stiffness_n_per_m(stiffness), units.damping_n_s_per_m(damping)];
-            hit(&common.session(scene)?, [cutoff, wall[0], wall[1]], json)
+            let session = common.session(scene)?;
+            let (report, world) = session.hit([cutoff, wall[0], wall[1]])?;
+            if let Some(capture) = capture {
+                outputs.write(capture, &world.telemetry)?;
+            }
+            outputs.commit()?;
+            hit(&session, [cutoff, wall[0], wall[1]], (&report, &world), json)
         }
         Command::Campaign(options) => campaign::report::execute(&options),
         Command::Fuzz(options) => report::execute(&options),
@@ -236,21 +249,7 @@ fn with_record(
         Some(path) => path.clone(),
         None => image::build(board.name).map_err(Error::Internal)?,
     };
-    let elf = Elf::load(&path)?;
-    let is_for = |board: &Board| elf.contains(board.name);
-    if let Some(other) = BOARDS.iter().find(|other| is_for(other) && !is_for(&board)) {
-        return Err(Error::Input(format!(
-            "{} is an image of {}, --board is {}",
-            path.display(),
-            other.name,
-            board.name
-        )));
-    }
-    let table = log::table(&elf.bytes).map_err(|error| {
-        Error::Input(format!("{} is no firmware of ours: {error}", path.display()))
-    })?;
-    let elf = record.map_or_else(|| Ok(elf.clone()), |record| elf.with_record(&record))?;
-    Ok(Session { board, scene, elf, table })
+    Session::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
 }
 
 impl From<Failed> for Error {
@@ -354,8 +353,12 @@ struct WalkJson<'a> {
     virtual_s: f64,
 }
 
-fn hit(session: &Session, wall: [f64; 3], json: bool) -> Result<(), Error> {
-    let (report, world) = session.hit(wall)?;
+fn hit(
+    session: &Session,
+    wall: [f64; 3],
+    (report, world): (&BoardHit, &World<'_>),
+    json: bool,
+) -> Result<(), Error> {
     let watch = world.powered.mcu.watch();
     for (name, exception) in [("sample", SAMPLE), ("render", RENDER), ("link", LINK)] {
         let cycles = watch.tasks.get(&exception).copied().unwrap_or_default();

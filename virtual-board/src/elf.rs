@@ -31,10 +31,16 @@ impl Elf {
     /// # Errors
     /// It cannot be read or is no 32-bit little-endian ELF.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let bytes = input::read(path, input::PROGRAM)?;
-        let bad = |reason: String| {
-            Error::Input(format!("{} is no program of a board: {reason}", path.display()))
-        };
+        Self::parse(input::read(path, input::PROGRAM)?, &path.display().to_string())
+    }
+
+    /// Takes a file's bytes apart; `origin` is what errors call it.
+    ///
+    /// # Errors
+    /// It is no 32-bit little-endian ELF.
+    pub fn parse(bytes: Vec<u8>, origin: &str) -> Result<Self, Error> {
+        let bad =
+            |reason: String| Error::Input(format!("{origin} is no program of a board: {reason}"));
         let file: ElfFile32 = ElfFile32::parse(&*bytes).map_err(|error| bad(error.to_string()))?;
         let endian = file.endian();
         let mut flash = Vec::new();

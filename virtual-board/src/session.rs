@@ -1,15 +1,19 @@
 //! Experiments as a person runs them: the same commands, typed into a virtual board.
 
 use defmt_decoder::Table;
-use host_sim::scene::{NamedScene, Scene, Units};
+use host_sim::{
+    error::Error,
+    scene::{NamedScene, Scene, Units},
+};
 use zwidth::{
     experiment::Verdict,
     velocity::{EstimatorName, PARAMETERS, Sense},
 };
 
 use crate::{
-    board::Board,
+    board::{BOARDS, Board},
     elf::Elf,
+    log,
     world::{Ended, World},
 };
 
@@ -106,6 +110,30 @@ const ARM_SAMPLES: u64 = 4_000;
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
+    /// A board with that image, which errors call `origin`, and that record in its flash, or with the image's own.
+    ///
+    /// # Errors
+    /// The image is another board's, or none of ours.
+    pub fn of(
+        board: Board,
+        elf: Elf,
+        origin: &str,
+        scene: NamedScene,
+        record: Option<Vec<u8>>,
+    ) -> Result<Self, Error> {
+        let is_for = |board: &Board| elf.contains(board.name);
+        if let Some(other) = BOARDS.iter().find(|other| is_for(other) && !is_for(&board)) {
+            let (name, board) = (other.name, board.name);
+            return Err(Error::Input(format!(
+                "{origin} is an image of {name}, --board is {board}"
+            )));
+        }
+        let table = log::table(&elf.bytes)
+            .map_err(|error| Error::Input(format!("{origin} is no firmware of ours: {error}")))?;
+        let elf = record.map_or_else(|| Ok(elf.clone()), |record| elf.with_record(&record))?;
+        Ok(Self { board, scene, elf, table })
+    }
+
     /// Switched on and booted, with the handle at rest where the device rests.
     ///
     /// # Errors
@@ -127,12 +155,25 @@ impl Session {
         self.zeroed(World::new)
     }
 
+    /// The same at the moment in which it is let go.
+    ///
+    /// # Errors
+    /// As [`boot_at_zero`](Self::boot_at_zero).
+    pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
+        self.let_go(World::new)
+    }
+
     fn zeroed<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
+        let mut world = self.let_go(new)?;
+        world.run(REST_SAMPLES)?;
+        Ok(world)
+    }
+
+    fn let_go<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
         let mut world = new(self.board, &self.elf, &self.table, &self.scene.scene, 0.0)?;
         world.run(500)?;
         ask(&mut world, "zero")?;
         world.hold(0.0, false);
-        world.run(REST_SAMPLES)?;
         Ok(world)
     }
 

@@ -1,10 +1,9 @@
 //! A virtual board that runs by itself, in real time, in a thread of its own.
 
 use std::{
-    collections::VecDeque,
     net::TcpListener,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc,
         atomic::{AtomicBool, Ordering::Relaxed},
         mpsc,
     },
@@ -12,41 +11,20 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Link, UP_CHANNELS, gdb};
+use super::{
+    gdb,
+    wires::{SLICE, Slices, WiredLink, Wires},
+};
 use crate::{
-    board::Powered,
     mcu::{Met, Stops},
     session::{Failed, Session, ask},
     world::{Ended, World},
 };
 
-pub use crate::world::Finger;
-
-/// Bytes of a channel that wait for the host. What is more stays on the board, which drops what is too much.
-const WAITING: usize = 1 << 16;
-/// Samples between two looks at the channels: a millisecond.
-const SLICE: u64 = 10;
 /// How far it may run ahead of real time.
 const AHEAD: Duration = Duration::from_millis(1);
 /// Where it is behind by more, it does not try to catch up.
 const BEHIND: Duration = Duration::from_millis(20);
-
-/// What a person would see who looks at the device.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seen {
-    /// Time on the board since it was switched on, s.
-    pub time_s: f64,
-    /// Where the handle is in the scene, m.
-    pub position_m: f64,
-    /// Force of the finger on it, N.
-    pub finger_n: f64,
-    /// The amplifier is enabled.
-    pub enabled: bool,
-    /// When enable last dropped, in seconds on the board.
-    pub disabled_s: Option<f64>,
-    /// Seconds on the board for each second here, lately.
-    pub speed: f64,
-}
 
 /// What comes before real time.
 #[derive(Clone, Copy, Debug, Default)]
@@ -68,27 +46,11 @@ impl Begin {
     }
 }
 
-#[derive(Default)]
-struct Shared {
-    up: [Mutex<VecDeque<u8>>; UP_CHANNELS],
-    /// Channels that nobody reads stay on the board.
-    read: [AtomicBool; UP_CHANNELS],
-    down: Mutex<VecDeque<u8>>,
-    finger: Mutex<Option<Finger>>,
-    stop_open: AtomicBool,
-    seen: Mutex<Seen>,
-    lost: Mutex<Option<String>>,
-    ended: AtomicBool,
-}
-
 /// A virtual board in real time. It is switched off when the last of its handles is dropped.
 pub struct LiveBoard {
-    shared: Arc<Shared>,
+    wires: Arc<Wires>,
+    ended: Arc<AtomicBool>,
     thread: Option<thread::JoinHandle<()>>,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl LiveBoard {
@@ -109,182 +71,95 @@ impl LiveBoard {
         begin: Begin,
         gdb: Option<TcpListener>,
     ) -> Result<Self, Failed> {
-        let shared = Arc::new(Shared::default());
+        let wires = Arc::new(Wires::default());
+        let ended = Arc::new(AtomicBool::new(false));
         let (booted, wait) = mpsc::channel();
-        let inside = Arc::clone(&shared);
+        let (inside, over) = (Arc::clone(&wires), Arc::clone(&ended));
         let thread = thread::spawn(move || {
             let mut world = match begin.boot(&session) {
                 Ok(world) => world,
                 Err(failed) => return drop(booted.send(Err(failed))),
             };
             let _ = booted.send(Ok(()));
-            if let Err(Failed::Program(ended)) = inside.run(&mut world, gdb.map(gdb::Port::new)) {
-                *lock(&inside.lost) = Some(format!("the firmware: {ended:?}"));
+            let run = RealTime::new(&inside, &over).run(&mut world, gdb.map(gdb::Port::new));
+            if let Err(Failed::Program(ended)) = run {
+                inside.lose(format!("the firmware: {ended:?}"));
             }
         });
         let over = || Failed::Refused("the board's thread ended".to_owned());
         wait.recv().map_err(|_| over())??;
-        Ok(Self { shared, thread: Some(thread) })
+        Ok(Self { wires, ended, thread: Some(thread) })
     }
 
-    /// The channel is read from now on, or no longer: then the board finds it full.
-    pub fn attend(&self, channel: usize, read: bool) {
-        if let (Some(flag), Some(bytes)) =
-            (self.shared.read.get(channel), self.shared.up.get(channel))
-        {
-            flag.store(read, Relaxed);
-            if !read {
-                lock(bytes).clear();
-            }
-        }
-    }
-
-    /// A finger pulls at the handle from now on, or none.
-    pub fn touch(&self, finger: Option<Finger>) {
-        *lock(&self.shared.finger) = finger;
-    }
-
-    /// The switch of the emergency stop.
-    pub fn emergency_stop(&self, open: bool) {
-        self.shared.stop_open.store(open, Relaxed);
-    }
-
-    /// What a person would see.
-    pub fn seen(&self) -> Seen {
-        *lock(&self.shared.seen)
+    /// Its wires.
+    pub fn wires(&self) -> Arc<Wires> {
+        Arc::clone(&self.wires)
     }
 
     /// Another end of the same link.
-    pub fn link(&self) -> LiveLink {
-        LiveLink(Arc::clone(&self.shared))
+    pub fn link(&self) -> WiredLink {
+        WiredLink(self.wires())
     }
 }
 
 impl Drop for LiveBoard {
     fn drop(&mut self) {
-        self.shared.ended.store(true, Relaxed);
+        self.ended.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
 }
 
-/// An end of the link to a [`LiveBoard`].
-#[derive(Clone)]
-pub struct LiveLink(Arc<Shared>);
-
-impl Link for LiveLink {
-    fn read(&mut self, channel: usize, into: &mut Vec<u8>) {
-        let Some(bytes) = self.0.up.get(channel) else { return };
-        self.0.read[channel].store(true, Relaxed);
-        into.extend(lock(bytes).drain(..));
-    }
-
-    fn write(&mut self, channel: usize, bytes: &[u8]) -> usize {
-        if channel != super::COMMANDS {
-            return 0;
-        }
-        let mut down = lock(&self.0.down);
-        let taken = bytes.len().min(WAITING.saturating_sub(down.len()));
-        down.extend(&bytes[..taken]);
-        taken
-    }
-
-    fn lost(&self) -> Option<String> {
-        lock(&self.0.lost).clone()
-    }
+/// Slices of a millisecond in real time.
+struct RealTime<'a> {
+    wires: &'a Arc<Wires>,
+    ended: &'a AtomicBool,
+    slices: Slices,
+    pace: Pace,
 }
 
-impl Shared {
-    fn run(&self, world: &mut World<'_>, mut gdb: Option<gdb::Port>) -> Result<(), Failed> {
-        let mut board = RealTime { shared: self, pace: Pace::new(), stop_open: false };
+impl<'a> RealTime<'a> {
+    fn new(wires: &'a Arc<Wires>, ended: &'a AtomicBool) -> Self {
+        Self { wires, ended, slices: Slices::new(Arc::clone(wires)), pace: Pace::new() }
+    }
+
+    fn run(mut self, world: &mut World<'_>, mut gdb: Option<gdb::Port>) -> Result<(), Failed> {
         while !self.ended.load(Relaxed) {
-            board.before(world);
-            for _ in 0..SLICE {
-                world.sample().map_err(Failed::Program)?;
-            }
-            board.after(world);
+            self.slices.run(world)?;
+            self.wait(world);
             if let Some(port) = &mut gdb {
-                port.look(world, &mut board)?;
+                port.look(world, &mut self)?;
             }
         }
         Ok(())
     }
 
-    /// As a probe does, each millisecond.
-    fn exchange(&self, world: &mut World<'_>) {
-        let Powered { mcu, rtt, .. } = &mut world.powered;
-        for (channel, (bytes, read)) in (0..).zip(self.up.iter().zip(&self.read)) {
-            let mut bytes = lock(bytes);
-            let room = WAITING.saturating_sub(bytes.len());
-            if read.load(Relaxed) && room > 0 {
-                bytes.extend(rtt.read_up_to(mcu, channel, room));
-            }
-        }
-        let mut down = lock(&self.down);
-        if !down.is_empty() {
-            let written = rtt.write(mcu, 0, down.make_contiguous());
-            down.drain(..written);
-        }
-    }
-
-    fn look(&self, world: &World<'_>, speed: f64) {
-        let Powered { mcu, amplifier, .. } = &world.powered;
-        #[expect(clippy::cast_precision_loss, reason = "for people; exact for a year")]
-        let seconds = |cycle: u64| cycle as f64 / mcu.core_hz() as f64;
-        *lock(&self.seen) = Seen {
-            time_s: seconds(mcu.now()),
-            position_m: world.position_m(),
-            finger_n: world.finger_n(),
-            enabled: amplifier.is_enabled(),
-            disabled_s: amplifier.changes().disabled_at.map(seconds),
-            speed,
-        };
-    }
-}
-
-/// Slices of a millisecond in real time.
-struct RealTime<'a> {
-    shared: &'a Shared,
-    pace: Pace,
-    stop_open: bool,
-}
-
-impl RealTime<'_> {
-    fn before(&mut self, world: &mut World<'_>) {
-        world.finger = *lock(&self.shared.finger);
-        let wanted = self.shared.stop_open.load(Relaxed);
-        if wanted != self.stop_open {
-            world.emergency_stop(wanted);
-            self.stop_open = wanted;
-        }
-    }
-
-    fn after(&mut self, world: &mut World<'_>) {
-        self.shared.exchange(world);
+    fn wait(&mut self, world: &World<'_>) {
         self.pace.count();
-        self.shared.look(world, self.pace.speed);
+        self.wires.look(world, self.pace.speed);
         self.pace.wait();
     }
 }
 
 impl gdb::Board for RealTime<'_> {
     fn slice(&mut self, world: &mut World<'_>, stops: &Stops) -> Result<Option<Met>, Ended> {
-        self.before(world);
+        self.slices.before(world);
         for _ in 0..SLICE {
             if let Some(met) = world.sample_until_met(stops)? {
                 return Ok(Some(met));
             }
         }
-        self.after(world);
+        self.wires.exchange(world);
+        self.wait(world);
         Ok(None)
     }
 
     fn stands(&mut self, world: &mut World<'_>) -> bool {
-        self.before(world);
-        self.shared.exchange(world);
-        self.shared.look(world, 0.0);
-        !self.shared.ended.load(Relaxed)
+        self.slices.before(world);
+        self.wires.exchange(world);
+        self.wires.look(world, 0.0);
+        !self.ended.load(Relaxed)
     }
 
     fn goes_on(&mut self) {

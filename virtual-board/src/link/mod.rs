@@ -5,9 +5,14 @@ mod gdb;
 mod live;
 mod rtt_tcp;
 pub mod serve;
+mod stepped;
+mod wires;
 
-pub use live::{Begin, Finger, LiveBoard, LiveLink, Seen};
+pub use crate::world::Finger;
+pub use live::{Begin, LiveBoard};
 pub use rtt_tcp::RttTcp;
+pub use stepped::SteppedBoard;
+pub use wires::{Seen, WiredLink, Wires};
 
 /// Up channels of the firmware: log, telemetry, replies.
 pub const UP_CHANNELS: usize = 3;

@@ -148,7 +148,7 @@ fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &
             Ok((client, _)) => {
                 // A client that breaks off is its own business.
                 let _ = attend(channel, client, board, over);
-                board.attend(channel, false);
+                board.wires().attend(channel, false);
             }
             Err(_) => thread::sleep(Duration::from_millis(5)),
         }

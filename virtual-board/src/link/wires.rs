@@ -1,0 +1,180 @@
+//! What goes between a virtual board and whoever is beside it: bytes of the channels, the finger on the handle, the
+//! switch of the emergency stop, what a person sees.
+
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+};
+
+use super::{Link, UP_CHANNELS};
+use crate::{
+    board::Powered,
+    session::Failed,
+    world::{Finger, World},
+};
+
+/// Bytes of a channel that wait for the host. What is more stays on the board, which drops what is too much.
+const WAITING: usize = 1 << 16;
+/// Samples between two looks at the channels: a millisecond.
+pub const SLICE: u64 = 10;
+
+/// What a person would see who looks at the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Time on the board since it was switched on, s.
+    pub time_s: f64,
+    /// Where the handle is in the scene, m.
+    pub position_m: f64,
+    /// Force of the finger on it, N.
+    pub finger_n: f64,
+    /// The amplifier is enabled.
+    pub enabled: bool,
+    /// When enable last dropped, in seconds on the board.
+    pub disabled_s: Option<f64>,
+    /// Seconds on the board for each second here, lately.
+    pub speed: f64,
+}
+
+/// The wires of a virtual board.
+#[derive(Default)]
+pub struct Wires {
+    up: [Mutex<VecDeque<u8>>; UP_CHANNELS],
+    /// Channels that nobody reads stay on the board.
+    read: [AtomicBool; UP_CHANNELS],
+    down: Mutex<VecDeque<u8>>,
+    finger: Mutex<Option<Finger>>,
+    stop_open: AtomicBool,
+    seen: Mutex<Seen>,
+    lost: Mutex<Option<String>>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Wires {
+    /// The channel is read from now on, or no longer: then the board finds it full.
+    pub fn attend(&self, channel: usize, read: bool) {
+        if let (Some(flag), Some(bytes)) = (self.read.get(channel), self.up.get(channel)) {
+            flag.store(read, Relaxed);
+            if !read {
+                lock(bytes).clear();
+            }
+        }
+    }
+
+    /// A finger pulls at the handle from now on, or none.
+    pub fn touch(&self, finger: Option<Finger>) {
+        *lock(&self.finger) = finger;
+    }
+
+    /// The switch of the emergency stop.
+    pub fn emergency_stop(&self, open: bool) {
+        self.stop_open.store(open, Relaxed);
+    }
+
+    /// What a person would see.
+    pub fn seen(&self) -> Seen {
+        *lock(&self.seen)
+    }
+
+    /// There is no board any more.
+    pub fn lose(&self, why: String) {
+        *lock(&self.lost) = Some(why);
+    }
+
+    /// As a probe does, each millisecond.
+    pub(super) fn exchange(&self, world: &mut World<'_>) {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        for (channel, (bytes, read)) in (0..).zip(self.up.iter().zip(&self.read)) {
+            let mut bytes = lock(bytes);
+            let room = WAITING.saturating_sub(bytes.len());
+            if read.load(Relaxed) && room > 0 {
+                bytes.extend(rtt.read_up_to(mcu, channel, room));
+            }
+        }
+        let mut down = lock(&self.down);
+        if !down.is_empty() {
+            let written = rtt.write(mcu, 0, down.make_contiguous());
+            down.drain(..written);
+        }
+    }
+
+    pub(super) fn look(&self, world: &World<'_>, speed: f64) {
+        let Powered { mcu, amplifier, .. } = &world.powered;
+        #[expect(clippy::cast_precision_loss, reason = "for people; exact for a year")]
+        let seconds = |cycle: u64| cycle as f64 / mcu.core_hz() as f64;
+        *lock(&self.seen) = Seen {
+            time_s: seconds(mcu.now()),
+            position_m: world.position_m(),
+            finger_n: world.finger_n(),
+            enabled: amplifier.is_enabled(),
+            disabled_s: amplifier.changes().disabled_at.map(seconds),
+            speed,
+        };
+    }
+}
+
+/// An end of the link over [`Wires`].
+#[derive(Clone)]
+pub struct WiredLink(pub(super) Arc<Wires>);
+
+impl Link for WiredLink {
+    fn read(&mut self, channel: usize, into: &mut Vec<u8>) {
+        let Some(bytes) = self.0.up.get(channel) else { return };
+        self.0.read[channel].store(true, Relaxed);
+        into.extend(lock(bytes).drain(..));
+    }
+
+    fn write(&mut self, channel: usize, bytes: &[u8]) -> usize {
+        if channel != super::COMMANDS {
+            return 0;
+        }
+        let mut down = lock(&self.0.down);
+        let taken = bytes.len().min(WAITING.saturating_sub(down.len()));
+        down.extend(&bytes[..taken]);
+        taken
+    }
+
+    fn lost(&self) -> Option<String> {
+        lock(&self.0.lost).clone()
+    }
+}
+
+/// A board's milliseconds: before each, what people do comes in; after it, what the board says goes out.
+pub struct Slices {
+    wires: Arc<Wires>,
+    stop_open: bool,
+}
+
+impl Slices {
+    /// Over those wires.
+    pub fn new(wires: Arc<Wires>) -> Self {
+        Self { wires, stop_open: false }
+    }
+
+    pub(super) fn before(&mut self, world: &mut World<'_>) {
+        world.finger = *lock(&self.wires.finger);
+        let wanted = self.wires.stop_open.load(Relaxed);
+        if wanted != self.stop_open {
+            world.emergency_stop(wanted);
+            self.stop_open = wanted;
+        }
+    }
+
+    /// One of them.
+    ///
+    /// # Errors
+    /// The program ended.
+    pub fn run(&mut self, world: &mut World<'_>) -> Result<(), Failed> {
+        self.before(world);
+        for _ in 0..SLICE {
+            world.sample().map_err(Failed::Program)?;
+        }
+        self.wires.exchange(world);
+        Ok(())
+    }
+}
