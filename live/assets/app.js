@@ -1,15 +1,13 @@
 // The page: what is shown of the board, and what a person can do to it.
+import { link } from "./connect.js";
 import { Console } from "./console.js";
 import { Handle } from "./handle.js";
-import { Link } from "./link.js";
 import { Plane } from "./plane.js";
 import { Plots, SIGNALS } from "./plots.js";
 import { saveFigures, saveRows } from "./save.js";
 import { Units } from "./units.js";
 
 const by = (id) => document.getElementById(id);
-const token = new URLSearchParams(location.search).get("token") ?? "";
-const link = new Link(token);
 const plots = new Plots(by("plots"), by("spectrum"), by("phase"));
 const handle = new Handle(by("handle"), (message) => link.send(message));
 const plane = new Plane(by("plane"), (point, last) => propose(point, last));
@@ -93,7 +91,7 @@ by("unlock").onclick = (event) => {
 };
 by("switch").onchange = () => link.send({ type: "emergency_stop", open: by("switch").checked });
 by("svg").onclick = () => saveFigures(plots, plane, `${hello?.scene} on ${hello?.board}, ${new Date().toISOString()}: ${now?.settings ?? ""}`);
-by("csv").onclick = async () => { const why = await saveRows(plots, token); if (why) alarm(why); };
+by("csv").onclick = async () => { const why = await saveRows(plots, link); if (why) alarm(why); };
 
 // A point that is dragged: gains in the order in which they stay inside, a few times a second, and at the end.
 let proposed = 0;
@@ -156,6 +154,11 @@ function alarm(text) {
   by("alarm").textContent = text;
 }
 
+// Another board or another device: nothing of the one before is shown any more.
+link.on("fresh", () => {
+  [settings, frame, now] = [{}, {}, null];
+  plane.clear();
+});
 link.on("hello", (message) => {
   hello = message;
   plots.rate = hello.rate_hz;
@@ -174,12 +177,12 @@ link.on("hello", (message) => {
     item.style.color = `var(${colour})`;
     by("legend").append(item);
   }
-  asked = "";
+  asked = frame.settings = "";
   alarm("");
   look();
 });
-link.on("lost", () => {
-  alarm("Not connected to the server. If force is on, it goes off within 0.2 s by itself; use the wired stop.");
+link.on("lost", (why) => {
+  alarm(why);
   by("state").textContent = "not connected";
   by("state").className = "chip fault";
 });
@@ -283,4 +286,4 @@ function drawHandle() {
 }
 requestAnimationFrame(draw);
 // For measurements from outside.
-window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, plots, plane, handle, link };
+window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, get hello() { return hello; }, alarm, plots, plane, handle, link };

@@ -1,8 +1,28 @@
-// The socket: what the server says, and what it is told. It comes back by itself after a loss; it never arms.
+// What the page says and is told, whoever is at the other end.
 export class Link extends EventTarget {
+  // A message as it comes: JSON with its type, or numbers to plot with theirs in the head.
+  receive(data) {
+    if (typeof data === "string") {
+      const message = JSON.parse(data);
+      this.tell(message.type, message);
+    } else {
+      this.tell(["", "curves", "spectra", "phase"][new DataView(data).getUint32(0, true)], data);
+    }
+  }
+
+  tell(name, detail) { this.dispatchEvent(new CustomEvent(name, { detail })); }
+
+  on(name, what) { this.addEventListener(name, (event) => what(event.detail)); }
+
+  command(line) { return this.send({ type: "command", line }); }
+}
+
+// A server over its socket. It comes back by itself after a loss; it never arms.
+export class SocketLink extends Link {
   constructor(token) {
     super();
-    this.address = `ws://${location.host}/ws?token=${encodeURIComponent(token)}`;
+    this.token = encodeURIComponent(token);
+    this.address = `ws://${location.host}/ws?token=${this.token}`;
     this.pause = 250;
     this.open();
   }
@@ -11,24 +31,13 @@ export class Link extends EventTarget {
     this.socket = new WebSocket(this.address);
     this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => { this.pause = 250; this.tell("open"); };
-    this.socket.onmessage = ({ data }) => {
-      if (typeof data === "string") {
-        const message = JSON.parse(data);
-        this.tell(message.type, message);
-      } else {
-        this.tell(["", "curves", "spectra", "phase"][new DataView(data).getUint32(0, true)], data);
-      }
-    };
+    this.socket.onmessage = ({ data }) => this.receive(data);
     this.socket.onclose = () => {
-      this.tell("lost");
+      this.tell("lost", "Not connected to the server. If force is on, it goes off within 0.2 s by itself; use the wired stop.");
       setTimeout(() => this.open(), this.pause);
       this.pause = Math.min(2 * this.pause, 4000);
     };
   }
-
-  tell(name, detail) { this.dispatchEvent(new CustomEvent(name, { detail })); }
-
-  on(name, what) { this.addEventListener(name, (event) => what(event.detail)); }
 
   get connected() { return this.socket.readyState === WebSocket.OPEN; }
 
@@ -37,5 +46,11 @@ export class Link extends EventTarget {
     return this.connected;
   }
 
-  command(line) { return this.send({ type: "command", line }); }
+  // Rows as a table; throws what is wrong.
+  async rows(from, rows) {
+    const answer = await fetch(`rows.csv?token=${this.token}&from=${from}&rows=${rows}`);
+    const text = await answer.text();
+    if (!answer.ok) throw new Error(text);
+    return text;
+  }
 }

@@ -97,6 +97,12 @@ export class Plane {
     if (full) d.fill(); else d.stroke();
   }
 
+  // Nothing is known of the device.
+  clear() {
+    Object.assign(this, { predicted: null, wall: null, walk: [], hits: [], drag: null });
+    this.draw();
+  }
+
   // What the board says of its walk.
   hear(text) {
     const hit = this.units.hit.exec(text);

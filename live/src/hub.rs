@@ -1,4 +1,5 @@
-//! The board's side: one thread talks to it over a [`Link`], one command at a time, and keeps what it says.
+//! The board's side: a [`Talk`] talks to it over a [`Link`], one command at a time, and the [`Hub`] keeps what it says.
+//! With a server that has a thread of its own, in a page without threads whoever moves the board calls it.
 
 use std::{
     collections::VecDeque,
@@ -12,7 +13,7 @@ use std::{
 };
 
 use defmt_lines::Lines;
-use virtual_board::link::{COMMANDS, Finger, LOG, Link, LiveBoard, REPLIES, Seen, TELEMETRY};
+use virtual_board::link::{COMMANDS, Finger, LOG, Link, REPLIES, Seen, TELEMETRY, Wires};
 use zwidth::telemetry::{self, Flags, Record};
 
 use crate::history::{History, Row};
@@ -39,8 +40,11 @@ const WAITING: usize = 64;
 const FINGER: Finger =
     Finger { target_m: 0.0, stiffness_n_per_m: 400.0, damping_n_s_per_m: 3.0, limit_n: 12.0 };
 
-/// The virtual board behind the link, if it is one.
-pub type Virtual = Option<Arc<LiveBoard>>;
+/// What people can do to the virtual board behind the link, if it is one.
+pub type Virtual = Option<Arc<Wires>>;
+
+/// The time since it began, by whatever clock there is.
+pub type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
 /// The board's side.
 pub struct Hub {
@@ -51,12 +55,13 @@ pub struct Hub {
     pub attended: AtomicBool,
     ended: AtomicBool,
     board: Virtual,
+    clock: Clock,
 }
 
 #[derive(Default)]
 struct Asked {
     lines: VecDeque<String>,
-    stops: Vec<(u64, Instant)>,
+    stops: Vec<(u64, Duration)>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -69,9 +74,23 @@ impl Hub {
     pub fn start(
         link: Box<dyn Link>,
         board: Virtual,
-        elf: Option<Vec<u8>>,
+        elf: Option<&[u8]>,
         record: Option<Box<dyn Write + Send>>,
     ) -> (Arc<Self>, thread::JoinHandle<()>) {
+        let begun = Instant::now();
+        let (hub, mut talk) = Self::new(link, board, elf, Box::new(move || begun.elapsed()));
+        talk.record = record;
+        let thread = thread::spawn(move || talk.run());
+        (hub, thread)
+    }
+
+    /// The same without a thread: what is said and heard moves on with each [`Talk::turn`].
+    pub fn new(
+        link: Box<dyn Link>,
+        board: Virtual,
+        elf: Option<&[u8]>,
+        clock: Clock,
+    ) -> (Arc<Self>, Talk) {
         let hub = Arc::new(Self {
             history: Mutex::default(),
             known: Mutex::default(),
@@ -79,10 +98,15 @@ impl Hub {
             attended: AtomicBool::new(false),
             ended: AtomicBool::new(false),
             board,
+            clock,
         });
-        let inside = Arc::clone(&hub);
-        let thread = thread::spawn(move || Talk::new(&inside, link, elf, record).run());
-        (hub, thread)
+        let talk = Talk::new(Arc::clone(&hub), link, elf);
+        (hub, talk)
+    }
+
+    /// The time since it began.
+    pub fn now(&self) -> Duration {
+        (self.clock)()
     }
 
     /// What is known now.
@@ -109,7 +133,7 @@ impl Hub {
     pub fn stop(&self, id: u64) {
         let mut asked = lock(&self.asked);
         asked.lines.clear();
-        asked.stops.push((id, Instant::now()));
+        asked.stops.push((id, self.now()));
     }
 
     /// The finger on a virtual board's handle; `target_m` in the board's positions.
@@ -155,11 +179,12 @@ struct Pending {
     line: String,
     /// A person is told the reply.
     loud: bool,
-    since: Instant,
+    since: Duration,
 }
 
-struct Talk<'a> {
-    hub: &'a Hub,
+/// The conversation with a board.
+pub struct Talk {
+    hub: Arc<Hub>,
     link: Box<dyn Link>,
     log: Option<Lines>,
     record: Option<Box<dyn Write + Send>>,
@@ -173,36 +198,32 @@ struct Talk<'a> {
     words: u32,
     /// The board has a promise.
     promised: bool,
-    word_at: Instant,
-    status_at: Instant,
+    word_at: Duration,
+    status_at: Duration,
     quiet: VecDeque<&'static str>,
-    stops: Vec<(u64, Instant)>,
+    stops: Vec<(u64, Duration)>,
     /// Lines of the console whose copy in the log is still to come.
     twice: VecDeque<String>,
     settings: Option<u16>,
     last: Option<Record>,
 }
 
-impl<'a> Talk<'a> {
-    fn new(
-        hub: &'a Hub,
-        link: Box<dyn Link>,
-        elf: Option<Vec<u8>>,
-        record: Option<Box<dyn Write + Send>>,
-    ) -> Self {
+impl Talk {
+    fn new(hub: Arc<Hub>, link: Box<dyn Link>, elf: Option<&[u8]>) -> Self {
+        let now = hub.now();
         Self {
             hub,
             link,
             log: elf.and_then(Lines::of),
-            record,
+            record: None,
             decoder: telemetry::Decoder::new(),
             pending: None,
             unsent: vec![],
             replies: vec![],
             words: 0,
             promised: false,
-            word_at: Instant::now(),
-            status_at: Instant::now(),
+            word_at: now,
+            status_at: now,
             quiet: ["version", "get"].into(),
             stops: vec![],
             twice: VecDeque::new(),
@@ -213,15 +234,9 @@ impl<'a> Talk<'a> {
 
     fn run(mut self) {
         while !self.hub.ended.load(Relaxed) {
-            let lost = self.link.lost();
-            if lost.is_some() {
-                self.hub.known().lost = lost;
+            if !self.turn() {
                 return;
             }
-            self.read_replies();
-            self.read_log();
-            self.read_telemetry();
-            self.ask();
             thread::sleep(LOOK);
         }
         self.disarm();
@@ -232,6 +247,20 @@ impl<'a> Talk<'a> {
             self.flush();
         }
         thread::sleep(10 * LOOK);
+    }
+
+    /// Hears what the board has said, and says what is next; whether there still is a board.
+    pub fn turn(&mut self) -> bool {
+        let lost = self.link.lost();
+        if lost.is_some() {
+            self.hub.known().lost = lost;
+            return false;
+        }
+        self.read_replies();
+        self.read_log();
+        self.read_telemetry();
+        self.ask();
+        true
     }
 
     /// Force off before everything that waits.
@@ -256,7 +285,7 @@ impl<'a> Talk<'a> {
 
     fn ask(&mut self) {
         self.flush();
-        let now = Instant::now();
+        let now = self.hub.now();
         let stops = std::mem::take(&mut lock(&self.hub.asked).stops);
         if !stops.is_empty() {
             self.disarm();
@@ -266,7 +295,7 @@ impl<'a> Talk<'a> {
             self.hub.known().say(From::Person, "disarm".to_owned());
         }
         self.keep_the_promise(now);
-        if self.pending.as_ref().is_some_and(|pending| now - pending.since < REPLY) {
+        if self.pending.as_ref().is_some_and(|pending| now.saturating_sub(pending.since) < REPLY) {
             return;
         }
         if let Some(pending) = self.pending.take().filter(|pending| pending.loud) {
@@ -277,7 +306,7 @@ impl<'a> Talk<'a> {
             Some(line) => (line, true),
             None => match self.quiet.pop_front() {
                 Some(line) => (line.to_owned(), false),
-                None if now - self.status_at > STATUS => ("status".to_owned(), false),
+                None if now.saturating_sub(self.status_at) > STATUS => ("status".to_owned(), false),
                 None => return,
             },
         };
@@ -296,8 +325,8 @@ impl<'a> Talk<'a> {
 
     /// While the force is on and the owner is there, the board hears so; without the owner it is switched off, and if
     /// this program ends it is silence that switches off.
-    fn keep_the_promise(&mut self, now: Instant) {
-        if now - self.word_at < WORD {
+    fn keep_the_promise(&mut self, now: Duration) {
+        if now.saturating_sub(self.word_at) < WORD {
             return;
         }
         let on = self.hub.known().is_on();
@@ -308,12 +337,12 @@ impl<'a> Talk<'a> {
             self.hub.note("nobody is there who may command: force off");
             self.hub.stop(0);
             self.word_at = now + 20 * WORD; // again if it is still on, or the end of the promise
-        } else if self.promised && !on && now - self.word_at > 10 * WORD {
+        } else if self.promised && !on && now.saturating_sub(self.word_at) > 10 * WORD {
             self.promise(0, now);
         }
     }
 
-    fn promise(&mut self, ms: u32, now: Instant) {
+    fn promise(&mut self, ms: u32, now: Duration) {
         self.send(&format!("alive {ms}"));
         self.words += 1;
         self.promised = ms > 0;
@@ -341,11 +370,14 @@ impl<'a> Talk<'a> {
             self.words -= 1;
             return;
         }
+        let now = self.hub.now();
         let mut known = lock(&self.hub.known);
         if line == "ok disarm" && !self.stops.is_empty() {
             for (id, since) in self.stops.drain(..) {
                 known.stops += 1;
-                known.stopped.push_back(Stopped { id, ms: since.elapsed().as_secs_f64() * 1e3 });
+                known
+                    .stopped
+                    .push_back(Stopped { id, ms: (now.saturating_sub(since)).as_secs_f64() * 1e3 });
                 if known.stopped.len() > 16 {
                     known.stopped.pop_front();
                 }
@@ -375,7 +407,7 @@ impl<'a> Talk<'a> {
         let mut bytes = vec![];
         self.link.read(LOG, &mut bytes);
         let Some(log) = &mut self.log else { return };
-        for line in log.feed(&bytes) {
+        for line in log.feed(bytes) {
             // What the console says stands in the log too; a long line comes there in pieces.
             let piece = line.strip_suffix('~').unwrap_or(&line);
             if let Some(place) = self.twice.iter().position(|known| known.contains(piece)) {

@@ -64,6 +64,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
     let inputs: Vec<PathBuf> = scene.files.iter().chain(&cli.elf).cloned().collect();
     let mut outputs = Outputs::new(cli.force, &inputs);
     let record = outputs.option(cli.record.as_ref())?;
+    let mut live = None; // runs until the program ends
     let (link, virtual_board, elf): (Box<dyn Link>, Virtual, _) = match &cli.rtt_tcp {
         Some(address) => {
             let elf = match &cli.elf {
@@ -81,16 +82,17 @@ fn execute(cli: Cli) -> Result<(), Error> {
             let session = cli::session(board, cli.elf.as_ref(), scene.clone())?;
             let elf = session.elf.bytes.clone();
             let begin = Begin { zeroed: true, period: None };
-            let board = Arc::new(LiveBoard::start(session, begin)?);
-            (Box::new(board.link()), Some(board), elf)
+            let board = live.insert(LiveBoard::start(session, begin)?);
+            (Box::new(board.link()), Some(board.wires()), elf)
         }
     };
     let tape = Arc::new(Mutex::new(Tape { outputs, place: record }));
     let writer = record.map(|_| Box::new(Writer(Arc::clone(&tape))) as Box<dyn Write + Send>);
-    let (hub, thread) = Hub::start(link, virtual_board, Some(elf), writer);
+    let (hub, thread) = Hub::start(link, virtual_board, Some(&elf), writer);
     let served = server::serve(&hub, &scene, board, cli.port);
     hub.end();
     let _ = thread.join();
+    drop(live);
     let tape = Arc::into_inner(tape).and_then(|tape| tape.into_inner().ok());
     tape.map_or(Ok(()), |tape| tape.outputs.commit()).and(served)
 }

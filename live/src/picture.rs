@@ -6,7 +6,8 @@ use host_sim::{
     output::in_units::csv,
     scene::{Scene, Units},
 };
-use live::{
+
+use crate::{
     history::{Bin, History, SIGNALS},
     hub::Hub,
     spectrum,

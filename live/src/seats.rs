@@ -1,6 +1,6 @@
 //! Who may command: one page owns the board, the others watch. Control passes by what people do, never by itself.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A page that has not answered for so long is not there.
 pub const ABSENT: Duration = Duration::from_secs(1);
@@ -21,13 +21,13 @@ pub struct Seats {
     last: u64,
     owner: Option<u64>,
     /// When the owner last answered.
-    heard: Option<Instant>,
+    heard: Option<Duration>,
     asking: Option<u64>,
 }
 
 impl Seats {
     /// A page has come. It owns the board if nobody does.
-    pub fn enter(&mut self, now: Instant) -> u64 {
+    pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
         self.pages.push(self.last);
         if self.owner.is_none() {
@@ -48,7 +48,7 @@ impl Seats {
     }
 
     /// A page would like to command.
-    pub fn ask(&mut self, page: u64, now: Instant) -> Asked {
+    pub fn ask(&mut self, page: u64, now: Duration) -> Asked {
         match self.owner {
             Some(owner) if owner != page => {
                 self.asking = Some(page);
@@ -62,26 +62,26 @@ impl Seats {
     }
 
     /// The owner gives control to the page that asked for it; whether it did.
-    pub fn give(&mut self, page: u64, now: Instant) -> bool {
+    pub fn give(&mut self, page: u64, now: Duration) -> bool {
         let Some(next) = self.asking.filter(|_| self.owner == Some(page)) else { return false };
         self.own(next, now);
         true
     }
 
-    fn own(&mut self, page: u64, now: Instant) {
+    fn own(&mut self, page: u64, now: Duration) {
         (self.owner, self.heard, self.asking) = (Some(page), Some(now), None);
     }
 
     /// A page has answered.
-    pub fn hear(&mut self, page: u64, now: Instant) {
+    pub fn hear(&mut self, page: u64, now: Duration) {
         if self.owner == Some(page) {
             self.heard = Some(now);
         }
     }
 
     /// Whether the owner is there: then the board may be told so.
-    pub fn is_attended(&self, now: Instant) -> bool {
-        self.heard.is_some_and(|heard| now.saturating_duration_since(heard) < ABSENT)
+    pub fn is_attended(&self, now: Duration) -> bool {
+        self.heard.is_some_and(|heard| now.saturating_sub(heard) < ABSENT)
     }
 
     /// Whether that page may command.
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn one_owns_the_others_watch_and_control_passes_by_an_act() {
-        let now = Instant::now();
+        let now = Duration::from_secs(7);
         let mut seats = Seats::default();
         let [first, second, third] = [seats.enter(now), seats.enter(now), seats.enter(now)];
         assert!(seats.owns(first) && !seats.owns(second));
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn an_owner_that_does_not_answer_is_absent() {
-        let now = Instant::now();
+        let now = Duration::from_secs(7);
         let mut seats = Seats::default();
         assert!(!seats.is_attended(now));
         let first = seats.enter(now);

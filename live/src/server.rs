@@ -1,6 +1,5 @@
 //! HTTP and WebSocket, on the loopback interface only.
 
-mod picture;
 mod socket;
 
 use std::{
@@ -10,7 +9,7 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use axum::{
@@ -30,12 +29,10 @@ use host_sim::{
 use live::{
     access::{Access, MESSAGE_MAX, PAGES_MAX},
     hub::Hub,
+    page::{Question, Shared},
     predicted::{Predicted, predict},
-    seats::Seats,
 };
 use virtual_board::board::Board;
-
-use picture::Scale;
 
 /// Between two looks at who is there.
 const LOOK: Duration = Duration::from_millis(20);
@@ -55,7 +52,7 @@ macro_rules! assets {
 
 assets! {
     "style.css": "text/css", "uPlot.min.css": "text/css", "uPlot.iife.min.js": "text/javascript",
-    "app.js": "text/javascript", "link.js": "text/javascript", "plots.js": "text/javascript",
+    "app.js": "text/javascript", "connect.js": "text/javascript", "link.js": "text/javascript", "plots.js": "text/javascript",
     "plane.js": "text/javascript", "handle.js": "text/javascript", "console.js": "text/javascript",
     "save.js": "text/javascript", "units.js": "text/javascript", "uPlot.LICENSE": "text/plain"
 }
@@ -66,12 +63,8 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
 
 /// What the requests share.
 pub struct App {
-    hub: Arc<Hub>,
+    shared: Arc<Shared>,
     access: Access,
-    seats: Mutex<Seats>,
-    scene: NamedScene,
-    board: Board,
-    scale: Scale,
     /// Sockets that are open or about to be.
     open: AtomicUsize,
     predictions: Mutex<HashMap<String, Arc<Predicted>>>,
@@ -84,23 +77,19 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl App {
-    fn seats(&self) -> MutexGuard<'_, Seats> {
-        lock(&self.seats)
-    }
-
     /// What the simulator predicts, walked once for each estimator and cutoff.
-    async fn predict(
-        self: &Arc<Self>,
-        estimator: String,
-        cutoff_hz: f64,
-    ) -> Option<Arc<Predicted>> {
+    async fn predict(self: &Arc<Self>, question: Question) -> Option<Arc<Predicted>> {
+        let Question { estimator, cutoff_hz } = question;
         let key = format!("{estimator} {cutoff_hz}");
         let _turn = self.predicting.acquire().await.ok()?;
         if let Some(found) = lock(&self.predictions).get(&key) {
             return Some(Arc::clone(found));
         }
         let app = Arc::clone(self);
-        let walk = move || predict(&app.scene, app.board, &estimator, cutoff_hz, &app.ended);
+        let walk = move || {
+            let Shared { scene, board, .. } = &*app.shared;
+            predict(scene, *board, &estimator, cutoff_hz, &app.ended)
+        };
         let found = Arc::new(tokio::task::spawn_blocking(walk).await.ok()?);
         let mut all = lock(&self.predictions);
         if all.len() >= PREDICTIONS {
@@ -134,12 +123,8 @@ async fn listen(hub: &Arc<Hub>, scene: &NamedScene, board: Board, port: u16) -> 
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(|error| Error::Internal(error.to_string()))?;
     let app = Arc::new(App {
-        hub: Arc::clone(hub),
+        shared: Arc::new(Shared::new(Arc::clone(hub), scene.clone(), board)),
         access: Access::new(secret, port),
-        seats: Mutex::default(),
-        scale: Scale::of(&scene.scene),
-        scene: scene.clone(),
-        board,
         open: AtomicUsize::new(0),
         predictions: Mutex::default(),
         predicting: tokio::sync::Semaphore::new(1),
@@ -165,7 +150,8 @@ async fn attend(app: &App) -> Result<(), Error> {
     let mut look = tokio::time::interval(LOOK);
     loop {
         look.tick().await;
-        app.hub.attended.store(app.seats().is_attended(Instant::now()), Relaxed);
+        let Shared { hub, .. } = &*app.shared;
+        hub.attended.store(app.shared.seats().is_attended(hub.now()), Relaxed);
         if interrupt::is_requested() {
             app.ended.store(true, Relaxed);
             return interrupt::check();
@@ -231,8 +217,7 @@ async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
         let text = format!("from=N and rows=N, at most {ROWS_MAX}");
         return (StatusCode::BAD_REQUEST, text).into_response();
     };
-    let table = picture::table(&app.hub, &app.scale, app.scene.scene.units, from, count);
-    ([(header::CONTENT_TYPE, "text/csv")], table).into_response()
+    ([(header::CONTENT_TYPE, "text/csv")], app.shared.table(from, count)).into_response()
 }
 
 /// A socket is opened to a page that this server served, and to nobody else.

@@ -1,0 +1,323 @@
+//! What a page is told and what it may ask for, whether a server or a worker of the page itself stands between it and the
+//! board.
+
+use std::{
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use host_sim::scene::NamedScene;
+use serde_json::json;
+use virtual_board::board::Board;
+use zwidth::{safety::Fault, telemetry::Flags, velocity::EstimatorName};
+
+use crate::{
+    hub::Hub,
+    message::FromPage,
+    picture::{self, Scale, View},
+    predicted,
+    seats::{Asked, Seats},
+    trigger::Watch,
+};
+
+/// Between two calls of [`Page::tick`].
+pub const TICK: Duration = Duration::from_millis(33);
+/// Part of a triggered view that lies before the trigger.
+const BEFORE: f64 = 0.25;
+
+/// What all pages share.
+pub struct Shared {
+    /// The board's side.
+    pub hub: Arc<Hub>,
+    /// Its scene.
+    pub scene: NamedScene,
+    /// Which board it is.
+    pub board: Board,
+    /// From the control's integers to SI units.
+    pub scale: Scale,
+    seats: Mutex<Seats>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Shared {
+    /// Nobody looks yet.
+    pub fn new(hub: Arc<Hub>, scene: NamedScene, board: Board) -> Self {
+        let scale = Scale::of(&scene.scene);
+        Self { hub, scene, board, scale, seats: Mutex::default() }
+    }
+
+    /// Who may command.
+    pub fn seats(&self) -> MutexGuard<'_, Seats> {
+        lock(&self.seats)
+    }
+
+    /// Rows as a table.
+    pub fn table(&self, from: u64, count: u64) -> String {
+        picture::table(&self.hub, &self.scale, self.scene.scene.units, from, count)
+    }
+}
+
+/// What a page looks at.
+struct Looks {
+    view: View,
+    paused: bool,
+    watch: Watch,
+}
+
+/// What the page was told.
+#[derive(Default)]
+struct Told {
+    line: u64,
+    stops: u64,
+    ticks: u32,
+}
+
+/// What the page has to be told next.
+pub struct Tick {
+    /// Numbers to plot.
+    pub pictures: Vec<Vec<u8>>,
+    /// JSON.
+    pub state: Option<String>,
+    /// A look whether it is there is due.
+    pub ping: bool,
+}
+
+/// The boundary that a page wants to know.
+pub struct Question {
+    /// Estimator.
+    pub estimator: String,
+    /// Its tuning.
+    pub cutoff_hz: f64,
+}
+
+/// One page.
+pub struct Page {
+    shared: Arc<Shared>,
+    id: u64,
+    looks: Mutex<Looks>,
+    told: Mutex<Told>,
+}
+
+impl Page {
+    /// A page has come.
+    pub fn enter(shared: &Arc<Shared>) -> Self {
+        let id = shared.seats().enter(shared.hub.now());
+        let view = View { span_s: 5.0, columns: 800, end: None };
+        let looks = Mutex::new(Looks { view, paused: false, watch: Watch::default() });
+        Self { shared: Arc::clone(shared), id, looks, told: Mutex::default() }
+    }
+
+    /// It has gone.
+    pub fn leave(&self) {
+        let Shared { hub, scale, .. } = &*self.shared;
+        let owned = self.shared.seats().leave(self.id);
+        if owned {
+            // Nobody is there who may command: at once, not only when the promise is broken.
+            hub.touch(None, scale.resolution_m);
+            let on = hub.known().is_on();
+            if on {
+                hub.note("the page that commanded has gone: force off");
+                hub.stop(0);
+            }
+        }
+    }
+
+    /// It has answered.
+    pub fn hear(&self) {
+        self.shared.seats().hear(self.id, self.shared.hub.now());
+    }
+
+    /// Does what the page says; a prediction is left to the caller.
+    ///
+    /// # Errors
+    /// It is not for this page, or not now.
+    pub fn obey(&self, message: FromPage) -> Result<Option<Question>, &'static str> {
+        let Shared { hub, scale, .. } = &*self.shared;
+        let now = hub.now();
+        let owns = self.shared.seats().owns(self.id);
+        let needs_control = matches!(
+            message,
+            FromPage::Command { .. } | FromPage::Finger { .. } | FromPage::EmergencyStop { .. }
+        );
+        if needs_control && !owns {
+            return Err("another page has control: ask for it");
+        }
+        match message {
+            FromPage::Command { line } if hub.command(&line) => {}
+            FromPage::Command { .. } => return Err("too many commands wait"),
+            FromPage::Stop { id } => hub.stop(id),
+            FromPage::Finger { target_m } => hub.touch(target_m, scale.resolution_m),
+            FromPage::EmergencyStop { open } => hub.emergency_stop(open),
+            FromPage::Ask => {
+                let asked = self.shared.seats().ask(self.id, now);
+                if asked == Asked::Waiting {
+                    hub.note(&format!("page {} asks for control", self.id));
+                }
+            }
+            FromPage::Give => {
+                let given = self.shared.seats().give(self.id, now);
+                if !given {
+                    return Err("nobody asks for control");
+                }
+                // Who takes over begins with the force off.
+                hub.touch(None, scale.resolution_m);
+                hub.stop(0);
+            }
+            FromPage::View { span_s, columns, paused } => {
+                let newest = hub.history().rows()[1];
+                let mut looks = lock(&self.looks);
+                looks.view.span_s = span_s;
+                looks.view.columns = columns;
+                if paused != looks.paused {
+                    looks.paused = paused;
+                    looks.view.end = paused.then_some(newest);
+                    looks.watch = Watch::default();
+                }
+            }
+            FromPage::Trigger(trigger) => {
+                let history = hub.history();
+                let mut looks = lock(&self.looks);
+                looks.watch.arm(trigger, &history);
+                looks.paused = false;
+                looks.view.end = None;
+            }
+            FromPage::Predict { estimator, cutoff_hz } => {
+                return Ok(Some(Question { estimator, cutoff_hz }));
+            }
+        }
+        Ok(None)
+    }
+
+    /// What has come since the last tick.
+    pub fn tick(&self) -> Tick {
+        let mut told = lock(&self.told);
+        told.ticks = told.ticks.wrapping_add(1);
+        let ticks = told.ticks;
+        let pictures = self.pictures(ticks);
+        let stops = self.shared.hub.known().stops;
+        let stopped = std::mem::replace(&mut told.stops, stops) != stops;
+        let state = (ticks.is_multiple_of(2) || stopped).then(|| self.state(&mut told));
+        Tick { pictures, state, ping: ticks.is_multiple_of(3) }
+    }
+
+    fn pictures(&self, ticks: u32) -> Vec<Vec<u8>> {
+        let Shared { hub, scale, .. } = &*self.shared;
+        let history = hub.history();
+        let mut looks = lock(&self.looks);
+        looks.watch.look(&history);
+        if let Some(met) = looks.watch.met.filter(|_| !looks.paused) {
+            let after = picture::rows_of(&history, scale, (1.0 - BEFORE) * looks.view.span_s);
+            if history.rows()[1] >= met + after {
+                looks.paused = true;
+                looks.view.end = Some(met + after);
+            }
+        }
+        let mut made = vec![picture::curves(&history, scale, &looks.view)];
+        if ticks.is_multiple_of(6) {
+            made.extend(picture::spectra(&history, scale, looks.view.end));
+        }
+        if !ticks.is_multiple_of(2) {
+            made.push(picture::phase(&history, scale, looks.view.end));
+        }
+        made
+    }
+
+    /// What does not change: m and N at the handle, and where its axis is.
+    pub fn hello(&self) -> String {
+        let Shared { scene, board, scale, hub, .. } = &*self.shared;
+        let limits = scene.scene.on_board().safety;
+        let estimator = |name: &EstimatorName| {
+            let tuned = name.parameters()[0];
+            let tuning = tuned
+                .map(|p| json!({ "name": p.name, "unit": p.unit, "frequency": p.is_frequency() }));
+            json!({ "name": name.text(), "tuning": tuning })
+        };
+        let fault = |fault: &Fault| {
+            let code = fault.code();
+            json!({ "code": code, "text": fault.text(), "remedy": remedy(code) })
+        };
+        json!({
+            "type": "hello",
+            "id": self.id,
+            "scene": scene.name,
+            "board": board.name,
+            "virtual": hub.seen().is_some(),
+            "rate_hz": scale.rate_hz,
+            "resolution_m": scale.resolution_m,
+            "full_scale_n": scale.full_scale_n,
+            "radius_m": scene.scene.units.radius_m(),
+            "travel_m": [limits.travel_low_m, limits.travel_high_m],
+            "wall_m": scene.scene.wall.position_m,
+            "noise_speed_m_per_s": predicted::SPEED,
+            "estimators": EstimatorName::ALL.iter().map(estimator).collect::<Vec<_>>(),
+            "faults": Fault::ALL.iter().map(fault).collect::<Vec<_>>(),
+        })
+        .to_string()
+    }
+
+    /// What changes.
+    fn state(&self, told: &mut Told) -> String {
+        let Shared { hub, scale, .. } = &*self.shared;
+        let rows = hub.history().rows();
+        let view = {
+            let looks = lock(&self.looks);
+            json!({ "end": looks.view.end, "paused": looks.paused, "met": looks.watch.met, "rows": rows })
+        };
+        let (owner, asking, pages) = {
+            let seats = self.shared.seats();
+            (seats.owner(), seats.asking(), seats.pages())
+        };
+        let handle = hub.seen().map(|seen| {
+            json!({
+                "position_m": seen.position_m, "finger_n": seen.finger_n, "enabled": seen.enabled, "speed": seen.speed,
+            })
+        });
+        let known = hub.known();
+        let from = told.line;
+        let lines: Vec<_> = known.lines.iter().filter(|line| line.number > from).collect();
+        told.line = lines.last().map_or(from, |line| line.number);
+        let record = known.record.map(|record| {
+            let is = |flag: Flags| record.flags.contains(flag);
+            json!({
+                "sample": record.sample,
+                "position_m": f64::from(record.position.counts()) * scale.lsb[0],
+                "velocity_m_per_s": f64::from(record.velocity.bits()) * scale.lsb[1],
+                "force_n": f64::from(record.force.bits()) * scale.lsb[2],
+                "on": is(Flags::ON), "armed": is(Flags::ARMED), "contact": is(Flags::CONTACT),
+                "saturated": is(Flags::SATURATED), "changing": is(Flags::CHANGING), "zeroed": is(Flags::ZEROED),
+                "stop_closed": is(Flags::STOP_CLOSED), "unlocked": is(Flags::UNLOCKED), "fault": record.fault,
+            })
+        });
+        json!({
+            "type": "state",
+            "record": record,
+            "settings": known.settings,
+            "status": known.status,
+            "version": known.version,
+            "lost": known.lost,
+            "counts": known.counts,
+            "stopped": known.stopped,
+            "lines": lines,
+            "owner": owner,
+            "asking": asking,
+            "pages": pages,
+            "view": view,
+            "handle": handle,
+        })
+        .to_string()
+    }
+}
+
+/// What to do about a fault: the last column of its row in the book.
+fn remedy(code: u8) -> &'static str {
+    const PAGE: &str = include_str!("../../docs/troubleshooting.md");
+    let is_its = |line: &&str| {
+        let head = line.strip_prefix("| ").and_then(|rest| rest.split_whitespace().next());
+        head.is_some_and(|head| head.parse() == Ok(code))
+    };
+    let line = PAGE.lines().find(is_its).unwrap_or_default();
+    line.trim_end_matches([' ', '|']).rsplit('|').next().unwrap_or_default().trim()
+}
