@@ -1,11 +1,15 @@
 """What the checks with other people's tools share: how they come here, and how a check is told."""
 
+import atexit
 import os
+import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+PICTURES = ROOT / "docs" / "figures"
 passed = 0
 
 
@@ -34,3 +38,91 @@ def check(what, holds, said=""):
         raise SystemExit(f"FAILED: {what} {said}")
     passed += 1
     print(f"ok {what}{f': {said}' if said != '' else ''}", flush=True)
+
+
+def install_browser():
+    """Chromium with its driver, and selenium in a place of its own."""
+    if not shutil.which("chromedriver"):
+        install_debian("chromium", "chromium-driver")
+    run_with("browser", "selenium==4.36.0")
+
+
+class Browser:
+    """Chromium on the page."""
+
+    def __init__(self, address, size=(1280, 800)):
+        from selenium import webdriver
+        from selenium.webdriver.chrome.service import Service
+        options = webdriver.ChromeOptions()
+        for option in ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]:
+            options.add_argument(option)
+        options.add_argument(f"--window-size={size[0]},{size[1]}")
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        self.driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        atexit.register(self.quit)
+        wide, tall = self.js("return [innerWidth, innerHeight]")
+        self.driver.set_window_size(2 * size[0] - wide, 2 * size[1] - tall)
+        self.driver.get(address)
+        self.until("zwidth.state && zwidth.state.record")
+
+    def quit(self):
+        if self.driver:
+            self.driver.quit()
+        self.driver = None
+
+    def js(self, text, *arguments):
+        return self.driver.execute_script(text, *arguments)
+
+    def until(self, text, seconds=20):
+        end = time.time() + seconds
+        while time.time() < end:
+            if self.js(f"return !!(window.zwidth && ({text}))"):
+                return
+            time.sleep(0.02)
+        raise SystemExit(f"FAILED: waited {seconds} s for {text}")
+
+    def type(self, *lines):
+        from selenium.webdriver.common.keys import Keys
+        field = self.find("line")
+        for line in lines:
+            field.send_keys(line, Keys.ENTER)
+            self.until(f"[...document.querySelectorAll('#lines .person')].some(i => i.textContent === {line!r})")
+
+    def find(self, name):
+        from selenium.webdriver.common.by import By
+        return self.driver.find_element(By.ID, name)
+
+    def text(self, name):
+        return self.js("return document.getElementById(arguments[0]).textContent", name)
+
+    def press(self, key):
+        from selenium.webdriver.common.action_chains import ActionChains
+        ActionChains(self.driver).send_keys(key).perform()
+
+    def drag(self, name, places, hold=False):
+        from selenium.webdriver.common.action_chains import ActionChains
+        canvas = self.find(name)
+        wide, tall = canvas.size["width"], canvas.size["height"]
+        moves = ActionChains(self.driver, duration=25)
+        for n, (x, y) in enumerate(places):
+            moves = moves.move_to_element_with_offset(canvas, int((x - 0.5) * wide), int((y - 0.5) * tall))
+            moves = moves.click_and_hold() if n == 0 else moves
+        (moves if hold else moves.release()).perform()
+
+    def pull(self, millimetres, hold=False):
+        """Drags the handle from where it is."""
+        low, high, now = self.js("return [zwidth.handle.low, zwidth.handle.high, zwidth.state.record.position_m]")
+        place = lambda m: ((m - low) / (high - low), 0.5)
+        self.drag("handle", [place(now + (millimetres / 1e3 - now) * n / 15) for n in range(16)], hold)
+
+    def let_go(self):
+        from selenium.webdriver.common.action_chains import ActionChains
+        ActionChains(self.driver).release().perform()
+
+    def arm(self):
+        self.find("force").find_element("css selector", "[data-do=arm]").click()
+        self.until("zwidth.state.record.armed")
+
+    def picture(self, name):
+        if name:
+            self.driver.save_screenshot(str(PICTURES / f"{name}.png"))

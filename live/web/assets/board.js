@@ -1,0 +1,93 @@
+// The worker of the board: it runs the release ELF in real time, or as fast as it can, and tells the page what a server
+// would.
+import { Module } from "./module.js";
+
+const TICK = 33; // ms between two pictures
+const PIECE = 8; // ms of work between two looks at what the page says
+const BEHIND = 40; // ms that it catches up; more is given up
+const MEASURED = 500; // ms over which its speed is measured
+
+let module, image, runs = false, hidden = false;
+let wall = 0, done = 0, speed = 1, since = 0, sinceDone = 0, tick = 0;
+
+function tell(text) { postMessage(text); }
+
+function begin() {
+  const now = performance.now();
+  [wall, done, since, sinceDone, tick] = [now, 0, now, 0, 0];
+}
+
+// So many milliseconds of the board as have passed here since `wall`.
+function work() {
+  if (!runs || hidden) return;
+  const begun = performance.now();
+  let now = begun;
+  while (done < now - wall && now - begun < PIECE) {
+    const ms = Math.min(Math.ceil(now - wall - done), 4);
+    if (!module.ask({ ask: "run", ms, speed }).runs) runs = false;
+    done += ms;
+    now = performance.now();
+    if (!runs) break;
+  }
+  const late = now - wall - done;
+  if (late > BEHIND) wall += late - BEHIND / 2;
+  if (now - since > MEASURED) {
+    const before = speed;
+    speed = (done - sinceDone) / (now - since);
+    [since, sinceDone] = [now, done];
+    if (Math.abs(speed - before) > .005) postMessage({ speed });
+  }
+  if (now - tick > TICK || !runs) {
+    tick = Math.max(tick + TICK, now - TICK);
+    show();
+  }
+  if (late > 0) turn.port2.postMessage(null);
+  else setTimeout(work, 2);
+}
+
+// Goes on without the pause that a timer has.
+const turn = new MessageChannel();
+turn.port1.onmessage = work;
+
+function show() {
+  const answer = module.ask({ ask: "tick" });
+  const state = answer.text ? new TextDecoder().decode(answer.bytes.pop()) : null;
+  for (const { buffer } of answer.bytes) postMessage(buffer, [buffer]);
+  if (state) tell(state);
+}
+
+const does = {
+  async start({ compiled, elf, scene, text, board }) {
+    module ??= await Module.of(compiled);
+    image = elf;
+    const { bytes } = module.ask({ ask: "start", scene, text, board }, image);
+    tell(new TextDecoder().decode(bytes[0]));
+    runs = true;
+    begin();
+    work();
+  },
+  say({ message }) {
+    const answer = module.ask({ ask: "say", message });
+    if (answer.refused) tell(JSON.stringify({ type: "refused", why: answer.refused }));
+    if (answer.predict) postMessage({ predict: answer.predict });
+  },
+  rows({ from, rows, id }) {
+    const { bytes } = module.ask({ ask: "rows", from, rows });
+    postMessage({ id, rows: new TextDecoder().decode(bytes[0]) });
+  },
+  // Out of sight the board stands still: its time is the only clock of its firmware.
+  hidden({ value }) {
+    if (hidden === value) return;
+    hidden = value;
+    if (!hidden && runs) { begin(); work(); }
+  },
+};
+
+onmessage = async ({ data }) => {
+  try {
+    await does[data.do](data);
+  } catch (error) {
+    runs = false;
+    postMessage({ failed: error.message });
+  }
+};

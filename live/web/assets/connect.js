@@ -1,0 +1,94 @@
+// Whom the page talks to: a worker of its own with the release ELF on the virtual board. Nothing leaves the browser.
+import { Link } from "./link.js";
+import { Pool } from "./pool.js";
+
+export const BOARD = "nucleo-f446re";
+
+const here = (name) => new URL(name, import.meta.url);
+
+async function bytes(name) {
+  const answer = await fetch(here(name));
+  if (!answer.ok) throw new Error(`${name}: ${answer.status} ${answer.statusText}`);
+  return answer.arrayBuffer();
+}
+
+class WorkerLink extends Link {
+  constructor() {
+    super();
+    this.waiting = new Map();
+    this.asked = 0;
+    // Compiled once, for all workers.
+    this.compiled = bytes("zwidth.wasm").then((code) => WebAssembly.compile(code));
+    this.image = bytes(`${BOARD}.elf`).then((buffer) => new Uint8Array(buffer));
+    this.pool = new Pool(this.compiled, here("study.js"));
+  }
+
+  // A board on that device, in place of the one before; throws what is wrong, and then that one stays.
+  async start(scene) {
+    const [compiled, elf] = await Promise.all([this.compiled, this.image]);
+    const worker = new Worker(here("board.js"), { type: "module" });
+    const hello = new Promise((resolve, reject) => {
+      worker.onerror = (event) => reject(new Error(event.message || "the worker of the board does not start"));
+      worker.onmessage = ({ data }) => data.failed ? reject(new Error(data.failed)) : resolve(data);
+    });
+    worker.postMessage({ do: "start", compiled, elf, board: BOARD, ...scene });
+    try {
+      const first = await hello;
+      this.worker?.terminate();
+      Object.assign(this, { worker, scene });
+      worker.onmessage = ({ data }) => this.hear(data);
+      worker.onerror = ({ message }) => this.lose(message);
+      this.tell("fresh");
+      this.receive(first);
+    } catch (error) {
+      worker.terminate();
+      throw error;
+    }
+  }
+
+  hear(data) {
+    if (typeof data === "string" || data instanceof ArrayBuffer) this.receive(data);
+    else if (data.predict) this.predict(data.predict);
+    else if (data.failed) this.lose(data.failed);
+    else if ("speed" in data) this.tell("speed", data.speed);
+    else if ("rows" in data) {
+      this.waiting.get(data.id)?.(data.rows);
+      this.waiting.delete(data.id);
+    }
+  }
+
+  lose(why) {
+    this.worker?.terminate();
+    this.worker = null;
+    this.tell("lost", `The virtual board has ended: ${why}`);
+  }
+
+  get connected() { return !!this.worker; }
+
+  send(message) {
+    this.worker?.postMessage({ do: "say", message: JSON.stringify(message) });
+    return this.connected;
+  }
+
+  // Whether somebody looks.
+  hide(value) { this.worker?.postMessage({ do: "hidden", value }); }
+
+  rows(from, rows) {
+    const id = ++this.asked;
+    this.worker?.postMessage({ do: "rows", from, rows, id });
+    return this.worker ? new Promise((resolve) => this.waiting.set(id, resolve)) : Promise.reject(new Error("no board"));
+  }
+
+  async predict(question) {
+    const scene = this.scene;
+    try {
+      const { type, predicted } = await this.pool.ask({ ask: "predict", ...scene, board: BOARD, ...question }, "predict");
+      if (scene === this.scene) this.tell(type, { predicted });
+    } catch (error) {
+      if (scene === this.scene) this.tell("predicted", { predicted: { ...question, points: [], envelope: [], error: error.message } });
+    }
+  }
+}
+
+export const link = new WorkerLink();
+import("./web.js");

@@ -1,0 +1,131 @@
+// What the page has where no server stands behind it: other devices, the simulator's studies, a link that restores all.
+import { BOARD, link } from "./connect.js";
+import { address, read } from "./address.js";
+import { Studies } from "./studies.js";
+
+const NAMES = ["nucleo-f446re", "discovery-f407", "paper-1um", "paper-2um", "epfl-paddle", "rice-paddle", "hapkit", "smartknob"];
+const LIMIT = 1 << 20; // bytes of a scene file, as `cargo sim` has it
+
+const by = (id) => document.getElementById(id);
+const make = (name, more = {}, ...inside) => {
+  const item = Object.assign(document.createElement(name), more);
+  item.append(...inside);
+  return item;
+};
+
+const style = make("link", { rel: "stylesheet", href: new URL("web.css", import.meta.url) });
+document.head.append(style);
+if (window !== window.top) document.documentElement.classList.add("embedded");
+
+// The device.
+const names = make("select", { id: "scene" }, ...NAMES.map((name) => new Option(name)));
+const file = make("input", { type: "file", id: "file", accept: ".toml", hidden: true });
+const open = make("button", { id: "open", title: "a scene file; it stays in this browser" }, "File …");
+const share = make("button", { id: "share", title: "restores device and settings; a file's text is in it" }, "Copy link");
+const slow = make("p", { id: "slow", hidden: true });
+const wrong = make("p", { id: "wrong", className: "bad", hidden: true });
+wrong.role = "alert";
+by("left").prepend(make("fieldset", { id: "device" }, make("legend", {}, "Device"),
+  make("label", {}, "scene ", names), make("div", { className: "row" }, open, share), wrong, slow));
+
+function say(text) {
+  wrong.hidden = !text;
+  wrong.textContent = text;
+}
+
+const studies = new Studies(link, make);
+by("left").append(studies.panel);
+
+let wanted = null;
+
+// Another device, with settings that are put in when it runs. What is wrong with it is said, and the one before stays.
+async function take(scene, settings = null) {
+  say("");
+  try {
+    wanted = settings;
+    await link.start(scene);
+    if (![...names.options].some(({ value }) => value === scene.scene)) names.add(new Option(scene.scene));
+    names.value = scene.scene;
+    studies.take(scene);
+  } catch (error) {
+    say(error.message);
+    names.value = link.scene?.scene ?? BOARD;
+    if (!link.scene && scene.scene !== BOARD) await take({ scene: BOARD });
+    say(error.message);
+  }
+}
+
+async function takeFile(given) {
+  if (!given) return;
+  if (given.size > LIMIT) return say(`${given.name} is larger than a scene may be, allowed 1 MiB`);
+  try {
+    const text = new TextDecoder("utf-8", { fatal: true }).decode(await given.arrayBuffer());
+    await take({ scene: given.name, text });
+  } catch (error) {
+    say(`${given.name} is not UTF-8 text: ${error.message}`);
+  }
+}
+
+names.onchange = () => take(names.value === link.scene?.scene ? link.scene : { scene: names.value });
+open.onclick = () => file.click();
+file.onchange = () => { takeFile(file.files[0]); file.value = ""; };
+window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
+window.addEventListener("dragleave", () => document.body.classList.remove("over"));
+window.addEventListener("drop", (event) => {
+  event.preventDefault();
+  document.body.classList.remove("over");
+  takeFile(event.dataTransfer.files[0]);
+});
+
+// The settings of a link, once the board has told its own; with the force off, so that it takes walls of any size.
+link.on("state", ({ settings }) => {
+  if (!wanted || !settings) return;
+  const { estimator, tuning, wall, k, b } = wanted;
+  wanted = null;
+  for (const [name, value] of Object.entries({ estimator, tuning, wall, k, b })) {
+    if (value !== undefined) link.command(`${name} ${value}`);
+  }
+});
+share.onclick = async () => {
+  const text = await address(link.scene, window.zwidth.settings, window.zwidth.hello);
+  history.replaceState(null, "", text);
+  try {
+    await navigator.clipboard.writeText(location.href);
+    share.textContent = "Copied";
+  } catch {
+    share.textContent = "In the address bar";
+  }
+  setTimeout(() => { share.textContent = "Copy link"; }, 2000);
+};
+async function restore() {
+  try {
+    const { scene, settings } = await read(location.hash);
+    await take(scene ?? { scene: BOARD }, settings);
+  } catch (error) {
+    await take({ scene: BOARD });
+    say(`the link: ${error.message}`);
+  }
+}
+window.addEventListener("hashchange", restore);
+
+// How fast it is, and whether anybody looks.
+link.on("speed", (speed) => {
+  slow.hidden = speed > .95;
+  slow.textContent = `This tab is slower than real time: ${speed.toFixed(2)} virtual seconds a second.`;
+  slow.dataset.speed = speed;
+});
+let [visible, inView] = [true, true];
+const look = () => link.hide(!visible || !inView);
+document.addEventListener("visibilitychange", () => { visible = document.visibilityState === "visible"; look(); });
+new IntersectionObserver(([{ isIntersecting }]) => { inView = isIntersecting; look(); }).observe(document.body);
+
+// From the second visit on without a network. After the first picture: what comes first is that.
+link.on("curves", function register() {
+  if (register.done) return;
+  register.done = true;
+  performance.mark("first picture");
+  navigator.serviceWorker?.register(new URL("../sw.js", import.meta.url)).catch(() => {}); // not from a plain http host
+});
+
+window.zwidth.web = { take, takeFile, studies, pool: link.pool };
+restore();

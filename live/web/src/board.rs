@@ -1,0 +1,147 @@
+//! The board of this worker: the release ELF, what people do to it, and the page that looks at it.
+
+use std::{
+    cell::RefCell,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+    time::Duration,
+};
+
+use host_sim::{error::Error, scene::NamedScene};
+use live::{
+    hub::{Hub, Talk},
+    message::FromPage,
+    page::{Page, Shared},
+};
+use serde_json::json;
+use virtual_board::{board::Board, device, elf::Elf, link::SteppedBoard, session::Session};
+
+use crate::question::{Answered, Question};
+
+/// Rows of a table that a page may save.
+const ROWS_MAX: u64 = 200_000;
+
+/// A board that runs, and its page.
+struct Running {
+    board: SteppedBoard,
+    talk: Talk,
+    shared: Arc<Shared>,
+    page: Page,
+    /// The board's time, us: the only clock. A tab that stands still breaks no promise.
+    time_us: Arc<AtomicU64>,
+}
+
+thread_local! {
+    static RUNNING: RefCell<Option<Running>> = const { RefCell::new(None) };
+}
+
+fn running<T>(with: impl FnOnce(&mut Running) -> Result<T, Error>) -> Result<T, Error> {
+    RUNNING.with_borrow_mut(|running| match running {
+        Some(running) => with(running),
+        None => Err(Error::Input("no board has been started".to_owned())),
+    })
+}
+
+fn session(board: Board, scene: NamedScene, elf: Vec<u8>) -> Result<Session, Error> {
+    let record = device::record(&scene, board)?;
+    Session::of(board, Elf::parse(elf, "the image")?, "the image", scene, record)
+}
+
+/// Switches the board on.
+pub fn start(question: &Question, elf: Vec<u8>) -> Answered {
+    let (board, scene) = (question.board()?, question.scene()?);
+    let running = Running::new(session(board, scene.clone(), elf)?, scene, board)?;
+    let hello = running.page.hello();
+    RUNNING.set(Some(running));
+    Ok((json!({}), vec![hello.into_bytes()]))
+}
+
+impl Running {
+    fn new(session: Session, scene: NamedScene, board: Board) -> Result<Self, Error> {
+        let elf = session.elf.bytes.clone();
+        let stepped = SteppedBoard::start(session)?;
+        let time_us = Arc::new(AtomicU64::new(0));
+        let clock = Arc::clone(&time_us);
+        let (hub, talk) = Hub::new(
+            Box::new(stepped.link()),
+            Some(stepped.wires()),
+            Some(&elf),
+            Box::new(move || Duration::from_micros(clock.load(Relaxed))),
+        );
+        hub.attended.store(true, Relaxed); // the page and this worker live and end together
+        let shared = Arc::new(Shared::new(hub, scene, board));
+        let page = Page::enter(&shared);
+        Ok(Self { board: stepped, talk, shared, page, time_us })
+    }
+
+    fn millisecond(&mut self, speed: f64) -> bool {
+        if let Err(failed) = self.board.millisecond(speed) {
+            self.board.wires().lose(Error::from(failed).to_string());
+        }
+        let cycles_per_us = self.shared.board.chip.core_hz / 1_000_000;
+        self.time_us.store(self.board.cycles() / cycles_per_us, Relaxed);
+        self.talk.turn()
+    }
+}
+
+/// Lets it run for so many milliseconds of its time.
+pub fn run(question: &Question) -> Answered {
+    running(|running| {
+        let runs = (0..question.ms).all(|_| running.millisecond(question.speed));
+        Ok((json!({ "runs": runs }), vec![]))
+    })
+}
+
+/// What the page says.
+pub fn say(question: &Question) -> Answered {
+    running(|running| {
+        let obeyed = FromPage::read(&question.message)
+            .and_then(|message| running.page.obey(message).map_err(str::to_owned));
+        let answer = match obeyed {
+            Ok(None) => json!({}),
+            Ok(Some(asked)) => {
+                json!({ "predict": { "estimator": asked.estimator, "cutoff_hz": asked.cutoff_hz } })
+            }
+            Err(why) => json!({ "refused": why }),
+        };
+        Ok((answer, vec![]))
+    })
+}
+
+/// What the page has to be told: whether the last of the answers is text, then numbers to plot.
+pub fn tick() -> Answered {
+    running(|running| {
+        let tick = running.page.tick();
+        let mut bytes = tick.pictures;
+        let text = tick.state.is_some();
+        bytes.extend(tick.state.map(String::into_bytes));
+        Ok((json!({ "text": text }), bytes))
+    })
+}
+
+/// Rows as a table.
+pub fn rows(question: &Question) -> Answered {
+    running(|running| {
+        let table = running.shared.table(question.from, question.rows.min(ROWS_MAX));
+        Ok((json!({}), vec![table.into_bytes()]))
+    })
+}
+
+/// One wall hit by a board of its own, as `cargo board hit` runs it: the firmware's line, and all of its telemetry.
+pub fn hit(question: &Question, elf: Vec<u8>) -> Answered {
+    let scene = question.scene()?;
+    let cutoff_hz = host_sim::study::asked::cutoff(&scene, question.cutoff_hz)?;
+    let units = scene.scene.units;
+    let wall =
+        [cutoff_hz, units.stiffness_n_per_m(question.k), units.damping_n_s_per_m(question.b)];
+    let session = session(question.board()?, scene, elf)?;
+    let (hit, world) = session.hit(wall)?;
+    #[expect(clippy::cast_precision_loss, reason = "for people")]
+    let board_s = world.powered.mcu.now() as f64 / world.powered.mcu.core_hz() as f64;
+    let answer = json!({
+        "line": hit.line, "verdict": hit.verdict.name(), "rms_m": hit.rms_m, "mean_m": hit.mean_m, "board_s": board_s,
+    });
+    Ok((answer, vec![world.telemetry]))
+}

@@ -1,0 +1,98 @@
+//! What a worker asks, in JSON with what belongs to it, and what it is answered: JSON, then bytes.
+
+use host_sim::{error::Error, scene::NamedScene};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use virtual_board::{board::Board, cli};
+
+use crate::{board, study};
+
+/// All keys that a question may have.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Question {
+    /// What is asked.
+    ask: String,
+    /// Name of a built-in scene, or of the file that `text` is of.
+    scene: String,
+    /// Text of a scene file.
+    text: Option<String>,
+    board: Option<String>,
+    /// What the page says.
+    pub message: String,
+    pub ms: u32,
+    /// Seconds on the board for each second of the page.
+    pub speed: f64,
+    pub from: u64,
+    pub rows: u64,
+    pub estimator: String,
+    pub cutoff_hz: Option<f64>,
+    /// In the scene's units.
+    pub k: f64,
+    pub b: f64,
+    pub repeat: Option<u32>,
+    pub cutoffs_hz: Option<Vec<f64>>,
+    pub stiffnesses: Vec<f64>,
+    pub dampings: Vec<f64>,
+    pub budget: Option<u32>,
+    pub walked: Vec<study::Walked>,
+}
+
+/// JSON, then bytes.
+pub type Answered = Result<(Value, Vec<Vec<u8>>), Error>;
+
+impl Question {
+    /// The scene that is asked about.
+    ///
+    /// # Errors
+    /// There is none of that name, or its text is none; names file, key, value and what is allowed.
+    pub fn scene(&self) -> Result<NamedScene, Error> {
+        match &self.text {
+            None => NamedScene::load(&self.scene),
+            Some(text) => {
+                let name = self.scene.strip_suffix(".toml").unwrap_or(&self.scene);
+                NamedScene::parse(name.to_owned(), text.clone(), &self.scene)
+            }
+        }
+    }
+
+    /// The board that is asked about.
+    ///
+    /// # Errors
+    /// There is none of that name.
+    pub fn board(&self) -> Result<Board, Error> {
+        cli::board(self.board.as_deref().unwrap_or(virtual_board::board::NUCLEO_F446RE.name))
+    }
+}
+
+/// Answers a question with what belongs to it. Bad input is an answer too: `error`, one line.
+pub fn answer(given: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
+    let (value, mut bytes) =
+        asked(given).unwrap_or_else(|error| (json!({ "error": error.to_string() }), vec![]));
+    bytes.insert(0, value.to_string().into_bytes());
+    bytes
+}
+
+fn asked(given: Vec<Vec<u8>>) -> Answered {
+    let mut given = given.into_iter();
+    let text = given.next().unwrap_or_default();
+    let question: Question = serde_json::from_slice(&text)
+        .map_err(|error| Error::Input(format!("the question: {error}")))?;
+    let bytes = given.next().unwrap_or_default();
+    match question.ask.as_str() {
+        "start" => board::start(&question, bytes),
+        "run" => board::run(&question),
+        "say" => board::say(&question),
+        "tick" => board::tick(),
+        "rows" => board::rows(&question),
+        "board hit" => board::hit(&question, bytes),
+        "predict" => study::predicted(&question),
+        "hit" => study::hit(&question),
+        "cutoffs" => study::cutoffs(&question),
+        "walk" => study::walk(&question),
+        "sweep" => study::sweep(&question),
+        "grid" => study::grid(&question),
+        "design" => study::design(&question),
+        other => Err(Error::Input(format!("nobody can be asked `{other}`"))),
+    }
+}

@@ -1,0 +1,251 @@
+//! The simulator's questions, each answered by what its command is answered by. A worker has one thread: several of them
+//! share a sweep's cutoffs.
+
+use std::sync::atomic::AtomicBool;
+
+use host_sim::{
+    analysis::design::{self as designed, Condition},
+    engine::{Depth, Engine, stream},
+    error::Error,
+    output::{
+        design::{Designs, best_scene},
+        grid::Grid,
+        in_units,
+        sweep::Study,
+        trace,
+    },
+    range::within,
+    simulation::{prepared::Numeric, trace::Trace},
+    study::{
+        asked::{self, Names, Walls},
+        boundary::{Boundary, BoundaryPoint},
+        sweep::{CutoffResult, Plan, SweepResult, ascending, sweep as walks},
+    },
+};
+use live::predicted::predict;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use zwidth::experiment::Ended;
+
+use crate::question::{Answered, Question};
+
+/// A worker that is no longer wanted is ended, so nothing is ever asked to stop.
+static STOP: AtomicBool = AtomicBool::new(false);
+/// Walls of a grid.
+const WALLS_MAX: u64 = 1_000_000;
+const NAMES: Names = Names {
+    cutoff: "cutoff",
+    stiffness: "stiffness",
+    damping: "damping",
+    start_offset: "start offset",
+};
+
+const ENDS: [Ended; 4] = [Ended::Closed, Ended::DampingMax, Ended::StiffnessMax, Ended::BothMax];
+
+/// All boundaries at one cutoff, as they go from worker to worker.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Walked {
+    cutoff_hz: f64,
+    true_cutoff_hz: f64,
+    settles_in_s: Option<f64>,
+    boundaries: Vec<Walk>,
+}
+
+#[derive(Clone, Debug, Deserialize, Serialize)]
+struct Walk {
+    /// B, K.
+    points: Vec<[f64; 2]>,
+    area: f64,
+    hits: u64,
+    ended: Option<String>,
+}
+
+impl Walked {
+    fn of(result: &CutoffResult) -> Self {
+        let walk = |boundary: &Boundary| Walk {
+            points: boundary
+                .points
+                .iter()
+                .map(|point| [point.damping_n_s_per_m, point.stiffness_n_per_m])
+                .collect(),
+            area: boundary.area,
+            hits: boundary.hits,
+            ended: boundary.ended.map(|ended| ended.name().to_owned()),
+        };
+        let &CutoffResult { cutoff_hz, true_cutoff_hz, settles_in_s, .. } = result;
+        let boundaries = result.boundaries.iter().map(walk).collect();
+        Self { cutoff_hz, true_cutoff_hz, settles_in_s, boundaries }
+    }
+
+    fn result(&self) -> CutoffResult {
+        let boundary = |walk: &Walk| Boundary {
+            points: walk
+                .points
+                .iter()
+                .map(|&[damping_n_s_per_m, stiffness_n_per_m]| BoundaryPoint {
+                    damping_n_s_per_m,
+                    stiffness_n_per_m,
+                })
+                .collect(),
+            area: walk.area,
+            hits: walk.hits,
+            ended: ENDS.into_iter().find(|ended| walk.ended.as_deref() == Some(ended.name())),
+        };
+        CutoffResult {
+            cutoff_hz: self.cutoff_hz,
+            true_cutoff_hz: self.true_cutoff_hz,
+            settles_in_s: self.settles_in_s,
+            boundaries: self.boundaries.iter().map(boundary).collect(),
+        }
+    }
+}
+
+/// The boundary of the estimator and cutoff in force, for the plane of the page.
+pub fn predicted(question: &Question) -> Answered {
+    let (scene, board) = (question.scene()?, question.board()?);
+    let cutoff_hz = question.cutoff_hz.unwrap_or_default();
+    let predicted = predict(&scene, board, &question.estimator, cutoff_hz, &STOP);
+    Ok((json!({ "type": "predicted", "predicted": predicted }), vec![]))
+}
+
+/// One hit, as `cargo sim hit --trace`.
+pub fn hit(question: &Question) -> Answered {
+    let scene = question.scene()?;
+    let units = scene.scene.units;
+    let wall = [units.stiffness_n_per_m(question.k), units.damping_n_s_per_m(question.b)];
+    let hit = asked::hit(&scene, question.cutoff_hz, Some(wall), 0.0, NAMES)?;
+    let prepared = asked::prepare(&scene)?.with_felt();
+    let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
+    let report = prepared.hit(Numeric::default(), &hit, |sample| samples.push(sample))?;
+    let answer =
+        json!({ "verdict": report.verdict.name(), "rms_m": report.rms_m, "mean_m": report.mean_m });
+    Ok((answer, vec![in_units::csv(units, trace::csv(&samples)).into_bytes()]))
+}
+
+/// The cutoffs of a sweep.
+pub fn cutoffs(question: &Question) -> Answered {
+    let scene = question.scene()?;
+    if !scene.scene.velocity.has_cutoff() {
+        return Err(asked::no_cutoff(&scene));
+    }
+    asked::prepare(&scene)?;
+    Ok((json!({ "cutoffs_hz": ascending(&scene.scene.sweep.cutoffs_hz) }), vec![]))
+}
+
+/// Some cutoffs of a sweep.
+pub fn walk(question: &Question) -> Answered {
+    let scene = question.scene()?;
+    let prepared = asked::prepare(&scene)?;
+    let cutoffs_hz = question.cutoffs_hz.as_deref().unwrap_or_default();
+    let plan = Plan { name: &scene.name, prepared: &prepared, cutoffs_hz };
+    let repeat = repeats(question)?;
+    let results = walks(Engine::lanes(), &[plan], Numeric::default(), repeat, &STOP, |_| ())?;
+    let walked: Vec<Walked> =
+        results.iter().flat_map(|result| &result.cutoffs).map(Walked::of).collect();
+    Ok((json!({ "walked": walked }), vec![]))
+}
+
+fn repeats(question: &Question) -> Result<u32, Error> {
+    let repeat = question.repeat.unwrap_or(1);
+    match repeat {
+        1..=1000 => Ok(repeat),
+        _ => Err(Error::Input(format!("repeat is {repeat}, allowed 1 to 1000"))),
+    }
+}
+
+/// What all cutoffs together say: `boundary.csv` and `areas.csv`.
+pub fn sweep(question: &Question) -> Answered {
+    let scene = question.scene()?;
+    let mut cutoffs: Vec<CutoffResult> = question.walked.iter().map(Walked::result).collect();
+    cutoffs.sort_by(|a, b| a.cutoff_hz.total_cmp(&b.cutoff_hz));
+    let units = scene.scene.units;
+    let study = Study {
+        prepared: asked::prepare(&scene)?,
+        numeric: Numeric::default(),
+        repeats: repeats(question)?,
+        result: SweepResult::of(cutoffs),
+        envelopes: vec![],
+        variants: vec![],
+        limits: None,
+        levers: None,
+        probability: None,
+        limits_left_out: None,
+        command: String::new(),
+        scene,
+    };
+    let ideal = study.result.ideal;
+    let answer = json!({
+        "ideal_cutoff_hz": ideal.map(|ideal| ideal.cutoff_hz),
+        "ideal_cutoff_range_hz": ideal.map(|ideal| ideal.range_hz),
+        "notes": study.notes(),
+    });
+    let tables = [study.boundary_csv(), study.areas_csv()].map(|table| in_units::csv(units, table));
+    Ok((answer, tables.map(String::into_bytes).into()))
+}
+
+/// Every wall of a grid, as `cargo sim grid --csv`.
+pub fn grid(question: &Question) -> Answered {
+    let scene = question.scene()?;
+    let units = scene.scene.units;
+    let cutoffs_hz = match (&question.cutoffs_hz, scene.scene.velocity.has_cutoff()) {
+        (Some(cutoffs_hz), true) => cutoffs_hz.clone(),
+        (None, false) => vec![0.0],
+        (Some(_), false) => return Err(asked::no_cutoff(&scene)),
+        (None, true) => return Err(Error::Input("cutoffs are missing".to_owned())),
+    };
+    let walls = Walls {
+        cutoffs_hz,
+        dampings: question.dampings.iter().map(|&b| units.damping_n_s_per_m(b)).collect(),
+        stiffnesses: question.stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect(),
+        start_offset_counts: 0.0,
+    };
+    let points = walls.count();
+    if !(1..=WALLS_MAX).contains(&points) {
+        return Err(Error::Input(format!("the grid has {points} walls, allowed 1 to {WALLS_MAX}")));
+    }
+    walls.check(&scene, NAMES)?;
+    let prepared = asked::prepare(&scene)?;
+    let mut grid = Grid::new(units, false);
+    let mut csv = grid.header().to_owned();
+    stream(
+        Engine::lanes(),
+        &prepared,
+        Numeric::default(),
+        Depth::Whole,
+        points,
+        |number| walls.wall(number),
+        &STOP,
+        |number, outcome| {
+            csv += &grid.row(&walls.wall(number), outcome, None)?;
+            Ok(())
+        },
+    )?;
+    Ok((json!({ "points": points, "stable": grid.counts.stable }), vec![csv.into_bytes()]))
+}
+
+/// The best velocity filter, as `cargo sim design`: `design.csv` and the best scene.
+pub fn design(question: &Question) -> Answered {
+    let scene = question.scene()?;
+    asked::prepare(&scene)?;
+    let budget = question.budget.unwrap_or(3000);
+    within("budget", f64::from(budget), 100.0..=1e6).map_err(Error::Input)?;
+    let name = format!("{} pushes", scene.scene.wall_hit.push_by.name());
+    let asked = designed::Question {
+        conditions: vec![Condition { name, scene: scene.scene.clone() }],
+        gain_peak_db: None,
+        delay_s: None,
+        roughness_n: None,
+        mistuned_share: None,
+        sections: 1,
+        budget,
+        repeats: question.repeat.unwrap_or(4),
+        seed: 1,
+        numeric: Numeric::default(),
+    };
+    let study = designed::design(Engine::lanes(), asked, &STOP, |_| ())
+        .map(Designs)
+        .map_err(|error| error.of(&scene.name))?;
+    let csv = in_units::csv(scene.scene.units, study.csv());
+    let best = best_scene(&scene.scene, &study).map_err(Error::Internal)?;
+    Ok((json!({ "text": study.text() }), vec![csv.into_bytes(), best.into_bytes()]))
+}
