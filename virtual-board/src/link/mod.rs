@@ -1,6 +1,7 @@
 //! A board as its host sees it: bytes of RTT channels, and whether there is a board at all. Whoever talks to a board
 //! uses this and nothing else, so that it cannot tell a virtual one from a real one.
 
+mod core_board;
 mod gdb;
 mod live;
 mod rtt_tcp;
@@ -9,6 +10,7 @@ mod stepped;
 mod wires;
 
 pub use crate::world::Finger;
+pub use core_board::CoreBoard;
 pub use live::{Begin, LiveBoard};
 pub use rtt_tcp::RttTcp;
 pub use stepped::SteppedBoard;

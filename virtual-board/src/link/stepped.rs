@@ -37,11 +37,6 @@ impl SteppedBoard {
         Ok(())
     }
 
-    /// Core cycles since it was switched on.
-    pub fn cycles(&self) -> u64 {
-        self.world.powered.mcu.now()
-    }
-
     /// Its wires.
     pub fn wires(&self) -> Arc<Wires> {
         Arc::clone(&self.wires)

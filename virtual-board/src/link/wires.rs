@@ -86,6 +86,36 @@ impl Wires {
         *lock(&self.lost) = Some(why);
     }
 
+    /// What a program says on a channel; whether there was room.
+    pub(super) fn put(&self, channel: usize, said: &[u8]) -> bool {
+        let Some(bytes) = self.up.get(channel) else { return false };
+        let mut bytes = lock(bytes);
+        let room = bytes.len() + said.len() <= WAITING;
+        if room {
+            bytes.extend(said);
+        }
+        room
+    }
+
+    /// What has been typed, up to so many bytes.
+    pub(super) fn typed(&self, room: usize) -> Vec<u8> {
+        let mut down = lock(&self.down);
+        let count = down.len().min(room);
+        down.drain(..count).collect()
+    }
+
+    pub(super) fn finger(&self) -> Option<Finger> {
+        *lock(&self.finger)
+    }
+
+    pub(super) fn is_stop_open(&self) -> bool {
+        self.stop_open.load(Relaxed)
+    }
+
+    pub(super) fn show(&self, seen: Seen) {
+        *lock(&self.seen) = seen;
+    }
+
     /// As a probe does, each millisecond.
     pub(super) fn exchange(&self, world: &mut World<'_>) {
         let Powered { mcu, rtt, .. } = &mut world.powered;
@@ -107,14 +137,14 @@ impl Wires {
         let Powered { mcu, amplifier, .. } = &world.powered;
         #[expect(clippy::cast_precision_loss, reason = "for people; exact for a year")]
         let seconds = |cycle: u64| cycle as f64 / mcu.core_hz() as f64;
-        *lock(&self.seen) = Seen {
+        self.show(Seen {
             time_s: seconds(mcu.now()),
             position_m: world.position_m(),
             finger_n: world.finger_n(),
             enabled: amplifier.is_enabled(),
             disabled_s: amplifier.changes().disabled_at.map(seconds),
             speed,
-        };
+        });
     }
 }
 
@@ -157,8 +187,8 @@ impl Slices {
     }
 
     pub(super) fn before(&mut self, world: &mut World<'_>) {
-        world.finger = *lock(&self.wires.finger);
-        let wanted = self.wires.stop_open.load(Relaxed);
+        world.finger = self.wires.finger();
+        let wanted = self.wires.is_stop_open();
         if wanted != self.stop_open {
             world.emergency_stop(wanted);
             self.stop_open = wanted;

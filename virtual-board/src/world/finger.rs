@@ -14,7 +14,7 @@ pub struct Finger {
 }
 
 impl Finger {
-    pub(super) fn force_n(&self, position_m: f64, speed_m_per_s: f64) -> f64 {
+    pub(crate) fn force_n(&self, position_m: f64, speed_m_per_s: f64) -> f64 {
         let spring_n = self.stiffness_n_per_m * (self.target_m - position_m);
         let force_n = spring_n - self.damping_n_s_per_m * speed_m_per_s;
         force_n.clamp(-self.limit_n, self.limit_n)

@@ -159,7 +159,7 @@ impl PreparedScene {
     }
 
     /// The loop around the controller.
-    pub(crate) fn parts(&self) -> &Parts<AnyPlant> {
+    pub fn parts(&self) -> &Parts<AnyPlant> {
         &self.parts
     }
 
