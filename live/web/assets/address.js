@@ -1,4 +1,5 @@
 // Device and settings in the address, behind the #: no server sees that part.
+import { BOARD } from "./connect.js";
 
 const coded = {
   async write(text) {
@@ -25,15 +26,11 @@ const KEYS = ["wall", "k", "b"];
 const isName = (text) => /^[a-z0-9-]{1,40}$/.test(text);
 
 // The fragment of an address.
-export async function address(scene, settings, hello) {
+export async function address(scene, core, settings) {
   const words = new URLSearchParams({ scene: scene.scene });
   if (scene.text !== undefined) words.set("text", await coded.write(scene.text));
-  if (settings.estimator) {
-    words.set("estimator", settings.estimator);
-    const tuning = hello.estimators.find(({ name }) => name === settings.estimator)?.tuning;
-    if (tuning && settings[tuning.name] !== undefined) words.set("tuning", settings[tuning.name]);
-    for (const key of KEYS) if (settings[key] !== undefined) words.set(key, settings[key]);
-  }
+  if (core) words.set("runs", "core");
+  for (const key of ["estimator", "tuning", ...KEYS]) if (settings[key] !== undefined) words.set(key, settings[key]);
   return `#${words}`;
 }
 
@@ -52,8 +49,8 @@ export async function read(hash) {
     if (!isName(estimator)) throw new Error(`estimator is ${estimator.slice(0, 40)}, allowed the name of one`);
     settings.estimator = estimator;
   }
-  const scene = words.has("scene") ? { scene: words.get("scene").slice(0, 200) } : null;
-  if (scene && words.has("text")) {
+  const scene = { scene: (words.get("scene") ?? BOARD).slice(0, 200), core: words.get("runs") === "core" };
+  if (words.has("text")) {
     try {
       scene.text = await coded.read(words.get("text"));
     } catch (error) {

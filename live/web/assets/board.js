@@ -57,10 +57,10 @@ function show() {
 }
 
 const does = {
-  async start({ compiled, elf, scene, text, board }) {
+  async start({ compiled, elf, scene, text, board, core }) {
     module ??= await Module.of(compiled);
     image = elf;
-    const { bytes } = module.ask({ ask: "start", scene, text, board }, image);
+    const { bytes } = module.ask({ ask: "start", scene, text, board, core }, image);
     tell(new TextDecoder().decode(bytes[0]));
     runs = true;
     begin();

@@ -24,18 +24,18 @@ class WorkerLink extends Link {
   }
 
   // A board on that device, in place of the one before; throws what is wrong, and then that one stays.
-  async start(scene) {
+  async start(scene, core) {
     const [compiled, elf] = await Promise.all([this.compiled, this.image]);
     const worker = new Worker(here("board.js"), { type: "module" });
     const hello = new Promise((resolve, reject) => {
       worker.onerror = (event) => reject(new Error(event.message || "the worker of the board does not start"));
       worker.onmessage = ({ data }) => data.failed ? reject(new Error(data.failed)) : resolve(data);
     });
-    worker.postMessage({ do: "start", compiled, elf, board: BOARD, ...scene });
+    worker.postMessage({ do: "start", compiled, elf, board: BOARD, core, ...scene });
     try {
       const first = await hello;
       this.worker?.terminate();
-      Object.assign(this, { worker, scene });
+      Object.assign(this, { worker, scene, core });
       worker.onmessage = ({ data }) => this.hear(data);
       worker.onerror = ({ message }) => this.lose(message);
       this.tell("fresh");

@@ -5,7 +5,7 @@ import { context } from "./plots.js";
 import { give } from "./save.js";
 
 const GRID = 24; // walls a side
-const BUDGET = 300; // filters that a search tries
+const BUDGET = 100; // filters that a search tries: about a minute
 
 export class Studies {
   constructor(link, make) {
@@ -14,7 +14,7 @@ export class Studies {
       sweep: make("button", { id: "sweep", title: "the area over the cutoffs of the scene's [sweep], by the scene's own estimator" }, "Sweep cutoffs"),
       grid: make("button", { id: "grid", title: "every wall of the plane, hit once" }, "Map walls"),
       hit: make("button", { id: "both", title: "the wall in force, hit once by a board of its own and by the simulator" }, "Hit, both"),
-      design: make("button", { id: "design", title: `the best of ${BUDGET} filters` }, "Design filter"),
+      design: make("button", { id: "design", title: `the best of ${BUDGET} filters, in about a minute` }, "Design filter"),
     };
     for (const [name, button] of Object.entries(this.buttons)) button.onclick = () => this.run(name);
     this.end = make("button", { id: "end", hidden: true, onclick: () => this.pool.end() }, "End it");
@@ -113,7 +113,7 @@ export class Studies {
       files: { "capture.bin": board.bytes[0], "hit.csv": simulated.bytes[0] } };
   }
 
-  // As `cargo sim design --budget 300`.
+  // As `cargo sim design --budget 100`; nothing of it is shared among workers.
   async design() {
     const found = await this.pool.ask({ ask: "design", ...this.scene, budget: BUDGET });
     return { text: found.text, files: { "design.csv": found.bytes[0], "best.toml": found.bytes[1] } };

@@ -22,11 +22,15 @@ const names = make("select", { id: "scene" }, ...NAMES.map((name) => new Option(
 const file = make("input", { type: "file", id: "file", accept: ".toml", hidden: true });
 const open = make("button", { id: "open", title: "a scene file; it stays in this browser" }, "File …");
 const share = make("button", { id: "share", title: "restores device and settings; a file's text is in it" }, "Copy link");
-const slow = make("p", { id: "slow", hidden: true });
+const runs = make("select", { id: "runs", title: "the release ELF on an emulated chip, or the same library in the simulator's loop" },
+  new Option("release ELF", "elf"), new Option("core, no chip", "core"));
+const quick = make("button", { id: "quick" }, "Core, real time");
+const slowly = make("span");
+const slow = make("p", { id: "slow", hidden: true }, slowly, " ", quick);
 const wrong = make("p", { id: "wrong", className: "bad", hidden: true });
 wrong.role = "alert";
 by("left").prepend(make("fieldset", { id: "device" }, make("legend", {}, "Device"),
-  make("label", {}, "scene ", names), make("div", { className: "row" }, open, share), wrong, slow));
+  make("label", {}, "scene ", names), make("label", {}, "runs ", runs), make("div", { className: "row" }, open, share), wrong, slow));
 
 function say(text) {
   wrong.hidden = !text;
@@ -37,22 +41,28 @@ const studies = new Studies(link, make);
 by("left").append(studies.panel);
 
 let wanted = null;
+const texts = new Map(); // of the files that were dropped
 
-// Another device, with settings that are put in when it runs. What is wrong with it is said, and the one before stays.
-async function take(scene, settings = null) {
+// Another device, with settings that are put in when it runs. What is wrong with it is said, and the one before stays. What
+// no board can be, the core still may; what neither can be, the simulator's studies are of.
+async function take({ core = false, ...device }, settings = null) {
+  const problems = [];
+  const tried = (what) => what.then(() => true, (error) => { problems.push(error.message); return false; });
   say("");
-  try {
-    wanted = settings;
-    await link.start(scene);
-    if (![...names.options].some(({ value }) => value === scene.scene)) names.add(new Option(scene.scene));
-    names.value = scene.scene;
-    studies.take(scene);
-  } catch (error) {
-    say(error.message);
-    names.value = link.scene?.scene ?? BOARD;
-    if (!link.scene && scene.scene !== BOARD) await take({ scene: BOARD });
-    say(error.message);
-  }
+  const known = await tried(link.pool.ask({ ask: "scene", ...device }));
+  const runs = known && (await tried(link.start(device, core)) || !core && await tried(link.start(device, true)));
+  wanted = runs ? settings : null;
+  if (!link.scene) await tried(link.start({ scene: BOARD }, false));
+  if (!link.scene) return say(problems.join(" "));
+  if (![...names.options].some(({ value }) => value === link.scene.scene)) names.add(new Option(link.scene.scene));
+  if (runs && device.text !== undefined) texts.set(device.scene, device.text);
+  names.value = link.scene.scene;
+  by("runs").value = link.core ? "core" : "elf";
+  slow.hidden = true;
+  studies.take(known && !runs ? device : link.scene);
+  if (!problems.length) return null;
+  return say(known && !runs ? `${problems.at(-1)} The simulator's studies are of ${device.scene} now, the board is not.` :
+    runs ? `${problems[0]} It runs without a chip.` : problems[0]);
 }
 
 async function takeFile(given) {
@@ -60,13 +70,23 @@ async function takeFile(given) {
   if (given.size > LIMIT) return say(`${given.name} is larger than a scene may be, allowed 1 MiB`);
   try {
     const text = new TextDecoder("utf-8", { fatal: true }).decode(await given.arrayBuffer());
-    await take({ scene: given.name, text });
+    await take({ scene: given.name, text, core: runs.value === "core" });
   } catch (error) {
     say(`${given.name} is not UTF-8 text: ${error.message}`);
   }
 }
 
-names.onchange = () => take(names.value === link.scene?.scene ? link.scene : { scene: names.value });
+names.onchange = () => take({ scene: names.value, text: texts.get(names.value), core: runs.value === "core" });
+runs.onchange = () => take({ ...link.scene, core: runs.value === "core" }, held());
+quick.onclick = () => take({ ...link.scene, core: true }, held());
+
+// The settings in force, for the next board.
+function held() {
+  const { settings, hello } = window.zwidth;
+  const tuning = hello?.estimators.find(({ name }) => name === settings.estimator)?.tuning;
+  const { estimator, wall, k, b } = settings;
+  return { estimator, tuning: tuning && settings[tuning.name], wall, k, b };
+}
 open.onclick = () => file.click();
 file.onchange = () => { takeFile(file.files[0]); file.value = ""; };
 window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
@@ -87,7 +107,7 @@ link.on("state", ({ settings }) => {
   }
 });
 share.onclick = async () => {
-  const text = await address(link.scene, window.zwidth.settings, window.zwidth.hello);
+  const text = await address(link.scene, link.core, held());
   history.replaceState(null, "", text);
   try {
     await navigator.clipboard.writeText(location.href);
@@ -100,7 +120,7 @@ share.onclick = async () => {
 async function restore() {
   try {
     const { scene, settings } = await read(location.hash);
-    await take(scene ?? { scene: BOARD }, settings);
+    await take(scene, settings);
   } catch (error) {
     await take({ scene: BOARD });
     say(`the link: ${error.message}`);
@@ -111,7 +131,8 @@ window.addEventListener("hashchange", restore);
 // How fast it is, and whether anybody looks.
 link.on("speed", (speed) => {
   slow.hidden = speed > .95;
-  slow.textContent = `This tab is slower than real time: ${speed.toFixed(2)} virtual seconds a second.`;
+  slowly.textContent = `This tab is slower than real time: ${speed.toFixed(2)} virtual seconds a second.`;
+  quick.hidden = link.core;
   slow.dataset.speed = speed;
 });
 let [visible, inView] = [true, true];
@@ -127,5 +148,5 @@ link.on("curves", function register() {
   navigator.serviceWorker?.register(new URL("../sw.js", import.meta.url)).catch(() => {}); // not from a plain http host
 });
 
-window.zwidth.web = { take, takeFile, studies, pool: link.pool };
+window.zwidth.web = { take, takeFile, studies, link, pool: link.pool };
 restore();

@@ -1,4 +1,5 @@
-//! The board of this worker: the release ELF, what people do to it, and the page that looks at it.
+//! The board of this worker: the release ELF or the core without a chip, what people do to it, and the page that looks at
+//! it.
 
 use std::{
     cell::RefCell,
@@ -16,16 +17,56 @@ use live::{
     page::{Page, Shared},
 };
 use serde_json::json;
-use virtual_board::{board::Board, device, elf::Elf, link::SteppedBoard, session::Session};
+use virtual_board::{
+    board::Board,
+    device,
+    elf::Elf,
+    link::{CoreBoard, SteppedBoard, WiredLink, Wires},
+    session::{Failed, Session},
+};
 
 use crate::question::{Answered, Question};
 
 /// Rows of a table that a page may save.
 const ROWS_MAX: u64 = 200_000;
 
+/// What runs.
+enum Runs {
+    /// The release ELF on the emulated chip.
+    Elf(Box<SteppedBoard>),
+    /// The firmware's library in the simulator's loop.
+    Core(Box<CoreBoard>),
+}
+
+impl Runs {
+    fn millisecond(&mut self, speed: f64) -> Result<(), Failed> {
+        match self {
+            Self::Elf(board) => board.millisecond(speed),
+            Self::Core(board) => {
+                board.millisecond(speed);
+                Ok(())
+            }
+        }
+    }
+
+    fn wires(&self) -> Arc<Wires> {
+        match self {
+            Self::Elf(board) => board.wires(),
+            Self::Core(board) => board.wires(),
+        }
+    }
+
+    fn link(&self) -> WiredLink {
+        match self {
+            Self::Elf(board) => board.link(),
+            Self::Core(board) => board.link(),
+        }
+    }
+}
+
 /// A board that runs, and its page.
 struct Running {
-    board: SteppedBoard,
+    board: Runs,
     talk: Talk,
     shared: Arc<Shared>,
     page: Page,
@@ -52,36 +93,37 @@ fn session(board: Board, scene: NamedScene, elf: Vec<u8>) -> Result<Session, Err
 /// Switches the board on.
 pub fn start(question: &Question, elf: Vec<u8>) -> Answered {
     let (board, scene) = (question.board()?, question.scene()?);
-    let running = Running::new(session(board, scene.clone(), elf)?, scene, board)?;
+    let (runs, elf) = match question.core {
+        true => (Runs::Core(Box::new(CoreBoard::start(&scene, board)?)), None),
+        false => {
+            let session = session(board, scene.clone(), elf)?;
+            let elf = session.elf.bytes.clone();
+            (Runs::Elf(Box::new(SteppedBoard::start(session)?)), Some(elf))
+        }
+    };
+    let running = Running::new(runs, elf.as_deref(), scene, board);
     let hello = running.page.hello();
     RUNNING.set(Some(running));
     Ok((json!({}), vec![hello.into_bytes()]))
 }
 
 impl Running {
-    fn new(session: Session, scene: NamedScene, board: Board) -> Result<Self, Error> {
-        let elf = session.elf.bytes.clone();
-        let stepped = SteppedBoard::start(session)?;
+    fn new(board: Runs, elf: Option<&[u8]>, scene: NamedScene, of: Board) -> Self {
         let time_us = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&time_us);
-        let (hub, talk) = Hub::new(
-            Box::new(stepped.link()),
-            Some(stepped.wires()),
-            Some(&elf),
-            Box::new(move || Duration::from_micros(clock.load(Relaxed))),
-        );
+        let clock = Box::new(move || Duration::from_micros(clock.load(Relaxed)));
+        let (hub, talk) = Hub::new(Box::new(board.link()), Some(board.wires()), elf, clock);
         hub.attended.store(true, Relaxed); // the page and this worker live and end together
-        let shared = Arc::new(Shared::new(hub, scene, board));
+        let shared = Arc::new(Shared::new(hub, scene, of));
         let page = Page::enter(&shared);
-        Ok(Self { board: stepped, talk, shared, page, time_us })
+        Self { board, talk, shared, page, time_us }
     }
 
     fn millisecond(&mut self, speed: f64) -> bool {
         if let Err(failed) = self.board.millisecond(speed) {
             self.board.wires().lose(Error::from(failed).to_string());
         }
-        let cycles_per_us = self.shared.board.chip.core_hz / 1_000_000;
-        self.time_us.store(self.board.cycles() / cycles_per_us, Relaxed);
+        self.time_us.fetch_add(1000, Relaxed);
         self.talk.turn()
     }
 }

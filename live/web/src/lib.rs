@@ -8,6 +8,8 @@
 mod board;
 mod question;
 mod study;
+#[cfg(test)]
+mod tests;
 
 use std::{cell::RefCell, sync::Once};
 

@@ -18,6 +18,8 @@ pub struct Question {
     /// Text of a scene file.
     text: Option<String>,
     board: Option<String>,
+    /// Without a chip.
+    pub core: bool,
     /// What the page says.
     pub message: String,
     pub ms: u32,
@@ -80,6 +82,7 @@ fn asked(given: Vec<Vec<u8>>) -> Answered {
         .map_err(|error| Error::Input(format!("the question: {error}")))?;
     let bytes = given.next().unwrap_or_default();
     match question.ask.as_str() {
+        "scene" => Ok((json!({ "name": question.scene()?.name }), vec![])),
         "start" => board::start(&question, bytes),
         "run" => board::run(&question),
         "say" => board::say(&question),
