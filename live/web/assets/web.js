@@ -30,7 +30,7 @@ const slow = make("p", { id: "slow", hidden: true }, slowly, " ", quick);
 const wrong = make("p", { id: "wrong", className: "bad", hidden: true });
 wrong.role = "alert";
 by("left").prepend(make("fieldset", { id: "device" }, make("legend", {}, "Device"),
-  make("label", {}, "scene ", names), make("label", {}, "runs ", runs), make("div", { className: "row" }, open, share), wrong, slow));
+  make("label", {}, "scene ", names), make("label", {}, "runs ", runs), make("div", { className: "row" }, open, share, file), wrong, slow));
 
 function say(text) {
   wrong.hidden = !text;
@@ -61,8 +61,8 @@ async function take({ core = false, ...device }, settings = null) {
   slow.hidden = true;
   studies.take(known && !runs ? device : link.scene);
   if (!problems.length) return null;
-  return say(known && !runs ? `${problems.at(-1)} The simulator's studies are of ${device.scene} now, the board is not.` :
-    runs ? `${problems[0]} It runs without a chip.` : problems[0]);
+  return say(known && !runs ? `${problems.at(-1)}. The simulator's studies are of ${device.scene} now, the board is not.` :
+    runs ? `${problems[0]}. It runs without a chip.` : problems[0]);
 }
 
 async function takeFile(given) {
@@ -71,8 +71,8 @@ async function takeFile(given) {
   try {
     const text = new TextDecoder("utf-8", { fatal: true }).decode(await given.arrayBuffer());
     await take({ scene: given.name, text, core: runs.value === "core" });
-  } catch (error) {
-    say(`${given.name} is not UTF-8 text: ${error.message}`);
+  } catch {
+    say(`${given.name} is not UTF-8 text`);
   }
 }
 
