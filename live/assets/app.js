@@ -83,6 +83,20 @@ for (const button of document.querySelectorAll("[data-do]")) button.onclick = ()
 for (const input of document.querySelectorAll("[data-set]")) input.onchange = () => link.command(`${input.dataset.set} ${+input.value}`);
 by("estimator").onchange = () => link.command(`estimator ${by("estimator").value}`);
 by("cutoff").onchange = () => link.command(`${tuned()?.frequency ? "cutoff" : "tuning"} ${+by("cutoff").value}`);
+// A cutoff that is dragged, over ratios: a few times a second, and at the end.
+const CUTOFFS = [20, 4000]; // Hz
+by("slide").oninput = () => slide(false);
+by("slide").onchange = () => slide(true);
+let slid = 0;
+function slide(last) {
+  const time = performance.now();
+  const hertz = +(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** by("slide").value).toPrecision(3);
+  by("cutoff").value = hertz;
+  if (!last && time - slid < 200) return;
+  slid = time;
+  by("why").textContent = "";
+  link.command(`cutoff ${hertz}`);
+}
 by("calibrate").onclick = () => link.command(`calibrate ${+by("percent").value}`);
 by("unlock").onclick = (event) => {
   event.preventDefault();
@@ -134,6 +148,8 @@ function showSettings(text) {
     by("cutoff-label").querySelector("i").textContent = tuning.unit;
     show("cutoff", value);
   }
+  by("slide").hidden = !tuning?.frequency;
+  if (value > 0) show("slide", Math.log(value / CUTOFFS[0]) / Math.log(CUTOFFS[1] / CUTOFFS[0]));
   if (!units.settings.test(text)) {
     alarm(`The board says other units than those of the scene ${hello.scene}: give cargo live the scene of its record.`);
     settings = {};
