@@ -118,8 +118,8 @@ def finger(key):
 slots(
     "docs/live.md",
     ("a spring of {} N/m with a damper of {} N s/m and {} N at most.", finger("stiffness_n_per_m"), finger("damping_n_s_per_m"), finger("limit_n")),
-    ("velocity and force in the last {} outputs, Hann", const(f"{LIVE}/server/picture.rs", "SPECTRUM_ROWS")),
-    ("| phase plane | the last {} outputs |", const(f"{LIVE}/server/picture.rs", "PHASE_ROWS")),
+    ("velocity and force in the last {} outputs, Hann", const(f"{LIVE}/picture.rs", "SPECTRUM_ROWS")),
+    ("| phase plane | the last {} outputs |", const(f"{LIVE}/picture.rs", "PHASE_ROWS")),
     ("and its noise at {} mm/s of the handle", lambda: number(1e3 * lit(f"{LIVE}/predicted.rs", r"const SPEED: f64 = ([\d.]+)"))),
     ("its rows, at most {}.", const(f"{LIVE}/server.rs", "ROWS_MAX")),
     ("has its [promise](tuning.md#commands), `alive {}`, and takes the force away by itself: fault 34, within {} ms and",

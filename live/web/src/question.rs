@@ -1,6 +1,9 @@
 //! What a worker asks, in JSON with what belongs to it, and what it is answered: JSON, then bytes.
 
-use host_sim::{error::Error, scene::NamedScene};
+use host_sim::{
+    error::{Error, one_line},
+    scene::{BUILT_IN, NamedScene},
+};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use virtual_board::{board::Board, cli};
@@ -50,7 +53,17 @@ impl Question {
     /// There is none of that name, or its text is none; names file, key, value and what is allowed.
     pub fn scene(&self) -> Result<NamedScene, Error> {
         match &self.text {
-            None => NamedScene::load(&self.scene),
+            None => {
+                let built_in = self.scene.split(':').next().unwrap_or_default();
+                if BUILT_IN.iter().all(|(name, _)| *name != built_in) {
+                    let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+                    let (scene, names) = (one_line(&self.scene), names.join(", "));
+                    return Err(Error::Input(format!(
+                        "scene is {scene}, allowed {names}, or a file that is dropped here"
+                    )));
+                }
+                NamedScene::load(&self.scene)
+            }
             Some(text) => {
                 let name = self.scene.strip_suffix(".toml").unwrap_or(&self.scene);
                 NamedScene::parse(name.to_owned(), text.clone(), &self.scene)

@@ -46,7 +46,7 @@ fn bad_input_is_one_line() {
     let mass = paper.replace("mass_kg = ", "mass_kg = -");
     let deep = format!("a = {}", "[".repeat(20_000));
     for (question, said) in [
-        (json!({ "ask": "cutoffs", "scene": "nowhere" }), "built-in scenes: paper-1um"),
+        (json!({ "ask": "cutoffs", "scene": "nowhere" }), "scene is nowhere, allowed paper-1um, "),
         (json!({ "ask": "cutoffs", "scene": "my.toml", "text": "" }), "my.toml"),
         (json!({ "ask": "cutoffs", "scene": "my.toml", "text": mass }), "mass_kg"),
         (json!({ "ask": "scene", "scene": "my.toml", "text": deep }), "my.toml"),
