@@ -55,6 +55,7 @@ fn bad_input_is_one_line_and_writes_nothing() {
         (hit(&["mine.toml", "--elf", "/bin/sh"]), "/bin/sh is no program of a board"),
         (hit(&["/dev/zero"]), "larger than a scene may be, allowed 1 MiB"),
         (hit(&["mine.toml", "--board", "nucl\u{1b}o"]), "nucl\\u{1b}o, allowed nucleo-f446re"),
+        (hit(&["mine.toml", "--telemetry", "mine.toml", "--force"]), "is the input mine.toml"),
         (walk(&["--csv", "./mine.toml", "--force"]), "is the input mine.toml; it is not replaced"),
         (walk(&["--elf", "text", "--csv", "text", "--force"]), "is the input text"),
         (walk(&["--elf", "text", "--csv", "no/such/w.csv"]), "text is no program"),
