@@ -7,7 +7,7 @@ const PIECE = 8; // ms of work between two looks at what the page says
 const BEHIND = 40; // ms that it catches up; more is given up
 const MEASURED = 500; // ms over which its speed is measured
 
-let module, image, runs = false, hidden = false;
+let module, image, runs = false, hidden = false, awaited = false;
 let wall = 0, done = 0, speed = 1, since = 0, sinceDone = 0, tick = 0;
 
 function tell(text) { postMessage(text); }
@@ -19,6 +19,7 @@ function begin() {
 
 // So many milliseconds of the board as have passed here since `wall`.
 function work() {
+  awaited = false;
   if (!runs || hidden) return;
   const begun = performance.now();
   let now = begun;
@@ -40,7 +41,9 @@ function work() {
   if (now - tick > TICK || !runs) {
     tick = Math.max(tick + TICK, now - TICK);
     show();
+    if (!runs) return show(); // the state comes with every other one
   }
+  awaited = true;
   if (late > 0) turn.port2.postMessage(null);
   else setTimeout(work, 2);
 }
@@ -79,7 +82,9 @@ const does = {
   hidden({ value }) {
     if (hidden === value) return;
     hidden = value;
-    if (!hidden && runs) { begin(); work(); }
+    if (hidden || !runs) return;
+    begin();
+    if (!awaited) work();
   },
 };
 

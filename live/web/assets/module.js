@@ -21,7 +21,7 @@ export class Module {
     try {
       count = this.exports.zwidth_ask();
     } catch (error) {
-      throw new Error(`the program of this page ended: ${this.text(0) || error}`);
+      throw Object.assign(new Error(`the program of this page ended: ${this.text(0) || error}`), { ended: true });
     }
     const answer = JSON.parse(this.text(0));
     if (answer.error !== undefined) throw new Error(answer.error);
