@@ -168,6 +168,7 @@ pub fn sweep(question: &Question) -> Answered {
         variants: vec![],
         limits: None,
         levers: None,
+        rates: None,
         probability: None,
         limits_left_out: None,
         command: String::new(),
