@@ -29,7 +29,11 @@
 
 use core::num::NonZeroU32;
 
-use super::{Form, Senses, history::History, kept::Bytes, placed::Places};
+use super::{
+    Form, Senses,
+    history::History,
+    kept::{Bytes, Kept},
+};
 use crate::{
     range::{SettingsError, within},
     units::{Offset, Velocity},
@@ -205,9 +209,56 @@ impl Form for Foaw {
     }
 }
 
-impl Places for Foaw {
-    fn offset(&self, history: &History) -> Offset {
-        self.line::<true>(history).offset()
+/// The best fit, with the end of its line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoawPosition(pub(super) Foaw);
+
+/// Its differences, and where the line of the last sample ends: looked for once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FoawPositionState {
+    history: History,
+    offset: Offset,
+}
+
+/// All of the history; the form keeps its window, and where the line ends follows from that.
+impl Kept for FoawPositionState {
+    fn put(&self, bytes: &mut Bytes<'_>) {
+        self.history.put(bytes);
+    }
+
+    fn take(rest: &mut &[u8]) -> Option<Self> {
+        Some(Self { history: History::take(rest)?, offset: Offset::NONE })
+    }
+}
+
+impl Form for FoawPosition {
+    type State = FoawPositionState;
+    const REST: FoawPositionState =
+        FoawPositionState { history: History::REST, offset: Offset::NONE };
+
+    fn at(&self, velocity: Velocity) -> FoawPositionState {
+        FoawPositionState { history: History::at(velocity), offset: Offset::NONE }
+    }
+
+    fn put(&self, state: &FoawPositionState, bytes: &mut Bytes<'_>) {
+        state.history.put_last(self.0.window, bytes);
+    }
+
+    fn take(&self, rest: &mut &[u8]) -> Option<FoawPositionState> {
+        let history = History::take_last(self.0.window, rest)?;
+        Some(FoawPositionState { history, offset: self.0.line::<true>(&history).offset() })
+    }
+
+    #[inline(never)] // so that the state of the usual estimator stays in registers
+    fn step(&self, state: &mut FoawPositionState, difference: i32, _: &Senses) -> Velocity {
+        state.history.push(difference);
+        let line = self.0.line::<true>(&state.history);
+        state.offset = line.offset();
+        line.slope()
+    }
+
+    fn offset(&self, state: &FoawPositionState) -> Offset {
+        state.offset
     }
 }
 

@@ -58,7 +58,7 @@ pub use dual_rate::{DECIMATION_MAX, DualRate};
 pub use edge_timer::{Captures, EdgeTimer};
 pub use factor::Factor;
 pub use fir::Fir;
-pub use foaw::Foaw;
+pub use foaw::{Foaw, FoawPosition};
 pub use history::WINDOW_MAX;
 pub use kalman::{Kalman, KalmanDesign, KalmanState};
 pub use levant::{Levant, LevantDesign};

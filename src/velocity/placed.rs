@@ -12,7 +12,7 @@
 //! | Kalman filters | the corrected position less the count |
 //! | observers | the same |
 //! | first-order low-pass | what the difference extrapolates ([`Ahead`](super::Ahead)) |
-//! | adaptive windowing, best fit | the least-squares line of the window in use, at its newest sample |
+//! | adaptive windowing, best fit ([`FoawPosition`](super::FoawPosition)) | the least-squares line of the window in use, at its newest sample |
 //!
 //! Windowing by the ends' line has none: that line passes through the count. Neither have sums of differences and
 //! low-passes: they keep no position, and what their velocity extrapolates is a wall with more damping.

@@ -335,7 +335,7 @@ estimators! {
             /// Kalman filter, with its position.
             KalmanPosition(Placed<Kalman>) shares kalman;
             /// First-order adaptive windowing, with its position.
-            FoawPosition(Placed<Foaw>) shares history;
+            FoawPosition(FoawPosition) keeps foaw_position;
             /// Observer that knows the force, with its position.
             ObserverPosition(Placed<Observer>) shares observer;
             /// Low-pass, with a position that the difference extrapolates.
@@ -520,7 +520,7 @@ estimators! {
                 window_samples: u32 = ("window", "samples", 16.0),
                 /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
                 noise_counts: f64 = ("noise", "counts", 1.0),
-            } => |_| FoawPosition(Placed(Foaw::new(true, window_samples, noise_counts)?));
+            } => |_| FoawPosition(FoawPosition(Foaw::new(true, window_samples, noise_counts)?));
             /// Finite difference followed by a first-order low-pass; the wall's spring works on the position that the
             /// difference extrapolates.
             FirstOrderPosition = 36, "first-order-position" {
