@@ -16,6 +16,7 @@ mod encoder;
 mod fast;
 mod inject;
 mod main_output;
+mod outside;
 mod reads;
 mod snapshot;
 mod soc;
@@ -434,38 +435,6 @@ impl Mcu {
     /// The same, to clear it.
     pub fn watch_mut(&mut self) -> &mut Watch {
         &mut self.watch
-    }
-
-    /// Drives `pin` from outside.
-    pub fn set_pin(&mut self, pin: Pin, high: bool) {
-        self.outside.insert(pin, (high, None));
-        self.soc.set_pin(pin, high);
-    }
-
-    /// Drives the pins from outside that were driven: a reset moves no switch.
-    fn drive_pins(&self) {
-        for (pin, (high, alternate)) in &self.outside {
-            self.soc.set_pin(*pin, *high);
-            if let Some(high) = alternate {
-                self.soc.set_alternate(*pin, *high);
-            }
-        }
-    }
-
-    /// Drives TIM1's break input, which is active high, and the pin that it is on.
-    pub fn set_break(&mut self, pin: Pin, open: bool) {
-        self.clock.set(self.now);
-        // The emulator's port reads an alternate-function pin as what drives it from inside.
-        self.outside.insert(pin, (open, Some(open)));
-        self.drive_pins();
-        self.soc.set_break(open);
-    }
-
-    /// Sets the supply, mV; at first it is [`SUPPLY_MV`]. Only the voltage detector looks at it.
-    pub fn set_supply_mv(&mut self, mv: u32) {
-        self.clock.set(self.now);
-        self.soc.supply.set_mv(mv);
-        self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
     }
 
     /// What a self-test looks at.

@@ -352,14 +352,9 @@ impl Soc {
             lazy: rcc.clone(),
             clock: Arc::clone(&clock),
             crystal: Arc::clone(&crystal),
-            gated: vec![
-                pwm.clone(),
-                pace.clone(),
-                halt_timer.clone(),
-                output_timer.clone(),
-                encoder.counter.clone(),
-                encoder.capture.clone(),
-            ],
+            gated: [&pwm, &pace, &halt_timer, &output_timer, &encoder.counter, &encoder.capture]
+                .map(Lazy::clone)
+                .to_vec(),
         };
         map(Registers::region(&rcc, port), 0x4002_3800);
         let flash_touched = Arc::new(AtomicU64::new(0));

@@ -102,6 +102,7 @@ fn all_of(mcu: &mut Mcu) -> (Regs, Vec<u32>, [u64; 3], u32, String) {
 
 #[test]
 fn random_code_does_the_same_here_and_in_the_emulator() {
+    const PIECES: u64 = 5_000;
     let mut here = 0;
     for seed in 1..=4 {
         let mut random = Random(seed);
@@ -109,7 +110,7 @@ fn random_code_does_the_same_here_and_in_the_emulator() {
         let [mut fast, mut slow] = [false, true].map(|off| chip(&program, off));
         let begin = fast.snapshot();
         let mut memories = [0, 1].map(|_| vec![0; RAM_BYTES as usize]);
-        for trial in 0..20_000 {
+        for trial in 0..PIECES {
             let place = CODE + 2 * random.below(HALF_WORDS - 64);
             let words: Vec<_> = (0..15).map(|_| random.word()).collect();
             let flags = random.next() & 0xF80F_0000;
@@ -145,9 +146,9 @@ fn random_code_does_the_same_here_and_in_the_emulator() {
                 mcu.read(RAM, memory);
             }
             assert!(memories[0] == memories[1], "seed {seed}, trial {trial}: RAM");
-            here += fast.instructions_here();
         }
+        here += fast.instructions_here();
         assert_eq!(slow.instructions_here(), 0);
     }
-    assert!(here > 0);
+    assert!(here > 4 * PIECES, "{here} instructions here");
 }

@@ -1,0 +1,37 @@
+//! What is driven from outside of the chip: pins, the stop, the supply.
+
+use super::{Mcu, Pin, SUPPLY_IRQ};
+
+impl Mcu {
+    /// Drives `pin` from outside.
+    pub fn set_pin(&mut self, pin: Pin, high: bool) {
+        self.outside.insert(pin, (high, None));
+        self.soc.set_pin(pin, high);
+    }
+
+    /// Drives the pins from outside that were driven: a reset moves no switch.
+    pub(super) fn drive_pins(&self) {
+        for (pin, (high, alternate)) in &self.outside {
+            self.soc.set_pin(*pin, *high);
+            if let Some(high) = alternate {
+                self.soc.set_alternate(*pin, *high);
+            }
+        }
+    }
+
+    /// Drives TIM1's break input, which is active high, and the pin that it is on.
+    pub fn set_break(&mut self, pin: Pin, open: bool) {
+        self.clock.set(self.now);
+        // The emulator's port reads an alternate-function pin as what drives it from inside.
+        self.outside.insert(pin, (open, Some(open)));
+        self.drive_pins();
+        self.soc.set_break(open);
+    }
+
+    /// Sets the supply, mV; at first it is [`SUPPLY_MV`](super::SUPPLY_MV). Only the voltage detector looks at it.
+    pub fn set_supply_mv(&mut self, mv: u32) {
+        self.clock.set(self.now);
+        self.soc.supply.set_mv(mv);
+        self.soc.cpu.set_irq(SUPPLY_IRQ, self.soc.supply_line.get());
+    }
+}
