@@ -22,4 +22,4 @@ def states(page, *entries):
     STATES.setdefault(page, []).extend(entries)
 
 
-from . import commands, constants, criteria, design, devices, estimators, firmware, held, passivity, scenes, simulator, studies, sure, trade, web  # noqa: E402,F401
+from . import commands, constants, criteria, design, devices, estimators, firmware, held, passivity, published, scenes, simulator, studies, sure, trade, web  # noqa: E402,F401

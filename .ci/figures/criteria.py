@@ -54,6 +54,20 @@ def criteria_levers(limit, push):
 
 
 @block
+def criteria_rates(limit, push):
+    """Area at the ideal cutoff, and that cutoff, by encoder rate and output rate."""
+    found = [r for r in limit_rows("rates-paper-1um.csv", push=push, estimator="scene") if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    encoders, outputs = (sorted({float(r[f"{which}_rate_hz"]) for r in found}) for which in ("encoder", "output"))
+
+    def cell(encoder, output):
+        of_it = [r for r in found if (float(r["encoder_rate_hz"]), float(r["output_rate_hz"])) == (encoder, output)]
+        best = [r for r in of_it if r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+        return f"{plain_area(best[0])} ({float(best[0]['cutoff_hz']):g} Hz)" if best else "none" if of_it else ""
+    return table(["encoder rate, Hz", *[f"outputs at {number(output)} Hz" for output in outputs]],
+                 [[number(encoder), *[cell(encoder, output) for output in outputs]] for encoder in encoders])
+
+
+@block
 def explained(encoder):
     body = []
     for r in rows(f"explain-paper-{encoder}.csv"):
@@ -305,3 +319,20 @@ def criteria_arms():
             body.setdefault(who, {})[limit_name(r)] = cell
     names = ["15 um", "1 um", "felt, 0 dB"]
     return table(["arm, push", *names], [[who, *(cells[name] for name in names)] for who, cells in body.items()])
+
+
+def at_rates(limit, encoder, output):
+    """Area at the ideal cutoff, the motor pushes, 10^6 N^2 s/m^2."""
+    found = [r for r in limit_rows("rates-paper-1um.csv", push="motor", estimator="scene", encoder_rate_hz=str(encoder), output_rate_hz=str(output))
+             if abs(float(r["limit"]) / limit - 1) < 1e-9 and r["cutoff_hz"] == r["ideal_cutoff_hz"]]
+    return float(found[0]["area_n2_s_per_m2"]) * 1e-6
+
+
+states(
+    "docs/criteria.md",
+    ("area at 1 um and more than 70 times at 15 um.",
+     lambda: at_rates(1e-6, 10000, 10000) > 20 * at_rates(1e-6, 10000, 500) and at_rates(1.5e-5, 10000, 10000) > 70 * at_rates(1.5e-5, 10000, 500)),
+    ("5 kHz has more than 80 % of what one at 50 kHz has, at either limit.",
+     lambda: all(at_rates(limit, 5000, 1000) > 0.8 * at_rates(limit, 50000, 1000) for limit in (1e-6, 1.5e-5))),
+    ("2 kHz has a third of it at 15 um.", lambda: 0.3 < at_rates(1.5e-5, 2000, 1000) / at_rates(1.5e-5, 50000, 1000) < 0.37),
+)

@@ -21,6 +21,7 @@ MADE = DATA / "made.csv"
 # Commands of minutes: the files that they write, and where these are stored; `json` is what they print.
 SIX = "butterworth,first-order,least-squares-2,tracking-loop,kalman-3,levant-explicit"
 FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
+POSITIONS = ",".join(f"{name},{name}-position" for name in ("kalman-2", "kalman-3", "foaw-best", "observer"))
 DISCUSSED = "butterworth,levant-implicit,kalman-3,algebraic-1,algebraic-2,levant-kalman,dual-rate"
 LONG = {
     "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
@@ -35,6 +36,8 @@ LONG = {
         "compare.csv": "compare-paper-2um-added.csv"}),
     **{f"compare-{scene}-discussed": (f"cargo sim compare {scene} --estimators {DISCUSSED}",
                                       {"compare.csv": f"compare-{scene}-discussed.csv"}) for scene in ("paper-1um", "paper-2um")},
+    **{f"compare-{scene}-position": (f"cargo sim compare {scene} --estimators {POSITIONS}",
+                                     {"compare.csv": f"compare-{scene}-position.csv"}) for scene in ("paper-1um", "paper-2um")},
     "compare-paper-1um-accelerometer": (
         "cargo sim compare docs/data/paper-1um-accelerometer.toml --estimators fusion",
         {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
@@ -82,6 +85,9 @@ LONG = {
     "probability-paper-2um-uncertain": (
         "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 40",
         {"summary.json": "probability-paper-2um-uncertain.json"}),
+    "rates-paper-1um": (
+        "cargo sim sweep paper-1um --encoder-rates 2000,5000,10000,20000,50000 --output-rates 500,1000,2000,5000,10000",
+        {"rates.csv": "rates-paper-1um.csv"}),
     "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
         f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",
