@@ -34,6 +34,7 @@ mod observer_design;
 mod parameter;
 mod placed;
 mod polynomial;
+mod rows;
 mod senses;
 mod table;
 mod time_stamps;

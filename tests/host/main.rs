@@ -31,6 +31,7 @@ mod extremes;
 mod filter;
 mod force_step;
 mod identify_accuracy;
+mod identify_joint;
 mod identify_terms;
 mod layers;
 mod linear_elements;

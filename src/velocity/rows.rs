@@ -1,0 +1,206 @@
+//! What follows from the rows of the table: the types, and everything that goes through all estimators.
+
+/// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
+/// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
+///
+/// `if` the build has them; the path says how likely an estimator of the group is to the compiler.
+macro_rules! estimators {
+    ($(if $on:meta, $likely:path {
+        forms { $(
+            $(#[$form_doc:meta])*
+            $form:ident($integer:ty) $(keeps $own:ident)? $(shares $shared:ident)?;
+        )* }
+        names { $(
+            $(#[$doc:meta])*
+            $name:ident = $id:literal, $text:literal {
+                $(
+                    $(#[$key_doc:meta])*
+                    $key:ident: $number:ty = ($parameter:literal, $unit:literal, $default:literal),
+                )*
+            } $(needs $sense:ident)?
+            => |$design:pat_param| $of:ident($build:expr) $(, weights $weights:expr)?;
+        )* }
+    })*) => {
+        /// An estimator by its name, which is also its name in the envelope.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum EstimatorName {
+            $($($(#[$doc])* #[cfg($on)] $name,)*)*
+        }
+
+        /// Which estimator, and its parameters in SI units.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub enum VelocitySettings {
+            $($($(#[$doc])* #[cfg($on)] $name { $($(#[$key_doc])* $key: $number,)* },)*)*
+        }
+
+        /// A velocity estimator in integer form; made by [`VelocitySettings::build`].
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub enum Estimator {
+            $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
+        }
+
+        /// Which integer form. Numbered as those of [`Estimator`], so that finding it out is one load.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Kind {
+            $($(#[cfg($on)] $form,)*)*
+        }
+
+        /// What the forms remember. A field for each, not one for all: so the compiler can keep the few words of
+        /// the usual one in registers.
+        #[derive(Clone, Copy, Debug)]
+        pub(super) struct Memory {
+            $($($(#[cfg($on)] $own: <$integer as Form>::State,)?)*)*
+        }
+
+        impl EstimatorName {
+            /// All of this build.
+            pub const ALL: &[Self] = &[$($(#[cfg($on)] Self::$name,)*)*];
+
+            /// As it is typed.
+            pub const fn text(self) -> &'static str {
+                match self { $($(#[cfg($on)] Self::$name => $text,)*)* }
+            }
+
+            /// Its number in a settings record. A number is never given a new meaning.
+            pub const fn id(self) -> u32 {
+                match self { $($(#[cfg($on)] Self::$name => $id,)*)* }
+            }
+
+            /// What it cannot do without, beside the position.
+            pub fn sense(self) -> Option<Sense> {
+                match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
+            }
+
+            /// Its numbers: the tuning, which trades speed for accuracy, and for some further ones.
+            pub fn parameters(self) -> [Option<Parameter>; PARAMETERS] {
+                match self {
+                    $($(#[cfg($on)] Self::$name => Parameter::all(&[$(
+                        Parameter { name: $parameter, unit: $unit, default: $default },
+                    )*]),)*)*
+                }
+            }
+
+            /// Their keys: the names with units, as in scenes and in [`SettingsError`].
+            pub const fn keys(self) -> &'static [&'static str] {
+                match self { $($(#[cfg($on)] Self::$name => &[$(stringify!($key)),*],)*)* }
+            }
+
+            /// The name of those settings, and their parameters; 0 where there is none.
+            pub fn of(settings: &VelocitySettings) -> (Self, Numbers) {
+                match *settings {
+                    $($(#[cfg($on)] VelocitySettings::$name { $($key),* } => {
+                        (Self::$name, super::parameter::numbers(&[$(Number::value($key)),*]))
+                    })*)*
+                }
+            }
+
+            /// Its settings with those parameters; whether they are in range is for
+            /// [`VelocitySettings::build`] to say.
+            pub fn settings(self, numbers: Numbers) -> VelocitySettings {
+                let mut numbers = numbers.into_iter();
+                match self {
+                    $($(#[cfg($on)] Self::$name => VelocitySettings::$name {
+                        $($key: Number::of(numbers.next().unwrap_or_default()),)*
+                    },)*)*
+                }
+            }
+        }
+
+        impl VelocitySettings {
+            /// The estimator's integer form for that device.
+            ///
+            /// # Errors
+            /// Names the parameter that is out of range, and the range.
+            pub fn build(&self, design: &Design) -> Result<Estimator, SettingsError> {
+                Ok(match *self {
+                    $($(#[cfg($on)] Self::$name { $($key),* } => {
+                        let $design = design;
+                        Estimator::$of($build)
+                    })*)*
+                })
+            }
+
+            /// The exact weights of the last differences, newest first, if it is a sum of them.
+            ///
+            /// # Errors
+            /// Names the parameter that is out of range, and the range.
+            #[allow(unused_variables, reason = "a parameter that is no weight's")]
+            pub fn weights(&self, design: &Design) -> Result<Option<FirDesign>, SettingsError> {
+                Ok(match *self {
+                    $($(#[cfg($on)] Self::$name { $($key),* } => {
+                        let $design = design;
+                        None $(.or(Some($weights)))?
+                    })*)*
+                })
+            }
+        }
+
+        impl Estimator {
+            #[inline(always)] // called, it would put senses that nobody looks at into memory
+            pub(super) fn step(
+                &self,
+                memory: &mut Memory,
+                difference: i32,
+                senses: &Senses,
+            ) -> Velocity {
+                match self {
+                    $($(#[cfg($on)] Self::$form(form) => {
+                        $likely();
+                        form.step(&mut memory.$($own)? $($shared)?, difference, senses)
+                    })*)*
+                }
+            }
+
+            #[inline(always)]
+            pub(super) fn offset_of(&self, memory: &Memory) -> Offset {
+                match self {
+                    $($(#[cfg($on)] Self::$form(form) => {
+                        $likely();
+                        form.offset(&memory.$($own)? $($shared)?)
+                    })*)*
+                }
+            }
+
+            #[inline]
+            pub(super) const fn kind(&self) -> Kind {
+                match self { $($(#[cfg($on)] Self::$form(_) => Kind::$form,)*)* }
+            }
+        }
+
+        impl Memory {
+            pub(super) const REST: Self = Self {
+                $($($(#[cfg($on)] $own: <$integer as Form>::REST,)?)*)*
+            };
+
+            /// What `estimator` remembers.
+            pub(super) fn put(&self, estimator: &Estimator, bytes: &mut Bytes<'_>) {
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(form) => {
+                        form.put(&self.$($own)? $($shared)?, bytes);
+                    })*)*
+                }
+            }
+
+            /// The same from the first bytes of `rest`.
+            pub(super) fn take(estimator: &Estimator, rest: &mut &[u8]) -> Option<Self> {
+                let mut memory = Self::REST;
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(form) => {
+                        memory.$($own)? $($shared)? = form.take(rest)?;
+                    })*)*
+                }
+                Some(memory)
+            }
+
+            /// Warms up `estimator`, as if the handle had always moved at that velocity.
+            pub(super) fn restart(&mut self, estimator: &Estimator, velocity: Velocity) {
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(form) => {
+                        self.$($own)? $($shared)? = form.at(velocity);
+                    })*)*
+                }
+            }
+        }
+    };
+}
+pub(super) use estimators;
