@@ -124,12 +124,15 @@ fn products_walls_and_codes_never_overflow() {
                     let wall = Wall { surface, stiffness, damping, push_only };
                     for velocity in VELOCITY {
                         let velocity = Velocity::saturating_from_bits(velocity);
-                        let demand =
-                            wall.demand(Position::from_counts(position), Offset::NONE, velocity);
-                        for push in [i32::MIN, 0, i32::MAX] {
-                            let push = Force::saturating_from_bits(push);
-                            let (force, _) = demand.against(push).saturate();
-                            assert!(force.bits().abs() <= Force::FULL_SCALE.bits());
+                        for offset in [i64::MIN, -1, 0, 1, i64::MAX] {
+                            let offset = Offset::saturating_from_bits(offset);
+                            let position = Position::from_counts(position);
+                            let demand = wall.demand(position, offset, velocity);
+                            for push in [i32::MIN, 0, i32::MAX] {
+                                let push = Force::saturating_from_bits(push);
+                                let (force, _) = demand.against(push).saturate();
+                                assert!(force.bits().abs() <= Force::FULL_SCALE.bits());
+                            }
                         }
                     }
                 }

@@ -88,15 +88,20 @@ impl Offset {
     pub const LIMIT: i32 = 32_767;
 
     /// The nearest offset to that many LSB of 2^-16 counts.
+    #[cfg(feature = "estimators")]
     #[inline]
     pub fn saturating_from_bits(bits: i64) -> Self {
         let limit = i64::from(Self::LIMIT) << Self::FRACTION_BITS;
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
-        let _bits = bits.max(-limit).min(limit) as i32;
-        Self {
-            #[cfg(feature = "estimators")]
-            bits: _bits,
-        }
+        let bits = bits.max(-limit).min(limit) as i32;
+        Self { bits }
+    }
+
+    /// None, whatever the bits.
+    #[cfg(not(feature = "estimators"))]
+    #[inline]
+    pub fn saturating_from_bits(_: i64) -> Self {
+        Self::NONE
     }
 
     /// LSB of 2^-16 counts.

@@ -2,6 +2,8 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use crate::{
     Gain,
     units::{Demand, Offset, Position, Velocity},
@@ -48,42 +50,32 @@ impl Wall {
     }
 
     /// `K * (penetration + offset) + B * velocity` while in contact, else zero; with `push_only` never
-    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]), that of the spring with an offset
-    /// at +-2^15. The count alone says whether there is contact.
+    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]), K times the offset at +-2^15; what is
+    /// clipped is said. The count alone says whether there is contact.
     #[inline]
     pub fn demand(&self, position: Position, offset: Offset, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);
         if penetration <= 0 {
             return Demand::ZERO;
         }
-        let spring = if offset == Offset::NONE {
-            self.stiffness.apply(penetration)
-        } else {
-            self.spring(penetration, offset)
-        };
+        let spring = self.stiffness.apply(penetration);
         let damper = self.damping.apply(velocity.bits());
         let limit = Gain::PRODUCT_LIMIT.unsigned_abs();
-        let clipped = spring.unsigned_abs() >= limit || damper.unsigned_abs() >= limit;
-        let total = spring + damper; // each within +-2^61
+        let mut clipped = spring.unsigned_abs() >= limit || damper.unsigned_abs() >= limit;
+        let mut total = spring + damper; // each within +-2^61
+        if offset != Offset::NONE {
+            cold_path();
+            let fine = self.stiffness.apply(offset.bits());
+            clipped |= fine.unsigned_abs() >= limit;
+            total += (fine + HALF) >> Offset::FRACTION_BITS; // within +-2^45
+        }
         let one_sided = if self.push_only { total.max(0) } else { total };
         Demand::from_bits(one_sided).clipped_if(clipped)
     }
-
-    /// `K * (penetration + offset)`, rounded to nearest; [`Gain::PRODUCT_LIMIT`] where it saturates.
-    #[cold]
-    #[inline(never)] // so that the usual wall keeps its registers
-    fn spring(&self, penetration: i32, offset: Offset) -> i64 {
-        const HALF: i64 = 1 << (Offset::FRACTION_BITS - 1);
-        let depth = (i64::from(penetration) << Offset::FRACTION_BITS) + i64::from(offset.bits());
-        match self.stiffness.apply_wide(depth) {
-            // within 2^15 full scales
-            fine if fine.unsigned_abs() < Gain::PRODUCT_LIMIT.unsigned_abs() => {
-                (fine + HALF) >> Offset::FRACTION_BITS
-            }
-            all => all,
-        }
-    }
 }
+
+/// Half an LSB of what an offset makes.
+const HALF: i64 = 1 << (Offset::FRACTION_BITS - 1);
 
 #[cfg(test)]
 mod tests {
@@ -143,15 +135,39 @@ mod tests {
         assert!(both.demand(at(i32::MAX), Offset::NONE, fast).saturate().1);
     }
 
+    /// Within an LSB of the exact one; beyond the range it is clipped, and said so.
+    #[test]
+    #[cfg(feature = "estimators")]
+    fn the_spring_works_on_the_position_beside_the_count() {
+        let wall = |k: f64| Wall { stiffness: Gain::from_f64(k).unwrap(), ..wall(false) };
+        for k in [1e-6, 0.37, 1000.0, 3.3e8] {
+            for counts in [1, 7, 30_000] {
+                for bits in [-1, 1, 98_304, -98_304, 32_767 << 16, -(32_767 << 16)] {
+                    let offset = Offset::saturating_from_bits(bits);
+                    let demand = wall(k).demand(at(100 + counts), offset, Velocity::ZERO);
+                    let exact = k * (f64::from(counts) + bits as f64 / 65_536.0);
+                    let off = (demand.bits() as f64 - exact).abs();
+                    assert!(off <= 1.0 + exact.abs() * 1e-9, "{k} {counts} {bits}: {off}");
+                }
+            }
+        }
+        let far = Offset::saturating_from_bits(i64::MAX);
+        let strong = wall(2f64.powi(53)).demand(at(101), far, Velocity::ZERO);
+        assert_eq!(strong.bits(), (1 << 53) + (1 << 45));
+        assert!(strong.saturate().1);
+        assert_eq!(wall(1000.0).demand(at(100), far, Velocity::ZERO), Demand::ZERO);
+    }
+
     proptest! {
         #[test]
         fn a_push_only_wall_never_pulls_and_grows_with_depth(
-            a in any::<i32>(), b in any::<i32>(), velocity in any::<i32>()
+            a in any::<i32>(), b in any::<i32>(), velocity in any::<i32>(), offset in any::<i64>()
         ) {
+            let offset = Offset::saturating_from_bits(offset >> 32);
             let wall = wall(true);
             let velocity = Velocity::saturating_from_bits(velocity);
             let (shallow, deep) = (a.min(b), a.max(b));
-            let (f1, f2) = (wall.demand(at(shallow), Offset::NONE, velocity), wall.demand(at(deep), Offset::NONE, velocity));
+            let (f1, f2) = (wall.demand(at(shallow), offset, velocity), wall.demand(at(deep), offset, velocity));
             prop_assert!(f1.bits() >= 0 && f2.bits() >= f1.bits());
         }
     }

@@ -252,7 +252,7 @@ mod tests {
             push_only in any::<bool>(),
             steps in prop::collection::vec(
                 (
-                    -200i32..200, any::<i32>(), prop::option::weighted(0.3, (
+                    -200i32..200, any::<i32>(), any::<i32>(), prop::option::weighted(0.3, (
                         -100i32..100, 0.1f64..1e9, 0.1f64..1e4, -(1i32 << 30)..=1 << 30
                     )),
                 ),
@@ -262,8 +262,10 @@ mod tests {
             let wall = |surface, k, b| Wall { push_only, ..wall(surface, k, b) };
             let mut now = (wall(0, 1000.0, 1.0), Force::ZERO);
             let mut change = GainFade::new(now.0, now.1);
-            for (position, velocity, new) in steps {
-                let at = motion(position, velocity / 64);
+            for (position, velocity, offset, new) in steps {
+                // up to 128 counts beside the count
+                let offset = Offset::saturating_from_bits(i64::from(offset / 256));
+                let at = Motion { offset, ..motion(position, velocity / 64) };
                 let Kept { push, correction, .. } = *change.kept;
                 // the old settings, and nothing that fades in this output
                 let old = drive(&now.0, push, at);

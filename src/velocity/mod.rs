@@ -101,6 +101,7 @@ trait Form {
     fn offset(&self, _: &Self::State) -> Offset {
         Offset::NONE
     }
+
     /// The state as bytes: what a later velocity depends on.
     fn put(&self, state: &Self::State, bytes: &mut Bytes<'_>) {
         state.put(bytes);

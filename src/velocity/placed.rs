@@ -1,7 +1,7 @@
 //! Estimators that say where the handle is, too: the wall's spring then works on their position instead of the count.
 //!
 //! ```text
-//! spring = K (count - surface + offset),   offset = estimated position - count
+//! spring = K (count - surface + offset),   offset = estimated, or extrapolated, position - count
 //! ```
 //!
 //! The estimator is the same and so is its velocity; the count alone says whether there is contact. A name of its own
@@ -15,7 +15,7 @@
 //! | adaptive windowing, best fit ([`FoawPosition`](super::FoawPosition)) | the least-squares line of the window in use, at its newest sample |
 //!
 //! Windowing by the ends' line has none: that line passes through the count. Neither have sums of differences and
-//! low-passes: they keep no position, and what their velocity extrapolates is a wall with more damping.
+//! the other low-passes: they keep no position, and what their velocity extrapolates is a wall with more damping.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

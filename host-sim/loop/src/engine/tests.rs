@@ -1,6 +1,10 @@
 //! Lanes against the scalar loop, bit for bit, on every backend that this machine has.
 
-use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
+use zwidth::{
+    VelocitySettings,
+    experiment::Verdict,
+    velocity::{EstimatorName, Sense},
+};
 
 use super::*;
 use crate::{

@@ -37,7 +37,7 @@ const FAMILIES: [(EstimatorName, &str, &str, Member); 10] = [
     (EstimatorName::Algebraic2, "algebraic", "degree", Member::Number(2)),
 ];
 /// Keys that a scene may leave out; the parameter is at the table's default then.
-const OPTIONAL: [&str; 5] = ["noise_counts", "lambda_ratio", "kappa", "mu", "rms_ratio"];
+const OPTIONAL: [&str; 6] = ["noise_counts", "lambda_ratio", "kappa", "mu", "rms_ratio", "lead"];
 /// The key of the name.
 const TAG: &str = "estimator";
 

@@ -64,6 +64,14 @@ impl Uncertainty {
         ]
     }
 
+    /// The place of that name, or of what a rotary scene calls it.
+    pub fn place(name: &str) -> Option<usize> {
+        let is = |known: &&str| {
+            *known == name || Units::rotary_key(known).is_some_and(|rotary| rotary == name)
+        };
+        Self::NAMES.iter().position(is)
+    }
+
     /// Cholesky's factor of the correlations.
     fn factor(&self) -> Result<Matrix, String> {
         let mut wanted: Matrix = [[0.0; COUNT]; COUNT];
@@ -72,9 +80,7 @@ impl Uncertainty {
         }
         for (a, b, correlation) in &self.correlations {
             let place = |name: &String| {
-                let is =
-                    |known: &&str| known == name || Units::rotary_key(known).as_ref() == Some(name);
-                Self::NAMES.iter().position(is).ok_or_else(|| {
+                Self::place(name).ok_or_else(|| {
                     let allowed = Self::NAMES.join(", ");
                     format!("uncertainty.correlations: {name} is unknown, allowed {allowed}")
                 })

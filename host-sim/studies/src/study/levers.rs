@@ -203,6 +203,16 @@ fn transmission(mass_kg: f64) -> Mode {
     }
 }
 
+/// Whether the loop takes that cutoff: one that looks less often takes none near its rate. What else is wrong is for the
+/// walk to say.
+pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
+    let settings = scene.velocity.settings(cutoff_hz);
+    match settings.build(&scene.design()) {
+        Ok(_) => true,
+        Err(error) => settings.name().keys().first() != Some(&error.parameter),
+    }
+}
+
 /// The grid of that size.
 fn grid(own: &Walk, size: i32) -> Walk {
     let finer = FINER.powi(size);
@@ -259,9 +269,14 @@ pub fn walk_levers(
     let of = |&(lever, limit, push): &(usize, Limit, PushBy)| {
         let scene = &question.levers[lever].scene;
         let none = Walked { boundaries: Boundaries::default(), walk: grid(&scene.walk, 0) };
-        // a loop that looks less often takes no cutoff near its rate
-        let takes = |&hz: &f64| scene.velocity.settings(hz).build(&scene.design()).is_ok();
-        let cutoffs_hz: Vec<f64> = cutoffs_hz.iter().copied().filter(takes).collect();
+        let cutoffs_hz: Vec<f64> =
+            cutoffs_hz.iter().copied().filter(|hz| takes(scene, *hz)).collect();
+        if cutoffs_hz.is_empty() {
+            return Err(Error::Input(format!(
+                "an encoder rate of {} Hz takes none of the cutoffs",
+                scene.control.rate_hz
+            )));
+        }
         let cutoffs = cutoffs_hz.iter().map(|&hz| (hz, none.clone())).collect();
         let sweep = SweepResult::of(vec![]);
         let mut found = LeverResult { lever, limit, push, cutoffs, told: none, sweep };

@@ -4,7 +4,7 @@
 //! the sample is, and so do the phases of the hit; the estimator keeps its parameters, so a window of n samples becomes
 //! shorter with a higher rate. An output comes with a sample, so only pairs where the rates divide are loops.
 
-use super::levers::{Between, Lever};
+use super::levers::{Between, Lever, takes};
 use crate::{error::Error, scene::NamedScene};
 
 /// The rates that are asked for, Hz; the scene's own where there are none.
@@ -70,10 +70,9 @@ impl Rates {
                 changed.control.rate_hz = encoder;
                 changed.actuator.period = period;
                 changed.actuator.latency = own.actuator.latency * (encoder / own_hz);
-                // a loop that looks less often takes no cutoff near its rate
-                let design = changed.design();
-                let takes = |hz: &f64| changed.velocity.settings(*hz).build(&design).is_ok();
-                changed.sweep.cutoffs_hz.retain(takes);
+                let all = std::mem::take(&mut changed.sweep.cutoffs_hz);
+                changed.sweep.cutoffs_hz =
+                    all.into_iter().filter(|hz| takes(&changed, *hz)).collect();
                 changed.check().map_err(|why| {
                     Error::Input(format!(
                         "with an encoder rate of {encoder} Hz and outputs at {output} Hz: {why}"

@@ -147,7 +147,7 @@ proptest! {
         let rate_hz = scene.control.rate_hz;
         let velocity = tuned(name, tuning, &scene);
         let mut scene = with_estimator(scene, velocity);
-        scene.actuator.latency_known = name == EstimatorName::Observer && late;
+        scene.actuator.latency_known = name.sense() == Some(Sense::Force) && late;
         prop_assume!(scene.check().is_ok());
         for hit in &mut hits {
             hit.cutoff_hz = rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);

@@ -4,7 +4,7 @@
 use std::f64::consts::{PI, TAU};
 
 use super::residual::{HARMONICS, Piece, Residual};
-use crate::scene::Uncertainty;
+use crate::scene::{Scene, Uncertainty};
 
 /// The numbers of a device, in the order of [`Uncertainty::NAMES`]; the latency in seconds.
 pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
@@ -18,9 +18,15 @@ pub struct Joint {
     pub correlations: [[f64; NUMBERS]; NUMBERS],
 }
 
+/// Places of the numbers that are in proportion to the gain, and its own.
+const BY_GAIN: [usize; 3] = [0, 1, 2];
+const GAIN: usize = 4;
+const LATENCY: usize = 5;
+
 impl Joint {
-    /// In place of what `base` says of the numbers that were fitted, the latency in samples of that rate.
-    pub fn uncertainty(&self, base: Option<&Uncertainty>, rate_hz: f64) -> Uncertainty {
+    /// In place of what `base` says of the numbers that were fitted, the latency in samples of the scene that was `made`.
+    /// Of a gain that was given, mass, damping and stiffness have their share of what `base` says of it.
+    pub fn uncertainty(&self, base: Option<&Uncertainty>, made: &Scene) -> Uncertainty {
         let base = base.cloned().unwrap_or_default();
         let was = [
             base.mass_kg,
@@ -30,25 +36,49 @@ impl Joint {
             base.gain_n_per_v,
             base.latency,
         ];
-        let mut is = self.deviations;
-        is[NUMBERS - 1] *= rate_hz;
-        let fitted = |place: usize| self.deviations[place] > 0.0;
-        let of = |place: usize| if fitted(place) { is[place] } else { was[place] };
+        let mut own = self.deviations;
+        own[LATENCY] *= made.control.rate_hz;
+        let mut covariance = self.correlations;
+        for (a, row) in covariance.iter_mut().enumerate() {
+            for (b, value) in row.iter_mut().enumerate() {
+                *value *= own[a] * own[b];
+            }
+        }
+        if own[GAIN] == 0.0 && was[GAIN] > 0.0 {
+            let device = &made.device;
+            let numbers = [
+                device.mass_kg,
+                device.damping_n_s_per_m,
+                device.stiffness_n_per_m,
+                0.0,
+                made.actuator.gain_n_per_v,
+                0.0,
+            ];
+            let part = was[GAIN] / made.actuator.gain_n_per_v;
+            for a in BY_GAIN.into_iter().chain([GAIN]) {
+                for b in BY_GAIN.into_iter().chain([GAIN]) {
+                    covariance[a][b] += numbers[a] * numbers[b] * part * part;
+                }
+            }
+        }
+        let found: [f64; NUMBERS] = std::array::from_fn(|place| covariance[place][place].sqrt());
+        let of = |place: usize| if found[place] > 0.0 { found[place] } else { was[place] };
         let names = Uncertainty::NAMES;
-        let known = |name: &str| names.iter().position(|known| *known == name).is_some_and(fitted);
+        let known = |name: &str| Uncertainty::place(name).is_some_and(|place| found[place] > 0.0);
         let kept = base.correlations.into_iter().filter(|(a, b, _)| !known(a) && !known(b));
         let pairs = (0..NUMBERS).flat_map(|b| (0..b).map(move |a| (a, b)));
-        let found = pairs.filter(|&(a, b)| self.correlations[a][b] != 0.0);
-        let found =
-            found.map(|(a, b)| (names[a].to_owned(), names[b].to_owned(), self.correlations[a][b]));
+        let together = pairs.filter(|&(a, b)| covariance[a][b] != 0.0).map(|(a, b)| {
+            let correlation = covariance[a][b] / (found[a] * found[b]);
+            (names[a].to_owned(), names[b].to_owned(), correlation.clamp(-1.0, 1.0))
+        });
         Uncertainty {
             mass_kg: of(0),
             damping_n_s_per_m: of(1),
             stiffness_n_per_m: of(2),
             rest_position_m: of(3),
-            gain_n_per_v: of(4),
-            latency: of(5),
-            correlations: kept.chain(found).collect(),
+            gain_n_per_v: of(GAIN),
+            latency: of(LATENCY),
+            correlations: kept.chain(together).collect(),
         }
     }
 }
@@ -114,5 +144,58 @@ impl ErrorModel {
             if together.is_finite() { together.clamp(-1.0, 1.0) } else { 0.0 }
         };
         (0..seen.len()).map(|a| (0..seen.len()).map(|b| of(a, b)).collect()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    /// A gain that was given and is not known well: what is in proportion to it errs with it, in every drawn device.
+    #[test]
+    fn what_scales_with_a_given_gain_errs_with_it() {
+        let made = NamedScene::load("paper-1um").unwrap().scene;
+        let mut joint =
+            Joint { deviations: [1e-7, 1e-6, 1e-5, 1e-8, 0.0, 1e-7], ..Joint::default() };
+        for (place, row) in
+            joint.correlations.iter_mut().enumerate().filter(|(place, _)| *place != GAIN)
+        {
+            row[place] = 1.0;
+        }
+        let base = Uncertainty {
+            gain_n_per_v: 0.02 * made.actuator.gain_n_per_v,
+            ..Uncertainty::default()
+        };
+        let found = joint.uncertainty(Some(&base), &made);
+        assert!((found.mass_kg / made.device.mass_kg / 0.02 - 1.0).abs() < 1e-9);
+        assert_eq!(found.latency, 1e-7 * made.control.rate_hz);
+        assert_eq!(found.rest_position_m, 1e-8);
+        let drawn = Scene { uncertainty: Some(found), ..made.clone() };
+        drawn.check().unwrap();
+        let per_gain = |scene: &Scene| {
+            [scene.device.mass_kg, scene.device.damping_n_s_per_m, scene.device.stiffness_n_per_m]
+                .map(|number| number / scene.actuator.gain_n_per_v)
+        };
+        for n in 0..50 {
+            let one = drawn.drawn(3, n).unwrap();
+            for (is, was) in per_gain(&one).into_iter().zip(per_gain(&made)) {
+                assert!((is / was - 1.0).abs() < 1e-5, "{is} {was}");
+            }
+        }
+        // what was known of numbers that are found again is replaced, whatever a scene calls them
+        let again = Uncertainty {
+            correlations: vec![
+                ("inertia_kg_m2".into(), "latency".into(), 0.9),
+                ("mass_kg".into(), "gain_n_m_per_v".into(), 0.9),
+            ],
+            ..base
+        };
+        let renewed = joint.uncertainty(Some(&again), &made);
+        assert!(renewed.correlations.iter().all(|(_, _, value)| *value != 0.9));
+        // without it nothing is known of the gain
+        let found = joint.uncertainty(None, &made);
+        assert_eq!((found.mass_kg, found.gain_n_per_v), (1e-7, 0.0));
+        assert!(found.correlations.is_empty());
     }
 }

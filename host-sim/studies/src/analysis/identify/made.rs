@@ -87,7 +87,7 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
         scene.encoder.resolution_m = options.resolution_m;
     }
     let was = base.uncertainty.as_ref();
-    scene.uncertainty = Some(found.joint.uncertainty(was, scene.control.rate_hz));
+    scene.uncertainty = Some(found.joint.uncertainty(was, &scene));
     with_terms(scene, &found.terms)
 }
 
