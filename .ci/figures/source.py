@@ -86,7 +86,8 @@ LONG = {
         "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 40",
         {"summary.json": "probability-paper-2um-uncertain.json"}),
     "rates-paper-1um": (
-        "cargo sim sweep paper-1um --encoder-rates 2000,5000,10000,20000,50000 --output-rates 500,1000,2000,5000,10000",
+        "cargo sim sweep paper-1um --cutoffs 200,300,500,700,990,1500,2000,2400,3000,4000,4900 "
+        "--encoder-rates 2000,5000,10000,20000,50000 --output-rates 500,1000,2000,5000,10000",
         {"rates.csv": "rates-paper-1um.csv"}),
     "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (

@@ -131,5 +131,5 @@ states(
 slots(
     "docs/identification.md",
     ("joint.rs`). Over {} records of the paper's device with noise of 0.5 counts, the", lambda: constant("tests/host/identify_joint.rs", r"const RECORDS: u64 = (\d+);")),
-    ("latency fitted, each correlation of the errors is within {} of the stated one", lambda: number(float(measured("host/identify/correlation_off")), 2)),
+    ("within {} of the stated one;", lambda: number(float(measured("host/identify/correlation_off")), 2)),
 )
