@@ -1,5 +1,6 @@
 // Device and settings in the address, behind the #: no server sees that part.
 import { BOARD } from "./connect.js";
+import { TUNINGS, WALL } from "./settings.js";
 
 const coded = {
   async write(text) {
@@ -22,7 +23,7 @@ const coded = {
   },
 };
 
-const KEYS = ["wall", "k", "b"];
+const KEYS = [...TUNINGS, ...WALL];
 const isName = (text) => /^[a-z0-9-]{1,40}$/.test(text);
 
 // The fragment of an address.
@@ -30,7 +31,7 @@ export async function address(scene, core, settings) {
   const words = new URLSearchParams({ scene: scene.scene });
   if (scene.text !== undefined) words.set("text", await coded.write(scene.text));
   if (core) words.set("runs", "core");
-  for (const key of ["estimator", "tuning", ...KEYS]) if (settings[key] !== undefined) words.set(key, settings[key]);
+  for (const key of ["estimator", ...KEYS]) if (settings[key] !== undefined) words.set(key, settings[key]);
   return `#${words}`;
 }
 
@@ -38,7 +39,7 @@ export async function address(scene, core, settings) {
 export async function read(hash) {
   const words = new URLSearchParams(hash.slice(1));
   const settings = {};
-  for (const key of ["tuning", ...KEYS]) {
+  for (const key of KEYS) {
     if (!words.has(key)) continue;
     const value = words.get(key);
     if (!value || !Number.isFinite(+value)) throw new Error(`${key} is ${value.slice(0, 40)}, allowed a number`);

@@ -23,8 +23,9 @@ class WorkerLink extends Link {
     this.pool = new Pool(this.compiled, here("study.js"));
   }
 
-  // A board on that device, in place of the one before; throws what is wrong, and then that one stays.
-  async start(scene, core) {
+  // A board on that device, in place of the one before; throws what is wrong, and then that one stays. So it does where
+  // another board is wanted meanwhile: `isWanted` says whether this one still is.
+  async start(scene, core, isWanted = () => true) {
     const [compiled, elf] = await Promise.all([this.compiled, this.image]);
     const worker = new Worker(here("board.js"), { type: "module" });
     const hello = new Promise((resolve, reject) => {
@@ -34,7 +35,8 @@ class WorkerLink extends Link {
     worker.postMessage({ do: "start", compiled, elf, board: BOARD, core, ...scene });
     try {
       const first = await hello;
-      this.worker?.terminate();
+      if (!isWanted()) throw new Error("another board is wanted");
+      this.end("another board has come");
       Object.assign(this, { worker, scene, core });
       worker.onmessage = ({ data }) => this.hear(data);
       worker.onerror = ({ message }) => this.lose(message);
@@ -52,14 +54,21 @@ class WorkerLink extends Link {
     else if (data.failed) this.lose(data.failed);
     else if ("speed" in data) this.tell("speed", data.speed);
     else if ("rows" in data) {
-      this.waiting.get(data.id)?.(data.rows);
+      this.waiting.get(data.id)?.resolve(data.rows);
       this.waiting.delete(data.id);
     }
   }
 
-  lose(why) {
+  // Whoever waits for rows of this board waits for nothing.
+  end(why) {
     this.worker?.terminate();
     this.worker = null;
+    for (const { reject } of this.waiting.values()) reject(new Error(why));
+    this.waiting.clear();
+  }
+
+  lose(why) {
+    this.end(`the board has ended: ${why}`);
     this.tell("lost", `The virtual board has ended: ${why}`);
   }
 
@@ -74,9 +83,10 @@ class WorkerLink extends Link {
   hide(value) { this.worker?.postMessage({ do: "hidden", value }); }
 
   rows(from, rows) {
+    if (!this.worker) return Promise.reject(new Error("no board"));
     const id = ++this.asked;
-    this.worker?.postMessage({ do: "rows", from, rows, id });
-    return this.worker ? new Promise((resolve) => this.waiting.set(id, resolve)) : Promise.reject(new Error("no board"));
+    this.worker.postMessage({ do: "rows", from, rows, id });
+    return new Promise((resolve, reject) => this.waiting.set(id, { resolve, reject }));
   }
 
   async predict(question) {

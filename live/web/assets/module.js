@@ -13,12 +13,12 @@ export class Module {
   // The first answer, with the others in `bytes`. Bad input throws its one line.
   ask(question, ...more) {
     const given = [new TextEncoder().encode(JSON.stringify(question)), ...more];
-    for (const bytes of given) {
-      const place = this.exports.zwidth_input(bytes.length);
-      new Uint8Array(this.exports.memory.buffer, place, bytes.length).set(bytes);
-    }
     let count;
     try {
+      for (const bytes of given) {
+        const place = this.exports.zwidth_input(bytes.length);
+        new Uint8Array(this.exports.memory.buffer, place, bytes.length).set(bytes);
+      }
       count = this.exports.zwidth_ask();
     } catch (error) {
       throw Object.assign(new Error(`the program of this page ended: ${this.text(0) || error}`), { ended: true });

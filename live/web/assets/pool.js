@@ -1,7 +1,7 @@
 // The simulator's workers: as many as this machine has cores, made when they are needed.
 export class Pool {
   constructor(compiled, address) {
-    Object.assign(this, { compiled, address, idle: [], made: 0, waiting: [], answers: new Map(), asked: 0 });
+    Object.assign(this, { compiled, address, idle: [], workers: new Set(), waiting: [], answers: new Map(), asked: 0 });
     this.size = Math.max(1, Math.min(navigator.hardwareConcurrency || 2, 16));
   }
 
@@ -25,16 +25,28 @@ export class Pool {
     return Promise.all(questions.map((question) => this.ask(question).then((answer) => { done(++count, questions.length); return answer; })));
   }
 
-  // What waits or runs is given up.
+  // What waits or runs of the studies is given up; what has a `kind` is no study's.
   end() {
-    for (const { reject } of [...this.waiting, ...this.answers.values()]) reject(new Error("ended"));
-    this.waiting = [];
-    for (const { worker } of this.answers.values()) { worker.terminate(); this.made--; }
-    this.answers.clear();
+    const ended = new Error("ended");
+    for (const job of this.waiting.filter(({ kind }) => !kind)) job.reject(ended);
+    this.waiting = this.waiting.filter(({ kind }) => kind);
+    for (const [id, job] of this.answers) {
+      if (job.kind) continue;
+      this.answers.delete(id);
+      this.drop(job.worker);
+      job.reject(ended);
+    }
+    this.next();
+  }
+
+  drop(worker) {
+    worker.terminate();
+    this.workers.delete(worker);
+    this.idle = this.idle.filter((one) => one !== worker);
   }
 
   next() {
-    if (!this.waiting.length || !this.idle.length && this.made >= this.size) return;
+    if (!this.waiting.length || !this.idle.length && this.workers.size >= this.size) return;
     const worker = this.idle.pop() ?? this.make();
     const job = this.waiting.shift();
     this.answers.set(job.id, { ...job, worker });
@@ -43,14 +55,15 @@ export class Pool {
   }
 
   make() {
-    this.made++;
     const worker = new Worker(this.address, { type: "module" });
+    this.workers.add(worker);
     const finish = (id) => {
       const job = this.answers.get(id);
       this.answers.delete(id);
       return job;
     };
     worker.onmessage = ({ data: { id, answer, failed } }) => {
+      if (!this.workers.has(worker)) return;
       const job = finish(id);
       this.idle.push(worker);
       this.next();
@@ -61,8 +74,7 @@ export class Pool {
         if (job.worker !== worker) continue;
         finish(id).reject(new Error(event.message || "a worker of the simulator does not start"));
       }
-      worker.terminate();
-      this.made--;
+      this.drop(worker);
       this.next();
     };
     return worker;

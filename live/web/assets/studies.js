@@ -3,6 +3,7 @@
 import { BOARD } from "./connect.js";
 import { context } from "./plots.js";
 import { give } from "./save.js";
+import { isSame, told, TUNINGS } from "./settings.js";
 
 const GRID = 24; // walls a side
 const BUDGET = 100; // filters that a search tries: about a minute
@@ -13,7 +14,7 @@ export class Studies {
     this.buttons = {
       sweep: make("button", { id: "sweep", title: "the area over the cutoffs of the scene's [sweep], by the scene's own estimator" }, "Sweep cutoffs"),
       grid: make("button", { id: "grid", title: "every wall of the plane, hit once" }, "Map walls"),
-      hit: make("button", { id: "both", title: "the wall in force, hit once by a board of its own and by the simulator" }, "Hit, both"),
+      hit: make("button", { id: "both", title: "the wall in force, hit once with the scene's push by a board of its own and by the simulator" }, "Hit, both"),
       design: make("button", { id: "design", title: `the best of ${BUDGET} filters, in about a minute` }, "Design filter"),
     };
     for (const [name, button] of Object.entries(this.buttons)) button.onclick = () => this.run(name);
@@ -83,11 +84,11 @@ export class Studies {
 
   // As `cargo sim grid --csv`, over the page's plane.
   async grid(done) {
-    const { plane, settings, hello } = window.zwidth;
+    const { plane } = window.zwidth;
+    const { at } = await this.inForce([]);
     const [bEnd, kEnd] = plane.ends;
     const steps = (end) => Array.from({ length: GRID }, (_, n) => +(end * (n + 1) / GRID).toPrecision(6));
     const [dampings, stiffnesses] = [steps(bEnd), steps(kEnd)];
-    const at = this.cutoff(settings, hello);
     const questions = dampings.map((b) => ({ ask: "grid", ...this.scene, ...at.list, stiffnesses, dampings: [b] }));
     const answers = await this.pool.all(questions, done);
     const tables = answers.map(({ bytes }) => new TextDecoder().decode(bytes[0]).split("\n"));
@@ -100,9 +101,7 @@ export class Studies {
 
   // The wall in force as `cargo board hit --telemetry` and `cargo sim hit --trace`.
   async hit() {
-    const { settings, hello } = window.zwidth;
-    const { k, b } = settings;
-    const at = this.cutoff(settings, hello);
+    const { at, settings: { k, b } } = await this.inForce(["wall"]);
     const question = { ...this.scene, ...at.one, k, b };
     const [board, simulated] = await Promise.all([
       this.pool.ask({ ask: "board hit", ...question, board: BOARD }, null, [await this.link.image]),
@@ -119,12 +118,24 @@ export class Studies {
     return { text: found.text, files: { "design.csv": found.bytes[0], "best.toml": found.bytes[1] } };
   }
 
-  // The cutoff in force, for the scene's own estimator.
-  cutoff(settings, hello) {
-    const tuning = hello.estimators.find(({ name }) => name === settings.estimator)?.tuning;
-    const value = tuning?.frequency ? settings[tuning.name] : undefined;
-    return value === undefined ? { one: {}, list: {}, said: "" } :
-      { one: { cutoff_hz: value }, list: { cutoffs_hz: [value] }, said: ` at ${value} Hz` };
+  // The settings in force, and their cutoff for the simulator. Studies are of the scene: a board whose estimator or other
+  // settings named here are not the scene's is refused.
+  async inForce(names) {
+    const text = window.zwidth.state?.settings;
+    if (!text) throw new Error("The board has not told its settings yet.");
+    const { settings } = told(text);
+    const { wanted, has_cutoff } = await this.pool.ask({ ask: "scene", ...this.scene });
+    const isOther = ([name, value]) => name === "estimator" ? settings.estimator !== value : !isSame(settings[name], value);
+    const all = Object.entries(wanted).filter(([name]) => ["estimator", ...TUNINGS, ...names].includes(name));
+    const others = all.filter(isOther);
+    if (others.length) {
+      const said = (pairs) => pairs.map(([name, value]) => `${name} ${value}`).join(", ");
+      const has = others.filter(([name]) => settings[name] !== undefined).map(([name]) => [name, settings[name]]);
+      throw new Error(`This is of the scene, ${said(others)}; the board has ${said(has)}. Give it the scene's.`);
+    }
+    if (!has_cutoff) return { settings, at: { one: {}, list: {}, said: "" } };
+    const value = settings.tuning;
+    return { settings, at: { one: { cutoff_hz: value }, list: { cutoffs_hz: [value] }, said: ` at ${value} Hz` } };
   }
 
   draw({ rows, ideal }) {

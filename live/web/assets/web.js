@@ -1,6 +1,7 @@
 // What the page has where no server stands behind it: other devices, the simulator's studies, a link that restores all.
 import { BOARD, link } from "./connect.js";
 import { address, read } from "./address.js";
+import { Restored, told } from "./settings.js";
 import { Studies } from "./studies.js";
 
 const NAMES = ["nucleo-f446re", "discovery-f407", "paper-1um", "paper-2um", "epfl-paddle", "rice-paddle", "hapkit", "smartknob"];
@@ -40,52 +41,63 @@ function say(text) {
 const studies = new Studies(link, make);
 by("left").append(studies.panel);
 
-let wanted = null;
-const texts = new Map(); // of the files that were dropped
+const restored = new Restored(link, say);
+const files = new Map(); // that were dropped, by what the list calls them: no file is taken for a scene of this page
+const listed = ({ scene, text }) => text === undefined ? scene : `file ${scene}`;
+let takes = 0;
 
 // Another device, with settings that are put in when it runs. What is wrong with it is said, and the one before stays. What
-// no board can be, the core still may; what neither can be, the simulator's studies are of.
+// no board can be, the core still may; what neither can be, the simulator's studies are of. Of two that overlap
+// the later counts; whether this one did.
 async function take({ core = false, ...device }, settings = null) {
-  const problems = [];
+  const problems = [], number = ++takes;
+  const isWanted = () => number === takes;
   const tried = (what) => what.then(() => true, (error) => { problems.push(error.message); return false; });
   say("");
-  const known = await tried(link.pool.ask({ ask: "scene", ...device }));
-  const runs = known && (await tried(link.start(device, core)) || !core && await tried(link.start(device, true)));
-  wanted = runs ? settings : null;
-  if (!link.scene) await tried(link.start({ scene: BOARD }, false));
+  const known = await tried(link.pool.ask({ ask: "scene", ...device }, "scene"));
+  const start = (...what) => isWanted() && tried(link.start(...what, isWanted));
+  const runs = known && (await start(device, core) || !core && await start(device, true));
+  if (runs) restored.want(settings);
+  if (!link.scene) await start({ scene: BOARD }, false);
+  if (!isWanted()) return false;
   if (!link.scene) return say(problems.join(" "));
-  if (![...names.options].some(({ value }) => value === link.scene.scene)) names.add(new Option(link.scene.scene));
-  if (runs && device.text !== undefined) texts.set(device.scene, device.text);
-  names.value = link.scene.scene;
+  const name = listed(link.scene);
+  if (![...names.options].some(({ value }) => value === name)) names.add(new Option(name));
+  if (link.scene.text !== undefined) files.set(name, link.scene);
+  names.value = name;
   by("runs").value = link.core ? "core" : "elf";
   slow.hidden = true;
   studies.take(known && !runs ? device : link.scene);
-  if (!problems.length) return null;
-  return say(known && !runs ? `${problems.at(-1)}. The simulator's studies are of ${device.scene} now, the board is not.` :
+  if (problems.length) say(known && !runs ? `${problems.at(-1)}. The simulator's studies are of ${device.scene} now, the board is not.` :
     runs ? `${problems[0]}. It runs without a chip.` : problems[0]);
+  return true;
 }
 
 async function takeFile(given) {
   if (!given) return;
   if (given.size > LIMIT) return say(`${given.name} is larger than a scene may be, allowed 1 MiB`);
+  let bytes, text;
   try {
-    const text = new TextDecoder("utf-8", { fatal: true }).decode(await given.arrayBuffer());
-    await take({ scene: given.name, text, core: runs.value === "core" });
-  } catch {
-    say(`${given.name} is not UTF-8 text`);
+    bytes = await given.arrayBuffer();
+  } catch (error) {
+    return say(`${given.name} cannot be read: ${error.message}`);
   }
+  try {
+    text = new TextDecoder("utf-8", { fatal: true }).decode(bytes);
+  } catch {
+    return say(`${given.name} is not UTF-8 text`);
+  }
+  return take({ scene: given.name, text, core: runs.value === "core" });
 }
 
-names.onchange = () => take({ scene: names.value, text: texts.get(names.value), core: runs.value === "core" });
+names.onchange = () => take({ ...files.get(names.value) ?? { scene: names.value }, core: runs.value === "core" });
 runs.onchange = () => take({ ...link.scene, core: runs.value === "core" }, held());
 quick.onclick = () => take({ ...link.scene, core: true }, held());
 
 // The settings in force, for the next board.
 function held() {
-  const { settings, hello } = window.zwidth;
-  const tuning = hello?.estimators.find(({ name }) => name === settings.estimator)?.tuning;
-  const { estimator, wall, k, b } = settings;
-  return { estimator, tuning: tuning && settings[tuning.name], wall, k, b };
+  const text = window.zwidth.state?.settings;
+  return restored.wanted ?? (text ? told(text).settings : {});
 }
 open.onclick = () => file.click();
 file.onchange = () => { takeFile(file.files[0]); file.value = ""; };
@@ -97,15 +109,6 @@ window.addEventListener("drop", (event) => {
   takeFile(event.dataTransfer.files[0]);
 });
 
-// The settings of a link, once the board has told its own; with the force off, so that it takes walls of any size.
-link.on("state", ({ settings }) => {
-  if (!wanted || !settings) return;
-  const { estimator, tuning, wall, k, b } = wanted;
-  wanted = null;
-  for (const [name, value] of Object.entries({ estimator, tuning, wall, k, b })) {
-    if (value !== undefined) link.command(`${name} ${value}`);
-  }
-});
 share.onclick = async () => {
   const text = await address(link.scene, link.core, held());
   history.replaceState(null, "", text);
@@ -122,8 +125,7 @@ async function restore() {
     const { scene, settings } = await read(location.hash);
     await take(scene, settings);
   } catch (error) {
-    await take({ scene: BOARD });
-    say(`the link: ${error.message}`);
+    if (await take({ scene: BOARD })) say(`the link: ${error.message}`);
   }
 }
 window.addEventListener("hashchange", restore);

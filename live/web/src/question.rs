@@ -66,7 +66,10 @@ impl Question {
             }
             Some(text) => {
                 let name = self.scene.strip_suffix(".toml").unwrap_or(&self.scene);
-                NamedScene::parse(name.to_owned(), text.clone(), &self.scene)
+                let mut scene = NamedScene::parse(name.to_owned(), text.clone(), &self.scene)?;
+                // As of a file that is loaded: by whatever name, it is no built-in scene.
+                scene.files.insert(0, self.scene.clone().into());
+                Ok(scene)
             }
         }
     }
@@ -95,7 +98,7 @@ fn asked(given: Vec<Vec<u8>>) -> Answered {
         .map_err(|error| Error::Input(format!("the question: {error}")))?;
     let bytes = given.next().unwrap_or_default();
     match question.ask.as_str() {
-        "scene" => Ok((json!({ "name": question.scene()?.name }), vec![])),
+        "scene" => study::scene(&question),
         "start" => board::start(&question, bytes),
         "run" => board::run(&question),
         "say" => board::say(&question),

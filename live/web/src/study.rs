@@ -15,6 +15,7 @@ use host_sim::{
         trace,
     },
     range::within,
+    scene::NamedScene,
     simulation::{prepared::Numeric, trace::Trace},
     study::{
         asked::{self, Names, Walls},
@@ -24,8 +25,8 @@ use host_sim::{
 };
 use live::predicted::predict;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
-use zwidth::experiment::Ended;
+use serde_json::{Map, json};
+use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::question::{Answered, Question};
 
@@ -98,6 +99,22 @@ impl Walked {
             boundaries: self.boundaries.iter().map(boundary).collect(),
         }
     }
+}
+
+/// What a board is to be told for the studies of the scene to be of it too, as its console has it; a cutoff is free.
+pub fn scene(question: &Question) -> Answered {
+    let NamedScene { name, scene, .. } = question.scene()?;
+    let has_cutoff = scene.velocity.has_cutoff();
+    let (estimator, numbers) = EstimatorName::of(&scene.velocity.settings(0.0));
+    let wall = scene.units.command("position_m", scene.wall.position_m);
+    let mut wanted = Map::from_iter([("estimator".to_owned(), json!(estimator.text()))]);
+    let numbers = estimator.parameters().into_iter().flatten().zip(numbers);
+    for (place, (_, number)) in numbers.enumerate().skip(usize::from(has_cutoff)) {
+        let place = if place == 0 { String::new() } else { (place + 1).to_string() };
+        wanted.insert(format!("tuning{place}"), json!(number));
+    }
+    wanted.insert("wall".to_owned(), json!(wall.parse::<f64>().ok()));
+    Ok((json!({ "name": name, "has_cutoff": has_cutoff, "wanted": wanted }), vec![]))
 }
 
 /// The boundary of the estimator and cutoff in force, for the plane of the page.

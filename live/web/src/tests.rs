@@ -79,6 +79,37 @@ fn bad_input_is_one_line() {
     assert!(answer(vec![b"\xff".to_vec()])[0].starts_with(b"{\"error\":"));
 }
 
+/// What the page holds against what its board says; a cutoff is free.
+#[test]
+fn the_scene_says_what_its_studies_are_of() {
+    let paper = host_sim::scene::NamedScene::load("paper-1um").unwrap().text;
+    let (cutoff, _) = ask(&json!({ "ask": "scene", "scene": "paper-1um" }));
+    let wanted = json!({ "estimator": "butterworth", "wall": cutoff["wanted"]["wall"] });
+    assert_eq!((&cutoff["has_cutoff"], &cutoff["wanted"]), (&json!(true), &wanted));
+    let window = paper.replace(
+        "estimator = \"butterworth\"\nprewarp = false",
+        "estimator = \"foaw-best\"\nwindow_samples = 12\nnoise_counts = 2",
+    );
+    let (of, _) = ask(&json!({ "ask": "scene", "scene": "mine.toml", "text": &window }));
+    assert_eq!(of["has_cutoff"], false, "{of}");
+    let tunings = [&of["wanted"]["tuning"], &of["wanted"]["tuning2"]];
+    assert_eq!(tunings, [&json!(12.0), &json!(2.0)], "{of}");
+}
+
+/// A file may have the name of a built-in scene, and is none: it has no envelope of its own.
+#[test]
+fn a_file_is_no_built_in_scene() {
+    let text = host_sim::scene::NamedScene::load("nucleo-f446re").unwrap().text;
+    let rows = |text: Option<&str>| {
+        let (answer, _) = ask(&json!({
+            "ask": "predict", "scene": "nucleo-f446re", "text": text, "estimator": "butterworth", "cutoff_hz": 1500.0,
+        }));
+        answer["predicted"]["envelope"].as_array().unwrap().len()
+    };
+    assert!(rows(None) > 10);
+    assert_eq!(rows(Some(&text)), 0);
+}
+
 /// The core without a chip, as the page has it: it is told, it tells, it is stopped.
 #[test]
 fn the_core_is_a_board_for_the_page() {
