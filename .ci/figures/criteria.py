@@ -346,6 +346,6 @@ states(
     ("500 Hz to 10 kHz, and the encoder's rate does not change it.",
      lambda: all(abs(possible(limit, output, 50000) / possible(limit, output, encoder) - 1) < 0.015
                  for limit in (1e-6, 1.5e-5) for output in (500, 1000) for encoder in (2000, 5000, 10000, 20000))),
-    ("alone, and averages more steps: with outputs at 1000 Hz an encoder of 5 kHz has more than 80 % of what one of 50 kHz has,",
+    ("with outputs at 1000 Hz an encoder of 5 kHz has more than 80 % of what one of 50 kHz has,",
      lambda: all(at_rates(limit, 5000, 1000) > 0.8 * at_rates(limit, 50000, 1000) for limit in (1e-6, 1.5e-5))),
 )

@@ -130,6 +130,6 @@ states(
 
 slots(
     "docs/identification.md",
-    ("joint.rs`). Over {} records of the paper's device with noise of 0.5 counts, the", lambda: constant("tests/host/identify_joint.rs", r"const RECORDS: u64 = (\d+);")),
+    ("Over {} records of the paper's device with noise of 0.5 counts, the", lambda: constant("tests/host/identify_joint.rs", r"const RECORDS: u64 = (\d+);")),
     ("within {} of the stated one;", lambda: number(float(measured("host/identify/correlation_off")), 2)),
 )
