@@ -9,7 +9,7 @@ export const TUNINGS = Array.from({ length: PLACES }, (_, place) => `tuning${pla
 export const isSame = (one, other) => one === other || Math.abs(one - other) <= 1e-9 * Math.max(Math.abs(one), Math.abs(other));
 
 // `ok get k 0 N/m, b 0 N s/m, wall 0.07 m, cutoff 1500 Hz, quality 0.5 1, estimator biquad, push 0 N, ..`: the estimator's
-// parameters stand between wall and estimator. In `settings` as commands; `names` are the parameters' own.
+// parameters stand between wall and estimator. By the commands that set them.
 export function told(text) {
   const parts = text.replace(/^ok get /, "").split(", ").map((part) => part.split(" "));
   const end = parts.findIndex(([name]) => name === "estimator");
@@ -18,12 +18,12 @@ export function told(text) {
   const settings = { estimator: parts[end][1] };
   parameters.forEach(([, value], place) => { settings[TUNINGS[place]] = Number(value); });
   for (const name of WALL) settings[name] = number(name);
-  return { settings, names: parameters.map(([name]) => name) };
+  return settings;
 }
 
 // Settings that the next board is to have. They go there as commands once it has told its own, with the force off, so that it
-// takes walls of any size, and `get` behind them; what depends on another one is
-// taken in another round. What it does not take is said.
+// takes walls of any size, and `get` behind them; what depends on another one is taken in another round. What it does not
+// take is said.
 export class Restored {
   constructor(link, say) {
     Object.assign(this, { link, say, wanted: null, left: null, until: 0 });
@@ -40,7 +40,7 @@ export class Restored {
     }
     const answer = lines.findLast(({ from, text }) => from === "board" && text.startsWith("ok get "));
     if (answer) {
-      const has = told(answer.text).settings;
+      const has = told(answer.text);
       const left = this.left.filter((name) => name === "estimator" ? has[name] !== this.wanted[name] : !isSame(has[name], this.wanted[name]));
       if (left.length && left.length < this.left.length) return this.send(left);
       if (left.length) this.say(`not taken over: ${left.map((name) => `${name} ${this.wanted[name]}`).join(", ")}; the log says why`);

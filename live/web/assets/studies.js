@@ -123,7 +123,7 @@ export class Studies {
   async inForce(names) {
     const text = window.zwidth.state?.settings;
     if (!text) throw new Error("The board has not told its settings yet.");
-    const { settings } = told(text);
+    const settings = told(text);
     const { wanted, has_cutoff } = await this.pool.ask({ ask: "scene", ...this.scene });
     const isOther = ([name, value]) => name === "estimator" ? settings.estimator !== value : !isSame(settings[name], value);
     const all = Object.entries(wanted).filter(([name]) => ["estimator", ...TUNINGS, ...names].includes(name));

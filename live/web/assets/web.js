@@ -97,7 +97,7 @@ quick.onclick = () => take({ ...link.scene, core: true }, held());
 // The settings in force, for the next board.
 function held() {
   const text = window.zwidth.state?.settings;
-  return restored.wanted ?? (text ? told(text).settings : {});
+  return restored.wanted ?? (text ? told(text) : {});
 }
 open.onclick = () => file.click();
 file.onchange = () => { takeFile(file.files[0]); file.value = ""; };

@@ -1,0 +1,53 @@
+"""What `.ci/web` asks of pieces of the page one by one."""
+
+from tools import check
+
+
+def parts(browser):
+    """Pieces of the page without the others: what is hard to bring about."""
+    found = browser.driver.execute_async_script("""
+        const [done] = arguments;
+        (async () => {
+          const said = {};
+          const failed = (promise) => promise.then(() => "no error", (error) => error.message);
+          // A module that ends while it takes a question in.
+          const { Module } = await import("./assets/module.js");
+          const trap = () => { throw new WebAssembly.RuntimeError("unreachable"); };
+          const memory = new WebAssembly.Memory({ initial: 1 });
+          const module = new Module({ memory, zwidth_input: trap, zwidth_answer_at: () => 0, zwidth_answer_length: () => 0 });
+          try { module.ask({}); } catch (error) { said.module = error.ended === true; }
+          // Workers that say nothing.
+          const { Pool } = await import("./assets/pool.js");
+          const made = [], Real = Worker;
+          window.Worker = class { constructor() { made.push(this); } postMessage(job) { this.job = job; } terminate() { this.ended = true; } };
+          const pool = new Pool(Promise.resolve(null), "");
+          pool.size = 2;
+          const study = failed(pool.ask({})), plane = failed(pool.ask({}, "predict")), waiting = failed(pool.ask({}));
+          const kept = failed(pool.ask({}, "scene"));
+          await Promise.resolve();
+          pool.end();
+          said.ended = [await study, await waiting, made.length];
+          await Promise.resolve();
+          for (const worker of made.filter(({ ended }) => !ended)) worker.onmessage({ data: { id: worker.job.id, answer: 1 } });
+          said.kept = [await plane, await kept];
+          const [idle] = pool.idle;
+          idle.onerror({ message: "gone" });
+          said.idle = [pool.idle.includes(idle), pool.workers.has(idle)];
+          window.Worker = Real;
+          // A board that never answers for its rows.
+          const { link } = zwidth.web, worker = link.worker;
+          link.worker = { postMessage() {}, terminate() {} };
+          const rows = failed(link.rows(0, 10));
+          link.end("it has ended");
+          link.worker = worker;
+          said.rows = await rows;
+          return said;
+        })().then(done, (error) => done({ error: error.stack }));""")
+    for what, name, wanted in [
+        ("a module that ends while it is asked is not asked again", "module", True),
+        ("End it ends the studies", "ended", ["ended", "ended", 3]),
+        ("and neither the plane's question nor a device's", "kept", ["no error", "no error"]),
+        ("a worker that ends with nothing to do is not asked again", "idle", [False, False]),
+        ("rows of a board that has ended are not waited for", "rows", "it has ended"),
+    ]:
+        check(what, found.get(name) == wanted, found)
