@@ -210,8 +210,9 @@ crate::properties! {
         }
     }
 
-    /// From one output to the next with the handle where it was, at the same speed, the force steps by at most 5 % of full
-    /// scale a millisecond, and an output where those are farther apart, whatever is changed, zeroed and armed when, but for going off.
+    /// From one output to the next with the handle where it was, at the same speed and as far from its count by the
+    /// estimator, the force steps by at most 5 % of full scale a millisecond, and an output where those are farther
+    /// apart, whatever is changed, zeroed and armed when, but for going off.
     slew(250, (design, armed, events) in (
         design(),
         any::<bool>(),
@@ -224,15 +225,16 @@ crate::properties! {
         } else {
             bench.rig.pass_sign_test();
         }
-        let mut last = (bench.rig.output(), bench.rig.count);
+        let mut last = (bench.rig.output(), bench.rig.count, bench.rig.offset());
         for event in events {
             let (outputs, counts) = bench.happen(event);
             for _ in 0..outputs.max(1) {
                 bench.rig.count += i64::from(counts);
                 let tests = bench.rig.state() == State::SignTest;
-                let now = (bench.rig.output(), bench.rig.count);
+                let now = (bench.rig.output(), bench.rig.count, bench.rig.offset());
                 check(&bench, &now.0);
-                let same = last.1 == now.1 && last.0.record.velocity == now.0.record.velocity;
+                let moves = last.0.record.velocity != now.0.record.velocity || last.2 != now.2;
+                let same = last.1 == now.1 && !moves;
                 if let Some(force) = now.0.grant.force().filter(|_| same) {
                     // off is no force
                     let before = last.0.grant.force().unwrap_or_default();
