@@ -15,6 +15,8 @@ mod regime;
 pub use regime::Regime;
 use regime::{Event, Motion, Stop};
 
+use std::sync::Arc;
+
 use super::{AnyState, Plant, augmented::still};
 use crate::{
     numerics::integrator::{Field, Integrator, dormand_prince},
@@ -45,6 +47,8 @@ pub struct IntegratedStep<const N: usize> {
     sample_s: f64,
     /// Where in the sample a command takes effect, s.
     split_s: f64,
+    /// Lengths of the steps of a whole sample in which no regime ends; none where the error controls them.
+    even: Arc<[f64]>,
     /// Absolute tolerances.
     tolerances: [f64; N],
 }
@@ -118,6 +122,7 @@ impl<const N: usize> IntegratedStep<N> {
             integrator,
             sample_s,
             split_s: fraction * sample_s,
+            even: even_steps(&integrator, sample_s),
             tolerances: core::array::from_fn(|i| {
                 if N % 2 == 1 && i == N - 1 {
                     absolute_m * mass_kg / (sample_s * sample_s)
@@ -157,22 +162,22 @@ impl<const N: usize> IntegratedStep<N> {
         force_n
     }
 
-    /// One step of at most `left_s`: its length and where it ends.
+    /// One step of at most `left_s`, or of that length: its length and where it ends.
+    #[inline]
     fn trial(
         &self,
         field: &Smooth<'_, N>,
         state: &mut HybridState<N>,
         left_s: f64,
+        length_s: Option<f64>,
     ) -> (f64, [f64; N]) {
-        let steps = match self.integrator {
-            Integrator::SemiImplicitEuler { steps_per_sample }
-            | Integrator::Rk4 { steps_per_sample } => f64::from(steps_per_sample),
-            Integrator::DormandPrince { relative_tolerance, .. } => {
-                return self.adaptive(field, state, left_s, relative_tolerance);
-            }
-        };
+        if let Integrator::DormandPrince { relative_tolerance, .. } = self.integrator {
+            return self.adaptive(field, state, left_s, relative_tolerance);
+        }
         state.steps += 1;
-        let h = left_s / libm::ceil(left_s * steps / self.sample_s - 1e-9).max(1.0);
+        let h = length_s.unwrap_or_else(|| {
+            even_step(&self.integrator, self.sample_s, left_s).unwrap_or(left_s)
+        });
         (h, self.integrator.step(field, &state.z, h))
     }
 
@@ -212,6 +217,9 @@ impl<const N: usize> IntegratedStep<N> {
         state: &mut HybridState<N>,
         (step_s, end): (f64, [f64; N]),
     ) -> Option<(f64, [f64; N], Event)> {
+        if self.friction.is_none() && self.travel.is_none() {
+            return None;
+        }
         let mut first = None::<(f64, [f64; N], Event)>;
         for (which, (value, event)) in
             self.guards(field.regime, &end, field.force_n).into_iter().enumerate()
@@ -289,10 +297,12 @@ impl<const N: usize> IntegratedStep<N> {
         }
         let mut left_s = duration_s;
         let mut events = 0;
+        let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
+        let mut lengths_s = whole.iter().copied();
         while left_s > NO_TIME * self.sample_s {
             let regime = state.regime;
             let field = Smooth { plant: self, regime, force_n };
-            let (step_s, end) = self.trial(&field, state, left_s);
+            let (step_s, end) = self.trial(&field, state, left_s, lengths_s.next());
             if events == EVENTS_MAX {
                 state.z = end;
                 left_s -= step_s;
@@ -307,6 +317,7 @@ impl<const N: usize> IntegratedStep<N> {
                 state.z = end;
                 left_s -= step_s;
                 events += 1;
+                lengths_s = [].iter().copied();
                 self.transit(state, event, force_n);
             } else {
                 state.z = end;
@@ -342,6 +353,29 @@ impl<const N: usize> IntegratedStep<N> {
         let mean_n = before_n * share + after_n * (1.0 - share);
         [(before_n, early_s), (mean_n, h), (after_n, self.sample_s - early_s - h)]
     }
+}
+
+/// Length of the next step of a method with even ones, where that much is left of a piece.
+fn even_step(integrator: &Integrator, sample_s: f64, left_s: f64) -> Option<f64> {
+    let (Integrator::SemiImplicitEuler { steps_per_sample } | Integrator::Rk4 { steps_per_sample }) =
+        *integrator
+    else {
+        return None;
+    };
+    let steps = left_s * f64::from(steps_per_sample) / sample_s;
+    Some(left_s / libm::ceil(steps - 1e-9).max(1.0))
+}
+
+/// Lengths of all of a sample: worked out once, because a division takes longer than a step.
+fn even_steps(integrator: &Integrator, sample_s: f64) -> Arc<[f64]> {
+    let mut left_s = sample_s;
+    core::iter::from_fn(|| {
+        let more = left_s > NO_TIME * sample_s;
+        let h = more.then(|| even_step(integrator, sample_s, left_s))??;
+        left_s -= h;
+        Some(h)
+    })
+    .collect()
 }
 
 impl<const N: usize> Plant for IntegratedStep<N> {

@@ -227,13 +227,17 @@ pub fn measure(
     let hits: Vec<WallHit> = beside.filter(|hit| hit.stiffness_n_per_m > 0.0).collect();
     let recorded = Recorded::new(&prepared, &middle).map_err(Error::from)?;
     let reference = Reference { scene, cutoff_hz, stop, engine, hits, recorded };
-    let expected = reference.verdicts(&prepared, 0.0)?;
-    let nudged = reference.verdicts(&prepared, NUDGE_COUNTS)?;
-    let area = reference.area(first, 0.0)?;
-    let area_chaotic = reference.area(first, NUDGE_COUNTS)? / area - 1.0;
+    let ((expected, nudged), (area, area_nudged)) = rayon::join(
+        || [0.0, NUDGE_COUNTS].map(|nudge| reference.verdicts(&prepared, nudge)).into(),
+        || [0.0, NUDGE_COUNTS].map(|nudge| reference.area(first, nudge)).into(),
+    );
+    let (expected, nudged, area) = (expected?, nudged?, area?);
+    let area_chaotic = area_nudged? / area - 1.0;
     done();
+    // the last, of most steps, take longest
     let rows: Vec<Result<PlantRow, Error>> = methods
         .par_iter()
+        .rev()
         .with_max_len(1)
         .map(|&method| {
             let row = reference.row(method, &expected, area);
@@ -241,7 +245,7 @@ pub fn measure(
             row
         })
         .collect();
-    let mut rows: Vec<PlantRow> = rows.into_iter().collect::<Result<_, _>>()?;
+    let mut rows: Vec<PlantRow> = rows.into_iter().rev().collect::<Result<_, _>>()?;
     for row in &mut rows {
         if let Ok(measured) = &mut row.measured {
             measured.host_ns = reference.recorded.host_ns(&row.method.plant(scene));
@@ -303,7 +307,7 @@ impl Reference<'_> {
                 other => Ok(other?),
             }
         };
-        self.hits.iter().map(verdict).collect()
+        self.hits.par_iter().with_max_len(1).map(verdict).collect()
     }
 
     /// Mean over the starts.
@@ -313,6 +317,8 @@ impl Reference<'_> {
         scene.walk.damping_step_n_s_per_m *= COARSER;
         let prepared = PreparedScene::new(&scene)?;
         let areas: Vec<f64> = (0..REPEATS)
+            .into_par_iter()
+            .with_max_len(1)
             .map(|repeat| {
                 let start = start_offset_counts(repeat, REPEATS) + nudge_counts;
                 walk(self.engine, &prepared, Numeric::Fixed, self.cutoff_hz, start, self.stop)
