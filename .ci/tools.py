@@ -2,6 +2,7 @@
 
 import atexit
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -69,6 +70,39 @@ class Browser:
         if self.driver:
             self.driver.quit()
         self.driver = None
+
+    def processes(self):
+        """All that the browser consists of."""
+        parents = {}
+        for status in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                parents[int(status.parent.name)] = int(status.read_text().rsplit(")", 1)[1].split()[1])
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+        found = [self.driver.service.process.pid]
+        for parent in found:
+            found += [child for child, of in parents.items() if of == parent]
+        return found[1:]
+
+    def cpu_s(self):
+        """Processor time of all of them, s."""
+        ticks = 0
+        for process in self.processes():
+            try:
+                ticks += sum(map(int, Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[11:13]))
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+        return ticks / os.sysconf("SC_CLK_TCK")
+
+    def memory_mb(self):
+        """Memory of all of them, what they share counted once, MB."""
+        kb = 0
+        for process in self.processes():
+            try:
+                kb += int(re.search(r"Pss:\s+(\d+)", Path(f"/proc/{process}/smaps_rollup").read_text())[1])
+            except (FileNotFoundError, ProcessLookupError, TypeError):
+                continue
+        return kb / 1024
 
     def js(self, text, *arguments):
         return self.driver.execute_script(text, *arguments)

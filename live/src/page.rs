@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Between two calls of [`Page::tick`].
-pub const TICK: Duration = Duration::from_millis(33);
+pub const TICK: Duration = Duration::from_millis(30);
 /// Part of a triggered view that lies before the trigger.
 const BEFORE: f64 = 0.25;
 
