@@ -1,10 +1,47 @@
-//! RTT, the way a debug probe does it: by reading and writing the control block in RAM.
+//! RTT, the way a debug probe does it: by reading and writing the control block in RAM. The same for the memory of the
+//! virtual board and for one behind a real probe.
 
 use crate::mcu::Mcu;
+
+/// Memory of a board whose program may run meanwhile.
+pub trait Memory {
+    /// Why it could not be reached.
+    type Error;
+
+    /// Reads from `address` on.
+    ///
+    /// # Errors
+    /// It could not be reached.
+    fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), Self::Error>;
+
+    /// Writes from `address` on.
+    ///
+    /// # Errors
+    /// It could not be reached: how much was written is not known.
+    fn write(&mut self, address: u32, from: &[u8]) -> Result<(), Self::Error>;
+}
+
+impl Memory for Mcu {
+    type Error = std::convert::Infallible;
+
+    fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), Self::Error> {
+        Mcu::read(self, address, into);
+        Ok(())
+    }
+
+    fn write(&mut self, address: u32, from: &[u8]) -> Result<(), Self::Error> {
+        Mcu::write(self, address, from);
+        Ok(())
+    }
+}
 
 const ID: &[u8] = b"SEGGER RTT";
 const HEADER: u32 = 24;
 const CHANNEL: u32 = 24;
+/// Channels that are looked at, both ways together: as many as the firmware has.
+const CHANNELS: u32 = 4;
+/// The control block with them, bytes.
+const BLOCK: usize = (HEADER + CHANNELS * CHANNEL) as usize;
 /// No buffer is larger, bytes: RAM.
 const LARGEST: u32 = 0x2_0000;
 
@@ -20,81 +57,165 @@ impl Rtt {
         Self { address }
     }
 
-    /// Whether the program has set it up.
-    pub fn is_ready(&self, mcu: &Mcu) -> bool {
-        let mut id = [0; 10];
-        mcu.read(self.address, &mut id);
-        id == ID
+    /// Where it is.
+    pub fn address(&self) -> u32 {
+        self.address
     }
 
-    /// Takes what an up channel holds.
+    /// The control block as it is now, with one read; none as long as the program has not set it up.
+    ///
+    /// # Errors
+    /// The memory could not be reached.
+    pub fn look<M: Memory>(&self, memory: &mut M) -> Result<Option<Block>, M::Error> {
+        let mut bytes = [0; BLOCK];
+        memory.read(self.address, &mut bytes)?;
+        Ok(bytes.starts_with(ID).then_some(Block { address: self.address, bytes }))
+    }
+
+    /// Takes what an up channel of a virtual board holds.
     pub fn read(&self, mcu: &mut Mcu, channel: u32) -> Vec<u8> {
         self.read_up_to(mcu, channel, usize::MAX)
     }
 
     /// Takes that many bytes of it at most.
     pub fn read_up_to(&self, mcu: &mut Mcu, channel: u32, room: usize) -> Vec<u8> {
-        let mut taken = Vec::new();
-        if !self.is_ready(mcu) {
-            return taken;
-        }
-        let at = self.address + HEADER + CHANNEL * channel;
-        let [buffer, size, write, mut read] =
-            [4, 8, 12, 16].map(|offset| word(mcu, at.wrapping_add(offset)));
-        // What the program has lost is none.
-        if size > LARGEST || read >= size || write >= size {
-            return taken;
-        }
-        while read != write && taken.len() < room {
-            let end = if write > read { write } else { size };
-            let left = u32::try_from(room - taken.len()).unwrap_or(u32::MAX);
-            let end = end.min(read.saturating_add(left));
-            let mut piece = vec![0; (end - read) as usize];
-            mcu.read(buffer.wrapping_add(read), &mut piece);
-            taken.extend(piece);
-            read = end % size;
-        }
-        mcu.write(at + 16, &read.to_le_bytes());
+        let Ok(block) = self.look(mcu);
+        let Some(ring) = block.and_then(|block| block.up(channel)) else { return Vec::new() };
+        let Ok((taken, next)) = ring.copy(mcu, room);
+        let Ok(()) = ring.release(mcu, next);
         taken
     }
 
-    /// Puts bytes into a down channel; returns how many went in.
+    /// Puts bytes into a down channel of a virtual board; returns how many went in.
     pub fn write(&self, mcu: &mut Mcu, channel: u32, bytes: &[u8]) -> usize {
-        if !self.is_ready(mcu) {
-            return 0;
-        }
-        let at = self.down(mcu, channel);
-        let [buffer, size, mut write, read] =
-            [4, 8, 12, 16].map(|offset| word(mcu, at.wrapping_add(offset)));
-        let mut written = 0;
-        if size == 0 || size > LARGEST || write >= size {
-            return 0;
-        }
-        for byte in bytes {
-            if (write + 1) % size == read {
-                break;
-            }
-            mcu.write(buffer.wrapping_add(write), &[*byte]);
-            write = (write + 1) % size;
-            written += 1;
-        }
-        mcu.write(at.wrapping_add(12), &write.to_le_bytes());
-        written
+        let Ok(block) = self.look(mcu);
+        let Some(ring) = block.and_then(|block| block.down(channel)) else { return 0 };
+        let Ok((count, next)) = ring.fill(mcu, bytes);
+        let Ok(()) = ring.publish(mcu, next);
+        count
     }
 
     /// Writes an up channel's mode word, as a debugger may: 0 skip, 1 trim, 2 block.
     pub fn set_mode(&self, mcu: &mut Mcu, channel: u32, mode: u32) {
         mcu.write(self.address + HEADER + CHANNEL * channel + 20, &mode.to_le_bytes());
     }
+}
 
-    fn down(&self, mcu: &Mcu, channel: u32) -> u32 {
-        let up_channels = word(mcu, self.address + 16);
-        self.address.wrapping_add(HEADER + CHANNEL.wrapping_mul(up_channels.wrapping_add(channel)))
+/// A control block at one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    address: u32,
+    bytes: [u8; BLOCK],
+}
+
+impl Block {
+    /// How many channels it names: up, down.
+    pub fn counts(&self) -> [u32; 2] {
+        [self.word(16), self.word(20)]
+    }
+
+    /// Address and size of the buffers of the first channels, which the program sets once.
+    pub fn buffers(&self) -> [[u32; 2]; CHANNELS as usize] {
+        [0, 1, 2, 3].map(|index| {
+            let ring = self.ring(index);
+            [ring.buffer, ring.size]
+        })
+    }
+
+    /// An up channel, if its pointers lie in its buffer: what the program has lost is none.
+    pub fn up(&self, channel: u32) -> Option<Ring> {
+        let ring = (channel < CHANNELS).then(|| self.ring(channel))?;
+        let is_sound = ring.size <= LARGEST && ring.read < ring.size && ring.write < ring.size;
+        is_sound.then_some(ring)
+    }
+
+    /// A down channel, as [`up`](Self::up).
+    pub fn down(&self, channel: u32) -> Option<Ring> {
+        let index = self.counts()[0].checked_add(channel).filter(|index| *index < CHANNELS)?;
+        let ring = self.ring(index);
+        (ring.size <= LARGEST && ring.write < ring.size).then_some(ring)
+    }
+
+    fn ring(&self, index: u32) -> Ring {
+        let start = HEADER + CHANNEL * index;
+        let [buffer, size, write, read] = [4, 8, 12, 16].map(|offset| self.word(start + offset));
+        Ring { at: self.address.wrapping_add(start), buffer, size, write, read }
+    }
+
+    fn word(&self, offset: u32) -> u32 {
+        let at = offset as usize;
+        self.bytes[at..at + 4].iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte))
     }
 }
 
-fn word(mcu: &Mcu, address: u32) -> u32 {
-    let mut bytes = [0; 4];
-    mcu.read(address, &mut bytes);
-    u32::from_le_bytes(bytes)
+/// A channel's buffer at one moment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ring {
+    /// Of its part of the control block.
+    at: u32,
+    /// Address.
+    buffer: u32,
+    /// Bytes.
+    size: u32,
+    /// Where the writer goes on.
+    pub write: u32,
+    /// Where the reader goes on.
+    pub read: u32,
+}
+
+impl Ring {
+    /// What it holds, up to so many bytes, and where the reader then goes on. Nothing is taken yet.
+    ///
+    /// # Errors
+    /// The memory could not be reached.
+    pub fn copy<M: Memory>(&self, memory: &mut M, room: usize) -> Result<(Vec<u8>, u32), M::Error> {
+        let Self { buffer, size, write, mut read, .. } = *self;
+        let mut taken = Vec::new();
+        while read != write && taken.len() < room {
+            let end = if write > read { write } else { size };
+            let left = u32::try_from(room - taken.len()).unwrap_or(u32::MAX);
+            let end = end.min(read.saturating_add(left));
+            let mut piece = vec![0; (end - read) as usize];
+            memory.read(buffer.wrapping_add(read), &mut piece)?;
+            taken.extend(piece);
+            read = end % size;
+        }
+        Ok((taken, read))
+    }
+
+    /// Gives the program the room of what was read up to `next`.
+    ///
+    /// # Errors
+    /// The memory could not be reached.
+    pub fn release<M: Memory>(&self, memory: &mut M, next: u32) -> Result<(), M::Error> {
+        memory.write(self.at.wrapping_add(16), &next.to_le_bytes())
+    }
+
+    /// Puts as many of the bytes behind what it holds as there is room for; how many, and where the writer then goes
+    /// on. The program does not see them yet.
+    ///
+    /// # Errors
+    /// The memory could not be reached.
+    pub fn fill<M: Memory>(&self, memory: &mut M, bytes: &[u8]) -> Result<(usize, u32), M::Error> {
+        let Self { buffer, size, write, read, .. } = *self;
+        // One stays free: a full buffer is no empty one.
+        let room = if read < size { (read + size - write - 1) % size } else { size - 1 };
+        let bytes = &bytes[..bytes.len().min(room as usize)];
+        let (first, second) = bytes.split_at(bytes.len().min((size - write) as usize));
+        for (at, piece) in [(write, first), (0, second)] {
+            if !piece.is_empty() {
+                memory.write(buffer.wrapping_add(at), piece)?;
+            }
+        }
+        let count = u32::try_from(bytes.len()).unwrap_or(0);
+        Ok((bytes.len(), (write + count) % size))
+    }
+
+    /// Shows the program what was put in up to `next`.
+    ///
+    /// # Errors
+    /// The memory could not be reached: whether the program sees it is not known.
+    pub fn publish<M: Memory>(&self, memory: &mut M, next: u32) -> Result<(), M::Error> {
+        memory.write(self.at.wrapping_add(12), &next.to_le_bytes())
+    }
 }
