@@ -72,6 +72,7 @@ mod mailbox;
 mod panics;
 mod passivity;
 mod period;
+mod probe;
 mod record;
 mod replay;
 mod rotary;

@@ -4,6 +4,7 @@
 mod core_board;
 mod gdb;
 mod live;
+mod probe;
 mod rtt_tcp;
 pub mod serve;
 mod stepped;
@@ -12,6 +13,7 @@ mod wires;
 pub use crate::world::Finger;
 pub use core_board::CoreBoard;
 pub use live::{Begin, LiveBoard};
+pub use probe::{Core, Met, Probe, ProbeLink};
 pub use rtt_tcp::RttTcp;
 pub use stepped::SteppedBoard;
 pub use wires::{Seen, WiredLink, Wires};

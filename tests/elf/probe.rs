@@ -1,0 +1,211 @@
+//! The release image behind a debug probe, as `cargo live --probe` meets it: the probe's halts and the time that its
+//! accesses take are the virtual board's.
+
+use std::{
+    sync::mpsc::{Receiver, Sender, channel},
+    thread,
+};
+
+use virtual_board::{
+    board::Board,
+    link::{COMMANDS, Core, LOG, Link as _, Met, Probe, ProbeLink, REPLIES, TELEMETRY},
+    log::Decoder,
+    mcu::AfterHalt,
+    rtt::Memory,
+    world::World,
+};
+use zwidth::telemetry;
+
+use crate::firmware::Firmware;
+
+each_board!(
+    a_board_is_met_with_its_force_on_and_left_with_it_off,
+    every_frame_comes_through_and_a_reset_is_no_end
+);
+
+/// Samples that one access takes: half a millisecond, as with an ST-LINK.
+const ACCESS: u64 = 5;
+/// Samples that probe-rs' halt takes.
+const HALT: u64 = 200;
+const FLASH: u32 = 0x0800_0000;
+
+type Act = Box<dyn FnOnce(&mut World<'static>) + Send>;
+
+/// A board in a thread of its own, whose time goes on with what is done to it.
+#[derive(Clone)]
+struct Bench(Sender<Act>);
+
+impl Bench {
+    fn start(switch_on: impl FnOnce() -> World<'static> + Send + 'static) -> Self {
+        let (acts, done): (Sender<Act>, Receiver<Act>) = channel();
+        thread::spawn(move || {
+            let mut world = switch_on();
+            for act in done {
+                act(&mut world);
+            }
+        });
+        Self(acts)
+    }
+
+    fn with<T: Send + 'static>(
+        &self,
+        act: impl FnOnce(&mut World<'static>) -> T + Send + 'static,
+    ) -> T {
+        let (say, hear) = channel();
+        self.0.send(Box::new(move |world| drop(say.send(act(world))))).unwrap();
+        hear.recv().unwrap()
+    }
+
+    fn is_enabled(&self) -> bool {
+        self.with(|world| world.powered.amplifier.is_enabled())
+    }
+
+    fn attach(&self, firmware: &Firmware) -> (ProbeLink<Attached>, Met) {
+        ProbeLink::attach(Attached::to(self.clone()), &firmware.elf).unwrap()
+    }
+}
+
+/// Time goes on. Not by `run`, which would read the channels as well.
+fn pass(world: &mut World<'_>, samples: u64) {
+    for _ in 0..samples {
+        world.sample().unwrap();
+    }
+}
+
+fn halt(world: &mut World<'_>) {
+    let cycles = HALT * world.powered.board.cycles_per_sample();
+    world.halt(cycles, AfterHalt::Kept);
+    pass(world, 50);
+}
+
+/// What probe-rs does: halts when it attaches and when it lets go.
+struct Attached(Bench);
+
+impl Attached {
+    fn to(bench: Bench) -> Self {
+        bench.with(halt);
+        Self(bench)
+    }
+}
+
+impl Drop for Attached {
+    fn drop(&mut self) {
+        self.0.with(halt);
+    }
+}
+
+impl Memory for Opened {
+    type Error = String;
+
+    fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), String> {
+        let length = into.len();
+        let bytes = self.0.with(move |world| {
+            pass(world, ACCESS);
+            let mut bytes = vec![0; length];
+            if address < 0x2000_0000 {
+                let at = (address - FLASH) as usize;
+                bytes.copy_from_slice(&world.powered.mcu.flash()[at..at + length]);
+            } else {
+                world.powered.mcu.read(address, &mut bytes);
+            }
+            bytes
+        });
+        into.copy_from_slice(&bytes);
+        Ok(())
+    }
+
+    fn write(&mut self, address: u32, from: &[u8]) -> Result<(), String> {
+        let bytes = from.to_vec();
+        self.0.with(move |world| {
+            pass(world, ACCESS);
+            world.powered.mcu.write(address, &bytes);
+        });
+        Ok(())
+    }
+}
+
+impl Probe for Attached {
+    fn core(&mut self) -> Result<impl Core, String> {
+        Ok(Opened(self.0.clone()))
+    }
+}
+
+struct Opened(Bench);
+
+impl Core for Opened {
+    fn is_halted(&mut self) -> Result<bool, String> {
+        Ok(false)
+    }
+}
+
+/// Types lines, and waits for what has to come.
+fn type_until(link: &mut ProbeLink<Attached>, lines: &str, wanted: &str) {
+    assert_eq!(link.write(COMMANDS, lines.as_bytes()), lines.len(), "{lines}");
+    let mut replies = vec![];
+    for _ in 0..10_000 {
+        link.read(REPLIES, &mut replies);
+        if String::from_utf8_lossy(&replies).contains(wanted) {
+            return;
+        }
+        assert_eq!(link.lost(), None);
+    }
+    panic!("{wanted}: {}", String::from_utf8_lossy(&replies));
+}
+
+/// Attaching to a board that pushes is fault 32 and nothing worse. One that is left is off before the halt of leaving,
+/// so that this halt is no fault.
+fn a_board_is_met_with_its_force_on_and_left_with_it_off(board: Board) {
+    let firmware: &Firmware = Box::leak(Box::new(Firmware::of(board)));
+    let bench = Bench::start(|| firmware.armed());
+    assert!(bench.is_enabled());
+    let (mut link, met) = bench.attach(firmware);
+    assert_eq!(met, Met::Halted);
+    assert!(!bench.is_enabled());
+    type_until(&mut link, "clear\n", "ok clear");
+    drop(link);
+    let (mut link, met) = bench.attach(firmware);
+    assert_eq!(met, Met::Off);
+    type_until(&mut link, "zero\narm\n", "ok arm");
+    // Sign test and ramp.
+    bench.with(|world| pass(world, 5_000));
+    type_until(&mut link, "status\n", "ok status armed");
+    assert!(bench.is_enabled());
+    drop(link);
+    assert!(!bench.is_enabled());
+    let (link, met) = bench.attach(firmware);
+    assert_eq!(met, Met::Off, "it was halted before it was off");
+    drop(link);
+}
+
+/// Log and telemetry are whole, before a reset and after it.
+fn every_frame_comes_through_and_a_reset_is_no_end(board: Board) {
+    let firmware: &Firmware = Box::leak(Box::new(Firmware::of(board)));
+    let bench = Bench::start(|| firmware.boot());
+    let (mut link, met) = bench.attach(firmware);
+    assert_eq!(met, Met::Off);
+    for life in 0..2 {
+        let mut log = Decoder::new(&firmware.table);
+        let mut decoder = telemetry::Decoder::new();
+        let mut lines = vec![];
+        type_until(&mut link, "version\n", "ok version");
+        let begun = bench.with(|world| world.powered.mcu.now());
+        let second = board.chip.core_hz;
+        while bench.with(|world| world.powered.mcu.now()) < begun + second / 2 {
+            let (mut frames, mut bytes) = (vec![], vec![]);
+            link.read(TELEMETRY, &mut frames);
+            link.read(LOG, &mut bytes);
+            for byte in frames {
+                decoder.push(byte);
+            }
+            lines.extend(log.feed(&bytes).unwrap());
+        }
+        assert_eq!(link.lost(), None);
+        assert!(decoder.frames > 100, "{} frames", decoder.frames);
+        assert_eq!((decoder.dropped, decoder.garbage), (0, 0), "life {life}");
+        assert!(lines.iter().any(|line| line.starts_with("ok version")), "{lines:?}");
+        bench.with(|world| {
+            world.reset();
+            pass(world, 500);
+        });
+    }
+}

@@ -1,0 +1,178 @@
+//! The channels of a board behind a probe: what has come, what was sent, whether there still is a board.
+
+use std::time::{Duration, Instant};
+
+use super::{Core, PATIENCE, Probe, rest};
+use crate::{
+    link::UP_CHANNELS,
+    rtt::{Block, Ring, Rtt},
+};
+
+/// Without a byte for so long, the core is asked whether it runs.
+pub(super) const QUIET: Duration = Duration::from_millis(500);
+/// Bytes of a channel that wait for whoever reads it; what is more stays on the board.
+const WAITING: usize = 1 << 16;
+/// Tries to find out whether the board has seen what was put in.
+const TRIES: u32 = 3;
+/// Why a board that stands still is none.
+const HALTED: &str = "the core is halted, by a debugger or by its own fault: the board has to be reset. Its force is \
+                      off, by hardware";
+
+/// An up channel.
+#[derive(Default)]
+pub(super) struct Up {
+    /// Where the next byte is, as far as this end knows, and what the board was last told of it.
+    next: u32,
+    released: u32,
+    pub(super) bytes: Vec<u8>,
+    /// It was looked at since it was last read.
+    pub(super) fresh: bool,
+}
+
+/// The channels of a board that was met.
+pub(super) struct Channels {
+    rtt: Rtt,
+    /// The buffers that the program has set up.
+    buffers: [[u32; 2]; 4],
+    pub(super) up: [Up; UP_CHANNELS],
+    /// Since when looks fail.
+    pub(super) failing: Option<Instant>,
+    /// The last byte, or the last time that the core was found running.
+    heard: Instant,
+    pub(super) lost: Option<String>,
+}
+
+impl Channels {
+    /// Waits for the control block.
+    ///
+    /// # Errors
+    /// There is none, it is another program's, or the core is halted: one line.
+    pub(super) fn met(probe: &mut impl Probe, rtt: Rtt) -> Result<Self, String> {
+        let address = rtt.address();
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let mut core = probe.core()?;
+            match rtt.look(&mut core)? {
+                Some(block) if block.counts() == [3, 1] => return Ok(Self::of(rtt, &block)),
+                Some(block) => {
+                    let [up, down] = block.counts();
+                    return Err(format!(
+                        "the RTT control block at 0x{address:08x} names {up} channels up and {down} down, this \
+                         firmware has 3 and 1: the board runs another program"
+                    ));
+                }
+                None if core.is_halted()? => return Err(HALTED.to_owned()),
+                None if Instant::now() > end => {
+                    return Err(format!(
+                        "no RTT control block at 0x{address:08x}, where the program has its _SEGGER_RTT: it is held in \
+                         reset, or does not get so far"
+                    ));
+                }
+                None => drop(core),
+            }
+            rest(false)?;
+        }
+    }
+
+    fn of(rtt: Rtt, block: &Block) -> Self {
+        let up = [0, 1, 2].map(|n| {
+            let read = block.up(n).map_or(0, |ring| ring.read);
+            Up { next: read, released: read, ..Up::default() }
+        });
+        let buffers = block.buffers();
+        Self { rtt, buffers, up, failing: None, heard: Instant::now(), lost: None }
+    }
+
+    /// The control block, if it is the one that was met.
+    fn look(&self, core: &mut impl Core) -> Result<Block, String> {
+        let address = self.rtt.address();
+        match self.rtt.look(core)? {
+            Some(block) if self.buffers == block.buffers() => Ok(block),
+            Some(_) => Err(format!(
+                "the RTT control block at 0x{address:08x} has other buffers than before: the board runs another program"
+            )),
+            None => Err(format!(
+                "no RTT control block at 0x{address:08x} any more: the board is held in reset, or runs another program"
+            )),
+        }
+    }
+
+    /// Takes what has come on all channels.
+    ///
+    /// # Errors
+    /// The control block is not there or could not be reached: one line. What was taken by then is kept.
+    pub(super) fn exchange(&mut self, core: &mut impl Core) -> Result<(), String> {
+        let block = self.look(core)?;
+        for (n, up) in (0..).zip(&mut self.up) {
+            if let Some(ring) = block.up(n) {
+                match up.take(core, ring)? {
+                    Some(0) => {}
+                    Some(_) => self.heard = Instant::now(),
+                    None => {
+                        self.lost = Some(format!(
+                            "another program reads up channel {n} of this board, so bytes are missing: one owner at a \
+                             time"
+                        ));
+                    }
+                }
+            }
+            up.fresh = true;
+        }
+        if self.heard.elapsed() > QUIET {
+            if core.is_halted()? {
+                self.lost = Some(HALTED.to_owned());
+            }
+            self.heard = Instant::now();
+        }
+        Ok(())
+    }
+
+    /// Puts bytes into the command channel; returns how many found room.
+    ///
+    /// # Errors
+    /// None did, unless the board is lost: one line.
+    pub(super) fn send(&mut self, core: &mut impl Core, bytes: &[u8]) -> Result<usize, String> {
+        let Some(ring) = self.look(core)?.down(0) else { return Ok(0) };
+        let (count, next) = ring.fill(core, bytes)?;
+        let mut failed = match ring.publish(core, next) {
+            Ok(()) => return Ok(count),
+            Err(error) => error,
+        };
+        // A command that is sent twice may do what nobody wants: the board is asked what it has.
+        for _ in 0..TRIES {
+            match self.look(core) {
+                Ok(block) if block.down(0).is_some_and(|now| now.write == next) => {
+                    return Ok(count);
+                }
+                Ok(_) => return Err(failed),
+                Err(error) => failed = error,
+            }
+        }
+        self.lost = Some(format!("nobody knows whether a command has reached the board: {failed}"));
+        Err(failed)
+    }
+}
+
+impl Up {
+    /// Takes what its buffer holds; how many bytes, or nothing if somebody else has taken some.
+    fn take(&mut self, core: &mut impl Core, mut ring: Ring) -> Result<Option<usize>, String> {
+        if ring.read == self.released {
+            // What was read once is not read again, should the board not have been told.
+            ring.read = self.next;
+        } else if ring.read == self.next || ring.read == 0 {
+            // It was told after all; or it was reset.
+            (self.next, self.released) = (ring.read, ring.read);
+        } else {
+            return Ok(None);
+        }
+        let (taken, next) = ring.copy(core, WAITING.saturating_sub(self.bytes.len()))?;
+        let count = taken.len();
+        self.bytes.extend(taken);
+        self.next = next;
+        if self.next != self.released {
+            ring.release(core, next)?;
+            self.released = next;
+        }
+        Ok(Some(count))
+    }
+}
