@@ -1,6 +1,7 @@
 //! `cargo live`: serves the page.
 #![forbid(unsafe_code)]
 
+mod probe;
 mod server;
 
 use std::{
@@ -22,7 +23,9 @@ use host_sim::{
 use live::hub::{Hub, Virtual};
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
-    cli, image,
+    cli,
+    elf::Elf,
+    image,
     link::{Begin, Link, LiveBoard, RttTcp},
 };
 
@@ -46,6 +49,8 @@ struct Cli {
     /// on port PORT + n.
     #[arg(long, value_name = "HOST:PORT")]
     rtt_tcp: Option<String>,
+    #[command(flatten)]
+    probe: probe::Options,
     /// Write the telemetry, for `cargo sim telemetry FILE`.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
@@ -60,23 +65,28 @@ fn main() -> ExitCode {
 
 fn execute(cli: Cli) -> Result<(), Error> {
     let board = cli::board(&cli.board)?;
+    let with_probe = cli.probe.is_wanted(&cli.scene)?;
     let scene = NamedScene::load(&cli.scene)?;
     let inputs: Vec<PathBuf> = scene.files.iter().chain(&cli.elf).cloned().collect();
     let mut outputs = Outputs::new(cli.force, &inputs);
     let record = outputs.option(cli.record.as_ref())?;
     let mut live = None; // runs until the program ends
+    let program = || -> Result<Elf, Error> {
+        match &cli.elf {
+            Some(path) => Elf::load(path),
+            None => Elf::load(&image::build(board.name).map_err(Error::Internal)?),
+        }
+    };
     let (link, virtual_board, elf): (Box<dyn Link>, Virtual, _) = match &cli.rtt_tcp {
+        _ if with_probe => {
+            let (link, elf) = cli.probe.connect(board, program)?;
+            (link, None, elf.bytes)
+        }
         Some(address) => {
-            let elf = match &cli.elf {
-                Some(path) => virtual_board::elf::Elf::load(path)?.bytes,
-                None => {
-                    let path = image::build(board.name).map_err(Error::Internal)?;
-                    virtual_board::elf::Elf::load(&path)?.bytes
-                }
-            };
+            let elf = program()?;
             let link = RttTcp::connect(address)
                 .map_err(|error| Error::Input(format!("--rtt-tcp: {error}")))?;
-            (Box::new(link), None, elf)
+            (Box::new(link), None, elf.bytes)
         }
         None => {
             let session = cli::session(board, cli.elf.as_ref(), scene.clone())?;

@@ -16,6 +16,8 @@ pub struct Board {
     pub name: &'static str,
     /// Its chip.
     pub chip: Chip,
+    /// Its chip's name for debug probes.
+    pub part: &'static str,
     /// Its wires.
     pub wiring: Wiring,
     /// The lowest that its chip's supply may be when all is well, mV.
@@ -62,6 +64,7 @@ const fn pin(port: char, number: u8) -> Pin {
 pub const NUCLEO_F446RE: Board = Board {
     name: "nucleo-f446re",
     chip: Chip { core_hz: 180_000_000, flash_bytes: 0x8_0000, id: 0x421, over_drive: true },
+    part: "STM32F446RETx",
     wiring: Wiring {
         encoder: [pin('A', 0), pin('A', 1)],
         captured: Some([pin('A', 6), pin('A', 7)]),
@@ -76,6 +79,7 @@ pub const NUCLEO_F446RE: Board = Board {
 pub const DISCOVERY_F407: Board = Board {
     name: "discovery-f407",
     chip: Chip { core_hz: 168_000_000, flash_bytes: 0x10_0000, id: 0x413, over_drive: false },
+    part: "STM32F407VGTx",
     wiring: Wiring {
         encoder: [pin('A', 15), pin('A', 1)],
         captured: None,
