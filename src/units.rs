@@ -153,6 +153,13 @@ impl Velocity {
         Self(Q32::from_bits(if bits < 0 { -limit } else { limit }))
     }
 
+    /// A velocity of that many LSB, which are in its range.
+    #[inline(always)]
+    pub(crate) fn from_bits_in_range(bits: i32) -> Self {
+        debug_assert!(bits.unsigned_abs() <= Self::LIMIT_BITS.cast_unsigned());
+        Self(Q32::from_bits(bits))
+    }
+
     /// LSB of 2^-16 counts per sample.
     #[inline]
     pub fn bits(self) -> i32 {

@@ -28,7 +28,10 @@ use core::hint::cold_path;
 
 use dsp_fixedpoint::Q32;
 
-use super::{Form, Senses, kept::kept};
+use super::{
+    Form, Senses,
+    kept::{Bytes, Kept},
+};
 use crate::units::Velocity;
 
 /// Coefficient with 30 fractional bits: -2 .. 2.
@@ -46,21 +49,29 @@ pub enum Shaping {
 /// Coefficients of the filter; made by [`ButterworthDesign::quantise`](super::ButterworthDesign::quantise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
-    pub(super) b: [Coefficient; 3],
-    pub(super) a: [Coefficient; 2],
+    b: [Coefficient; 3],
+    /// `-a1` and `-a2`: five products and the residue are then one sum, which the Cortex-M4 adds up as it multiplies.
+    back: [Coefficient; 2],
     /// Mask of the second difference of the residue: -1 with it, 0 without.
-    pub(super) second: i32,
+    second: i32,
 }
 
 impl Biquad {
     /// Fractional bits of a coefficient.
     pub const FRACTION_BITS: u32 = 30;
 
+    /// Of those coefficients, in LSB of 2^-30, with the first or the second order of error feedback. `a1` and `a2` lie
+    /// above -2.
+    pub(super) fn new(b: [i32; 3], a: [i32; 2], second: bool) -> Self {
+        let q = Coefficient::from_bits;
+        Self { b: b.map(q), back: a.map(|bits| q(-bits)), second: -i32::from(second) }
+    }
+
     /// `[b0, b1, b2, a1, a2]` in LSB of 2^-30.
     pub fn bits(&self) -> [i32; 5] {
-        let [b0, b1, b2] = self.b;
-        let [a1, a2] = self.a;
-        [b0, b1, b2, a1, a2].map(Q32::into_bits)
+        let [b0, b1, b2] = self.b.map(Q32::into_bits);
+        let [a1, a2] = self.back.map(|back| -back.into_bits());
+        [b0, b1, b2, a1, a2]
     }
 
     /// Order of the error feedback.
@@ -76,40 +87,68 @@ impl Biquad {
         let x0 = input.bits();
         let [x1, x2] = state.x;
         let [y1, y2] = state.y;
-        let [e1, e2] = state.residue;
+        let [r1, r2] = state.dropped;
         // Sum of the magnitudes below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
-        let sum =
-            self.b[0] * x0 + self.b[1] * x1 + self.b[2] * x2 - self.a[0] * y1 - self.a[1] * y2;
-        let carried = e1 + (self.second & (e1 - e2));
-        let total = sum.into_bits() + i64::from(carried) + HALF;
-        let rounded = total >> Self::FRACTION_BITS;
-        let y0 = i32::try_from(rounded).unwrap_or_else(|_| {
-            cold_path();
-            if rounded < 0 { i32::MIN } else { i32::MAX }
-        });
-        // What rounding dropped, -2^29 .. 2^29. What saturation cuts off is not carried.
-        let residue = (total & (2 * HALF - 1)) - HALF;
-        #[expect(clippy::cast_possible_truncation, reason = "within 30 bits by the line above")]
-        let e0 = residue as i32;
+        let [b0, b1, b2] = self.b;
+        let [c1, c2] = self.back;
+        let carried = i64::from(r1 + (self.second & (r1 - r2)));
+        let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
+        let total = sum.into_bits() + carried;
+        #[expect(clippy::cast_possible_truncation, reason = "the upper half is meant")]
+        let upper = (total >> 32) as i32;
         state.x = [x0, x1];
+        #[expect(clippy::cast_possible_truncation, reason = "30 bits are left")]
+        let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
+        state.dropped = [dropped, r1];
+        // Nearly always no saturation is near, and one comparison says so.
+        if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
+            #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
+            let y0 = (total >> Self::FRACTION_BITS) as i32;
+            state.y = [y0, y1];
+            return Velocity::from_bits_in_range(y0);
+        }
+        cold_path();
+        let rounded = total >> Self::FRACTION_BITS;
+        let y0 = i32::try_from(rounded).unwrap_or(if rounded < 0 { i32::MIN } else { i32::MAX });
         state.y = [y0, y1];
-        state.residue = [e0, e1];
         Velocity::saturating_from_bits(y0)
     }
 }
 
-/// Half an LSB of the output, in LSB of the accumulator.
-const HALF: i64 = 1 << (Biquad::FRACTION_BITS - 1);
+/// An accumulator whose upper half is within +-this rounds to a velocity that is in range.
+const NEAR: i32 = 0x1F00_0000;
+const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 
 /// Past inputs and outputs in LSB of [`Velocity`], and past residues in LSB of the accumulator.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct BiquadState {
     x: [i32; 2],
     y: [i32; 2],
-    residue: [i32; 2],
+    /// What rounding down has dropped, 0 to 2^30: half an LSB more than the residue, so that the half that rounds is in
+    /// the sum already.
+    dropped: [i32; 2],
 }
 
-kept!(BiquadState { x, y, residue });
+/// Half an LSB of the output, in LSB of the accumulator.
+const ROUNDED: i32 = 1 << (Biquad::FRACTION_BITS - 1);
+
+impl Default for BiquadState {
+    fn default() -> Self {
+        Biquad::REST
+    }
+}
+
+impl Kept for BiquadState {
+    fn put(&self, bytes: &mut Bytes<'_>) {
+        let Self { x, y, dropped } = self;
+        [*x, *y, dropped.map(|dropped| dropped.wrapping_sub(ROUNDED))].put(bytes);
+    }
+
+    fn take(rest: &mut &[u8]) -> Option<Self> {
+        let [x, y, residue] = Kept::take(rest)?;
+        Some(Self { x, y, dropped: residue.map(|residue: i32| residue.wrapping_add(ROUNDED)) })
+    }
+}
 
 impl BiquadState {
     /// The last input, LSB.
@@ -122,28 +161,27 @@ impl BiquadState {
 impl Biquad {
     /// Coefficients b0, b1, b2, a1, a2 and the mask of the second residue, as they are.
     pub(crate) fn from_bits([b0, b1, b2, a1, a2]: [i32; 5], second: i32) -> Self {
-        let q = Coefficient::from_bits;
-        Self { b: [q(b0), q(b1), q(b2)], a: [q(a1), q(a2)], second }
+        Self { second, ..Self::new([b0, b1, b2], [a1, a2], false) }
     }
 }
 
 #[cfg(test)]
 impl BiquadState {
     pub(crate) fn from_bits(x: [i32; 2], y: [i32; 2], residue: [i32; 2]) -> Self {
-        Self { x, y, residue }
+        Self { x, y, dropped: residue.map(|residue| residue + ROUNDED) }
     }
 
     pub(crate) fn residue(&self) -> [i32; 2] {
-        self.residue
+        self.dropped.map(|dropped| dropped - ROUNDED)
     }
 }
 
 impl Form for Biquad {
     type State = BiquadState;
-    const REST: BiquadState = BiquadState { x: [0; 2], y: [0; 2], residue: [0; 2] };
+    const REST: BiquadState = BiquadState { x: [0; 2], y: [0; 2], dropped: [ROUNDED; 2] };
 
     fn at(&self, velocity: Velocity) -> BiquadState {
-        BiquadState { x: [velocity.bits(); 2], y: [velocity.bits(); 2], residue: [0; 2] }
+        BiquadState { x: [velocity.bits(); 2], y: [velocity.bits(); 2], dropped: [ROUNDED; 2] }
     }
 
     #[inline]

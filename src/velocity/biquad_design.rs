@@ -19,10 +19,7 @@
 
 use core::ops::RangeInclusive;
 
-use super::{
-    Cascade,
-    biquad::{Biquad, Coefficient},
-};
+use super::{Cascade, biquad::Biquad};
 use crate::range::{SettingsError, within};
 
 /// Lowest and highest accepted frequency of the poles, as a fraction of the sample rate; `S` has 51 LSB of 2^-30 at the
@@ -129,11 +126,7 @@ impl BiquadDesign {
         // Both are within i32, as what they stand for is below 2; a sum on the way may not be.
         let a1 = dc_sum.wrapping_sub(one).wrapping_sub(a2);
         let b1 = dc_sum.wrapping_sub(b0).wrapping_sub(b2);
-        Biquad {
-            b: [b0, b1, b2].map(Coefficient::from_bits),
-            a: [a1, a2].map(Coefficient::from_bits),
-            second: -i32::from(self.frequency_per_rate < SECOND_ORDER_BELOW),
-        }
+        Biquad::new([b0, b1, b2], [a1, a2], self.frequency_per_rate < SECOND_ORDER_BELOW)
     }
 }
 

@@ -25,7 +25,7 @@
 
 use core::{f64::consts::SQRT_2, ops::RangeInclusive};
 
-use super::biquad::{Biquad, Coefficient};
+use super::biquad::Biquad;
 use crate::range::{SettingsError, within};
 
 /// Lowest accepted cutoff, as a fraction of the sample rate.
@@ -126,11 +126,7 @@ impl ButterworthDesign {
         #[expect(clippy::cast_possible_truncation, reason = "both are below 2 in magnitude")]
         let (a1, b1) =
             ((dc_sum - i64::from(ONE) - i64::from(a2)) as i32, (dc_sum - 2 * i64::from(b0)) as i32);
-        Biquad {
-            b: [b0, b1, b0].map(Coefficient::from_bits),
-            a: [a1, a2].map(Coefficient::from_bits),
-            second: -i32::from(self.cutoff_per_rate < SECOND_ORDER_BELOW),
-        }
+        Biquad::new([b0, b1, b0], [a1, a2], self.cutoff_per_rate < SECOND_ORDER_BELOW)
     }
 }
 
@@ -166,11 +162,7 @@ impl FirstOrder {
         #[expect(clippy::cast_possible_truncation, reason = "all are below 2 in magnitude")]
         let [b0, b1, a1] =
             [dc_sum / 2, dc_sum - dc_sum / 2, dc_sum - i64::from(ONE)].map(|bits| bits as i32);
-        Biquad {
-            b: [b0, b1, 0].map(Coefficient::from_bits),
-            a: [a1, 0].map(Coefficient::from_bits),
-            second: 0,
-        }
+        Biquad::new([b0, b1, 0], [a1, 0], false)
     }
 }
 

@@ -35,7 +35,7 @@
 
 use core::ops::RangeInclusive;
 
-use super::biquad::{Biquad, Coefficient};
+use super::biquad::Biquad;
 use crate::range::{SettingsError, within};
 
 /// Lowest accepted bandwidth, as a fraction of the sample rate. `ki` has 52 LSB of 2^-30 there.
@@ -121,10 +121,7 @@ impl TrackingLoop {
         let a1 = sum.wrapping_sub(one).wrapping_sub(square);
         #[expect(clippy::cast_possible_truncation, reason = "below 1, so below 2^30")]
         let back = libm::round(self.ki * self.lead * f64::from(one)) as i32;
-        Biquad {
-            b: [sum.wrapping_add(back), back.wrapping_neg(), 0].map(Coefficient::from_bits),
-            a: [a1, square].map(Coefficient::from_bits),
-            second: -i32::from(self.bandwidth_per_rate < SECOND_ORDER_BELOW),
-        }
+        let b = [sum.wrapping_add(back), back.wrapping_neg(), 0];
+        Biquad::new(b, [a1, square], self.bandwidth_per_rate < SECOND_ORDER_BELOW)
     }
 }
