@@ -9,7 +9,7 @@ use crate::{
     actuator::Actuator,
     encoder::Encoder,
     units::{Demand, Force, Offset, Position, Velocity},
-    velocity::{self, Senses, Tuned},
+    velocity::{self, Running, Senses, Tuned},
     wall::Wall,
 };
 
@@ -53,9 +53,7 @@ impl Motion {
     /// Low 32 bits of the sample: enough to compare two that are less than 2^31 apart, in half the words.
     #[inline(always)]
     pub const fn number(&self) -> u32 {
-        #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
-        let number = self.sample as u32;
-        number
+        low(self.sample)
     }
 }
 
@@ -76,18 +74,18 @@ pub struct Drive {
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler {
     encoder: Encoder,
-    velocity: velocity::State,
-    sample: u64,
-    /// Samples until the next output; 0 means with the next sample.
-    until_due: u32,
+    velocity: Running,
+    /// Number of the next sample, low 32 bits.
+    sample: u32,
+    /// Number of the sample with which the next output is due, which is never far: so it tells the upper half, too.
+    due: u64,
 }
 
 impl Sampler {
     /// A handle at rest whose encoder counter reads `counter`.
     pub fn new(counter: u32, width: CounterWidth) -> Self {
         let encoder = Encoder::new(counter, width);
-        let velocity = velocity::State::at_rest(encoder.position());
-        Self { encoder, velocity, sample: 0, until_due: 0 }
+        Self { encoder, velocity: Running::REST, sample: 0, due: 0 }
     }
 
     /// Position of the last sample.
@@ -103,18 +101,17 @@ impl Sampler {
 
     /// Number of the next sample.
     pub const fn next(&self) -> u64 {
-        self.sample
+        near(self.due, self.sample)
     }
 
     /// What the samples so far left behind.
-    pub const fn state(&self) -> &velocity::State {
-        &self.velocity
+    pub fn state(&self) -> velocity::State {
+        velocity::State::behind(self.encoder.position(), self.velocity)
     }
 
     /// Makes the place of the last sample position 0. The velocity goes on as if nothing happened.
     pub fn zero(&mut self) {
         self.encoder.zero();
-        self.velocity.rebase(self.encoder.position());
     }
 
     /// Takes the encoder counter's reading; call it once per sample, at a constant rate.
@@ -126,21 +123,36 @@ impl Sampler {
     /// [`sample`](Self::sample) for estimators that look at more than the count.
     #[inline(always)] // as Estimator::update
     pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Sampled {
+        let before = self.encoder.position();
         let position = self.encoder.track(counter);
-        let velocity = control.estimator.update(&mut self.velocity, position, senses);
-        let sample = self.sample;
-        self.sample = sample.wrapping_add(1);
-        let due = self.until_due == 0;
+        let moved = position.wrapping_since(before);
+        let velocity = control.estimator.follow(&mut self.velocity, moved, senses);
+        let number = self.sample;
+        self.sample = number.wrapping_add(1);
+        let sample = near(self.due, number);
+        let due = number.wrapping_sub(low(self.due)).cast_signed() >= 0;
         let mut offset = Offset::NONE;
         if due {
             cold_path();
-            offset = control.estimator.offset(&self.velocity);
-            self.until_due = control.period.get() - 1;
-        } else {
-            self.until_due -= 1;
+            offset = control.estimator.offset_after(&self.velocity);
+            self.due = sample.wrapping_add(u64::from(control.period.get()));
         }
         Sampled { motion: Motion { sample, position, velocity, offset }, due }
     }
+}
+
+/// Its low 32 bits.
+#[inline(always)]
+const fn low(sample: u64) -> u32 {
+    #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
+    let low = sample as u32;
+    low
+}
+
+/// The sample nearest to `sample` whose low 32 bits are those.
+#[inline(always)]
+const fn near(sample: u64, number: u32) -> u64 {
+    sample.wrapping_add_signed(number.wrapping_sub(low(sample)).cast_signed() as i64)
 }
 
 #[cfg(test)]

@@ -162,23 +162,17 @@ impl GuardView {
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler {
     sampler: Sampler,
-    /// [`GuardCommand::zeros`] that were met.
-    zeros: Token,
+    /// [`GuardCommand::zeros`] that were met. Turned while something was found that is not cleared, or waits: the output
+    /// has to be off. So one comparison says that nothing is asked for and nothing was found.
+    met: Token,
     /// Found, and not in [`Guard`] yet.
     waiting: FaultSet,
-    /// Something was found that is not cleared, or waits: the output has to be off.
-    alert: bool,
 }
 
 impl GuardedSampler {
     /// A handle at rest whose encoder counter reads `counter`.
     pub fn new(counter: u32, width: CounterWidth) -> Self {
-        Self {
-            sampler: Sampler::new(counter, width),
-            zeros: Token::FIRST,
-            waiting: FaultSet::EMPTY,
-            alert: false,
-        }
+        Self { sampler: Sampler::new(counter, width), met: Token::FIRST, waiting: FaultSet::EMPTY }
     }
 
     /// What it guards.
@@ -189,7 +183,27 @@ impl GuardedSampler {
     /// How often the count was zeroed; wraps.
     #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
     pub const fn zeros(&self) -> u16 {
-        self.zeros.number() as u16
+        self.zeros_met().number() as u16
+    }
+
+    const fn is_alert(&self) -> bool {
+        self.met.is_turned()
+    }
+
+    const fn zeros_met(&self) -> Token {
+        if self.is_alert() { self.met.turned() } else { self.met }
+    }
+
+    #[inline(always)]
+    fn meet(&mut self, zeros: Token, alert: bool) {
+        self.met = if alert { zeros.turned() } else { zeros };
+    }
+
+    /// Notes that it has to be off.
+    #[inline(always)]
+    fn wait(&mut self, found: FaultSet) {
+        self.waiting = self.waiting.union(found);
+        self.meet(self.zeros_met(), true);
     }
 
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
@@ -208,9 +222,24 @@ impl GuardedSampler {
         down: &GuardCommand,
         guard: &mut Guard,
     ) -> Step {
-        let before = self.sampler.position();
         let senses = Senses { force: down.force, ..*senses };
-        let Sampled { mut motion, due } = self.sampler.sense(control, counter, &senses);
+        self.step_then(control, counter, &senses, || down, guard)
+    }
+
+    /// [`step`](Self::step) with the force in `senses`, and `down` not looked up before the velocity is there: until
+    /// then the Cortex-M4 has no register to spare for it.
+    #[inline(always)]
+    pub fn step_then<'a>(
+        &mut self,
+        control: &LoopParameters,
+        counter: u32,
+        senses: &Senses,
+        down: impl FnOnce() -> &'a GuardCommand,
+        guard: &mut Guard,
+    ) -> Step {
+        let before = self.sampler.position();
+        let Sampled { mut motion, due } = self.sampler.sense(control, counter, senses);
+        let down = down();
         if due {
             self.expect_output(motion.number(), down, control.period.get());
             // Often enough, and a due sample is not the longest.
@@ -218,7 +247,7 @@ impl GuardedSampler {
         }
         let jumped = beyond(motion.position.wrapping_since(before), down.jump);
         let fast = beyond(motion.velocity.bits(), down.speed);
-        let quiet = !jumped && !fast && down.zeros == self.zeros && !self.alert;
+        let quiet = !jumped && !fast && down.zeros == self.met;
         if quiet {
             let report = SampleReport { motion, present: FaultSet::EMPTY };
             return Step { report, due, cut: false, told: false };
@@ -227,8 +256,7 @@ impl GuardedSampler {
         let present =
             FaultSet::EMPTY.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
         if !present.is_empty() {
-            self.waiting = self.waiting.union(present);
-            self.alert = true;
+            self.wait(present);
         }
         if due && control.period.get() > 1 {
             // The output that this sample asks for says no by itself. Should it not come, the next
@@ -237,27 +265,29 @@ impl GuardedSampler {
             return Step { report, due, cut: false, told: false };
         }
         // A bit that has flipped asks for no zero: what is zero would be somewhere else from then on, unnoticed.
-        let zeroes = down.zeros.asks_after(self.zeros);
-        self.zeros = down.zeros;
+        let zeroes = down.zeros.asks_after(self.zeros_met());
+        let alert = self.is_alert();
+        self.meet(down.zeros, alert);
         if !zeroes {
-            let told = self.note(motion.number(), down.acknowledged, guard);
-            Step { report: SampleReport { motion, present }, due, cut: told || self.alert, told }
+            let told = self.note(motion.number(), down, guard);
+            let cut = told || self.is_alert();
+            Step { report: SampleReport { motion, present }, due, cut, told }
         } else {
             guard.zeros = down.zeros.number();
             self.sampler.zero();
             motion.position = self.sampler.position();
             let report = SampleReport { motion, present: self.waiting };
-            Step { report, due, cut: self.alert, told: true }
+            Step { report, due, cut: alert, told: true }
         }
     }
 
     /// Notes what has waited. If nothing has, and what was noted is dealt with, the output may be on
     /// again. Says whether something was noted.
     #[inline(always)]
-    fn note(&mut self, sample: u32, acknowledged: u32, guard: &mut Guard) -> bool {
-        let answered = guard.events == acknowledged;
+    fn note(&mut self, sample: u32, down: &GuardCommand, guard: &mut Guard) -> bool {
+        let answered = guard.events == down.acknowledged;
         if self.waiting.is_empty() {
-            self.alert = !answered;
+            self.meet(down.zeros, !answered);
             return false;
         }
         if answered {
@@ -277,8 +307,7 @@ impl GuardedSampler {
     fn expect_origin(&mut self) {
         if !self.sampler.is_whole() {
             cold_path();
-            self.waiting = self.waiting.with(Fault::Memory);
-            self.alert = true;
+            self.wait(FaultSet::EMPTY.with(Fault::Memory));
         }
     }
 
@@ -288,8 +317,7 @@ impl GuardedSampler {
         let behind = sample.wrapping_sub(down.rendered);
         if behind != period && !down.stall {
             cold_path();
-            self.waiting = self.waiting.with(Fault::LateRender);
-            self.alert = true;
+            self.wait(FaultSet::EMPTY.with(Fault::LateRender));
         }
     }
 }
@@ -439,10 +467,10 @@ mod tests {
         };
         for bit in 0..32 {
             let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
-            sampler.zeros = asked;
+            sampler.met = asked;
             let flipped = GuardCommand { zeros: asked.flipped(bit), ..down };
             assert_eq!(step(&mut sampler, &flipped), 700, "bit {bit}");
-            sampler.zeros = asked.flipped(bit);
+            sampler.met = asked.flipped(bit);
             for _ in 0..3 {
                 assert_eq!(step(&mut sampler, &down), 700, "bit {bit}");
             }

@@ -34,6 +34,21 @@ impl Token {
     }
 }
 
+impl Token {
+    /// With the other complement: it asks for nothing, and no request is equal to it. Turned twice it is the number again.
+    #[must_use]
+    #[inline(always)]
+    pub const fn turned(self) -> Self {
+        Self(self.0 ^ 0xFFFF_0000)
+    }
+
+    /// Whether it was turned: its halves are equal.
+    #[inline(always)]
+    pub const fn is_turned(self) -> bool {
+        self.0 == self.0.rotate_right(16)
+    }
+}
+
 #[cfg(test)]
 impl Token {
     /// With that bit flipped.

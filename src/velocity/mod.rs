@@ -131,29 +131,40 @@ impl Estimator {
         position: Position,
         senses: &Senses,
     ) -> Velocity {
-        if tuning != state.tuning {
-            self.take_over(tuning, state);
-        }
         let difference = position.wrapping_since(state.previous);
         state.previous = position;
-        let velocity = self.step(&mut state.memory, difference, senses);
-        state.velocity = velocity;
+        self.follow_as(tuning, &mut state.running, difference, senses)
+    }
+
+    #[inline(always)] // as `update`
+    fn follow_as(
+        &self,
+        tuning: Tuning,
+        running: &mut Running,
+        difference: i32,
+        senses: &Senses,
+    ) -> Velocity {
+        if tuning != running.tuning {
+            self.take_over(tuning, running);
+        }
+        let velocity = self.step(&mut running.memory, difference, senses);
+        running.velocity = velocity;
         velocity
     }
 
     /// The position on which the wall's spring works, less the count, after [`update`](Self::update).
     #[inline]
     pub fn offset(&self, state: &State) -> Offset {
-        self.offset_of(&state.memory)
+        self.offset_of(&state.running.memory)
     }
 
     /// Takes over from another estimator or tuning: warms up as if the handle had always moved at
     /// the velocity of the last sample.
     #[cold]
     #[inline(never)]
-    fn take_over(&self, tuning: Tuning, state: &mut State) {
-        state.tuning = tuning;
-        state.memory.restart(self, state.velocity);
+    fn take_over(&self, tuning: Tuning, running: &mut Running) {
+        running.tuning = tuning;
+        running.memory.restart(self, running.velocity);
     }
 }
 
@@ -207,6 +218,23 @@ impl Tuned {
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.estimator.update_as(self.tuning, state, position, senses)
     }
+
+    /// The velocity at this sample, for whoever knows by how many counts the handle has moved.
+    #[inline(always)] // as that
+    pub(crate) fn follow(
+        &self,
+        running: &mut Running,
+        difference: i32,
+        senses: &Senses,
+    ) -> Velocity {
+        self.estimator.follow_as(self.tuning, running, difference, senses)
+    }
+
+    /// [`Estimator::offset`].
+    #[inline(always)]
+    pub(crate) fn offset_after(&self, running: &Running) -> Offset {
+        self.estimator.offset_of(&running.memory)
+    }
 }
 
 impl core::ops::Deref for Tuned {
@@ -217,42 +245,57 @@ impl core::ops::Deref for Tuned {
     }
 }
 
-/// What the samples so far left behind.
+/// What the samples so far left behind, but for the position of the last one.
 #[derive(Clone, Copy, Debug)]
-pub struct State {
+pub(crate) struct Running {
     /// Of the estimator that has run.
     tuning: Tuning,
-    previous: Position,
     /// Of the last sample.
     velocity: Velocity,
     memory: Memory,
 }
 
+impl Running {
+    /// At rest.
+    pub(crate) const REST: Self = Self {
+        tuning: Tuning(Kind::Difference as u16),
+        velocity: Velocity::ZERO,
+        memory: Memory::REST,
+    };
+}
+
+/// What the samples so far left behind.
+#[derive(Clone, Copy, Debug)]
+pub struct State {
+    previous: Position,
+    running: Running,
+}
+
 impl State {
     /// At rest at `position`: it counts as the sample before the first one.
     pub fn at_rest(position: Position) -> Self {
-        Self {
-            tuning: Tuning(Kind::Difference as u16),
-            previous: position,
-            velocity: Velocity::ZERO,
-            memory: Memory::REST,
-        }
+        Self::behind(position, Running::REST)
+    }
+
+    /// After a sample at that position.
+    pub(crate) const fn behind(previous: Position, running: Running) -> Self {
+        Self { previous, running }
     }
 
     /// [`Tuned::number`] of the estimator that has run.
     pub const fn number(&self) -> u16 {
-        self.tuning.0
+        self.running.tuning.0
     }
 
     /// The position and the velocity of the last sample.
     pub const fn last(&self) -> (Position, Velocity) {
-        (self.previous, self.velocity)
+        (self.previous, self.running.velocity)
     }
 
     /// What that estimator, which has run, remembers, as bytes; how many. None if there is no room.
     pub fn put(&self, estimator: &Estimator, place: &mut [u8]) -> Option<usize> {
         let mut bytes = Bytes::new(place);
-        self.memory.put(estimator, &mut bytes);
+        self.running.memory.put(estimator, &mut bytes);
         bytes.used()
     }
 
@@ -265,18 +308,19 @@ impl State {
     ) -> Option<Self> {
         let mut rest = bytes;
         let memory = Memory::take(estimator, &mut rest)?;
-        rest.is_empty().then_some(Self { tuning: estimator.tuning, previous, velocity, memory })
+        let running = Running { tuning: estimator.tuning, velocity, memory };
+        rest.is_empty().then_some(Self { previous, running })
     }
 
     /// Whatever comes next takes over from the velocity.
     pub fn restart(&mut self) {
-        self.tuning = Tuning(u16::MAX); // no form has this number
+        self.running.tuning = Tuning(u16::MAX); // no form has this number
     }
 
     /// As after many samples at that velocity; whatever comes next takes over from it.
     #[cfg(test)]
     pub(crate) fn restart_at(&mut self, velocity: Velocity) {
-        self.velocity = velocity;
+        self.running.velocity = velocity;
         self.restart();
     }
 

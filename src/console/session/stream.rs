@@ -203,7 +203,7 @@ impl Stream {
         follows: bool,
     ) -> Option<(Mark, Key)> {
         let accepted = self.accepted.as_ref()?;
-        let state = sampler.state();
+        let state = &sampler.state();
         let mark = Mark {
             sample: sampler.next().wrapping_sub(1),
             tuning: state.number(),

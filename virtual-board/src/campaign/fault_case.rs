@@ -415,7 +415,7 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     count.ok_or_else(|| Failed::Refused(format!("no position in: {status}")))
 }
 
-/// Where `sample` has the position: in the encoder and in the estimator. Found with the handle held for a while.
+/// Where `sample` has the position: in the encoder and in the report of the last output. Found with the handle held for a while.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();
@@ -430,7 +430,7 @@ fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> 
     let places: Vec<_> = (from..from + size).step_by(4).filter(holds).collect();
     world.restore(&before);
     match places.len() {
-        2 | 3 => Ok(places), // and what was there a sample before
+        2 | 3 => Ok(places),
         n => Err(Failed::Refused(format!("the position stands in {n} words of `sample`"))),
     }
 }

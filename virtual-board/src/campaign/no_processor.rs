@@ -153,7 +153,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
     FaultCase {
         short: false,
         ..stopped("no sample is due", |elf, world| {
-            let address = until_due(elf, world)?;
+            let address = next_due(elf, world)?;
             let mut word = [0; 4];
             world.powered.mcu.read(address, &mut word);
             word[3] ^= 1 << 6;
@@ -213,20 +213,25 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The word of `sample` that counts the samples until the next output: 9 down to 0, over and over.
-fn until_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
+/// The word of `sample` that has the number of the next due one: 10 more every 10 samples, and of those that do so the
+/// one that is ahead.
+fn next_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();
     for _ in 0..21 {
         world.sample()?;
         seen.push(words_of(elf, world, SAMPLE_STATE)?.1);
     }
-    let counts = |place: usize| {
-        seen.windows(2).all(|pair| pair[1][place] == pair[0][place].wrapping_add(9) % 10)
+    let steps = |place: &usize| {
+        let of = |n: usize| seen[n][*place];
+        seen.windows(2).filter(|pair| pair[0][*place] != pair[1][*place]).count() == 2
+            && of(10) == of(0).wrapping_add(10)
+            && of(20) == of(10).wrapping_add(10)
     };
-    (from..from + size)
-        .step_by(4)
-        .enumerate()
-        .find_map(|(place, address)| counts(place).then_some(address))
-        .ok_or_else(|| Failed::Refused("no word of `sample` counts down".into()))
+    let words = (0..seen[0].len()).filter(steps);
+    let ahead = words.max_by_key(|place| seen[20][*place]);
+    let addresses = (from..from + size).step_by(4);
+    ahead
+        .and_then(|place| addresses.into_iter().nth(place))
+        .ok_or_else(|| Failed::Refused("no word of `sample` is ahead by an output".into()))
 }
