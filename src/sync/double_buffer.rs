@@ -19,6 +19,8 @@ use core::{
     },
 };
 
+use super::Static;
+
 /// The newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
@@ -33,12 +35,12 @@ unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 /// The writing end.
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
 
-/// The reading end, for a task of higher priority than the publisher's.
-pub struct DoubleBufferReader<T: 'static>(&'static DoubleBuffer<T>, PhantomData<*const ()>);
+/// The reading end, for a task of higher priority than the publisher's, of the buffers that `P` names.
+pub struct DoubleBufferReader<T: 'static, P>(PhantomData<(*const T, P)>);
 
-// SAFETY: it is moved to its task once, before the task first runs; `*const ()` only keeps it from
+// SAFETY: it is moved to its task once, before the task first runs; `*const T` only keeps it from
 // being shared.
-unsafe impl<T: Send + Sync> Send for DoubleBufferReader<T> {}
+unsafe impl<T: Send + Sync, P> Send for DoubleBufferReader<T, P> {}
 
 impl<T: Copy> DoubleBuffer<T> {
     /// Without a value yet.
@@ -49,10 +51,15 @@ impl<T: Copy> DoubleBuffer<T> {
         }
     }
 
-    /// Its two ends, with `value` published.
-    pub fn split(&'static mut self, value: T) -> (DoubleBufferWriter<T>, DoubleBufferReader<T>) {
-        *self.newest.get_mut() = self.buffers[0].get_mut().write(value);
-        (DoubleBufferWriter(self), DoubleBufferReader(self, PhantomData))
+    /// The two ends of those that `P` names, with `value` published. To be called once: there are no others.
+    pub fn split<P: Static<Self>>(value: T) -> (DoubleBufferWriter<T>, DoubleBufferReader<T, P>) {
+        let buffer = P::place();
+        while !buffer.newest.load(Relaxed).is_null() {} // before any output is on
+        let first = buffer.buffers[0].get();
+        // SAFETY: there are no ends yet, and nobody else has got this far.
+        let first = unsafe { (*first).write(value) };
+        buffer.newest.store(first, Relaxed);
+        (DoubleBufferWriter(buffer), DoubleBufferReader(PhantomData))
     }
 }
 
@@ -78,12 +85,12 @@ impl<T: Copy> DoubleBufferWriter<T> {
     }
 }
 
-impl<T: Copy> DoubleBufferReader<T> {
+impl<T: Copy, P: Static<DoubleBuffer<T>>> DoubleBufferReader<T, P> {
     /// What counts now. The reference must not outlive this pass of the task, which the borrow of
     /// `self` sees to as long as the task's function ends.
     #[inline(always)]
     pub fn get(&mut self) -> &T {
-        let newest = self.0.newest.load(Relaxed);
+        let newest = P::place().newest.load(Relaxed);
         compiler_fence(Acquire);
         // SAFETY: not null, because the ends exist; nobody writes this buffer while this task runs,
         // see the module.

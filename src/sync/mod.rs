@@ -2,6 +2,12 @@
 
 #![allow(unsafe_code)]
 
+/// Names a static `T`: code that knows the type has its address as a constant, and loads no pointer to it.
+pub trait Static<T: 'static>: 'static {
+    /// Always the same one.
+    fn place() -> &'static T;
+}
+
 mod double_buffer;
 mod place;
 pub mod position_ring;

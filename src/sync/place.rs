@@ -17,6 +17,8 @@ use core::{
     },
 };
 
+use super::Static;
+
 /// What a task owns: what may be seen, and the rest.
 pub struct Shown<S, R> {
     /// May be copied.
@@ -34,15 +36,12 @@ pub struct Place<S, R> {
 // SAFETY: one owner, see `take`; the viewer only copies what is `Copy`, see the module.
 unsafe impl<S: Copy + Send, R: Send> Sync for Place<S, R> {}
 
-/// Names a place, so that its address is a constant to the owner's code.
-pub trait Placed: 'static {
+/// Names a place.
+pub trait Placed: Static<Place<Self::Shown, Self::Rest>> {
     /// What may be seen.
     type Shown: Copy + Send + 'static;
     /// What may not.
     type Rest: Send + 'static;
-
-    /// The place: always the same one.
-    fn place() -> &'static Place<Self::Shown, Self::Rest>;
 
     /// Another number with every pass of the owner.
     fn number(shown: &Self::Shown) -> u64;

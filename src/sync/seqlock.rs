@@ -8,16 +8,20 @@
 
 use core::{
     cell::UnsafeCell,
+    marker::PhantomData,
     mem::MaybeUninit,
     sync::atomic::{
-        AtomicU32,
+        AtomicBool, AtomicU32,
         Ordering::{Acquire, Relaxed, Release},
         compiler_fence,
     },
 };
 
+use super::Static;
+
 /// The newest `T`, and its number.
 pub struct Seqlock<T> {
+    taken: AtomicBool,
     number: AtomicU32,
     value: UnsafeCell<MaybeUninit<T>>,
 }
@@ -25,8 +29,11 @@ pub struct Seqlock<T> {
 // SAFETY: see the module; there is one end of each kind.
 unsafe impl<T: Send> Sync for Seqlock<T> {}
 
-/// The writing end, for a task of higher priority than the reader's.
-pub struct SeqlockWriter<T: 'static>(&'static Seqlock<T>);
+/// The writing end, for a task of higher priority than the reader's, of the one that `P` names.
+pub struct SeqlockWriter<T: 'static, P>(PhantomData<(*const T, P)>);
+
+// SAFETY: it is moved to its task once, before the task first runs; `*const T` only keeps it from being shared.
+unsafe impl<T: Send, P> Send for SeqlockWriter<T, P> {}
 
 /// The reading end.
 pub struct SeqlockReader<T: 'static> {
@@ -37,16 +44,22 @@ pub struct SeqlockReader<T: 'static> {
 impl<T: Copy> Seqlock<T> {
     /// With a value that counts as read, of number `u32::MAX`.
     pub const fn new(value: T) -> Self {
-        Self { number: AtomicU32::new(u32::MAX), value: UnsafeCell::new(MaybeUninit::new(value)) }
+        Self {
+            taken: AtomicBool::new(false),
+            number: AtomicU32::new(u32::MAX),
+            value: UnsafeCell::new(MaybeUninit::new(value)),
+        }
     }
 
-    /// Its two ends.
-    pub fn split(&'static mut self) -> (SeqlockWriter<T>, SeqlockReader<T>) {
-        (SeqlockWriter(self), SeqlockReader { snapshot: self, seen: u32::MAX })
+    /// The two ends of the one that `P` names. To be called once: there are no others.
+    pub fn split<P: Static<Self>>() -> (SeqlockWriter<T, P>, SeqlockReader<T>) {
+        let snapshot = P::place();
+        while snapshot.taken.swap(true, Relaxed) {} // before any output is on
+        (SeqlockWriter(PhantomData), SeqlockReader { snapshot, seen: u32::MAX })
     }
 }
 
-impl<T: Copy> SeqlockWriter<T> {
+impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
     /// Replaces what was there. `number` is not that of the last value.
     #[inline(always)]
     pub fn write(&mut self, value: T, number: u32) {
@@ -60,14 +73,14 @@ impl<T: Copy> SeqlockWriter<T> {
     pub fn place(&mut self) -> &mut T {
         // SAFETY: there is a value since `new`; the reader cannot run meanwhile, see the module, and
         // finds out afterwards.
-        unsafe { (*self.0.value.get()).assume_init_mut() }
+        unsafe { (*P::place().value.get()).assume_init_mut() }
     }
 
     /// What is in the place is the newest value. `number` is not that of the last one.
     #[inline(always)]
     pub fn publish(&mut self, number: u32) {
         compiler_fence(Release);
-        self.0.number.store(number, Relaxed);
+        P::place().number.store(number, Relaxed);
     }
 }
 

@@ -26,12 +26,12 @@ pub use link::Link;
 pub use render::Render;
 pub use sample::Sample;
 use zwidth::{
-    CounterWidth, LoopParameters,
+    CounterWidth,
     contract::{Encoder as _, FaultMemory as _},
     device::{Device, Start},
     experiment::{Order, Report},
     period::PERIODS,
-    safety::{Guard, GuardCommand, GuardedSampler, SampleReport, Supervisor, boot_fault},
+    safety::{GuardCommand, GuardedSampler, Supervisor, boot_fault},
 };
 
 use crate::board::{self, Board};
@@ -59,10 +59,6 @@ pub struct Numbered {
 
 /// Memory of what the tasks share.
 pub struct Queues {
-    due: Seqlock<SampleReport>,
-    guard: Seqlock<Guard>,
-    control: DoubleBuffer<LoopParameters>,
-    down: DoubleBuffer<GuardCommand>,
     reports: Queue<Report, REPORTS>,
     orders: Queue<Numbered, ORDERS>,
     /// What the tasks read and nobody writes.
@@ -72,15 +68,7 @@ pub struct Queues {
 impl Queues {
     /// Empty.
     pub const fn new() -> Self {
-        Self {
-            due: Seqlock::new(SampleReport::BEFORE),
-            guard: Seqlock::new(Guard::NOTHING),
-            control: DoubleBuffer::new(),
-            down: DoubleBuffer::new(),
-            reports: Queue::new(),
-            orders: Queue::new(),
-            device: None,
-        }
+        Self { reports: Queue::new(), orders: Queue::new(), device: None }
     }
 }
 
@@ -98,8 +86,8 @@ static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new
 ///
 /// A device record that is not allowed is said, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
-    let (due_in, due_out) = queues.due.split();
-    let (guard_in, guard_out) = queues.guard.split();
+    let (due_in, due_out) = Seqlock::split();
+    let (guard_in, guard_out) = Seqlock::split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
@@ -119,8 +107,8 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
         board.memory.write(&record.to_words());
     }
-    let (control_in, control_out) = queues.control.split(control);
-    let (down_in, down_out) = queues.down.split(GuardCommand::start(&safety));
+    let (control_in, control_out) = DoubleBuffer::split(control);
+    let (down_in, down_out) = DoubleBuffer::split(GuardCommand::start(&safety));
     board::turn_encoder(stored.signs.encoder_reversed);
     let Board {
         drive,

@@ -4,39 +4,89 @@ use zwidth::{
     LoopParameters,
     contract::{Encoder as _, SampleTimer as _},
     safety::{Guard, GuardCommand, GuardedSampler, SampleReport},
+    velocity::Senses,
 };
 
 use crate::board::{self, Encoder, SampleTimer};
 use crate::sync::{
-    DoubleBufferReader, Owner, Place, Placed, SeqlockWriter, Shown, Viewer, position_ring,
+    DoubleBuffer, DoubleBufferReader, Owner, Place, Placed, Seqlock, SeqlockWriter, Shown, Static,
+    Viewer, position_ring,
 };
 
 /// What it works with beside the sampler.
 pub struct Rest {
     encoder: Encoder,
     sample_timer: SampleTimer,
-    control: DoubleBufferReader<LoopParameters>,
-    down: DoubleBufferReader<GuardCommand>,
-    due: SeqlockWriter<SampleReport>,
-    guard: SeqlockWriter<Guard>,
+    control: ControlReader,
+    down: CommandReader,
+    due: ReportWriter,
+    guard: GuardWriter,
 }
 
-/// Where the sampler lies, for telemetry to see.
+pub type ControlReader = DoubleBufferReader<LoopParameters, Sampling>;
+pub type CommandReader = DoubleBufferReader<GuardCommand, Sampling>;
+pub type ReportWriter = SeqlockWriter<SampleReport, Sampling>;
+pub type GuardWriter = SeqlockWriter<Guard, Sampling>;
+
+/// All that a sample reads and writes, in one block: its code has one address, and everything is at a constant distance
+/// from there.
+#[repr(C)]
+struct Block {
+    own: Place<GuardedSampler, Rest>,
+    control: DoubleBuffer<LoopParameters>,
+    down: DoubleBuffer<GuardCommand>,
+    due: Seqlock<SampleReport>,
+    guard: Seqlock<Guard>,
+}
+
+static PLACE: Block = Block {
+    own: Place::new(),
+    control: DoubleBuffer::new(),
+    down: DoubleBuffer::new(),
+    due: Seqlock::new(SampleReport::BEFORE),
+    guard: Seqlock::new(Guard::NOTHING),
+};
+
+/// Names the block and its parts. Telemetry sees the sampler there.
 pub struct Sampling;
 
-static PLACE: Place<GuardedSampler, Rest> = Place::new();
+/// The part of the block that is a `T`.
+macro_rules! part {
+    ($($part:ident: $of:ty),*) => {$(
+        impl Static<$of> for Sampling {
+            #[inline(always)]
+            fn place() -> &'static $of {
+                &PLACE.$part
+            }
+        }
+    )*};
+}
+
+part!(
+    own: Place<GuardedSampler, Rest>,
+    control: DoubleBuffer<LoopParameters>,
+    down: DoubleBuffer<GuardCommand>,
+    due: Seqlock<SampleReport>,
+    guard: Seqlock<Guard>
+);
 
 impl Placed for Sampling {
     type Shown = GuardedSampler;
     type Rest = Rest;
 
-    #[inline(always)]
-    fn place() -> &'static Place<GuardedSampler, Rest> {
-        &PLACE
-    }
-
     fn number(sampler: &GuardedSampler) -> u64 {
         sampler.sampler().next()
+    }
+}
+
+impl Rest {
+    /// With the force, for estimators that look at it.
+    #[inline(always)]
+    fn with_force(&mut self, senses: Senses) -> Senses {
+        if cfg!(feature = "estimators") {
+            return Senses { force: self.down.get().force, ..senses };
+        }
+        senses
     }
 }
 
@@ -48,10 +98,10 @@ impl Sample {
         encoder: Encoder,
         sample_timer: SampleTimer,
         sampler: GuardedSampler,
-        control: DoubleBufferReader<LoopParameters>,
-        down: DoubleBufferReader<GuardCommand>,
-        due: SeqlockWriter<SampleReport>,
-        guard: SeqlockWriter<Guard>,
+        control: ControlReader,
+        down: CommandReader,
+        due: ReportWriter,
+        guard: GuardWriter,
     ) -> (Self, Viewer<Sampling>) {
         let rest = Rest { encoder, sample_timer, control, down, due, guard };
         let (owner, viewer) = Owner::take(sampler, rest);
@@ -68,8 +118,9 @@ impl Sample {
         let Shown { shown: sampler, rest } = self.0.get();
         let (count, senses) = rest.encoder.sense();
         rest.sample_timer.acknowledge();
-        let guard = rest.guard.place();
-        let step = sampler.step(rest.control.get(), count, &senses, rest.down.get(), guard);
+        let senses = rest.with_force(senses);
+        let (control, guard) = (rest.control.get(), rest.guard.place());
+        let step = sampler.step_then(control, count, &senses, || rest.down.get(), guard);
         let motion = step.report.motion;
         let number = motion.number();
         if step.told {

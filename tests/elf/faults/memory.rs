@@ -2,6 +2,7 @@
 
 use virtual_board::{
     board::Board,
+    elf::SAMPLE_STATE,
     world::{Snapshot, World},
 };
 
@@ -65,7 +66,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.boot();
     let render = place(&firmware, "local_resource_render");
-    let queues = place(&firmware, "queues");
+    let sample = place(&firmware, SAMPLE_STATE);
     // The motor's sign is a byte: it is found by turning it, with the force off.
     let mut seen = [Vec::new(), Vec::new()];
     for turned in [0, 1, 0, 1, 0] {
@@ -83,7 +84,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
 
     let surface = words(&world, render, 5_000);
     let travel = words(&world, render, -40_000);
-    let sampled = words(&world, queues, 5_000);
+    let sampled = words(&world, sample, 5_000);
     println!("{}: surface {surface:x?} {sampled:x?} travel {travel:x?}", board.name);
     assert!(!surface.is_empty() && travel.len() == 2 && !sampled.is_empty());
     let mut longest: f64 = 0.0;
