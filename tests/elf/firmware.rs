@@ -50,14 +50,23 @@ impl Firmware {
         Self { board, elf, table, scene }
     }
 
+    /// What the debug information says of each address.
+    pub fn lines(&self) -> Context<EndianSlice<'_, LittleEndian>> {
+        let file = object::File::parse(&*self.elf.bytes).unwrap();
+        let sections: BTreeMap<&str, &[u8]> = file
+            .sections()
+            .filter_map(|section| Some((section.name().ok()?, section.data().ok()?)))
+            .collect();
+        let section = |name| sections.get(name).copied().unwrap_or_default();
+        let dwarf =
+            Dwarf::load(|id| Ok::<_, ()>(EndianSlice::new(section(id.name()), LittleEndian)));
+        Context::from_dwarf(dwarf.unwrap()).unwrap()
+    }
+
     /// Instructions of the sampling task that come from [`zwidth::Sampler::sample`], inlined as it
     /// is: what the debug information says of each address.
     pub fn core_of_sample(&self) -> BTreeSet<u32> {
-        let file = object::File::parse(&*self.elf.bytes).unwrap();
-        let section = |name| file.section_by_name(name).map_or(&[][..], |s| s.data().unwrap());
-        let dwarf =
-            Dwarf::load(|id| Ok::<_, ()>(EndianSlice::new(section(id.name()), LittleEndian)));
-        let lines = Context::from_dwarf(dwarf.unwrap()).unwrap();
+        let lines = self.lines();
         let of_core = |address: u32| {
             let mut frames = lines.find_frames(u64::from(address)).skip_all_loads().unwrap();
             while let Some(frame) = frames.next().unwrap() {

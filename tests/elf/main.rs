@@ -73,6 +73,7 @@ mod panics;
 mod passivity;
 mod period;
 mod probe;
+mod profile;
 mod record;
 mod replay;
 mod rotary;

@@ -19,9 +19,9 @@ each_board!(
 );
 
 /// Cycles from exception entry to return that the sampling task may take, by DESIGN.
-const SAMPLE_CYCLES: u64 = 320;
+const SAMPLE_CYCLES: u64 = 295;
 /// Cycles of it that `Sampler::sample` may take: encoder, velocity, what is due.
-const CORE_CYCLES: u64 = 150;
+const CORE_CYCLES: u64 = 110;
 
 fn tasks_and_memory_stay_in_their_budget(board: Board) {
     println!("board           sample      of it core  render      link        stack  flash   RAM");

@@ -75,6 +75,9 @@ pub struct Watch {
     pub lowest_stack: u32,
     /// Cycles of the sampling task by the address of the instruction, if asked for.
     pub profile: Option<BTreeMap<u32, u64>>,
+    /// The longest run of the sampling task, address and cycles of each instruction; with the profile.
+    pub longest: Vec<(u32, u64)>,
+    run: Vec<(u32, u64)>,
     /// Instructions of the sampling task whose cycles are to be told apart.
     pub marks: BTreeSet<u32>,
     /// The cycles of those, by run of the sampling task.
@@ -172,6 +175,7 @@ impl Watch {
             && let Some(profile) = &mut self.profile
         {
             *profile.entry(step.pc).or_default() += step.cycles;
+            self.run.push((step.pc, step.cycles));
         }
         if step.exception == SAMPLE && self.marks.contains(&step.pc) {
             self.in_marks += step.cycles;
@@ -192,6 +196,12 @@ impl Watch {
             while let Some(&(number, spent)) = self.nested.last() {
                 if number == step.exception || still_active(number) {
                     break;
+                }
+                if number == SAMPLE && self.profile.is_some() {
+                    let run = std::mem::take(&mut self.run);
+                    if self.tasks.get(&SAMPLE).is_none_or(|task| task.most < spent) {
+                        self.longest = run;
+                    }
                 }
                 self.tasks.entry(number).or_default().add(spent);
                 if number == SAMPLE && !self.marks.is_empty() {
