@@ -94,10 +94,8 @@ impl Biquad {
         let carried = i64::from(r1 + (self.second & (r1 - r2)));
         let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
         let total = sum.into_bits() + carried;
-        #[expect(clippy::cast_possible_truncation, reason = "the upper half is meant")]
         let upper = (total >> 32) as i32;
         state.x = [x0, x1];
-        #[expect(clippy::cast_possible_truncation, reason = "30 bits are left")]
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
         // Nearly always no saturation is near, and one comparison says so.
