@@ -2,7 +2,7 @@
 // would.
 import { Module } from "./module.js";
 
-const TICK = 33; // ms between two pictures
+const TICK = 30; // ms between two pictures
 const PIECE = 8; // ms of work between two looks at what the page says
 const BEHIND = 40; // ms that it catches up; more is given up
 const MEASURED = 500; // ms over which its speed is measured
