@@ -11,7 +11,7 @@ SCENE = zwidth.Scene.load("paper-1um").replace({"wall_hit.settle_s": 0.6, "wall_
 
 
 #: Those that know more than the position: a trace does not say what they knew.
-TOLD = {"observer", "observer-force", "time-stamps", "fusion"}
+TOLD = {"observer", "observer-force", "observer-position", "time-stamps", "fusion", "fusion-position"}
 
 
 def made(name: str, scene: zwidth.Scene) -> zwidth.Estimator:
