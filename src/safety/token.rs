@@ -32,9 +32,7 @@ impl Token {
         let differs = self.0 ^ last.0;
         differs != 0 && differs == differs.rotate_right(16)
     }
-}
 
-impl Token {
     /// With the other complement: it asks for nothing, and no request is equal to it. Turned twice it is the number again.
     #[must_use]
     #[inline(always)]

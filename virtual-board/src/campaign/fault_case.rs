@@ -415,7 +415,8 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     count.ok_or_else(|| Failed::Refused(format!("no position in: {status}")))
 }
 
-/// Where `sample` has the position: in the encoder and in the report of the last output. Found with the handle held for a while.
+/// Where `sample` has the position: in the encoder and in the report of the last output. Found with the handle held for
+/// a while.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();

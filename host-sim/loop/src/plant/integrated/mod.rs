@@ -171,13 +171,15 @@ impl<const N: usize> IntegratedStep<N> {
         left_s: f64,
         length_s: Option<f64>,
     ) -> (f64, [f64; N]) {
-        if let Integrator::DormandPrince { relative_tolerance, .. } = self.integrator {
-            return self.adaptive(field, state, left_s, relative_tolerance);
-        }
+        let steps = match self.integrator {
+            Integrator::SemiImplicitEuler { steps_per_sample }
+            | Integrator::Rk4 { steps_per_sample } => steps_per_sample,
+            Integrator::DormandPrince { relative_tolerance, .. } => {
+                return self.adaptive(field, state, left_s, relative_tolerance);
+            }
+        };
         state.steps += 1;
-        let h = length_s.unwrap_or_else(|| {
-            even_step(&self.integrator, self.sample_s, left_s).unwrap_or(left_s)
-        });
+        let h = length_s.unwrap_or_else(|| even_step(steps, self.sample_s, left_s));
         (h, self.integrator.step(field, &state.z, h))
     }
 
@@ -355,27 +357,27 @@ impl<const N: usize> IntegratedStep<N> {
     }
 }
 
-/// Length of the next step of a method with even ones, where that much is left of a piece.
-fn even_step(integrator: &Integrator, sample_s: f64, left_s: f64) -> Option<f64> {
-    let (Integrator::SemiImplicitEuler { steps_per_sample } | Integrator::Rk4 { steps_per_sample }) =
-        *integrator
-    else {
-        return None;
-    };
+/// Length of the next of so many even steps a sample, where that much is left of a piece.
+fn even_step(steps_per_sample: u32, sample_s: f64, left_s: f64) -> f64 {
     let steps = left_s * f64::from(steps_per_sample) / sample_s;
-    Some(left_s / libm::ceil(steps - 1e-9).max(1.0))
+    left_s / libm::ceil(steps - 1e-9).max(1.0)
 }
 
 /// Lengths of all of a sample: worked out once, because a division takes longer than a step.
 fn even_steps(integrator: &Integrator, sample_s: f64) -> Arc<[f64]> {
+    let (Integrator::SemiImplicitEuler { steps_per_sample } | Integrator::Rk4 { steps_per_sample }) =
+        *integrator
+    else {
+        return [].into();
+    };
     let mut left_s = sample_s;
-    core::iter::from_fn(|| {
-        let more = left_s > NO_TIME * sample_s;
-        let h = more.then(|| even_step(integrator, sample_s, left_s))??;
+    let mut lengths_s = vec![];
+    while left_s > NO_TIME * sample_s {
+        let h = even_step(steps_per_sample, sample_s, left_s);
+        lengths_s.push(h);
         left_s -= h;
-        Some(h)
-    })
-    .collect()
+    }
+    lengths_s.into()
 }
 
 impl<const N: usize> Plant for IntegratedStep<N> {
