@@ -39,6 +39,15 @@ MINUTES = {
 }
 
 
+def whole(block):
+    """A command that goes on in the next line stands whole in its first, so that line numbers stay."""
+    lines = list(block)
+    for n in range(len(lines) - 2, -1, -1):
+        if lines[n].endswith("\\"):
+            lines[n : n + 2] = [f"{lines[n][:-1].rstrip()} {lines[n + 1].strip()}", ""]
+    return lines
+
+
 def shown(text):
     """Line, kind and command of all that the page shows."""
     kind, last = None, None
@@ -49,7 +58,7 @@ def shown(text):
                 kind, block, start = fence[1] or "text", [], n + 1
             else:
                 if kind == "sh":
-                    for m, command in enumerate(block):
+                    for m, command in enumerate(whole(block)):
                         if command and not command.startswith("#"):
                             yield start + m, "block", re.sub(r"\s{2,}#.*", "", command)
                 elif last:
