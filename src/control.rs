@@ -70,6 +70,9 @@ pub struct Drive {
     pub saturated: bool,
 }
 
+/// Samples that [`Sampler::sense_all`] takes.
+pub const RUN: usize = 16;
+
 /// The half that runs for every sample, and its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler {
@@ -127,7 +130,45 @@ impl Sampler {
         let position = self.encoder.track(counter);
         let moved = position.wrapping_since(before);
         let velocity = control.estimator.follow(&mut self.velocity, moved, senses);
-        let number = self.sample;
+        self.say(control, self.sample, position, velocity)
+    }
+
+    /// [`sense`](Self::sense) for the first [`RUN`] readings, as signed, of which at most the last has an output: for
+    /// simulators, which have several at once. The estimator is told apart once, not for each of them. `senses` is empty
+    /// where there are none. Says the velocities, and what `sense` says to the last reading; none without one.
+    #[inline]
+    pub fn sense_all(
+        &mut self,
+        control: &LoopParameters,
+        counters: &[i32],
+        senses: &[Senses],
+        velocities: &mut [Velocity; RUN],
+    ) -> Option<Sampled> {
+        let mut moved = [0; RUN];
+        let mut encoder = self.encoder; // a copy, so that it can live in registers
+        for (moved, counter) in moved.iter_mut().zip(counters) {
+            let before = encoder.position();
+            *moved = encoder.track(counter.cast_unsigned()).wrapping_since(before);
+        }
+        self.encoder = encoder;
+        let samples = counters.len().min(RUN);
+        let velocities = velocities.get_mut(..samples)?;
+        let velocity =
+            control.estimator.follow_all(&mut self.velocity, &moved, senses, velocities)?;
+        #[expect(clippy::cast_possible_truncation, reason = "at most RUN")]
+        let before = samples as u32 - 1;
+        Some(self.say(control, self.sample.wrapping_add(before), encoder.position(), velocity))
+    }
+
+    /// What it says to the sample of that number.
+    #[inline(always)]
+    fn say(
+        &mut self,
+        control: &LoopParameters,
+        number: u32,
+        position: Position,
+        velocity: Velocity,
+    ) -> Sampled {
         self.sample = number.wrapping_add(1);
         let sample = near(self.due, number);
         let due = number.wrapping_sub(low(self.due)).cast_signed() >= 0;

@@ -72,7 +72,7 @@ pub mod velocity;
 pub mod wall;
 
 pub use actuator::Output;
-pub use control::{Drive, LoopParameters, Motion, Sampled, Sampler};
+pub use control::{Drive, LoopParameters, Motion, RUN, Sampled, Sampler};
 pub use design::Design;
 pub use encoder::CounterWidth;
 pub use experiment::HitSettings;

@@ -1,6 +1,6 @@
 //! Throughput of every estimator that has lanes, on one core and for each backend that this machine has, beside a plain
 //! scalar `f64` loop of the same maths; written as docs/data/batch-estimators.csv. Rounds of all of them are interleaved, and the best round of each counts: other
-//! work on the machine only ever slows a round down.
+//! work on the machine only ever slows a round down. `-- --core` measures the scalar loop alone, and of all estimators.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -247,10 +247,11 @@ fn main() {
     if std::env::args().any(|argument| argument == "--test") {
         return; // `cargo test --benches` only wants to know that it starts
     }
+    let scalar = std::env::args().any(|argument| argument == "--core");
     let only: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.sweep.cutoffs_hz = vec![1500.0]; // every estimator takes it
-    let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());
+    let available = Backend::ALL.into_iter().filter(|backend| backend.is_available() && !scalar);
     let engines: Vec<Engine> = available.map(Engine::Lanes).chain([Engine::Core]).collect();
     let of = |engine: &Engine| match engine {
         Engine::Core => engine.name(),
@@ -262,12 +263,15 @@ fn main() {
     for &name in EstimatorName::ALL {
         let settings = name.defaults();
         let chosen = only.is_empty() || only.iter().any(|only| only == name.text());
-        if name.sense().is_some() || !chosen {
+        if !chosen {
             continue;
         }
         let scene = Scene { velocity: settings.into(), ..scene.clone() };
+        if scene.check().is_err() {
+            continue; // a sense that the scene has not
+        }
         let prepared = PreparedScene::new(&scene).unwrap();
-        if !host_sim::engine::lanes_for(&prepared, Numeric::Fixed) {
+        if !scalar && !host_sim::engine::lanes_for(&prepared, Numeric::Fixed) {
             continue;
         }
         let mut speeds = vec![vec![]; engines.len()];

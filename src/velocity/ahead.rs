@@ -50,7 +50,7 @@ impl Form for Ahead {
         self.filter.at(velocity)
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut BiquadState, difference: i32, senses: &Senses) -> Velocity {
         self.filter.step(state, difference, senses)
     }

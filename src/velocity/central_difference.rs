@@ -26,7 +26,7 @@ impl Form for CentralDifference {
         velocity
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, last: &mut Velocity, difference: i32, _: &Senses) -> Velocity {
         let now = Velocity::saturating_from_counts(difference);
         let half = (now.bits() >> 1) + (last.bits() >> 1); // exact: both are whole counts

@@ -73,7 +73,7 @@ impl Form for DualRate {
         DualRateState { samples, counts, held: velocity }
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut DualRateState, difference: i32, _: &Senses) -> Velocity {
         state.samples += 1;
         state.counts += difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);

@@ -50,7 +50,7 @@ impl Form for Fir {
     /// Its error against the exact weighted sum is at most half an LSB and 2^-31 of the sum of the
     /// magnitudes of the differences, each with its weight's rounding error, the largest weight's with
     /// that of all; at constant speed it is exact.
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
         let mut sum = 1i64 << (FRACTION_BITS - Velocity::FRACTION_BITS - 1);

@@ -198,7 +198,7 @@ impl Form for Foaw {
     }
 
     /// The slope, rounded to the nearest LSB.
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
         if self.best {
@@ -249,7 +249,7 @@ impl Form for FoawPosition {
         Some(FoawPositionState { history, offset: self.0.line::<true>(&history).offset() })
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut FoawPositionState, difference: i32, _: &Senses) -> Velocity {
         state.history.push(difference);
         let line = self.0.line::<true>(&state.history);

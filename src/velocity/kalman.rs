@@ -176,7 +176,7 @@ impl Form for Kalman {
         KalmanState { velocity: i64::from(velocity.bits()) << DROPPED_BITS, ..Self::REST }
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut KalmanState, difference: i32, _: &Senses) -> Velocity {
         let moved = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]

@@ -137,7 +137,7 @@ impl Form for Levant {
         LevantState { ahead: bits, velocity: bits }
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut LevantState, difference: i32, _: &Senses) -> Velocity {
         let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
         let moved = moved << FRACTION_BITS;

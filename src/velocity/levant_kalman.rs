@@ -37,7 +37,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Levant, LevantDesign, Senses, Word, kept::kept, levant::LevantState};
+use super::{Form, Levant, LevantDesign, Senses, Word, called, kept::kept, levant::LevantState};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
@@ -192,9 +192,9 @@ impl Form for LevantKalman {
         }
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut LevantKalmanState, difference: i32, senses: &Senses) -> Velocity {
-        let measured = self.levant.step(&mut state.levant, difference, senses);
+        let measured = called(&self.levant, &mut state.levant, difference, senses);
         let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
         let ahead = state.distance + state.velocity - (moved << FRACTION_BITS);
         let predicted = ahead.clamped(DISTANCE_MAX);

@@ -113,6 +113,48 @@ trait Form {
     }
 }
 
+/// [`Form::step`], not inlined: so that the state of the usual estimator stays in registers.
+#[inline(never)]
+fn called<F: Form>(form: &F, state: &mut F::State, difference: i32, senses: &Senses) -> Velocity {
+    form.step(state, difference, senses)
+}
+
+/// [`Form::step`] for several samples. `senses` is empty where there are none.
+#[inline]
+fn steps<F: Form>(
+    form: &F,
+    state: &mut F::State,
+    moved: &[i32],
+    senses: &[Senses],
+    velocities: &mut [Velocity],
+) {
+    /// A few words: a copy of them can live in registers.
+    const FEW: usize = 64;
+    let mut each = |state: &mut F::State| {
+        let step = |state: &mut F::State, place: usize, moved: i32| {
+            form.step(state, moved, senses.get(place).unwrap_or(&Senses::NONE))
+        };
+        let (pairs, rest) = velocities.as_chunks_mut::<2>();
+        let (moved_pairs, _) = moved.as_chunks::<2>();
+        // two at a time: what one leaves where the next one has it need not be moved about
+        for (pair, ([one, two], moved)) in pairs.iter_mut().zip(moved_pairs).enumerate() {
+            *one = step(state, 2 * pair, moved[0]);
+            *two = step(state, 2 * pair + 1, moved[1]);
+        }
+        let place = 2 * pairs.len();
+        if let ([last], Some(moved)) = (rest, moved.get(place)) {
+            *last = step(state, place, *moved);
+        }
+    };
+    if size_of::<F::State>() > FEW {
+        each(state);
+    } else {
+        let mut copy = *state;
+        each(&mut copy);
+        *state = copy;
+    }
+}
+
 impl Estimator {
     /// The velocity at this sample, in counts per sample.
     ///
@@ -234,6 +276,24 @@ impl Tuned {
     #[inline(always)]
     pub(crate) fn offset_after(&self, running: &Running) -> Offset {
         self.estimator.offset_of(&running.memory)
+    }
+
+    /// [`follow`](Self::follow) for as many samples as there are velocities, after moves by so many counts; says the last
+    /// velocity.
+    #[inline]
+    pub(crate) fn follow_all(
+        &self,
+        running: &mut Running,
+        moved: &[i32],
+        senses: &[Senses],
+        velocities: &mut [Velocity],
+    ) -> Option<Velocity> {
+        if self.tuning != running.tuning && !velocities.is_empty() {
+            self.estimator.take_over(self.tuning, running);
+        }
+        self.estimator.step_all(&mut running.memory, moved, senses, velocities);
+        running.velocity = *velocities.last()?;
+        Some(running.velocity)
     }
 }
 

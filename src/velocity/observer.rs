@@ -93,7 +93,7 @@ impl Form for Observer {
         ObserverState { velocity, ..Self::REST }
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
         self.sample(state, difference, self.per_force.apply(senses.force.bits()))
     }
@@ -107,7 +107,7 @@ impl Form for Fusion {
         self.0.at(velocity)
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
         const SHIFT: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
         self.0.sample(state, difference, i64::from(senses.acceleration.bits()) << SHIFT)

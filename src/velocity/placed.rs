@@ -19,7 +19,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, VelocitySettings, kept::Bytes};
+use super::{Form, Senses, VelocitySettings, called, kept::Bytes};
 use crate::units::{Offset, Velocity};
 
 /// What an estimator that estimates the position says of it.
@@ -42,7 +42,7 @@ impl<F: Places> Form for Placed<F> {
     }
 
     fn step(&self, state: &mut F::State, difference: i32, senses: &Senses) -> Velocity {
-        self.0.step(state, difference, senses)
+        called(&self.0, state, difference, senses)
     }
 
     fn put(&self, state: &F::State, bytes: &mut Bytes<'_>) {

@@ -3,9 +3,9 @@
 /// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
 /// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
 ///
-/// `if` the build has them; the path says how likely an estimator of the group is to the compiler.
+/// `if` the build has them; the paths say how likely an estimator of the group is to the compiler, and how it is called.
 macro_rules! estimators {
-    ($(if $on:meta, $likely:path {
+    ($(if $on:meta, $likely:path, $step:path {
         forms { $(
             $(#[$form_doc:meta])*
             $form:ident($integer:ty) $(keeps $own:ident)? $(shares $shared:ident)?;
@@ -146,7 +146,23 @@ macro_rules! estimators {
                 match self {
                     $($(#[cfg($on)] Self::$form(form) => {
                         $likely();
-                        form.step(&mut memory.$($own)? $($shared)?, difference, senses)
+                        $step(form, &mut memory.$($own)? $($shared)?, difference, senses)
+                    })*)*
+                }
+            }
+
+            /// [`step`](Self::step) for several samples.
+            #[inline]
+            pub(super) fn step_all(
+                &self,
+                memory: &mut Memory,
+                moved: &[i32],
+                senses: &[Senses],
+                velocities: &mut [Velocity],
+            ) {
+                match self {
+                    $($(#[cfg($on)] Self::$form(form) => {
+                        steps(form, &mut memory.$($own)? $($shared)?, moved, senses, velocities);
                     })*)*
                 }
             }

@@ -15,7 +15,7 @@ use crate::{
 const fn usual() {}
 
 estimators! {
-    if all(), usual {
+    if all(), usual, Form::step {
         forms {
             /// Finite difference and low-pass.
             LowPass(Biquad) keeps filter;
@@ -43,7 +43,7 @@ estimators! {
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, true)?);
         }
     }
-    if all(), core::hint::cold_path {
+    if all(), core::hint::cold_path, Form::step {
         forms {
             /// Finite difference.
             Difference(Difference) keeps nothing;
@@ -53,7 +53,7 @@ estimators! {
             Difference = 3, "difference" {} => |_| Difference(Difference);
         }
     }
-    if feature = "estimators", core::hint::cold_path {
+    if feature = "estimators", core::hint::cold_path, called {
         forms {
             /// Weighted sum of the last differences.
             Fir(Fir) keeps history;
@@ -95,7 +95,7 @@ estimators! {
             );
         }
     }
-    if feature = "time-stamps", core::hint::cold_path {
+    if feature = "time-stamps", core::hint::cold_path, called {
         forms {
             /// Counts between two edges over the time between them.
             TimeStamps(TimeStamps) keeps time_stamps;
@@ -108,7 +108,7 @@ estimators! {
             } needs Edge => |_| TimeStamps(TimeStamps::new(span_samples)?);
         }
     }
-    if feature = "estimators", core::hint::cold_path {
+    if feature = "estimators", core::hint::cold_path, called {
         forms {
             /// Observer that knows the acceleration.
             Fusion(Fusion) shares observer;

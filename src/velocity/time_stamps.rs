@@ -126,7 +126,7 @@ impl Form for TimeStamps {
         TimeStampsState::at_velocity(velocity, self)
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut TimeStampsState, difference: i32, senses: &Senses) -> Velocity {
         state.now = state.now.wrapping_add(Edge::SAMPLE);
         state.count = state.count.wrapping_add(difference);

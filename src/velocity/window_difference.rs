@@ -76,7 +76,7 @@ impl Form for WindowDifference {
         Some(WindowState { ring, sum: (0..self.window).map(|age| ring.back(age)).sum() })
     }
 
-    #[inline(never)] // so that the state of the usual estimator stays in registers
+    #[inline]
     fn step(&self, state: &mut WindowState, difference: i32, _: &Senses) -> Velocity {
         let leaves = state.ring.back(self.window.wrapping_sub(1));
         state.ring.push(difference);

@@ -94,11 +94,14 @@ pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
                 Outcome { measures: measures(prepared, &report), ..Outcome::of(report.verdict) }
             }
         }),
-        Depth::Whole => prepared.report(numeric, hit).map(|report| Outcome {
-            verdict: report.verdict,
-            rms_m: Some(report.rms_m),
-            measures: measures(prepared, &report),
-        }),
+        Depth::Whole => match prepared.rms(numeric, hit)? {
+            Some((verdict, rms_m)) => Ok(Outcome { verdict, rms_m: Some(rms_m), measures: None }),
+            None => prepared.report(numeric, hit).map(|report| Outcome {
+                verdict: report.verdict,
+                rms_m: Some(report.rms_m),
+                measures: measures(prepared, &report),
+            }),
+        },
     }
 }
 

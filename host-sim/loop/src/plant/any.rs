@@ -4,7 +4,10 @@
 
 use std::{fmt::Debug, sync::Arc};
 
-use super::{AnyState, AugmentedStep, IntegratedStep, Moment, Plant, PlantStep, Sensed, Sensing};
+use super::{
+    AnyState, AugmentedStep, Course, IntegratedStep, Moment, Places, Plant, PlantStep, Sensed,
+    Sensing, Span,
+};
 use crate::{
     numerics::integrator::Integrator,
     scene::{
@@ -68,6 +71,14 @@ pub trait OtherPlant: Debug + Send + Sync {
     fn any_advance(&self, state: &AnyState, force_n: f64) -> AnyState;
     /// [`Plant::advance_split`].
     fn any_advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState;
+    /// [`Plant::run`].
+    fn any_run(
+        &self,
+        state: &AnyState,
+        span: &Span,
+        places: &mut Places<'_>,
+        course: &mut Course,
+    ) -> AnyState;
     /// [`Plant::steps`].
     fn any_steps(&self, state: &AnyState) -> u64;
 }
@@ -103,6 +114,16 @@ impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
 
     fn any_advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState {
         P::pack(&self.advance_split(&P::unpack(state), before_n, after_n))
+    }
+
+    fn any_run(
+        &self,
+        state: &AnyState,
+        span: &Span,
+        places: &mut Places<'_>,
+        course: &mut Course,
+    ) -> AnyState {
+        P::pack(&self.run(P::unpack(state), span, places, course))
     }
 
     fn any_steps(&self, state: &AnyState) -> u64 {
@@ -230,6 +251,16 @@ impl Plant for AnyPlant {
 
     fn advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState {
         self.table().any_advance_split(state, before_n, after_n)
+    }
+
+    fn run(
+        &self,
+        state: AnyState,
+        span: &Span,
+        places: &mut Places<'_>,
+        course: &mut Course,
+    ) -> AnyState {
+        self.table().any_run(&state, span, places, course)
     }
 
     fn steps(&self, state: &AnyState) -> u64 {

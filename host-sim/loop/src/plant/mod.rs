@@ -10,12 +10,15 @@
 
 mod any;
 mod augmented;
+mod course;
 mod integrated;
+pub mod quantiser;
 mod sensed;
 
 pub use any::each_plant;
 pub use any::{AnyPlant, OtherPlant};
 pub use augmented::{AugmentedStep, ChainState};
+pub use course::{Course, Places, RUN, Span};
 pub use integrated::{HybridState, IntegratedStep, Regime};
 pub use sensed::{Sensed, SensedState, Sensing};
 
@@ -70,6 +73,17 @@ pub trait Plant: Clone {
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
     /// The state one sample later, with `before_n` commanded until the split and `after_n` from it on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
+    /// Moves over a run of samples, read by the encoder.
+    #[inline(always)]
+    fn run(
+        &self,
+        state: Self::State,
+        span: &Span,
+        places: &mut Places<'_>,
+        course: &mut Course,
+    ) -> Self::State {
+        course.run(self, state, span, places)
+    }
     /// Steps of its integrator that were tried since it was at rest; 0 if it has none.
     fn steps(&self, _state: &Self::State) -> u64 {
         0

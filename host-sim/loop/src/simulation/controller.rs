@@ -7,6 +7,7 @@ use zwidth::{
 };
 
 use super::quantiser::floor;
+use crate::plant::RUN;
 
 /// What a controller did at an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,8 +22,43 @@ pub struct ControllerOutput {
     pub withheld: f64,
 }
 
+/// What the samples of a run read.
+#[derive(Clone, Copy, Debug)]
+pub struct Readings<'a> {
+    /// Counts.
+    pub counts: &'a [i32],
+    /// What is sensed beside them; empty where nothing is.
+    pub senses: &'a [Senses],
+    /// True speeds, m/s, for a controller that [is told](Controller::IS_TOLD) them.
+    pub speeds_m_per_s: &'a [f64],
+}
+
+impl<'a> Readings<'a> {
+    /// Counts and senses of each sample.
+    #[inline]
+    pub fn each(&self) -> impl Iterator<Item = (i32, &'a Senses)> + use<'a> {
+        let senses = self.senses;
+        let sensed = move |place: usize| senses.get(place).unwrap_or(&Senses::NONE);
+        self.counts.iter().enumerate().map(move |(place, count)| (*count, sensed(place)))
+    }
+}
+
 /// A controller in the loop: counts in, force out.
 pub trait Controller {
+    /// Takes the samples of a run, at most the last of which has an output; says the velocities if they are asked for.
+    fn samples(&mut self, readings: Readings<'_>, mut velocities: Option<&mut [f64; RUN]>) {
+        for (place, (count, senses)) in readings.each().enumerate() {
+            self.sample(count, senses);
+            if Self::IS_TOLD
+                && let Some(speed_m_per_s) = readings.speeds_m_per_s.get(place)
+            {
+                self.told(*speed_m_per_s);
+            }
+            if let Some(velocity) = velocities.as_mut().and_then(|all| all.get_mut(place)) {
+                *velocity = self.velocity();
+            }
+        }
+    }
     /// Takes one sample, with what is sensed beside the count; `true` if an output is due with it.
     fn sample(&mut self, count: i32, senses: &Senses) -> bool;
     /// The output that is due with the last sample.
@@ -153,6 +189,11 @@ impl Fixed {
     }
 }
 
+#[inline]
+fn counts_per_sample(velocity: Velocity) -> f64 {
+    f64::from(velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
+}
+
 impl Replaceable for Fixed {
     fn push(&self) -> f64 {
         f64::from(self.push.bits()) * self.per_force_bit
@@ -166,6 +207,21 @@ impl Replaceable for Fixed {
 }
 
 impl Controller for Fixed {
+    #[inline(never)] // one for all plants
+    fn samples(&mut self, readings: Readings<'_>, velocities: Option<&mut [f64; RUN]>) {
+        let Readings { counts, senses, .. } = readings;
+        let mut taken = [Velocity::ZERO; RUN];
+        let sampled = self.sampler.sense_all(&self.control, counts, senses, &mut taken);
+        if let Some(sampled) = sampled {
+            self.motion = sampled.motion;
+        }
+        if let Some(velocities) = velocities {
+            for (velocity, taken) in velocities.iter_mut().zip(taken) {
+                *velocity = counts_per_sample(taken);
+            }
+        }
+    }
+
     #[inline]
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
         let sampled = self.sampler.sense(&self.control, count.cast_unsigned(), senses);
@@ -187,7 +243,7 @@ impl Controller for Fixed {
 
     #[inline]
     fn velocity(&self) -> f64 {
-        f64::from(self.motion.velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
+        counts_per_sample(self.motion.velocity)
     }
 
     fn surface(&self) -> i32 {

@@ -1,12 +1,12 @@
 //! The sampled loop: plant, encoder, controller, latency, in the order that the design fixes.
 
+mod block;
 pub mod controller;
 pub mod edge;
 mod hit;
 pub mod passive;
 pub mod port;
 pub mod prepared;
-pub mod quantiser;
 pub mod senses;
 pub mod trace;
 pub mod twin;
@@ -14,8 +14,13 @@ pub mod window;
 
 use std::ops::ControlFlow;
 
+use block::Run;
+pub use block::{Block, Output};
+
+pub use crate::plant::quantiser;
+
 use crate::{
-    plant::{AnyPlant, Moment, Plant},
+    plant::{AnyPlant, Plant, RUN, Span},
     simulation::{
         controller::{Controller, ControllerOutput},
         quantiser::Quantiser,
@@ -62,16 +67,18 @@ pub struct Simulation<C, S = AnySensing, P: Plant = AnyPlant> {
     moving: Moving<C, S, P::State>,
     /// A ring with room for all commands that can be on their way to the actuator at once, N.
     forces_n: Box<[f64]>,
+    block: Box<Block>,
 }
 
-/// What a step changes. Small and `Copy`: [`Simulation::run`] works on a copy, which the compiler
-/// can keep in registers from step to step; in memory the loop takes twice the time.
+/// What a run changes.
 #[derive(Clone, Copy, Debug)]
 struct Moving<C, S, X> {
     controller: C,
     sensing: S,
     state: X,
     index: u64,
+    /// Samples until the next output; 0 means with the next sample. As the controller counts them.
+    until_due: u32,
     output_n: f64,
     on_the_way: Latency,
 }
@@ -96,22 +103,17 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
-    /// The command that acts at the end of the sample `index`, as far as it is known before that sample is
-    /// taken: one of this very sample is not.
+    /// How many samples after `index` the next command takes effect, if within a run, and that command, as far as
+    /// it is known before that sample is taken: one of this very sample is not.
     #[inline]
-    fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> f64 {
-        if index != self.effective {
-            return acting_n;
-        }
-        forces_n.get(self.read).copied().unwrap_or(acting_n)
+    fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> (usize, f64) {
+        let samples = usize::try_from(self.effective - index).unwrap_or(usize::MAX);
+        (samples, forces_n.get(self.read).copied().unwrap_or(acting_n))
     }
 
-    /// The command that takes effect within the sample `index`, if one does.
+    /// That command takes effect.
     #[inline]
-    fn arriving(&mut self, forces_n: &[f64], index: u64) -> Option<f64> {
-        if index != self.effective {
-            return None;
-        }
+    fn arrived(&mut self, forces_n: &[f64]) -> Option<f64> {
         self.effective += self.period;
         let arriving = forces_n.get(self.read).copied();
         self.read = following(self.read, forces_n);
@@ -132,50 +134,75 @@ impl<P> Parts<P> {
     }
 }
 
-impl<C: Controller + Copy, S: Sensing, X: Copy> Moving<C, S, X> {
-    /// Sample `n` at `t = n T`, and the motion up to `(n + 1) T`.
-    #[inline(always)] // called, it would keep the state in memory
-    fn step<P: Plant<State = X>>(&mut self, parts: &Parts<P>, forces_n: &mut [f64]) -> Sample {
-        let index = self.index;
-        let position_m = parts.plant.position_m(&self.state);
-        // 1. the encoder
-        let (before_n, after_n) =
-            (self.output_n, self.on_the_way.next(forces_n, index, self.output_n));
-        let moment = Moment { index, before_n, after_n };
-        let count = parts.encoder.count(parts.plant.reading_m(&self.state, &moment));
-        // 2. the velocity
-        let due = self.controller.sample(count, self.sensing.senses());
-        if C::IS_TOLD {
-            self.controller.told(parts.plant.speed_m_per_s(&self.state));
+impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
+    /// The next samples, at most so many and none behind an output: sample `n` at `t = n T` with the motion up to
+    /// `(n + 1) T`, the steps in the order that a sample needs them. Returns how many.
+    #[inline(always)]
+    fn run<P: Plant<State = X>>(
+        &mut self,
+        parts: &Parts<P>,
+        forces_n: &mut [f64],
+        (most, watched): (u32, bool),
+        (run, block): (&mut Run, &mut Block),
+    ) -> u32 {
+        let most = most.min(RUN as u32);
+        let due = self.until_due < most;
+        let samples = if due { self.until_due + 1 } else { most };
+        self.until_due = if due { parts.period - 1 } else { self.until_due - samples };
+        let (index, looks) = (self.index, self.sensing.looks());
+        // 4. and 5. the plant up to the last sample, with a command that takes effect before it, and 1. the encoder
+        run.samples = samples as usize;
+        let (arrival, arriving_n) = self.on_the_way.next(forces_n, index, self.output_n);
+        let span = Span {
+            index,
+            samples: run.samples,
+            watched: watched || looks || C::IS_TOLD,
+            acting_n: self.output_n,
+            arrival,
+            arriving_n,
+            encoder: parts.encoder,
+        };
+        if let Some(mut places) = block.places() {
+            self.state = parts.plant.run(self.state, &span, &mut places, &mut run.course);
         }
-        // 3. the wall, with this very sample
-        let rendered = due.then(|| self.controller.render());
-        if let Some(rendered) = rendered {
+        self.index += u64::from(samples);
+        if arrival + 1 < run.samples {
+            self.output_n = arriving_n;
+            self.on_the_way.arrived(forces_n);
+        }
+        // 2. the velocity
+        block.take(run, &mut self.controller, &mut self.sensing, watched);
+        // 3. the wall, with the last sample
+        if due {
+            let rendered = self.controller.render();
             self.sensing.granted(rendered.force);
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
+            block.output(rendered);
         }
-        // 4. a command that takes effect within this sample, and 5. the plant
+        // 4. a command that takes effect within that sample, and 5. the plant
         let state = self.state;
-        match self.on_the_way.arriving(forces_n, index) {
-            None => self.state = parts.plant.advance(&self.state, self.output_n),
-            Some(force_n) => {
-                self.state = parts.plant.advance_split(&self.state, self.output_n, force_n);
-                self.output_n = force_n;
-            }
+        if self.on_the_way.effective + 1 == self.index {
+            let force_n = self.on_the_way.arrived(forces_n).unwrap_or(self.output_n);
+            self.state = parts.plant.advance_split(&state, self.output_n, force_n);
+            self.output_n = force_n;
+        } else {
+            self.state = parts.plant.advance(&state, self.output_n);
         }
-        let handle = |state: &X| Handle {
-            position_m: parts.plant.position_m(state),
-            speed_m_per_s: parts.plant.speed_m_per_s(state),
-        };
-        self.sensing.moved(handle(&state), handle(&self.state));
-        self.index = index + 1;
-        let velocity = self.controller.velocity();
-        let output_n = parts.plant.force_n(&self.state, self.output_n);
-        Sample { index, position_m, count, velocity, rendered, output_n }
+        if looks {
+            let handle = |state: &X| Handle {
+                position_m: parts.plant.position_m(state),
+                speed_m_per_s: parts.plant.speed_m_per_s(state),
+            };
+            self.sensing.moved(handle(&state), handle(&self.state));
+        }
+        if watched {
+            block.end(parts.plant.force_n(&self.state, self.output_n));
+        }
+        samples
     }
 }
 
-impl<C: Controller + Copy, S: Sensing, P: Plant> Simulation<C, S, P> {
+impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
     /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
     /// that the encoder reads there.
     pub fn new(parts: Parts<P>, controller: C, sensing: S, start_m: f64) -> Self {
@@ -186,35 +213,57 @@ impl<C: Controller + Copy, S: Sensing, P: Plant> Simulation<C, S, P> {
             period: parts.period.into(),
         };
         let state = parts.plant.at_rest(start_m);
-        let moving = Moving { controller, sensing, state, index: 0, output_n: 0.0, on_the_way };
+        let (index, until_due, output_n) = (0, 0, 0.0);
+        let moving = Moving { controller, sensing, state, index, until_due, output_n, on_the_way };
         let room = (parts.latency / parts.period + 1) as usize;
-        Self { parts, moving, forces_n: vec![0.0; room].into() }
+        Self { parts, moving, forces_n: vec![0.0; room].into(), block: Block::new().into() }
     }
 
     /// One sample, and the motion up to the next one.
     pub fn step(&mut self) -> Sample {
-        self.moving.step(&self.parts, &mut self.forces_n)
+        self.take(1, true);
+        self.block.sample(0, self.block.outputs().first())
     }
 
     /// Up to `samples` steps; `each` sees every sample and may end the run.
-    #[inline]
     pub fn run<B>(
         &mut self,
         samples: u32,
         mut each: impl FnMut(&Sample) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
-        let parts = self.parts.clone();
-        let mut moving = self.moving;
-        let mut outcome = ControlFlow::Continue(());
         for _ in 0..samples {
-            let sample = moving.step(&parts, &mut self.forces_n);
-            outcome = each(&sample);
-            if outcome.is_break() {
-                break;
-            }
+            each(&self.step())?;
         }
-        self.moving = moving;
-        outcome
+        ControlFlow::Continue(())
+    }
+
+    /// So many samples, block by block; `each` may end the run behind its block. Only the blocks of a run that is
+    /// `watched` can be told [sample by sample](Block::each).
+    #[inline]
+    pub fn blocks<B>(
+        &mut self,
+        samples: u32,
+        watched: bool,
+        mut each: impl FnMut(&Block) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let mut left = samples;
+        while left > 0 {
+            left -= self.take(left, watched);
+            each(&self.block)?;
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// The next block, of so many samples at most; returns how many.
+    #[inline(never)]
+    fn take(&mut self, most: u32, watched: bool) -> u32 {
+        let Self { parts, moving, forces_n, block } = self;
+        let (mut run, mut left) = (Run::NONE, most);
+        block.begin(moving.index);
+        while left > 0 && block.has_room() {
+            left -= moving.run(parts, forces_n, (left, watched), (&mut run, block));
+        }
+        most - left
     }
 
     /// The controller.

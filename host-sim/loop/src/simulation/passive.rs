@@ -13,8 +13,13 @@ pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
 
 /// LSB of force in a fraction of full scale; exact for the core's forces.
 pub(super) fn bits(fraction: f64) -> i64 {
+    let exact = fraction * FULL_SCALE;
     #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]
-    let bits = (fraction * FULL_SCALE).round() as i64;
+    #[expect(clippy::cast_precision_loss, reason = "below 2^53")]
+    let bits = {
+        let towards_zero = exact as i64; // of the core's forces it is exact, and rounding is a call
+        if towards_zero as f64 == exact { towards_zero } else { exact.round() as i64 }
+    };
     bits
 }
 

@@ -1,21 +1,19 @@
 //! The account of the port during a hit: the wall's force, from the sample on in which it acts, and the counts' motion.
 
-use std::collections::VecDeque;
-
 use zwidth::{
     Design,
     port::PortEnergy,
     units::{Force, Position},
 };
 
-use super::{Sample, passive};
+use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 
 /// The account, and what is on its way to the handle.
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
     /// Sample, force of the wall, contact.
-    pending: VecDeque<(u64, i64, bool)>,
+    pending: Vec<(u64, i64, bool)>,
     push: f64,
     /// Whole samples from an output to its force.
     latency: u64,
@@ -46,7 +44,7 @@ impl PortWatch {
     pub fn new(design: &Design, push: Force, latency: u32, surface: i32, count: i32) -> Self {
         Self {
             port: PortEnergy::new(Position::from_counts(count)),
-            pending: VecDeque::new(),
+            pending: vec![],
             push: f64::from(push.bits()) / passive::FULL_SCALE,
             latency: latency.into(),
             surface,
@@ -56,26 +54,47 @@ impl PortWatch {
         }
     }
 
+    /// Takes each block.
+    pub fn block(&mut self, block: &Block) {
+        let (counts, index) = (block.counts(), block.index());
+        for Output { place, rendered } in block.outputs() {
+            let Some(count) = counts.get(*place) else { continue };
+            self.rendered(index + *place as u64, *count, rendered);
+        }
+        let mut acted = 0;
+        for (acts, wall, contact) in &self.pending {
+            let place = usize::try_from(acts - index).unwrap_or(usize::MAX);
+            let Some(count) = counts.get(place) else { break };
+            self.port.acts(*wall, *contact, Position::from_counts(*count));
+            acted += 1;
+        }
+        self.pending.drain(..acted);
+    }
+
     /// Takes each sample.
     #[inline]
     pub fn sample(&mut self, sample: &Sample) {
-        if let Some(rendered) = sample.rendered {
-            let wall = passive::bits(self.push - rendered.force);
-            let contact = sample.count > self.surface;
-            self.pending.push_back((sample.index + self.latency, wall, contact));
-            if contact {
-                let withheld = rendered.withheld;
-                self.outputs[0] += 1;
-                self.outputs[1] += u32::from(withheld != 0.0);
-                self.forces[0] += (self.push - rendered.force + withheld).abs();
-                self.forces[1] += withheld.abs();
-            }
+        if let Some(rendered) = &sample.rendered {
+            self.rendered(sample.index, sample.count, rendered);
         }
-        if let Some(&(index, wall, contact)) = self.pending.front()
+        if let Some(&(index, wall, contact)) = self.pending.first()
             && index == sample.index
         {
-            self.pending.pop_front();
+            self.pending.remove(0);
             self.port.acts(wall, contact, Position::from_counts(sample.count));
+        }
+    }
+
+    fn rendered(&mut self, index: u64, count: i32, rendered: &ControllerOutput) {
+        let wall = passive::bits(self.push - rendered.force);
+        let contact = count > self.surface;
+        self.pending.push((index + self.latency, wall, contact));
+        if contact {
+            let withheld = rendered.withheld;
+            self.outputs[0] += 1;
+            self.outputs[1] += u32::from(withheld != 0.0);
+            self.forces[0] += (self.push - rendered.force + withheld).abs();
+            self.forces[1] += withheld.abs();
         }
     }
 

@@ -25,6 +25,8 @@ pub struct Handle {
 
 /// What senses the motion from sample to sample.
 pub trait Sensing: Copy {
+    /// Whether there is anything to sense.
+    fn looks(&self) -> bool;
     /// What there is to sense at a sample.
     fn senses(&self) -> &Senses;
     /// The controller granted a force, fraction of full scale.
@@ -38,6 +40,11 @@ pub trait Sensing: Copy {
 pub struct Blind;
 
 impl Sensing for Blind {
+    #[inline(always)]
+    fn looks(&self) -> bool {
+        false
+    }
+
     #[inline(always)]
     fn senses(&self) -> &Senses {
         &Senses::NONE
@@ -143,6 +150,11 @@ impl Full {
 }
 
 impl Sensing for Full {
+    #[inline]
+    fn looks(&self) -> bool {
+        true
+    }
+
     #[inline]
     fn senses(&self) -> &Senses {
         &self.senses
@@ -262,6 +274,11 @@ impl AnySensing {
 }
 
 impl Sensing for AnySensing {
+    #[inline]
+    fn looks(&self) -> bool {
+        matches!(self, Self::Full(_))
+    }
+
     #[inline]
     fn senses(&self) -> &Senses {
         match self {

@@ -36,13 +36,18 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Takes one sample: its position, and the output that was computed with it, fraction of full scale.
+    /// Takes the position of one sample.
     #[inline]
-    pub fn sample(&mut self, position_m: f64, output: Option<f64>) {
+    pub fn sample(&mut self, position_m: f64) {
         let away_m = position_m - self.origin_m;
         self.sum_m += away_m;
         self.squares += away_m * away_m;
-        if output.is_some_and(|output| output.abs() >= 1.0) {
+    }
+
+    /// Takes an output, fraction of full scale.
+    #[inline]
+    pub fn output(&mut self, output: f64) {
+        if output.abs() >= 1.0 {
             self.at_limit += 1.0;
         }
     }

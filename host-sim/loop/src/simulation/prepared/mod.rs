@@ -1,6 +1,7 @@
 //! A scene made ready to run wall hits: everything that does not change from hit to hit.
 
 mod run;
+mod watch;
 
 use std::sync::Arc;
 

@@ -2,12 +2,12 @@
 
 use std::ops::ControlFlow;
 
-use zwidth::{
-    experiment::{Hit, Verdict},
-    units::{Position, Velocity},
-};
+use zwidth::experiment::{Hit, Verdict};
 
-use super::PreparedScene;
+use super::{
+    PreparedScene,
+    watch::{Judged, Shown},
+};
 use crate::{
     plant::{AnyPlant, Plant, each_plant},
     simulation::{
@@ -16,7 +16,6 @@ use crate::{
         hit::{HitError, HitReport, Numeric, WallHit},
         passive::Passive,
         senses::{AnySensing, Blind, Sensing},
-        window::Watch,
     },
 };
 
@@ -170,25 +169,51 @@ impl PreparedScene {
         if !self.judge.is_plain() || self.passivity.is_some() {
             return self.rare_hit(hit, controller, None, true).map(judged);
         }
+        self.counted(hit, controller, true).map(|(verdict, _)| verdict)
+    }
+
+    /// Verdict of a whole hit and the RMS of its counts, m, where the judge looks at nothing else: half the cost of a
+    /// [`report`](Self::report). `None` where it does.
+    ///
+    /// # Errors
+    /// As [`verdict`](Self::verdict).
+    pub fn rms(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<(Verdict, f64)>, HitError> {
+        if !self.judge.is_plain() || self.is_told || self.passivity.is_some() {
+            return Ok(None);
+        }
+        let (verdict, whole) = match numeric.twin() {
+            None => self.counted(hit, self.core(hit)?, false)?,
+            Some(rounding) => self.counted(hit, self.twin_of_core(hit, rounding)?, false)?,
+        };
+        Ok(Some((verdict, whole.scatter().rms_counts() * self.design.resolution_m)))
+    }
+
+    /// A hit of which nothing but the counts is looked at.
+    fn counted<C: Controller>(
+        &self,
+        hit: &WallHit,
+        controller: C,
+        early: bool,
+    ) -> Result<(Verdict, Hit), HitError> {
         let start_m = self.start_m(hit);
         match (self.sensing(), &self.parts.plant) {
             (AnySensing::Blind, _) => {}
             (AnySensing::Full(full), AnyPlant::Plain(plant)) => {
                 let parts = self.parts.with(plant);
-                return self.run_to_verdict(Simulation::new(parts, controller, full, start_m));
+                return self.run_counted(Simulation::new(parts, controller, full, start_m), early);
             }
             (AnySensing::Full(full), _) => {
                 let parts = self.parts.clone();
-                return self.run_to_verdict(Simulation::new(parts, controller, full, start_m));
+                return self.run_counted(Simulation::new(parts, controller, full, start_m), early);
             }
         }
         each_plant!(&self.parts.plant, plant => {
             let parts = self.parts.with(plant);
-            self.run_to_verdict(Simulation::new(parts, controller, Blind, start_m))
+            self.run_counted(Simulation::new(parts, controller, Blind, start_m), early)
         })
     }
 
-    fn run_whole<C: Controller + Copy, S: Sensing, P: Plant>(
+    fn run_whole<C: Controller, S: Sensing, P: Plant>(
         &self,
         of: &WallHit,
         mut simulation: Simulation<C, S, P>,
@@ -197,111 +222,80 @@ impl PreparedScene {
     ) -> Result<Option<HitReport>, HitError> {
         let surface = simulation.controller().surface();
         let surface_m = f64::from(surface) * self.design.resolution_m;
-        let (mut hit, settle) = (Hit::new(self.plan), u64::from(self.plan.settle));
-        let (mut watch, mut motion, listens) = (Watch::default(), vec![], self.judge.listens());
-        let (mut outputs, mut saturated) = (0u32, 0u32);
+        let mut judged = Judged::new(self.plan, surface);
+        let mut shown = Shown::new(self.judge.listens(), self.first_count(of));
         let mut port = self.port_watch(of, surface);
-        let (mut peak_penetration_m, mut clipped, mut last) = (0f64, 0u32, self.first_count(of));
-        let (mut ended, mut left) = (ControlFlow::Continue(()), self.samples());
-        while left > 0 && ended.is_continue() {
+        let mut left = self.samples();
+        while left > 0 {
             let samples = left.min(if bounded { EARLY_CHECK_SAMPLES } else { left });
             left -= samples;
-            ended = simulation.run(samples, |sample| {
+            let ended = simulation.blocks(samples, observe.is_some(), |block| {
                 if let Some(observe) = &mut observe {
-                    observe(sample);
+                    block.each().for_each(|sample| observe(&sample));
                 }
                 if !bounded {
-                    port.sample(sample);
+                    port.block(block);
                 }
-                if let Some(rendered) = sample.rendered {
-                    outputs += 1;
-                    saturated += u32::from(rendered.saturated);
-                }
-                peak_penetration_m = peak_penetration_m.max(sample.position_m - surface_m);
-                clipped += u32::from(sample.count.abs_diff(last) > Velocity::LIMIT.unsigned_abs());
-                last = sample.count;
-                if sample.index >= settle {
-                    if sample.index == settle {
-                        watch.origin_m = sample.position_m;
-                    }
-                    watch.sample(sample.position_m, sample.rendered.map(|r| r.output));
-                    if listens {
-                        motion.push(sample.position_m);
-                    }
-                }
-                judge(&mut hit, sample, surface)
+                shown.block(block, judged.settle());
+                judged.block(block)
             });
-            let early = bounded && ended.is_continue();
-            if early && self.judge.certain_verdict(&hit, &watch, self.plan.window).is_some() {
+            if let ControlFlow::Break(error) = ended {
+                return Err(error);
+            }
+            let early = bounded && left > 0;
+            let watch = &shown.watch;
+            if early && self.judge.certain_verdict(&judged.hit(), watch, self.plan.window).is_some()
+            {
                 return Ok(None);
             }
         }
-        verdict(ended, &hit)?;
+        let hit = judged.hit();
         let scatter = hit.scatter();
-        let measures = self.judge.measures(&hit, &watch, || motion);
+        let motion = || std::mem::take(&mut shown.motion);
+        let measures = self.judge.measures(&hit, &shown.watch, motion);
         let verdict = self.judge.verdict(&hit, &measures);
         let report = HitReport {
             verdict,
             rms_m: measures.rms_m,
             mean_m: scatter.mean_counts() * self.design.resolution_m,
-            peak_penetration_m,
-            saturated_fraction: f64::from(saturated) / f64::from(outputs),
+            peak_penetration_m: (shown.deepest_m - surface_m).max(0.0),
+            saturated_fraction: f64::from(shown.saturated) / f64::from(shown.outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
             rms_motion_m: measures.rms_motion_m,
             at_limit_fraction: measures.at_limit_fraction,
             sensation_db: measures.sensation_db,
-            velocity_clipped_fraction: f64::from(clipped) / f64::from(self.samples()),
-            port: port.report(last),
+            velocity_clipped_fraction: f64::from(shown.clipped) / f64::from(self.samples()),
+            port: port.report(shown.last),
         };
         Ok((!bounded || verdict != Verdict::Unstable).then_some(report))
     }
 
-    fn run_to_verdict<C: Controller + Copy, S: Sensing, P: Plant>(
+    /// To its end, or until the verdict is certain.
+    fn run_counted<C: Controller, S: Sensing, P: Plant>(
         &self,
         mut simulation: Simulation<C, S, P>,
-    ) -> Result<Verdict, HitError> {
-        let surface = simulation.controller().surface();
-        let mut hit = Hit::new(self.plan);
+        early: bool,
+    ) -> Result<(Verdict, Hit), HitError> {
+        let mut judged = Judged::new(self.plan, simulation.controller().surface());
         let mut left = self.samples();
         while left > 0 {
-            let samples = left.min(EARLY_CHECK_SAMPLES);
+            let samples = left.min(if early { EARLY_CHECK_SAMPLES } else { left });
             left -= samples;
-            let mut here = hit; // a copy, so that it can live in registers
-            let ended = simulation.run(samples, |sample| judge(&mut here, sample, surface));
-            hit = here;
-            if ended.is_break() {
-                return verdict(ended, &hit);
+            let ended = simulation.blocks(samples, false, |block| judged.block(block));
+            if let ControlFlow::Break(error) = ended {
+                return Err(error);
             }
-            if let Some(certain) = hit.certain_verdict() {
-                return Ok(certain);
+            if left > 0
+                && let Some(certain) = judged.hit().certain_verdict()
+            {
+                return Ok((certain, judged.hit()));
             }
         }
-        verdict(ControlFlow::Continue(()), &hit)
+        Ok((judged.hit().verdict(), judged.hit()))
     }
 }
 
 /// The verdict of a hit that was run until it was certain.
 fn judged(bounded: Option<HitReport>) -> Verdict {
     bounded.map_or(Verdict::Unstable, |report| report.verdict)
-}
-
-/// Feeds one sample to the hit; breaks with its verdict.
-#[inline]
-fn judge(hit: &mut Hit, sample: &Sample, surface: i32) -> ControlFlow<Result<Verdict, HitError>> {
-    let position = Position::from_counts(sample.count);
-    if !position.in_range() {
-        return ControlFlow::Break(Err(HitError::OutOfRange(sample.index)));
-    }
-    match hit.sample(position, sample.count > surface) {
-        Some(verdict) => ControlFlow::Break(Ok(verdict)),
-        None => ControlFlow::Continue(()),
-    }
-}
-
-/// How a run ended. A run of all samples breaks with its last one.
-fn verdict(ended: ControlFlow<Result<Verdict, HitError>>, hit: &Hit) -> Result<Verdict, HitError> {
-    match ended {
-        ControlFlow::Break(verdict) => verdict,
-        ControlFlow::Continue(()) => Ok(hit.verdict()),
-    }
 }

@@ -1,5 +1,5 @@
 //! The encoder's scale: positions to counts. The lanes' text of it is
-//! [`Chunk::count`](crate::engine), which tests hold to this one.
+//! `Chunk::count` of the engine, which tests hold to this one.
 
 use crate::scene::{Encoder, Rounding};
 
