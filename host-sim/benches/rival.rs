@@ -137,15 +137,17 @@ fn main() {
     assert_eq!(run(&exact, &walks), format!("{expected}hits {hits}\n"));
     println!("{number} walks, {hits} hits: the same boundaries");
     let simulator = simulator();
-    let sweep = || {
+    let mut sweeps = 0;
+    let mut sweep = || {
+        sweeps += 1; // a folder of its own for each: the command overwrites none
         let mut sweep = Command::new(&simulator);
-        sweep.args(["sweep", "--repeat", "1", "--out"]).arg(folder.join("sweep"));
+        sweep.args(["sweep", "--repeat", "1", "--out"]).arg(folder.join(format!("sweep{sweeps}")));
         assert!(sweep.stdout(Stdio::null()).stderr(Stdio::null()).status().unwrap().success());
     };
     let mut best = [f64::INFINITY; 3];
     for _ in 0..ROUNDS {
         let c = |program: &Path| timed(|| drop(run(program, &walks)));
-        let round = [c(&exact), c(&fused), timed(sweep)];
+        let round = [c(&exact), c(&fused), timed(&mut sweep)];
         for (best, time_s) in best.iter_mut().zip(round) {
             *best = best.min(time_s);
         }
