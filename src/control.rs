@@ -225,26 +225,81 @@ impl LoopParameters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Design, Output, Settings, VelocitySettings, WallSettings};
+    use crate::{
+        Settings, VelocitySettings, WallSettings, design::tests::DESIGN, units::Acceleration,
+        velocity::EstimatorName,
+    };
+    use proptest::prelude::*;
+    use std::vec::Vec;
 
-    /// As the wall has it: the surface itself is not in contact.
-    #[test]
-    fn contact_begins_one_count_behind_the_surface() {
-        let design = Design {
-            rate_hz: 10_000.0,
-            resolution_m: 1e-6,
-            full_scale_n: 5.906,
-            period: 10,
-            output: Output::Continuous,
-        };
+    /// In force with a wall in the way.
+    fn control(velocity: VelocitySettings) -> LoopParameters {
         let wall = WallSettings {
             position_m: 1e-3,
             stiffness_n_per_m: 2000.0,
             damping_n_s_per_m: 0.0,
             push_only: true,
         };
-        let velocity = VelocitySettings::Difference {};
-        let control = Settings { velocity, wall }.build(&design).unwrap();
+        Settings { velocity, wall }.build(&DESIGN).unwrap()
+    }
+
+    /// Samples that end with an output, and what there is to sense.
+    fn runs() -> impl Strategy<Value = Vec<(usize, [i32; RUN], i32)>> {
+        prop::collection::vec((1..=RUN, prop::array::uniform16(-40..60), any::<i32>()), 1..40)
+    }
+
+    proptest! {
+        /// Whatever runs the readings come in, and whichever estimator takes over between two of them.
+        #[test]
+        fn readings_taken_together_say_what_they_say_one_by_one(
+            runs in runs(), first in 0..EstimatorName::ALL.len(), wide: bool,
+        ) {
+            let width = if wide { CounterWidth::Bits32 } else { CounterWidth::Bits16 };
+            let start = 0x8000 - 100; // both wrap soon
+            let mut singly = Sampler::new(start, width);
+            let mut together = singly;
+            let mut counter = start.cast_signed();
+            let names = &EstimatorName::ALL[first..];
+            let mut in_force = control(names[0].defaults());
+            for (n, (length, moves, sensed)) in runs.into_iter().enumerate() {
+                if n % 8 == 7 {
+                    in_force = control(names[n / 8 % names.len()].defaults()).after(&in_force);
+                }
+                let until = usize::try_from(singly.due.saturating_sub(singly.next())).unwrap();
+                let length = length.min(until + 1);
+                let counters = moves.map(|moved| { counter = counter.wrapping_add(moved); counter });
+                counter = counters[length - 1];
+                let each = core::array::from_fn::<_, RUN, _>(|place| Senses {
+                    force: Force::saturating_from_bits(sensed >> (place % 4)),
+                    acceleration: Acceleration::saturating_from_bits(sensed >> (place % 7)),
+                    ..Senses::NONE
+                });
+                let senses: &[Senses] = if n % 3 == 0 { &[] } else { &each };
+                let mut velocities = [Velocity::ZERO; RUN];
+                let said = together.sense_all(&in_force, &counters[..length], senses, &mut velocities);
+                let mut last = None;
+                for place in 0..length {
+                    let senses = senses.get(place).unwrap_or(&Senses::NONE);
+                    let sampled = singly.sense(&in_force, counters[place].cast_unsigned(), senses);
+                    prop_assert_eq!(velocities[place], sampled.motion.velocity);
+                    last = Some(sampled);
+                }
+                prop_assert_eq!(said, last);
+                prop_assert_eq!(together.next(), singly.next());
+                prop_assert_eq!(together.is_whole(), singly.is_whole());
+            }
+            let nothing = together.sense_all(&in_force, &[], &[], &mut [Velocity::ZERO; RUN]);
+            prop_assert_eq!(nothing, None);
+            let again = control(names[0].defaults()).after(&in_force);
+            let (one, other) = (singly.sample(&again, 0), together.sample(&again, 0));
+            prop_assert_eq!(one, other);
+        }
+    }
+
+    /// As the wall has it: the surface itself is not in contact.
+    #[test]
+    fn contact_begins_one_count_behind_the_surface() {
+        let control = control(VelocitySettings::Difference {});
         for (counts, contact) in [(999, false), (1000, false), (1001, true)] {
             let position = Position::from_counts(counts);
             let motion =
