@@ -1,7 +1,7 @@
-//! Processor time of `cargo sim sweep --repeat 1` of both paper scenes, with its figures and envelope, beside that of a C
-//! program that does the same walks hit by hit (`rival/rival.c`). First both must find the same boundaries, in `f64`.
-//! Needs a C compiler as `cc`. Rounds of all are interleaved, and the best of each counts. Written as
-//! docs/data/batch-rival.csv.
+//! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with its figures and envelope, beside that
+//! of a C program that does the same walks hit by hit (`rival/rival.c`). First both must find the same boundaries, in
+//! `f64`. Without `--plain` the sweep also walks to a limit of 1 um, by motor and by hand: it stands beside them. Needs a
+//! C compiler as `cc`. Rounds of all are interleaved, and the best of each counts. Written as docs/data/batch-rival.csv.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::{
@@ -138,25 +138,28 @@ fn main() {
     println!("{number} walks, {hits} hits: the same boundaries");
     let simulator = simulator();
     let mut sweeps = 0;
-    let mut sweep = || {
+    let mut sweep = |more: &[&str]| {
         sweeps += 1; // a folder of its own for each: the command overwrites none
         let mut sweep = Command::new(&simulator);
-        sweep.args(["sweep", "--repeat", "1", "--out"]).arg(folder.join(format!("sweep{sweeps}")));
+        sweep.args(["sweep", "--repeat", "1"]).args(more);
+        sweep.arg("--out").arg(folder.join(format!("sweep{sweeps}")));
         assert!(sweep.stdout(Stdio::null()).stderr(Stdio::null()).status().unwrap().success());
     };
-    let mut best = [f64::INFINITY; 3];
+    let mut best = [f64::INFINITY; 4];
     for _ in 0..ROUNDS {
         let c = |program: &Path| timed(|| drop(run(program, &walks)));
-        let round = [c(&exact), c(&fused), timed(&mut sweep)];
+        let plain = timed(|| sweep(&["--plain"]));
+        let round = [c(&exact), c(&fused), plain, timed(|| sweep(&[]))];
         for (best, time_s) in best.iter_mut().zip(round) {
             *best = best.min(time_s);
         }
     }
     fs::remove_dir_all(&folder).unwrap();
-    let [exact, fused, ours] = best;
+    let [exact, fused, ours, more] = best;
     println!("program,\"processor time, s\",\"times the sweep\"");
     for (name, time_s) in [
-        ("cargo sim sweep --repeat 1", ours),
+        ("cargo sim sweep --repeat 1 --plain", ours),
+        ("cargo sim sweep --repeat 1, which walks to 1 um too", more),
         ("C, cc -O3 -march=native -ffp-contract=off", exact),
         ("C, cc -O3 -march=native", fused),
     ] {
