@@ -160,7 +160,7 @@ impl Step for Core {
 }
 
 /// A form with its state.
-pub trait Step {
+pub trait Step: Copy {
     /// The number it works on.
     type Signal: Signal;
 
@@ -250,6 +250,11 @@ impl Filter {
         self.visit(Update(input))
     }
 
+    /// The same for one sample after the other: inputs become outputs.
+    pub fn update_all(&mut self, samples: &mut [i32]) {
+        self.visit(UpdateAll(samples));
+    }
+
     /// `samples` samples: `input` gives LSB of the core's velocity, `each` sees counts per sample with all digits that
     /// the format has.
     pub fn run(&mut self, samples: u32, input: impl FnMut(u32) -> i32, each: impl FnMut(u32, f64)) {
@@ -265,6 +270,20 @@ impl Visit for Update {
     #[inline]
     fn visit<F: Step>(self, form: &mut F, fraction: u32) -> i32 {
         form.velocity(self.0, fraction)
+    }
+}
+
+struct UpdateAll<'a>(&'a mut [i32]);
+
+impl Visit for UpdateAll<'_> {
+    type Output = ();
+
+    fn visit<F: Step>(self, form: &mut F, fraction: u32) {
+        let mut copy = *form; // so that it can live in registers
+        for sample in self.0 {
+            *sample = copy.velocity(*sample, fraction);
+        }
+        *form = copy;
     }
 }
 

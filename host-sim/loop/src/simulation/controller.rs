@@ -182,6 +182,18 @@ impl Fixed {
         self.motion
     }
 
+    /// Takes the samples of a run; says the velocities.
+    #[inline(never)] // one for all plants
+    pub fn taken(&mut self, readings: Readings<'_>) -> [Velocity; RUN] {
+        let Readings { counts, senses, .. } = readings;
+        let mut taken = [Velocity::ZERO; RUN];
+        let sampled = self.sampler.sense_all(&self.control, counts, senses, &mut taken);
+        if let Some(sampled) = sampled {
+            self.motion = sampled.motion;
+        }
+        taken
+    }
+
     /// Another velocity for the last sample.
     #[inline]
     pub fn set_velocity(&mut self, velocity: Velocity) {
@@ -189,8 +201,9 @@ impl Fixed {
     }
 }
 
+/// As a number.
 #[inline]
-fn counts_per_sample(velocity: Velocity) -> f64 {
+pub fn counts_per_sample(velocity: Velocity) -> f64 {
     f64::from(velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
 }
 
@@ -207,18 +220,10 @@ impl Replaceable for Fixed {
 }
 
 impl Controller for Fixed {
-    #[inline(never)] // one for all plants
     fn samples(&mut self, readings: Readings<'_>, velocities: Option<&mut [f64; RUN]>) {
-        let Readings { counts, senses, .. } = readings;
-        let mut taken = [Velocity::ZERO; RUN];
-        let sampled = self.sampler.sense_all(&self.control, counts, senses, &mut taken);
-        if let Some(sampled) = sampled {
-            self.motion = sampled.motion;
-        }
+        let taken = self.taken(readings);
         if let Some(velocities) = velocities {
-            for (velocity, taken) in velocities.iter_mut().zip(taken) {
-                *velocity = counts_per_sample(taken);
-            }
+            *velocities = taken.map(counts_per_sample);
         }
     }
 

@@ -48,9 +48,16 @@ pub fn step<const N: usize>(field: &impl Field<N>, z: &[f64; N], h: f64) -> ([f6
     (next, error)
 }
 
+const fn powi5(x: f64) -> f64 {
+    x * x * x * x * x
+}
+
 /// Factor for the length of the next step after an error of that share of the tolerance.
 pub fn change(error: f64) -> f64 {
-    if error == 0.0 {
+    /// So small that the bound is reached: the power takes longer than a stage.
+    const SMALL: f64 = 1e-4;
+    const { assert!(SMALL < powi5(SAFETY / CHANGE.1)) };
+    if error < SMALL {
         return CHANGE.1;
     }
     (SAFETY * libm::pow(error, -0.2)).clamp(CHANGE.0, CHANGE.1)

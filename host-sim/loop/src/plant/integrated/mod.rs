@@ -62,6 +62,26 @@ pub struct HybridState<const N: usize> {
     steps: u64,
 }
 
+/// The plant without non-linear elements under one force.
+struct Linear<'a, const N: usize> {
+    a: &'a [[f64; N]; N],
+    /// What does not depend on the state.
+    constant: [f64; N],
+}
+
+impl<const N: usize> Field<N> for Linear<'_, N> {
+    #[inline(always)]
+    fn rate(&self, z: &[f64; N]) -> [f64; N] {
+        let mut rate = self.constant;
+        for (rate, row) in rate.iter_mut().zip(self.a) {
+            for (entry, value) in row.iter().zip(z) {
+                *rate += entry * value;
+            }
+        }
+        rate
+    }
+}
+
 /// The plant in one regime under one force: smooth.
 struct Smooth<'a, const N: usize> {
     plant: &'a IntegratedStep<N>,
@@ -72,7 +92,7 @@ struct Smooth<'a, const N: usize> {
 impl<const N: usize> Field<N> for Smooth<'_, N> {
     #[inline]
     fn rate(&self, z: &[f64; N]) -> [f64; N] {
-        let mut rate = self.plant.linear(z, self.force_n);
+        let mut rate = self.plant.linear(self.force_n).rate(z);
         let direction = match self.regime.motion {
             Motion::Held => {
                 (rate[0], rate[1]) = (0.0, 0.0);
@@ -135,15 +155,16 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
+    /// Its linear part under that force.
     #[inline]
-    fn linear(&self, z: &[f64; N], force_n: f64) -> [f64; N] {
-        core::array::from_fn(|row| {
-            let mut rate = self.b[row] * force_n + self.hand[row];
-            for (entry, value) in self.a[row].iter().zip(z) {
-                rate += entry * value;
-            }
-            rate
-        })
+    fn linear(&self, force_n: f64) -> Linear<'_, N> {
+        let constant = core::array::from_fn(|row| self.b[row] * force_n + self.hand[row]);
+        Linear { a: &self.a, constant }
+    }
+
+    /// There is nothing beside it.
+    fn is_linear(&self) -> bool {
+        self.friction.is_none() && self.cogging.is_none() && self.travel.is_none()
     }
 
     #[inline]
@@ -163,10 +184,10 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// One step of at most `left_s`, or of that length: its length and where it ends.
-    #[inline]
+    #[inline(always)]
     fn trial(
         &self,
-        field: &Smooth<'_, N>,
+        field: &impl Field<N>,
         state: &mut HybridState<N>,
         left_s: f64,
         length_s: Option<f64>,
@@ -185,7 +206,7 @@ impl<const N: usize> IntegratedStep<N> {
 
     fn adaptive(
         &self,
-        field: &Smooth<'_, N>,
+        field: &impl Field<N>,
         state: &mut HybridState<N>,
         left_s: f64,
         relative: f64,
@@ -292,6 +313,26 @@ impl<const N: usize> IntegratedStep<N> {
         (high, at_high.1)
     }
 
+    /// Lengths of the steps of a piece, as far as they are known before.
+    #[inline]
+    fn lengths_s(&self, duration_s: f64) -> impl Iterator<Item = f64> {
+        let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
+        whole.iter().copied()
+    }
+
+    /// [`piece`](Self::piece) of a linear plant: there are no regimes.
+    #[inline]
+    fn linear_piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
+        let field = self.linear(force_n);
+        let mut left_s = duration_s;
+        let mut lengths_s = self.lengths_s(duration_s);
+        while left_s > NO_TIME * self.sample_s {
+            let (step_s, end) = self.trial(&field, state, left_s, lengths_s.next());
+            state.z = end;
+            left_s -= step_s;
+        }
+    }
+
     /// Moves for `duration_s` under one force.
     fn piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         if state.z[1] == 0.0 {
@@ -299,12 +340,12 @@ impl<const N: usize> IntegratedStep<N> {
         }
         let mut left_s = duration_s;
         let mut events = 0;
-        let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
-        let mut lengths_s = whole.iter().copied();
+        let mut lengths_s = Some(self.lengths_s(duration_s));
         while left_s > NO_TIME * self.sample_s {
             let regime = state.regime;
             let field = Smooth { plant: self, regime, force_n };
-            let (step_s, end) = self.trial(&field, state, left_s, lengths_s.next());
+            let (step_s, end) =
+                self.trial(&field, state, left_s, lengths_s.as_mut().and_then(Iterator::next));
             if events == EVENTS_MAX {
                 state.z = end;
                 left_s -= step_s;
@@ -319,7 +360,7 @@ impl<const N: usize> IntegratedStep<N> {
                 state.z = end;
                 left_s -= step_s;
                 events += 1;
-                lengths_s = [].iter().copied();
+                lengths_s = None;
                 self.transit(state, event, force_n);
             } else {
                 state.z = end;
@@ -332,7 +373,11 @@ impl<const N: usize> IntegratedStep<N> {
     fn moved(&self, state: &HybridState<N>, pieces: &[(f64, f64)]) -> HybridState<N> {
         let mut state = *state;
         for &(force_n, duration_s) in pieces {
-            self.piece(&mut state, force_n, duration_s);
+            if self.is_linear() {
+                self.linear_piece(&mut state, force_n, duration_s);
+            } else {
+                self.piece(&mut state, force_n, duration_s);
+            }
         }
         state
     }

@@ -1,7 +1,10 @@
 //! Which equation of a plant holds, for how long, and which one follows.
 
 use super::{HybridState, IntegratedStep};
-use crate::scene::element::{End, REST_SPEED_M_PER_S, Travel};
+use crate::{
+    numerics::integrator::Field,
+    scene::element::{End, REST_SPEED_M_PER_S, Travel},
+};
 
 /// Which equation holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,7 +54,7 @@ pub(super) const GUARDS: usize = 3;
 impl<const N: usize> IntegratedStep<N> {
     /// All forces on the device but friction and rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
-        let smooth = self.linear(&state.z, force_n)[1] * self.mass_kg;
+        let smooth = self.linear(force_n).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
     }
 

@@ -10,9 +10,12 @@ use super::{Bench, Variant};
 use crate::{
     error::Error,
     numerics::statistics::Repeats,
+    plant::RUN,
     scene::Scene,
     simulation::{
-        controller::{Controller, ControllerOutput, Fixed, Replaceable},
+        controller::{
+            Controller, ControllerOutput, Fixed, Readings, Replaceable, counts_per_sample,
+        },
         prepared::{HitError, PreparedScene},
     },
     study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
@@ -44,6 +47,19 @@ impl Replaceable for Filtered {
 }
 
 impl Controller for Filtered {
+    fn samples(&mut self, readings: Readings<'_>, velocities: Option<&mut [f64; RUN]>) {
+        let mut taken = self.core.taken(readings).map(Velocity::bits);
+        if let Some(taken) = taken.get_mut(..readings.counts.len()) {
+            self.filter.update_all(taken);
+            if let Some(last) = taken.last() {
+                self.core.set_velocity(Velocity::saturating_from_bits(*last));
+            }
+        }
+        if let Some(velocities) = velocities {
+            *velocities = taken.map(|bits| counts_per_sample(Velocity::saturating_from_bits(bits)));
+        }
+    }
+
     #[inline]
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
         let due = self.core.sample(count, senses);

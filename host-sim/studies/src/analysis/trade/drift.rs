@@ -1,5 +1,7 @@
 //! What a constant speed loses or gains for ever.
 
+use std::cell::Cell;
+
 use filter_forms::Filter;
 
 use super::{Bench, larger, response::SETTLE_PERIODS};
@@ -15,23 +17,25 @@ pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let transient = bench.samples(SETTLE_PERIODS, cutoff_hz) + 200;
     let mut worst = 0f64;
     for (counts, samples) in SPEEDS {
-        let place = |n: u32| (i64::from(n) * counts).div_euclid(samples);
-        #[expect(clippy::cast_possible_truncation, reason = "a few counts")]
-        let moved = |n: u32| (place(n + 1) - place(n)) as i32;
+        // whole counts up to the next sample; what is left over is below one
+        let (mut left, moved) = (0, Cell::new(0));
+        let next = |_| {
+            left += counts;
+            let whole = i32::from(left >= samples) - i32::from(left < 0);
+            left -= i64::from(whole) * samples;
+            moved.set(whole);
+            whole << 16
+        };
         // The sum of the inputs is an integer; that of what the outputs lack is small, and keeps its digits.
         let (mut sum, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
         let mut filter = *filter;
-        filter.run(
-            transient + SAMPLES,
-            |n| moved(n) << 16,
-            |n, out| {
-                if n >= transient {
-                    sum += out - f64::from(moved(n));
-                    low = f64::min(low, sum);
-                    high = f64::max(high, sum);
-                }
-            },
-        );
+        filter.run(transient + SAMPLES, next, |n, out| {
+            if n >= transient {
+                sum += out - f64::from(moved.get());
+                low = f64::min(low, sum);
+                high = f64::max(high, sum);
+            }
+        });
         worst = larger(worst, if sum.is_finite() { high - low } else { f64::INFINITY });
     }
     worst
