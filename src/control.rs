@@ -145,19 +145,14 @@ impl Sampler {
         velocities: &mut [Velocity; RUN],
     ) -> Option<Sampled> {
         let mut moved = [0; RUN];
-        let mut encoder = self.encoder; // a copy, so that it can live in registers
-        for (moved, counter) in moved.iter_mut().zip(counters) {
-            let before = encoder.position();
-            *moved = encoder.track(counter.cast_unsigned()).wrapping_since(before);
-        }
-        self.encoder = encoder;
+        self.encoder.track_all(counters, &mut moved);
         let samples = counters.len().min(RUN);
         let velocities = velocities.get_mut(..samples)?;
         let velocity =
             control.estimator.follow_all(&mut self.velocity, &moved, senses, velocities)?;
         #[expect(clippy::cast_possible_truncation, reason = "at most RUN")]
         let before = samples as u32 - 1;
-        Some(self.say(control, self.sample.wrapping_add(before), encoder.position(), velocity))
+        Some(self.say(control, self.sample.wrapping_add(before), self.encoder.position(), velocity))
     }
 
     /// What it says to the sample of that number.

@@ -46,6 +46,17 @@ impl Encoder {
         self.position
     }
 
+    /// [`track`](Self::track) for several readings, as signed; `moved` says by how many counts each.
+    #[inline]
+    pub fn track_all(&mut self, counters: &[i32], moved: &mut [i32]) {
+        let before = self.count;
+        for (moved, counter) in moved.iter_mut().zip(counters) {
+            *moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.narrow);
+            self.count = self.count.wrapping_add_signed(*moved);
+        }
+        self.position = self.position.wrapping_add(self.count.wrapping_sub(before).cast_signed());
+    }
+
     /// Makes the place of the last reading position 0.
     pub fn zero(&mut self) {
         self.position = Position::default();

@@ -184,14 +184,11 @@ impl Fixed {
 
     /// Takes the samples of a run; says the velocities.
     #[inline(never)] // one for all plants
-    pub fn taken(&mut self, readings: Readings<'_>) -> [Velocity; RUN] {
+    pub fn take(&mut self, readings: Readings<'_>, velocities: &mut [Velocity; RUN]) {
         let Readings { counts, senses, .. } = readings;
-        let mut taken = [Velocity::ZERO; RUN];
-        let sampled = self.sampler.sense_all(&self.control, counts, senses, &mut taken);
-        if let Some(sampled) = sampled {
+        if let Some(sampled) = self.sampler.sense_all(&self.control, counts, senses, velocities) {
             self.motion = sampled.motion;
         }
-        taken
     }
 
     /// Another velocity for the last sample.
@@ -221,7 +218,8 @@ impl Replaceable for Fixed {
 
 impl Controller for Fixed {
     fn samples(&mut self, readings: Readings<'_>, velocities: Option<&mut [f64; RUN]>) {
-        let taken = self.taken(readings);
+        let mut taken = [Velocity::ZERO; RUN];
+        self.take(readings, &mut taken);
         if let Some(velocities) = velocities {
             *velocities = taken.map(counts_per_sample);
         }

@@ -48,7 +48,9 @@ impl Replaceable for Filtered {
 
 impl Controller for Filtered {
     fn samples(&mut self, readings: Readings<'_>, velocities: Option<&mut [f64; RUN]>) {
-        let mut taken = self.core.taken(readings).map(Velocity::bits);
+        let mut taken = [Velocity::ZERO; RUN];
+        self.core.take(readings, &mut taken);
+        let mut taken = taken.map(Velocity::bits);
         if let Some(taken) = taken.get_mut(..readings.counts.len()) {
             self.filter.update_all(taken);
             if let Some(last) = taken.last() {
