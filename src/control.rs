@@ -7,7 +7,7 @@ use core::{hint::cold_path, num::NonZeroU32};
 use crate::{
     CounterWidth,
     actuator::Actuator,
-    encoder::Encoder,
+    encoder::{Encoder, Width},
     units::{Demand, Force, Offset, Position, Velocity},
     velocity::{self, Running, Senses, Tuned},
     wall::Wall,
@@ -75,8 +75,8 @@ pub const RUN: usize = 16;
 
 /// The half that runs for every sample, and its state.
 #[derive(Clone, Copy, Debug)]
-pub struct Sampler {
-    encoder: Encoder,
+pub struct Sampler<W = CounterWidth> {
+    encoder: Encoder<W>,
     velocity: Running,
     /// Number of the next sample, low 32 bits.
     sample: u32,
@@ -84,11 +84,16 @@ pub struct Sampler {
     due: u64,
 }
 
-impl Sampler {
+impl<W: Width> Sampler<W> {
     /// A handle at rest whose encoder counter reads `counter`.
-    pub fn new(counter: u32, width: CounterWidth) -> Self {
+    pub fn new(counter: u32, width: W) -> Self {
         let encoder = Encoder::new(counter, width);
         Self { encoder, velocity: Running::REST, sample: 0, due: 0 }
+    }
+
+    pub(crate) fn of_any_width(self) -> Sampler {
+        let Self { encoder, velocity, sample, due } = self;
+        Sampler { encoder: encoder.of_any_width(), velocity, sample, due }
     }
 
     /// Position of the last sample.
@@ -192,7 +197,7 @@ const fn near(sample: u64, number: u32) -> u64 {
 }
 
 #[cfg(test)]
-impl Sampler {
+impl<W> Sampler<W> {
     /// A bit of the count at position 0 has flipped.
     pub(crate) fn spoil_origin(&mut self) {
         self.encoder.spoil_origin();

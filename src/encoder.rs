@@ -15,13 +15,37 @@ pub enum CounterWidth {
     Bits32,
 }
 
+/// The width of a counter, as a value or as a type: code that knows the type does not look it up with every sample.
+pub trait Width: Copy {
+    /// As a value.
+    fn value(self) -> CounterWidth;
+}
+
+impl Width for CounterWidth {
+    #[inline(always)]
+    fn value(self) -> CounterWidth {
+        self
+    }
+}
+
+/// [`CounterWidth::Bits32`] as a type.
+#[derive(Clone, Copy, Debug)]
+pub struct Bits32;
+
+impl Width for Bits32 {
+    #[inline(always)]
+    fn value(self) -> CounterWidth {
+        CounterWidth::Bits32
+    }
+}
+
 /// Unwraps a counter that wraps around into positions whose differences are exact.
 ///
 /// Where position 0 is follows from the last count and the last position, and is kept beside them: see
 /// [`is_whole`](Self::is_whole).
 #[derive(Clone, Copy, Debug)]
-pub struct Encoder {
-    narrow: bool,
+pub struct Encoder<W = CounterWidth> {
+    width: W,
     /// The last reading, unwrapped.
     count: u32,
     position: Position,
@@ -29,18 +53,23 @@ pub struct Encoder {
     origin: u32,
 }
 
-impl Encoder {
+impl<W: Width> Encoder<W> {
     /// An encoder whose counter reads `counter` now; that reading, taken as signed, is its position.
-    pub fn new(counter: u32, width: CounterWidth) -> Self {
-        let narrow = width == CounterWidth::Bits16;
-        let position = Position::from_counts(signed(counter, narrow));
-        Self { narrow, count: position.counts().cast_unsigned(), position, origin: 0 }
+    pub fn new(counter: u32, width: W) -> Self {
+        let position = Position::from_counts(signed(counter, width));
+        Self { width, count: position.counts().cast_unsigned(), position, origin: 0 }
+    }
+
+    /// The same, with the width as a value.
+    pub(crate) fn of_any_width(self) -> Encoder {
+        let Self { width, count, position, origin } = self;
+        Encoder { width: width.value(), count, position, origin }
     }
 
     /// Takes the counter's present reading and returns the position, in counts.
     #[inline]
     pub fn track(&mut self, counter: u32) -> Position {
-        let moved = signed(counter.wrapping_sub(self.count), self.narrow);
+        let moved = signed(counter.wrapping_sub(self.count), self.width);
         self.count = self.count.wrapping_add_signed(moved);
         self.position = self.position.wrapping_add(moved);
         self.position
@@ -51,7 +80,7 @@ impl Encoder {
     pub fn track_all(&mut self, counters: &[i32], moved: &mut [i32]) {
         let before = self.count;
         for (moved, counter) in moved.iter_mut().zip(counters) {
-            *moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.narrow);
+            *moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);
             self.count = self.count.wrapping_add_signed(*moved);
         }
         self.position = self.position.wrapping_add(self.count.wrapping_sub(before).cast_signed());
@@ -77,17 +106,17 @@ impl Encoder {
 }
 
 #[cfg(test)]
-impl Encoder {
+impl<W> Encoder<W> {
     /// A bit of the count at position 0 has flipped.
     pub(crate) fn spoil_origin(&mut self) {
         self.origin ^= 1 << 7;
     }
 }
 
-/// A reading as signed, of its lower half only if the counter is `narrow`.
+/// A reading as signed, of its lower half only if the counter is narrow.
 #[inline]
-fn signed(value: u32, narrow: bool) -> i32 {
-    if narrow {
+fn signed(value: u32, width: impl Width) -> i32 {
+    if width.value() == CounterWidth::Bits16 {
         cold_path();
         #[expect(clippy::cast_possible_truncation, reason = "the lower half is meant")]
         return i32::from((value as u16).cast_signed());
@@ -149,12 +178,16 @@ mod tests {
             let mask = if narrow { 0xFFFF } else { u32::MAX };
             let mut counter = start & mask;
             let mut encoder = Encoder::new(counter, width);
+            let mut typed = Encoder::new(counter, Bits32);
             for step in steps {
                 let before = encoder.position();
                 counter = counter.wrapping_add_signed(step) & mask;
-                prop_assert_eq!(encoder.track(counter).wrapping_since(before), step);
+                let position = encoder.track(counter);
+                prop_assert_eq!(position.wrapping_since(before), step);
                 prop_assert!(encoder.is_whole());
+                prop_assert!(narrow || typed.track(counter) == position);
             }
+            prop_assert!(narrow || typed.of_any_width().position() == encoder.position());
         }
     }
 }

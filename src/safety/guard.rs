@@ -12,6 +12,7 @@ use core::hint::cold_path;
 use super::{Fault, FaultSet, SafetyPlan, Token};
 use crate::{
     CounterWidth, LoopParameters, Motion, Sampled, Sampler,
+    encoder::Width,
     units::{Force, Offset, Position, Velocity},
     velocity::Senses,
 };
@@ -160,8 +161,8 @@ impl GuardView {
 
 /// A [`Sampler`] under guard. Owned by the sampling task.
 #[derive(Clone, Copy, Debug)]
-pub struct GuardedSampler {
-    sampler: Sampler,
+pub struct GuardedSampler<W = CounterWidth> {
+    sampler: Sampler<W>,
     /// [`GuardCommand::zeros`] that were met. Turned while something was found that is not cleared, or waits: the output
     /// has to be off. So one comparison says that nothing is asked for and nothing was found.
     met: Token,
@@ -169,14 +170,20 @@ pub struct GuardedSampler {
     waiting: FaultSet,
 }
 
-impl GuardedSampler {
+impl<W: Width> GuardedSampler<W> {
     /// A handle at rest whose encoder counter reads `counter`.
-    pub fn new(counter: u32, width: CounterWidth) -> Self {
+    pub fn new(counter: u32, width: W) -> Self {
         Self { sampler: Sampler::new(counter, width), met: Token::FIRST, waiting: FaultSet::EMPTY }
     }
 
+    /// The same with the counter's width as a value, for whoever looks at it.
+    pub fn of_any_width(self) -> GuardedSampler {
+        let Self { sampler, met, waiting } = self;
+        GuardedSampler { sampler: sampler.of_any_width(), met, waiting }
+    }
+
     /// What it guards.
-    pub const fn sampler(&self) -> &Sampler {
+    pub const fn sampler(&self) -> &Sampler<W> {
         &self.sampler
     }
 

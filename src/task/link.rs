@@ -59,7 +59,7 @@ impl Port for Channels {
         position_ring::read(newest, places);
         let sampler = self.sampler.read();
         let oldest = newest.saturating_sub(places.len() as u64);
-        position_ring::is_kept(oldest, sampler.sampler().next()).then_some(sampler)
+        position_ring::is_kept(oldest, sampler.sampler().next()).then(|| sampler.of_any_width())
     }
 
     fn order(&mut self, order: Order) -> bool {

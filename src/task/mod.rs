@@ -26,9 +26,9 @@ pub use link::Link;
 pub use render::Render;
 pub use sample::Sample;
 use zwidth::{
-    CounterWidth,
     contract::{Encoder as _, FaultMemory as _},
     device::{Device, Start},
+    encoder::Bits32,
     experiment::{Order, Report},
     period::PERIODS,
     safety::{GuardCommand, GuardedSampler, Supervisor, boot_fault},
@@ -123,7 +123,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         memory,
         ..
     } = board;
-    let sampler = GuardedSampler::new(encoder.count(), CounterWidth::Bits32);
+    let sampler = GuardedSampler::new(encoder.count(), Bits32);
     let outputs =
         render::Outputs { drive, stop, supply, halts, output_watchdog, set_up, read_back, memory };
     let ends = render::Ends {

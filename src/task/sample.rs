@@ -3,7 +3,8 @@
 use zwidth::{
     LoopParameters,
     contract::{Encoder as _, SampleTimer as _},
-    safety::{Guard, GuardCommand, GuardedSampler, SampleReport},
+    encoder::Bits32,
+    safety::{Guard, GuardCommand, SampleReport},
     velocity::Senses,
 };
 
@@ -12,6 +13,9 @@ use crate::sync::{
     DoubleBuffer, DoubleBufferReader, Owner, Place, Placed, Seqlock, SeqlockWriter, Shown, Static,
     Viewer, position_ring,
 };
+
+/// Of a counter of 32 bits, as every board has.
+type GuardedSampler = zwidth::safety::GuardedSampler<Bits32>;
 
 /// What it works with beside the sampler.
 pub struct Rest {

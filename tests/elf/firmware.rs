@@ -71,7 +71,7 @@ impl Firmware {
             let mut frames = lines.find_frames(u64::from(address)).skip_all_loads().unwrap();
             while let Some(frame) = frames.next().unwrap() {
                 if frame.function.is_some_and(|function| {
-                    function.raw_name().unwrap().contains("7control7Sampler5sense")
+                    function.raw_name().unwrap().contains("7control16Sampler$LT$W$GT$5sense")
                 }) {
                     return true;
                 }

@@ -4,6 +4,7 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 use zwidth::{
     LoopParameters,
     console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
+    encoder::Bits32,
     safety::{
         BlackBox, FaultRecord, Guard, GuardCommand, GuardedSampler, Inputs, MemoryUpdate, Rendered,
         Request, SampleReport, Supervisor,
@@ -18,7 +19,7 @@ use zwidth::{
 /// Every sample, under guard.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_guarded_sample(
-    sampler: &mut GuardedSampler,
+    sampler: &mut GuardedSampler<Bits32>,
     control: &LoopParameters,
     counter: u32,
     senses: &Senses,
