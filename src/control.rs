@@ -80,20 +80,22 @@ pub struct Sampler<W = CounterWidth> {
     velocity: Running,
     /// Number of the next sample, low 32 bits.
     sample: u32,
-    /// Number of the sample with which the next output is due, which is never far: so it tells the upper half, too.
-    due: u64,
+    /// Number of the sample with which the next output is due, low 32 bits.
+    due: u32,
+    /// Its high 32 bits. It is never far, so they tell those of every sample.
+    high: u32,
 }
 
 impl<W: Width> Sampler<W> {
     /// A handle at rest whose encoder counter reads `counter`.
     pub fn new(counter: u32, width: W) -> Self {
         let encoder = Encoder::new(counter, width);
-        Self { encoder, velocity: Running::REST, sample: 0, due: 0 }
+        Self { encoder, velocity: Running::REST, sample: 0, due: 0, high: 0 }
     }
 
     pub(crate) fn of_any_width(self) -> Sampler {
-        let Self { encoder, velocity, sample, due } = self;
-        Sampler { encoder: encoder.of_any_width(), velocity, sample, due }
+        let Self { encoder, velocity, sample, due, high } = self;
+        Sampler { encoder: encoder.of_any_width(), velocity, sample, due, high }
     }
 
     /// Position of the last sample.
@@ -109,7 +111,20 @@ impl<W: Width> Sampler<W> {
 
     /// Number of the next sample.
     pub const fn next(&self) -> u64 {
-        near(self.due, self.sample)
+        self.near(self.sample)
+    }
+
+    /// The sample nearest to that of the next output whose low 32 bits are those.
+    #[inline(always)]
+    const fn near(&self, number: u32) -> u64 {
+        let since = number.wrapping_sub(self.due);
+        let near = if since.cast_signed() < 0 {
+            (self.high.wrapping_sub((number > self.due) as u32) as u64) << 32
+        } else {
+            ((self.high as u64) << 32 | self.due as u64).wrapping_add(since as u64)
+        };
+        // Its low half is `number`: who needs no other half is spared the sums.
+        near & !(u32::MAX as u64) | number as u64
     }
 
     /// What the samples so far left behind.
@@ -170,13 +185,14 @@ impl<W: Width> Sampler<W> {
         velocity: Velocity,
     ) -> Sampled {
         self.sample = number.wrapping_add(1);
-        let sample = near(self.due, number);
-        let due = number.wrapping_sub(low(self.due)).cast_signed() >= 0;
+        let due = number.wrapping_sub(self.due).cast_signed() >= 0;
+        let sample = self.near(number);
         let mut offset = Offset::NONE;
         if due {
             cold_path();
             offset = control.estimator.offset_after(&self.velocity);
-            self.due = sample.wrapping_add(u64::from(control.period.get()));
+            let next = sample.wrapping_add(u64::from(control.period.get()));
+            (self.due, self.high) = (low(next), low(next >> 32));
         }
         Sampled { motion: Motion { sample, position, velocity, offset }, due }
     }
@@ -188,12 +204,6 @@ const fn low(sample: u64) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "the low half is meant")]
     let low = sample as u32;
     low
-}
-
-/// The sample nearest to `sample` whose low 32 bits are those.
-#[inline(always)]
-const fn near(sample: u64, number: u32) -> u64 {
-    sample.wrapping_add_signed(number.wrapping_sub(low(sample)).cast_signed() as i64)
 }
 
 #[cfg(test)]
@@ -226,8 +236,8 @@ impl LoopParameters {
 mod tests {
     use super::*;
     use crate::{
-        Settings, VelocitySettings, WallSettings, design::tests::DESIGN, units::Acceleration,
-        velocity::EstimatorName,
+        Settings, VelocitySettings, WallSettings, design::tests::DESIGN, encoder::Bits32,
+        units::Acceleration, velocity::EstimatorName,
     };
     use proptest::prelude::*;
     use std::vec::Vec;
@@ -265,7 +275,7 @@ mod tests {
                 if n % 8 == 7 {
                     in_force = control(names[n / 8 % names.len()].defaults()).after(&in_force);
                 }
-                let until = usize::try_from(singly.due.saturating_sub(singly.next())).unwrap();
+                let until = usize::try_from(singly.due.saturating_sub(singly.sample)).unwrap();
                 let length = length.min(until + 1);
                 let counters = moves.map(|moved| { counter = counter.wrapping_add(moved); counter });
                 counter = counters[length - 1];
@@ -293,6 +303,24 @@ mod tests {
             let again = control(names[0].defaults()).after(&in_force);
             let (one, other) = (singly.sample(&again, 0), together.sample(&again, 0));
             prop_assert_eq!(one, other);
+        }
+    }
+
+    /// Two numbers of 32 bits tell 64, where only the sample has passed 2^32 and where both have.
+    #[test]
+    fn samples_are_numbered_on_beyond_32_bits() {
+        let control = control(VelocitySettings::Difference {});
+        for ahead in 0..30 {
+            let first = (1 << 32) - ahead;
+            let mut sampler = Sampler::new(0, Bits32);
+            (sampler.sample, sampler.due, sampler.high) =
+                (low(first), low(first), low(first >> 32));
+            for n in 0..40 {
+                assert_eq!(sampler.next(), first + n);
+                let Sampled { motion, due } = sampler.sample(&control, 7);
+                assert_eq!((motion.sample, due), (first + n, n % 10 == 0), "{ahead}");
+            }
+            assert_eq!(sampler.of_any_width().next(), first + 40);
         }
     }
 
