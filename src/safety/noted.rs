@@ -1,0 +1,90 @@
+//! What the guard has noted, and what of it the output task may see.
+
+#![deny(clippy::float_arithmetic)]
+
+use super::FaultSet;
+use crate::Motion;
+
+/// What the guard found since the last `clear`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Guard {
+    /// How often something was found, once per sample, ever; wraps.
+    pub events: u32,
+    /// How often the count was zeroed; wraps.
+    pub zeros: u32,
+    /// What was found first; with what the one or two samples after it found, if it had to wait.
+    pub first: FaultSet,
+    /// The sample with which it was noted, low 32 bits: that at which it was found, or up to two later.
+    pub first_sample: u32,
+    /// All that was found.
+    pub causes: FaultSet,
+}
+
+impl Guard {
+    /// Nothing found yet.
+    pub const NOTHING: Self = Self {
+        events: 0,
+        zeros: 0,
+        first: FaultSet::EMPTY,
+        first_sample: 0,
+        causes: FaultSet::EMPTY,
+    };
+
+    /// [`first_sample`](Self::first_sample) in full: the one next to that of `motion`, before it, or after it where
+    /// `render` is late.
+    pub(super) fn first_found(&self, motion: Motion) -> u64 {
+        let away = self.first_sample.wrapping_sub(motion.number()).cast_signed();
+        motion.sample.saturating_add_signed(away.into())
+    }
+}
+
+/// What the guard found, as the output task sees it: never newer than the sample that is answered.
+#[derive(Clone, Copy, Debug)]
+pub struct GuardView {
+    newest: Guard,
+    /// The sample with which it was told, low 32 bits.
+    told_at: u32,
+    /// [`Guard::zeros`] up to the sample that was answered last.
+    zeros: u32,
+}
+
+impl GuardView {
+    /// Nothing found yet.
+    pub const NOTHING: Self = Self { newest: Guard::NOTHING, told_at: 0, zeros: 0 };
+
+    /// Takes what the guard has told since, and the number of the sample with which it did.
+    #[inline(always)]
+    pub fn take(&mut self, newest: Guard, told_at: u32) {
+        (self.newest, self.told_at) = (newest, told_at);
+    }
+
+    /// What holds for the sample of that number. A zero that was carried out after it is none yet.
+    #[inline(always)]
+    pub fn at(&mut self, sample: u32) -> Guard {
+        let mut guard = self.newest;
+        if self.told_at.wrapping_sub(sample).cast_signed() > 0 {
+            guard.zeros = self.zeros;
+        }
+        self.zeros = guard.zeros;
+        guard
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_zero_counts_from_the_sample_with_which_it_was_carried_out() {
+        let told = |zeros| Guard { zeros, events: zeros, ..Guard::NOTHING };
+        let mut view = GuardView::NOTHING;
+        view.take(told(1), 12);
+        // the rest of what was told counts at once
+        assert_eq!((view.at(10).zeros, view.at(10).events), (0, 1));
+        assert_eq!(view.at(12).zeros, 1);
+        view.take(told(2), 5); // the number has wrapped
+        assert_eq!(view.at(u32::MAX - 4).zeros, 1);
+        assert_eq!(view.at(5).zeros, 2);
+        assert_eq!(view.at(15).zeros, 2);
+    }
+}
