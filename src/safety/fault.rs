@@ -170,6 +170,12 @@ impl FaultSet {
         Self(self.0 & !other.0)
     }
 
+    /// All that are in both.
+    #[must_use]
+    pub const fn within(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
     /// Whether one of them is a fault after which the zero is not to be trusted.
     pub const fn loses_zero(self) -> bool {
         self.0
@@ -245,6 +251,7 @@ mod tests {
                 assert_eq!(set.contains(b), a == b);
             }
             assert!(set.without(set).is_empty());
+            assert_eq!((set.within(set), set.within(FaultSet::EMPTY)), (set, FaultSet::EMPTY));
             assert_eq!((set.with_if(a, false), set.with(a)), (set, set));
         }
         assert_eq!(FaultSet::EMPTY.first(), None);

@@ -4,12 +4,18 @@
 //! wait does: taking note of it, and a zero, are done one at a time, and not with a due sample, which
 //! has an output to ask for. So the longest sample is hardly longer than a quiet one. Where every
 //! sample is due, none of them waits.
+//!
+//! How a sample is told apart follows what the Cortex-M4 has registers for; `tests/elf/control/budget.rs` holds the
+//! cycles.
 
 #![deny(clippy::float_arithmetic)]
 
-use core::hint::cold_path;
+use core::{
+    hint::cold_path,
+    sync::atomic::{Ordering::SeqCst, compiler_fence},
+};
 
-use super::{Fault, FaultSet, Guard, SafetyPlan, Token};
+use super::{Fault, FaultSet, Guard, SafetyPlan, Token, token::Turn};
 use crate::{
     CounterWidth, LoopParameters, Motion, Sampled, Sampler,
     encoder::Width,
@@ -94,6 +100,20 @@ pub struct Step {
     pub told: bool,
 }
 
+/// A sample, and what was found with it. Where it is not [`quiet`](Self::quiet), [`GuardedSampler::hold`] or
+/// [`GuardedSampler::answer`] has to follow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Where the handle is and how fast it moves.
+    pub motion: Motion,
+    /// An output is due with this very sample.
+    pub due: bool,
+    /// What was found.
+    pub found: FaultSet,
+    /// Nothing was found, nothing waits, and nothing is asked for.
+    pub quiet: bool,
+}
+
 /// A [`Sampler`] under guard. Owned by the sampling task.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler<W = CounterWidth> {
@@ -128,24 +148,8 @@ impl<W: Width> GuardedSampler<W> {
         self.zeros_met().number() as u16
     }
 
-    const fn is_alert(&self) -> bool {
-        self.met.is_turned()
-    }
-
     const fn zeros_met(&self) -> Token {
-        if self.is_alert() { self.met.turned() } else { self.met }
-    }
-
-    #[inline(always)]
-    fn meet(&mut self, zeros: Token, alert: bool) {
-        self.met = if alert { zeros.turned() } else { zeros };
-    }
-
-    /// Notes that it has to be off.
-    #[inline(always)]
-    fn wait(&mut self, found: FaultSet) {
-        self.waiting = self.waiting.union(found);
-        self.meet(self.zeros_met(), true);
+        self.met.by(self.met.turn())
     }
 
     /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
@@ -165,103 +169,124 @@ impl<W: Width> GuardedSampler<W> {
         guard: &mut Guard,
     ) -> Step {
         let senses = Senses { force: down.force, ..*senses };
-        self.step_then(control, counter, &senses, || down, guard)
+        let seen = self.see(control, counter, &senses, || down);
+        let Seen { motion, due, found, quiet } = seen;
+        let present = if quiet {
+            FaultSet::EMPTY
+        } else if due && control.period.get() > 1 {
+            self.hold(found)
+        } else {
+            return self.answer(&seen, down, guard);
+        };
+        Step { report: SampleReport { motion, present }, due, cut: false, told: false }
     }
 
-    /// [`step`](Self::step) with the force in `senses`, and `down` not looked up before the velocity is there: until
-    /// then the Cortex-M4 has no register to spare for it.
+    /// The first half of [`step`](Self::step), with the force in `senses`, and `down` not looked up before the velocity is
+    /// there: until then the Cortex-M4 has no register to spare for it.
+    ///
+    /// Whoever calls it does what follows, each case to its end: brought together again, the cases would keep what any of
+    /// them needs, and the quiet one would pay for it.
     #[inline(always)]
-    pub fn step_then<'a>(
+    pub fn see<'a>(
         &mut self,
         control: &LoopParameters,
         counter: u32,
         senses: &Senses,
         down: impl FnOnce() -> &'a GuardCommand,
-        guard: &mut Guard,
-    ) -> Step {
+    ) -> Seen {
         let before = self.sampler.position();
         let Sampled { mut motion, due } = self.sampler.sense(control, counter, senses);
+        let moved = motion.position.wrapping_since(before);
+        read_anew();
+        motion.position = self.sampler.position();
         let down = down();
-        if due {
-            self.expect_output(motion.number(), down, control.period.get());
-            // Often enough, and a due sample is not the longest.
-            self.expect_origin();
+        let seen = Seen { motion, due, found: FaultSet::EMPTY, quiet: true };
+        if !due {
+            return self.with_motion(seen, moved, down);
         }
-        let jumped = beyond(motion.position.wrapping_since(before), down.jump);
-        let fast = beyond(motion.velocity.bits(), down.speed);
-        let quiet = !jumped && !fast && down.zeros == self.met;
-        if quiet {
-            let report = SampleReport { motion, present: FaultSet::EMPTY };
-            return Step { report, due, cut: false, told: false };
+        // The output of the due sample before this one has to be there, unless flash was written.
+        let behind = motion.number().wrapping_sub(down.rendered);
+        let found = if behind != control.period.get() && !down.stall {
+            cold_path();
+            read_anew();
+            FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
+        } else if !self.sampler.is_whole() {
+            // Position 0 is not where it was put. Asked often enough, and a due sample is not the longest.
+            cold_path();
+            read_anew();
+            FaultSet::EMPTY.with(Fault::Memory)
+        } else {
+            return self.with_motion(seen, moved, down);
+        };
+        self.with_motion(Seen { found, ..seen }, moved, down)
+    }
+
+    /// With what the motion itself says, and whether something was asked for.
+    #[inline(always)]
+    fn with_motion(&self, seen: Seen, moved: i32, down: &GuardCommand) -> Seen {
+        let jumped = beyond(moved, down.jump);
+        let fast = beyond(seen.motion.velocity.bits(), down.speed);
+        if seen.found.is_empty() && !jumped && !fast {
+            return Seen { quiet: down.zeros == self.met, ..seen };
         }
         cold_path();
-        let present =
-            FaultSet::EMPTY.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
-        if !present.is_empty() {
-            self.wait(present);
-        }
-        if due && control.period.get() > 1 {
-            // The output that this sample asks for says no by itself. Should it not come, the next
-            // sample cuts.
-            let report = SampleReport { motion, present: self.waiting };
-            return Step { report, due, cut: false, told: false };
-        }
-        // A bit that has flipped asks for no zero: what is zero would be somewhere else from then on, unnoticed.
-        let zeroes = down.zeros.asks_after(self.zeros_met());
-        let alert = self.is_alert();
-        self.meet(down.zeros, alert);
-        if !zeroes {
-            let told = self.note(motion.number(), down, guard);
-            let cut = told || self.is_alert();
-            Step { report: SampleReport { motion, present }, due, cut, told }
-        } else {
-            guard.zeros = down.zeros.number();
-            self.sampler.zero();
-            motion.position = self.sampler.position();
-            let report = SampleReport { motion, present: self.waiting };
-            Step { report, due, cut: alert, told: true }
-        }
+        let found = seen.found.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
+        Seen { found, quiet: false, ..seen }
     }
 
-    /// Notes what has waited. If nothing has, and what was noted is dealt with, the output may be on
-    /// again. Says whether something was noted.
+    /// Of a due sample, unless every sample is due: what its report says is there. The output that it asks for says no by
+    /// itself. Should it not come, the next sample cuts.
     #[inline(always)]
-    fn note(&mut self, sample: u32, down: &GuardCommand, guard: &mut Guard) -> bool {
-        let answered = guard.events == down.acknowledged;
-        if self.waiting.is_empty() {
-            self.meet(down.zeros, !answered);
-            return false;
+    pub fn hold(&mut self, found: FaultSet) -> FaultSet {
+        let waiting = self.waiting.union(found);
+        if !found.is_empty() {
+            (self.met, self.waiting) = (self.zeros_met().turned(), waiting);
         }
-        if answered {
-            guard.causes = self.waiting;
-            guard.first = self.waiting;
-            guard.first_sample = sample;
-        } else {
-            guard.causes = guard.causes.union(self.waiting);
-        }
-        guard.events = guard.events.wrapping_add(1);
-        self.waiting = FaultSet::EMPTY;
-        true
+        waiting
     }
 
-    /// Position 0 has to be where it was put.
+    /// Of every other sample: takes note of what was found, or zeroes.
     #[inline(always)]
-    fn expect_origin(&mut self) {
-        if !self.sampler.is_whole() {
+    pub fn answer(&mut self, seen: &Seen, down: &GuardCommand, guard: &mut Guard) -> Step {
+        read_anew();
+        let Seen { due, found, .. } = *seen;
+        let mut motion = Motion { position: self.sampler.position(), ..seen.motion };
+        let waiting = self.waiting.union(found);
+        if down.zeros.number() != self.met.number() {
             cold_path();
-            self.wait(FaultSet::EMPTY.with(Fault::Memory));
+            let turn = self.met.turn();
+            // A bit that has flipped asks for no zero: what is zero would be somewhere else from then on, unnoticed.
+            if down.zeros.asks_after(self.met.by(turn)) {
+                let turn = if found.is_empty() { turn } else { Turn::HALF };
+                (self.met, self.waiting) = (down.zeros.by(turn), waiting);
+                guard.zeros = down.zeros.number();
+                self.sampler.zero();
+                motion.position = self.sampler.position();
+                let report = SampleReport { motion, present: waiting };
+                return Step { report, due, cut: self.met.is_turned(), told: true };
+            }
         }
+        let report = SampleReport { motion, present: found.within(OF_MOTION) };
+        let dealt_with = guard.events == down.acknowledged;
+        if waiting.is_empty() {
+            // If what was noted is dealt with, the output may be on again.
+            let turn = if dealt_with { Turn::NONE } else { Turn::HALF };
+            self.met = down.zeros.by(turn);
+            return Step { report, due, cut: !dealt_with, told: false };
+        }
+        (self.met, self.waiting) = (down.zeros.turned(), FaultSet::EMPTY);
+        guard.note(waiting, motion.number(), dealt_with);
+        Step { report, due, cut: true, told: true }
     }
+}
 
-    /// The output of the due sample before this one has to be there, unless flash was written.
-    #[inline(always)]
-    fn expect_output(&mut self, sample: u32, down: &GuardCommand, period: u32) {
-        let behind = sample.wrapping_sub(down.rendered);
-        if behind != period && !down.stall {
-            cold_path();
-            self.wait(FaultSet::EMPTY.with(Fault::LateRender));
-        }
-    }
+/// What the motion of a sample itself says.
+const OF_MOTION: FaultSet = FaultSet::EMPTY.with(Fault::CountJump).with(Fault::OverSpeed);
+
+/// What follows reads its numbers from memory, so that none of them takes up a register until then.
+#[inline(always)]
+fn read_anew() {
+    compiler_fence(SeqCst);
 }
 
 /// Whether `value` is beyond +-`limit`, which is at most [`GuardCommand::ANY`].
@@ -418,6 +443,27 @@ mod tests {
             }
             let next = GuardCommand { zeros: asked.next(), ..down };
             assert_eq!(step(&mut sampler, &next), 0, "bit {bit}");
+        }
+    }
+
+    /// Nor does any bit of what was met end an alert, in the sample that takes note of what has waited.
+    #[test]
+    fn a_bit_that_flips_lets_nothing_on() {
+        let control = free();
+        for bit in 0..32 {
+            let mut guard = Guard::NOTHING;
+            let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+            let mut cut = |sampler: &mut GuardedSampler, jump| {
+                let down = GuardCommand { jump, ..ANYTHING };
+                let step = sampler.step(&control, 8, &Senses::NONE, &down, &mut guard);
+                assert_eq!(step.report.motion.position.counts(), 8);
+                step.cut
+            };
+            assert!(!cut(&mut sampler, 7), "a due sample, which is told");
+            sampler.met = sampler.met.flipped(bit);
+            for _ in 0..3 {
+                assert!(cut(&mut sampler, GuardCommand::ANY), "bit {bit}");
+            }
         }
     }
 }

@@ -56,7 +56,7 @@ pub use blackbox::BlackBox;
 pub use debug_halt::HaltWatch;
 pub use doubled::Doubled;
 pub use fault::{Fault, FaultSet};
-pub use guard::{GuardCommand, GuardedSampler, SampleReport, Step};
+pub use guard::{GuardCommand, GuardedSampler, SampleReport, Seen, Step};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
 pub use noted::{Guard, GuardView};
 pub use output_command::{GrantedForce, OutputCommand};

@@ -30,6 +30,16 @@ impl Guard {
         causes: FaultSet::EMPTY,
     };
 
+    /// Something was found once more: the first of it, if what was there is dealt with.
+    #[inline(always)]
+    pub(super) fn note(&mut self, found: FaultSet, sample: u32, dealt_with: bool) {
+        if dealt_with {
+            (self.first, self.first_sample) = (found, sample);
+        }
+        self.causes = if dealt_with { found } else { self.causes.union(found) };
+        self.events = self.events.wrapping_add(1);
+    }
+
     /// [`first_sample`](Self::first_sample) in full: the one next to that of `motion`, before it, or after it where
     /// `render` is late.
     pub(super) fn first_found(&self, motion: Motion) -> u64 {

@@ -1,28 +1,39 @@
 //! A request by number that no flipped bit can forge.
 
-/// A number of 16 bits and its complement. Another one than the last is a request.
+/// A number of 16 bits, above its complement. Another one than the last is a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token(u32);
+
+/// By how much a [`Token`] is turned, as the bits that differ then: with them it is turned back without a question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Turn(u32);
+
+impl Turn {
+    /// It is not.
+    pub(super) const NONE: Self = Self(0);
+    /// See [`Token::turned`].
+    pub(super) const HALF: Self = Self(0xFFFF);
+}
 
 impl Token {
     /// Number 0: nothing was asked for yet.
     pub const FIRST: Self = Self::of(0);
 
     const fn of(number: u16) -> Self {
-        Self((!number as u32) << 16 | number as u32)
+        Self((number as u32) << 16 | !number as u32)
     }
 
     /// The next request.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "the lower half")]
+    #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
     pub const fn next(self) -> Self {
-        Self::of((self.0 as u16).wrapping_add(1))
+        Self::of((self.number() as u16).wrapping_add(1))
     }
 
     /// Its number.
     #[inline(always)]
     pub const fn number(self) -> u32 {
-        self.0 & 0xFFFF
+        self.0 >> 16
     }
 
     /// Whether it asks for something, after `last`. Of two that were made here the halves differ alike; one bit that has
@@ -30,14 +41,27 @@ impl Token {
     #[inline(always)]
     pub const fn asks_after(self, last: Self) -> bool {
         let differs = self.0 ^ last.0;
-        differs != 0 && differs == differs.rotate_right(16)
+        self.number() != last.number() && differs == differs.rotate_right(16)
     }
 
     /// With the other complement: it asks for nothing, and no request is equal to it. Turned twice it is the number again.
     #[must_use]
     #[inline(always)]
     pub const fn turned(self) -> Self {
-        Self(self.0 ^ 0xFFFF_0000)
+        self.by(Turn::HALF)
+    }
+
+    /// Turned by so much.
+    #[must_use]
+    #[inline(always)]
+    pub(super) const fn by(self, turn: Turn) -> Self {
+        Self(self.0 ^ turn.0)
+    }
+
+    /// By how much it was turned.
+    #[inline(always)]
+    pub(super) const fn turn(self) -> Turn {
+        if self.is_turned() { Turn::HALF } else { Turn::NONE }
     }
 
     /// Whether it was turned: its halves are equal.
@@ -68,6 +92,9 @@ mod tests {
         for number in 0..=NUMBERS {
             let next = token.next();
             assert_eq!(token.number(), number & 0xFFFF);
+            let turned = token.turned();
+            assert_eq!((token.turn(), turned.turn()), (Turn::NONE, Turn::HALF));
+            assert_eq!((turned.number(), turned.by(turned.turn())), (token.number(), token));
             assert!(next.asks_after(token) && !token.asks_after(token));
             for bit in 0..32 {
                 let flipped = token.flipped(bit);

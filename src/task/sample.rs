@@ -4,7 +4,7 @@ use zwidth::{
     LoopParameters,
     contract::{Encoder as _, SampleTimer as _},
     encoder::Bits32,
-    safety::{Guard, GuardCommand, SampleReport},
+    safety::{FaultSet, Guard, GuardCommand, SampleReport, Seen},
     velocity::Senses,
 };
 
@@ -92,6 +92,27 @@ impl Rest {
         }
         senses
     }
+
+    /// Does what the guard says to a sample that is not quiet.
+    #[inline(always)]
+    fn answer(&mut self, sampler: &mut GuardedSampler, seen: &Seen) -> SampleReport {
+        let step = sampler.answer(seen, self.down.get(), self.guard.place());
+        if step.cut {
+            board::off();
+        }
+        if step.told {
+            self.guard.publish(step.report.motion.number());
+        }
+        step.report
+    }
+
+    /// Of a due sample: asks for its output.
+    #[inline(always)]
+    fn report(&mut self, report: SampleReport) {
+        position_ring::note(report.motion.sample, report.motion.position);
+        self.due.write(report, report.motion.number());
+        board::request_render();
+    }
 }
 
 /// The sampling task. It alone reads the encoder.
@@ -123,20 +144,23 @@ impl Sample {
         let (count, senses) = rest.encoder.sense();
         rest.sample_timer.acknowledge();
         let senses = rest.with_force(senses);
-        let (control, guard) = (rest.control.get(), rest.guard.place());
-        let step = sampler.step_then(control, count, &senses, || rest.down.get(), guard);
-        let motion = step.report.motion;
-        let number = motion.number();
-        if step.told {
-            rest.guard.publish(number);
-        }
-        if step.cut {
-            board::off();
-        }
-        position_ring::note(motion.sample, motion.position);
-        if step.due {
-            rest.due.write(step.report, number);
-            board::request_render();
+        let (control, down) = (rest.control.get(), &mut rest.down);
+        let seen = sampler.see(control, count, &senses, || down.get());
+        let Seen { motion, due, found, quiet } = seen;
+        // Each case to its end, see `see`.
+        if !due && quiet {
+            position_ring::note(motion.sample, motion.position);
+        } else if !due {
+            let motion = rest.answer(sampler, &seen).motion;
+            position_ring::note(motion.sample, motion.position);
+        } else if quiet {
+            rest.report(SampleReport { motion, present: FaultSet::EMPTY });
+        } else if control.period.get() > 1 {
+            let present = sampler.hold(found);
+            rest.report(SampleReport { motion, present });
+        } else {
+            let report = rest.answer(sampler, &seen);
+            rest.report(report);
         }
     }
 }
