@@ -57,6 +57,19 @@ impl DualRate {
         let one = 1i64 << (Velocity::FRACTION_BITS + FACTOR_BITS);
         Ok(Self { decimation, factor: (one + i64::from(decimation) / 2) / i64::from(decimation) })
     }
+
+    /// Samples from update to update.
+    pub const fn decimation_samples(&self) -> u8 {
+        self.decimation
+    }
+
+    /// One over them, in LSB of a velocity with [`FACTOR_BITS`](Self::FACTOR_BITS) fractional bits.
+    pub const fn factor(&self) -> i64 {
+        self.factor
+    }
+
+    /// Fractional bits of the factor beyond those of a velocity.
+    pub const FACTOR_BITS: u32 = FACTOR_BITS;
 }
 
 impl Form for DualRate {

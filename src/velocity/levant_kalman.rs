@@ -98,7 +98,7 @@ impl LevantKalmanDesign {
         let gain = |value| Gain::from_f64(value).unwrap_or_default();
         LevantKalman {
             levant: self.levant.quantise(false),
-            gains: self.gains.map(|row| row.map(gain)),
+            filter: Integrator { gains: self.gains.map(|row| row.map(gain)) },
         }
     }
 }
@@ -158,55 +158,87 @@ const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
 /// Sizes and gains; made by [`LevantKalmanDesign::quantise`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevantKalman {
-    levant: Levant,
-    gains: [[Gain; 2]; 2],
+    /// The differentiator.
+    pub levant: Levant,
+    /// The filter behind it.
+    pub filter: Integrator,
 }
 
-/// Of the differentiator, and estimates of the filter after the last sample.
+/// The filter: gains from what count and measured velocity differ by to position, `gains[0]`, and velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Integrator<G = Gain> {
+    /// Those of the count first.
+    pub gains: [[G; 2]; 2],
+}
+
+/// Estimates of the filter after the last sample.
+#[derive(Clone, Copy, Debug)]
+pub struct IntegratorState<W: Word = i64> {
+    /// Position less the count.
+    pub distance: W,
+    /// Velocity.
+    pub velocity: W,
+    /// What rounding the last output dropped.
+    pub residue: W::Fraction,
+}
+
+kept!(IntegratorState { distance, velocity, residue });
+
+/// Of the differentiator and of the filter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LevantKalmanState {
     levant: LevantState,
-    /// Position less the count.
-    distance: i64,
-    velocity: i64,
-    /// What rounding the last output dropped.
-    residue: u16,
+    filter: IntegratorState,
 }
 
-kept!(LevantKalmanState { levant, distance, velocity, residue });
+kept!(LevantKalmanState { levant, filter });
 
-impl Form for LevantKalman {
-    type State = LevantKalmanState;
-    const REST: LevantKalmanState = LevantKalmanState {
-        levant: Levant::REST,
-        distance: 0,
-        velocity: 0,
-        residue: 1 << (DROPPED_BITS - 1),
-    };
+impl Integrator {
+    /// Before the first sample.
+    pub const REST: IntegratorState =
+        IntegratorState { distance: 0, velocity: 0, residue: 1 << (DROPPED_BITS - 1) };
+}
 
-    fn at(&self, velocity: Velocity) -> LevantKalmanState {
-        LevantKalmanState {
-            levant: self.levant.at(velocity),
-            velocity: i64::from(velocity.bits()) << DROPPED_BITS,
-            ..Self::REST
-        }
-    }
-
-    #[inline]
-    fn step(&self, state: &mut LevantKalmanState, difference: i32, senses: &Senses) -> Velocity {
-        let measured = called(&self.levant, &mut state.levant, difference, senses);
-        let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
+impl<G: Copy> Integrator<G> {
+    /// LSB of the velocity after a move by `moved` counts at a velocity that was `measured`, LSB.
+    #[inline(always)] // into what is compiled for a machine's vectors
+    pub fn update<W: Word<Gain = G>>(
+        &self,
+        state: &mut IntegratorState<W>,
+        moved: W,
+        measured: W,
+    ) -> W {
         let ahead = state.distance + state.velocity - (moved << FRACTION_BITS);
         let predicted = ahead.clamped(DISTANCE_MAX);
-        let faster = (i64::from(measured.bits()) << DROPPED_BITS) - state.velocity;
+        let faster = (measured << DROPPED_BITS) - state.velocity;
         let [[k11, k12], [k21, k22]] = self.gains;
         state.distance = predicted - predicted.times(k11) + faster.times(k12);
         state.velocity =
             (state.velocity - predicted.times(k21) + faster.times(k22)).clamped(VELOCITY_MAX);
         let (nearest, residue) = state.velocity.plus(state.residue).split();
         state.residue = residue;
+        nearest.clamped(Velocity::LIMIT_BITS.into())
+    }
+}
+
+impl Form for LevantKalman {
+    type State = LevantKalmanState;
+    const REST: LevantKalmanState =
+        LevantKalmanState { levant: Levant::REST, filter: Integrator::REST };
+
+    fn at(&self, velocity: Velocity) -> LevantKalmanState {
+        let bits = i64::from(velocity.bits()) << DROPPED_BITS;
+        let filter = IntegratorState { velocity: bits, ..Integrator::REST };
+        LevantKalmanState { levant: self.levant.at(velocity), filter }
+    }
+
+    #[inline]
+    fn step(&self, state: &mut LevantKalmanState, difference: i32, senses: &Senses) -> Velocity {
+        let measured = called(&self.levant, &mut state.levant, difference, senses);
+        let moved = i64::from(difference.clamp(-Velocity::LIMIT, Velocity::LIMIT));
+        let nearest = self.filter.update(&mut state.filter, moved, measured.bits().into());
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
-        Velocity::saturating_from_bits(nearest.clamped(Velocity::LIMIT_BITS.into()) as i32)
+        Velocity::saturating_from_bits(nearest as i32)
     }
 }
 
@@ -340,10 +372,11 @@ mod tests {
                 for residue in [0, u16::MAX] {
                     for moved in [i32::MIN, 0, i32::MAX] {
                         let levant = LevantState::of(ahead, speed);
-                        let mut state = LevantKalmanState { levant, distance, velocity, residue };
+                        let filter = IntegratorState { distance, velocity, residue };
+                        let mut state = LevantKalmanState { levant, filter };
                         let speed = form.step(&mut state, moved, &Senses::NONE);
                         assert!(speed.bits().abs() <= Velocity::LIMIT_BITS);
-                        assert!(state.velocity.abs() <= VELOCITY_MAX);
+                        assert!(state.filter.velocity.abs() <= VELOCITY_MAX);
                     }
                 }
             }

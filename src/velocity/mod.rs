@@ -64,7 +64,7 @@ pub use history::WINDOW_MAX;
 pub use kalman::{Kalman, KalmanDesign, KalmanState};
 pub use levant::{Levant, LevantDesign};
 #[cfg(feature = "estimators")]
-pub use levant_kalman::{LevantKalman, LevantKalmanDesign, RMS_RATIO};
+pub use levant_kalman::{Integrator, IntegratorState, LevantKalman, LevantKalmanDesign, RMS_RATIO};
 pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer, ObserverState};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};

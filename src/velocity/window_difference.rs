@@ -56,6 +56,19 @@ impl WindowDifference {
         let one = 1i64 << (Velocity::FRACTION_BITS + FACTOR_BITS);
         Ok(Self { window, factor: (one + i64::from(window) / 2) / i64::from(window) })
     }
+
+    /// Samples of the window.
+    pub const fn window_samples(&self) -> u8 {
+        self.window
+    }
+
+    /// One over them, in LSB of a velocity with [`FACTOR_BITS`](Self::FACTOR_BITS) fractional bits.
+    pub const fn factor(&self) -> i64 {
+        self.factor
+    }
+
+    /// Fractional bits of the factor beyond those of a velocity.
+    pub const FACTOR_BITS: u32 = FACTOR_BITS;
 }
 
 impl Form for WindowDifference {

@@ -11,7 +11,9 @@ use super::{
         Each, Form, VectorForm,
         kalman::Kalman,
         levant::Levant,
+        levant_kalman::LevantKalman,
         low_pass::{Cascade, LowPass},
+        mean::Mean,
         observer::Observer,
         window::{Adaptive, Sum, Window},
     },
@@ -50,11 +52,13 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
         Form::LowPass | Form::LikeLowPass => of::<S, Each<LowPass<S>>, R>(simd),
         Form::Cascade => of::<S, Each<Cascade<S>>, R>(simd),
         Form::Kalman => of::<S, Each<Kalman<S>>, R>(simd),
+        Form::Mean => of::<S, Mean<S>, R>(simd),
         Form::Fir => of::<S, Window<S, Sum<S>>, R>(simd),
         Form::FoawEnd => of::<S, Window<S, Adaptive<S, false>>, R>(simd),
         Form::FoawBest => of::<S, Window<S, Adaptive<S, true>>, R>(simd),
         Form::LevantExplicit => of::<S, Each<Levant<S, false>>, R>(simd),
         Form::LevantImplicit => of::<S, Each<Levant<S, true>>, R>(simd),
+        Form::LevantKalman => of::<S, Each<LevantKalman<S>>, R>(simd),
         Form::Observer => of::<S, Observer<S>, R>(simd),
     }
 }

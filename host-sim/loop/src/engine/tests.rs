@@ -252,7 +252,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names them.
-const IN_LANES: [&str; 22] = [
+const IN_LANES: [&str; 28] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
@@ -271,10 +271,16 @@ const IN_LANES: [&str; 22] = [
     "kalman-2",
     "kalman-3",
     "central-difference",
+    "second-order",
+    "smoothing",
+    "tracking-lead",
     "biquad",
     "biquad-2",
+    "window-difference",
     "algebraic-1",
     "algebraic-2",
+    "levant-kalman",
+    "dual-rate",
 ];
 
 #[test]

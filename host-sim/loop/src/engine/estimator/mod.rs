@@ -9,7 +9,9 @@ use super::{
 
 pub(super) mod kalman;
 pub(super) mod levant;
+pub(super) mod levant_kalman;
 pub(super) mod low_pass;
+pub(super) mod mean;
 pub(super) mod observer;
 pub(super) mod window;
 mod word;
@@ -27,6 +29,8 @@ pub enum Form {
     Kalman,
     /// Weighted sums of the last differences.
     Fir,
+    /// Counts of some samples over their number.
+    Mean,
     /// First-order adaptive windowing by the window's ends.
     FoawEnd,
     /// The same by its least-squares slope.
@@ -35,6 +39,8 @@ pub enum Form {
     LevantExplicit,
     /// The same, implicit.
     LevantImplicit,
+    /// The explicit one into a Kalman filter.
+    LevantKalman,
     /// Observer that is told the force.
     Observer,
 }
@@ -52,8 +58,13 @@ impl Form {
             VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
                 Some(Self::Kalman)
             }
-            VelocitySettings::TrackingLoop { .. } | VelocitySettings::CentralDifference {} => {
-                Some(Self::LikeLowPass)
+            VelocitySettings::TrackingLoop { .. }
+            | VelocitySettings::TrackingLead { .. }
+            | VelocitySettings::Smoothing { .. }
+            | VelocitySettings::SecondOrder { .. }
+            | VelocitySettings::CentralDifference {} => Some(Self::LikeLowPass),
+            VelocitySettings::WindowDifference { .. } | VelocitySettings::DualRate { .. } => {
+                Some(Self::Mean)
             }
             VelocitySettings::Biquad2 { .. } => Some(Self::Cascade),
             VelocitySettings::Taylor2 {}
@@ -66,6 +77,7 @@ impl Form {
             VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
             VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
             VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
+            VelocitySettings::LevantKalman { .. } => Some(Self::LevantKalman),
             VelocitySettings::Observer { .. } => Some(Self::Observer),
             _ => None,
         }

@@ -84,6 +84,21 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
             let kappa = 2.0 * (tuning * 37.0).fract();
             settings.with_tuning((2.0 * 32f64.powf(tuning)).round()).with_second(kappa)
         }
+        VelocitySettings::WindowDifference { .. } | VelocitySettings::DualRate { .. } => {
+            settings.with_tuning(255f64.powf(tuning).round())
+        }
+        VelocitySettings::SecondOrder { .. } => {
+            let quality = 0.3 + 1.7 * (tuning * 37.0).fract();
+            settings.with_tuning(1e-4 * 4900f64.powf(tuning) * rate_hz).with_second(quality)
+        }
+        VelocitySettings::Smoothing { .. } => {
+            let ratio = 1e6f64.powf((tuning * 37.0).fract());
+            settings.with_tuning(1e-4 * 2400f64.powf(tuning) * rate_hz).with_second(ratio)
+        }
+        VelocitySettings::TrackingLead { .. } => {
+            let lead = 2.0 * (tuning * 37.0).fract() - 1.0;
+            settings.with_tuning(1e-4 * 2400f64.powf(tuning) * rate_hz).with_second(lead)
+        }
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
             let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
             settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)
@@ -92,6 +107,11 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
             let unit = scene.encoder.resolution_m * rate_hz * rate_hz;
             let lambda_ratio = 0.5 + 2.5 * (tuning * 37.0).fract();
             settings.with_tuning(1.001e-6 * 9.9e9f64.powf(tuning) * unit).with_second(lambda_ratio)
+        }
+        VelocitySettings::LevantKalman { .. } => {
+            let unit = scene.encoder.resolution_m * rate_hz * rate_hz;
+            let rms_ratio = 0.1 * 100f64.powf((tuning * 37.0).fract());
+            settings.with_tuning(1.001e-5 * 9.9e5f64.powf(tuning) * unit).with_second(rms_ratio)
         }
         VelocitySettings::Observer { .. } => {
             let mass_kg = scene.device.mass_kg * 10f64.powf(2.0 * (tuning * 37.0).fract() - 1.0);

@@ -1,0 +1,118 @@
+//! [`WindowDifference`] and [`DualRate`](zwidth::velocity::DualRate): counts of some samples over their number. Asked
+//! only when an output is due.
+
+use zwidth::velocity::{Estimator, WindowDifference};
+
+use super::VectorForm;
+use crate::engine::{
+    lanes::Row,
+    simd_ops::{SimdOps, lanes, lanes_mut},
+};
+
+/// Where the handles of a vector were, counts from where they began, and the samples that each lane looks at.
+pub struct Mean<S: SimdOps> {
+    /// A ring of the last samples.
+    places: Vec<S::f64s>,
+    newest: usize,
+    samples: Vec<Samples>,
+    /// The factor of the core, without its last bits, and those.
+    factor: [S::u64s; 2],
+}
+
+/// What a lane looks at.
+#[derive(Clone, Copy)]
+struct Samples {
+    /// From the older of two to the newer one.
+    number: usize,
+    /// From the newer one to the last sample.
+    late: usize,
+    /// The newer one is each of that number, else it is the last.
+    held: bool,
+}
+
+/// Twice the longest window, and as a power of two.
+const LENGTH: usize = 512;
+/// Last bits of the factor: both parts are below 2^31.
+const LAST: u32 = 16;
+
+impl<S: SimdOps> VectorForm<S> for Mean<S> {
+    type Gains = ();
+
+    fn at_rest(simd: S) -> (Self, ()) {
+        let none = Samples { number: 1, late: 0, held: false };
+        let places = vec![simd.splat_f64s(0.0); LENGTH];
+        let factor = [simd.splat_u64s(0); 2];
+        (Self { places, newest: 0, samples: vec![none; S::F64_LANES], factor }, ())
+    }
+
+    fn start(&mut self, _: S, (): &mut (), lane: usize, estimator: &Estimator, _: usize) {
+        let (number, factor, held) = match estimator {
+            Estimator::WindowDifference(mean) => (mean.window_samples(), mean.factor(), false),
+            Estimator::DualRate(mean) => (mean.decimation_samples(), mean.factor(), true),
+            _ => return,
+        };
+        let number = usize::from(number);
+        // with the next sample it is not late
+        let late = if held { number - 1 } else { 0 };
+        self.samples[lane] = Samples { number, late, held };
+        let [first, last] = &mut self.factor;
+        lanes_mut(first)[lane] = (factor >> LAST).cast_unsigned();
+        lanes_mut(last)[lane] = (factor & ((1 << LAST) - 1)).cast_unsigned();
+        for place in &mut self.places {
+            lanes_mut(place)[lane] = 0.0;
+        }
+    }
+
+    #[inline(always)]
+    fn take<const R: usize>(
+        forms: &mut [Self; R],
+        simd: S,
+        _: &[(); R],
+        moved: &[Row<S, R>],
+        due: bool,
+        velocity: &mut [S::u64s; R],
+    ) {
+        for r in 0..R {
+            let Mean { places, newest, samples, factor } = &mut forms[r];
+            let Some(places) = places.first_chunk_mut::<LENGTH>() else { return };
+            let mut place = places[*newest % LENGTH];
+            for row in moved {
+                place = simd.add_f64s(place, row.0[r]);
+                *newest = (*newest + 1) % LENGTH;
+                places[*newest] = place;
+            }
+            for lane in samples.iter_mut().filter(|lane| lane.held) {
+                lane.late += moved.len();
+                while lane.late >= lane.number {
+                    lane.late -= lane.number;
+                }
+            }
+            if due {
+                let mut counts = place;
+                for (lane, counts) in lanes_mut::<_, f64>(&mut counts).iter_mut().enumerate() {
+                    let Samples { number, late, .. } = samples[lane];
+                    let at = |age: usize| {
+                        lanes::<_, f64>(&places[(*newest + LENGTH - age) % LENGTH])[lane]
+                    };
+                    *counts = at(late) - at(late + number);
+                }
+                velocity[r] = mean(simd, counts, *factor);
+            }
+        }
+    }
+
+    fn is_lost(&self, (): &(), _: usize) -> bool {
+        false
+    }
+}
+
+/// LSB in the lower 32 bits. The product is below 2^55: a count moves by less than 2^15 in each of the samples.
+#[inline(always)]
+fn mean<S: SimdOps>(simd: S, counts: S::f64s, [first, last]: [S::u64s; 2]) -> S::u64s {
+    const BITS: u32 = WindowDifference::FACTOR_BITS;
+    let of = |bits: u64| simd.splat_u64s(bits);
+    let counts = simd.to_low(counts);
+    let large = simd.shift_left(simd.product(counts, first), of(LAST.into()));
+    let exact = simd.add_u64s(large, simd.product(counts, last));
+    simd.shift_right(simd.add_u64s(exact, of(1 << (BITS - 1))), of(BITS.into()))
+}
