@@ -40,6 +40,16 @@ impl Ahead {
         let lead = libm::round(lead * f64::from(1u32 << Offset::FRACTION_BITS)) as i32;
         Ok(Self { filter, lead })
     }
+
+    /// The low-pass.
+    pub const fn filter(&self) -> &Biquad {
+        &self.filter
+    }
+
+    /// The lead, LSB of an [`Offset`] per count of the last difference.
+    pub const fn lead_bits(&self) -> i32 {
+        self.lead
+    }
 }
 
 impl Form for Ahead {

@@ -211,7 +211,7 @@ impl Form for Foaw {
 
 /// The best fit, with the end of its line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FoawPosition(pub(super) Foaw);
+pub struct FoawPosition(pub Foaw);
 
 /// Its differences, and where the line of the last sample ends: looked for once.
 #[derive(Clone, Copy, Debug)]

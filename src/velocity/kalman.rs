@@ -141,6 +141,14 @@ pub struct KalmanState<W: Word = i64> {
     pub residue: W::Fraction,
 }
 
+impl<W: Word> KalmanState<W> {
+    /// Estimated position less the count, LSB of an [`Offset`].
+    #[inline(always)] // into what is compiled for a machine's vectors
+    pub fn offset(&self) -> W {
+        self.distance.rounded(FRACTION_BITS - Offset::FRACTION_BITS)
+    }
+}
+
 kept!(KalmanState { distance, velocity, acceleration, residue });
 
 impl Kalman {
@@ -186,7 +194,7 @@ impl Form for Kalman {
 
 impl Places for Kalman {
     fn offset(&self, state: &KalmanState) -> Offset {
-        Offset::saturating_from_bits(state.distance.rounded(FRACTION_BITS - Offset::FRACTION_BITS))
+        Offset::saturating_from_bits(state.offset())
     }
 }
 

@@ -82,6 +82,14 @@ pub struct ObserverState<W: Word = i64> {
     pub disturbance: W,
 }
 
+impl<W: Word> ObserverState<W> {
+    /// Estimated position less the count, LSB of an [`Offset`].
+    #[inline(always)] // into what is compiled for a machine's vectors
+    pub fn offset(&self) -> W {
+        (-self.error).rounded(POSITION_BITS - Offset::FRACTION_BITS)
+    }
+}
+
 kept!(ObserverState { error, velocity, disturbance });
 
 impl Form for Observer {
@@ -116,8 +124,7 @@ impl Form for Fusion {
 
 impl Places for Observer {
     fn offset(&self, state: &ObserverState) -> Offset {
-        const MORE: u32 = POSITION_BITS - Offset::FRACTION_BITS;
-        Offset::saturating_from_bits((-state.error).rounded(MORE))
+        Offset::saturating_from_bits(state.offset())
     }
 }
 

@@ -30,7 +30,7 @@ pub(super) trait Places: Form {
 
 /// An estimator on whose position the wall's spring works.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placed<F>(pub(super) F);
+pub struct Placed<F>(pub F);
 
 impl<F: Places> Form for Placed<F> {
     type State = F::State;

@@ -4,7 +4,10 @@
 //! ([`LaneController::is_lost`]) and run by the core itself.
 
 use pulp::WithSimd;
-use zwidth::{SettingsError, units::Force};
+use zwidth::{
+    SettingsError,
+    units::{Force, Offset},
+};
 
 use super::{
     estimator::{
@@ -12,7 +15,7 @@ use super::{
         kalman::Kalman,
         levant::Levant,
         levant_kalman::LevantKalman,
-        low_pass::{Cascade, LowPass},
+        low_pass::{Ahead, Cascade, LowPass},
         mean::Mean,
         observer::Observer,
         window::{Adaptive, Sum, Window},
@@ -35,6 +38,8 @@ pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     /// LSB, in the lower 32 bits.
     velocity: [S::u64s; R],
     walls: [Wall<S>; R],
+    /// The spring works on the estimator's position.
+    placed: bool,
 }
 
 /// The core's loop with an estimator of that form.
@@ -50,6 +55,7 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
     match form {
         Form::LowPass | Form::LikeLowPass => of::<S, Each<LowPass<S>>, R>(simd),
+        Form::Ahead => of::<S, Each<Ahead<S>>, R>(simd),
         Form::Cascade => of::<S, Each<Cascade<S>>, R>(simd),
         Form::Kalman => of::<S, Each<Kalman<S>>, R>(simd),
         Form::Mean => of::<S, Mean<S>, R>(simd),
@@ -81,6 +87,7 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> FixedLoop<S, F, R> {
             gains: [gains; R],
             velocity: [simd.splat_u64s(0); R],
             walls: [Wall { stiffness: gain, damping: gain }; R],
+            placed: false,
         }
     }
 }
@@ -99,6 +106,8 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         let actuator = &prepared.scene().actuator;
         let late = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
         self.forms[vector].start(self.simd, gains, place, &control.estimator, late);
+        let settings = prepared.scene().velocity.settings(hit.cutoff_hz);
+        self.placed = F::PLACES && settings.unplaced().is_some();
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());
@@ -116,12 +125,18 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
 
             #[inline(always)]
             fn with_simd<T: pulp::Simd>(self, _: T) -> Row<S, R> {
-                let Take(FixedLoop { simd, forms, gains, velocity, walls }, moved, due) = self;
+                let Take(FixedLoop { simd, forms, gains, velocity, walls, placed }, moved, due) =
+                    self;
                 F::take(forms, *simd, gains, moved, due.is_some(), velocity);
                 let mut outputs = Aligned([simd.splat_f64s(0.0); R]);
                 if let Some(Due { depth, speed, stage }) = due {
                     for r in 0..R {
-                        let force = walls[r].force(*simd, depth[r], velocity[r], speed[r], stage);
+                        let mut offset = None;
+                        if F::PLACES && *placed {
+                            offset = Some(forms[r].offset(*simd, &gains[r]));
+                        }
+                        let place = (depth[r], offset);
+                        let force = walls[r].force(*simd, place, velocity[r], speed[r], stage);
                         forms[r].granted(*simd, &gains[r], force);
                         outputs.0[r] = output(*simd, force, stage);
                     }
@@ -144,14 +159,20 @@ impl<S: SimdOps> Wall<S> {
     fn force(
         &self,
         simd: S,
-        depth: S::f64s,
+        (depth, offset): (S::f64s, Option<S::u64s>),
         velocity: S::u64s,
         speed: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::u64s {
         let zero = simd.splat_u64s(0);
         let inside = simd.greater_than_f64s(depth, simd.splat_f64s(0.0));
-        let spring = self.stiffness.apply(simd, simd.to_low(depth));
+        let mut spring = self.stiffness.apply(simd, simd.to_low(depth));
+        if let Some(offset) = offset {
+            let half = simd.splat_u64s(1 << (Offset::FRACTION_BITS - 1));
+            let fine = simd.add_u64s(self.stiffness.apply(simd, offset), half);
+            let bits = simd.splat_u64s(Offset::FRACTION_BITS.into());
+            spring = simd.add_u64s(spring, simd.signed_shift_right(fine, bits));
+        }
         let velocity = match stage.told {
             None => velocity,
             Some(scale) => {

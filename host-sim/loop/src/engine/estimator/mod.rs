@@ -23,6 +23,8 @@ pub enum Form {
     LowPass,
     /// What is a low-pass in fixed point, but not in `f64`.
     LikeLowPass,
+    /// Low-pass with a position that the difference extrapolates.
+    Ahead,
     /// Two low-passes in a row.
     Cascade,
     /// Kalman filters.
@@ -53,19 +55,21 @@ impl Form {
             | VelocitySettings::ButterworthPrewarped { .. }
             | VelocitySettings::FirstOrder { .. }
             | VelocitySettings::FirstOrderPrewarped { .. }
+            | VelocitySettings::SecondOrder { .. }
             | VelocitySettings::Difference {}
             | VelocitySettings::Biquad { .. } => Some(Self::LowPass),
-            VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
-                Some(Self::Kalman)
-            }
+            VelocitySettings::Kalman2 { .. }
+            | VelocitySettings::Kalman3 { .. }
+            | VelocitySettings::Kalman2Position { .. }
+            | VelocitySettings::Kalman3Position { .. } => Some(Self::Kalman),
             VelocitySettings::TrackingLoop { .. }
             | VelocitySettings::TrackingLead { .. }
             | VelocitySettings::Smoothing { .. }
-            | VelocitySettings::SecondOrder { .. }
             | VelocitySettings::CentralDifference {} => Some(Self::LikeLowPass),
             VelocitySettings::WindowDifference { .. } | VelocitySettings::DualRate { .. } => {
                 Some(Self::Mean)
             }
+            VelocitySettings::FirstOrderPosition { .. } => Some(Self::Ahead),
             VelocitySettings::Biquad2 { .. } => Some(Self::Cascade),
             VelocitySettings::Taylor2 {}
             | VelocitySettings::Taylor3 {}
@@ -74,11 +78,15 @@ impl Form {
             | VelocitySettings::Algebraic1 { .. }
             | VelocitySettings::Algebraic2 { .. } => Some(Self::Fir),
             VelocitySettings::FoawEnd { .. } => Some(Self::FoawEnd),
-            VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
+            VelocitySettings::FoawBest { .. } | VelocitySettings::FoawBestPosition { .. } => {
+                Some(Self::FoawBest)
+            }
             VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
             VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
             VelocitySettings::LevantKalman { .. } => Some(Self::LevantKalman),
-            VelocitySettings::Observer { .. } => Some(Self::Observer),
+            VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
+                Some(Self::Observer)
+            }
             _ => None,
         }
     }
@@ -113,6 +121,13 @@ pub trait VectorForm<S: SimdOps>: Sized {
     /// The wall granted forces, LSB, with the last sample that was taken.
     #[inline(always)]
     fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
+    /// Some of its estimators say where the handle is.
+    const PLACES: bool = false;
+    /// That position less the count at the last output, LSB of an [`Offset`](zwidth::units::Offset) in the lower 32 bits.
+    #[inline(always)]
+    fn offset(&self, simd: S, _: &Self::Gains) -> S::u64s {
+        simd.splat_u64s(0)
+    }
     /// The hit came where these lanes do not do what the estimator does.
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
@@ -130,6 +145,13 @@ pub trait Recursive<S: SimdOps>: Copy {
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
     /// The velocity after a move by so many counts, LSB in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
+    /// See [`VectorForm::PLACES`].
+    const PLACES: bool = false;
+    /// See [`VectorForm::offset`].
+    #[inline(always)]
+    fn offset(&self, simd: S, _: &Self::Gains) -> S::u64s {
+        simd.splat_u64s(0)
+    }
     /// See [`VectorForm::is_lost`].
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
@@ -183,6 +205,13 @@ impl<S: SimdOps, F: Recursive<S>> VectorForm<S> for Each<F> {
             forms[r].0 = now[r];
         }
         *velocity = last;
+    }
+
+    const PLACES: bool = F::PLACES;
+
+    #[inline(always)]
+    fn offset(&self, simd: S, gains: &F::Gains) -> S::u64s {
+        self.0.offset(simd, gains)
     }
 
     fn is_lost(&self, gains: &F::Gains, lane: usize) -> bool {

@@ -2,7 +2,7 @@
 
 use zwidth::{
     units::Force,
-    velocity::{self, Estimator, Factor, ObserverState},
+    velocity::{self, Estimator, Factor, ObserverState, Placed},
 };
 
 use super::{
@@ -73,7 +73,11 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
         estimator: &Estimator,
         late: usize,
     ) {
-        let Estimator::Observer(observer) = estimator else { return };
+        let (Estimator::Observer(observer) | Estimator::ObserverPosition(Placed(observer))) =
+            estimator
+        else {
+            return;
+        };
         type Core = velocity::Observer<Factor>;
         let own = &mut gains.observer;
         let mut has = observer.per_force.apply(Force::FULL_SCALE.bits()).unsigned_abs() < LIMIT;
@@ -129,6 +133,13 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
     #[inline(always)]
     fn granted(&mut self, simd: S, gains: &Gains<S>, force: S::u64s) {
         self.granted = gains.per_force.apply(simd, force);
+    }
+
+    const PLACES: bool = true;
+
+    #[inline(always)]
+    fn offset(&self, _: S, _: &Gains<S>) -> S::u64s {
+        self.state.offset().bits
     }
 
     fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {

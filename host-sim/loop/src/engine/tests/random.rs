@@ -64,16 +64,16 @@ fn scenes() -> impl Strategy<Value = Scene> {
 }
 
 /// An estimator with its tuning anywhere in its range.
-fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
+pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
     let settings = name.defaults();
     let (rate_hz, noise_m) = (scene.control.rate_hz, scene.encoder.resolution_m / 12f64.sqrt());
     // The Kalman filters' u, from 0.001 to 0.95
     let u = 0.00101 * 930f64.powf(tuning);
     match settings {
-        VelocitySettings::Kalman2 { .. } => {
+        VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman2Position { .. } => {
             settings.with_tuning(2.0 * u * u / (1.0 - u) * noise_m * rate_hz.powi(2))
         }
-        VelocitySettings::Kalman3 { .. } => {
+        VelocitySettings::Kalman3 { .. } | VelocitySettings::Kalman3Position { .. } => {
             let ratio = 2.0 * u.powi(3) / ((1.0 - u) * (2.0 - u));
             settings.with_tuning(ratio * noise_m * rate_hz.powi(3))
         }
@@ -99,7 +99,12 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
             let lead = 2.0 * (tuning * 37.0).fract() - 1.0;
             settings.with_tuning(1e-4 * 2400f64.powf(tuning) * rate_hz).with_second(lead)
         }
-        VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
+        VelocitySettings::FirstOrderPosition { .. } => {
+            settings.with_second(100.0 * (tuning * 37.0).fract().powi(4))
+        }
+        VelocitySettings::FoawEnd { .. }
+        | VelocitySettings::FoawBest { .. }
+        | VelocitySettings::FoawBestPosition { .. } => {
             let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
             settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)
         }
@@ -113,7 +118,7 @@ fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
             let rms_ratio = 0.1 * 100f64.powf((tuning * 37.0).fract());
             settings.with_tuning(1.001e-5 * 9.9e5f64.powf(tuning) * unit).with_second(rms_ratio)
         }
-        VelocitySettings::Observer { .. } => {
+        VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
             let mass_kg = scene.device.mass_kg * 10f64.powf(2.0 * (tuning * 37.0).fract() - 1.0);
             settings.with_tuning(rate_hz * 1.001e-3 * 199f64.powf(tuning)).with_second(mass_kg)
         }
@@ -178,12 +183,38 @@ proptest! {
     }
 
     #[test]
+    fn estimators_with_a_position_or_a_text_of_their_own_are_the_same_bit_for_bit(
+        scene in scenes(),
+        mut hits in walls(),
+        name in select(&[
+            EstimatorName::WindowDifference,
+            EstimatorName::DualRate,
+            EstimatorName::LevantKalman,
+            EstimatorName::Kalman3Position,
+            EstimatorName::FoawBestPosition,
+            EstimatorName::FirstOrderPosition,
+        ][..]),
+        tuning in 0.0..1.0f64,
+    ) {
+        let velocity = tuned(name, tuning, &scene);
+        let scene = with_estimator(scene, velocity);
+        prop_assume!(scene.check().is_ok());
+        for hit in &mut hits {
+            hit.cutoff_hz = scene.control.rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
+        }
+        let prepared = PreparedScene::new(&scene).unwrap();
+        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
+        hold(&prepared, &hits);
+    }
+
+    #[test]
     fn an_observer_of_any_scene_is_the_same_bit_for_bit(
         scene in scenes(),
         mut hits in walls(),
+        name in select(&[EstimatorName::Observer, EstimatorName::ObserverPosition][..]),
         (tuning, late) in (0.0..1.0f64, any::<bool>()),
     ) {
-        let velocity = tuned(EstimatorName::Observer, tuning, &scene);
+        let velocity = tuned(name, tuning, &scene);
         let mut scene = with_estimator(scene, velocity);
         scene.actuator.latency_known = late;
         prop_assume!(scene.check().is_ok());
