@@ -11,6 +11,7 @@
 )]
 
 mod plain;
+mod plain_filters;
 
 use std::{hint::black_box, time::Instant};
 
@@ -19,11 +20,9 @@ use host_sim::{
     scene::{NamedScene, Scene},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
-use plain::{Butterworth, Filter, SAMPLES, plain};
-use zwidth::{
-    VelocitySettings,
-    velocity::{EstimatorName, FirstOrder, KalmanDesign, LevantDesign, TrackingLoop},
-};
+use plain::SAMPLES;
+use plain_filters::plain_hit;
+use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 const ROUNDS: usize = 15;
 /// Hits of a round; a multiple of every number of lanes.
@@ -58,182 +57,13 @@ fn throughput(prepared: &PreparedScene, engine: Engine, hits: u32) -> f64 {
     f64::from(hits) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-struct Kalman {
-    gains: KalmanDesign,
-    distance: f64,
-    velocity: f64,
-    acceleration: f64,
-}
-
-impl Filter for Kalman {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        let predicted = self.distance + self.velocity + self.acceleration / 2.0 - moved;
-        self.distance = predicted - self.gains.alpha * predicted;
-        self.velocity += self.acceleration - self.gains.beta * predicted;
-        self.acceleration -= self.gains.gamma * predicted;
-        self.velocity
-    }
-}
-
-/// A weighted sum of the last differences, newest first.
-struct Sum {
-    weights: Vec<f64>,
-    past: [f64; 64],
-    newest: usize,
-}
-
-impl Filter for Sum {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        self.newest = (self.newest + 1) % 64;
-        self.past[self.newest] = moved;
-        let at = |age: usize| self.past[(self.newest + 64 - age) % 64];
-        self.weights.iter().enumerate().map(|(age, weight)| weight * at(age)).sum()
-    }
-}
-
-/// The tracking loop with both its poles at 1500 Hz.
-struct Tracking {
-    gains: TrackingLoop,
-    error: f64,
-    velocity: f64,
-}
-
-impl Filter for Tracking {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        let e = self.error + moved - self.velocity;
-        self.error = e - self.gains.kp * e;
-        self.velocity += self.gains.ki * e;
-        self.velocity
-    }
-}
-
-/// Levant's differentiator.
-struct Levant {
-    implicit: bool,
-    sizes: LevantDesign,
-    ahead: f64,
-    velocity: f64,
-}
-
-impl Filter for Levant {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        let LevantDesign { alpha, lambda } = self.sizes;
-        let b = self.ahead - moved;
-        let sign = if b == 0.0 { 0.0 } else { b.signum() };
-        if !self.implicit {
-            let u = self.velocity - lambda * b.abs().sqrt() * sign;
-            self.velocity -= alpha * sign;
-            self.ahead = b + u;
-            return u;
-        }
-        let mut e = 0.0;
-        if b.abs() <= alpha {
-            self.velocity -= b;
-        } else {
-            let root = (lambda * lambda / 4.0 + b.abs() - alpha).sqrt() - lambda / 2.0;
-            e = root * root * sign;
-            self.velocity -= alpha * sign;
-        }
-        self.ahead = e + self.velocity;
-        self.velocity
-    }
-}
-
-/// First-order adaptive windowing in one pass: the bounds of the slope as they narrow.
-struct Adaptive {
-    best: bool,
-    window: usize,
-    noise: f64,
-    past: [f64; 64],
-    newest: usize,
-}
-
-impl Filter for Adaptive {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        self.newest = (self.newest + 1) % 64;
-        self.past[self.newest] = moved;
-        let (mut low, mut high, mut velocity) = (f64::NEG_INFINITY, f64::INFINITY, 0.0);
-        let (mut s, mut sum, mut moment) = (0.0, 0.0, 0.0);
-        for age in 0..self.window {
-            let i = (age + 1) as f64;
-            s += self.past[(self.newest + 64 - age) % 64];
-            let slope = if self.best {
-                sum += s;
-                moment += i * s;
-                (2.0 * moment - i * sum) / (i * (i + 1.0) * (i + 2.0) / 6.0)
-            } else {
-                s / i
-            };
-            if slope < low || slope > high {
-                break;
-            }
-            velocity = slope;
-            low = low.max((s - self.noise) / i);
-            high = high.min((s + self.noise) / i);
-        }
-        velocity
-    }
-}
-
 /// Million samples per second of the plain loop.
 fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f64 {
     let began = Instant::now();
     let runs = 4;
     for n in 0..runs {
-        let (k, b) = (black_box(60_000.0 + 50.0 * f64::from(n)), black_box(300.0));
-        let kalman = |gains: Result<KalmanDesign, _>| Kalman {
-            gains: gains.unwrap(),
-            distance: 0.0,
-            velocity: 0.0,
-            acceleration: 0.0,
-        };
-        let design = prepared.design();
-        black_box(match *settings {
-            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
-                plain(kalman(KalmanDesign::two_states(acceleration_rms_m_per_s2, design)), k, b)
-            }
-            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
-                plain(kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)), k, b)
-            }
-            VelocitySettings::TrackingLoop { .. } => {
-                let gains = TrackingLoop::new(1500.0, design.rate_hz).unwrap();
-                plain(Tracking { gains, error: 0.0, velocity: 0.0 }, k, b)
-            }
-            VelocitySettings::FoawEnd { window_samples, noise_counts: noise }
-            | VelocitySettings::FoawBest { window_samples, noise_counts: noise } => {
-                let best = matches!(settings, VelocitySettings::FoawBest { .. });
-                let window = window_samples as usize;
-                plain(Adaptive { best, window, noise, past: [0.0; 64], newest: 0 }, k, b)
-            }
-            VelocitySettings::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio }
-            | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
-                let implicit = matches!(settings, VelocitySettings::LevantImplicit { .. });
-                let sizes = LevantDesign::new(c, lambda_ratio, design).unwrap();
-                plain(Levant { implicit, sizes, ahead: 0.0, velocity: 0.0 }, k, b)
-            }
-            VelocitySettings::Difference {} => plain(|moved: f64| moved, k, b),
-            VelocitySettings::FirstOrder { .. } | VelocitySettings::FirstOrderPrewarped { .. } => {
-                let FirstOrder { b0, a1 } = FirstOrder::new(1500.0, 1e4, false).unwrap();
-                let (mut x1, mut y1) = (0.0, 0.0);
-                let filter = |moved: f64| {
-                    (y1, x1) = (b0 * (moved + x1) - a1 * y1, moved);
-                    y1
-                };
-                plain(filter, k, b)
-            }
-            _ => match settings.weights(design).unwrap() {
-                Some(fir) => {
-                    let weights = fir.weights().to_vec();
-                    plain(Sum { weights, past: [0.0; 64], newest: 0 }, k, b)
-                }
-                None => plain(Butterworth::default(), k, b),
-            },
-        });
+        let wall = [black_box(60_000.0 + 50.0 * f64::from(n)), black_box(300.0)];
+        black_box(plain_hit(settings, prepared.design(), wall));
     }
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }

@@ -11,6 +11,14 @@ pub const SAMPLES: usize = 60_000;
 pub trait Filter {
     /// Takes a sample.
     fn update(&mut self, moved: f64) -> f64;
+    /// What the actuator gives from the last sample on, fraction of full scale.
+    #[inline(always)]
+    fn granted(&mut self, _force: f64) {}
+    /// What the wall's spring works on at a count so far behind its surface, counts.
+    #[inline(always)]
+    fn spring(&self, depth: f64) -> f64 {
+        depth
+    }
 }
 
 impl<F: FnMut(f64) -> f64> Filter for F {
@@ -73,10 +81,12 @@ pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
         let y = filter.update(difference);
         if n % 10 == 0 {
             force = next; // one output of latency
-            let depth = (count - wall) * resolution;
-            let reaction = stiffness * depth + damping * y * resolution / t;
+            let depth = count - wall;
+            let spring = filter.spring(depth) * resolution;
+            let reaction = stiffness * spring + damping * y * resolution / t;
             let reaction = if depth > 0.0 { reaction.max(0.0) } else { 0.0 };
             next = (push - reaction).clamp(-full_scale, full_scale);
+            filter.granted(next / full_scale);
         }
         (x, v) = (xx * x + xv * v + gx * force, vx * x + vv * v + gv * force);
         if n >= 40_000 {

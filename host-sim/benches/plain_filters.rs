@@ -1,0 +1,393 @@
+//! The maths of every estimator that has lanes, for the plain loop.
+
+use zwidth::{
+    Design, VelocitySettings,
+    velocity::{
+        BiquadDesign, ButterworthDesign, CascadeDesign, FirstOrder, KalmanDesign, LevantDesign,
+        LevantKalmanDesign, ObserverDesign, TrackingLoop,
+    },
+};
+
+use crate::plain::{Butterworth, Filter, plain};
+
+/// A Kalman filter of two or three states.
+struct Kalman {
+    gains: KalmanDesign,
+    placed: bool,
+    distance: f64,
+    velocity: f64,
+    acceleration: f64,
+}
+
+impl Filter for Kalman {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let predicted = self.distance + self.velocity + self.acceleration / 2.0 - moved;
+        self.distance = predicted - self.gains.alpha * predicted;
+        self.velocity += self.acceleration - self.gains.beta * predicted;
+        self.acceleration -= self.gains.gamma * predicted;
+        self.velocity
+    }
+
+    #[inline(always)]
+    fn spring(&self, depth: f64) -> f64 {
+        if self.placed { depth + self.distance } else { depth }
+    }
+}
+
+/// A weighted sum of the last differences, newest first.
+struct Sum {
+    weights: Vec<f64>,
+    past: [f64; 64],
+    newest: usize,
+}
+
+impl Filter for Sum {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        self.newest = (self.newest + 1) % 64;
+        self.past[self.newest] = moved;
+        let at = |age: usize| self.past[(self.newest + 64 - age) % 64];
+        self.weights.iter().enumerate().map(|(age, weight)| weight * at(age)).sum()
+    }
+}
+
+/// The tracking loop, and smoothing, which is one.
+struct Tracking {
+    gains: TrackingLoop,
+    error: f64,
+    velocity: f64,
+}
+
+impl Filter for Tracking {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let e = self.error + moved - self.velocity;
+        self.error = e - self.gains.kp * e;
+        let before = self.velocity;
+        self.velocity += self.gains.ki * e;
+        self.velocity + self.gains.lead * (self.velocity - before)
+    }
+}
+
+/// Levant's differentiator.
+struct Levant {
+    implicit: bool,
+    sizes: LevantDesign,
+    ahead: f64,
+    velocity: f64,
+}
+
+impl Filter for Levant {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let LevantDesign { alpha, lambda } = self.sizes;
+        let b = self.ahead - moved;
+        let sign = if b == 0.0 { 0.0 } else { b.signum() };
+        if !self.implicit {
+            let u = self.velocity - lambda * b.abs().sqrt() * sign;
+            self.velocity -= alpha * sign;
+            self.ahead = b + u;
+            return u;
+        }
+        let mut e = 0.0;
+        if b.abs() <= alpha {
+            self.velocity -= b;
+        } else {
+            let root = (lambda * lambda / 4.0 + b.abs() - alpha).sqrt() - lambda / 2.0;
+            e = root * root * sign;
+            self.velocity -= alpha * sign;
+        }
+        self.ahead = e + self.velocity;
+        self.velocity
+    }
+}
+
+/// First-order adaptive windowing in one pass: the bounds of the slope as they narrow.
+struct Adaptive {
+    best: bool,
+    window: usize,
+    noise: f64,
+    past: [f64; 64],
+    newest: usize,
+    placed: bool,
+    /// Of the line's end, less the count.
+    offset: f64,
+}
+
+impl Filter for Adaptive {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        self.newest = (self.newest + 1) % 64;
+        self.past[self.newest] = moved;
+        let (mut low, mut high, mut velocity) = (f64::NEG_INFINITY, f64::INFINITY, 0.0);
+        let (mut s, mut sum, mut moment) = (0.0, 0.0, 0.0);
+        let (mut used, mut used_sum) = (0.0, 0.0);
+        for age in 0..self.window {
+            let i = (age + 1) as f64;
+            s += self.past[(self.newest + 64 - age) % 64];
+            let slope = if self.best {
+                sum += s;
+                moment += i * s;
+                (2.0 * moment - i * sum) / (i * (i + 1.0) * (i + 2.0) / 6.0)
+            } else {
+                s / i
+            };
+            if slope < low || slope > high {
+                break;
+            }
+            velocity = slope;
+            (used, used_sum) = (i, sum);
+            low = low.max((s - self.noise) / i);
+            high = high.min((s + self.noise) / i);
+        }
+        if self.placed {
+            self.offset = velocity * used / 2.0 - used_sum / (used + 1.0);
+        }
+        velocity
+    }
+
+    #[inline(always)]
+    fn spring(&self, depth: f64) -> f64 {
+        depth + self.offset
+    }
+}
+
+/// A biquad.
+#[derive(Default)]
+struct Section {
+    b: [f64; 3],
+    a: [f64; 2],
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Section {
+    fn of(&BiquadDesign { b, a, .. }: &BiquadDesign) -> Self {
+        Self { b, a, ..Self::default() }
+    }
+}
+
+impl Filter for Section {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let (Self { b: [b0, b1, b2], a: [a1, a2], .. }, [x1, x2], [y1, y2]) =
+            (&*self, self.x, self.y);
+        let y = b0 * moved + b1 * x1 + b2 * x2 - a1 * y1 - a2 * y2;
+        (self.x, self.y) = ([moved, x1], [y, y1]);
+        y
+    }
+}
+
+/// First-order low-pass; the spring works on what the difference extrapolates.
+struct Ahead {
+    filter: FirstOrder,
+    lead: f64,
+    x: f64,
+    y: f64,
+}
+
+impl Filter for Ahead {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let FirstOrder { b0, a1 } = self.filter;
+        self.y = b0 * (moved + self.x) - a1 * self.y;
+        self.x = moved;
+        self.y
+    }
+
+    #[inline(always)]
+    fn spring(&self, depth: f64) -> f64 {
+        depth + self.lead * self.x
+    }
+}
+
+/// The observer that is told the force.
+struct Observer {
+    design: ObserverDesign,
+    placed: bool,
+    known: f64,
+    error: f64,
+    velocity: f64,
+    disturbance: f64,
+}
+
+impl Filter for Observer {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let [l1, l2, l3] = self.design.gains;
+        let acceleration = self.known + self.disturbance;
+        let e = self.error + moved - self.velocity - 0.5 * acceleration;
+        self.error = e - l1 * e;
+        self.velocity += acceleration + l2 * e;
+        self.disturbance += l3 * e;
+        self.velocity
+    }
+
+    #[inline(always)]
+    fn granted(&mut self, force: f64) {
+        self.known = force * self.design.per_full_scale;
+    }
+
+    #[inline(always)]
+    fn spring(&self, depth: f64) -> f64 {
+        if self.placed { depth - self.error } else { depth }
+    }
+}
+
+/// Levant's differentiator into a Kalman filter.
+struct LevantKalman {
+    levant: Levant,
+    gains: [[f64; 2]; 2],
+    distance: f64,
+    velocity: f64,
+}
+
+impl Filter for LevantKalman {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        let faster = self.levant.update(moved) - self.velocity;
+        let predicted = self.distance + self.velocity - moved;
+        let [[k11, k12], [k21, k22]] = self.gains;
+        self.distance = predicted - k11 * predicted + k12 * faster;
+        self.velocity += k22 * faster - k21 * predicted;
+        self.velocity
+    }
+}
+
+/// The counts of a window over its length.
+struct Window {
+    past: [f64; 256],
+    newest: usize,
+    window: usize,
+    sum: f64,
+}
+
+impl Filter for Window {
+    #[inline(always)]
+    fn update(&mut self, moved: f64) -> f64 {
+        self.newest = (self.newest + 1) % 256;
+        self.sum += moved - self.past[(self.newest + 256 - self.window) % 256];
+        self.past[self.newest] = moved;
+        self.sum / self.window as f64
+    }
+}
+
+/// The maths of a wall hit with that estimator.
+pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2]) -> f64 {
+    type V = VelocitySettings;
+    let rate_hz = design.rate_hz;
+    let placed = settings.unplaced().is_some();
+    let kalman = |gains: Result<KalmanDesign, _>| {
+        let gains = gains.unwrap();
+        Kalman { gains, placed, distance: 0.0, velocity: 0.0, acceleration: 0.0 }
+    };
+    let tracking = |gains: Result<TrackingLoop, _>| Tracking {
+        gains: gains.unwrap(),
+        error: 0.0,
+        velocity: 0.0,
+    };
+    let levant = |implicit, sizes| Levant { implicit, sizes, ahead: 0.0, velocity: 0.0 };
+    match *settings {
+        V::Kalman2 { acceleration_rms_m_per_s2: a }
+        | V::Kalman2Position { acceleration_rms_m_per_s2: a } => {
+            plain(kalman(KalmanDesign::two_states(a, design)), k, b)
+        }
+        V::Kalman3 { jerk_rms_m_per_s3: jerk } | V::Kalman3Position { jerk_rms_m_per_s3: jerk } => {
+            plain(kalman(KalmanDesign::three_states(jerk, design)), k, b)
+        }
+        V::TrackingLoop { .. } => plain(tracking(TrackingLoop::new(1500.0, rate_hz)), k, b),
+        V::TrackingLead { bandwidth_hz, lead } => {
+            plain(tracking(TrackingLoop::led(bandwidth_hz, lead, rate_hz)), k, b)
+        }
+        V::Smoothing { cutoff_hz, ratio } => {
+            plain(tracking(TrackingLoop::smoothing(cutoff_hz, ratio, rate_hz)), k, b)
+        }
+        V::SecondOrder { cutoff_hz, quality } => {
+            let ButterworthDesign { b0, a1, a2, .. } =
+                ButterworthDesign::damped(cutoff_hz, quality, rate_hz).unwrap();
+            let section = Section { b: [b0, 2.0 * b0, b0], a: [a1, a2], ..Section::default() };
+            plain(section, k, b)
+        }
+        V::Biquad { frequency_hz, damping, lead_s, zero } => {
+            let biquad = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz).unwrap();
+            plain(Section::of(&biquad), k, b)
+        }
+        V::Biquad2 {
+            frequency_hz,
+            damping,
+            lead_s,
+            zero,
+            second_ratio,
+            second_damping,
+            second_lead_s,
+            second_zero,
+        } => {
+            let first = [frequency_hz, damping, lead_s, zero];
+            let second = [second_ratio, second_damping, second_lead_s, second_zero];
+            let CascadeDesign { sections } = CascadeDesign::new(first, second, rate_hz).unwrap();
+            let [mut first, mut second] = sections.each_ref().map(Section::of);
+            plain(move |moved: f64| second.update(first.update(moved)), k, b)
+        }
+        V::Observer { bandwidth_hz, mass_kg } | V::ObserverPosition { bandwidth_hz, mass_kg } => {
+            let design = ObserverDesign::of_mass(bandwidth_hz, mass_kg, design).unwrap();
+            let (known, error, velocity, disturbance) = (0.0, 0.0, 0.0, 0.0);
+            plain(Observer { design, placed, known, error, velocity, disturbance }, k, b)
+        }
+        V::FoawEnd { window_samples, noise_counts: noise }
+        | V::FoawBest { window_samples, noise_counts: noise }
+        | V::FoawBestPosition { window_samples, noise_counts: noise } => {
+            let best = !matches!(settings, V::FoawEnd { .. });
+            let (window, past, offset) = (window_samples as usize, [0.0; 64], 0.0);
+            plain(Adaptive { best, window, noise, past, newest: 0, placed, offset }, k, b)
+        }
+        V::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio }
+        | V::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
+            let implicit = matches!(settings, V::LevantImplicit { .. });
+            plain(levant(implicit, LevantDesign::new(c, lambda_ratio, design).unwrap()), k, b)
+        }
+        V::LevantKalman { acceleration_max_m_per_s2: c, rms_ratio } => {
+            let both = LevantKalmanDesign::new(c, rms_ratio, design).unwrap();
+            let (levant, gains) = (levant(false, both.levant), both.gains);
+            plain(LevantKalman { levant, gains, distance: 0.0, velocity: 0.0 }, k, b)
+        }
+        V::WindowDifference { window_samples } => {
+            let (window, past) = (window_samples as usize, [0.0; 256]);
+            plain(Window { past, newest: 0, window, sum: 0.0 }, k, b)
+        }
+        V::DualRate { decimation_samples } => {
+            let (mut left, mut counts, mut held) = (1, 0.0, 0.0);
+            let every = |moved: f64| {
+                counts += moved;
+                left -= 1;
+                if left == 0 {
+                    held = counts / f64::from(decimation_samples);
+                    (left, counts) = (decimation_samples, 0.0);
+                }
+                held
+            };
+            plain(every, k, b)
+        }
+        V::Difference {} => plain(|moved: f64| moved, k, b),
+        V::FirstOrder { .. } | V::FirstOrderPrewarped { .. } => {
+            let FirstOrder { b0, a1 } = FirstOrder::new(1500.0, rate_hz, false).unwrap();
+            let (mut x1, mut y1) = (0.0, 0.0);
+            let filter = |moved: f64| {
+                (y1, x1) = (b0 * (moved + x1) - a1 * y1, moved);
+                y1
+            };
+            plain(filter, k, b)
+        }
+        V::FirstOrderPosition { cutoff_hz, lead } => {
+            let filter = FirstOrder::new(cutoff_hz, rate_hz, false).unwrap();
+            plain(Ahead { filter, lead, x: 0.0, y: 0.0 }, k, b)
+        }
+        _ => match settings.weights(design).unwrap() {
+            Some(fir) => {
+                let weights = fir.weights().to_vec();
+                plain(Sum { weights, past: [0.0; 64], newest: 0 }, k, b)
+            }
+            None => plain(Butterworth::default(), k, b),
+        },
+    }
+}
