@@ -5,7 +5,7 @@
 
 use pulp::WithSimd;
 use zwidth::{
-    SettingsError,
+    LoopParameters, SettingsError,
     units::{Force, Offset},
 };
 
@@ -69,6 +69,25 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
 }
 
+/// What a hit begins with.
+struct Begin {
+    control: LoopParameters,
+    /// Samples after which an estimator is told a force.
+    late: usize,
+    placed: bool,
+}
+
+/// The same for all lanes: compiled once.
+#[inline(never)]
+fn begin(prepared: &PreparedScene, hit: &WallHit) -> Result<Begin, SettingsError> {
+    let control = *prepared.core(hit)?.control();
+    let scene = prepared.scene();
+    let actuator = &scene.actuator;
+    let late = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
+    let placed = scene.velocity.settings(hit.cutoff_hz).unplaced().is_some();
+    Ok(Begin { control, late, placed })
+}
+
 /// Stiffness and damping, a lane each.
 #[derive(Clone, Copy)]
 struct Wall<S: SimdOps> {
@@ -99,15 +118,11 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         prepared: &PreparedScene,
         hit: &WallHit,
     ) -> Result<i32, SettingsError> {
-        let core = prepared.core(hit)?;
-        let control = core.control();
+        let Begin { control, late, placed } = begin(prepared, hit)?;
         let (vector, place) = place::<S>(lane);
         let gains = &mut self.gains[vector];
-        let actuator = &prepared.scene().actuator;
-        let late = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
         self.forms[vector].start(self.simd, gains, place, &control.estimator, late);
-        let settings = prepared.scene().velocity.settings(hit.cutoff_hz);
-        self.placed = F::PLACES && settings.unplaced().is_some();
+        self.placed = placed;
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());

@@ -251,7 +251,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
     }
 }
 
-/// docs/batch.md names them.
+/// docs/batch.md names the others.
 const IN_LANES: [&str; 33] = [
     "butterworth",
     "butterworth-prewarped",

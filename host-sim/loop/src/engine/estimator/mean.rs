@@ -1,12 +1,13 @@
 //! [`WindowDifference`] and [`DualRate`](zwidth::velocity::DualRate): counts of some samples over their number. Asked
 //! only when an output is due.
 
+use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
 
 use super::VectorForm;
 use crate::engine::{
     lanes::Row,
-    simd_ops::{SimdOps, lanes, lanes_mut},
+    simd_ops::{SimdOps, lanes_mut},
 };
 
 /// Where the handles of a vector were, counts from where they began, and the samples that each lane looks at.
@@ -81,28 +82,34 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
                 *newest = (*newest + 1) % LENGTH;
                 places[*newest] = place;
             }
-            for lane in samples.iter_mut().filter(|lane| lane.held) {
-                lane.late += moved.len();
-                while lane.late >= lane.number {
-                    lane.late -= lane.number;
-                }
-            }
+            pass(samples, moved.len());
             if due {
-                let mut counts = place;
-                for (lane, counts) in lanes_mut::<_, f64>(&mut counts).iter_mut().enumerate() {
-                    let Samples { number, late, .. } = samples[lane];
-                    let at = |age: usize| {
-                        lanes::<_, f64>(&places[(*newest + LENGTH - age) % LENGTH])[lane]
-                    };
-                    *counts = at(late) - at(late + number);
-                }
-                velocity[r] = mean(simd, counts, *factor);
+                moved_by(samples, lanes_mut(&mut place), cast_slice(places), *newest);
+                velocity[r] = mean(simd, place, *factor);
             }
         }
     }
 
     fn is_lost(&self, (): &(), _: usize) -> bool {
         false
+    }
+}
+
+/// So many samples go by.
+fn pass(lanes: &mut [Samples], samples: usize) {
+    for lane in lanes.iter_mut().filter(|lane| lane.held) {
+        lane.late += samples;
+        while lane.late >= lane.number {
+            lane.late -= lane.number;
+        }
+    }
+}
+
+/// Counts between the two samples that each lane looks at; `places` has all of its lanes beside each other.
+fn moved_by(lanes: &[Samples], counts: &mut [f64], places: &[f64], newest: usize) {
+    for (lane, (Samples { number, late, .. }, counts)) in lanes.iter().zip(counts).enumerate() {
+        let at = |age: usize| places[(newest + LENGTH - age) % LENGTH * lanes.len() + lane];
+        *counts = at(*late) - at(late + number);
     }
 }
 
