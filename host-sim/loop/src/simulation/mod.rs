@@ -145,6 +145,7 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         (most, watched): (u32, bool),
         (run, block): (&mut Run, &mut Block),
     ) -> u32 {
+        #[expect(clippy::cast_possible_truncation, reason = "16")]
         let most = most.min(RUN as u32);
         let due = self.until_due < most;
         let samples = if due { self.until_due + 1 } else { most };

@@ -23,6 +23,14 @@ pub(super) struct Judged {
 /// Counts below it, either way, and the squares of a block of their differences add up within 64 bits.
 const NEAR: u32 = 1 << 26;
 
+/// A number of samples of a block.
+#[inline]
+fn few(samples: usize) -> u32 {
+    #[expect(clippy::cast_possible_truncation, reason = "a block is short")]
+    let few = samples as u32;
+    few
+}
+
 /// All the bits of the numbers' magnitudes: no magnitude is above it.
 #[inline]
 fn magnitudes(numbers: impl Iterator<Item = i32>) -> u32 {
@@ -76,7 +84,7 @@ impl Judged {
             let away = |count: &i32| i64::from(*count - origin.counts());
             let sum = rest.iter().map(away).sum();
             let squares: i64 = rest.iter().map(|count| away(count) * away(count)).sum();
-            self.scatter.add(rest.len() as u32, sum, squares.unsigned_abs().into());
+            self.scatter.add(few(rest.len()), sum, squares.unsigned_abs().into());
         } else {
             rest.iter().for_each(|count| self.scatter.push(Position::from_counts(*count)));
         }
@@ -112,7 +120,7 @@ impl Shown {
     /// Takes a block of a hit whose window begins with sample `settle`.
     #[inline(never)] // one for all loops
     pub fn block(&mut self, block: &Block, settle: u64) {
-        self.outputs += block.outputs().len() as u32;
+        self.outputs += few(block.outputs().len());
         let saturated = |output: &Output| u32::from(output.rendered.saturated);
         self.saturated += block.outputs().iter().map(saturated).sum::<u32>();
         let positions_m = block.positions_m();
@@ -127,7 +135,7 @@ impl Shown {
                 let before = [self.last].into_iter().chain(counts.iter().copied());
                 let moved = counts.iter().zip(before).map(|(count, before)| count.abs_diff(before));
                 let fast = |moved: &u32| *moved > Velocity::LIMIT.unsigned_abs();
-                self.clipped += moved.filter(fast).count() as u32;
+                self.clipped += few(moved.filter(fast).count());
             }
             self.last = *last;
         }
