@@ -103,6 +103,7 @@ pub struct Step {
 /// A sample, and what was found with it. Where it is not [`quiet`](Self::quiet), [`GuardedSampler::hold`] or
 /// [`GuardedSampler::answer`] has to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[must_use = "what was found is noted by `answer` or `hold`"]
 pub struct Seen {
     /// Where the handle is and how fast it moves.
     pub motion: Motion,
@@ -443,6 +444,29 @@ mod tests {
             }
             let next = GuardCommand { zeros: asked.next(), ..down };
             assert_eq!(step(&mut sampler, &next), 0, "bit {bit}");
+        }
+    }
+
+    /// Nor does a flipped bit of the request: until what was noted is dealt with, every sample but a due one cuts.
+    #[test]
+    fn a_bit_that_flips_in_an_alert_ends_no_cut() {
+        let control = free();
+        for bit in 0..32 {
+            let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+            let (mut down, mut guard) = (GuardCommand { jump: 7, ..ANYTHING }, Guard::NOTHING);
+            let mut step = |sampler: &mut GuardedSampler, counter, down: &GuardCommand| {
+                let step = sampler.step(&control, counter, &Senses::NONE, down, &mut guard);
+                step.cut || step.due
+            };
+            step(&mut sampler, 0, &down);
+            assert!(step(&mut sampler, 100, &down));
+            down.zeros = down.zeros.flipped(bit);
+            for n in 0..25 {
+                assert!(step(&mut sampler, 100, &down), "bit {bit}, sample {n}");
+            }
+            down.acknowledged = 1;
+            step(&mut sampler, 100, &down);
+            assert!(!step(&mut sampler, 100, &down), "bit {bit}");
         }
     }
 

@@ -111,8 +111,10 @@ fn no_estimator_has_a_panic_formatting_or_soft_float() {
     for entry in ["zwidth_estimate", "zwidth_offset"] {
         let names = reachable(&graph, entry);
         println!("{names:?}");
-        let forms = names.iter().filter(|name| name.contains("8velocity6called")).count();
-        assert!(forms > 10 || entry == "zwidth_offset", "{forms} forms are compiled in");
+        if entry == "zwidth_estimate" {
+            let forms = names.iter().filter(|name| name.contains("8velocity6called")).count();
+            assert!(forms > 10, "{forms} forms are compiled in");
+        }
         assert_eq!(forbidden(&names), Vec::<&String>::new());
     }
 }
