@@ -56,8 +56,17 @@ impl PortWatch {
 
     /// Takes each block.
     pub fn block(&mut self, block: &Block) {
-        let (counts, index) = (block.counts(), block.index());
-        for Output { place, rendered } in block.outputs() {
+        self.take(block.index(), block.counts(), block.outputs());
+    }
+
+    /// Takes each sample.
+    pub fn sample(&mut self, sample: &Sample) {
+        let output = sample.rendered.map(|rendered| Output { place: 0, rendered });
+        self.take(sample.index, &[sample.count], output.as_slice());
+    }
+
+    fn take(&mut self, index: u64, counts: &[i32], outputs: &[Output]) {
+        for Output { place, rendered } in outputs {
             let Some(count) = counts.get(*place) else { continue };
             self.rendered(index + *place as u64, *count, rendered);
         }
@@ -69,20 +78,6 @@ impl PortWatch {
             acted += 1;
         }
         self.pending.drain(..acted);
-    }
-
-    /// Takes each sample.
-    #[inline]
-    pub fn sample(&mut self, sample: &Sample) {
-        if let Some(rendered) = &sample.rendered {
-            self.rendered(sample.index, sample.count, rendered);
-        }
-        if let Some(&(index, wall, contact)) = self.pending.first()
-            && index == sample.index
-        {
-            self.pending.remove(0);
-            self.port.acts(wall, contact, Position::from_counts(sample.count));
-        }
     }
 
     fn rendered(&mut self, index: u64, count: i32, rendered: &ControllerOutput) {
