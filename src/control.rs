@@ -164,14 +164,16 @@ impl<W: Width> Sampler<W> {
         senses: &[Senses],
         velocities: &mut [Velocity; RUN],
     ) -> Option<Sampled> {
-        let mut moved = [0; RUN];
-        self.encoder.track_all(counters, &mut moved);
-        let samples = counters.len().min(RUN);
-        let velocities = velocities.get_mut(..samples)?;
+        let counters = counters.get(..RUN).unwrap_or(counters);
+        let velocities = velocities.get_mut(..counters.len())?;
+        let mut moves = self.encoder.moves();
+        let moved = |counter: i32| moves.to(counter);
+        let readings = (counters, moved);
         let velocity =
-            control.estimator.follow_all(&mut self.velocity, &moved, senses, velocities)?;
+            control.estimator.follow_all(&mut self.velocity, readings, senses, velocities)?;
+        self.encoder.moved(&moves);
         #[expect(clippy::cast_possible_truncation, reason = "at most RUN")]
-        let before = samples as u32 - 1;
+        let before = counters.len() as u32 - 1;
         Some(self.say(control, self.sample.wrapping_add(before), self.encoder.position(), velocity))
     }
 

@@ -75,15 +75,18 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// [`track`](Self::track) for several readings, as signed; `moved` says by how many counts each.
+    /// For several readings: says of each by how many counts it moved. [`moved`](Self::moved) has to follow.
     #[inline]
-    pub fn track_all(&mut self, counters: &[i32], moved: &mut [i32]) {
-        let before = self.count;
-        for (moved, counter) in moved.iter_mut().zip(counters) {
-            *moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);
-            self.count = self.count.wrapping_add_signed(*moved);
-        }
-        self.position = self.position.wrapping_add(self.count.wrapping_sub(before).cast_signed());
+    pub(crate) fn moves(&self) -> Moves<W> {
+        Moves { width: self.width, count: self.count }
+    }
+
+    /// Those readings were taken.
+    #[inline]
+    pub(crate) fn moved(&mut self, moves: &Moves<W>) {
+        let moved = moves.count.wrapping_sub(self.count).cast_signed();
+        self.count = moves.count;
+        self.position = self.position.wrapping_add(moved);
     }
 
     /// Makes the place of the last reading position 0.
@@ -102,6 +105,23 @@ impl<W: Width> Encoder<W> {
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.count.wrapping_add_signed(self.position.counts().wrapping_neg()) == self.origin
+    }
+}
+
+/// The counter of an encoder, on its way over several readings.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moves<W> {
+    width: W,
+    count: u32,
+}
+
+impl<W: Width> Moves<W> {
+    /// By how many counts the next reading, as signed, is further.
+    #[inline(always)]
+    pub(crate) fn to(&mut self, counter: i32) -> i32 {
+        let moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);
+        self.count = self.count.wrapping_add_signed(moved);
+        moved
     }
 }
 

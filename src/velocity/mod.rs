@@ -124,7 +124,7 @@ fn called<F: Form>(form: &F, state: &mut F::State, difference: i32, senses: &Sen
 fn steps<F: Form>(
     form: &F,
     state: &mut F::State,
-    moved: &[i32],
+    (counters, mut moved): (&[i32], impl FnMut(i32) -> i32),
     senses: &[Senses],
     velocities: &mut [Velocity],
 ) {
@@ -135,15 +135,15 @@ fn steps<F: Form>(
             form.step(state, moved, senses.get(place).unwrap_or(&Senses::NONE))
         };
         let (pairs, rest) = velocities.as_chunks_mut::<2>();
-        let (moved_pairs, _) = moved.as_chunks::<2>();
+        let (counter_pairs, _) = counters.as_chunks::<2>();
         // two at a time: what one leaves where the next one has it need not be moved about
-        for (pair, ([one, two], moved)) in pairs.iter_mut().zip(moved_pairs).enumerate() {
-            *one = step(state, 2 * pair, moved[0]);
-            *two = step(state, 2 * pair + 1, moved[1]);
+        for (pair, ([one, two], counters)) in pairs.iter_mut().zip(counter_pairs).enumerate() {
+            *one = step(state, 2 * pair, moved(counters[0]));
+            *two = step(state, 2 * pair + 1, moved(counters[1]));
         }
         let place = 2 * pairs.len();
-        if let ([last], Some(moved)) = (rest, moved.get(place)) {
-            *last = step(state, place, *moved);
+        if let ([last], Some(counter)) = (rest, counters.get(place)) {
+            *last = step(state, place, moved(*counter));
         }
     };
     if size_of::<F::State>() > FEW {
@@ -278,20 +278,20 @@ impl Tuned {
         self.estimator.offset_of(&running.memory)
     }
 
-    /// [`follow`](Self::follow) for as many samples as there are velocities, after moves by so many counts; says the last
-    /// velocity.
+    /// [`follow`](Self::follow) for as many samples as there are velocities, with their readings and what says by how many
+    /// counts each has moved; says the last velocity.
     #[inline]
     pub(crate) fn follow_all(
         &self,
         running: &mut Running,
-        moved: &[i32],
+        readings: (&[i32], impl FnMut(i32) -> i32),
         senses: &[Senses],
         velocities: &mut [Velocity],
     ) -> Option<Velocity> {
         if self.tuning != running.tuning && !velocities.is_empty() {
             self.estimator.take_over(self.tuning, running);
         }
-        self.estimator.step_all(&mut running.memory, moved, senses, velocities);
+        self.estimator.step_all(&mut running.memory, readings, senses, velocities);
         running.velocity = *velocities.last()?;
         Some(running.velocity)
     }

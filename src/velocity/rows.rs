@@ -156,13 +156,13 @@ macro_rules! estimators {
             pub(super) fn step_all(
                 &self,
                 memory: &mut Memory,
-                moved: &[i32],
+                readings: (&[i32], impl FnMut(i32) -> i32),
                 senses: &[Senses],
                 velocities: &mut [Velocity],
             ) {
                 match self {
                     $($(#[cfg($on)] Self::$form(form) => {
-                        steps(form, &mut memory.$($own)? $($shared)?, moved, senses, velocities);
+                        steps(form, &mut memory.$($own)? $($shared)?, readings, senses, velocities);
                     })*)*
                 }
             }

@@ -58,11 +58,10 @@ impl Course {
         span: &Span,
         places: &mut Places<'_>,
     ) -> P::State {
-        let readings_m = [0.0; RUN];
         if span.watched {
-            Way::<P, true> { plant, span, places, course: self, readings_m }.run(state)
+            Way::<P, true> { plant, span, places, course: self }.run(state)
         } else {
-            Way::<P, false> { plant, span, places, course: self, readings_m }.run(state)
+            Way::<P, false> { plant, span, places, course: self }.run(state)
         }
     }
 }
@@ -73,8 +72,6 @@ struct Way<'a, 'b, P, const WATCHED: bool> {
     span: &'a Span,
     places: &'a mut Places<'b>,
     course: &'a mut Course,
-    /// Where the encoder sees it, m.
-    readings_m: [f64; RUN],
 }
 
 impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
@@ -94,9 +91,6 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
             forces_n = [acting_n, arriving_n];
         }
         self.note(&state, last, forces_n);
-        // apart from the motion, so that two are counted at a time
-        let read = self.places.counts.iter_mut().zip(&self.readings_m).take(last + 1);
-        read.for_each(|(count, reading_m)| *count = self.span.encoder.count(*reading_m));
         state
     }
 
@@ -117,7 +111,7 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         let sample = sample % RUN; // as it is: so nothing below is checked again
         let moment = Moment { index: self.span.index + sample as u64, before_n, after_n };
         self.places.positions_m[sample] = self.plant.position_m(state);
-        self.readings_m[sample] = self.plant.reading_m(state, &moment);
+        self.places.counts[sample] = self.span.encoder.count(self.plant.reading_m(state, &moment));
         if WATCHED {
             self.course.speeds_m_per_s[sample] = self.plant.speed_m_per_s(state);
         }

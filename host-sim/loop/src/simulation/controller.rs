@@ -1,7 +1,8 @@
 //! What the sampled loop asks of a controller, and the core behind that interface.
 
 use zwidth::{
-    CounterWidth, Design, Drive, LoopParameters, Motion, Sampler, Settings, SettingsError,
+    Design, Drive, LoopParameters, Motion, Sampler, Settings, SettingsError,
+    encoder::Bits32,
     units::{Force, Velocity},
     velocity::Senses,
 };
@@ -139,7 +140,7 @@ impl Controller for Told {
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed {
     control: LoopParameters,
-    sampler: Sampler,
+    sampler: Sampler<Bits32>,
     motion: Motion,
     push: Force,
     per_force_bit: f64,
@@ -159,7 +160,7 @@ impl Fixed {
         count: i32,
     ) -> Result<Self, SettingsError> {
         let control = settings.build(design)?;
-        let sampler = Sampler::new(count.cast_unsigned(), CounterWidth::Bits32);
+        let sampler = Sampler::new(count.cast_unsigned(), Bits32);
         let motion = { sampler }.sample(&control, count.cast_unsigned()).motion;
         Ok(Self {
             control,
