@@ -175,7 +175,7 @@ impl<W: Width> GuardedSampler<W> {
         let present = if quiet {
             FaultSet::EMPTY
         } else if due && control.period.get() > 1 {
-            self.hold(found)
+            self.hold(found, down)
         } else {
             return self.answer(&seen, down, guard);
         };
@@ -238,10 +238,14 @@ impl<W: Width> GuardedSampler<W> {
     /// Of a due sample, unless every sample is due: what its report says is there. The output that it asks for says no by
     /// itself. Should it not come, the next sample cuts.
     #[inline(always)]
-    pub fn hold(&mut self, found: FaultSet) -> FaultSet {
+    pub fn hold(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
-            (self.met, self.waiting) = (self.zeros_met().turned(), waiting);
+            // What is asked for, so that the next sample finds another one whichever bit of the two has flipped; but for a
+            // zero, which is still to come.
+            let asked = down.zeros.number() != self.met.number();
+            let zeros = if asked { self.zeros_met() } else { down.zeros };
+            (self.met, self.waiting) = (zeros.turned(), waiting);
         }
         waiting
     }
@@ -467,6 +471,43 @@ mod tests {
             down.acknowledged = 1;
             step(&mut sampler, 100, &down);
             assert!(!step(&mut sampler, 100, &down), "bit {bit}");
+        }
+    }
+
+    /// Nor if a due sample finds something anew: each one up to the next due one cuts, whichever bit of the request or of
+    /// what was met has flipped, and when.
+    #[test]
+    fn a_bit_that_flips_before_another_fault_ends_no_cut() {
+        let control = free();
+        for (bit, at, of_request) in (0..32)
+            .flat_map(|bit| [1, 2, 10].map(|at| [(bit, at, true), (bit, at, false)]))
+            .flatten()
+        {
+            let mut sampler = GuardedSampler::new(0, CounterWidth::Bits32);
+            let (mut down, mut guard) = (GuardCommand { jump: 7, ..ANYTHING }, Guard::NOTHING);
+            for n in 0..20u32 {
+                match of_request {
+                    true if n == at => down.zeros = down.zeros.flipped(bit),
+                    false if n == at => sampler.met = sampler.met.flipped(bit),
+                    _ => {}
+                }
+                let counter = match n {
+                    0 => 0,
+                    1..10 => 100,
+                    _ => 200, // jumps with a due sample
+                };
+                let step = sampler.step(&control, counter, &Senses::NONE, &down, &mut guard);
+                assert_eq!(step.due, n % 10 == 0);
+                assert_eq!(
+                    step.cut, !step.due,
+                    "bit {bit} of the request: {of_request}, at {at}, sample {n}"
+                );
+                assert_eq!(
+                    sampler.sampler.position().counts().cast_unsigned(),
+                    counter,
+                    "not zeroed"
+                );
+            }
         }
     }
 

@@ -156,7 +156,7 @@ impl Sample {
         } else if quiet {
             rest.report(SampleReport { motion, present: FaultSet::EMPTY });
         } else if control.period.get() > 1 {
-            let present = sampler.hold(found);
+            let present = sampler.hold(found, rest.down.get());
             rest.report(SampleReport { motion, present });
         } else {
             let report = rest.answer(sampler, &seen);

@@ -10,7 +10,7 @@ use virtual_board::{
 use zwidth::{
     device::{Device, designs::NamedFilter},
     experiment::Order,
-    period::{PERIODS, cycles_allowed, leaves_time},
+    period::{GUARD, PERIODS, cycles_allowed, leaves_time},
     safety::Request,
     store::Stored,
     telemetry::{Decoder, Flags, Record},
@@ -79,6 +79,11 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
         figure(&format!("elf/period/{}/{period}/load", board.name), load);
         figure(&format!("elf/period/{}/{period}/sent", board.name), sent);
         assert!(load <= LOAD, "{load}");
+        assert!(
+            sample.most <= watch.marked.most + u64::from(GUARD),
+            "{sample:?}, of it {:?}",
+            watch.marked
+        );
         assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
         assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
     }
