@@ -21,7 +21,7 @@ pub fn outputs_per_ms(period: u32) -> u32 {
 
 /// Core cycles from one sample to the next of the slowest board, 168 MHz.
 const SAMPLE: u32 = 16_800;
-/// Of a sample, but for the estimator: handler, guard, hand-over. At period 1, where every sample is due.
+/// Of a sample, but for the estimator: handler, guard, hand-over, at period 1, where every sample is due.
 pub const GUARD: u32 = 190;
 /// Of a `render` without an order, and of those of small ones: large ones are not given while the logger writes.
 const RENDER: u32 = 3_600;

@@ -15,7 +15,7 @@ use crate::mailbox::{Mailbox, assert_cost};
 const CYCLES_MAX: u32 = 4200;
 const SAMPLES: usize = 4096;
 /// The table that `cargo sim compare` shows.
-const TABLE: &str = include_str!("../../host-sim/data/estimator_cost.csv");
+pub const TABLE: &str = include_str!("../../host-sim/data/estimator_cost.csv");
 const DESIGN: Design = Design {
     rate_hz: 1e4,
     resolution_m: 1e-6,

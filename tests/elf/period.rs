@@ -18,6 +18,7 @@ use zwidth::{
 };
 
 use crate::{
+    estimator_cost::TABLE,
     figure::figure,
     firmware::{Firmware, arm, ok},
     twin::Twin,
@@ -79,11 +80,6 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
         figure(&format!("elf/period/{}/{period}/load", board.name), load);
         figure(&format!("elf/period/{}/{period}/sent", board.name), sent);
         assert!(load <= LOAD, "{load}");
-        assert!(
-            sample.most <= watch.marked.most + u64::from(GUARD),
-            "{sample:?}, of it {:?}",
-            watch.marked
-        );
         assert!(watch.delay_spread() <= 64, "{:?}", watch.delays);
         assert_eq!((watch.primask, watch.forbidden_basepri), (0, 0));
     }
@@ -234,11 +230,21 @@ fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     (found, decoder.dropped)
 }
 
+/// Cycles of an estimator's longest update, which `estimator_cost` measures.
+fn cycles_of(name: EstimatorName) -> u64 {
+    let mut rows = TABLE.lines().map(|row| row.split(','));
+    let mut row = rows.find(|row| row.clone().next() == Some(name.text())).unwrap();
+    row.nth(1).unwrap().parse().unwrap()
+}
+
 /// At each period every estimator in turn, in and out of the wall, with commands and lines of the log all the time: none
 /// makes an output late; which are refused is what the library says.
 fn every_estimator_has_the_time_or_is_refused(board: Board) {
     let firmware = Firmware::variant(board, &["estimators"]);
     let dac = matches!(board.wiring.force, Force::Dac { .. });
+    // a faster board has more cycles than the slowest one, for which the library allows them
+    let spare = board.cycles_per_sample()
+        - BOARDS.map(|board| board.cycles_per_sample()).iter().min().unwrap();
     for period in PERIODS {
         let mut world = firmware.boot();
         ok(&mut world, &format!("period {period}"));
@@ -246,8 +252,11 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
         let middle_m = world.position_m();
         world.hold(middle_m, true);
         world.run(300).unwrap();
-        let (mut refused, mut worst) = (vec![], ("", 0, 0));
-        for &name in EstimatorName::ALL {
+        let (mut refused, mut worst, mut beside) = (vec![], ("", 0, 0), 0);
+        // the cheapest first: the last sample of the one before is among what is watched
+        let mut names = EstimatorName::ALL.to_vec();
+        names.sort_by_key(|&name| cycles_of(name));
+        for name in names {
             world.powered.mcu.watch_mut().clear();
             let reply = world.ask(&format!("estimator {}", name.text())).unwrap();
             if let Err(slow) = leaves_time(name, period)
@@ -276,13 +285,21 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
             let status = ok(&mut world, "status");
             assert!(status.contains("armed, fault none"), "{} at {period}: {status}", name.text());
             let tasks = &world.powered.mcu.watch().tasks;
+            let rest = tasks[&SAMPLE].most.saturating_sub(cycles_of(name));
+            beside = beside.max(rest);
+            assert!(
+                rest <= u64::from(GUARD) + spare,
+                "{} at {period}: {rest} beside it",
+                name.text()
+            );
             if tasks[&SAMPLE].most > worst.1 {
                 worst = (name.text(), tasks[&SAMPLE].most, tasks[&RENDER].most);
             }
         }
         let (name, sample, render) = worst;
         println!(
-            "{} period {period}: refused {refused:?}; the longest {name}, sample {sample}, render {render}",
+            "{} period {period}: refused {refused:?}; the longest {name}, sample {sample}, render {render}; at most \
+             {beside} of `sample` beside an estimator",
             board.name
         );
         let key = format!("elf/period/{}/{period}", board.name);

@@ -5,7 +5,7 @@ use virtual_board::{
     mcu::{Cycles, LINK, RENDER, SAMPLE},
     world::World,
 };
-use zwidth::velocity::EstimatorName;
+use zwidth::{period::GUARD, velocity::EstimatorName};
 
 use super::session_of;
 use crate::{
@@ -15,6 +15,7 @@ use crate::{
 
 each_board!(
     no_sample_is_longer_than_its_budget_whatever_happens,
+    no_sample_with_an_output_each_is_longer_than_the_periods_allow,
     tasks_and_memory_stay_in_their_budget
 );
 
@@ -135,4 +136,33 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     println!("{}: sample {}..{}", board.name, sample.least, sample.most);
     figure(&format!("elf/control/{}/sample_whatever", board.name), sample.most);
     assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
+}
+
+/// At period 1 every sample is due, and notes or zeroes itself what it has found.
+fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = firmware.armed();
+    let arm = |world: &mut World<'_>, lines: &[&str]| {
+        world.run(30).unwrap();
+        for line in lines.iter().chain(&["zero", "arm"]) {
+            ok(world, line);
+        }
+        until_armed(world);
+    };
+    arm(&mut world, &["disarm", "unlock envelope", "period 1"]);
+    world.powered.mcu.watch_mut().clear();
+    for phase in 0..3 {
+        world.run(phase).unwrap();
+        world.hold(world.position_m() + 700e-6, true);
+        world.run(30).unwrap();
+        assert!(ok(&mut world, "status").contains("fault 10"));
+        ok(&mut world, "zero");
+        world.hold(world.position_m(), false);
+        arm(&mut world, &["clear", "unlock envelope"]);
+    }
+    let sample = world.powered.mcu.watch().tasks[&SAMPLE];
+    println!("{}, period 1: sample {}..{}", board.name, sample.least, sample.most);
+    figure(&format!("elf/control/{}/sample_period_1", board.name), sample.most);
+    let update = 175; // of the default estimator, host-sim/data/estimator_cost.csv
+    assert!(sample.most <= update + u64::from(GUARD), "{sample:?}");
 }
