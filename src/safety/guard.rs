@@ -241,11 +241,12 @@ impl<W: Width> GuardedSampler<W> {
     pub fn hold(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
-            // What is asked for, so that the next sample finds another one whichever bit of the two has flipped; but for a
-            // zero, which is still to come.
-            let asked = down.zeros.number() != self.met.number();
-            let zeros = if asked { self.zeros_met() } else { down.zeros };
-            (self.met, self.waiting) = (zeros.turned(), waiting);
+            // Where a bit has flipped in an alert, turned once more it would be what is asked for, and the next sample quiet.
+            let met = self.zeros_met().turned();
+            if met != down.zeros {
+                self.met = met;
+            }
+            self.waiting = waiting;
         }
         waiting
     }
