@@ -1,5 +1,6 @@
 //! The sampled loop: plant, encoder, controller, latency, in the order that the design fixes.
 
+pub(crate) mod accelerometer;
 mod block;
 pub mod controller;
 pub mod edge;

@@ -4,14 +4,13 @@
 //! the prepared scene chooses once per run. Only the sense that the scene's estimator looks at is worked out.
 
 use zwidth::{
-    units::{Acceleration, Force},
+    units::Force,
     velocity::{Edge, Sense, Senses},
 };
 
 use crate::{
-    numerics::random,
-    scene::{Accelerometer, LATENCY_KNOWN_MAX, Scene, element::EncoderError},
-    simulation::{edge::last_edge, quantiser::Quantiser},
+    scene::{LATENCY_KNOWN_MAX, Scene, element::EncoderError},
+    simulation::{accelerometer::Sensor, edge::last_edge, quantiser::Quantiser},
 };
 
 /// A handle at one instant.
@@ -113,22 +112,6 @@ impl Told {
     }
 }
 
-/// An accelerometer, in counts and samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Sensor {
-    full_scale: f64,
-    /// 0: none.
-    resolution: f64,
-    bias: f64,
-    /// RMS of the noise of one reading.
-    noise: f64,
-    /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
-    follows: f64,
-    filtered: f64,
-    /// Random numbers so far.
-    drawn: u64,
-}
-
 impl Full {
     /// The senses of that scene, at rest before sample 0.
     pub fn new(scene: &Scene) -> Self {
@@ -174,8 +157,7 @@ impl Sensing for Full {
         }
         let [v0, v1] = [from, to].map(|handle| handle.speed_m_per_s * self.speed);
         if let Some(sensor) = &mut self.accelerometer {
-            let bits = sensor.read(v1 - v0) * f64::from(1u32 << Acceleration::FRACTION_BITS);
-            self.senses.acceleration = Acceleration::saturating_from_bits(round(bits));
+            self.senses.acceleration = sensor.read(v1 - v0);
         }
         if self.looks_at != Some(Sense::Edge) {
             return;
@@ -200,44 +182,8 @@ impl Sensing for Full {
     }
 }
 
-impl Sensor {
-    fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
-        let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
-        let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
-        Self {
-            full_scale: sensor.full_scale_m_per_s2 * per_unit,
-            resolution: sensor.resolution_m_per_s2 * per_unit,
-            bias: sensor.bias_m_per_s2 * per_unit,
-            // A density up to half the rate, that many readings per second.
-            noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
-            follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
-            filtered: 0.0,
-            drawn: 0,
-        }
-    }
-
-    fn read(&mut self, acceleration: f64) -> f64 {
-        self.filtered += self.follows * (acceleration - self.filtered);
-        let noise = if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 };
-        let reading = (self.filtered + noise + self.bias).clamp(-self.full_scale, self.full_scale);
-        if self.resolution > 0.0 {
-            (reading / self.resolution).round() * self.resolution
-        } else {
-            reading
-        }
-    }
-
-    /// A normally distributed number, mean 0, RMS 1.
-    fn normal(&mut self) -> f64 {
-        let n = self.drawn;
-        self.drawn += 2;
-        let [radius, angle] = [n, n + 1].map(|n| random::uniform_with_zero(0, n));
-        random::box_muller(1.0 - radius, angle)
-    }
-}
-
 /// The nearest integer, saturating.
-fn round(value: f64) -> i32 {
+pub(super) fn round(value: f64) -> i32 {
     #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
     let nearest = value.round() as i32;
     nearest
@@ -305,7 +251,7 @@ impl Sensing for AnySensing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::NamedScene;
+    use crate::scene::{Accelerometer, NamedScene};
     use zwidth::VelocitySettings;
 
     fn full(edit: impl FnOnce(&mut Scene)) -> Full {

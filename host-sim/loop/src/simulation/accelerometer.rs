@@ -1,0 +1,76 @@
+//! An accelerometer. Its noise is drawn by the number of the reading, so it is the same in every hit.
+
+use zwidth::units::Acceleration;
+
+use super::senses::round;
+use crate::{numerics::random, scene::Accelerometer};
+
+/// An accelerometer, in counts and samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sensor {
+    /// Largest reading.
+    pub full_scale: f64,
+    /// Step of a reading; 0: none.
+    pub resolution: f64,
+    /// Reading at rest.
+    pub bias: f64,
+    /// RMS of the noise of one reading.
+    noise: f64,
+    /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
+    pub follows: f64,
+    filtered: f64,
+    /// Random numbers so far.
+    drawn: u64,
+}
+
+impl Sensor {
+    /// LSB of an [`Acceleration`] in a count per sample^2.
+    pub const LSB: f64 = (1u32 << Acceleration::FRACTION_BITS) as f64;
+
+    /// At rest before its first reading.
+    pub fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
+        let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
+        let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
+        Self {
+            full_scale: sensor.full_scale_m_per_s2 * per_unit,
+            resolution: sensor.resolution_m_per_s2 * per_unit,
+            bias: sensor.bias_m_per_s2 * per_unit,
+            // A density up to half the rate, that many readings per second.
+            noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
+            follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
+            filtered: 0.0,
+            drawn: 0,
+        }
+    }
+
+    /// The reading of a mean acceleration, counts per sample^2.
+    pub fn read(&mut self, acceleration: f64) -> Acceleration {
+        let shown = self.shown(acceleration);
+        Acceleration::saturating_from_bits(round(shown * Self::LSB))
+    }
+
+    /// The same before it is made an LSB.
+    pub fn shown(&mut self, acceleration: f64) -> f64 {
+        self.filtered += self.follows * (acceleration - self.filtered);
+        let noise = self.noise();
+        let reading = (self.filtered + noise + self.bias).clamp(-self.full_scale, self.full_scale);
+        if self.resolution > 0.0 {
+            (reading / self.resolution).round() * self.resolution
+        } else {
+            reading
+        }
+    }
+
+    /// Noise of the next reading, counts per sample^2.
+    fn noise(&mut self) -> f64 {
+        if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 }
+    }
+
+    /// A normally distributed number, mean 0, RMS 1.
+    fn normal(&mut self) -> f64 {
+        let n = self.drawn;
+        self.drawn += 2;
+        let [radius, angle] = [n, n + 1].map(|n| random::uniform_with_zero(0, n));
+        random::box_muller(1.0 - radius, angle)
+    }
+}
