@@ -69,7 +69,7 @@ pub struct Observer<F = Factor> {
 
 /// The same beside an accelerometer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fusion(pub(super) Observer);
+pub struct Fusion(pub Observer);
 
 /// What the samples left behind.
 #[derive(Clone, Copy, Debug)]
@@ -117,9 +117,13 @@ impl Form for Fusion {
 
     #[inline]
     fn step(&self, state: &mut ObserverState, difference: i32, senses: &Senses) -> Velocity {
-        const SHIFT: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
-        self.0.sample(state, difference, i64::from(senses.acceleration.bits()) << SHIFT)
+        self.0.sample(state, difference, i64::from(senses.acceleration.bits()) << Self::KNOWN_MORE)
     }
+}
+
+impl Fusion {
+    /// Fractional bits of a known acceleration beyond those of an [`Acceleration`].
+    pub const KNOWN_MORE: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
 }
 
 impl Places for Observer {

@@ -113,7 +113,7 @@ impl Backend {
 const VECTORS: usize = 2;
 
 /// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
-/// estimator that looks at nothing but the count, or at the force, and has lanes in that arithmetic.
+/// estimator that has lanes in that arithmetic.
 pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
     form_for(prepared, numeric).is_some()
 }
@@ -130,7 +130,8 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     );
     let form = Form::of(&prepared.scene().velocity.settings(0.0))?;
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
-    let seen = form == Form::Observer || prepared.sensing() == AnySensing::Blind;
+    let told = matches!(form, Form::Observer | Form::Fusion);
+    let seen = told || prepared.sensing() == AnySensing::Blind;
     let plain = prepared.scene().passivity.is_none();
     (linear && stated && seen && plain).then_some(form)
 }

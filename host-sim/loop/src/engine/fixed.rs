@@ -11,13 +11,13 @@ use zwidth::{
 
 use super::{
     estimator::{
-        Each, Form, VectorForm,
+        Beside, Each, Form, VectorForm,
         kalman::Kalman,
         levant::Levant,
         levant_kalman::LevantKalman,
         low_pass::{Ahead, Cascade, LowPass},
         mean::Mean,
-        observer::Observer,
+        observer::{Fusion, Observer},
         window::{Adaptive, Sum, Window},
     },
     gain::GainLanes,
@@ -66,26 +66,31 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
         Form::LevantImplicit => of::<S, Each<Levant<S, true>>, R>(simd),
         Form::LevantKalman => of::<S, Each<LevantKalman<S>>, R>(simd),
         Form::Observer => of::<S, Observer<S>, R>(simd),
+        Form::Fusion => of::<S, Fusion<S>, R>(simd),
     }
 }
 
 /// What a hit begins with.
-struct Begin {
+struct Begin<'a> {
     control: LoopParameters,
-    /// Samples after which an estimator is told a force.
-    late: usize,
+    beside: Beside<'a>,
     placed: bool,
 }
 
 /// The same for all lanes: compiled once.
 #[inline(never)]
-fn begin(prepared: &PreparedScene, hit: &WallHit) -> Result<Begin, SettingsError> {
+fn begin<'a>(
+    prepared: &'a PreparedScene,
+    hit: &WallHit,
+    looks: bool,
+) -> Result<Begin<'a>, SettingsError> {
     let control = *prepared.core(hit)?.control();
     let scene = prepared.scene();
     let actuator = &scene.actuator;
     let late = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
+    let readings = if looks { prepared.readings() } else { None };
     let placed = scene.velocity.settings(hit.cutoff_hz).unplaced().is_some();
-    Ok(Begin { control, late, placed })
+    Ok(Begin { control, beside: Beside { late, readings }, placed })
 }
 
 /// Stiffness and damping, a lane each.
@@ -118,15 +123,36 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         prepared: &PreparedScene,
         hit: &WallHit,
     ) -> Result<i32, SettingsError> {
-        let Begin { control, late, placed } = begin(prepared, hit)?;
+        let Begin { control, beside, placed } = begin(prepared, hit, F::LOOKS)?;
         let (vector, place) = place::<S>(lane);
         let gains = &mut self.gains[vector];
-        self.forms[vector].start(self.simd, gains, place, &control.estimator, late);
+        self.forms[vector].start(self.simd, gains, place, &control.estimator, beside);
         self.placed = placed;
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());
         Ok(control.wall.surface().counts())
+    }
+
+    fn looks(&self) -> bool {
+        F::LOOKS
+    }
+
+    fn look(&mut self, speeds: &[Row<S, R>]) {
+        struct Look<'a, S: SimdOps, F: VectorForm<S>, const R: usize>(
+            &'a mut FixedLoop<S, F, R>,
+            &'a [Row<S, R>],
+        );
+        impl<S: SimdOps, F: VectorForm<S>, const R: usize> WithSimd for Look<'_, S, F, R> {
+            type Output = ();
+
+            #[inline(always)]
+            fn with_simd<T: pulp::Simd>(self, _: T) {
+                let Look(FixedLoop { simd, forms, .. }, speeds) = self;
+                F::look(forms, *simd, speeds);
+            }
+        }
+        self.simd.vectorize(Look(self, speeds));
     }
 
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R> {

@@ -25,6 +25,8 @@ pub use watch::{Motion, Watched};
 /// by sample all of a step would wait for its own start, and take twice the time.
 const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
+/// Samples that a controller takes at once, at most.
+pub const ROWS: usize = BLOCK + 1;
 
 /// A controller in lanes. Its functions are not generic over the plant, and called once per block: so each is compiled
 /// once per machine.
@@ -39,6 +41,12 @@ pub trait LaneController<S: SimdOps, const R: usize> {
         prepared: &PreparedScene,
         hit: &WallHit,
     ) -> Result<i32, SettingsError>;
+    /// Whether it looks at the handle's speed.
+    fn looks(&self) -> bool {
+        false
+    }
+    /// The handle's speeds, m/s, at the samples that it takes next.
+    fn look(&mut self, _speeds: &[Row<S, R>]) {}
     /// Takes samples, counts moved since the last one. If an output is due with the last one, returns it, fraction of
     /// full scale; else something.
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
@@ -209,6 +217,8 @@ pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
     pub actuation: &'a mut Actuation<S, R>,
     /// Where all positions go, if somebody listens.
     pub motion: Option<&'a mut Motion<S, R>>,
+    /// Where the speeds of a block go, m/s, if the controller looks at them.
+    pub speeds: Option<&'a mut [Row<S, R>; ROWS]>,
     pub samples: u32,
 }
 
@@ -266,7 +276,8 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
 
     #[inline(always)]
     fn run(&mut self, simd: S) {
-        let mut buffer = [Aligned([simd.splat_f64s(0.0); R]); BLOCK + 1];
+        let mut buffer = [Aligned([simd.splat_f64s(0.0); R]); ROWS];
+        let mut speeds = self.speeds.take();
         let mut left = self.samples;
         while left > 0 {
             let plain = left.min(self.actuation.samples_to_event());
@@ -276,8 +287,14 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
             // A sample with an output or an arriving command ends the block, unless the chunk ends here.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
-            self.move_on(simd, block);
             let end = samples as usize + usize::from(event);
+            match &mut speeds {
+                None => self.move_on::<false>(simd, block, &mut []),
+                Some(speeds) => {
+                    self.move_on::<true>(simd, block, &mut speeds[..]);
+                    self.controller.look(speeds.get(..end).unwrap_or_default());
+                }
+            }
             let Some(block) = buffer.get_mut(..end) else { return };
             if self.shared.watches {
                 self.watch(simd, block);
@@ -295,14 +312,26 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// The handle's positions, m, at the beginning and after each sample of a block that no command arrives in.
+    /// The handle's positions, m, at the beginning and after each sample of a block that no command arrives in; its
+    /// speeds, m/s, if somebody `LOOKS` at them.
     #[inline(always)]
-    fn move_on(&mut self, simd: S, block: &mut [Row<S, R>]) {
+    fn move_on<const LOOKS: bool>(
+        &mut self,
+        simd: S,
+        block: &mut [Row<S, R>],
+        speeds: &mut [Row<S, R>],
+    ) {
+        let mut speeds = speeds.iter_mut();
         let Some((last, block)) = block.split_last_mut() else { return };
         let mut state = each_field!(self.moving, state);
         let pushed = each_field!(self.moving, pushed);
         let shared = *self.shared;
         for row in block {
+            if LOOKS && let Some(speeds) = speeds.next() {
+                for r in 0..R {
+                    speeds.0[r] = state[r][1];
+                }
+            }
             for r in 0..R {
                 row.0[r] = simd.add_f64s(state[r][0], shared.rest_m);
                 state[r] = plus(simd, free(simd, &shared, &state[r]), pushed[r]);
@@ -311,6 +340,11 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         for r in 0..R {
             self.moving[r].state = state[r];
             last.0[r] = self.moving[r].position_m(simd, &shared);
+        }
+        if LOOKS && let Some(speeds) = speeds.next() {
+            for r in 0..R {
+                speeds.0[r] = state[r][1];
+            }
         }
     }
 

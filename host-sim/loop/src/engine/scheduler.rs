@@ -9,8 +9,8 @@ use zwidth::{
 
 use super::{
     lanes::{
-        Actuation, Chunk, Kept, LaneController, Motion, Moving, OutputStage, Shared, Watched, mask,
-        place,
+        Actuation, Aligned, Chunk, Kept, LaneController, Motion, Moving, OutputStage, ROWS, Row,
+        Shared, Watched, mask, place,
     },
     simd_ops::{SimdOps, lanes, lanes_mut},
     work::{Depth, Outcome, Tally, Task, Work, scalar},
@@ -63,6 +63,7 @@ struct Scheduler<'a, S: SimdOps, const P: usize, const R: usize> {
     controller: &'a mut dyn LaneController<S, R>,
     actuation: Actuation<S, R>,
     motion: Option<Motion<S, R>>,
+    speeds: Option<Box<[Row<S, R>; ROWS]>>,
     running: Vec<Option<Running>>,
 }
 
@@ -79,9 +80,11 @@ pub fn run<S: SimdOps, const P: usize, const R: usize>(
         scheduler.begin(lane, work);
     }
     while let Some(samples) = scheduler.until_next_event() {
-        let Scheduler { shared, kept, moving, controller, actuation, motion, .. } = &mut scheduler;
+        let Scheduler { shared, kept, moving, controller, actuation, motion, speeds, .. } =
+            &mut scheduler;
         let (controller, motion) = (&mut **controller, motion.as_mut());
-        Chunk { shared, kept, moving, controller, actuation, motion, samples }.go(simd);
+        let speeds = speeds.as_deref_mut();
+        Chunk { shared, kept, moving, controller, actuation, motion, speeds, samples }.go(simd);
         for lane in 0..scheduler.running.len() {
             if let Some(outcome) = scheduler.look(lane, samples) {
                 scheduler.waiting = true;
@@ -145,6 +148,7 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
         let listens = task.prepared.judge().listens();
         let motion = listens.then(|| Motion::new(simd, task.prepared.plan().window));
         let actuation = Actuation::new(simd, parts.period, parts.latency);
+        let speeds = controller.looks().then(|| Box::new([Aligned([zero; R]); ROWS]));
         Self {
             simd,
             task,
@@ -157,6 +161,7 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
             controller,
             actuation,
             motion,
+            speeds,
             running: vec![None; R * S::F64_LANES],
         }
     }

@@ -119,6 +119,37 @@ pub trait SimdOps: Simd {
         self.sub_f64s(cast(bits), self.splat_f64s(INTEGER))
     }
 
+    /// Whole numbers below 2^51 in magnitude as signed 64-bit numbers.
+    #[inline(always)]
+    fn to_integer(self, whole: Self::f64s) -> Self::u64s {
+        self.sub_u64s(self.to_low(whole), self.splat_u64s(INTEGER.to_bits()))
+    }
+
+    /// The whole number next to it towards zero: [`f64::trunc`].
+    #[inline(always)]
+    fn truncate(self, value: Self::f64s) -> Self::f64s {
+        let (size, whole) = (self.magnitude(value), self.splat_f64s(WHOLE));
+        let nearest = self.sub_f64s(self.add_f64s(size, whole), whole);
+        let less = self.sub_f64s(nearest, self.splat_f64s(1.0));
+        let below = self.choose(self.greater_than_f64s(nearest, size), less, nearest);
+        let size = self.choose(self.less_than_f64s(size, whole), below, size);
+        self.signed(size, value)
+    }
+
+    /// The nearest whole number, halves away from zero: [`f64::round`].
+    #[inline(always)]
+    fn round(self, value: Self::f64s) -> Self::f64s {
+        let half = self.splat_f64s(0.5f64.next_down()); // 0.5 would make 1 of the number below 0.5
+        self.truncate(self.add_f64s(value, self.signed(half, value)))
+    }
+
+    /// A number that is not negative, with the sign of another.
+    #[inline(always)]
+    fn signed(self, size: Self::f64s, sign: Self::f64s) -> Self::f64s {
+        let sign = self.masked(sign, self.splat_u64s(SIGN));
+        cast(self.or_u64s(cast(size), cast(sign)))
+    }
+
     /// The largest whole number not above `value`; right below 2^51 in magnitude.
     #[inline(always)]
     fn floor(self, value: Self::f64s) -> Self::f64s {
@@ -129,6 +160,9 @@ pub trait SimdOps: Simd {
         self.choose(up, less, nearest)
     }
 }
+
+/// Numbers from here on are whole.
+const WHOLE: f64 = (1u64 << 52) as f64;
 
 /// The sign of a float.
 pub const SIGN: u64 = 1 << 63;
@@ -168,7 +202,7 @@ impl SimdOps for pulp::aarch64::Neon {}
 macro_rules! x86 {
     (
         $machine:ty, $set:ident, [$($signed:ident)?],
-        $product:ident, $unsigned:ident, $left_by:ident, $right_by:ident, $left:ident, $right:ident
+        $truncate:ident, $product:ident, $unsigned:ident, $left_by:ident, $right_by:ident, $left:ident, $right:ident
     ) => {
         impl SimdOps for $machine {
             #[inline(always)]
@@ -179,6 +213,11 @@ macro_rules! x86 {
             #[inline(always)]
             fn min_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
                 self.min_f64s(a, b)
+            }
+
+            #[inline(always)]
+            fn truncate(self, value: Self::f64s) -> Self::f64s {
+                self.$truncate(value)
             }
 
             #[inline(always)]
@@ -226,6 +265,7 @@ x86!(
     pulp::x86::V3,
     avx2,
     [],
+    truncate_f64x4,
     _mm256_mul_epi32,
     _mm256_mul_epu32,
     _mm256_slli_epi64,
@@ -239,6 +279,7 @@ x86!(
     pulp::x86::V4,
     avx512f,
     [_mm512_srav_epi64],
+    truncate_f64x8,
     _mm512_mul_epi32,
     _mm512_mul_epu32,
     _mm512_slli_epi64,
@@ -246,3 +287,33 @@ x86!(
     _mm512_sllv_epi64,
     _mm512_srlv_epi64
 );
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rounded<S: SimdOps>(simd: Option<S>, value: f64) -> Vec<f64> {
+        simd.map_or(vec![], |simd| lanes(&simd.round(simd.splat_f64s(value))).to_vec())
+    }
+
+    #[test]
+    fn every_machine_rounds_as_f64_does() {
+        let halves = (0..54).flat_map(|bits| [0.5, 1.5].map(|half| half * (1u64 << bits) as f64));
+        let edges = halves.flat_map(|half| [half.next_down(), half, half.next_up()]);
+        let odd = (0..1000).map(|n| f64::from(n) + 0.5);
+        let others = [0.0, 2.3, 1e300, f64::INFINITY, f64::MIN_POSITIVE];
+        for value in edges.chain(odd).chain(others).flat_map(|value| [value, -value]) {
+            let mut found = rounded(Some(pulp::Scalar), value);
+            #[cfg(target_arch = "x86_64")]
+            {
+                found.extend(rounded(pulp::x86::V3::try_new(), value));
+                found.extend(rounded(pulp::x86::V4::try_new(), value));
+            }
+            #[cfg(target_arch = "aarch64")]
+            found.extend(rounded(pulp::aarch64::Neon::try_new(), value));
+            for found in found {
+                assert_eq!(found.to_bits(), value.round().to_bits(), "{value:e}");
+            }
+        }
+    }
+}

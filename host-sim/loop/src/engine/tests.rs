@@ -9,7 +9,7 @@ use zwidth::{
 use super::*;
 use crate::{
     scene::{
-        Criterion, NamedScene, PushBy, Quantisation, RmsOf, Rounding, Scene,
+        Accelerometer, Criterion, NamedScene, PushBy, Quantisation, RmsOf, Rounding, Scene,
         element::{Amplifier, Arm, Friction, Mode},
     },
     simulation::{
@@ -223,11 +223,22 @@ fn what_has_no_lanes_runs_all_the_same() {
     }
 }
 
-/// The cutoffs of a sweep have to suit the estimator.
+/// The cutoffs of a sweep have to suit the estimator, and it may need a sensor.
 fn with_estimator(mut scene: Scene, velocity: VelocitySettings) -> Scene {
     scene.sweep.cutoffs_hz = vec![0.1 * scene.control.rate_hz];
+    if velocity.name().sense() == Some(Sense::Acceleration) {
+        scene.accelerometer.get_or_insert(ACCELEROMETER);
+    }
     Scene { velocity: velocity.into(), ..scene }
 }
+
+const ACCELEROMETER: Accelerometer = Accelerometer {
+    full_scale_m_per_s2: 157.0,
+    resolution_m_per_s2: 0.04,
+    noise_m_per_s2_per_sqrt_hz: 3e-3,
+    bias_m_per_s2: 0.5,
+    bandwidth_hz: Some(1600.0),
+};
 
 /// The estimators that have lanes in fixed point.
 fn in_lanes() -> impl Iterator<Item = EstimatorName> {
@@ -252,7 +263,7 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
 }
 
 /// docs/batch.md names the others.
-const IN_LANES: [&str; 33] = [
+const IN_LANES: [&str; 35] = [
     "butterworth",
     "butterworth-prewarped",
     "first-order",
@@ -264,6 +275,7 @@ const IN_LANES: [&str; 33] = [
     "least-squares-2",
     "tracking-loop",
     "observer",
+    "fusion",
     "foaw-end",
     "foaw-best",
     "levant-explicit",
@@ -286,6 +298,7 @@ const IN_LANES: [&str; 33] = [
     "foaw-best-position",
     "first-order-position",
     "observer-position",
+    "fusion-position",
 ];
 
 #[test]

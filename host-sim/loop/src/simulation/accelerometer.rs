@@ -1,4 +1,7 @@
-//! An accelerometer. Its noise is drawn by the number of the reading, so it is the same in every hit.
+//! An accelerometer. Its noise is drawn by the number of the reading, so it is the same in every hit. The lanes' text of
+//! a reading is `engine/estimator/accelerometer.rs`, which tests hold to this one.
+
+use std::sync::Arc;
 
 use zwidth::units::Acceleration;
 
@@ -72,5 +75,27 @@ impl Sensor {
         self.drawn += 2;
         let [radius, angle] = [n, n + 1].map(|n| random::uniform_with_zero(0, n));
         random::box_muller(1.0 - radius, angle)
+    }
+}
+
+/// An accelerometer for many hits side by side.
+#[derive(Clone, Debug)]
+pub(crate) struct Readings {
+    pub sensor: Sensor,
+    /// Speed in m/s to counts per sample.
+    pub speed: f64,
+    /// Noise of the reading at each sample of a hit, counts per sample^2; none behind its end. Nothing is read before
+    /// sample 0: what stands there takes the bias off.
+    pub noise: Arc<[f64]>,
+}
+
+impl Readings {
+    /// Of a sensor at rest, in hits of so many samples.
+    pub fn new(sensor: Sensor, speed: f64, samples: u32) -> Self {
+        let mut drawing = sensor;
+        let read = if sensor.noise > 0.0 { samples.saturating_sub(1) } else { 0 };
+        let noise = (0..read).map(|_| drawing.noise());
+        let noise = std::iter::once(-sensor.bias).chain(noise).collect();
+        Self { sensor, speed, noise }
     }
 }

@@ -10,7 +10,11 @@ use zwidth::{
 
 use crate::{
     scene::{LATENCY_KNOWN_MAX, Scene, element::EncoderError},
-    simulation::{accelerometer::Sensor, edge::last_edge, quantiser::Quantiser},
+    simulation::{
+        accelerometer::{Readings, Sensor},
+        edge::last_edge,
+        quantiser::Quantiser,
+    },
 };
 
 /// A handle at one instant.
@@ -129,6 +133,11 @@ impl Full {
             told: Told::new(scene),
             senses: Senses::NONE,
         }
+    }
+
+    /// The accelerometer, for hits of so many samples.
+    pub(crate) fn readings(&self, samples: u32) -> Option<Readings> {
+        self.accelerometer.map(|sensor| Readings::new(sensor, self.speed, samples))
     }
 }
 

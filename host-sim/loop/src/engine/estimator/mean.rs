@@ -4,7 +4,7 @@
 use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
 
-use super::VectorForm;
+use super::{Beside, VectorForm};
 use crate::engine::{
     lanes::Row,
     simd_ops::{SimdOps, lanes_mut},
@@ -46,7 +46,7 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
         (Self { places, newest: 0, samples: vec![none; S::F64_LANES], factor }, ())
     }
 
-    fn start(&mut self, _: S, (): &mut (), lane: usize, estimator: &Estimator, _: usize) {
+    fn start(&mut self, _: S, (): &mut (), lane: usize, estimator: &Estimator, _: Beside<'_>) {
         let (number, factor, held) = match estimator {
             Estimator::WindowDifference(mean) => (mean.window_samples(), mean.factor(), false),
             Estimator::DualRate(mean) => (mean.decimation_samples(), mean.factor(), true),

@@ -6,7 +6,9 @@ use super::{
     lanes::Row,
     simd_ops::{SimdOps, lanes, lanes_mut},
 };
+use crate::simulation::accelerometer::Readings;
 
+mod accelerometer;
 pub(super) mod kalman;
 pub(super) mod levant;
 pub(super) mod levant_kalman;
@@ -45,6 +47,8 @@ pub enum Form {
     LevantKalman,
     /// Observer that is told the force.
     Observer,
+    /// Observer that is told the acceleration.
+    Fusion,
 }
 
 impl Form {
@@ -87,9 +91,21 @@ impl Form {
             VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
                 Some(Self::Observer)
             }
+            VelocitySettings::Fusion { .. } | VelocitySettings::FusionPosition { .. } => {
+                Some(Self::Fusion)
+            }
             _ => None,
         }
     }
+}
+
+/// What an estimator is told beside the counts, the same in all hits of a scene.
+#[derive(Clone, Copy)]
+pub struct Beside<'a> {
+    /// Samples after which it is told a force that is granted.
+    pub late: usize,
+    /// The accelerometer, if it looks at one.
+    pub readings: Option<&'a Readings>,
 }
 
 /// An estimator in the lanes of one vector.
@@ -99,15 +115,20 @@ pub trait VectorForm<S: SimdOps>: Sized {
 
     /// Before the first sample, and coefficients of lanes that are not in use.
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// Puts an estimator at rest into a lane. A force that is granted is told to it so many samples `late`.
+    /// Puts an estimator at rest into a lane.
     fn start(
         &mut self,
         simd: S,
         gains: &mut Self::Gains,
         lane: usize,
         estimator: &Estimator,
-        late: usize,
+        beside: Beside<'_>,
     );
+    /// It looks at the handle's speed.
+    const LOOKS: bool = false;
+    /// The handle's speeds, m/s, at the samples that are taken next.
+    #[inline(always)]
+    fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
     /// Vectors of it take samples, counts moved since the last one. If an output is `due`, `velocity` becomes that of the
     /// last one, LSB in the lower 32 bits; else it is anything.
     fn take<const R: usize>(
@@ -173,7 +194,7 @@ impl<S: SimdOps, F: Recursive<S>> VectorForm<S> for Each<F> {
         gains: &mut F::Gains,
         lane: usize,
         estimator: &Estimator,
-        _: usize,
+        _: Beside<'_>,
     ) {
         F::tune(gains, lane, estimator);
         let (mut rest, _) = F::at_rest(simd);

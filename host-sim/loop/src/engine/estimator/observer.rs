@@ -1,4 +1,5 @@
-//! [`Observer`](velocity::Observer) in lanes: the core's own text, over vectors, and the force that it is told.
+//! [`Observer`](velocity::Observer) in lanes: the core's own text, over vectors, and the force that it is told or, beside an
+//! accelerometer, the acceleration.
 
 use zwidth::{
     units::Force,
@@ -6,13 +7,14 @@ use zwidth::{
 };
 
 use super::{
-    VectorForm,
+    Beside, VectorForm,
+    accelerometer::Accelerometer,
     word::{LaneFactor, Vector},
 };
 use crate::{
     engine::{
         gain::GainLanes,
-        lanes::Row,
+        lanes::{ROWS, Row},
         simd_ops::{SimdOps, lanes, lanes_mut},
     },
     scene::LATENCY_KNOWN_MAX,
@@ -27,11 +29,17 @@ pub struct Gains<S: SimdOps> {
     without: S::u64s,
 }
 
-/// What is observed, a lane each, and what the force that was granted makes known of the acceleration.
-pub struct Observer<S: SimdOps> {
+/// What is observed, a lane each.
+#[derive(Clone, Copy)]
+struct Observed<S: SimdOps> {
     state: ObserverState<Vector<S>>,
     /// All that was observed so far, one over the other: beyond twice the limit if one was out of bounds.
     seen: S::u64s,
+}
+
+/// Observer that is told the force: what the force that was granted makes known of the acceleration.
+pub struct Observer<S: SimdOps> {
+    observed: Observed<S>,
     granted: S::u64s,
     /// Granted and not told yet: a place for each sample, if the latency is known.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
@@ -40,15 +48,21 @@ pub struct Observer<S: SimdOps> {
     next: usize,
 }
 
+/// Observer that is told the acceleration.
+pub struct Fusion<S: SimdOps> {
+    observed: Observed<S>,
+    accelerometer: Accelerometer<S>,
+    /// What is known at the samples that it takes next.
+    known: [S::u64s; ROWS],
+}
+
 /// Of `x - x^` and what is known of the acceleration, 2^12 counts; with a jump of 2^14 counts the error, whose product
 /// is taken, is below 2^47.
 const LIMIT: u64 = 1 << 44;
 /// Further bits of velocity and disturbance: the first is below 2^12 counts per sample, the second below as much.
 const MORE: [u32; 2] = [12, 16];
 
-impl<S: SimdOps> VectorForm<S> for Observer<S> {
-    type Gains = Gains<S>;
-
+impl<S: SimdOps> Observed<S> {
     fn at_rest(simd: S) -> (Self, Gains<S>) {
         let zero = simd.splat_u64s(0);
         let word = Vector { simd, bits: zero };
@@ -61,23 +75,10 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
             per_force: zwidth::Gain::default(),
         };
         let gains = Gains { observer, per_force: GainLanes::zero(simd), without: zero };
-        let ring = [zero; LATENCY_KNOWN_MAX as usize];
-        (Self { state, seen: zero, granted: zero, ring, late: 0, next: 0 }, gains)
+        (Self { state, seen: zero }, gains)
     }
 
-    fn start(
-        &mut self,
-        _: S,
-        gains: &mut Gains<S>,
-        lane: usize,
-        estimator: &Estimator,
-        late: usize,
-    ) {
-        let (Estimator::Observer(observer) | Estimator::ObserverPosition(Placed(observer))) =
-            estimator
-        else {
-            return;
-        };
+    fn start(&mut self, gains: &mut Gains<S>, lane: usize, observer: &velocity::Observer) {
         type Core = velocity::Observer<Factor>;
         let own = &mut gains.observer;
         let mut has = observer.per_force.apply(Force::FULL_SCALE.bits()).unsigned_abs() < LIMIT;
@@ -90,11 +91,54 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
         }
         gains.per_force.set(lane, observer.per_force);
         lanes_mut(&mut gains.without)[lane] = if has { 0 } else { u64::MAX };
-        self.late = late;
         let ObserverState { error, velocity, disturbance } = &mut self.state;
-        let words = [&mut error.bits, &mut velocity.bits, &mut disturbance.bits];
-        let other = [&mut self.seen, &mut self.granted];
-        for word in words.into_iter().chain(other).chain(&mut self.ring) {
+        for word in [&mut error.bits, &mut velocity.bits, &mut disturbance.bits, &mut self.seen] {
+            lanes_mut::<_, u64>(word)[lane] = 0;
+        }
+    }
+
+    /// The velocity after a move by so many counts, LSB.
+    #[inline(always)]
+    fn step(&mut self, simd: S, gains: &Gains<S>, moved: S::f64s, known: S::u64s) -> S::u64s {
+        let moved = Vector { simd, bits: simd.to_low(moved) };
+        let known = Vector { simd, bits: known };
+        let velocity = gains.observer.update(&mut self.state, moved, known).bits;
+        self.seen = simd.or_u64s(self.seen, near(simd, &self.state));
+        velocity
+    }
+
+    fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {
+        let get = |word: &S::u64s| lanes::<_, u64>(word)[lane];
+        get(&self.seen) >= 2 * LIMIT || get(&gains.without) != 0
+    }
+}
+
+impl<S: SimdOps> VectorForm<S> for Observer<S> {
+    type Gains = Gains<S>;
+
+    fn at_rest(simd: S) -> (Self, Gains<S>) {
+        let (observed, gains) = Observed::at_rest(simd);
+        let zero = simd.splat_u64s(0);
+        let ring = [zero; LATENCY_KNOWN_MAX as usize];
+        (Self { observed, granted: zero, ring, late: 0, next: 0 }, gains)
+    }
+
+    fn start(
+        &mut self,
+        _: S,
+        gains: &mut Gains<S>,
+        lane: usize,
+        estimator: &Estimator,
+        beside: Beside<'_>,
+    ) {
+        let (Estimator::Observer(observer) | Estimator::ObserverPosition(Placed(observer))) =
+            estimator
+        else {
+            return;
+        };
+        self.observed.start(gains, lane, observer);
+        self.late = beside.late;
+        for word in std::iter::once(&mut self.granted).chain(&mut self.ring) {
             lanes_mut::<_, u64>(word)[lane] = 0;
         }
     }
@@ -108,24 +152,21 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
         _: bool,
         velocity: &mut [S::u64s; R],
     ) {
-        let (mut state, mut seen) = ([forms[0].state; R], [forms[0].seen; R]);
+        let mut now = [forms[0].observed; R];
         let (mut known, mut last) = ([forms[0].granted; R], *velocity);
         for r in 0..R {
-            (state[r], seen[r], known[r]) = (forms[r].state, forms[r].seen, forms[r].granted);
+            (now[r], known[r]) = (forms[r].observed, forms[r].granted);
         }
         for row in moved {
             for r in 0..R {
                 if forms[r].late > 0 {
                     known[r] = forms[r].tell();
                 }
-                let moved = Vector { simd, bits: simd.to_low(row.0[r]) };
-                let known = Vector { simd, bits: known[r] };
-                last[r] = gains[r].observer.update(&mut state[r], moved, known).bits;
-                seen[r] = simd.or_u64s(seen[r], near(simd, &state[r]));
+                last[r] = now[r].step(simd, &gains[r], row.0[r], known[r]);
             }
         }
         for r in 0..R {
-            (forms[r].state, forms[r].seen) = (state[r], seen[r]);
+            forms[r].observed = now[r];
         }
         *velocity = last;
     }
@@ -139,12 +180,11 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
 
     #[inline(always)]
     fn offset(&self, _: S, _: &Gains<S>) -> S::u64s {
-        self.state.offset().bits
+        self.observed.state.offset().bits
     }
 
     fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {
-        let get = |word: &S::u64s| lanes::<_, u64>(word)[lane];
-        get(&self.seen) >= 2 * LIMIT || get(&gains.without) != 0
+        self.observed.is_lost(gains, lane)
     }
 }
 
@@ -156,6 +196,93 @@ impl<S: SimdOps> Observer<S> {
         let told = std::mem::replace(place, self.granted);
         self.next = if self.next + 1 < self.late { self.next + 1 } else { 0 };
         told
+    }
+}
+
+impl<S: SimdOps> VectorForm<S> for Fusion<S> {
+    type Gains = Gains<S>;
+
+    fn at_rest(simd: S) -> (Self, Gains<S>) {
+        let (observed, gains) = Observed::at_rest(simd);
+        let known = [simd.splat_u64s(0); ROWS];
+        (Self { observed, accelerometer: Accelerometer::none(simd), known }, gains)
+    }
+
+    fn start(
+        &mut self,
+        simd: S,
+        gains: &mut Gains<S>,
+        lane: usize,
+        estimator: &Estimator,
+        beside: Beside<'_>,
+    ) {
+        let (Estimator::Fusion(fusion) | Estimator::FusionPosition(Placed(fusion))) = estimator
+        else {
+            return;
+        };
+        self.observed.start(gains, lane, &fusion.0);
+        if let Some(readings) = beside.readings {
+            self.accelerometer.start(simd, lane, readings);
+        }
+    }
+
+    const LOOKS: bool = true;
+
+    #[inline(always)]
+    fn look<const R: usize>(forms: &mut [Self; R], simd: S, speeds: &[Row<S, R>]) {
+        for form in forms.iter_mut() {
+            form.accelerometer.draw(speeds.len());
+        }
+        let mut now = [forms[0].accelerometer.sensed; R];
+        for r in 0..R {
+            now[r] = forms[r].accelerometer.sensed;
+        }
+        for (n, row) in speeds.iter().take(ROWS).enumerate() {
+            for r in 0..R {
+                let Self { accelerometer: Accelerometer { scale, drawn, .. }, known, .. } =
+                    &mut forms[r];
+                known[n] = now[r].read(simd, scale, row.0[r], drawn[n]);
+            }
+        }
+        for r in 0..R {
+            forms[r].accelerometer.sensed = now[r];
+        }
+    }
+
+    #[inline(always)]
+    fn take<const R: usize>(
+        forms: &mut [Self; R],
+        simd: S,
+        gains: &[Gains<S>; R],
+        moved: &[Row<S, R>],
+        _: bool,
+        velocity: &mut [S::u64s; R],
+    ) {
+        let mut now = [forms[0].observed; R];
+        for r in 0..R {
+            now[r] = forms[r].observed;
+        }
+        let mut last = *velocity;
+        for (n, row) in moved.iter().take(ROWS).enumerate() {
+            for r in 0..R {
+                last[r] = now[r].step(simd, &gains[r], row.0[r], forms[r].known[n]);
+            }
+        }
+        for r in 0..R {
+            forms[r].observed = now[r];
+        }
+        *velocity = last;
+    }
+
+    const PLACES: bool = true;
+
+    #[inline(always)]
+    fn offset(&self, _: S, _: &Gains<S>) -> S::u64s {
+        self.observed.state.offset().bits
+    }
+
+    fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {
+        self.observed.is_lost(gains, lane)
     }
 }
 

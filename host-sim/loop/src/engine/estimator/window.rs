@@ -7,7 +7,7 @@ use zwidth::{
     velocity::{Estimator, Foaw, FoawPosition, WINDOW_MAX},
 };
 
-use super::VectorForm;
+use super::{Beside, VectorForm};
 use crate::engine::{
     lanes::Row,
     simd_ops::{SimdOps, lanes_mut},
@@ -50,7 +50,7 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
         (Self { past, end: LENGTH, kind: K::none(simd) }, ())
     }
 
-    fn start(&mut self, simd: S, (): &mut (), lane: usize, estimator: &Estimator, _: usize) {
+    fn start(&mut self, simd: S, (): &mut (), lane: usize, estimator: &Estimator, _: Beside<'_>) {
         self.kind.set(simd, lane, estimator);
         for difference in &mut self.past {
             lanes_mut(difference)[lane] = 0.0;

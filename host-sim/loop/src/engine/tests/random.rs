@@ -24,9 +24,9 @@ fn scenes() -> impl Strategy<Value = Scene> {
         1 => Just(EstimatorName::Difference),
     ];
     let bodies = (-2.0..1.0f64, 0.0..20.0f64, 0.0..300.0f64, (0.05..1.2f64, any::<bool>()));
-    let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64);
+    let elements = (any::<bool>(), any::<bool>(), 100.0..3000.0f64, sensors());
     (loops, outputs, estimators, bodies, elements).prop_map(
-        |(loops, output, velocity, (mass, damping, stiffness, push), (pole, arm, hz))| {
+        |(loops, output, velocity, (mass, damping, stiffness, push), (pole, arm, hz, sensor))| {
             let (push, by_hand) = push;
             let (period, latency, rate_hz, push_only, round, resolution) = loops;
             let mut scene = paper();
@@ -58,9 +58,61 @@ fn scenes() -> impl Strategy<Value = Scene> {
                 grip_damping_n_s_per_m: 20.0,
                 grip_stiffness_n_per_m: 1000.0,
             });
+            let unit = scene.encoder.resolution_m * rate_hz * rate_hz;
+            scene.accelerometer = Some(sensor.of(unit));
             scene
         },
     )
+}
+
+/// An accelerometer with or without each of its parts.
+#[derive(Clone, Copy, Debug)]
+struct Sensor {
+    /// From nearly nothing to the core's range.
+    full_scale: f64,
+    /// Powers of ten, of full scale.
+    resolution: Option<f64>,
+    noise: Option<f64>,
+    /// Of full scale.
+    bias: f64,
+    /// The bias is half a step: a handle at rest reads a tie.
+    tie: bool,
+    bandwidth_hz: Option<f64>,
+}
+
+fn sensors() -> impl Strategy<Value = Sensor> {
+    let full_scale = prop_oneof![0.0..1.0f64, Just(1.0)];
+    let bias = prop_oneof![Just(0.0), -1.0..1.0f64, -0.01..0.01f64];
+    let power = |least: f64| prop::option::of(prop_oneof![-4.0..0.0f64, least..0.0]);
+    let bias = (bias, any::<bool>());
+    let sensor = (full_scale, power(-300.0), power(-8.0), bias, prop::option::of(1.0..4.0f64));
+    sensor.prop_map(|(full_scale, resolution, noise, (bias, tie), bandwidth)| Sensor {
+        full_scale,
+        resolution,
+        noise,
+        bias,
+        tie,
+        bandwidth_hz: bandwidth.map(|power| 10f64.powf(power)),
+    })
+}
+
+impl Sensor {
+    /// `unit`: a count per sample^2, m/s^2.
+    fn of(self, unit: f64) -> Accelerometer {
+        let most = 127.0 * unit;
+        let full_scale_m_per_s2 = 1e-3 * (most / 1e-3).powf(self.full_scale);
+        let full_scale_m_per_s2 = full_scale_m_per_s2.clamp(1e-3, most.max(1e-3));
+        let share = |power: Option<f64>| power.map_or(0.0, |power| 10f64.powf(power));
+        let resolution_m_per_s2 = share(self.resolution) * full_scale_m_per_s2;
+        let half = (0.5 * resolution_m_per_s2).copysign(self.bias);
+        Accelerometer {
+            full_scale_m_per_s2,
+            resolution_m_per_s2,
+            noise_m_per_s2_per_sqrt_hz: share(self.noise) * full_scale_m_per_s2,
+            bias_m_per_s2: if self.tie { half } else { self.bias * full_scale_m_per_s2 },
+            bandwidth_hz: self.bandwidth_hz,
+        }
+    }
 }
 
 /// An estimator with its tuning anywhere in its range.
@@ -121,6 +173,9 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
         VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
             let mass_kg = scene.device.mass_kg * 10f64.powf(2.0 * (tuning * 37.0).fract() - 1.0);
             settings.with_tuning(rate_hz * 1.001e-3 * 199f64.powf(tuning)).with_second(mass_kg)
+        }
+        VelocitySettings::Fusion { .. } | VelocitySettings::FusionPosition { .. } => {
+            settings.with_tuning(rate_hz * 1.001e-3 * 199f64.powf(tuning))
         }
         VelocitySettings::Biquad { .. } => {
             let damping = 0.1 * 10f64.powf((tuning * 37.0).fract());
@@ -217,6 +272,26 @@ proptest! {
         let velocity = tuned(name, tuning, &scene);
         let mut scene = with_estimator(scene, velocity);
         scene.actuator.latency_known = late;
+        prop_assume!(scene.check().is_ok());
+        for hit in &mut hits {
+            hit.cutoff_hz = 0.1 * scene.control.rate_hz;
+        }
+        let prepared = PreparedScene::new(&scene).unwrap();
+        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
+        hold(&prepared, &hits);
+    }
+
+    #[test]
+    fn fusion_beside_any_accelerometer_is_the_same_bit_for_bit(
+        scene in scenes(),
+        mut hits in walls(),
+        name in select(&[EstimatorName::Fusion, EstimatorName::FusionPosition][..]),
+        (tuning, mode) in (0.0..1.0f64, any::<bool>()),
+    ) {
+        let velocity = tuned(name, tuning, &scene);
+        let mut scene = with_estimator(scene, velocity);
+        let body = Mode { mass_kg: 0.1, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
+        scene.mode = mode.then_some(body);
         prop_assume!(scene.check().is_ok());
         for hit in &mut hits {
             hit.cutoff_hz = 0.1 * scene.control.rate_hz;

@@ -3,7 +3,7 @@
 mod run;
 mod watch;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -18,10 +18,11 @@ use crate::{
     scene::Scene,
     simulation::{
         Parts, Simulation,
+        accelerometer::Readings,
         controller::Fixed,
         port::PortWatch,
         quantiser::Quantiser,
-        senses::AnySensing,
+        senses::{AnySensing, Full},
         twin::{self, Twin},
         window::Judge,
     },
@@ -43,6 +44,8 @@ pub struct PreparedScene {
     is_told: bool,
     /// Estimators in the place of the scene's; the cutoff of a hit is the number of its one.
     filters: Arc<[VelocitySettings]>,
+    /// The accelerometer's readings of a hit, once lanes ask for them.
+    readings: Arc<OnceLock<Option<Readings>>>,
 }
 
 /// No handle comes to its wall faster, m/s.
@@ -73,8 +76,8 @@ impl PreparedScene {
             period: design.period,
         };
         let (scene, judge) = (scene.clone(), Judge::of(scene));
-        let (is_told, filters) = (false, Arc::default());
-        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, filters })
+        let (is_told, filters, readings) = (false, Arc::default(), Arc::default());
+        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, filters, readings })
     }
 
     /// The same with those estimators side by side in the place of the scene's, which all have its form: the cutoff of
@@ -193,6 +196,12 @@ impl PreparedScene {
 
     pub(crate) fn sensing(&self) -> AnySensing {
         AnySensing::of(&self.scene)
+    }
+
+    /// The scene's accelerometer for lanes, made once.
+    pub(crate) fn readings(&self) -> Option<&Readings> {
+        let readings = || Full::new(&self.scene).readings(self.samples());
+        self.readings.get_or_init(readings).as_ref()
     }
 
     /// The core at rest where the hit starts.
