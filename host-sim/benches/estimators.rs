@@ -21,8 +21,11 @@ use host_sim::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 use plain::SAMPLES;
-use plain_filters::plain_hit;
-use zwidth::{VelocitySettings, velocity::EstimatorName};
+use plain_filters::{ACCELEROMETER, plain_hit};
+use zwidth::{
+    VelocitySettings,
+    velocity::{EstimatorName, Sense},
+};
 
 const ROUNDS: usize = 15;
 /// Hits of a round; a multiple of every number of lanes.
@@ -96,7 +99,8 @@ fn main() {
         if !chosen {
             continue;
         }
-        let scene = Scene { velocity: settings.into(), ..scene.clone() };
+        let sensor = (name.sense() == Some(Sense::Acceleration)).then_some(ACCELEROMETER);
+        let scene = Scene { velocity: settings.into(), accelerometer: sensor, ..scene.clone() };
         if scene.check().is_err() {
             continue; // a sense that the scene has not
         }

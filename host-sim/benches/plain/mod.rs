@@ -11,6 +11,9 @@ pub const SAMPLES: usize = 60_000;
 pub trait Filter {
     /// Takes a sample.
     fn update(&mut self, moved: f64) -> f64;
+    /// The handle's speed at the next sample, m/s.
+    #[inline(always)]
+    fn look(&mut self, _speed: f64) {}
     /// What the actuator gives from the last sample on, fraction of full scale.
     #[inline(always)]
     fn granted(&mut self, _force: f64) {}
@@ -78,6 +81,7 @@ pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
         let count = towards_zero - f64::from(u8::from(towards_zero > exact));
         let difference = count - last;
         last = count;
+        filter.look(v);
         let y = filter.update(difference);
         if n % 10 == 0 {
             force = next; // one output of latency
