@@ -47,7 +47,7 @@ impl Quantiser {
     ///
     /// Nearly always without the division, for which a loop would have to wait: below 2^31 counts, the product with the
     /// reciprocal and the quotient are at most 3 * 2^-53 * 2^31 < 2^-20 apart, and the sums beside them add 2^-21 and
-    /// 2^-22. So their floors differ only where a whole number is closer than [`CLOSE`].
+    /// 2^-22. So their floors differ only where a whole number is closer than 4 * 2^-20.
     #[inline]
     pub fn count(&self, position_m: f64) -> i32 {
         let sum = position_m * self.per_m + self.above;
