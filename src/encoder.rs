@@ -75,7 +75,8 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// For several readings: says of each by how many counts it moved. [`moved`](Self::moved) has to follow.
+    /// Where several readings begin, each of which then says by how many counts it moved. [`moved`](Self::moved) has to
+    /// follow.
     #[inline]
     pub(crate) fn moves(&self) -> Moves<W> {
         Moves { width: self.width, count: self.count }

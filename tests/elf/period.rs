@@ -242,9 +242,9 @@ fn cycles_of(name: EstimatorName) -> u64 {
 fn every_estimator_has_the_time_or_is_refused(board: Board) {
     let firmware = Firmware::variant(board, &["estimators"]);
     let dac = matches!(board.wiring.force, Force::Dac { .. });
-    // a faster board has more cycles than the slowest one, for which the library allows them
-    let spare = board.cycles_per_sample()
-        - BOARDS.map(|board| board.cycles_per_sample()).iter().min().unwrap();
+    // a faster board has more cycles than the slowest one, for which the library allows four fifths of them
+    let slowest = BOARDS.iter().map(|board| board.cycles_per_sample()).min().unwrap();
+    let spare = (board.cycles_per_sample() - slowest) * 4 / 5;
     for period in PERIODS {
         let mut world = firmware.boot();
         ok(&mut world, &format!("period {period}"));

@@ -150,6 +150,7 @@ fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) 
         until_armed(world);
     };
     arm(&mut world, &["disarm", "unlock envelope", "period 1"]);
+    world.powered.mcu.watch_mut().marks = firmware.core_of_sample();
     world.powered.mcu.watch_mut().clear();
     for phase in 0..3 {
         world.run(phase).unwrap();
@@ -160,9 +161,22 @@ fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) 
         world.hold(world.position_m(), false);
         arm(&mut world, &["clear", "unlock envelope"]);
     }
-    let sample = world.powered.mcu.watch().tasks[&SAMPLE];
-    println!("{}, period 1: sample {}..{}", board.name, sample.least, sample.most);
-    figure(&format!("elf/control/{}/sample_period_1", board.name), sample.most);
-    let update = 175; // of the default estimator, host-sim/data/estimator_cost.csv
-    assert!(sample.most <= update + u64::from(GUARD), "{sample:?}");
+    for samples in [5, 150] {
+        world.powered.mcu.mask(RENDER, true);
+        world.run(samples).unwrap();
+        world.powered.mcu.mask(RENDER, false);
+        world.run(200).unwrap();
+        assert!(ok(&mut world, "status").contains("fault 20"));
+        arm(&mut world, &["clear", "unlock envelope"]);
+    }
+    let watch = world.powered.mcu.watch();
+    let (sample, beside) = (watch.tasks[&SAMPLE], watch.unmarked);
+    println!(
+        "{}, period 1: sample {}..{}, beside the core {}..{}",
+        board.name, sample.least, sample.most, beside.least, beside.most
+    );
+    let key = format!("elf/control/{}", board.name);
+    figure(&format!("{key}/sample_period_1"), sample.most);
+    figure(&format!("{key}/beside_period_1"), beside.most);
+    assert!(beside.least > 80 && beside.most <= u64::from(GUARD), "{beside:?}");
 }

@@ -82,6 +82,8 @@ pub struct Watch {
     pub marks: BTreeSet<u32>,
     /// The cycles of those, by run of the sampling task.
     pub marked: Cycles,
+    /// The cycles of all others.
+    pub unmarked: Cycles,
     in_marks: u64,
     masked: u64,
     running: bool,
@@ -205,7 +207,9 @@ impl Watch {
                 }
                 self.tasks.entry(number).or_default().add(spent);
                 if number == SAMPLE && !self.marks.is_empty() {
-                    self.marked.add(std::mem::take(&mut self.in_marks));
+                    let marked = std::mem::take(&mut self.in_marks);
+                    self.marked.add(marked);
+                    self.unmarked.add(spent.saturating_sub(marked));
                 }
                 self.nested.pop();
             }
