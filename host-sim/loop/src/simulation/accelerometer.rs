@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use zwidth::units::Acceleration;
 
-use super::senses::round;
 use crate::{numerics::random, scene::Accelerometer};
 
 /// An accelerometer, in counts and samples.
@@ -98,4 +97,11 @@ impl Readings {
         let noise = std::iter::once(-sensor.bias).chain(noise).collect();
         Self { sensor, speed, noise }
     }
+}
+
+/// The nearest integer, saturating.
+pub(super) fn round(value: f64) -> i32 {
+    #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
+    let nearest = value.round() as i32;
+    nearest
 }

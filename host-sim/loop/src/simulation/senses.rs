@@ -11,7 +11,7 @@ use zwidth::{
 use crate::{
     scene::{LATENCY_KNOWN_MAX, Scene, element::EncoderError},
     simulation::{
-        accelerometer::{Readings, Sensor},
+        accelerometer::{Readings, Sensor, round},
         edge::last_edge,
         quantiser::Quantiser,
     },
@@ -189,13 +189,6 @@ impl Sensing for Full {
                 .map(|edge| Edge { age: edge.age.saturating_add(Edge::SAMPLE), ..edge }),
         };
     }
-}
-
-/// The nearest integer, saturating.
-pub(super) fn round(value: f64) -> i32 {
-    #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
-    let nearest = value.round() as i32;
-    nearest
 }
 
 fn whole(value: f64) -> u32 {
