@@ -72,11 +72,16 @@ impl Mailbox {
     }
 }
 
+/// The row of that name in a table of costs: name, cycles, and what else there is.
+pub fn cost_row<'a>(file: &str, table: &'a str, name: &str) -> Vec<&'a str> {
+    let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    rows.find(|row| row[0] == name).unwrap_or_else(|| panic!("{file} has no row {name}"))
+}
+
 /// Holds a table that the simulator shows against a measurement: cycles, the second cell, within 2 %. The
 /// cells of the row.
 pub fn assert_cost<'a>(file: &str, table: &'a str, name: &str, cycles: u32) -> Vec<&'a str> {
-    let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
-    let row = rows.find(|row| row[0] == name).unwrap_or_else(|| panic!("{file} has no row {name}"));
+    let row = cost_row(file, table, name);
     let stated: f64 = row[1].parse().unwrap();
     let off = f64::from(cycles) / stated - 1.0;
     assert!(off.abs() <= 0.02, "{name}: {cycles} cycles, {file} has {stated}");

@@ -21,6 +21,7 @@ use crate::{
     estimator_cost::TABLE,
     figure::figure,
     firmware::{Firmware, arm, ok},
+    mailbox::cost_row,
     twin::Twin,
 };
 
@@ -232,9 +233,7 @@ fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
 
 /// Cycles of an estimator's longest update, which `estimator_cost` measures.
 fn cycles_of(name: EstimatorName) -> u64 {
-    let mut rows = TABLE.lines().map(|row| row.split(','));
-    let mut row = rows.find(|row| row.clone().next() == Some(name.text())).unwrap();
-    row.nth(1).unwrap().parse().unwrap()
+    cost_row("estimator_cost.csv", TABLE, name.text())[1].parse().unwrap()
 }
 
 /// At each period every estimator in turn, in and out of the wall, with commands and lines of the log all the time: none

@@ -64,19 +64,31 @@ fn tasks_and_memory_stay_in_their_budget(board: Board) {
     assert!(flash < 256 * 1024);
 }
 
+/// Arms from where the force is off, after those commands.
+fn arm_after(world: &mut World<'_>, lines: &[&str]) {
+    world.run(30).unwrap();
+    for line in lines.iter().chain(&["zero", "arm"]) {
+        ok(world, line);
+    }
+    until_armed(world);
+}
+
+/// No output for so many samples: a fault.
+fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
+    world.powered.mcu.mask(RENDER, true);
+    world.run(samples).unwrap();
+    world.powered.mcu.mask(RENDER, false);
+    world.run(200).unwrap();
+    assert!(ok(world, "status").contains("fault 20"));
+}
+
 /// Zero, disarm, faults at every place of the output period, and what ends them: no sample is
 /// longer for it. The sums of the session above have none of these.
 fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
-    let recover = |world: &mut World<'_>| {
-        world.run(30).unwrap();
-        for line in ["clear", "zero", "arm"] {
-            ok(world, line);
-        }
-        until_armed(world);
-    };
+    let recover = |world: &mut World<'_>| arm_after(world, &["clear"]);
     // The code is the same on both boards, and so is its place in the period.
     for phase in (0..10).step_by(if board == NUCLEO_F446RE { 1 } else { 3 }) {
         // A jump of the count: found in one sample, gone in the next.
@@ -100,11 +112,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     }
     // Outputs that do not come: late with a due sample, stuck, and back.
     for samples in [25, 150] {
-        world.powered.mcu.mask(RENDER, true);
-        world.run(samples).unwrap();
-        world.powered.mcu.mask(RENDER, false);
-        world.run(200).unwrap();
-        assert!(ok(&mut world, "status").contains("fault 20"));
+        hold_outputs_up(&mut world, samples);
         recover(&mut world);
     }
     // Every estimator after every other, with the force on and off.
@@ -142,14 +150,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
 fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
-    let arm = |world: &mut World<'_>, lines: &[&str]| {
-        world.run(30).unwrap();
-        for line in lines.iter().chain(&["zero", "arm"]) {
-            ok(world, line);
-        }
-        until_armed(world);
-    };
-    arm(&mut world, &["disarm", "unlock envelope", "period 1"]);
+    arm_after(&mut world, &["disarm", "unlock envelope", "period 1"]);
     world.powered.mcu.watch_mut().marks = firmware.core_of_sample();
     world.powered.mcu.watch_mut().clear();
     for phase in 0..3 {
@@ -159,15 +160,11 @@ fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) 
         assert!(ok(&mut world, "status").contains("fault 10"));
         ok(&mut world, "zero");
         world.hold(world.position_m(), false);
-        arm(&mut world, &["clear", "unlock envelope"]);
+        arm_after(&mut world, &["clear", "unlock envelope"]);
     }
     for samples in [5, 150] {
-        world.powered.mcu.mask(RENDER, true);
-        world.run(samples).unwrap();
-        world.powered.mcu.mask(RENDER, false);
-        world.run(200).unwrap();
-        assert!(ok(&mut world, "status").contains("fault 20"));
-        arm(&mut world, &["clear", "unlock envelope"]);
+        hold_outputs_up(&mut world, samples);
+        arm_after(&mut world, &["clear", "unlock envelope"]);
     }
     let watch = world.powered.mcu.watch();
     let (sample, beside) = (watch.tasks[&SAMPLE], watch.unmarked);

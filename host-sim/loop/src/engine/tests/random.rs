@@ -201,6 +201,12 @@ fn walls() -> impl Strategy<Value = Vec<WallHit>> {
     prop::collection::vec(wall, 1..20)
 }
 
+/// A scene that has lanes, and its lanes.
+fn hold_in_lanes(prepared: &PreparedScene, hits: &[WallHit]) {
+    assert!(lanes_for(prepared, Numeric::Fixed));
+    hold(prepared, hits);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -212,9 +218,7 @@ proptest! {
             // from the lowest to the highest cutoff that is accepted with and without pre-warping
             hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
         }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
+        hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
     #[test]
@@ -232,9 +236,7 @@ proptest! {
         for hit in &mut hits {
             hit.cutoff_hz = rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
         }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
+        hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
     #[test]
@@ -257,9 +259,7 @@ proptest! {
         for hit in &mut hits {
             hit.cutoff_hz = scene.control.rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
         }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
+        hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
     #[test]
@@ -276,9 +276,7 @@ proptest! {
         for hit in &mut hits {
             hit.cutoff_hz = 0.1 * scene.control.rate_hz;
         }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
+        hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
     #[test]
@@ -296,9 +294,7 @@ proptest! {
         for hit in &mut hits {
             hit.cutoff_hz = 0.1 * scene.control.rate_hz;
         }
-        let prepared = PreparedScene::new(&scene).unwrap();
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
+        hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
     #[test]
@@ -320,8 +316,6 @@ proptest! {
         }
         hits.truncate(6);
         let told = told.then(|| PreparedScene::told(&scene)).transpose().unwrap();
-        let prepared = told.unwrap_or_else(|| PreparedScene::new(&scene).unwrap());
-        prop_assert!(lanes_for(&prepared, Numeric::Fixed));
-        hold(&prepared, &hits);
+        hold_in_lanes(&told.unwrap_or_else(|| PreparedScene::new(&scene).unwrap()), &hits);
     }
 }
