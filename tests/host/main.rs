@@ -33,7 +33,6 @@ mod force_step;
 mod identify_accuracy;
 mod identify_joint;
 mod identify_terms;
-mod layers;
 mod linear_elements;
 mod paper;
 mod passivity;

@@ -51,7 +51,7 @@ impl Source {
     pub fn read(folders: &[&str], own_names: &'static [&'static str]) -> Self {
         let mut texts = vec![];
         for folder in folders {
-            let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(folder);
+            let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(folder);
             collect(&root, folder, &mut texts);
         }
         Self::of(texts, folders, own_names)

@@ -1,8 +1,14 @@
 //! The layers of simulator and core: no file imports from a layer above its own, and files do not import each other in
-//! a circle, unless one of them is the other's child.
+//! a circle, unless one of them is the other's child. `cargo run --package layers` names each offence with file and
+//! line, and ends with 1 if there is any.
+#![allow(clippy::unwrap_used, reason = "a source file that cannot be read ends the check")]
+
 mod source;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    process::ExitCode,
+};
 
 use self::source::{Import, Module, Source};
 
@@ -82,17 +88,15 @@ fn circles(imports: &[Import]) -> Vec<String> {
     circles.into_iter().map(|files| format!("a circle: {files}")).collect()
 }
 
-#[test]
-fn arrows_point_down_only() {
-    let (simulator, core) = (
-        Source::read(SIMULATOR_CRATES, &["host_sim", "sim_studies", "sim_loop"]),
-        Source::read(&["src"], &["zwidth"]),
-    );
+fn main() -> ExitCode {
+    let simulator = Source::read(SIMULATOR_CRATES, &["host_sim", "sim_studies", "sim_loop"]);
+    let core = Source::read(&["src"], &["zwidth"]);
     let mut found = offences(&simulator, SIMULATOR);
     found.extend(offences(&core, CORE));
-    let lines: Vec<String> =
-        found.iter().map(|(what, at)| format!("{what}, line {at:?}")).collect();
-    assert!(lines.is_empty(), "\n{}", lines.join("\n"));
+    for (offence, lines) in &found {
+        eprintln!("error: {offence}, line {lines:?}");
+    }
+    ExitCode::from(u8::from(!found.is_empty()))
 }
 
 #[test]
