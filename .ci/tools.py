@@ -11,6 +11,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "figures"
+# Where the programs are: of .ci/run those that its tests were built with.
+PROGRAMS = ROOT / os.environ.get("PROGRAMS", "target/release")
 passed = 0
 
 
@@ -31,6 +33,14 @@ def run_with(name, *packages):
         subprocess.run([str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", *packages], check=True, stdout=2)
     if Path(sys.prefix).resolve() != place.resolve():
         os.execv(str(python), [str(python), *sys.argv])
+
+
+def build(*packages, features=()):
+    """The release programs, where no others are given."""
+    if "PROGRAMS" not in os.environ:
+        words = [word for package in packages for word in ("--package", package)]
+        subprocess.run(["cargo", "build", "--quiet", "--release", *words, *(["--features", ",".join(features)] if features else [])],
+                       cwd=ROOT, check=True)
 
 
 def check(what, holds, said=""):

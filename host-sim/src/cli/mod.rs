@@ -16,6 +16,7 @@ mod peers;
 mod prepare;
 mod progress;
 mod read;
+mod reference;
 mod replay;
 mod shared;
 mod study;
@@ -70,6 +71,7 @@ enum Command {
     Telemetry(telemetry::TelemetryArgs),
     Prepare(prepare::PrepareArgs),
     Read(read::ReadArgs),
+    Reference(reference::ReferenceArgs),
     Replay(replay::ReplayArgs),
     Study(study::StudyArgs),
     StudyPlan(study::PlanArgs),
@@ -169,6 +171,7 @@ impl Command {
             Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
             Self::Replay(_) => Some(["replay", "--csv"]),
             Self::StudyPlan(_) => Some(["study-plan", "none"]),
+            Self::Reference(_) => Some(["reference", "none"]),
             Self::Sweep(_)
             | Self::Compare(_)
             | Self::Design(_)
@@ -223,6 +226,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Telemetry(args) => telemetry::run(&args, &common),
         Command::Prepare(args) => prepare::run(&args, &common),
         Command::Read(args) => read::run(&args, &common),
+        Command::Reference(args) => reference::run(&args),
         Command::Replay(args) => replay::run(&args, &common),
         Command::Study(args) => study::run(&args, &common),
         Command::StudyPlan(args) => study::plan(&args, &common),
