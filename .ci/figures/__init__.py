@@ -1,9 +1,6 @@
-"""The figures of the pages. A block is a function that makes the lines of a table; a slot is a sentence or row of a page
-with `{}` where figures stand, and their values. What a sentence says of the figures in words is held to them too."""
+"""The figures of the pages: each block is a function that makes the lines of a table. No check matches prose."""
 
 BLOCKS = {}
-SLOTS = {}
-STATES = {}
 
 
 def block(make):
@@ -12,14 +9,6 @@ def block(make):
     return make
 
 
-def slots(page, *entries):
-    """(text with {}, value, ..) each."""
-    SLOTS.setdefault(page, []).extend(entries)
-
-
-def states(page, *entries):
-    """(sentence or row, what must hold of the data) each: a comparison in words drifts as a figure does."""
-    STATES.setdefault(page, []).extend(entries)
-
-
-from . import commands, constants, criteria, design, devices, estimators, firmware, held, passivity, published, scenes, simulator, studies, sure, trade, web  # noqa: E402,F401
+from . import (  # noqa: E402,F401
+    commands, criteria, design, devices, estimators, firmware, held, published, simulator, studies, sure, trade,
+)

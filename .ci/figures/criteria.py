@@ -1,8 +1,8 @@
 """Who pushes, and what counts as stable."""
 
-from . import block, slots, states
+from . import block
 from .estimators import f, of, tuned
-from .source import m, measured, number, row, rows, significant, table
+from .source import m, measured, number, rows, significant, table
 
 
 def limit_rows(file, **wanted):
@@ -180,19 +180,6 @@ def criteria_felt_design():
     return table(["encoder", "arm, push", "12 dB more sensitive", "the model", "12 dB less sensitive"], body)
 
 
-def designed_for(encoder, level):
-    """The designed filter's area over that of the ideal cutoff, in each hand."""
-    found = limit_rows(f"felt-designed-paper-{encoder}.csv", estimator="scene")
-    return [float(r["area_n2_s_per_m2"]) / float(felt_best(encoder)[r["arm"], r["push"], level]["area_n2_s_per_m2"])
-            for r in found if float(r["limit"]) == level]
-
-
-states(
-    "docs/criteria.md",
-    ("holds more for them in every hand.", lambda: max(designed_for("1um", -12.0)) < 1.0 and min(designed_for("1um", 0.0)) > 1.0),
-)
-
-
 @block
 def criteria_second():
     body = [[limit, *(m(f"host/criteria/levers/{key}/{which}", 0) for which in ("cells", "within")),
@@ -233,86 +220,9 @@ def criteria_beyond():
     return table(["cell, 10^6", "independent program", "ours, lowest", "highest", "our twin in `f64`, lowest", "highest"], body)
 
 
-def kept(limit, unit):
-    found = limit_rows("limits-paper-1um.csv", push="motor", estimator="scene", limit_unit=unit)
-    found = [r for r in found if float(r["limit"]) == limit]
-    best = max(float(r["area_n2_s_per_m2"]) for r in found)
-    at = next(float(r["area_n2_s_per_m2"]) for r in found if float(r["cutoff_hz"]) == 1500)
-    return f"{100 * at / best:.0f}"
-
-
-slots(
-    "docs/criteria.md",
-    ("where 1500 Hz keeps {} %, or {} %, of the best area.", lambda: kept(1e-6, "m"), lambda: kept(0.0, "dB")),
-    ("At 15 um the area depends on the grid: {} with K from 1000 by 1000", lambda: three("yardstick/paper-1um")),
-    ("1 % in the cutoff is {} % in the area there.", lambda: m("host/criteria/limits/percent_per_percent", 0)),
-)
-
-
-def limit_best(limit, unit, push):
-    """Area at the ideal cutoff, that cutoff, and its range."""
-    r = next(r for r in limit_rows("limits-paper-1um.csv", push=push, estimator="scene", limit_unit=unit)
-             if float(r["limit"]) == limit and r["cutoff_hz"] == r["ideal_cutoff_hz"])
-    return [float(r[key]) for key in ("area_n2_s_per_m2", "ideal_cutoff_hz", "ideal_low_hz", "ideal_high_hz")]
-
-
-QUIET = [(5e-6, "m"), (2e-6, "m"), (1e-6, "m"), (5e-7, "m"), (20.0, "dB"), (10.0, "dB"), (0.0, "dB")]
-
-
-def pushes_alike():
-    pairs = [[limit_best(*limit, push) for push in ("motor", "hand")] for limit in QUIET]
-    return all(a[1] == b[1] and abs(a[0] / b[0] - 1) < 0.02 for a, b in pairs)
-
-
-def kept_of_last_rows(limit):
-    """Of the loops with an output every sample: least and most part of the area that is left with amplifier, and with transmission."""
-    found = [r for r in limit_rows("levers-paper-1um.csv", push="motor", estimator="scene", output_period_samples="1")
-             if abs(float(r["limit"]) / limit - 1) < 1e-9 and r["cutoff_hz"] == r["ideal_cutoff_hz"]]
-    area = {(r["loop"], r["between"]): float(r["area_n2_s_per_m2"]) for r in found}
-    parts = [a / area[loop, "as-is"] for (loop, between), a in area.items() if between != "as-is"]
-    return min(parts), max(parts)
-
-
 def felt_best(encoder):
     return {(r["arm"], r["push"], float(r["limit"])): r for r in rows(f"felt-paper-{encoder}.csv")
             if r["estimator"] == "scene" and r["cutoff_hz"] == r["ideal_cutoff_hz"]}
-
-
-def within_a_step(encoder):
-    """Of the ideal cutoffs, in the list of those that were tried."""
-    found = felt_best(encoder)
-    tried = sorted({float(r["cutoff_hz"]) for r in rows(f"felt-paper-{encoder}.csv") if r["cutoff_hz"]})
-    place = {key: tried.index(float(r["cutoff_hz"])) for key, r in found.items()}
-    return all(abs(n - place["", "motor", level]) <= 1 for (_, _, level), n in place.items())
-
-
-states(
-    "docs/criteria.md",
-    ("At the paper's limit who pushes decides, and 1200 to 3000 Hz win.", lambda: (
-        min(limit_best(15e-6, "m", push)[2] for push in ("motor", "hand")), max(limit_best(15e-6, "m", push)[3] for push in ("motor", "hand"))
-    ) == (1200, 3000)),
-    ("From 5 um on it no longer matters who pushes,", pushes_alike),
-    ("at 1 um, or felt at 0 to 20 dB, the ideal cutoff is 200 to 500 Hz,", lambda: {
-        limit_best(*limit, "motor")[1] for limit in QUIET if limit[1] == "dB" or limit[0] == 1e-6} == {200, 500}),
-    ("keep a third of the last rows at 1 um, and a half or more at 15 um.", lambda: (
-        all(0.3 < part < 0.4 for part in kept_of_last_rows(1e-6)) and 0.48 < kept_of_last_rows(15e-6)[0])),
-    ("a filter that leads the velocity ([design](design.md)) undoes a part of the loop's latency and goes beyond it.", lambda: (
-        max(float(r["area_n2_s_per_m2"]) for r in rows("design-paper-1um.csv")) > max(
-            float(r["area_n2_s_per_m2"]) for r in limit_rows("limits-paper-1um.csv", push="motor", estimator="true-velocity", limit="0.000015")))),
-    ("from that of the free handle and the motor's push, arm and hand move it by a step of the list of cutoffs at most.",
-     lambda: within_a_step("1um") and within_a_step("2um")),
-    ("Who feels more wants a lower cutoff;", lambda: all(
-        float(of_[*key, -12.0]["cutoff_hz"]) <= float(of_[*key, 0.0]["cutoff_hz"]) <= float(of_[*key, 12.0]["cutoff_hz"])
-        for of_ in map(felt_best, ("1um", "2um")) for key in {key[:2] for key in of_})),
-    ("At 1 um the cutoff is the same in every hand; at 15 um it is not.", lambda: [
-        len({r["cutoff_hz"] for r in limit_rows("limits-paper-1um-arms.csv", estimator="scene", limit=limit)
-             if r["cutoff_hz"] == r["ideal_cutoff_hz"]}) for limit in ("0.000001", "0.000015")][0] == 1),
-)
-slots(
-    "docs/criteria.md",
-    ("Such areas depend on the start by up to {} %.", lambda: f"""{max(100 * (float(measured(f'host/criteria/saturation/{v}/hand/high'))
-        / float(measured(f'host/criteria/saturation/{v}/hand/low')) - 1) for v in ('5.2', '10')):.0f}"""),
-)
 
 
 @block
@@ -326,26 +236,3 @@ def criteria_arms():
             body.setdefault(who, {})[limit_name(r)] = cell
     names = ["15 um", "1 um", "felt, 0 dB"]
     return table(["arm, push", *names], [[who, *(cells[name] for name in names)] for who, cells in body.items()])
-
-
-def at_rates(limit, encoder, output, estimator="scene"):
-    """Area at the ideal cutoff, or of the true velocity, the motor pushes."""
-    found = [r for r in limit_rows("rates-paper-1um.csv", push="motor", estimator=estimator, encoder_rate_hz=str(encoder), output_rate_hz=str(output))
-             if abs(float(r["limit"]) / limit - 1) < 1e-9 and r["cutoff_hz"] in ("", r["ideal_cutoff_hz"])]
-    return float(found[0]["area_n2_s_per_m2"])
-
-
-def possible(limit, output, encoder=10000):
-    return at_rates(limit, encoder, output, "true-velocity")
-
-
-states(
-    "docs/criteria.md",
-    ("output: the area of the true velocity grows with the output rate, 4 times at 1 um and more than 40 times at 15 um from",
-     lambda: 4 < possible(1e-6, 10000) / possible(1e-6, 500) < 5 and possible(1.5e-5, 10000) > 40 * possible(1.5e-5, 500)),
-    ("500 Hz to 10 kHz, and the encoder's rate does not change it.",
-     lambda: all(abs(possible(limit, output, 50000) / possible(limit, output, encoder) - 1) < 0.015
-                 for limit in (1e-6, 1.5e-5) for output in (500, 1000) for encoder in (2000, 5000, 10000, 20000))),
-    ("with outputs at 1000 Hz an encoder of 5 kHz has more than 80 % of what one of 50 kHz has,",
-     lambda: all(at_rates(limit, 5000, 1000) > 0.8 * at_rates(limit, 50000, 1000) for limit in (1e-6, 1.5e-5))),
-)

@@ -9,7 +9,7 @@ import time
 import tomllib
 from pathlib import Path
 
-from . import block, commands, slots
+from . import block, commands
 from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, store, table
 from .source import sim as asked
 
@@ -198,10 +198,6 @@ def timed_tutorial():
 
 
 LONG["tutorial"] = (".ci/pages --long tutorial", {"seconds": TUTORIAL_TIME}, timed_tutorial)
-
-
-slots("docs/tutorial.md", ("with nothing built before, took {} on {} cores",
-                           lambda: f"{float(row(TUTORIAL_TIME)['seconds']) / 60:.1f} minutes", lambda: row(TUTORIAL_TIME)["cores"]))
 
 
 @block

@@ -2,11 +2,9 @@
 have stored."""
 
 import json
-import math
-import re
 
-from . import block, slots, states
-from .source import DATA, MADE, ROOT, commit, constant, m, measured, number, power, row, rows, significant, table  # noqa: F401
+from . import block
+from .source import DATA, m, measured, number, power, row, rows, significant, table
 
 FUSION = "compare-paper-1um-accelerometer.csv"
 
@@ -94,10 +92,6 @@ def comparison_discussed(scene):
         [r["estimator"], tuned(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r), left(r), f(r, "delay_hand_s", 1e3, 3),
          f"{f(r, 'noise_at_rest_m_per_s', 1e3, 2)} / {f(r, 'noise_in_motion_m_per_s', 1e3, 2)}", range_of(r, "roughness_n", 1e3, 0)]
         for r in rows(f"compare-{scene}-discussed.csv")])
-
-
-def discussed(scene, estimator, key="area_n2_s_per_m2"):
-    return float(row(f"compare-{scene}-discussed.csv", estimator=estimator)[key])
 
 
 def cost(name):
@@ -322,26 +316,6 @@ def estimator_slow():
          for name, key in [("velocity off by at most", "off"), ("stated", "stated"), ("finite difference off by", "difference")]])
 
 
-def levant(after, n):
-    """A number that the invariants hold the page's errors to, for a lambda_ratio up to 1.5 or above."""
-    pair = constant("tests/invariants/src/stated.rs", after + r" \{ \[([\d., ]+)\] \}")
-    return f"{float(pair.split(', ')[n]):g}"
-
-
-slots(
-    "docs/estimators.md",
-    ("| `levant-explicit` | -1/2 | {} max(c, sqrt(c)); {} c at whole counts per sample", *[
-        lambda n=n: levant(r"if lambda_ratio <= 1\.5", n) for n in (0, 1)]),
-    ("Above 1.5 those of `levant-explicit` are {} max(c, sqrt(c)) and {} c.", *[
-        lambda n=n: levant(r"\[2\.5, 2\.0\] \} else", n) for n in (0, 1)]),
-    ("finds each delay within {} + {} span samples of it", *[
-        lambda n=n: constant("tests/host/estimators_time_stamps.rs", r"let limit = ([\d.]+ \+ [\d.]+) \* f64::from\(span").split(" + ")[n]
-        for n in (0, 1)]),
-    ("from c = 1e-4 to 0.05 at most {} of that.", lambda: m("host/estimators/levant-implicit/twin_of_stated_below_c_0.2", 2)),
-    ("over 2 * 10^6 samples it drifts by {} counts.", lambda: m("host/estimators/kalman_drift_counts", 3)),
-)
-
-
 # Defaults of other systems
 PEERS = "peers-paper-1um.csv"
 PEER_LIMITS = [("1.5e-05", "15 um"), ("5e-06", "5 um"), ("2e-06", "2 um"), ("1e-06", "1 um"), ("0.0", "felt, 0 dB")]
@@ -384,96 +358,3 @@ def readme_peers():
                for limit, name in (PEER_LIMITS[0], PEER_LIMITS[3], PEER_LIMITS[4])]
     return table(["velocity by default", *(f"{text}, {name}" for _, text, _, name in columns)],
                  [[f"`{row_}`", *(peer_area(peer(loop, row_, limit)) for loop, _, limit, _ in columns)] for row_ in peer_names()])
-
-
-def times(loop, limit, a, b):
-    return number(float(f"{float(peer(loop, a, limit)['area_n2_s_per_m2']) / float(peer(loop, b, limit)['area_n2_s_per_m2']):.2g}"))
-
-
-def percent(loop, limit, a, b):
-    return f"{100 * float(peer(loop, a, limit)['area_n2_s_per_m2']) / float(peer(loop, b, limit)['area_n2_s_per_m2']):.0f}"
-
-
-DIAL_IN = (
-    "On the paper's device at a limit of 1 um, its area is {} times that of 1500 Hz in the paper's loop and {} times on the board; at 15 um "
-    "it is {} % and at most {} %.",
-    *[lambda loop=loop: times(loop, "1e-06", "butterworth-500", "butterworth-1500") for loop in ("paper-1um", "nucleo-f446re")],
-    *[lambda loop=loop: percent(loop, "1.5e-05", "butterworth-500", "butterworth-1500") for loop in ("paper-1um", "nucleo-f446re")],
-)
-slots("README.md", DIAL_IN)
-slots("docs/comparison.md", DIAL_IN)
-DEFAULTS = "tests/host/defaults.rs"
-
-
-def held_at(which):
-    """Latencies, or limits in um, at which the table is held; in the order of the test."""
-    columns = re.findall(r"\(\s+([\d.]+),\s+([\d.e-]+),\s+\[[\d., ]+\],\s+\[", (ROOT / DEFAULTS).read_text())
-    return [f"{float(value) * (1, 1e6)[which]:g}" for value in dict.fromkeys(column[which] for column in columns)]
-
-
-slots(
-    "docs/comparison.md",
-    ("holds {} of these rows against an independent program, at latencies of {} and {} samples and limits of {} and {} um:",
-     lambda: constant(DEFAULTS, r"const NAMES: \[&str; (\d+)\]"), *[
-         lambda n=n, which=which: held_at(which)[n] for which in (0, 1) for n in (0, 1)]),
-    ("areas above 10^6 agree to {} %,", lambda: f'{100 * float(constant(DEFAULTS, r"theirs > 1.0 && off.abs.. > ([0-9.]+)")):g}'),
-)
-
-
-# What is said in words
-def measure(estimator, key, scene="paper-1um"):
-    return float(of(scene, estimator)[key])
-
-
-def area_at(um, estimator):
-    return float(row(at_limit(um), estimator=estimator)["area_n2_s_per_m2"])
-
-
-def ranking(um):
-    return sorted(LIMITED, key=lambda name: -area_at(um, name))
-
-
-def peer_over(a, b, limit):
-    return float(peer("paper-1um", a, limit)["area_n2_s_per_m2"]) / float(peer("paper-1um", b, limit)["area_n2_s_per_m2"])
-
-
-def fusion_is_best():
-    share = "impedance_error_of_estimator"
-    others = ["butterworth", "kalman-3", "levant-explicit"]
-    return (measure("fusion", "area_n2_s_per_m2") > 0.98 * max(measure(name, "area_n2_s_per_m2") for name in others)
-            and measure("fusion", "noise_in_motion_m_per_s") < min(measure(name, "noise_in_motion_m_per_s") for name in others)
-            and measure("fusion", share) < min(float(r[share]) for r in rows("compare-paper-1um.csv") if r[share]))
-
-
-def own_mass_over_fusion():
-    tried = [float(r["area_n2_s_per_m2"]) for r in rows("compare-paper-1um-tuning.csv")
-             if r["estimator"] == "observer told in time" and abs(float(r["second"] or 0) / 0.416 - 1) < 1e-3]
-    return max(tried) / measure("fusion", "area_n2_s_per_m2")
-
-
-states(
-    "docs/comparison.md",
-    ("| an accelerometer | `fusion` | as much area, less noise, the smallest share of the impedance error |", fusion_is_best),
-    ("Another limit turns the ranking over", lambda: all((peer_over("moteus-exact", "butterworth-500", limit) > 1) == (limit == "1.5e-05") for limit in ("1.5e-05", "1e-06"))),
-)
-states(
-    "docs/estimators-measured.md",
-    ("None of the four has a larger area than `kalman-3`; `algebraic-2` and `levant-kalman` come within 5 % of it.",
-     lambda: all(0.95 < discussed(scene, name) / discussed(scene, "kalman-3") < 1
-                 for scene in ("paper-1um", "paper-2um") for name in ("algebraic-2", "levant-kalman"))
-     and all(discussed(scene, name) < discussed(scene, "kalman-3") for scene in ("paper-1um", "paper-2um")
-             for name in ("algebraic-1", "dual-rate"))),
-    ("`levant-kalman` has most force above 100 Hz of the seven.",
-     lambda: all(max(rows(f"compare-{scene}-discussed.csv"), key=lambda r: float(r["roughness_n"]))["estimator"] == "levant-kalman"
-                 for scene in ("paper-1um", "paper-2um"))),
-    ("With the device's own mass it is hardly better than `fusion`", lambda: 1 < own_mass_over_fusion() < 1.05),
-    ("have one of the largest areas of all that a hand can use, no delay, little noise and roughness, and the smallest share "
-     "of the impedance error.", fusion_is_best),
-    ("Which of the two is first depends on the limit, and so does the order of the low-passes.",
-     lambda: all(len({tuple(name for name in ranking(um) if name in pair) for um in (5, 15, 30)}) > 1
-                 for pair in (("kalman-3", "levant-explicit"), ("butterworth", "first-order")))),
-    ("At each of these limits `kalman-3` and Levant's explicit form are ahead of both low-passes.",
-     lambda: all(set(ranking(um)[:2]) == {"kalman-3", "levant-explicit"} for um in (5, 15, 30))),
-    ("Their area is below Butterworth's, at the shortest span.",
-     lambda: area_at(15, "time-stamps") < area_at(15, "butterworth") and measure("time-stamps", "tuning") == 1),
-)

@@ -1,12 +1,10 @@
 """The firmware, faults, identification: what tests have measured on the virtual board, and the firmware's constants."""
 
-import re
 
-from . import block, slots, states
-from .source import BOARDS, ROOT, constant, lit, m, measured, number, power, rows, significant, table
+from . import block
+from .source import BOARDS, constant, m, measured, number, power, rows, significant, table
 
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
-DEVICE = "scenes/nucleo-f446re.toml"
 
 
 def value(key):
@@ -79,23 +77,6 @@ def firmware_walks():
         body.append([board, m(f"{key}/hits"), m(f"{key}/points"), *[power(a, 5) for a in (area, mean)],
                      f"+-{100 * value(f'{key}/spread'):.1f} %", f"{100 * (area / mean - 1):+.2f} %", f"{value(f'{key}/virtual_s') / 60:.0f}"])
     return table(["board", "hits", "points", "area, N^2 s/m^2", "simulated, mean of 16", "one walk of those", "difference", "minutes of the board's time"], body)
-
-
-GUARD = "tests/elf/control"
-slots(
-    "docs/firmware.md",
-    ("The design allows `sample` {} cycles and the core {}.",
-     lambda: constant(f"{GUARD}/budget.rs", r"const SAMPLE_CYCLES: u64 = (\d+)"),
-     lambda: constant(f"{GUARD}/budget.rs", r"const CORE_CYCLES: u64 = (\d+)")),
-    ("`sample` takes {} at most in `no_sample_is_longer", lambda: number(max(value(f"elf/control/{b}/sample_whatever") for b in BOARDS))),
-    ("finds {} at most, of which {} are not the core.",
-     lambda: number(max(value(f"elf/control/{b}/sample_period_1") for b in BOARDS)),
-     lambda: number(max(value(f"elf/control/{b}/beside_period_1") for b in BOARDS))),
-    ("to 14, for {} us at most", lambda: f"{max(value(f'elf/control/{b}/mask_us') for b in BOARDS):.0f}"),
-    ("the delays spread over {} cycles, where the image as built has {}.",
-     lambda: m("elf/control/nucleo-f446re/spread_with_critical_sections"), lambda: m("elf/control/nucleo-f446re/spread")),
-    ("The core takes {} % of the time at 10 kHz", lambda: f"{max(value(f'elf/control/{b}/core_mean') / MHZ[b] for b in BOARDS):.1f}"),
-)
 
 
 # Faults
@@ -274,18 +255,6 @@ def campaign_nothing():
     return table(["fault", "situation", "class"], body)
 
 
-GAIN_MOST = "virtual-board/src/campaign/verdict.rs", r"const GAIN_MOST_M_PER_S: f64 = ([\d.]+)"
-
-
-def gains_less():
-    return max(float(row["speed_m_per_s"]) for row in campaign_of("rows") if is_soon(row)) < lit(*GAIN_MOST)
-
-
-states("docs/faults.md", ("No row gains as much:", gains_less))
-slots("docs/faults.md", ("has let the handle gain more than {} m/s over its speed", lambda: number(lit(*GAIN_MOST))),
-      ("within 3 ms are tried, for {} ms |", lambda: number(lit("virtual-board/src/campaign/situation.rs", r"FULL_SAMPLES: u64 = (\d+)") / 10)))
-
-
 @block
 def campaign_random():
     body = []
@@ -337,45 +306,6 @@ def acts():
     return table(["what", "where", *BOARDS], body)
 
 
-def device(name):
-    return lambda: number(lit(DEVICE, rf"(?m)^{name} = (-?[\d._e-]+)"))
-
-
-def scene_constant(name):
-    return lambda: number(lit("host-sim/loop/src/scene/board.rs", rf"\b{name}: ([\d.]+)"))
-
-
-def answer(force_n, mass_kg, counts_per_m):
-    """Counts by which the sign test moves a free handle, 2 f h^2 / m with h = 25 ms."""
-    return 2 * force_n * 0.025**2 / mass_kg * counts_per_m
-
-
-def sign_test(mass_kg=0.416, counts_per_m=1e6):
-    return lambda: number(answer(0.05 * 5.906, mass_kg, counts_per_m), 0)
-
-
-slots(
-    "docs/faults.md",
-    ("fastest believable speed, {} m/s, allows", device("speed_believable_m_per_s")),
-    ("the estimated speed is above {} m/s, or", device("speed_max_m_per_s")),
-    ("device's travel, {} to {} m from zero", device("travel_low_m"), device("travel_high_m")),
-    ("It must reach `sign_test_counts`, {}.", device("sign_test_counts")),
-    ("| the paper's: 0.295 N on 0.416 kg, 1 um, without damping | {} |", sign_test()),
-    ("| an encoder of 5 um | {} |", sign_test(counts_per_m=2e5)),
-    ("| a handle of 2 kg | {} |", sign_test(mass_kg=2.0)),
-)
-slots(
-    "docs/first-power-up.md",
-    ("| `encoder.resolution_m` | {} m |", lambda: "1e-6" if lit(DEVICE, r"(?m)^resolution_m = ([\d.e-]+)") == 1e-6 else "?"),
-    ("| `actuator.gain_n_per_v`, `limit_v` | {} N/V, {} V |", device("gain_n_per_v"), device("limit_v")),
-    ("| {} m, {} m | distance from the place of `zero`", device("travel_low_m"), device("travel_high_m")),
-    ("| `[motor]` | {} N, {} s (a guess)", device("continuous_force_n"), device("time_constant_s")),
-    ("| `safety.speed_max_m_per_s` | {} m/s |", device("speed_max_m_per_s")),
-    ("| `safety.speed_believable_m_per_s` | {} m/s |", device("speed_believable_m_per_s")),
-    ("`sign_test_counts` | {}, {} | the free", device("sign_test_force"), device("sign_test_counts")),
-)
-
-
 # Identification
 RECORDS = [
     ("two pulses, noise 0.5", "two pulses, noise of 0.5 counts RMS"), ("one pulse, noise 0.5", "one pulse, 0.5 counts"),
@@ -424,27 +354,3 @@ def identify_from_board():
         [board, recording, *[power(value(f"elf/identify_{key}/{board}/{n}"), 1) for n in names],
          significant(value(f"elf/identify_{key}/{board}/latency"), 2), constant(f"scenes/{board}.toml", r"(?m)^latency = (\S+)")]
         for board in BOARDS for key, recording in recordings])
-
-
-# Faults that are brought about on the release image
-CAMPAIGN = ("virtual-board/src/campaign/fault_case.rs", "virtual-board/src/campaign/no_processor.rs")
-
-
-def brought_about():
-    """Codes of the campaign, and those that other tests of the ELF wait for; all that there are."""
-    cases = "\n".join((ROOT / path).read_text() for path in CAMPAIGN)
-    kept = ROOT / "virtual-board/src/campaign/kept.rs"  # what these rows expect, a test of the ELF expects too
-    tests = "\n".join(path.read_text() for path in [kept, *(ROOT / "tests/elf").rglob("*.rs")])
-    codes = re.findall(r"\bcode: (\d+),", cases) + ", ".join(re.findall(r"\ball: &\[([\d, ]+)\]", cases)).split(", ")
-    campaign = {int(code) for code in codes if code != "0"}
-    others = {int(code) for code in re.findall(r'"[^"]*\b(\d\d) \([a-z ]+\)', tests)}
-    all_ = {int(code) for code in re.findall(r"(?m)^\s+\w+ = (\d+), \"", (ROOT / "src/safety/fault.rs").read_text())}
-    return campaign, others, all_
-
-
-def own_tests(*codes):
-    campaign, others, all_ = brought_about()
-    return bool(all_) and all_ - campaign == set(codes) and set(codes) <= others
-
-
-states("docs/firmware.md", ("codes 24, 34, 35, 36, 40 and 43 have tests of their own there.", lambda: own_tests(24, 34, 35, 36, 40, 43)))

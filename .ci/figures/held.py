@@ -2,7 +2,7 @@
 
 import math
 
-from . import block, slots, states
+from . import block
 from .design import design_area
 from .estimators import cost, share, true_area
 from .source import LONG, m, measured, row, rows, significant, table
@@ -36,15 +36,6 @@ def comparison_conditions():
                  + [["true velocity", *[significant(true_area(file), 3) for _, file in CONDITIONS]]])
 
 
-states(
-    "docs/comparison.md",
-    ("`levant-explicit` is first at 15 um and last at 1 um, whoever pushes.", lambda: all(
-        ranking(file)[place] == "levant-explicit" for place, pair in ((0, CONDITIONS[:2]), (-1, CONDITIONS[2:4])) for _, file in pair)),
-    ("At 1 um `least-squares-2` is first and `kalman-3` second by motor and by hand;", lambda: all(
-        ranking(file)[:2] == ["least-squares-2", "kalman-3"] for _, file in CONDITIONS[2:4])),
-    ("by a hand at 15 um both are behind the low-passes.", lambda: {"least-squares-2", "kalman-3"} == set(ranking(CONDITIONS[1][1])[-2:])),
-)
-
 # Question of `design` in docs/data, largest gain peak, least area asked.
 DESIGNED = [
     ("paper-1um", math.inf, 118), ("paper-1um", 6, 83), ("paper-1um", 3, 63), ("paper-2um", math.inf, 96), ("paper-2um", 6, 67),
@@ -64,12 +55,6 @@ def held_designs():
         holds = "yes" if float(best["area_n2_s_per_m2"]) >= least * 1e6 else "**no**"
         body.append([f"`{command}`", limit, least, design_area(best), holds])
     return table(["command", "gain peak", "asked, 10^6", "found, 10^6", "held"], body)
-
-
-slots(
-    "docs/design.md",
-    ("Walked to B = 4500 ours finds {} (", lambda: significant(float(rows("design-paper-2um-hand-4500.csv")[0]["area_n2_s_per_m2"]) / 1e6, 3)),
-)
 
 
 @block

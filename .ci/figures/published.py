@@ -5,9 +5,9 @@ import statistics
 import tempfile
 from pathlib import Path
 
-from . import block, slots, states
+from . import block
 from .estimators import f, left, of, range_of, share, tuned
-from .source import LONG, measured, note_made, number, programs, rows, shell, store, table
+from .source import LONG, note_made, programs, rows, shell, store, table
 
 STUDENTS = "students.csv"
 COMMAND = "cargo sim study docs/data/students.toml --out students"
@@ -88,49 +88,3 @@ def comparison_position(scene):
     return table(head, [
         [r["estimator"], tuned(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r), left(r), f(r, "impedance_error", 100, 2),
          range_of(r, "roughness_n", 1e3, 0)] for r in placed(scene)])
-
-
-def gained(scene):
-    """Area with the estimator's position over that with the count."""
-    areas = {r["estimator"]: float(r["area_n2_s_per_m2"]) for r in placed(scene)}
-    return {name: area / areas[name.removesuffix("-position")] for name, area in areas.items() if name.endswith("-position")}
-
-
-PLACED_LSB = "host/estimators/placed_lsb"
-
-
-SCENES = ("paper-1um", "paper-2um")
-OBSERVER = "observer-position"
-
-
-def changed(key):
-    """Largest change by the position over both scenes, but for the observer."""
-    most = 0.0
-    for scene in SCENES:
-        found = {r["estimator"]: float(r[key]) for r in placed(scene)}
-        most = max(most, *[abs(value - found[name.removesuffix("-position")]) for name, value in found.items()
-                           if name.endswith("-position") and name != OBSERVER])
-    return most
-
-
-slots(
-    "docs/estimators.md",
-    ("The position of those named `-position` differs by at most {} LSB of 2^-16 counts", lambda: number(float(measured(PLACED_LSB)), 2)),
-)
-slots(
-    "docs/estimators-measured.md",
-    ("Of the {} conditions of the study {} hold no wall with the plain filter, so {} are in the table.",
-     lambda: len(ratios()), lambda: len(ratios()) - len(held()), lambda: len(held())),
-)
-states(
-    "docs/estimators-measured.md",
-    ("Of the Kalman filters and of windowing it changes no area by 2 % and no impedance error by 0.2 of a per cent point.",
-     lambda: all(abs(ratio - 1) < 0.02 for scene in SCENES for name, ratio in gained(scene).items() if name != OBSERVER)
-     and changed("impedance_error") < 0.002),
-    ("The observer's area doubles, cut by the caps of the walk, of walls that are off by about 70 % or more, as its own are:",
-     lambda: all(1.9 < gained(scene)[OBSERVER] < 2.2 for scene in SCENES)
-     and all(float(r["impedance_error"]) > 0.695 for scene in SCENES for r in placed(scene) if r["estimator"].startswith("observer"))),
-    ("The published K near B = 0 and peak K lie within, largest B does not: here the damping axis hardly changes.",
-     lambda: all(min(each[n] for each in held()) < published < max(each[n] for each in held()) for n, published in ((0, 3.00), (1, 1.93)))
-     and max(each[2] for each in held()) < 1.13 and 1.6 < middle(1) < 2),
-)

@@ -1,12 +1,7 @@
-"""README, first results, device, theory of the loop, first power-up: what the simulator says in seconds."""
+"""README, first results, device, theory of the loop, first power-up, passivity: what the simulator says in seconds."""
 
-import functools
-import math
-import tempfile
-from pathlib import Path
-
-from . import block, slots, states
-from .source import ROOT, programs, shell, changed_scene, constant, lit, number, row, rows, significant, sim, table, m, measured
+from . import block
+from .source import changed_scene, constant, m, measured, number, rows, significant, sim, table
 
 
 def hz_range(low_high):
@@ -83,41 +78,6 @@ def device_choices():
     )
 
 
-def one_um():
-    return [ideal("SCENE.toml --cutoffs 100:100:1000", changed_scene(name, **FINE))[0] for name in ("paper-1um", "paper-2um")]
-
-
-def with_hand(name):
-    return sim("sweep SCENE.toml", by_hand(name))["scenes"][0]
-
-
-slots(
-    "README.md",
-    ("At a limit of 1 um the ideal range falls to {} Hz and {} Hz; when a hand pushes, it begins at {} and {} Hz:",
-     lambda: hz_range(one_um()[0]), lambda: hz_range(one_um()[1]),
-     lambda: f"{with_hand('paper-1um')['ideal_cutoff_range_hz'][0]:g}",
-     lambda: f"{with_hand('paper-2um')['ideal_cutoff_range_hz'][0]:g}"),
-)
-
-slots(
-    "docs/start.md",
-    ("Nominal 2000 Hz at 10 kHz is -3 dB at {} Hz.", lambda: number(study("paper-1um")["ideal_true_cutoff_hz"], 1)),
-)
-
-PAPERS = ("paper-1um", "paper-2um")
-states("docs/start.md", ("More repeats, `--repeat 16`, tell more cutoffs apart; here both ranges stay as they are.", lambda: all(
-    ideal(f"{name} --plain --repeat 16")[0] == study(name)["ideal_cutoff_range_hz"] for name in PAPERS)))
-
-slots(
-    "docs/device.md",
-    ("With the hand's push the largest areas are {} and {} times as large", *[
-        lambda name=name: significant(
-            max(c["area_n2_s_per_m2"] for c in with_hand(name)["cutoffs"])
-            / max(c["area_n2_s_per_m2"] for c in study(name)["cutoffs"]), 2)
-        for name in ("paper-1um", "paper-2um")]),
-)
-
-
 # The loop against the linear one
 def linear(arguments):
     return {r["damping_n_s_per_m"]: r for r in sim(f"linear {arguments}")["rows"]}
@@ -174,7 +134,6 @@ def amplifier_walls():
 
 
 # What tests measure
-BOUNDS = "tests/host/filter.rs"
 
 
 @block
@@ -258,118 +217,36 @@ def theory_oscillation():
     return table(["case", "known K, N/m", "loop with the core, between", "loop with the twin, between"], body)
 
 
-slots(
-    "docs/theory.md",
-    ("Unfiltered, one count more is full scale force at B = {} N s/m (1 um), or at B = {} N s/m (2 um)",
-     lambda: number(5.906 / 1e-2, 0), lambda: number(5.906 / 2e-2, 0)),
-    ("nominal 2000 Hz at 10 kHz is -3 dB at {} Hz.", lambda: number(study("paper-1um")["ideal_true_cutoff_hz"], 1)),
-    ("10 nm; cutoffs, B and latencies) | within {} % at {} points |", lambda: m("host/small_signal/worst", 3, 100), lambda: m("host/small_signal/points")),
-    ("linear envelope with amplifier, mode and arm | within {} % at {} points |",
-     lambda: number(lit("tests/host/linear_elements.rs", r"ASIDE: f64 = ([\d.]+);") * 100),
-     lambda: m("host/linear_elements/points")),
-    ("energy norm, {} chains of 3 to 7 states, time constants from 1 ns | {} of max(1, norm(A) T); {} at most |",
-     *[lambda key=key: measured(f"sim_loop/augmented/{key}") for key in ("chains", "step_of_size", "step")]),
-    ("share of the largest value | {} |", lambda: measured("sim_loop/augmented/trajectory")),
-    ("order on the linear plant: Euler, RK4, Dormand-Prince | {} to {}, {} to {}, {} to {} |",
-     *[lambda key=f"{method}_{end}", digits=digits: m(f"sim_loop/order/{key}", digits)
-       for method, digits in (("euler", 4), ("rk4", 2), ("dormand_prince", 2)) for end in ("least", "most")]),
-    ("damped stops: Euler, RK4 | {}, {} |", lambda: m("sim_loop/order/run_1", 3), lambda: m("sim_loop/order/run_4", 2)),
-    ("of its energy bound | {} or more undamped, never above |", lambda: m("sim_loop/stop/least", 5)),
-    ("In {} random loops with elements, eigenvalues agree with all {} crossings.",
-     *[lambda key=key: measured(f"sim_studies/crossings/{key}") for key in ("loops", "found")]),
-    ("The design takes the quieter one, to {} %:", lambda: number(math.ceil(100 * float(measured("host/filter/shaping/noisier"))))),
-)
-
-
-def beside_linear(name):
-    """At 1500 Hz: steps of K from the linear boundary down to the simulated one, up to B = 200, and the first B and the last one
-    at which it is beyond."""
-    points = sim(f"linear {name} --cutoffs 1500 --dampings 0 --multirate --simulated")["simulated"]
-    below = max(p["linear_n_per_m"] // 2000 - p["stiffness_n_per_m"] // 2000 for p in points if p["damping_n_s_per_m"] <= 200)
-    return below, min(p["damping_n_s_per_m"] for p in points if p["linearly_unstable"]), max(
-        p["damping_n_s_per_m"] for p in points if not p["linearly_unstable"])
-
-
-states(
-    "docs/theory.md",
-    ("less up to three of the grid's steps of 2000 N/m.", lambda: max(beside_linear(name)[0] for name in PAPERS) == 3),
-    ("Beyond about 230 its walls are linearly unstable", lambda: all(200 < b <= 240 for name in PAPERS for b in beside_linear(name)[1:])),
-)
-
-
-EDGE = "hit paper-2um --cutoff 1500 --stiffness 24000 --damping 620"
-slots(
-    "docs/theory.md",
-    (f"`cargo sim {EDGE}` is {{}}, with `--start-offset 0.001`, a thousandth of a count, {{}}.", lambda: sim(EDGE)["verdict"],
-     lambda: sim(f"{EDGE} --start-offset 0.001")["verdict"]),
-)
-slots(
-    "docs/device.md",
-    *[(text, lambda: 1 + len(sim("sweep paper-2um --sensitivity")["scenes"][0]["sensitivity"]))
-      for text in ("what is uncertain; takes {} times as long |", "It makes {} studies instead of one.")],
-)
-slots(
-    "docs/scenes.md",
-    ("(half of it, {} times the area at 2 um)", lambda: significant(
-        next(v for v in sim("sweep paper-2um --sensitivity")["scenes"][0]["sensitivity"] if v["name"] == "latency_half")
-        ["area_at_ideal_n2_s_per_m2"] / max(c["area_n2_s_per_m2"] for c in study("paper-2um")["cutoffs"]), 2)),
-    ("resolution {} um, gain {} N/V.", lambda: significant(2 * math.pi * 0.07 / (13 * 4096) * 1e6, 2),
-     lambda: significant(13 * 0.02 * 0.5 / 0.07, 3)),
-)
-
-
 @block
 def stored(file):
     """A stored table as it stands."""
     return table(list(rows(file)[0]), [r.values() for r in rows(file)])
 
 
-def chatters_below():
-    """A wall that is stable above others that are not, all of them on the walk's grid."""
-    wall = "paper-2um --cutoffs 4000 --dampings 390 --stiffnesses"
-    soft = sim(f"grid {wall} 2000:2000:40000")
-    return sim(f"grid {wall} 52000")["stable"] == 1 and soft["unstable"] == soft["points"] == 20
+# The passivity controller beside the plain wall
+@block
+def passivity_random():
+    return table(
+        ["of {} random scenes (mass, damping, resolution, full scale, period, latency, arm, wall)".format(m("host/passivity/ran")), "without the controller", "with it"],
+        [["a contact gives more than the reserve", m("host/passivity/gave"), m("host/passivity/beyond")],
+         ["most that one gives, in reserves", m("host/passivity/plain_highest", 3), m("host/passivity/highest", 3)],
+         ["motion changes faster than the acceleration allows", "", m("host/passivity/faster")],
+         ["outputs saturated, %", m("host/passivity/saturated_without", 3), m("host/passivity/saturated_with", 3)]],
+        right=(1, 2))
 
 
-states("docs/files.md", ("K = 52,000 N/m is stable, everything from 2000 to 40,000 is not", chatters_below))
-
-
-# Columns of the files
-@functools.cache
-def heads():
-    """First lines of the CSV files, by name."""
-    commands = [
-        "sweep paper-2um --sensitivity --cutoffs 1500 --repeat 2 --out sweep",
-        "hit paper-1um --cutoff 1500 --stiffness 20000 --damping 100 --trace trace.csv",
-        "walk paper-1um --cutoff 100 --csv walk.csv",
-        "grid paper-1um --cutoffs 1500 --stiffnesses 2000 --dampings 10 --csv grid.csv",
-        "linear paper-1um --cutoffs 1500 --dampings 100 --multirate --csv linear.csv",
-        "identify log.csv --gain 0.59 --csv identify.csv",
-    ]
-    with tempfile.TemporaryDirectory() as folder:
-        log = f"python3 {ROOT}/.ci/figures/log.py > log.csv"
-        for command in [log, *[f"{programs()}/host-sim {c}" for c in commands]]:
-            ran = shell(command, folder)
-            if ran.returncode:
-                raise SystemExit(f"error: {command}: {ran.stderr}")
-        return {str(f.relative_to(folder)): f.read_text().split("\n")[0] for f in Path(folder).rglob("*.csv")}
-
-
-def head(name):
-    return lambda: heads()[name] if name in heads() else ",".join(rows(name)[0])
-
-
-slots(
-    "docs/files.md",
-    ("one row per sample: `{}`.", head("trace.csv")),
-    ("(caps that were reached). `--csv FILE` writes `{}`.", head("walk.csv")),
-    ("`--csv FILE` writes `{}`, K running fastest", head("grid.csv")),
-    ("| `areas.csv` | `{}`; its", head("sweep/areas.csv")),
-    ("every point of every walk: `{}` |", head("sweep/boundary.csv")),
-    ("for the firmware, see below: `{}` |", head("sweep/envelope.csv")),
-    ("with `--sensitivity`: `{}` |", head("sweep/sensitivity.csv")),
-    ("`--csv FILE` writes `{}` (`inf` if no K is unstable)", head("linear.csv")),
-    ("`--csv FILE` writes `{}` of the first log", head("identify.csv")),
-    ("| `tuning.csv` | `{}`: every tuning", head("compare-paper-1um-tuning.csv")),
-    ("| `fidelity.csv` | `{}`: the impedance", head("compare-paper-1um-fidelity.csv")),
-)
+@block
+def passivity(scene):
+    found = sim(f"passivity {scene}")
+    body = []
+    for row in found["rows"]:
+        cut = ">" if row["capped_walks"] else ""
+        name = "with" if row["controller"] else "without"
+        for of, hits in (("without", row["at_boundary_without"]), ("with", row["at_boundary_with"])):
+            if hits:
+                body.append([f"{significant(1e6 * row['limit'], 3)} µm, {number(row['cutoff_hz'])} Hz", name, cut + significant(row["area_n2_s_per_m2"] / 1e6, 3),
+                             of, significant(1e3 * hits["given_j"], 2), significant(100 * hits["withheld_fraction"], 2),
+                             significant(1e6 * hits["rms_motion_m"], 2), significant(hits["roughness_n"], 2)])
+    head = [f"`{scene}`, reserve {significant(1e3 * found['reserve_j'], 2)} mJ: limit, cutoff", "controller", "area, 10^6 N^2 s/m^2",
+            "walls of the boundary", "most given, mJ", "withheld, %", "RMS, µm", "force above 100 Hz, N"]
+    return table(head, body, right=(2, 4, 5, 6, 7))

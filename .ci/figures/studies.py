@@ -7,15 +7,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from . import block, slots, states
-from .source import LONG, note_made, number, programs, rows, significant, store, table
+from . import block
+from .source import LONG, note_made, programs, rows, significant, store, table
 
 HITS = "hits.csv"
 # Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
 SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
 ALLOWED_S = 180
-# The largest cost of a hit beside the smallest: flat.
-FLAT = 1.5
 
 
 def spread(n, low, high):
@@ -59,20 +57,3 @@ def study_hits():
     return table(["hits", "time, s", "processor time of a hit, µs", "bytes of a hit"],
                  [[f"{int(r['hits']):,}", significant(float(r["seconds"]), 2), significant(cost_us(r), 3), significant(float(r["bytes"]) / float(r["hits"]), 3)]
                   for r in rows(HITS)])
-
-
-def million():
-    return rows(HITS)[-1]
-
-
-slots(
-    "docs/study.md",
-    ("10^9 of them would take {} hours on {} cores of this kind, or {} minutes on a hundred times as many, and {} GB",
-     lambda: significant(1e3 * float(million()["seconds"]) / 3600, 2), lambda: million()["cores"],
-     lambda: significant(10 * float(million()["seconds"]) / 60, 2), lambda: significant(1e3 * float(million()["bytes"]) / 1e9, 2)),
-)
-states(
-    "docs/study.md",
-    ("A million hits take less than three minutes", lambda: float(million()["seconds"]) <= ALLOWED_S),
-    ("from a thousand hits on the cost of a hit stays the same", lambda: max(map(cost_us, rows(HITS))) <= FLAT * min(map(cost_us, rows(HITS)))),
-)

@@ -2,9 +2,9 @@
 
 import json
 
-from . import block, slots, states
+from . import block
 from .simulator import linear
-from .source import DATA, constant, measured, number, rows, significant, table
+from .source import DATA, number, rows, significant, table
 
 USABLE = "usable-paper-1um.csv"
 LIMITS = ("", "20", "10", "5")
@@ -45,11 +45,6 @@ def comparison_usable(name):
          for r in usable("", found)])
 
 
-def order(limit, name):
-    return [r["estimator"] for r in usable(limit, name)]
-
-
-CAPS = "usable-paper-1um-caps-doubled.csv"
 SURE = {"paper-1um": "probability-paper-1um.json", "paper-2um": "probability-paper-2um.json",
         "uncertain": "probability-paper-2um-uncertain.json"}
 
@@ -85,51 +80,3 @@ def theory_contour():
                      f"{100 * c['share']:.1f} % ({100 * c['share_low']:.1f} to {100 * c['share_high']:.1f} %)"])
     return table(["who is drawn", "recommended cutoff, Hz", "length of the fitted contour", "fresh draws along it",
                   "of them hold (95 % interval)"], body)
-
-
-states(
-    "docs/theory.md",
-    ("each interval contains the 95 % that it is for",
-     lambda: all(c["share_low"] <= 0.95 <= c["share_high"] for c in (sure(name)["probability"]["contour"] for name in SURE))),
-)
-
-
-HAND = "usable-paper-1um-hand.csv"
-
-
-def error(estimator, name=USABLE):
-    return float(usable_row(estimator, "", name)["impedance_error_mean"])
-
-
-def peaks(name):
-    """Largest stable K of all but the observer."""
-    return {r["estimator"]: float(r["stiffness_peak_n_per_m"]) for r in usable("", name) if r["estimator"] != "observer"}
-
-
-def observer_gains():
-    gains = [[float(usable_row("observer", limit, name)["area_n2_s_per_m2"]) / float(usable_row("kalman-3", limit, name)["area_n2_s_per_m2"])
-              for limit in ("5", "10", "20")] for name in (USABLE, HAND)]
-    light = all(float(usable_row("observer", limit, name)["second"]) < 0.416 for name in (USABLE, HAND) for limit in ("5", "10", "20"))
-    return light and all(1 < a < b < c for a, b, c in gains)
-
-
-states(
-    "docs/comparison.md",
-    ("the order within each of the three limits stays what it is.",
-     lambda: all(order(limit, USABLE) == order(limit, CAPS) for limit in ("5", "10", "20"))),
-    ("| Levant's form is stiffest | yes, shared with `kalman-3` | no, it is the softest |",
-     lambda: {n for n, k in peaks(USABLE).items() if k == max(peaks(USABLE).values())} == {"levant-explicit", "kalman-3"}
-     and min(peaks(HAND), key=peaks(HAND).get) == "levant-explicit"),
-    ("| adaptive windowing is most faithful | no | no |",
-     lambda: all(error(a, name) > error(b, name) for a in ("foaw-end", "foaw-best") for b in ("kalman-3", "least-squares-2")
-                 for name in (USABLE, HAND))),
-    ("The observer is first within each limit, too.",
-     lambda: all(order(limit, name)[0] == "observer" for limit in ("5", "10", "20") for name in (USABLE, HAND))),
-    ("what it gains over `kalman-3` grows with the error that it may make.", observer_gains),
-)
-
-slots(
-    "docs/identification.md",
-    ("Over {} records of the paper's device with noise of 0.5 counts, the", lambda: constant("tests/host/identify_joint.rs", r"const RECORDS: u64 = (\d+);")),
-    ("within {} of the stated one;", lambda: number(float(measured("host/identify/correlation_off")), 2)),
-)

@@ -3,8 +3,8 @@
 import json
 import math
 
-from . import block, slots, states
-from .source import DATA, constant, lit, number, power, row, rows, significant, table  # noqa: F401
+from . import block
+from .source import DATA, number, power, rows, significant, table
 
 FORMS = {"direct-1": "direct 1", "direct-2t": "transposed direct 2", "state-variable": "state-variable", "delta": "delta"}
 FORMATS = {
@@ -109,50 +109,3 @@ def extremes_verdicts():
     head = ["arithmetic", f"verdicts that differ from exact arithmetic, of {pairs[0]['walls']} walls, at most",
             f"pairs of resolution and cutoff without any, of {len(pairs)}"]
     return [*table(head, body), "", f"Pairs with fewer than six unstable walls: {few}."]
-
-
-def far_below_a_count():
-    """Of the stiff plant: (error of the trajectory, change of the area)."""
-    of_integrators = [r for r in rows("trade-plant-paper-1um-stiff.csv") if r["method"] != "exact"]
-    pairs = [(float(r["trajectory_error_m"]), abs(float(r["area_change"]))) for r in of_integrators]
-    far_below = max(change for error, change in pairs if error < 1e-8)
-    some = [change for error, change in pairs if 1e-7 < error < 1e-5]
-    return far_below > 0.8 * min(some) and max(some) < 1.5 * far_below and max(c for _, c in pairs) > 2 * max(some)
-
-
-def would_do(format_, form):
-    """Cutoffs at which it would do."""
-    return {float(r["cutoff_hz"]) for r in filters(format=format_, form=form) if r["would_do"] == "true"}
-
-
-def everywhere(low, *but):
-    """Whether all filters but those would do from there on."""
-    wanted = {float(r["cutoff_hz"]) for r in rows("trade-filters-paper-1um.csv") if float(r["cutoff_hz"]) >= low}
-    forms = {(r["format"], r["form"]) for r in rows("trade-filters-paper-1um.csv")}
-    return all(((wanted <= would_do(*one)) != (one in but)) for one in forms)
-
-
-SOAK = "tests/host/soak.rs"
-slots(
-    "docs/extremes.md",
-    ("are those of the first within {} counts; at constant speed the sum of the velocities is the way within {} counts",
-     lambda: constant(SOAK, r"later_mean - mean\)\.abs\(\) < ([\d.]+)"), lambda: constant(SOAK, r"counts < ([\d.]+)")),
-)
-slots(
-    "docs/batch.md",
-    ("runs over the samples up to the next output, at most {}, before the next stage begins.",
-     lambda: constant("host-sim/loop/src/engine/lanes.rs", r"BLOCK: usize = (\d+)")),
-)
-slots(
-    "docs/trade.md",
-    ("In the direct forms the DC sum of the coefficients rounds to 0 below {} Hz,", lambda: f"{math.sqrt(0.5 / 2**14) / (2 * math.pi) * 1e4:.1f}"),
-)
-states("docs/trade.md", ("errors of the trajectory far below a count move it as much as errors of some counts do, tens of counts more.",
-                         far_below_a_count),
-       ("| 500 Hz and up | all but Q15 in its direct forms without feedback would do;",
-        lambda: everywhere(500, ("q15", "direct-1"), ("q15", "direct-2t"))),
-       ("none is drawn where the exact filter has no area (5 and 10 Hz)", lambda: [
-           float(r["cutoff_hz"]) for r in filters(format="f64", form="direct-1") if float(r["area_n2_s_per_m2"]) == 0] == [5, 10]),
-       ("Its 32x64 form is idsp's wide state to the bit.", lambda: all(
-           a[key] == b[key] for a, b in zip(filters(format="idsp-wide"), filters(format="cmsis-32x64"))
-           for key in a if key not in ("format", "host_ns"))))
