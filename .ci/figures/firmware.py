@@ -25,6 +25,28 @@ def firmware_measured():
 
 
 @block
+def firmware_longest():
+    """What no board exceeds."""
+    def most(key, digits=0):
+        return number(max(value(f"elf/control/{board}/{key}") for board in BOARDS), digits)
+
+    spread = [m(f"elf/control/nucleo-f446re/{key}") for key in ("spread", "spread_with_critical_sections")]
+    register = [m(f"elf/{room}/nucleo-f446re/10/register_most") for room in ("period", "passivity")]
+    return table(["longest", "value", "unit", "test of `tests/elf`"], [
+        ["`sample`, whatever happens", most("sample_whatever"), "cycles", "`no_sample_is_longer`"],
+        ["`sample` at period 1", most("sample_period_1"), "cycles", "`control`"],
+        ["of it beside the core", most("beside_period_1"), "cycles", "`control`"],
+        ["the core at 10 kHz", number(max(value(f"elf/control/{board}/core_mean") / MHZ[board] for board in BOARDS), 1),
+         "% of the time", "`control`"],
+        ["mask of the logger, a sample within it included", most("mask_us"), "us", "`control`"],
+        ["spread of the delays, the image as built", spread[0], "cycles", "`control`"],
+        ["the same with critical sections for masks", spread[1], "cycles", "`a_logger_with_a_critical_section`"],
+        ["event to register at period 10, no `[passivity]`", register[0], "cycles", "`period`"],
+        ["the same with `[passivity]`, where it has to divide", register[1], "cycles", "`passivity`"],
+    ])
+
+
+@block
 def firmware_variants():
     body = [["`time-stamps`, with that estimator", "nucleo-f446re", span("sample", "edge_times"), span("delay", "edge_times")]]
     return table(["feature", "board", "`sample`", "event to counter"], body)
