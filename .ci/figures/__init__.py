@@ -10,5 +10,5 @@ def block(make):
 
 
 from . import (  # noqa: E402,F401
-    commands, criteria, design, devices, estimators, firmware, held, published, simulator, studies, sure, trade,
+    commands, criteria, design, devices, estimators, firmware, published, simulator, studies, sure, trade,
 )
