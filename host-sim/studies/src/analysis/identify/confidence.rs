@@ -25,8 +25,10 @@ use super::{
     layout::{
         DAMPING, Layout, MASS,
         Parameter::{
-            Constant, Cosine, Cycles, Friction, Gain, Lag, Latency, Second, Sine, Stiffness,
+            Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine,
+            Stiffness,
         },
+        Values,
     },
     residual::{Piece, Weighed},
 };
@@ -105,14 +107,14 @@ pub(super) fn standard_error(estimate: &Estimate) -> f64 {
 /// The record cannot tell parameters apart: which. Or `stop` was set.
 pub(super) fn estimates(
     solution: &Solution,
-    layout: &Layout,
     weighed: &Weighed,
     stop: &AtomicBool,
 ) -> Result<Estimates, String> {
     let (pieces, residual) = (&weighed.pieces()[..], &weighed.found);
-    let influence = influence(solution, layout, weighed.unit_m)?;
+    let (values, layout) = (&solution.values, solution.values.layout());
+    let influence = influence(solution, weighed.unit_m)?;
     let rows = influence.nrows() as f64;
-    let freedom = rows - solution.values.len() as f64;
+    let freedom = rows - values.vector().len() as f64;
     let variance =
         pieces.iter().flat_map(|piece| piece.residual).map(|r| r * r).sum::<f64>() / freedom;
     let quantile = StudentsT::new(0.0, 1.0, freedom)
@@ -135,18 +137,17 @@ pub(super) fn estimates(
         half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
     }
     let joint = joint(layout, &model.correlations(&seen), &half_widths);
-    let values = &solution.values;
     let mut half_widths = half_widths.into_iter();
     let mut next = |value: f64| {
         let [half_width, white_half_width] = half_widths.next().unwrap_or([f64::INFINITY; 2]);
         Estimate { value, half_width, white_half_width }
     };
-    let [stiffness, constant] = layout.spring_of(values);
-    let free = |parameter| layout.place(parameter).map(|place| values[place]);
+    let [stiffness, constant] = values.spring();
+    let free = |parameter| values.fitted(parameter);
     // In the order of the columns of `influence`.
     Ok(Estimates {
-        mass: next(values[MASS]),
-        damping: next(values[DAMPING]),
+        mass: next(values.of(Mass)),
+        damping: next(values.of(Damping)),
         spring: layout.spring.then(|| {
             let stiffness_estimate = next(stiffness);
             let rest = layout.rest_m.map(Estimate::given);
@@ -160,7 +161,7 @@ pub(super) fn estimates(
         phase: free(Sine).zip(free(Cosine)).map(|(sine, cosine)| {
             let first = next(sine.hypot(cosine));
             let second = free(Second).map_or(Estimate::given(0.0), &mut next);
-            let cycles = layout.cycles_per_m.or(free(Cycles)).unwrap_or(1.0);
+            let cycles = values.of(Cycles);
             let phase = next(cosine.atan2(sine) - TAU * layout.reference_m * cycles);
             let known = layout.cycles_per_m.map(|cycles| Estimate::given(1.0 / cycles));
             [first, second, phase, known.unwrap_or_else(|| next(1.0 / cycles))]
@@ -195,15 +196,15 @@ fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -
 }
 
 /// Each estimate as parts of the fitted parameters: the gradient at the solution.
-fn gradients(solution: &Solution, layout: &Layout) -> Vec<Vec<(usize, f64)>> {
-    let values = &solution.values;
+fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
+    let layout = values.layout();
     let place = |parameter| layout.place(parameter);
     let mut all = vec![vec![(MASS, 1.0)], vec![(DAMPING, 1.0)]];
     let alone = |place: Option<usize>| place.map(|place| vec![(place, 1.0)]);
     if let Some(stiffness) = place(Stiffness) {
         all.push(vec![(stiffness, 1.0)]);
         if let (None, Some(constant)) = (layout.rest_m, place(Constant)) {
-            let [k, c] = layout.spring_of(values);
+            let [k, c] = values.spring();
             all.push(vec![(stiffness, -c / (k * k)), (constant, 1.0 / k)]);
         }
     }
@@ -212,7 +213,7 @@ fn gradients(solution: &Solution, layout: &Layout) -> Vec<Vec<(usize, f64)>> {
         all.extend(alone(place(Constant)));
     }
     if let (Some(sine), Some(cosine)) = (place(Sine), place(Cosine)) {
-        let (s, c) = (values[sine], values[cosine]);
+        let (s, c) = (values.of(Sine), values.of(Cosine));
         let squared = (s * s + c * c).max(f64::MIN_POSITIVE);
         let amplitude = squared.sqrt();
         all.push(vec![(sine, s / amplitude), (cosine, c / amplitude)]);
@@ -220,14 +221,14 @@ fn gradients(solution: &Solution, layout: &Layout) -> Vec<Vec<(usize, f64)>> {
         let mut phase = vec![(sine, -c / squared), (cosine, s / squared)];
         phase.extend(place(Cycles).map(|place| (place, -TAU * layout.reference_m)));
         all.push(phase);
-        all.extend(place(Cycles).map(|place| vec![(place, -1.0 / values[place].powi(2))]));
+        all.extend(place(Cycles).map(|place| vec![(place, -1.0 / values.of(Cycles).powi(2))]));
     }
     all
 }
 
 /// What a position error of one unit at each row does to each estimate.
-fn influence(solution: &Solution, layout: &Layout, unit_m: f64) -> Result<DMatrix<f64>, String> {
-    let count = solution.values.len();
+fn influence(solution: &Solution, unit_m: f64) -> Result<DMatrix<f64>, String> {
+    let (layout, count) = (solution.values.layout(), solution.values.vector().len());
     let mut jacobian = solution.jacobian.clone();
     let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
     if let Some(place) = scales.iter().position(|scale| *scale == 0.0) {
@@ -242,7 +243,7 @@ fn influence(solution: &Solution, layout: &Layout, unit_m: f64) -> Result<DMatri
     if smallest * CONDITION_MAX < largest || smallest.is_nan() {
         return Err(indistinguishable(&svd, layout, count));
     }
-    let gradients = gradients(solution, layout);
+    let gradients = gradients(&solution.values);
     let mut outputs = DMatrix::zeros(count, gradients.len());
     for (column, parts) in gradients.iter().enumerate() {
         for (place, part) in parts {

@@ -14,11 +14,12 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::{
     layout::{
-        DAMPING, Layout, MASS,
+        DAMPING, MASS,
         Parameter::{
             Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine,
             Stiffness,
         },
+        Values,
     },
     model::{Point, Reduced, response},
     motion::{self, Motion},
@@ -65,39 +66,43 @@ impl Fitted<'_> {
 #[derive(Clone, Debug)]
 pub(super) struct Problem<'a> {
     pub records: &'a [Fitted<'a>],
-    pub layout: Layout,
-    pub values: DVector<f64>,
+    pub values: Values,
 }
 
 impl Problem<'_> {
+    /// Of the handle with what was added to it.
+    fn mass(&self, index: usize) -> f64 {
+        self.values.of(Mass) + self.records[index].added_kg
+    }
+
     fn reduced(&self, index: usize) -> Reduced {
-        let (values, fitted) = (&self.values, &self.records[index]);
-        let mass = values[MASS] + fitted.added_kg;
-        let [stiffness, constant] = self.layout.spring_of(values);
+        let (values, mass) = (&self.values, self.mass(index));
+        let [stiffness, constant] = values.spring();
+        let [x, v] = values.start(index);
         Reduced {
             w: stiffness / mass,
-            d: values[DAMPING] / mass,
-            gain: self.layout.gain_of(values) / mass,
+            d: values.of(Damping) / mass,
+            gain: values.of(Gain) / mass,
             offset: constant / mass,
-            x: values[self.layout.position_place(index)],
-            v: self.layout.speed_place(index).map_or(0.0, |place| values[place]),
-            latency: self.layout.latency_of(values) / fitted.record.step_s,
+            x,
+            v,
+            latency: values.of(Latency) / self.records[index].record.step_s,
         }
     }
 
     /// The same with dry friction and a slow amplifier.
     pub(super) fn motion(&self, index: usize) -> Motion {
         let Reduced { w, d, gain, offset, x, v, latency } = self.reduced(index);
-        let [friction_n, lag_s] = self.layout.slow_of(&self.values);
-        let mass = self.values[MASS] + self.records[index].added_kg;
-        Motion { w, d, gain, offset, friction: friction_n / mass, lag_s, x, v, latency }
+        let [friction_n, lag_s] = self.values.slow();
+        let friction = friction_n / self.mass(index);
+        Motion { w, d, gain, offset, friction, lag_s, x, v, latency }
     }
 
     /// Adds what the encoder adds to positions from the reference, m.
     fn add_error(&self, positions_m: &mut [f64]) {
-        let of = |parameter| self.layout.value(parameter, &self.values);
-        let (sine, cosine, second) = (of(Sine), of(Cosine), of(Second));
-        let (cycles_per_m, start) = (self.cycles_per_m(), cosine.atan2(sine));
+        let [sine, cosine, second, cycles_per_m] =
+            [Sine, Cosine, Second, Cycles].map(|parameter| self.values.of(parameter));
+        let start = cosine.atan2(sine);
         for x in positions_m {
             let phase = TAU * *x * cycles_per_m;
             let (sin, cos) = phase.sin_cos();
@@ -108,16 +113,11 @@ impl Problem<'_> {
         }
     }
 
-    /// Cycles per metre of the encoder's error.
-    pub(super) fn cycles_per_m(&self) -> f64 {
-        self.layout.cycles_per_m.unwrap_or_else(|| self.layout.value(Cycles, &self.values))
-    }
-
     fn sane(&self, index: usize) -> Option<Reduced> {
         let reduced = self.reduced(index);
-        let mass = self.values[MASS];
+        let mass = self.values.of(Mass);
         let sane = mass > 0.0 && reduced.w.abs() < FAR && reduced.d.abs() < FAR;
-        (sane && self.values.iter().all(|value| value.is_finite())).then_some(reduced)
+        (sane && self.values.vector().iter().all(|value| value.is_finite())).then_some(reduced)
     }
 
     /// The model at each fitted row of a record; `None` where it is not finite or the mass is not positive.
@@ -130,7 +130,7 @@ impl Problem<'_> {
     /// The reading at each fitted row of a record; `None` where [`points`](Self::points) has none.
     fn readings(&self, index: usize) -> Option<Vec<f64>> {
         let Fitted { record, first, .. } = &self.records[index];
-        let terms = self.layout.terms;
+        let terms = self.values.layout().terms;
         if terms.plain() {
             return Some(self.points(index)?.iter().map(|point| point.x).collect());
         }
@@ -144,12 +144,11 @@ impl Problem<'_> {
 
     /// Rows of the derivatives by the parameters.
     fn fill(&self, index: usize, points: &[Point], top: usize, jacobian: &mut DMatrix<f64>) {
-        let reduced = self.reduced(index);
-        let mass = self.values[MASS] + self.records[index].added_kg;
+        let (reduced, mass, layout) = (self.reduced(index), self.mass(index), self.values.layout());
         let [stiffness, constant, gain, latency] =
-            [Stiffness, Constant, Gain, Latency].map(|parameter| self.layout.place(parameter));
-        let rest_m = self.layout.rest_m.unwrap_or_default();
-        let position = self.layout.position_place(index);
+            [Stiffness, Constant, Gain, Latency].map(|parameter| layout.place(parameter));
+        let rest_m = layout.rest_m.unwrap_or_default();
+        let (position, speed) = (layout.position_place(index), layout.speed_place(index));
         for (n, point) in points.iter().enumerate() {
             let row = top + n;
             let by_mass = reduced.w * point.by_w
@@ -171,13 +170,15 @@ impl Problem<'_> {
                 jacobian[(row, place)] = point.by_latency / self.records[index].record.step_s;
             }
             jacobian[(row, position)] = point.by_x;
-            jacobian[(row, position + 1)] = point.by_v;
+            if let Some(place) = speed {
+                jacobian[(row, place)] = point.by_v;
+            }
         }
     }
 
     /// Changes of the parameters over which derivatives are taken: parts of the mass, the largest force, the motion.
     fn differences(&self) -> Vec<f64> {
-        let (mass, gain) = (self.values[MASS], self.layout.gain_of(&self.values));
+        let (mass, gain) = (self.values.of(Mass), self.values.of(Gain));
         let all = |pick: fn(&Record) -> &[f64]| -> f64 {
             let largest =
                 |record: &Record| pick(record).iter().fold(0.0, |most: f64, x| most.max(x.abs()));
@@ -194,7 +195,7 @@ impl Problem<'_> {
         let seconds = seconds.fold(step_s, f64::max);
         let of = |parameter| match parameter {
             Mass => mass,
-            Damping => self.values[DAMPING].abs() + mass / seconds,
+            Damping => self.values.of(Damping).abs() + mass / seconds,
             Stiffness => mass / seconds.powi(2) + force_n / travel_m,
             Constant | Friction => force_n,
             Gain => gain.abs(),
@@ -202,12 +203,13 @@ impl Problem<'_> {
             Sine | Cosine | Second => travel_m,
             Cycles => 1.0 / travel_m,
         };
+        let layout = self.values.layout();
         let mut all: Vec<f64> =
-            self.layout.fitted().map(|parameter| DIFFERENCE * of(parameter)).collect();
+            layout.fitted().map(|parameter| DIFFERENCE * of(parameter)).collect();
         for record in 0..self.records.len() {
             all.push(DIFFERENCE * travel_m);
             all.extend(
-                self.layout.speed_place(record).map(|_| DIFFERENCE * travel_m / seconds.min(1.0)),
+                layout.speed_place(record).map(|_| DIFFERENCE * travel_m / seconds.min(1.0)),
             );
         }
         all
@@ -216,10 +218,10 @@ impl Problem<'_> {
     /// The derivatives of the residuals by small differences; one-sided, so that friction and lag stay above 0.
     pub(super) fn by_differences(&self) -> Option<DMatrix<f64>> {
         let middle = self.stacked()?;
-        let mut jacobian = DMatrix::zeros(self.rows(), self.values.len());
+        let mut jacobian = DMatrix::zeros(self.rows(), self.values.vector().len());
         for (place, by) in self.differences().into_iter().enumerate() {
             let mut moved = self.clone();
-            moved.values[place] += by;
+            moved.values.slice_mut()[place] += by;
             jacobian.set_column(place, &((moved.stacked()? - &middle) / by));
         }
         Some(jacobian)
@@ -245,11 +247,11 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     type ParameterStorage = Owned<f64, Dyn>;
 
     fn set_params(&mut self, values: &DVector<f64>) {
-        self.values.copy_from(values);
+        self.values.slice_mut().copy_from_slice(values.as_slice());
     }
 
     fn params(&self) -> DVector<f64> {
-        self.values.clone()
+        self.values.vector().clone()
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
@@ -268,10 +270,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        if !self.layout.terms.plain() {
+        if !self.values.layout().terms.plain() {
             return self.by_differences();
         }
-        let mut jacobian = DMatrix::zeros(self.rows(), self.values.len());
+        let mut jacobian = DMatrix::zeros(self.rows(), self.values.vector().len());
         let mut top = 0;
         for (index, fitted) in self.records.iter().enumerate() {
             let points = self.points(index)?;
@@ -296,7 +298,7 @@ pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
 
 /// The solution, with residual (measured less model) and derivatives there.
 pub(super) struct Solution {
-    pub values: DVector<f64>,
+    pub values: Values,
     pub residual_m: DVector<f64>,
     pub jacobian: DMatrix<f64>,
     /// Times that the model was computed.
@@ -309,7 +311,7 @@ pub(super) struct Solution {
 /// Why the solver ended without a solution.
 pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     let solver = LevenbergMarquardt::new();
-    let solver = if problem.layout.terms.plain() {
+    let solver = if problem.values.layout().terms.plain() {
         solver.with_patience(PATIENCE)
     } else {
         solver.with_patience(PATIENCE_OF_TERMS).with_ftol(TOLERANCE).with_xtol(TOLERANCE)

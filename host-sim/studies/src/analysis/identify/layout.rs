@@ -73,6 +73,8 @@ pub(super) struct Layout {
     pub cycles_per_m: Option<f64>,
     /// What positions are measured from, m.
     pub reference_m: f64,
+    /// Number of records.
+    pub records: usize,
     /// Records, by bit, in which friction holds the handle at the first row: their speed there is 0.
     pub resting: u64,
 }
@@ -133,59 +135,109 @@ impl Layout {
         (!self.rests(record)).then(|| self.position_place(record) + 1)
     }
 
+    /// Without friction nothing holds the handle.
     fn rests(&self, record: usize) -> bool {
-        record < 64 && self.resting >> record & 1 == 1
+        self.terms.friction && record < 64 && self.resting >> record & 1 == 1
     }
 
     /// Number of parameters.
-    pub(super) fn count(&self, records: usize) -> usize {
-        self.position_place(records)
+    fn count(&self) -> usize {
+        self.position_place(self.records)
     }
 
-    pub(super) fn value(&self, parameter: Parameter, values: &DVector<f64>) -> f64 {
-        self.place(parameter).map_or(0.0, |place| values[place])
+    /// Value of a parameter that is not fitted.
+    fn known(&self, parameter: Parameter) -> f64 {
+        let known = match parameter {
+            Gain => self.gain,
+            Latency => self.latency_s,
+            Cycles => self.cycles_per_m,
+            _ => None,
+        };
+        known.unwrap_or(0.0)
+    }
+}
+
+/// The values of a layout's parameters. They are read and set by name, and mean nothing beside another layout: that one
+/// takes them over by [`within`](Self::within).
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Values {
+    layout: Layout,
+    vector: DVector<f64>,
+}
+
+impl Values {
+    pub(super) fn zeros(layout: Layout) -> Self {
+        Self { layout, vector: DVector::zeros(layout.count()) }
+    }
+
+    pub(super) fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// In the order of the layout.
+    pub(super) fn vector(&self) -> &DVector<f64> {
+        &self.vector
+    }
+
+    pub(super) fn slice_mut(&mut self) -> &mut [f64] {
+        self.vector.as_mut_slice()
+    }
+
+    /// Value of a parameter, if it is fitted.
+    pub(super) fn fitted(&self, parameter: Parameter) -> Option<f64> {
+        self.layout.place(parameter).map(|place| self.vector[place])
+    }
+
+    /// Fitted or known; 0 of what is not in the model.
+    pub(super) fn of(&self, parameter: Parameter) -> f64 {
+        self.fitted(parameter).unwrap_or_else(|| self.layout.known(parameter))
+    }
+
+    /// Sets a parameter if it is fitted.
+    pub(super) fn set(&mut self, parameter: Parameter, value: f64) {
+        if let Some(place) = self.layout.place(parameter) {
+            self.vector[place] = value;
+        }
+    }
+
+    /// Position and speed at a record's first fitted row.
+    pub(super) fn start(&self, record: usize) -> [f64; 2] {
+        let speed = self.layout.speed_place(record).map_or(0.0, |place| self.vector[place]);
+        [self.vector[self.layout.position_place(record)], speed]
+    }
+
+    /// Sets them; the speed if it is fitted.
+    pub(super) fn set_start(&mut self, record: usize, [x, v]: [f64; 2]) {
+        self.vector[self.layout.position_place(record)] = x;
+        if let Some(place) = self.layout.speed_place(record) {
+            self.vector[place] = v;
+        }
     }
 
     /// k, and the constant force k (x0 - reference) with the offset force.
-    pub(super) fn spring_of(&self, values: &DVector<f64>) -> [f64; 2] {
-        let stiffness = self.value(Stiffness, values);
-        let known = self.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
-        [stiffness, self.place(Constant).map_or(known, |place| known + values[place])]
-    }
-
-    pub(super) fn gain_of(&self, values: &DVector<f64>) -> f64 {
-        self.gain.unwrap_or_else(|| self.value(Gain, values))
-    }
-
-    pub(super) fn latency_of(&self, values: &DVector<f64>) -> f64 {
-        self.latency_s.unwrap_or_else(|| self.value(Latency, values))
+    pub(super) fn spring(&self) -> [f64; 2] {
+        let stiffness = self.of(Stiffness);
+        let known = self.layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
+        [stiffness, self.fitted(Constant).map_or(known, |constant| known + constant)]
     }
 
     /// Friction, N, and time constant of the amplifier, s; neither is below 0.
-    pub(super) fn slow_of(&self, values: &DVector<f64>) -> [f64; 2] {
-        [Friction, Lag].map(|parameter| self.value(parameter, values).max(0.0))
+    pub(super) fn slow(&self) -> [f64; 2] {
+        [Friction, Lag].map(|parameter| self.of(parameter).max(0.0))
     }
 
-    /// The values of this layout's parameters, each from `other` if it has it and else 0.
-    pub(super) fn taken_from(
-        &self,
-        other: &Self,
-        values: &DVector<f64>,
-        records: usize,
-    ) -> DVector<f64> {
-        let mut taken: Vec<f64> =
-            self.fitted().map(|parameter| other.value(parameter, values)).collect();
+    /// The values of another layout's parameters, each from these where they have it.
+    pub(super) fn within(&self, layout: Layout) -> Self {
+        let mut values = Self::zeros(layout);
+        for parameter in layout.fitted() {
+            values.set(parameter, self.of(parameter));
+        }
         // c = k (x0 - reference) becomes an offset force where x0 is known, and back.
-        if let Some(place) = self.place(Constant) {
-            let [stiffness, constant] = other.spring_of(values);
-            taken[place] = constant - self.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
+        let [stiffness, constant] = self.spring();
+        values.set(Constant, constant - layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m));
+        for record in 0..layout.records {
+            values.set_start(record, self.start(record));
         }
-        for record in 0..records {
-            taken.push(values[other.position_place(record)]);
-            if !self.rests(record) {
-                taken.push(other.speed_place(record).map_or(0.0, |place| values[place]));
-            }
-        }
-        DVector::from_vec(taken)
+        values
     }
 }

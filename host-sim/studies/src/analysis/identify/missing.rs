@@ -124,13 +124,13 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
         }
     };
     for term in [Term::Friction, Term::Amplifier, Term::Phase] {
-        if !term.is_in(model.layout.terms) {
+        if !term.is_in(model.layout().terms) {
             add(search.explains(term, model), said(term).into());
         }
     }
-    if model.layout.latency_s.is_some() {
-        let free = Layout { latency_s: None, ..model.layout };
-        add(search.explains_by(&free, model), "another latency (--fit-latency)".into());
+    if model.layout().latency_s.is_some() {
+        let free = Layout { latency_s: None, ..*model.layout() };
+        add(search.explains_by(free, model), "another latency (--fit-latency)".into());
     }
     if let Some((share, hz)) = vibration(search.records, model) {
         let cause = format!("a flexible transmission or a second mass ({hz:.0} Hz)");

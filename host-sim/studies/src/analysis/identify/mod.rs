@@ -31,6 +31,8 @@ mod rotary;
 mod search;
 mod telemetry;
 mod terms;
+#[cfg(test)]
+mod tests;
 
 pub use asked::{Asked, GainAsked, identify_in, read};
 pub use confidence::{CONFIDENCE, Estimate};
@@ -47,11 +49,9 @@ pub use terms::{FAMILY_P, Found, Phase, Term, Terms, Tested};
 
 use std::{f64::consts::TAU, sync::atomic::AtomicBool};
 
-use nalgebra::DVector;
-
 use crate::scene::{Rounding, Scene};
 use fit::Fitted;
-use layout::{DAMPING, Included, Layout, MASS, Parameter};
+use layout::{Included, Layout, Parameter, Values};
 use missing::Misfit;
 use search::{Model, Search};
 
@@ -202,6 +202,7 @@ fn identified(
         terms: Included::default(),
         cycles_per_m: None,
         reference_m,
+        records: records.len(),
         resting: 0,
     };
     let half_count_m = match options.rounding {
@@ -215,13 +216,13 @@ fn identified(
         let positions = record.position_m.iter().map(|x| x + half_count_m - reference_m);
         fitted.push(Fitted { record, positions_m: positions.collect(), first, added_kg, stop });
     }
-    let values = first_values(&fitted, &layout, options)?;
+    let values = first_values(&fitted, layout, options)?;
     if options.terms.asks(Term::Offset) && options.spring && options.rest_position_m.is_none() {
         return Err("a constant force moves the place where a spring rests and nothing else: give --rest-position, where \
                     it rests without that force, or --no-spring"
             .into());
     }
-    let (model, tests) = search::choose(&fitted, &layout, values, options)?;
+    let (model, tests) = search::choose(&fitted, &values, options)?;
     conclude(&fitted, &model, tests, options)
 }
 
@@ -252,9 +253,9 @@ fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
 /// First values of all parameters, from the records alone.
 fn first_values(
     fitted: &[Fitted<'_>],
-    layout: &Layout,
+    layout: Layout,
     options: &Options,
-) -> Result<DVector<f64>, String> {
+) -> Result<Values, String> {
     let mut guesses = vec![];
     for Fitted { record, positions_m, first, .. } in fitted {
         let latency = options.latency_s / record.step_s;
@@ -290,22 +291,19 @@ fn first_values(
         }
     };
     let mass = gain / guess.gain;
-    let mut values = DVector::zeros(layout.count(fitted.len()));
-    values[MASS] = mass;
-    values[DAMPING] = guess.d * mass;
+    let mut values = Values::zeros(layout);
     for (parameter, value) in [
+        (Parameter::Mass, mass),
+        (Parameter::Damping, guess.d * mass),
         (Parameter::Stiffness, guess.w * mass),
         (Parameter::Constant, guess.offset * mass),
         (Parameter::Gain, gain),
         (Parameter::Latency, options.latency_s),
     ] {
-        if let Some(place) = layout.place(parameter) {
-            values[place] = value;
-        }
+        values.set(parameter, value);
     }
     for (index, guess) in guesses.iter().enumerate() {
-        let place = layout.position_place(index);
-        (values[place], values[place + 1]) = (guess.x, guess.v);
+        values.set_start(index, [guess.x, guess.v]);
     }
     Ok(values)
 }
@@ -317,8 +315,8 @@ fn conclude(
     tests: Vec<Tested>,
     options: &Options,
 ) -> Result<Identification, String> {
-    let Model { layout, solution, weighed, estimates: found, .. } = model;
-    let (values, reference_m) = (&solution.values, layout.reference_m);
+    let Model { solution, weighed, estimates: found, .. } = model;
+    let (values, reference_m) = (model.values(), model.layout().reference_m);
     let residual = weighed.found;
     let mut fits = vec![];
     let mut top = 0;
@@ -326,6 +324,7 @@ fn conclude(
         let measured = &positions_m[*first..];
         let residual_m = solution.residual_m.rows(top, measured.len());
         top += measured.len();
+        let [x, speed_m_per_s] = values.start(index);
         fits.push(Fit {
             first: *first,
             model_m: measured
@@ -334,8 +333,8 @@ fn conclude(
                 .map(|(x, residual)| x - residual + reference_m)
                 .collect(),
             residual_m: residual_m.iter().copied().collect(),
-            position_m: values[layout.position_place(index)] + reference_m,
-            speed_m_per_s: layout.speed_place(index).map_or(0.0, |place| values[place]),
+            position_m: x + reference_m,
+            speed_m_per_s,
         });
     }
     checks::explains(residual.rms_m, fit::motion(fitted))?;
@@ -354,7 +353,7 @@ fn conclude(
     let largest_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
     warnings.extend(checks::questions(
         found.mass.value,
-        layout.gain_of(values).abs() * largest_v,
+        values.of(Parameter::Gain).abs() * largest_v,
         fastest(fitted),
     ));
     warnings.extend(checks::untold(&tests));
@@ -373,8 +372,8 @@ fn conclude(
             stiffness_n_per_m,
             rest_position_m: Estimate { value: rest.value + reference_m, ..rest },
         }),
-        gain_n_per_v: found.gain.unwrap_or_else(|| Estimate::given(layout.gain_of(values))),
-        latency_s: found.latency.unwrap_or_else(|| Estimate::given(options.latency_s)),
+        gain_n_per_v: found.gain.unwrap_or_else(|| Estimate::given(values.of(Parameter::Gain))),
+        latency_s: found.latency.unwrap_or_else(|| Estimate::given(values.of(Parameter::Latency))),
         terms: Found {
             friction_n: found.friction,
             lag_s: found.lag,

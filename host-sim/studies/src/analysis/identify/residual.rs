@@ -80,12 +80,8 @@ pub(super) struct Weighed {
 }
 
 impl Weighed {
-    pub(super) fn new(
-        records: &[Fitted<'_>],
-        solution: &Solution,
-        options: &Options,
-        reference_m: f64,
-    ) -> Self {
+    pub(super) fn new(records: &[Fitted<'_>], solution: &Solution, options: &Options) -> Self {
+        let reference_m = solution.values.layout().reference_m;
         let unit_m = if options.resolution_m > 0.0 {
             options.resolution_m
         } else {

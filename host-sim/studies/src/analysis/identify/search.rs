@@ -4,7 +4,7 @@
 //! error after all others; until none passes. Then backward: a term that no longer passes beside the others goes.
 
 use levenberg_marquardt::LeastSquaresProblem as _;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
 use super::{
@@ -13,7 +13,7 @@ use super::{
     cycle,
     fit::{self, Fitted, Problem, Solution},
     guess,
-    layout::{Included, Layout, Parameter},
+    layout::{Included, Layout, Parameter, Values},
     residual::Weighed,
     terms::{FAMILY_P, Term, Terms, Tested, said, tail},
 };
@@ -29,7 +29,6 @@ const FRICTION_MOST: f64 = 0.5;
 
 /// A model and its fit.
 pub(super) struct Model {
-    pub layout: Layout,
     pub solution: Solution,
     pub weighed: Weighed,
     pub estimates: Estimates,
@@ -40,14 +39,21 @@ pub(super) struct Model {
 impl Model {
     fn new(
         records: &[Fitted<'_>],
-        layout: Layout,
         solution: Solution,
         options: &Options,
         cycles: f64,
     ) -> Result<Self, String> {
-        let weighed = Weighed::new(records, &solution, options, layout.reference_m);
-        let estimates = confidence::estimates(&solution, &layout, &weighed, records[0].stop)?;
-        Ok(Self { layout, solution, weighed, estimates, cycles })
+        let weighed = Weighed::new(records, &solution, options);
+        let estimates = confidence::estimates(&solution, &weighed, records[0].stop)?;
+        Ok(Self { solution, weighed, estimates, cycles })
+    }
+
+    pub(super) fn values(&self) -> &Values {
+        &self.solution.values
+    }
+
+    pub(super) fn layout(&self) -> &Layout {
+        self.values().layout()
     }
 
     fn squares(&self) -> f64 {
@@ -79,25 +85,25 @@ fn candidates(layout: &Layout) -> Vec<Term> {
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
 
-/// The model of the records: from `base` with the terms that `options` ask for, or that the records tell.
+/// The model of the records: from first values of the plain one, with the terms that `options` ask for, or that the
+/// records tell.
 ///
 /// # Errors
 /// One line: no model describes the records, or they cannot tell parameters apart.
 pub(super) fn choose(
     records: &[Fitted<'_>],
-    base: &Layout,
-    values: DVector<f64>,
+    values: &Values,
     options: &Options,
 ) -> Result<(Model, Vec<Tested>), String> {
     let search = Search { records, options };
-    let solved = fit::solve(Problem { records, layout: *base, values: values.clone() });
-    let plain = solved.and_then(|solution| Model::new(records, *base, solution, options, 1.0));
+    let solved = fit::solve(Problem { records, values: values.clone() });
+    let plain = solved.and_then(|solution| Model::new(records, solution, options, 1.0));
     if options.terms == Terms::Auto {
-        return search.automatic(base, values, plain);
+        return search.automatic(values, plain);
     }
     let model = match plain {
         Ok(plain) if Term::ALL.iter().all(|term| !options.terms.asks(*term)) => plain,
-        plain => search.asked(base, &values, plain.as_ref().ok())?,
+        plain => search.asked(values, plain.as_ref().ok())?,
     };
     let tests = search.tests(&model, 1);
     Ok((model, tests))
@@ -117,22 +123,14 @@ const ORDERS: [[Term; 4]; 2] = [
 
 impl Search<'_> {
     /// The terms that are asked for, whatever the record tells of them.
-    fn asked(
-        &self,
-        base: &Layout,
-        values: &DVector<f64>,
-        plain: Option<&Model>,
-    ) -> Result<Model, String> {
+    fn asked(&self, values: &Values, plain: Option<&Model>) -> Result<Model, String> {
         let mut refused = String::new();
         for order in ORDERS {
             let mut model: Option<Model> = None;
             let asked = order.into_iter().filter(|term| self.options.terms.asks(*term));
             let all = asked.into_iter().all(|term| {
                 let before = model.as_ref().or(plain);
-                let (layout, from) = before.map_or((*base, values.clone()), |before| {
-                    (before.layout, before.solution.values.clone())
-                });
-                let found = self.with(term, &layout, &from, before, false);
+                let found = self.with(term, before.map_or(values, Model::values), before, false);
                 if found.is_none() {
                     refused = format!("the record does not show the {}", said(term));
                 }
@@ -149,23 +147,20 @@ impl Search<'_> {
 
     fn automatic(
         &self,
-        base: &Layout,
-        values: DVector<f64>,
+        values: &Values,
         plain: Result<Model, String>,
     ) -> Result<(Model, Vec<Tested>), String> {
-        let candidates = candidates(base);
+        let candidates = candidates(values.layout());
         let passes = |model: &Model, term: Term| model.tested(term, candidates.len()).p < FAMILY_P;
         let mut model = plain;
         loop {
-            let (layout, from) = match &model {
-                Ok(model) => (model.layout, model.solution.values.clone()),
-                Err(_) => (*base, values.clone()),
-            };
+            let before = model.as_ref().ok();
+            let from = before.map_or(values, Model::values);
             let passing = |of_encoder: bool| {
-                let left = candidates.iter().filter(|term| !term.is_in(layout.terms));
+                let left = candidates.iter().filter(|term| !term.is_in(from.layout().terms));
                 let left = left.filter(|term| (**term == Term::Phase) == of_encoder);
                 let tried = left.filter_map(|term| {
-                    let found = self.with(*term, &layout, &from, model.as_ref().ok(), true)?;
+                    let found = self.with(*term, from, before, true)?;
                     passes(&found, *term).then_some(found)
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
@@ -175,18 +170,19 @@ impl Search<'_> {
             model = Ok(best);
         }
         let mut model = model?;
-        while let Some(gone) =
-            candidates.iter().find(|term| term.is_in(model.layout.terms) && !passes(&model, **term))
+        while let Some(gone) = candidates
+            .iter()
+            .find(|term| term.is_in(model.layout().terms) && !passes(&model, **term))
         {
-            let layout = Layout { terms: gone.add(model.layout.terms, false), ..model.layout };
-            model = self.fit(&layout, &model.layout, &model.solution.values, 1.0)?;
+            let terms = gone.add(model.layout().terms, false);
+            model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
         }
         let tests = self.tests(&model, candidates.len());
         Ok((model, tests))
     }
 
     fn tests(&self, model: &Model, candidates: usize) -> Vec<Tested> {
-        let inside = Term::ALL.into_iter().filter(|term| term.is_in(model.layout.terms));
+        let inside = Term::ALL.into_iter().filter(|term| term.is_in(model.layout().terms));
         inside.map(|term| model.tested(term, candidates)).collect()
     }
 
@@ -195,8 +191,7 @@ impl Search<'_> {
     fn with(
         &self,
         term: Term,
-        layout: &Layout,
-        values: &DVector<f64>,
+        from: &Values,
         before: Option<&Model>,
         likely: bool,
     ) -> Option<Model> {
@@ -204,43 +199,41 @@ impl Search<'_> {
             return None;
         }
         if term == Term::Phase {
-            return self.with_phase(layout, before?, likely);
+            return self.with_phase(before?, likely);
         }
-        let more = Layout { terms: term.add(layout.terms, true), ..*layout };
-        let start = more.taken_from(layout, values, self.records.len());
+        let more = Layout { terms: term.add(from.layout().terms, true), ..*from.layout() };
+        let start = from.within(more);
         let mut starts = vec![];
-        if let (Some(model), Some((step, gain))) = (before, self.linear_step(&more, &start)) {
+        if let (Some(model), Some((step, gain))) = (before, self.linear_step(&start)) {
             let rows = model.solution.residual_m.len() as f64;
             if likely && gain / (model.squares() / rows) < enough() {
                 return None;
             }
-            starts.push(self.bounded(&more, step));
+            starts.push(self.bounded(step));
         }
         if term == Term::Friction {
             let windows = guess::WINDOWS.into_iter();
-            starts.extend(windows.filter_map(|windows| self.in_motion(&more, &start, windows)));
+            starts.extend(windows.filter_map(|windows| self.in_motion(&start, windows)));
         }
         let parameter = match term {
-            Term::Friction => Some((Parameter::Friction, self.force_n(&more, values))),
+            Term::Friction => Some((Parameter::Friction, self.force_n(&start))),
             Term::Amplifier => Some((Parameter::Lag, self.records[0].record.step_s)),
             _ => None,
         };
-        if let Some((place, unit)) =
-            parameter.and_then(|(one, unit)| Some((more.place(one)?, unit)))
-        {
+        if let Some((parameter, unit)) = parameter {
             let shares: &[f64] =
                 if term == Term::Friction { &FRICTION_STARTS } else { &LAG_STARTS };
             starts.extend(shares.iter().map(|share| {
                 let mut start = start.clone();
-                start[place] = share * unit;
+                start.set(parameter, share * unit);
                 start
             }));
         }
         // From those that begin nearest: a far one may end in a valley of its own.
-        let mut starts: Vec<(f64, DVector<f64>)> = starts
+        let mut starts: Vec<(f64, Values)> = starts
             .into_iter()
             .filter_map(|start| {
-                let problem = Problem { records: self.records, layout: more, values: start };
+                let problem = Problem { records: self.records, values: start };
                 let squares = problem.residuals()?.norm_squared();
                 Some((squares, problem.values))
             })
@@ -250,36 +243,32 @@ impl Search<'_> {
         // A term that is asked for and is 0 leaves as much as none, but for rounding.
         let room = if likely { 1.0 } else { 1.0 + 1e-6 };
         let most = room * before.map_or(f64::INFINITY, Model::squares);
-        let fits = starts.iter().filter_map(|(_, start)| self.fit(&more, &more, start, 1.0).ok());
+        let fits = starts.iter().filter_map(|(_, start)| self.fit(more, start, 1.0).ok());
         let fits = fits.filter(|model| model.squares() < most);
         fits.min_by(|a, b| a.squares().total_cmp(&b.squares()))
     }
 
-    fn with_phase(&self, layout: &Layout, before: &Model, likely: bool) -> Option<Model> {
+    fn with_phase(&self, before: &Model, likely: bool) -> Option<Model> {
         let seen = self.strongest(before)?;
         let more = Layout {
-            terms: Term::Phase.add(layout.terms, true),
+            terms: Term::Phase.add(before.layout().terms, true),
             cycles_per_m: Some(seen.cycles_per_m),
-            ..*layout
+            ..*before.layout()
         };
-        let start = more.taken_from(layout, &before.solution.values, self.records.len());
-        let (step, gain) = self.linear_step(&more, &start)?;
+        let (step, gain) = self.linear_step(&before.values().within(more))?;
         let rows = before.solution.residual_m.len() as f64;
         if likely && gain / (before.squares() / rows) < enough() + 2.0 * seen.looked_at.ln() {
             return None;
         }
-        let mut model = self.fit(&more, &more, &step, seen.looked_at).ok()?;
+        let mut model = self.fit(more, &step, seen.looked_at).ok()?;
         if self.options.cycle_m.is_none() {
-            let free = Layout { cycles_per_m: None, ..more };
-            let mut start = free.taken_from(&more, &model.solution.values, self.records.len());
-            start[free.place(Parameter::Cycles)?] = seen.cycles_per_m;
-            model = self.fit(&free, &free, &start, seen.looked_at).ok()?;
+            let free = Layout { cycles_per_m: None, ..*model.layout() };
+            model = self.fit(free, &model.values().within(free), seen.looked_at).ok()?;
         }
         let second =
-            Layout { terms: Included { second: true, ..model.layout.terms }, ..model.layout };
-        let start = second.taken_from(&model.layout, &model.solution.values, self.records.len());
-        if let Some((step, _)) = self.linear_step(&second, &start)
-            && let Ok(twice) = self.fit(&second, &second, &step, seen.looked_at)
+            Layout { terms: Included { second: true, ..model.layout().terms }, ..*model.layout() };
+        if let Some((step, _)) = self.linear_step(&model.values().within(second))
+            && let Ok(twice) = self.fit(second, &step, seen.looked_at)
             && let Some([_, amplitude, ..]) = twice.estimates.phase
             && tail(amplitude.value / standard_error(&amplitude)) < FAMILY_P
         {
@@ -291,39 +280,32 @@ impl Search<'_> {
     /// The latency, rows, with which a delay in place of the amplifier's lag leaves as little; `None` if the record tells
     /// one from the other, or the latency is fitted.
     pub(super) fn delay_instead(&self, model: &Model) -> Option<f64> {
-        let latency_s = model.layout.latency_s.filter(|_| model.layout.terms.lag)?;
-        let [_, lag_s] = model.layout.slow_of(&model.solution.values);
-        let terms = Term::Amplifier.add(model.layout.terms, false);
-        let late = Layout { terms, latency_s: None, ..model.layout };
-        let mut start = late.taken_from(&model.layout, &model.solution.values, self.records.len());
-        start[late.place(Parameter::Latency)?] = latency_s + lag_s;
-        let delayed = self.fit(&late, &late, &start, 1.0).ok()?;
+        let layout = *model.layout();
+        let latency_s = layout.latency_s.filter(|_| layout.terms.lag)?;
+        let [_, lag_s] = model.values().slow();
+        let terms = Term::Amplifier.add(layout.terms, false);
+        let late = Layout { terms, latency_s: None, ..layout };
+        let mut start = model.values().within(late);
+        start.set(Parameter::Latency, latency_s + lag_s);
+        let delayed = self.fit(late, &start, 1.0).ok()?;
         let rows = model.solution.residual_m.len() as f64;
         let more = (delayed.squares() - model.squares()) / (model.squares() / rows);
         let step_s = self.records[0].record.step_s;
-        (more < enough()).then(|| late.latency_of(&delayed.solution.values) / step_s)
+        (more < enough()).then(|| delayed.values().of(Parameter::Latency) / step_s)
     }
 
     /// By how much a term would lessen the sum of squares, linearly.
     pub(super) fn explains(&self, term: Term, model: &Model) -> Option<f64> {
-        let mut more = Layout { terms: term.add(model.layout.terms, true), ..model.layout };
+        let mut more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         if term == Term::Phase {
-            let seen = self.strongest(model)?;
-            more.cycles_per_m = Some(seen.cycles_per_m);
+            more.cycles_per_m = Some(self.strongest(model)?.cycles_per_m);
         }
-        self.explains_by(&more, model)
+        self.explains_by(more, model)
     }
 
     /// By how much another layout would lessen the sum of squares, linearly.
-    pub(super) fn explains_by(&self, layout: &Layout, model: &Model) -> Option<f64> {
-        let mut start =
-            layout.taken_from(&model.layout, &model.solution.values, self.records.len());
-        if let (Some(place), Some(latency_s)) =
-            (layout.place(Parameter::Latency), model.layout.latency_s)
-        {
-            start[place] = latency_s;
-        }
-        self.linear_step(layout, &start).map(|(_, gain)| gain)
+    pub(super) fn explains_by(&self, layout: Layout, model: &Model) -> Option<f64> {
+        self.linear_step(&model.values().within(layout)).map(|(_, gain)| gain)
     }
 
     fn strongest(&self, model: &Model) -> Option<cycle::Line> {
@@ -331,32 +313,26 @@ impl Search<'_> {
         cycle::strongest(self.records, residual, self.options.cycle_m)
     }
 
-    /// A fit of `layout` from the values of another one. Where friction holds the handle at the first row, the speed
+    /// A fit of `layout` from the values of any. Where friction holds the handle at the first row, the speed
     /// there is 0 and no parameter.
-    fn fit(
-        &self,
-        layout: &Layout,
-        of: &Layout,
-        values: &DVector<f64>,
-        cycles: f64,
-    ) -> Result<Model, String> {
+    fn fit(&self, layout: Layout, from: &Values, cycles: f64) -> Result<Model, String> {
         let records = self.records;
-        let mut layout = *layout;
-        let mut values = layout.taken_from(of, values, records.len());
+        let mut values = self.held(from.within(layout));
         loop {
-            let mut problem = Problem { records, layout, values };
-            let held = Layout { resting: layout.resting | self.resting(&problem), ..layout };
-            if held != layout {
-                problem.values = held.taken_from(&layout, &problem.values, records.len());
-                (problem.layout, layout) = (held, held);
+            let solution = fit::solve(Problem { records, values })?;
+            values = self.held(solution.values.clone());
+            if values.layout() == solution.values.layout() {
+                return Model::new(records, solution, self.options, cycles);
             }
-            let solution = fit::solve(problem)?;
-            let problem = Problem { records, layout, values: solution.values.clone() };
-            if layout.resting | self.resting(&problem) == layout.resting {
-                return Model::new(records, layout, solution, self.options, cycles);
-            }
-            values = solution.values;
         }
+    }
+
+    /// Without the speeds of records that begin with a handle that friction holds.
+    fn held(&self, values: Values) -> Values {
+        let problem = Problem { records: self.records, values };
+        let (layout, values) = (*problem.values.layout(), &problem.values);
+        let held = Layout { resting: layout.resting | self.resting(&problem), ..layout };
+        if held == layout { problem.values } else { values.within(held) }
     }
 
     /// Records that begin with a handle that friction holds, by bit: what it still slides is below a count.
@@ -375,8 +351,8 @@ impl Search<'_> {
     }
 
     /// Values after one step of Gauss and Newton, and by how much it would lessen the sum of squares.
-    fn linear_step(&self, layout: &Layout, values: &DVector<f64>) -> Option<(DVector<f64>, f64)> {
-        let problem = Problem { records: self.records, layout: *layout, values: values.clone() };
+    fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
+        let problem = Problem { records: self.records, values: values.clone() };
         let residual = -problem.residuals()?;
         let mut jacobian = problem.by_differences()?;
         let scales: Vec<f64> = jacobian
@@ -391,24 +367,23 @@ impl Search<'_> {
         let normal: DMatrix<f64> = jacobian.tr_mul(&jacobian);
         let step = normal.svd(true, true).solve(&wanted, 1e-13).ok()?;
         let gain = wanted.dot(&step);
-        let values = DVector::from_fn(values.len(), |row, _| values[row] + step[row] / scales[row]);
-        values.iter().all(|value| value.is_finite()).then_some((values, gain))
+        let mut values = problem.values;
+        for ((value, step), scale) in values.slice_mut().iter_mut().zip(&step).zip(scales) {
+            *value += step / scale;
+        }
+        values.vector().iter().all(|value| value.is_finite()).then_some((values, gain))
     }
 
     /// Values from the windows in motion of the first record.
-    fn in_motion(
-        &self,
-        layout: &Layout,
-        values: &DVector<f64>,
-        windows: usize,
-    ) -> Option<DVector<f64>> {
-        let Fitted { record, positions_m, first, .. } = &self.records[0];
-        let latency = layout.latency_of(values) / record.step_s;
+    fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
+        let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
+        let latency = start.of(Parameter::Latency) / record.step_s;
+        let spring = start.layout().spring;
         let (reduced, friction) =
-            guess::moving((record, positions_m, *first), latency, layout.spring, windows)?;
-        let mass = layout.gain_of(values) / reduced.gain - self.records[0].added_kg;
-        let mut found = values.clone();
-        let rest_m = layout.rest_m.unwrap_or_default();
+            guess::moving((record, positions_m, *first), latency, spring, windows)?;
+        let mass = start.of(Parameter::Gain) / reduced.gain - added_kg;
+        let mut found = start.clone();
+        let rest_m = start.layout().rest_m.unwrap_or_default();
         for (parameter, value) in [
             (Parameter::Mass, mass),
             (Parameter::Damping, reduced.d * mass),
@@ -416,34 +391,30 @@ impl Search<'_> {
             (Parameter::Constant, (reduced.offset - reduced.w * rest_m) * mass),
             (Parameter::Friction, friction * mass),
         ] {
-            if let Some(place) = layout.place(parameter) {
-                found[place] = value;
-            }
+            found.set(parameter, value);
         }
-        found[layout.position_place(0)] = reduced.x;
-        if let Some(place) = layout.speed_place(0) {
-            found[place] = 0.0;
-        }
+        found.set_start(0, [reduced.x, 0.0]);
         (mass > 0.0).then_some(found)
     }
 
-    /// With mass, friction and lag where they make sense.
-    fn bounded(&self, layout: &Layout, mut values: DVector<f64>) -> DVector<f64> {
-        let most_n = FRICTION_MOST * self.force_n(layout, &values);
-        if let Some(place) = layout.place(Parameter::Friction) {
-            values[place] = values[place].clamp(1e-6 * most_n, most_n);
-        }
-        if let Some(place) = layout.place(Parameter::Lag) {
-            let step_s = self.records[0].record.step_s;
-            values[place] = values[place].clamp(1e-3 * step_s, 100.0 * step_s);
+    /// With friction and lag where they make sense.
+    fn bounded(&self, mut values: Values) -> Values {
+        let most_n = FRICTION_MOST * self.force_n(&values);
+        let step_s = self.records[0].record.step_s;
+        for (parameter, low, high) in [
+            (Parameter::Friction, 1e-6 * most_n, most_n),
+            (Parameter::Lag, 1e-3 * step_s, 100.0 * step_s),
+        ] {
+            values.set(parameter, values.of(parameter).clamp(low, high));
         }
         values
     }
 
     /// Largest force of the records, N.
-    fn force_n(&self, layout: &Layout, values: &DVector<f64>) -> f64 {
+    fn force_n(&self, values: &Values) -> f64 {
         let volts = self.records.iter().flat_map(|fitted| &fitted.record.voltage_v);
-        layout.gain_of(values).abs() * volts.fold(0.0, |most: f64, volt| most.max(volt.abs()))
+        let most_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
+        values.of(Parameter::Gain).abs() * most_v
     }
 }
 
