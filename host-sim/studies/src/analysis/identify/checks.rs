@@ -26,6 +26,7 @@ const NEGLIGIBLE: f64 = 0.1;
 
 /// Refuses a record that cannot be fitted.
 pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result<(), String> {
+    record.check()?;
     let limit_v = options.limit_v;
     let voltages = &record.voltage_v;
     if record.may_clip

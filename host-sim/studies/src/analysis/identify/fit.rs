@@ -224,7 +224,7 @@ impl Problem<'_> {
             moved.values.slice_mut()[place] += by;
             jacobian.set_column(place, &((moved.stacked()? - &middle) / by));
         }
-        Some(jacobian)
+        jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
     }
 
     /// All readings of the model, record by record.

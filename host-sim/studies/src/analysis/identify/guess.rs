@@ -108,13 +108,24 @@ pub(super) fn moving(
     });
     let accelerations =
         DVector::from_iterator(windows.len(), windows.iter().map(|[_, _, a, _]| *a));
-    let found = table.svd(true, true).solve(&accelerations, 1e-12).ok()?;
+    let found = least_squares(table, &accelerations, 1e-12)?;
     let w = if spring { found[4].max(0.0) } else { 0.0 };
     let [gain, d, friction, offset] = [found[0], found[1].max(0.0), found[2].max(0.0), found[3]];
     let head = &positions_m[first..first + WINDOW_ROWS];
     let x = head.iter().sum::<f64>() / head.len() as f64;
     let reduced = Reduced { w, d, gain, offset, x, v: 0.0, latency };
     (gain > 0.0 && gain.is_finite()).then_some((reduced, friction))
+}
+
+/// Least squares without the directions whose singular values are at most `least`; `None` of what is not finite, which
+/// has no decomposition.
+pub(super) fn least_squares(
+    table: DMatrix<f64>,
+    wanted: &DVector<f64>,
+    least: f64,
+) -> Option<DVector<f64>> {
+    let is_finite = table.iter().chain(wanted.iter()).all(|value| value.is_finite());
+    is_finite.then(|| table.svd(true, true).solve(wanted, least).ok())?
 }
 
 fn integrate(record: &Record, positions_m: &[f64], first: usize, latency: f64) -> Vec<Sums> {
@@ -155,7 +166,7 @@ fn regress<const N: usize>(
         }
         column.unscale_mut(*scale);
     }
-    let solution = table.clone().svd(true, true).solve(&measured, f64::EPSILON).ok()?;
+    let solution = least_squares(table.clone(), &measured, f64::EPSILON)?;
     let left = (&measured - table * &solution).norm_squared();
     let explained = 1.0 - left / measured.add_scalar(-measured.mean()).norm_squared();
     let coefficients = std::array::from_fn(|column| solution[column] / scales[column]);

@@ -156,7 +156,8 @@ impl Motion {
         }
         let limit = self.friction.copysign(end + spring) - spring;
         let share = (limit - drive) / (state[2] - drive);
-        Some((-share.ln() / pole).clamp(0.0, left_s))
+        // Rounding of a strong spring may bring it to the other side of 0.
+        Some((-share.max(0.0).ln() / pole).clamp(0.0, left_s))
     }
 
     /// The instant within `left_s` at which the speed is 0 again, and the state there.

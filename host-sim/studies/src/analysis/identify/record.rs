@@ -120,10 +120,7 @@ impl Record {
                 "{place} {line}: time goes from {before} s to {after} s; it must rise"
             ));
         }
-        if !STEP_S.contains(&step_s) {
-            let (low, high) = (STEP_S.start(), STEP_S.end());
-            return Err(format!("a row every {step_s} s, allowed {low} to {high} s"));
-        }
+        in_range(step_s)?;
         // The usual step, which a gap does not change.
         let mut steps: Vec<f64> =
             rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
@@ -158,6 +155,19 @@ impl Record {
         })
     }
 
+    /// Refuses columns that no file is read into.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let is_finite = |column: &[f64]| column.iter().all(|value| value.is_finite());
+        if self.voltage_v.len() != self.len() {
+            return Err(format!("{} voltages and {} positions", self.voltage_v.len(), self.len()));
+        }
+        if !(self.start_s.is_finite() && is_finite(&self.voltage_v) && is_finite(&self.position_m))
+        {
+            return Err("a time, voltage or position is not finite".into());
+        }
+        in_range(self.step_s)
+    }
+
     /// The log of this record, as [`from_csv`](Self::from_csv) reads it. The numbers come back to the bit but for
     /// the time stamps.
     pub fn csv(&self) -> String {
@@ -182,6 +192,15 @@ impl Record {
     /// Whether there is no row.
     pub fn is_empty(&self) -> bool {
         self.position_m.is_empty()
+    }
+}
+
+fn in_range(step_s: f64) -> Result<(), String> {
+    let (low, high) = (STEP_S.start(), STEP_S.end());
+    if STEP_S.contains(&step_s) {
+        Ok(())
+    } else {
+        Err(format!("a row every {step_s} s, allowed {low} to {high} s"))
     }
 }
 

@@ -365,7 +365,7 @@ impl Search<'_> {
         }
         let wanted = jacobian.tr_mul(&residual);
         let normal: DMatrix<f64> = jacobian.tr_mul(&jacobian);
-        let step = normal.svd(true, true).solve(&wanted, 1e-13).ok()?;
+        let step = guess::least_squares(normal, &wanted, 1e-13)?;
         let gain = wanted.dot(&step);
         let mut values = problem.values;
         for ((value, step), scale) in values.slice_mut().iter_mut().zip(&step).zip(scales) {

@@ -1,7 +1,354 @@
 //! Any record with any options has an answer or a refusal, whatever is in it.
 
-use super::{Gain, Options, Record, identify};
-use crate::scene::NamedScene;
+use std::panic::catch_unwind;
+
+use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
+use zwidth::telemetry::Flags;
+
+use super::{
+    Asked, Gain, GainAsked, Identification, Json, Made, Options, OutputScale, Record, Span, Terms,
+    from_capture_csv, identify,
+};
+use crate::{
+    error::Error,
+    scene::{NamedScene, Scene, Units},
+};
+
+/// Cases of the short search; `IDENTIFY_CASES` asks for more.
+const CASES: u64 = 150;
+const BASES: [&str; 3] = ["paper-1um", "hapkit", "smartknob"];
+
+/// Random choices of one case.
+struct Dice(Xoshiro256PlusPlus);
+
+impl Dice {
+    fn new(case: u64) -> Self {
+        Self(Xoshiro256PlusPlus::seed_from_u64(case))
+    }
+
+    /// From 0 to below 1.
+    fn part(&mut self) -> f64 {
+        self.0.random()
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.part()
+    }
+
+    /// As likely in each decade, of either sign.
+    fn decades(&mut self, low: f64, high: f64) -> f64 {
+        let size = low * (high / low).powf(self.part());
+        if self.chance(0.5) { size } else { -size }
+    }
+
+    fn chance(&mut self, of: f64) -> bool {
+        self.part() < of
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        self.0.random_range(0..end)
+    }
+
+    fn one<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len())]
+    }
+
+    fn maybe<T>(&mut self, of: f64, value: impl FnOnce(&mut Self) -> T) -> Option<T> {
+        self.chance(of).then(|| value(self))
+    }
+
+    /// A number as no device has it.
+    fn odd(&mut self) -> f64 {
+        let size = self.decades(1e-300, 1e300);
+        self.one(&[0.0, -0.0, 1.0, f64::NAN, f64::INFINITY, f64::MAX, 5e-324, 1e-308, size, size])
+    }
+}
+
+/// A device with Coulomb friction, perhaps varying with the position, and what drives it.
+struct Driven {
+    mass_kg: f64,
+    damping: f64,
+    stiffness: f64,
+    friction_n: f64,
+    ripple: f64,
+    gain: f64,
+    resolution_m: f64,
+    step_s: f64,
+    /// Speed that a loop holds, m/s, with its gain, V s/m, and the share of its integral.
+    loop_of: Option<[f64; 3]>,
+    push_v: f64,
+    /// Rows of a push.
+    push_rows: usize,
+    /// First and last row at which anything drives it.
+    driven: (usize, usize),
+}
+
+impl Driven {
+    fn of(dice: &mut Dice, rows: usize, resolution_m: f64, radius_m: f64) -> Self {
+        let first = if dice.chance(0.7) { dice.below(rows / 4 + 1) } else { 0 };
+        let last = if dice.chance(0.3) { first + dice.below(rows + 1) } else { rows };
+        let mass_kg = dice.decades(0.01, 1.0).abs();
+        Self {
+            mass_kg,
+            damping: dice.one(&[0.0, 0.04, 1.0, 10.0]) * mass_kg,
+            stiffness: dice.one(&[0.0, 0.0, 1.0, 200.0]) * mass_kg,
+            friction_n: dice.one(&[0.0, 0.3, 4.0]) * dice.part() * mass_kg,
+            ripple: dice.one(&[0.0, 0.1, 0.9]),
+            gain: dice.one(&[1.0, 10.0, 30.0, 30.0, 30.0, -1.0]) * mass_kg,
+            resolution_m,
+            step_s: dice.one(&[1e-4, 1e-3, 1e-2]),
+            loop_of: dice.maybe(0.5, |dice| {
+                [
+                    dice.between(-6.0, 6.0) * radius_m,
+                    dice.decades(0.02, 0.5).abs() / radius_m,
+                    dice.part(),
+                ]
+            }),
+            push_v: dice.between(-4.0, 4.0),
+            push_rows: 1 + dice.below(rows + 1),
+            driven: (first, last),
+        }
+    }
+
+    /// Voltage and position of each row.
+    fn columns(&self, rows: usize, noise: &mut Dice) -> [Vec<f64>; 2] {
+        const PARTS: usize = 20;
+        let (mut x, mut v, mut before, mut speed, mut sum) = (0.0_f64, 0.0_f64, 0.0, 0.0, 0.0);
+        let mut columns = [vec![], vec![]];
+        let noise_m = noise.one(&[0.0, 0.0, 1.0]) * self.resolution_m;
+        let part_s = self.step_s / PARTS as f64;
+        for row in 0..rows {
+            let read = x + noise_m * noise.part();
+            let count = if self.resolution_m > 0.0 {
+                (read / self.resolution_m).floor() * self.resolution_m
+            } else {
+                read
+            };
+            speed += 0.3 * ((count - before) / self.step_s - speed);
+            before = count;
+            let is_driven = (self.driven.0..self.driven.1).contains(&row);
+            let volts = match self.loop_of {
+                _ if !is_driven => 0.0,
+                Some([wanted, gain, share]) => {
+                    sum += share * (wanted - speed) * self.step_s;
+                    gain * (wanted - speed + sum)
+                }
+                None if ((row - self.driven.0) / self.push_rows).is_multiple_of(2) => self.push_v,
+                None => 0.0,
+            };
+            columns[0].push(volts);
+            columns[1].push(count);
+            for _ in 0..PARTS {
+                let force = self.gain * volts - self.stiffness * x - self.damping * v;
+                let most = self.friction_n * (1.0 + self.ripple * (x * 40.0).sin());
+                if v == 0.0 && force.abs() <= most {
+                    continue;
+                }
+                let sign = if v == 0.0 { force.signum() } else { v.signum() };
+                let next = v + (force - sign * most) / self.mass_kg * part_s;
+                v = if next * sign < 0.0 { 0.0 } else { next };
+                x += v * part_s;
+            }
+        }
+        columns
+    }
+}
+
+/// A record that may be of no device at all.
+fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [Vec<f64>; 3] {
+    let rows = if is_odd { dice.below(200) } else { dice.one(&[101, 200, 400, 800]) };
+    let driven = Driven::of(dice, rows, resolution_m, radius_m);
+    let [mut volts, mut positions] = driven.columns(rows, dice);
+    let mut times: Vec<f64> = (0..rows).map(|row| row as f64 * driven.step_s).collect();
+    if !is_odd {
+        return [times, volts, positions];
+    }
+    let unit = dice.one(&[1e-6, 1e-3, 1.0]);
+    match dice.below(16) {
+        0 => positions.fill(unit),
+        1 => volts.fill(0.0),
+        2 => volts.fill(dice.between(-3.0, 3.0)),
+        3 => positions.iter_mut().for_each(|x| *x = unit * dice.part()),
+        4 => volts.iter_mut().for_each(|u| *u = dice.between(-3.0, 3.0)),
+        5 => {
+            let place = dice.below(rows + 1);
+            positions.iter_mut().skip(place).for_each(|x| *x += unit);
+        }
+        6 => positions.iter_mut().enumerate().for_each(|(row, x)| *x = unit * row as f64),
+        _ => {}
+    }
+    if dice.chance(0.1) {
+        let times_as_large = dice.decades(1e-12, 1e12);
+        let column = if dice.chance(0.5) { &mut volts } else { &mut positions };
+        column.iter_mut().for_each(|value| *value *= times_as_large);
+    }
+    if dice.chance(0.1) {
+        let offset = dice.decades(1e-9, 1e15);
+        let column = dice.one(&[0, 1, 2]);
+        [&mut volts, &mut positions, &mut times][column].iter_mut().for_each(|x| *x += offset);
+    }
+    if dice.chance(0.15) && rows > 0 {
+        let (place, odd) = (dice.below(rows), dice.odd());
+        let column = dice.one(&[0, 1, 2]);
+        let column = [&mut volts, &mut positions, &mut times].into_iter().nth(column).unwrap();
+        column[place] = if dice.chance(0.5) { odd } else { column[place.saturating_sub(1)] };
+        if dice.chance(0.2) {
+            column.fill(odd);
+        }
+    }
+    if dice.chance(0.03) {
+        times.reverse();
+    }
+    [times, volts, positions]
+}
+
+/// As the board sends it, or as nothing does.
+fn of_telemetry(
+    dice: &mut Dice,
+    scale: &OutputScale,
+    columns: [&[f64]; 2],
+) -> Result<Record, String> {
+    let force_per_v = dice.one(&[1.0, 1e8, 1e298]);
+    let mut text = String::from("sample,position_counts,force_q30,command,flags\n");
+    for (row, (volts, x)) in columns[0].iter().zip(columns[1]).enumerate() {
+        let (sample, force, flags) = (10 * row, force_per_v * volts, Flags::ON.bits());
+        text += &format!("{sample},{},{force},0,{flags}\n", (x * 1e6).floor());
+    }
+    from_capture_csv("made", &text, scale, Span::default())
+}
+
+fn record(dice: &mut Dice, base: &Scene, resolution_m: f64) -> Result<Record, String> {
+    let units = base.units;
+    let (radius_m, is_odd) = (units.radius_m(), dice.chance(0.3));
+    let [times, mut voltage_v, position_m] = columns(dice, resolution_m, radius_m, is_odd);
+    if is_odd && dice.chance(0.4) {
+        // As another program may make one.
+        let step_s =
+            if dice.chance(0.2) { dice.odd() } else { times.get(1).copied().unwrap_or(1.0) };
+        let may_clip = dice.chance(0.5);
+        let start_s = times.first().copied().unwrap_or_default();
+        if dice.chance(0.1) {
+            voltage_v.truncate(dice.below(200));
+        }
+        return Ok(Record {
+            name: "made".into(),
+            start_s,
+            step_s,
+            voltage_v,
+            position_m,
+            may_clip,
+        });
+    }
+    if is_odd && dice.chance(0.2) {
+        let scale = OutputScale::of_scene(base, resolution_m.max(1e-6))?;
+        return of_telemetry(dice, &scale, [&voltage_v, &position_m]);
+    }
+    let position = if units.is_rotary() { "position_rad" } else { "position_m" };
+    let mut text = format!("time_s,voltage_v,{position}\n");
+    for ((time_s, volts), x) in times.iter().zip(&voltage_v).zip(&position_m) {
+        let position = if units.is_rotary() { x / radius_m } else { *x };
+        text += &format!("{time_s},{volts},{position}\n");
+    }
+    let span = Span {
+        from_s: dice.maybe(0.1, |dice| dice.between(-1.0, 2.0)),
+        to_s: dice.maybe(0.1, |dice| dice.between(-1.0, 2.0)),
+    };
+    match units {
+        Units::Rotary { .. } => Record::from_rotary_csv("made", &text, span, radius_m),
+        Units::Linear => Record::from_csv("made", &text, span),
+    }
+}
+
+fn terms(dice: &mut Dice) -> Terms {
+    match dice.below(5) {
+        0 => Terms::NONE,
+        1 | 2 => Terms::Auto,
+        _ => Terms::These {
+            friction: dice.chance(0.6),
+            amplifier: dice.chance(0.4),
+            offset: dice.chance(0.4),
+            phase: dice.chance(0.4),
+        },
+    }
+}
+
+fn asked(dice: &mut Dice) -> Asked {
+    if dice.chance(0.05) {
+        return Asked {
+            latency: Some(dice.odd()),
+            resolution: Some(dice.odd()),
+            ..plausible(dice)
+        };
+    }
+    plausible(dice)
+}
+
+fn plausible(dice: &mut Dice) -> Asked {
+    Asked {
+        latency: Some(dice.one(&[0.0, 0.0, 0.0, 0.5, 3.0])),
+        fit_latency: dice.chance(0.3),
+        spring: dice.chance(0.4),
+        terms: terms(dice),
+        rest_position: dice.maybe(0.2, |dice| dice.between(-0.1, 0.1)),
+        encoder_cycle: dice.maybe(0.2, |dice| dice.decades(1e-8, 1.0).abs()),
+        resolution: None,
+        span: Span::default(),
+    }
+}
+
+fn gain(dice: &mut Dice) -> GainAsked {
+    let size = dice.decades(1e-3, 1e2).abs();
+    match dice.below(20) {
+        0 => GainAsked { added_mass: Some(size), ..GainAsked::default() },
+        1 => GainAsked {
+            calibration_mass: Some(size),
+            calibration_voltage: Some(dice.between(-1.0, 3.0)),
+            ..GainAsked::default()
+        },
+        2 => GainAsked { gain: Some(dice.odd()), ..GainAsked::default() },
+        _ => GainAsked { gain: Some(size), ..GainAsked::default() },
+    }
+}
+
+/// The answer to a case, with all that is made of it.
+fn answer(case: u64) -> Result<Identification, Error> {
+    let dice = &mut Dice::new(case);
+    let base = NamedScene::load(dice.one(&BASES))?;
+    let units = base.scene.units;
+    let gain = gain(dice);
+    let count =
+        if gain.added_mass.is_some() { 2 } else { dice.one(&[1, 1, 1, 1, 1, 1, 1, 1, 2, 3]) };
+    let mut options = asked(dice).options(&base.scene, gain.source(&base.scene, units)?, units)?;
+    let resolution_m = dice.one(&[0.0, 1e-6, 1e-5, 3.927e-4]) * units.radius_m();
+    if dice.chance(0.95) {
+        options.resolution_m = resolution_m;
+    }
+    let records = if dice.chance(0.01) { 0 } else { count };
+    let records: Result<Vec<_>, _> =
+        (0..records).map(|_| record(dice, &base.scene, resolution_m)).collect();
+    let records = records.map_err(Error::Input)?;
+    let found = identify(&records, &options).map_err(Error::Input)?;
+    let _ = toml::to_string(&Json::new(&records, &found, &options));
+    let _ = Made::new(&base, &found, &options)?.named(&base.name);
+    assert!(found.fits[0].rows(&records[0]).count() > 0);
+    Ok(found)
+}
+
+#[test]
+fn any_record_with_any_options_is_answered_or_refused() {
+    let cases = std::env::var("IDENTIFY_CASES").map_or(CASES, |text| text.parse().unwrap());
+    let mut answered = 0;
+    let mut fails = vec![];
+    for case in 0..cases {
+        match catch_unwind(|| answer(case)) {
+            Ok(found) => answered += u64::from(found.is_ok()),
+            Err(_) => fails.push(case),
+        }
+    }
+    println!("{answered} of {cases} answered");
+    assert!(fails.is_empty(), "cases {fails:?} panic");
+    assert!(answered * 20 > cases);
+}
 
 /// A knob whose friction varies with its angle, under a loop of its speed. The fit of the encoder's error found that
 /// friction holds it at the first row, and went on with the values of a layout that had a speed there.
