@@ -224,6 +224,21 @@ pub(super) fn after(found: &Estimates, seconds: f64) -> Result<Vec<String>, Stri
     }
 }
 
+/// Refuses a latency that is below 0 by more than a row of `step_s`; answers with the warning of a smaller one, which is
+/// how a row is written, or noise.
+pub(super) fn early(latency: &Estimate, step_s: f64) -> Result<String, String> {
+    let found = with(latency, "s");
+    if latency.high() < -step_s {
+        return Err(format!(
+            "the latency comes out negative, {found}, and no handle moves before its voltage: voltage and position are of \
+             different times, or something acts that is not in the model; without --fit-latency the residual says more"
+        ));
+    }
+    Ok(format!(
+        "the latency comes out negative, {found}: it is held at 0, and all else is found with that"
+    ))
+}
+
 fn seen(estimate: &Estimate) -> bool {
     estimate.low() > 0.0
 }

@@ -81,7 +81,7 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     // A latency that was said belongs to the log (0 for a voltage measured at the motor); the loop's
     // is another, and a shorter one would promise walls that the device cannot render.
     if options.fit_latency {
-        scene.actuator.latency = (found.latency_s.value * scene.control.rate_hz).max(0.0);
+        scene.actuator.latency = found.latency_s.value * scene.control.rate_hz;
     }
     if options.resolution_m > 0.0 {
         scene.encoder.resolution_m = options.resolution_m;

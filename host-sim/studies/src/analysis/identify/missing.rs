@@ -128,7 +128,7 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
             add(search.explains(term, model), said(term).into());
         }
     }
-    if model.layout().latency_s.is_some() {
+    if !search.options.fit_latency {
         let free = Layout { latency_s: None, ..*model.layout() };
         add(search.explains_by(free, model), "another latency (--fit-latency)".into());
     }

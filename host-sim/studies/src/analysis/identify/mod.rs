@@ -222,8 +222,20 @@ fn identified(
                     it rests without that force, or --no-spring"
             .into());
     }
-    let (model, tests) = search::choose(&fitted, &values, options)?;
-    conclude(&fitted, &model, tests, options)
+    let (mut model, mut tests) = search::choose(&fitted, &values, options)?;
+    let mut held = None;
+    if let Some(latency) = model.estimates.latency.filter(|latency| latency.value < 0.0) {
+        let warning = checks::early(&latency, fitted[0].record.step_s)?;
+        held = Some((Estimate { value: 0.0, ..latency }, warning));
+        let none = Layout { latency_s: Some(0.0), ..layout };
+        (model, tests) = search::choose(&fitted, &values.within(none), options)?;
+    }
+    let mut found = conclude(&fitted, &model, tests, options)?;
+    if let Some((latency_s, warning)) = held {
+        found.latency_s = latency_s;
+        found.warnings.push(warning);
+    }
+    Ok(found)
 }
 
 fn of(record: &Record, error: &str) -> String {

@@ -11,6 +11,7 @@ use super::{
 };
 use crate::{
     error::Error,
+    plant::{Plant as _, PlantStep},
     scene::{NamedScene, Scene, Units},
 };
 
@@ -389,4 +390,71 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     };
     let found = identify(&[record], &options);
     assert!(found.as_ref().is_ok_and(|found| found.terms.phase.is_some()), "{found:?}");
+}
+
+/// A pulse on a mass with damper and spring, with noise; its voltage may be written late.
+fn pulses(seed: u64, late_rows: usize) -> Record {
+    const ROWS: usize = 2000;
+    let scene = NamedScene::load("paper-1um").unwrap().scene;
+    let plant = PlantStep::new(&scene.device, 1e-3, 0.0);
+    let dice = &mut Dice::new(seed);
+    let voltage = |row: usize| if (200..500).contains(&row) { 4.0 } else { 0.0 };
+    let mut state = plant.at_rest(scene.device.rest_position_m);
+    let (mut voltage_v, mut position_m) = (vec![], vec![]);
+    for row in 0..ROWS {
+        voltage_v.push(voltage(row.saturating_sub(late_rows)));
+        position_m.push(plant.position_m(&state) + 1e-7 * dice.between(-1.0, 1.0));
+        state = plant.advance(&state, voltage(row));
+    }
+    Record {
+        name: "made".into(),
+        start_s: 0.0,
+        step_s: 1e-3,
+        voltage_v,
+        position_m,
+        may_clip: true,
+    }
+}
+
+fn with_latency(fit_latency: bool) -> Options {
+    let scene = NamedScene::load("paper-1um").unwrap().scene;
+    Options {
+        latency_s: 0.0,
+        fit_latency,
+        resolution_m: 0.0,
+        terms: Terms::NONE,
+        ..Options::of_scene(&scene, Gain::Given(1.0))
+    }
+}
+
+#[test]
+fn a_latency_that_is_0_to_its_interval_is_held_there_with_all_else() {
+    let mut held = 0;
+    for seed in 0..8 {
+        let record = pulses(seed, 0);
+        let found = identify(std::slice::from_ref(&record), &with_latency(true)).unwrap();
+        assert!(found.latency_s.value >= 0.0);
+        if found.warnings.iter().any(|warning| warning.contains("held at 0")) {
+            held += 1;
+            assert!(found.latency_s.value == 0.0 && found.latency_s.half_width > 0.0);
+            // The first rows, before which a latency that is fitted may reach, are left out.
+            let first = found.fits[0].first;
+            let rest = Record {
+                start_s: record.time_s(first),
+                voltage_v: record.voltage_v[first..].to_vec(),
+                position_m: record.position_m[first..].to_vec(),
+                ..record
+            };
+            let given = identify(&[rest], &with_latency(false)).unwrap();
+            assert!((found.mass_kg.value / given.mass_kg.value - 1.0).abs() < 1e-9);
+        }
+    }
+    println!("{held} of 8 are held");
+    assert!((1..8).contains(&held));
+}
+
+#[test]
+fn a_handle_that_moves_before_its_voltage_is_refused() {
+    let error = identify(&[pulses(0, 5)], &with_latency(true)).unwrap_err();
+    assert!(error.contains("the latency comes out negative, -5.0"), "{error}");
 }
