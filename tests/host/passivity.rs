@@ -168,7 +168,7 @@ fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
 }
 
 #[test]
-#[ignore = "ten thousand scenes; .ci/long passivity"]
+#[ignore = "ten thousand scenes; .ci/long host"]
 fn no_contact_of_ten_thousand_random_scenes_gives_more_than_the_reserve() {
     campaign(10_000, false);
 }
